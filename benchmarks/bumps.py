@@ -1,4 +1,5 @@
-"""The bumps scene: against the same formulas in numpy, area against point sampling, and what silence costs.
+"""The bumps scene: against the same formulas in numpy, area against point sampling, and
+what silence costs.
 
 python benchmarks/bumps.py             print
 python benchmarks/bumps.py --record    and keep the figures in results/bumps.csv
@@ -31,7 +32,10 @@ def puller(scene, x, contact=1.0):
     """A job that streams a scene in blocks."""
     proc = stimlib.compile(scene, FS)
     touching = np.full(x.size, contact)
-    blocks = [np.array([{"contact": touching}.get(n, x)[a : a + BLOCK] for n in proc.inputs]) for a in range(0, x.size, BLOCK)]
+    blocks = [
+        np.array([{"contact": touching}.get(n, x)[a : a + BLOCK] for n in proc.inputs])
+        for a in range(0, x.size, BLOCK)
+    ]
     out = np.empty((len(proc.outputs), BLOCK))
 
     def run():
@@ -43,7 +47,9 @@ def puller(scene, x, contact=1.0):
 
 
 class Vectorised:
-    """gain A e c in numpy: the scene's formulas on whole arrays, state carried from chunk to chunk."""
+    """gain A e c in numpy: the scene's formulas on whole arrays, state carried from
+    chunk to chunk.
+    """
 
     def __init__(self, waveform):
         self.waveform, self.last = waveform, None
@@ -110,12 +116,21 @@ def measure() -> list[Row]:
     for waveform in ("square", "sine", "sawtooth"):
         for speed in (0.02, 0.1, 0.5):
             x = stroke(speed)
-            jobs = {s: puller(bumps(waveform, NB, DUTY, A, sampling=s), x) for s in ("area", "point")}
-            u = {f"{s} alone": puller(Scene({"e": bump(Input("x"), waveform, DUTY, s)}), x * NB / 0.1) for s in ("area", "point")}
+            jobs = {
+                s: puller(bumps(waveform, NB, DUTY, A, sampling=s), x) for s in ("area", "point")
+            }
+            u = {
+                f"{s} alone": puller(
+                    Scene({"e": bump(Input("x"), waveform, DUTY, s)}), x * NB / 0.1
+                )
+                for s in ("area", "point")
+            }
             times = interleaved(jobs | u)
             found = [row(k, v / N * 1e9) for k, v in medians(times).items()]
             found.append(row("ratio: area / point", ratio(times, "area", "point"), TIMES))
-            found.append(row("ratio: area / point, alone", ratio(times, "area alone", "point alone"), TIMES))
+            found.append(
+                row("ratio: area / point, alone", ratio(times, "area alone", "point alone"), TIMES)
+            )
             rows += under(f"{waveform}, {speed:g} m/s, {speed * NB / 0.1:g} bumps/s", found)
     x = stroke(0.1)
     jobs = {

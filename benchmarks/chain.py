@@ -1,11 +1,14 @@
-"""The noise chain of the squeeze, whole and its stages, against those who can do the same, and against the core's limit.
+"""The noise chain of the squeeze, whole and its stages, against those who can do the
+same, and against the core's limit.
 
     python benchmarks/chain.py             print
     python benchmarks/chain.py --record    and keep the figures in results/chain.csv
 
-Peers: numpy + scipy in the chunk and the form that is fastest here (stimlib.speed.chain), the JAX target; Faust where faust and
-g++ are installed; pyplnoise, colorednoise, pedalboard and pyo where Python finds them, each for what it can express.  The limit
-is the time of as many independent FMAs as a stage has operations.
+Peers: numpy + scipy in the chunk and the form that is fastest here
+(stimlib.speed.chain), the JAX target; Faust where faust and g++ are installed;
+pyplnoise, colorednoise, pedalboard and pyo where Python finds them, each for what it
+can express.  The limit is the time of as many independent FMAs as a stage has
+operations.
 """
 
 from __future__ import annotations
@@ -22,7 +25,17 @@ from bench import TIMES, Row, compared, main, row, under
 
 import stimlib
 from stimlib.scenes import squeeze
-from stimlib.speed.chain import F_LOW, FS, SAMPLES, Stage, design, fastest_peer, movements, puller, stages
+from stimlib.speed.chain import (
+    F_LOW,
+    FS,
+    SAMPLES,
+    Stage,
+    design,
+    fastest_peer,
+    movements,
+    puller,
+    stages,
+)
 from stimlib.speed.peak import peak
 from stimlib.speed.timing import fastest, interleaved, medians, ratio
 
@@ -61,7 +74,9 @@ def pedalboard(stage: Stage) -> dict[str, Job]:
     from pedalboard import Convolution, Pedalboard
 
     taps = design()[1]
-    board = Pedalboard([Convolution((taps / np.abs(taps).sum()).astype(np.float32)[None], sample_rate=FS)])
+    board = Pedalboard(
+        [Convolution((taps / np.abs(taps).sum()).astype(np.float32)[None], sample_rate=FS)]
+    )
     x = np.random.default_rng(0).standard_normal((1, SAMPLES)).astype(np.float32)
     return {"pedalboard, float32": lambda: board.process(x, FS)}
 
@@ -87,7 +102,11 @@ def pyo(stage: Stage) -> dict[str, Job]:
     return {"pyo, uniform noise": job}
 
 
-OPTIONAL = {"pink noise": (pyplnoise, colorednoise), "differentiator": (pedalboard,), "noise chain": (jax_target, pyo)}
+OPTIONAL = {
+    "pink noise": (pyplnoise, colorednoise),
+    "differentiator": (pedalboard,),
+    "noise chain": (jax_target, pyo),
+}
 
 
 def stage_rows(name: str, stage: Stage, others: dict[str, Job]) -> list[Row]:

@@ -1,4 +1,5 @@
-"""Many copies of a scene, each with its own seed and parameters: the one-finger squeeze, 64 times.
+"""Many copies of a scene, each with its own seed and parameters: the one-finger
+squeeze, 64 times.
 
 python benchmarks/channels.py             print
 python benchmarks/channels.py --record    and keep the figures in results/channels.csv
@@ -29,7 +30,9 @@ def copies(threads: int | None = None) -> Copies:
     return runs
 
 
-def one_after_another(procs: Iterable[Processor], x: np.ndarray, out: np.ndarray) -> Callable[[], None]:
+def one_after_another(
+    procs: Iterable[Processor], x: np.ndarray, out: np.ndarray
+) -> Callable[[], None]:
     """A call of ``process`` for each."""
 
     def job() -> None:
@@ -50,9 +53,15 @@ def measure() -> list[Row]:
     jobs |= {f"{threads} thread(s)": partial(copies(threads).process, x, out) for threads in (1, 2)}
     times = interleaved(jobs)
     samples = {what: SAMPLES * (1 if what == "1 copy" else COPIES) for what in jobs}
-    rows = [row(f"{COPIES} copies, {what}", seconds / samples[what] * 1e9, NS) for what, seconds in medians(times).items()]
+    rows = [
+        row(f"{COPIES} copies, {what}", seconds / samples[what] * 1e9, NS)
+        for what, seconds in medians(times).items()
+    ]
     several = list(jobs)[1:]
-    return rows + [row(f"rate: {what}, against 1 copy", COPIES / ratio(times, what, "1 copy"), TIMES) for what in several]
+    return rows + [
+        row(f"rate: {what}, against 1 copy", COPIES / ratio(times, what, "1 copy"), TIMES)
+        for what in several
+    ]
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
-"""What a job costs on a Dask cluster beside its rows, and by that the schedule of a million rows on a thousand workers.
+"""What a job costs on a Dask cluster beside its rows, and by that the schedule of a
+million rows on a thousand workers.
 
 python benchmarks/cluster.py             print
 python benchmarks/cluster.py --record    and keep the figures in results/cluster.csv
 
-Costs are processor seconds, which others on the machine change less than the clock: of this process, which is client and
-scheduler, and of the two workers.
+Costs are processor seconds, which others on the machine change less than the clock: of
+this process, which is client and scheduler, and of the two workers.
 """
 
 from __future__ import annotations
@@ -33,9 +34,17 @@ FEW, MANY = 1, 41  # rows of a job
 
 
 def simulated(
-    rows: int, workers: int, row_seconds: float, central: float, beside: float, *, arrive: float = 0.0, cold: float = 0.0
+    rows: int,
+    workers: int,
+    row_seconds: float,
+    central: float,
+    beside: float,
+    *,
+    arrive: float = 0.0,
+    cold: float = 0.0,
 ) -> tuple[float, int]:
-    """Seconds and jobs of a sweep, cut as `stimlib.sweep.drive` cuts it, where client and scheduler do one thing at a time.
+    """Seconds and jobs of a sweep, cut as `stimlib.sweep.drive` cuts it, where client
+    and scheduler do one thing at a time.
 
     Parameters
     ----------
@@ -43,7 +52,8 @@ def simulated(
     row_seconds : float
         Of a row, in s.
     central : float
-        Of client and scheduler for a job, in s: half when it is sent, half when it is taken.
+        Of client and scheduler for a job, in s: half when it is sent, half when it is
+        taken.
     beside : float
         Of the worker for a job beside its rows, in s.
     arrive : float
@@ -56,7 +66,8 @@ def simulated(
     >>> simulated(1000, 10, 1.0, 0.0, 0.0)
     (100.0, 320)
     """
-    free = [(arrive * w / workers + cold) for w in range(workers)]  # when each worker has done what it was sent; a heap
+    # when each worker has done what it was sent; a heap
+    free = [(arrive * w / workers + cold) for w in range(workers)]
     flying: list[float] = []  # ends of jobs
     clock, at, jobs = 0.0, 0, 0
     while at < rows or flying:
@@ -83,7 +94,9 @@ class Costs:
         self._client = client
 
     def of(self, work: Callable[[], int]) -> tuple[float, float]:
-        """Of client and scheduler, and of the workers, for each job that ``work`` did."""
+        """Of client and scheduler, and of the workers, for each job that ``work``
+        did.
+        """
         here, there = time.process_time(), self._workers()
         jobs = work()
         return (time.process_time() - here) / jobs, (self._workers() - there) / jobs
@@ -106,11 +119,22 @@ def parts(engine: Cluster, store: Store, todo: Any, size: int, jobs: int) -> int
 
 
 def measured(client: Any) -> dict[str, float]:
-    """Seconds: of a task that does nothing and of a job, in client and scheduler and in a worker; and of a row."""
-    words: Any = {"motion": minimum_jerk(depth=0.02), "measures": ["rms", "peak"], "fs": 8000, "seconds": 3.0}
+    """Seconds: of a task that does nothing and of a job, in client and scheduler and in
+    a worker; and of a row.
+    """
+    words: Any = {
+        "motion": minimum_jerk(depth=0.02),
+        "measures": ["rms", "peak"],
+        "fs": 8000,
+        "seconds": 3.0,
+    }
     words |= {"live": None, "kept": False}
-    table, plan, motions, *_ = planned(squeeze(), table_of(grid(seed=range(20), k=np.linspace(500, 3000, 400))), words)
-    todo = table.append_column("key", row_keys(plan, table, {name: digest for name, (digest, _) in motions.items()}))
+    table, plan, motions, *_ = planned(
+        squeeze(), table_of(grid(seed=range(20), k=np.linspace(500, 3000, 400))), words
+    )
+    todo = table.append_column(
+        "key", row_keys(plan, table, {name: digest for name, (digest, _) in motions.items()})
+    )
     costs = Costs(client)
 
     def no_ops() -> int:
@@ -118,29 +142,45 @@ def measured(client: Any) -> dict[str, float]:
 
     no_ops()
     found = {}
-    found["no-op, client and scheduler"], found["no-op, worker"] = np.min([costs.of(no_ops) for _ in range(3)], axis=0)
+    found["no-op, client and scheduler"], found["no-op, worker"] = np.min(
+        [costs.of(no_ops) for _ in range(3)], axis=0
+    )
     with Store(None, {}, {}) as store, Cluster(client, plan, motions) as engine:
         parts(engine, store, todo, MANY, 4)  # compiles
-        rounds = [[costs.of(lambda n=n: parts(engine, store, todo, n, 100)) for n in (FEW, MANY)] for _ in range(3)]
+        rounds = [
+            [costs.of(lambda n=n: parts(engine, store, todo, n, 100)) for n in (FEW, MANY)]
+            for _ in range(3)
+        ]
     (few, alone), (many, together) = np.min(rounds, axis=0)
     found["row"] = (together - alone) / (MANY - FEW)
-    return found | {"job, client and scheduler": max(few, many), "job, worker": alone - FEW * found["row"]}
+    return found | {
+        "job, client and scheduler": max(few, many),
+        "job, worker": alone - FEW * found["row"],
+    }
 
 
 def measure() -> list[Row]:
     """All rows."""
     from dask.distributed import Client, LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
         found = measured(client)
     rows = [row(f"processor time: {name}", 1e3 * seconds, "ms") for name, seconds in found.items()]
     central, beside = found["job, client and scheduler"], found["job, worker"]
     for row_seconds in (found["row"], 0.01, 0.05, 0.2, 1.0):
         for words in ({}, {"arrive": 20.0}, {"cold": 10.0}):
             seconds, jobs = simulated(ROWS, WORKERS, row_seconds, central, beside, **words)
-            name = f"1e6 rows of {1e3 * row_seconds:.3g} ms, 1000 workers" + "".join(f", {w} {v:g} s" for w, v in words.items())
+            name = f"1e6 rows of {1e3 * row_seconds:.3g} ms, 1000 workers" + "".join(
+                f", {w} {v:g} s" for w, v in words.items()
+            )
             share = 100 * ROWS * row_seconds / WORKERS / seconds
-            rows += [row(f"simulated, {name}: {jobs} jobs", seconds, "s"), row("    of their time in rows", share, "%")]
+            rows += [
+                row(f"simulated, {name}: {jobs} jobs", seconds, "s"),
+                row("    of their time in rows", share, "%"),
+            ]
     return rows
 
 

@@ -1,9 +1,11 @@
-"""How long it takes to begin: the command, a scene cold and from the cache, and a large one.
+"""How long it takes to begin: the command, a scene cold and from the cache, and a large
+one.
 
     python benchmarks/compile.py             print
     python benchmarks/compile.py --record    and keep the figures in results/compile.csv
 
-Each figure is the median of fresh processes that take turns; only the empty cache is filled once.
+Each figure is the median of fresh processes that take turns; only the empty cache is
+filled once.
 """
 
 from __future__ import annotations
@@ -49,11 +51,17 @@ trivial = Scene({"y": x})
 
 LINES = {
     "first compile of a process (starts numba)": "stimlib.compile(trivial, 8000)",
-    "squeeze from the cache, numba started": "stimlib.compile(trivial, 8000); s = squeeze(); start = time.perf_counter(); "
-    "stimlib.compile(s, 8000)",
-    "squeeze again in the same process": "s = squeeze(); stimlib.compile(s, 8000); start = time.perf_counter(); "
-    "stimlib.compile(squeeze(), 8000)",
-    "10 000 mixed blocks: build, save, compile": "s = chain(); s.save(tempfile.mkdtemp() + '/s.json'); stimlib.compile(s, 8000)",
+    "squeeze from the cache, numba started": (
+        "stimlib.compile(trivial, 8000); s = squeeze(); start = time.perf_counter(); "
+        "stimlib.compile(s, 8000)"
+    ),
+    "squeeze again in the same process": (
+        "s = squeeze(); stimlib.compile(s, 8000); start = time.perf_counter(); "
+        "stimlib.compile(squeeze(), 8000)"
+    ),
+    "10 000 mixed blocks: build, save, compile": (
+        "s = chain(); s.save(tempfile.mkdtemp() + '/s.json'); stimlib.compile(s, 8000)"
+    ),
 }
 COMMANDS = {
     "python, doing nothing": ["-c", ""],
@@ -66,7 +74,12 @@ RENDER = "-m stimlib render squeeze --motion minimum_jerk() --seconds 1 --quiet 
 
 def process(words: list[str], cache: str) -> str:
     """What a process of Python prints."""
-    done = subprocess.run([sys.executable, *words], env=os.environ | {"STIMLIB_CACHE": cache}, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, *words],
+        env=os.environ | {"STIMLIB_CACHE": cache},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -82,12 +95,20 @@ def measure(rounds: int = 5) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         cache = f"{folder}/cache"
         commands = COMMANDS | {"stimlib render, 1 s of squeeze": [*RENDER, f"{folder}/a.wav"]}
-        rows = [row("the classes above cold, empty cache", fresh("stimlib.compile(every_class(), 8000)", cache), "s")]
+        rows = [
+            row(
+                "the classes above cold, empty cache",
+                fresh("stimlib.compile(every_class(), 8000)", cache),
+                "s",
+            )
+        ]
         inside: dict[str, list[float]] = {name: [] for name in LINES}
         for _ in range(rounds):
             for name, line in LINES.items():
                 inside[name].append(fresh(line, cache))
-        whole = interleaved({name: partial(process, words, cache) for name, words in commands.items()}, rounds, 1)
+        whole = interleaved(
+            {name: partial(process, words, cache) for name, words in commands.items()}, rounds, 1
+        )
     return rows + [row(name, seconds, "s") for name, seconds in medians(inside | whole).items()]
 
 

@@ -1,9 +1,11 @@
-"""A whole simulated UGrip experiment: 8 participants, 64 staircases, every stimulus rendered; and the analysis of its 32 fits.
+"""A whole simulated UGrip experiment: 8 participants, 64 staircases, every stimulus
+rendered; and the analysis of its 32 fits.
 
     python benchmarks/experiments.py             print
     python benchmarks/experiments.py --record    and keep the figures in results/experiments.csv
 
-Observers feel the rendered samples; participants are spread over all cores. Both scenes are compiled before.
+Observers feel the rendered samples; participants are spread over all cores. Both scenes
+are compiled before.
 """
 
 from __future__ import annotations

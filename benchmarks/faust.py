@@ -1,7 +1,9 @@
-"""The noise chain in Faust, compiled by g++ into a temporary folder and called in this process.
+"""The noise chain in Faust, compiled by g++ into a temporary folder and called in this
+process.
 
-Gaussian white noise (Box-Muller of two of its noises), the pink filter with as many sections, 129 taps; the settings that were
-the fastest of all that were tried.  Sections of second order take twice as long as those of first order here.
+Gaussian white noise (Box-Muller of two of its noises), the pink filter with as many
+sections, 129 taps; the settings that were the fastest of all that were tried.  Sections
+of second order take twice as long as those of first order here.
 """
 
 from __future__ import annotations
@@ -22,7 +24,11 @@ from stimlib.speed.chain import FS, design
 FAUST = "faust -double -lang cpp -vec -vs 1024 -lv 0 -mcd 256".split()
 GCC = "g++ -O3 -march=native -ffast-math -shared -fPIC".split()
 X86 = platform.machine() in ("x86_64", "AMD64")
-WIDTHS = {f"vectors of {bits} bits": [f"-mprefer-vector-width={bits}"] for bits in (256, 512)} if X86 else {"": []}
+WIDTHS = (
+    {f"vectors of {bits} bits": [f"-mprefer-vector-width={bits}"] for bits in (256, 512)}
+    if X86
+    else {"": []}
+)
 BLOCK = 1024
 PROGRAM = """
 import("stdfaust.lib");
@@ -58,11 +64,18 @@ def missing() -> str:
 
 
 def jobs(folder: Path, samples: int) -> dict[str, Callable[[], np.ndarray]]:
-    """The chain for vectors of each width as a job of so many samples, which gives them."""
+    """The chain for vectors of each width as a job of so many samples, which gives
+    them.
+    """
     sos, taps = design()
     zeros, poles, gain = signal.sos2zpk(sos)
-    sections = [f"fi.tf1(1,{-z.real:.17g},{-p.real:.17g})" for z, p in zip(zeros, poles, strict=True)]
-    program = PROGRAM.format(sections=" : ".join([f"*({gain:.17g})", *sections]), taps=",".join(f"{t:.17g}" for t in taps))
+    sections = [
+        f"fi.tf1(1,{-z.real:.17g},{-p.real:.17g})" for z, p in zip(zeros, poles, strict=True)
+    ]
+    program = PROGRAM.format(
+        sections=" : ".join([f"*({gain:.17g})", *sections]),
+        taps=",".join(f"{t:.17g}" for t in taps),
+    )
     (folder / "around.cpp").write_text(AROUND)
     (folder / "chain.dsp").write_text(program)
     _run([*FAUST, "-a", "around.cpp", "chain.dsp", "-o", "chain.cpp"], folder)

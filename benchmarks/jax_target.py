@@ -1,10 +1,12 @@
-"""The JAX target: one channel, many channels and gradients, against the compiled processor and numpy + scipy in chunks.
+"""The JAX target: one channel, many channels and gradients, against the compiled
+processor and numpy + scipy in chunks.
 
     python benchmarks/jax_target.py             print
     python benchmarks/jax_target.py --record    and keep the figures in results/jax.csv, of a GPU in results/jax_gpu.csv
 
-One process on one core, and whatever accelerator JAX finds.  A batch is one call of ``jax.vmap`` over gains and keys; the
-compiled processor runs its channels one after another on its core.  (Called jax.py, this file would hide the package.)
+One process on one core, and whatever accelerator JAX finds.  A batch is one call of
+``jax.vmap`` over gains and keys; the compiled processor runs its channels one after
+another on its core.  (Called jax.py, this file would hide the package.)
 """
 
 from __future__ import annotations
@@ -66,7 +68,9 @@ def batches():
             with jax.enable_x64(True):
                 many = jax.jit(jax.vmap(lambda p, key, f=f, x=x: f(p, {"x1": x}, key)["force1"]))
             jobs[f"JAX {dtype}"] = in_64_bits(many, params, keys)
-        rows += under(f"{channels} channels", compared(jobs, n * channels, "processor", rounds=5, warm_up=1))
+        rows += under(
+            f"{channels} channels", compared(jobs, n * channels, "processor", rounds=5, warm_up=1)
+        )
     return rows
 
 
@@ -79,12 +83,18 @@ def in_64_bits(f, *args):
 
 
 def gradients():
-    """All parameters of a scene at once: reverse mode against the run itself, and against differences with the processor."""
+    """All parameters of a scene at once: reverse mode against the run itself, and
+    against differences with the processor.
+    """
     rows = []
     n = 1 << 16
     motion = 0.01 * (1 - np.cos(2 * np.pi * 0.7 * np.arange(n) / FS))
     live = stimlib.Scene(
-        {"f": stimlib.blocks.springpot(stimlib.Input("y", "m"), stimlib.Param("chi", 100.0), stimlib.Param("alpha", 0.5))}
+        {
+            "f": stimlib.blocks.springpot(
+                stimlib.Input("y", "m"), stimlib.Param("chi", 100.0), stimlib.Param("alpha", 0.5)
+            )
+        }
     )
     for name, scene in (
         ("squeeze", squeeze()),
@@ -118,7 +128,13 @@ def gradients():
         times = interleaved(jobs, rounds=7)
         found = [row(k, v / n * 1e9, NS) for k, v in medians(times).items()]
         for dtype in PRECISIONS:
-            found.append(row(f"ratio: gradient / forward, {dtype}", ratio(times, f"gradient {dtype}", f"forward {dtype}"), TIMES))
+            found.append(
+                row(
+                    f"ratio: gradient / forward, {dtype}",
+                    ratio(times, f"gradient {dtype}", f"forward {dtype}"),
+                    TIMES,
+                )
+            )
             r = ratio(times, "processor differences", f"gradient {dtype}")
             found.append(row(f"ratio: processor differences / gradient, {dtype}", r, TIMES))
         rows += under(name, found)
@@ -126,9 +142,15 @@ def gradients():
 
 
 def compiling():
-    """Seconds until the first samples of each shipped scene are there, this process warm."""
+    """Seconds until the first samples of each shipped scene are there, this process
+    warm.
+    """
     rows = []
-    for name, scene in (("squeeze", squeeze()), ("viscoelastic", viscoelastic()), ("bumps", bumps())):
+    for name, scene in (
+        ("squeeze", squeeze()),
+        ("viscoelastic", viscoelastic()),
+        ("bumps", bumps()),
+    ):
         start = time.perf_counter()
         f = stimlib.compile(scene, FS, "jax")
         jax.block_until_ready(f(None, {i: np.zeros(8000) for i in f.inputs}))

@@ -1,9 +1,11 @@
-"""What a short call costs: one and 64 samples of the two-finger squeeze, its gate closed and open.
+"""What a short call costs: one and 64 samples of the two-finger squeeze, its gate
+closed and open.
 
     python benchmarks/latency.py             print
     python benchmarks/latency.py --record    and keep the figures in results/latency.csv
 
-The bare entry, at ``Processor.address``, is called by compiled code, as a sink's callback does it; ``process`` by Python.
+The bare entry, at ``Processor.address``, is called by compiled code, as a sink's
+callback does it; ``process`` by Python.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from stimlib.scenes import squeeze
 from stimlib.speed.chain import FS, caller, movements
 from stimlib.speed.timing import interleaved, medians, ratio
 
-SAMPLES = {1: 10_000, 64: 64_000}  # of a job, by the samples of a call: a jump back to its beginning disturbs few of them
+# of a job, by the samples of a call: a jump back to its beginning disturbs few of them
+SAMPLES = {1: 10_000, 64: 64_000}
 
 
 def bare(proc: Processor, x: np.ndarray, n: int) -> Callable[[], None]:
@@ -45,7 +48,9 @@ def bare(proc: Processor, x: np.ndarray, n: int) -> Callable[[], None]:
 
 
 def allocated(proc: Processor, x: np.ndarray, n: int) -> tuple[int, int]:
-    """Bytes that 1000 calls of ``process(x, out)`` leave allocated, and most that were at once."""
+    """Bytes that 1000 calls of ``process(x, out)`` leave allocated, and most that were
+    at once.
+    """
     job = caller(proc, x[:, : 1000 * n], n)
     job()
     tracemalloc.start()
@@ -67,10 +72,17 @@ def measure() -> list[Row]:
         calls = samples // n
         for gate in ("gate closed", "gate open"):
             x = np.tile(moves[gate][:samples], (2, 1))
-            jobs = {f"{how}, {n} samples, {gate}": f(stimlib.compile(squeeze(), FS), x, n) for how, f in WAYS.items()}
+            jobs = {
+                f"{how}, {n} samples, {gate}": f(stimlib.compile(squeeze(), FS), x, n)
+                for how, f in WAYS.items()
+            }
             times = interleaved(jobs)
-            rows += [row(what, seconds / calls * 1e6, "us") for what, seconds in medians(times).items()]
-            rows.append(row(f"ratio: process / bare entry, {n} samples, {gate}", ratio(times, *jobs), TIMES))
+            rows += [
+                row(what, seconds / calls * 1e6, "us") for what, seconds in medians(times).items()
+            ]
+            rows.append(
+                row(f"ratio: process / bare entry, {n} samples, {gate}", ratio(times, *jobs), TIMES)
+            )
         left, most = allocated(stimlib.compile(squeeze(), FS), x, n)
         rows.append(row(f"process, {n} samples: left by 1000 calls", left, "bytes"))
         rows.append(row(f"process, {n} samples: most at once", most, "bytes"))

@@ -1,10 +1,12 @@
-"""How late the live page is: from the pointer to the drawn data and to the audio buffer, in a headless Chromium, null sound card.
+"""How late the live page is: from the pointer to the drawn data and to the audio
+buffer, in a headless Chromium, null sound card.
 
     PYTHONPATH=tests python benchmarks/page.py                20 s each: the server's clock right, 2000 ppm slow, 2000 ppm fast
     PYTHONPATH=tests python benchmarks/page.py --seconds 300
     PYTHONPATH=tests python benchmarks/page.py --record       and keep the figures in results/page.csv
 
-A finger is dragged over six bumps, 125 moves a second, while the voltage is heard.  Times are from the event's own stamp.
+A finger is dragged over six bumps, 125 moves a second, while the voltage is heard.
+Times are from the event's own stamp.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ def serve(pace: float) -> None:
     from stimlib.scenes import bumps
 
     if pace != 1:
-        sink.time = SimpleNamespace(perf_counter=lambda: pace * time.perf_counter(), sleep=lambda s: time.sleep(s / pace))
+        sink.time = SimpleNamespace(
+            perf_counter=lambda: pace * time.perf_counter(), sleep=lambda s: time.sleep(s / pace)
+        )
     stream = Stream(bumps(contact=True), 8000.0, 400.0, title="bumps")
     server = Server(stream)
     stream.warm_up()
@@ -44,7 +48,11 @@ def drag(page, seconds: float) -> None:
     left, top, wide, high = page.box("#field")
     begun, k = time.monotonic(), 0
     while (t := time.monotonic() - begun) < seconds:
-        page.mouse("Moved" if k else "Pressed", left + wide * (0.5 - 0.4 * math.cos(math.pi * t)), top + 0.5 * high)
+        page.mouse(
+            "Moved" if k else "Pressed",
+            left + wide * (0.5 - 0.4 * math.cos(math.pi * t)),
+            top + 0.5 * high,
+        )
         k += 1
         time.sleep(max(0.0, k / MOVES - (time.monotonic() - begun)))
     page.mouse("Released", left + 0.5 * wide, top + 0.5 * high)
@@ -52,19 +60,24 @@ def drag(page, seconds: float) -> None:
 
 def session(browser, pace: float, seconds: float) -> dict:
     """What the page and its audio thread say of one server."""
-    server = subprocess.Popen([sys.executable, __file__, "--serve", str(pace)], stdout=subprocess.PIPE, text=True)
+    server = subprocess.Popen(
+        [sys.executable, __file__, "--serve", str(pace)], stdout=subprocess.PIPE, text=True
+    )
     try:
         page = browser.page(server.stdout.readline().strip())
         page.until("document.querySelector('#run')?.disabled === false")
         page.click("#sound")
         page.click("#run")
         drag(page, 5.0)  # until the step is steered
-        page.js("import('./live.js').then(({live}) => { live.drawn.length = live.sound.played.length = 0; })")
+        page.js(
+            "import('./live.js').then(({live}) => { live.drawn.length = live.sound.played.length ="
+            " 0; })"
+        )
         before = page.js("import('./live.js').then(({live}) => live.sound.figures)")
         drag(page, seconds)
         found = page.js(
-            "import('./live.js').then(({live}) => "
-            "({drawn: live.drawn, heard: live.sound.played, audio: live.sound.figures, report: live.report}))"
+            "import('./live.js').then(({live}) => ({drawn: live.drawn, heard: live.sound.played,"
+            " audio: live.sound.figures, report: live.report}))"
         )
         found["under"] = found["audio"]["under"] - before["under"]
         page.close()
@@ -84,8 +97,12 @@ def measure(seconds: float) -> list[Row]:
             for what in ("drawn", "heard"):
                 p50, p95, p99 = np.percentile(found[what], [50, 95, 99])
                 rows += [row(f"{name}: pointer to {what}, median", p50, "ms")]
-                rows += [row(f"{name}: pointer to {what}, 95 and 99 %", f"{p95:.0f} {p99:.0f}", "ms")]
-            rows += [row(f"{name}: underruns of the sound in {seconds:g} s", found["under"], "times")]
+                rows += [
+                    row(f"{name}: pointer to {what}, 95 and 99 %", f"{p95:.0f} {p99:.0f}", "ms")
+                ]
+            rows += [
+                row(f"{name}: underruns of the sound in {seconds:g} s", found["under"], "times")
+            ]
             rows += [row(f"{name}: samples lost by the server", found["report"]["lost"], "samples")]
             rows += [row(f"{name}: step of the sound", found["audio"]["ratio"], "times")]
     finally:

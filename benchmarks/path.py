@@ -1,9 +1,11 @@
-"""The whole path: an hour of the two-finger squeeze from the command line into a file, and what of that the processor takes.
+"""The whole path: an hour of the two-finger squeeze from the command line into a file,
+and what of that the processor takes.
 
     python benchmarks/path.py             print
     python benchmarks/path.py --record    and keep the figures in results/path.csv
 
-``stimlib render`` runs in a process of its own, all cores free; the processor and the motion alone in this one, in turns with it.
+``stimlib render`` runs in a process of its own, all cores free; the processor and the
+motion alone in this one, in turns with it.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ from stimlib.speed.chain import BLOCK, FS, puller
 from stimlib.speed.timing import interleaved, medians, ratio
 
 SECONDS, HAND = 3600, minimum_jerk(0.02)
-RENDER = f"-m stimlib render squeeze --motion minimum_jerk(depth=0.02) --seconds {SECONDS} --full-scale 50 --quiet --out".split()
+RENDER = (
+    f"-m stimlib render squeeze --motion minimum_jerk(depth=0.02) --seconds {SECONDS} --full-scale"
+    " 50 --quiet --out".split()
+)
 
 
 def motion() -> None:
@@ -43,9 +48,15 @@ def measure(rounds: int = 5) -> list[Row]:
         }
         times = interleaved(jobs, rounds, 1)
         size = os.path.getsize(out)
-    rows = [row(f"hour of squeeze, 2 fingers, 8 kHz: {what}", seconds, "s") for what, seconds in medians(times).items()]
+    rows = [
+        row(f"hour of squeeze, 2 fingers, 8 kHz: {what}", seconds, "s")
+        for what, seconds in medians(times).items()
+    ]
     rows.append(row("hour of squeeze: the file", size / 1e6, "MB"))
-    return rows + [row(f"ratio: {what} / stimlib render", ratio(times, what, "stimlib render"), TIMES) for what in list(jobs)[1:]]
+    return rows + [
+        row(f"ratio: {what} / stimlib render", ratio(times, what, "stimlib render"), TIMES)
+        for what in list(jobs)[1:]
+    ]
 
 
 if __name__ == "__main__":

@@ -1,12 +1,16 @@
-"""How small an error does each check of the verifier see, against the length of the recording?
+"""How small an error does each check of the verifier see, against the length of the
+recording?
 
     PYTHONPATH=tests python benchmarks/power.py --record    results/power.csv, the pictures docs/pictures/power_*.svg and
-                                                            of 10 s docs/explanation/power.csv; ten minutes
+                                                            of 10 s
+                                                            docs/explanation/power.csv;
+                                                            ten minutes
 
-searched: a fault is put into a block, or into the wiring of a scene, which is rendered and verified with the fault inside, until
-the smallest size that fails is known to 10 %.  computed: by ``stimlib.checks.power``, for noise; periodograms are drawn, and
-faulty scenes rendered and verified, to see whether it is so.  asked: the law of a scene, told other numbers.  See
-docs/explanation/power.rst.
+searched: a fault is put into a block, or into the wiring of a scene, which is rendered
+and verified with the fault inside, until the smallest size that fails is known to 10 %.
+computed: by ``stimlib.checks.power``, for noise; periodograms are drawn, and faulty
+scenes rendered and verified, to see whether it is so.  asked: the law of a scene, told
+other numbers.  See docs/explanation/power.rst.
 """
 
 from __future__ import annotations
@@ -49,9 +53,11 @@ DRAWN, RENDERED, RENDERED_AT = 200, 20, 2.0  # periodograms, renderings, and the
 X = Input("x", "m")
 
 
-# Faults ------------------------------------------------------------------------------------------------------------------
+# Faults -------------------------------------------------------------------------------
 class Fault(NamedTuple):
-    """Something that is wrong by a size, in a scene, and the check that shall see it."""
+    """Something that is wrong by a size, in a scene, and the check that shall see
+    it.
+    """
 
     check: str
     kind: str
@@ -79,7 +85,11 @@ def decibel(v: Any, e: float) -> Any:
 
 def number(owner: type, name: str, change: Callable[[Any, float], Any] = part) -> tuple:
     """A number of a block's design is wrong."""
-    return owner, "design", lambda e: scaled(owner.design, lambda p: p._replace(**{name: change(getattr(p, name), e)}))
+    return (
+        owner,
+        "design",
+        lambda e: scaled(owner.design, lambda p: p._replace(**{name: change(getattr(p, name), e)})),
+    )
 
 
 def meant(owner: type, name: str, change: Callable[[Any, float], Any] = part) -> tuple:
@@ -87,20 +97,26 @@ def meant(owner: type, name: str, change: Callable[[Any, float], Any] = part) ->
     honest = owner.design
 
     def wrong(e: float) -> Callable:
-        return lambda self, fs: honest(dc.replace(self, **{name: change(getattr(self, name), e)}), fs)
+        return lambda self, fs: honest(
+            dc.replace(self, **{name: change(getattr(self, name), e)}), fs
+        )
 
     return owner, "design", wrong
 
 
 def wired(scene: str, name: str, change: Callable[..., Any]) -> tuple:
-    """A scene is put together wrongly: change(honest, size, what it is called with ..)."""
+    """A scene is put together wrongly: change(honest, size, what it is called with
+    ..).
+    """
     module = importlib.import_module(f"stimlib.scenes.{scene}")
     honest = getattr(module, name)
     return module, name, lambda e: lambda *a, **k: change(honest, e, *a, **k)
 
 
 def late(x: Any, e: float) -> Any:
-    """A signal behind a delay of a part e of a sample, as good as a straight line between samples is."""
+    """A signal behind a delay of a part e of a sample, as good as a straight line
+    between samples is.
+    """
     return x + e * (b.delay(x, 1) - x)
 
 
@@ -117,48 +133,139 @@ LAW, LINE = "voltage: envelope times carrier", "voltage: rms of the line"
 BUMP = "bumps", "bump"
 BLOCKS = [
     Fault("PinkNoise: physical law", "level", "dB", *number(PinkNoise, "r", decibel), *PINK),
-    Fault("Pinking: physical law", "level", "dB", *number(Pinking, "r", decibel), *alone(lambda x: b.pinking(x, 10.0))),
-    Fault("Differentiator: physical law", "level", "of it", *number(Differentiator, "taps"), *alone(b.differentiator)),
     Fault(
-        "Differentiator: physical law", "delay", "samples",
-        *number(Differentiator, "taps", lambda h, e: (1 - e) * h + e * np.roll(h, 1)), *alone(b.differentiator),
+        "Pinking: physical law",
+        "level",
+        "dB",
+        *number(Pinking, "r", decibel),
+        *alone(lambda x: b.pinking(x, 10.0)),
     ),
-    Fault("Velocity: physical law", "pole", "of it", *meant(Velocity, "cutoff"), *alone(b.velocity)),
-    Fault("FirstOrder: physical law", "pole", "of it", *meant(FirstOrder, "tau"), *alone(lambda x: b.first_order(x, 0.01))),
+    Fault(
+        "Differentiator: physical law",
+        "level",
+        "of it",
+        *number(Differentiator, "taps"),
+        *alone(b.differentiator),
+    ),
+    Fault(
+        "Differentiator: physical law",
+        "delay",
+        "samples",
+        *number(Differentiator, "taps", lambda h, e: (1 - e) * h + e * np.roll(h, 1)),
+        *alone(b.differentiator),
+    ),
+    Fault(
+        "Velocity: physical law", "pole", "of it", *meant(Velocity, "cutoff"), *alone(b.velocity)
+    ),
+    Fault(
+        "FirstOrder: physical law",
+        "pole",
+        "of it",
+        *meant(FirstOrder, "tau"),
+        *alone(lambda x: b.first_order(x, 0.01)),
+    ),
     Fault("Track: physical law", "pole", "of it", *number(Track, "q"), *alone(b.track)),
-    Fault("MaxwellArms: physical law", "level", "of it", *number(MaxwellArms, "r"), *alone(lambda x: b.maxwell(x, 200.0, 4.0))),
-    Fault("Springpot: physical law", "level", "of it", *number(Springpot, "scale"), viscoelastic, WAVE, (0.05,)),
-    Fault("Springpot: physical law", "order", "of 1", *meant(Springpot, "order", more), viscoelastic, WAVE, (0.05,)),
-]  # fmt: skip
+    Fault(
+        "MaxwellArms: physical law",
+        "level",
+        "of it",
+        *number(MaxwellArms, "r"),
+        *alone(lambda x: b.maxwell(x, 200.0, 4.0)),
+    ),
+    Fault(
+        "Springpot: physical law",
+        "level",
+        "of it",
+        *number(Springpot, "scale"),
+        viscoelastic,
+        WAVE,
+        (0.05,),
+    ),
+    Fault(
+        "Springpot: physical law",
+        "order",
+        "of 1",
+        *meant(Springpot, "order", more),
+        viscoelastic,
+        WAVE,
+        (0.05,),
+    ),
+]
 SCENES = [
     Fault(
-        "force1: mean part is k x", "slope", "of k", *wired("squeeze", "spring", lambda f, e, *a: part(f(*a), e)), FINGER, HAND,
+        "force1: mean part is k x",
+        "slope",
+        "of k",
+        *wired("squeeze", "spring", lambda f, e, *a: part(f(*a), e)),
+        FINGER,
+        HAND,
     ),
     Fault(
-        "force1: vibration law", "level", "of it",
-        *wired("squeeze", "constant", lambda f, e, v, unit: f(v * np.sqrt(1 + e), unit)), FINGER, HAND,
+        "force1: vibration law",
+        "level",
+        "of it",
+        *wired("squeeze", "constant", lambda f, e, v, unit: f(v * np.sqrt(1 + e), unit)),
+        FINGER,
+        HAND,
     ),
     Fault("force1: vibration law", "pole", "of it", *meant(Velocity, "cutoff"), FINGER, HAND),
     Fault(
-        "force1: vibration law", "delay", "samples",
-        *wired("squeeze", "velocity", lambda f, e, x, *a: f(late(x, e), *a)), FINGER, HAND,
+        "force1: vibration law",
+        "delay",
+        "samples",
+        *wired("squeeze", "velocity", lambda f, e, x, *a: f(late(x, e), *a)),
+        FINGER,
+        HAND,
     ),
     Fault("force: full sum", "level", "of it", *number(Springpot, "scale"), viscoelastic, WAVE),
     Fault("force: full sum", "order", "of 1", *meant(Springpot, "order", more), viscoelastic, WAVE),
     Fault(
-        "force: full sum", "delay", "samples",
-        *wired("viscoelastic", "springpot", lambda f, e, y, *a, **k: f(late(y, e), *a, **k)), viscoelastic, WAVE,
+        "force: full sum",
+        "delay",
+        "samples",
+        *wired("viscoelastic", "springpot", lambda f, e, y, *a, **k: f(late(y, e), *a, **k)),
+        viscoelastic,
+        WAVE,
     ),
     Fault(LAW, "level", "of it", *wired(*BUMP, lambda f, e, *a: part(f(*a), e)), bumps, STROKE),
-    Fault(LAW, "duty", "of it", *wired(*BUMP, lambda f, e, x, w, duty, *a: f(x, w, (1 - e) * duty, *a)), bumps, STROKE),
-    Fault(LAW, "delay", "samples", *wired(*BUMP, lambda f, e, x, *a: f(late(x, e), *a)), bumps, STROKE),
-    Fault(LAW, "frequency", "of it", *wired("bumps", "carrier", lambda f, e, freq, *a: f(part(freq, e), *a)), bumps, STROKE),
-    Fault(LINE, "level", "of it", *wired(*BUMP, lambda f, e, *a: part(f(*a), e)), bumps, STEADY, SEARCHED[1:]),
     Fault(
-        LINE, "duty", "of it",
-        *wired(*BUMP, lambda f, e, x, w, duty, *a: f(x, w, (1 - e) * duty, *a)), bumps, STEADY, SEARCHED[1:],
+        LAW,
+        "duty",
+        "of it",
+        *wired(*BUMP, lambda f, e, x, w, duty, *a: f(x, w, (1 - e) * duty, *a)),
+        bumps,
+        STROKE,
     ),
-]  # fmt: skip
+    Fault(
+        LAW, "delay", "samples", *wired(*BUMP, lambda f, e, x, *a: f(late(x, e), *a)), bumps, STROKE
+    ),
+    Fault(
+        LAW,
+        "frequency",
+        "of it",
+        *wired("bumps", "carrier", lambda f, e, freq, *a: f(part(freq, e), *a)),
+        bumps,
+        STROKE,
+    ),
+    Fault(
+        LINE,
+        "level",
+        "of it",
+        *wired(*BUMP, lambda f, e, *a: part(f(*a), e)),
+        bumps,
+        STEADY,
+        SEARCHED[1:],
+    ),
+    Fault(
+        LINE,
+        "duty",
+        "of it",
+        *wired(*BUMP, lambda f, e, x, w, duty, *a: f(x, w, (1 - e) * duty, *a)),
+        bumps,
+        STEADY,
+        SEARCHED[1:],
+    ),
+]
 LOUDER = Fault("force1: spectrum", "level", "dB", *number(PinkNoise, "r", decibel), squeeze, HANDS)
 PUSHED = {
     "squeeze": HANDS,
@@ -175,16 +282,21 @@ PUSHED = {
     "soft_surface": {"x": sinusoid(0.04, 0.7, 0.06), "y": sinusoid(0.03, 0.9, 0.05)},
 }
 """What each scene is asked with."""
-LIVE = SHIPPED | {"soft_surface": partial(soft_surface, device="mouse")}  # with a pen nothing of it is a parameter
+# with a pen nothing of it is a parameter
+LIVE = SHIPPED | {"soft_surface": partial(soft_surface, device="mouse")}
 
 
-# How small --------------------------------------------------------------------------------------------------------------
-def verified(scene: Scene, motion: Mapping[str, Any], seconds: float, seed: int = SEED) -> stimlib.Report:
+# How small ----------------------------------------------------------------------------
+def verified(
+    scene: Scene, motion: Mapping[str, Any], seconds: float, seed: int = SEED
+) -> stimlib.Report:
     return stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, seconds, seed=seed))
 
 
 def excess(fault: Fault, size: float, seconds: float, seed: int = SEED) -> float:
-    """How many times its limit the check measures in a rendering with the fault inside: above 1 it fails."""
+    """How many times its limit the check measures in a rendering with the fault inside:
+    above 1 it fails.
+    """
     with mutated(fault.owner, fault.attribute, fault.wrong(size)):
         report = verified(fault.scene(), fault.motion, seconds, seed)
     return max(c.measured / c.limit for c in report.checks if fault.check in c.name)
@@ -193,8 +305,8 @@ def excess(fault: Fault, size: float, seconds: float, seed: int = SEED) -> float
 def threshold(fault: Fault, seconds: float, size: float = 1e-3) -> float:
     """A size that is caught, while one 10 % smaller passes.
 
-    What a check measures grows nearly in proportion to the size, from what it measures of a correct rendering: that says where
-    to look next; else the exponent is halved.
+    What a check measures grows nearly in proportion to the size, from what it measures
+    of a correct rendering: that says where to look next; else the exponent is halved.
     """
     low, high, honest = 0.0, 1.0, excess(fault, 0.0, seconds)
     while high > 1.1 * low:
@@ -207,14 +319,30 @@ def threshold(fault: Fault, seconds: float, size: float = 1e-3) -> float:
 
 
 def drawn(f: np.ndarray, kind: str, size: float, alarm: float) -> float:
-    """How many of so many drawn periodograms, all with this error, the test of a spectrum refuses."""
+    """How many of so many drawn periodograms, all with this error, the test of a
+    spectrum refuses.
+    """
     rng, ratio = np.random.default_rng(SEED), KINDS[kind][1](f, size)
-    return float(np.mean([spectra.judged(f, ratio * rng.exponential(size=f.size)).p <= alarm for _ in range(DRAWN)]))
+    return float(
+        np.mean(
+            [
+                spectra.judged(f, ratio * rng.exponential(size=f.size)).p <= alarm
+                for _ in range(DRAWN)
+            ]
+        )
+    )
 
 
-# Rows ---------------------------------------------------------------------------------------------------------------------
+# Rows ---------------------------------------------------------------------------------
 def told(s: Shows, seconds: float, how: str, seen: Mapping[str, float]) -> Row:
-    found = {"check": s.check, "kind": s.kind, "seconds": seconds, "size": float(f"{s.size:.4g}"), "unit": s.unit, "how": how}
+    found = {
+        "check": s.check,
+        "kind": s.kind,
+        "seconds": seconds,
+        "size": float(f"{s.size:.4g}"),
+        "unit": s.unit,
+        "how": how,
+    }
     return found | {"seed": SEED, "drawn": "", "rendered": ""} | seen
 
 
@@ -234,9 +362,17 @@ def computed() -> Iterator[Row]:
         f = spectra.bins(tap.stream.size, FS, tap.f_low, tap.f_high) * FS / tap.stream.size
         for s in report.certainty():
             if s.chance < 1 and s.check.startswith("force1"):
-                seen = {"drawn": drawn(f, s.kind, s.size, alarm)} if s.kind in KINDS and s.size == s.size else {}
+                seen = (
+                    {"drawn": drawn(f, s.kind, s.size, alarm)}
+                    if s.kind in KINDS and s.size == s.size
+                    else {}
+                )
                 if seconds == RENDERED_AT and s.kind == LOUDER.kind:
-                    seen["rendered"] = float(np.mean([excess(LOUDER, s.size, seconds, seed) > 1 for seed in range(RENDERED)]))
+                    seen["rendered"] = float(
+                        np.mean(
+                            [excess(LOUDER, s.size, seconds, seed) > 1 for seed in range(RENDERED)]
+                        )
+                    )
                 yield told(s, seconds, "computed", seen)
 
 
@@ -258,7 +394,7 @@ def measured() -> list[Row]:
     return rows
 
 
-# Pictures -------------------------------------------------------------------------------------------------------------------
+# Pictures -----------------------------------------------------------------------------
 def lines(ax: Any, rows: list[Row], label: str) -> None:
     """Size over length."""
     ax.loglog([r["seconds"] for r in rows], [r["size"] for r in rows], "o-", ms=4, label=label)
@@ -277,15 +413,28 @@ def picture_of_chance(rows: list[Row], fig: Figure) -> None:
 def picture_of_scenes(rows: list[Row], fig: Figure) -> None:
     checks = list(dict.fromkeys(r["check"] for r in rows))
     for ax, check in zip(fig.subplots(1, len(checks), sharex=True), checks, strict=True):
-        for kind, unit in dict.fromkeys((r["kind"], r["unit"]) for r in rows if r["check"] == check):
-            lines(ax, [r for r in rows if (r["check"], r["kind"]) == (check, kind)], f"{kind} ({unit})")
-        ax.set(title=check.replace(": ", ":\n"), ylabel="smallest that is seen" if check == checks[0] else "")
+        for kind, unit in dict.fromkeys(
+            (r["kind"], r["unit"]) for r in rows if r["check"] == check
+        ):
+            lines(
+                ax,
+                [r for r in rows if (r["check"], r["kind"]) == (check, kind)],
+                f"{kind} ({unit})",
+            )
+        ax.set(
+            title=check.replace(": ", ":\n"),
+            ylabel="smallest that is seen" if check == checks[0] else "",
+        )
         ax.legend(fontsize=7)
 
 
 def picture_of_dots(rows: list[Row], fig: Figure) -> None:
     ax = fig.subplots()
-    ax.semilogx([r["size"] for r in rows], [f"{r['check'].split(':')[0]}: {r['kind']} / {r['unit']}" for r in rows], "o")
+    ax.semilogx(
+        [r["size"] for r in rows],
+        [f"{r['check'].split(':')[0]}: {r['kind']} / {r['unit']}" for r in rows],
+        "o",
+    )
     ax.invert_yaxis()
     ax.grid(alpha=0.3)
     ax.set_xlabel("smallest that is seen")
@@ -295,7 +444,12 @@ def draw(rows: list[Row]) -> None:
     of_blocks = {f.check for f in BLOCKS}
     for name, size, make, some in (
         ("chance", (10, 5.5), picture_of_chance, [r for r in rows if r["how"] == "computed"]),
-        ("scenes", (13, 3.6), picture_of_scenes, [r for r in rows if r["how"] == "searched" and r["check"] not in of_blocks]),
+        (
+            "scenes",
+            (13, 3.6),
+            picture_of_scenes,
+            [r for r in rows if r["how"] == "searched" and r["check"] not in of_blocks],
+        ),
         ("blocks", (8, 3.2), picture_of_dots, [r for r in rows if r["check"] in of_blocks]),
         ("laws", (8, 6.0), picture_of_dots, [r for r in rows if r["how"] == "asked"]),
     ):
@@ -306,9 +460,14 @@ def draw(rows: list[Row]) -> None:
 
 
 def summary(rows: Iterable[Row]) -> list[tuple[str, ...]]:
-    """Of 10 s, the check, what is wrong, the smallest size that is seen, and how surely."""
+    """Of 10 s, the check, what is wrong, the smallest size that is seen, and how
+    surely.
+    """
     ten = (r for r in rows if r["how"] in SURELY and float(r["seconds"]) == 10.0)
-    return [(r["check"], r["kind"], f"{float(r['size']):.2g} {r['unit']}", SURELY[r["how"]]) for r in ten]
+    return [
+        (r["check"], r["kind"], f"{float(r['size']):.2g} {r['unit']}", SURELY[r["how"]])
+        for r in ten
+    ]
 
 
 if __name__ == "__main__":

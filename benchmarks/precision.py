@@ -1,7 +1,9 @@
-"""Run time against error: every method of a problem with its own knob, each a point for the error it has and the time it takes.
+"""Run time against error: every method of a problem with its own knob, each a point for
+the error it has and the time it takes.
 
-A problem (``benchmarks/problems``) has a reference from another route: a formula, mpmath, long double.  Errors and times are
-measured in separate runs; times by jobs that take turns.  What fails is a row that says so.
+A problem (``benchmarks/problems``) has a reference from another route: a formula,
+mpmath, long double.  Errors and times are measured in separate runs; times by jobs that
+take turns.  What fails is a row that says so.
 """
 
 from __future__ import annotations
@@ -61,7 +63,9 @@ class Problem(NamedTuple):
     per: str = "a sample"
     """What a time is for, as on the axis."""
     asked: bool = False
-    """Whether the knob is part of what is asked, such as a cutoff, and no tuning: only points with one value can be compared."""
+    """Whether the knob is part of what is asked, such as a cutoff, and no tuning: only
+    points with one value can be compared.
+    """
 
 
 class Point(NamedTuple):
@@ -96,15 +100,30 @@ def measure(problem: Problem, rounds: int = 7, timed: bool = True) -> list[Point
     --------
     >>> from precision import Method, Problem, measure
     >>> half = Method("half", "1", lambda: None, lambda: 0.5)
-    >>> measure(Problem("p", "a problem", "error", 10, lambda: [half]), timed=False)[0].error
+    >>> measure(Problem("p", "a problem", "error", 10, lambda: [half]), timed=False)[
+    ...     0
+    ... ].error
     0.5
     """
     methods = problem.methods()
     found = [_error(m) for m in methods]
     sound = {k: m.job for k, m in enumerate(methods) if not found[k][1]}
-    took = medians(interleaved({str(k): job for k, job in sound.items()}, rounds, 1, time.process_time)) if timed else {}
+    took = (
+        medians(
+            interleaved({str(k): job for k, job in sound.items()}, rounds, 1, time.process_time)
+        )
+        if timed
+        else {}
+    )
     return [
-        Point(problem.name, m.family, m.knob, error, took.get(str(k), math.nan) / problem.samples * 1e9, failed)
+        Point(
+            problem.name,
+            m.family,
+            m.knob,
+            error,
+            took.get(str(k), math.nan) / problem.samples * 1e9,
+            failed,
+        )
         for k, (m, (error, failed)) in enumerate(zip(methods, found, strict=True))
     ]
 
@@ -118,16 +137,20 @@ def _error(m: Method) -> tuple[float, str]:
     return (error, "") if math.isfinite(error) else (math.nan, "not finite")
 
 
-# What methods are made of --------------------------------------------------------------------------------------------
+# What methods are made of -------------------------------------------------------------
 Ladder = tuple[Iterable[Any], Callable[[Any], Signal]]
 """Values of a knob, and what makes a method of one."""
 
 
-def own(block: Callable[..., Block], fs: float, units: str | tuple[str, ...] = "", dtype: str = "") -> Callable[[Any], Signal]:
-    """Make methods of a block of inputs and a knob: functions of whole signals, from sample 0 each time.
+def own(
+    block: Callable[..., Block], fs: float, units: str | tuple[str, ...] = "", dtype: str = ""
+) -> Callable[[Any], Signal]:
+    """Make methods of a block of inputs and a knob: functions of whole signals, from
+    sample 0 each time.
 
-    units is that of the one input, or those of several, whose signals are then rows, shape (inputs, n); with none of them, a
-    signal says only how long to run.  With dtype "float64" or "float32" they run on JAX.
+    units is that of the one input, or those of several, whose signals are then rows,
+    shape (inputs, n); with none of them, a signal says only how long to run.  With
+    dtype "float64" or "float32" they run on JAX.
 
     Examples
     --------
@@ -138,7 +161,9 @@ def own(block: Callable[..., Block], fs: float, units: str | tuple[str, ...] = "
     >>> own(lambda x, y, k: x + k * y, 8000.0, ("m", "m"))(3.0)(np.ones((2, 2)))
     array([4., 4.])
     """
-    inputs = [Input(f"x{k}", u) for k, u in enumerate((units,) if isinstance(units, str) else units)]
+    inputs = [
+        Input(f"x{k}", u) for k, u in enumerate((units,) if isinstance(units, str) else units)
+    ]
 
     def make(knob: Any) -> Signal:
         scene = Scene({"y": block(*inputs, knob)})
@@ -182,8 +207,11 @@ def _jax(scene: Scene, fs: float, dtype: str) -> Signal:
     return run
 
 
-def on(x: np.ndarray, error: Callable[[Signal], float], ladders: Mapping[str, Ladder]) -> list[Method]:
-    """Methods of families by name, all run on one signal and held against one reference.
+def on(
+    x: np.ndarray, error: Callable[[Signal], float], ladders: Mapping[str, Ladder]
+) -> list[Method]:
+    """Methods of families by name, all run on one signal and held against one
+    reference.
 
     Examples
     --------
@@ -197,7 +225,13 @@ def on(x: np.ndarray, error: Callable[[Signal], float], ladders: Mapping[str, La
     return [_rung(name, knob, make, x, error) for name, knob, make in rungs]
 
 
-def _rung(name: str, knob: Any, make: Callable[[Any], Signal], x: np.ndarray, error: Callable[[Signal], float]) -> Method:
+def _rung(
+    name: str,
+    knob: Any,
+    make: Callable[[Any], Signal],
+    x: np.ndarray,
+    error: Callable[[Signal], float],
+) -> Method:
     text = f"{knob:g}" if isinstance(knob, float) else str(knob)
     try:
         f = make(knob)
@@ -224,7 +258,8 @@ def apart(y: np.ndarray, wanted: np.ndarray) -> float:
 
 
 def response(f: Signal, n: int, at: int = 0) -> np.ndarray:
-    """Of a linear method: the transform of its answer to one sample, n of them after sample ``at``.
+    """Of a linear method: the transform of its answer to one sample, n of them after
+    sample ``at``.
 
     Examples
     --------
@@ -238,7 +273,7 @@ def response(f: Signal, n: int, at: int = 0) -> np.ndarray:
     return np.fft.rfft(f(x)[at:])
 
 
-# What becomes of it --------------------------------------------------------------------------------------------------
+# What becomes of it -------------------------------------------------------------------
 def problems(only: Iterable[str] = ()) -> list[Problem]:
     """All problems, or those named.
 
@@ -262,7 +297,9 @@ def problems(only: Iterable[str] = ()) -> list[Problem]:
 
 
 class Best(NamedTuple):
-    """A problem in one line: our most exact point, and the fastest of others that come as near, or the nearest of them."""
+    """A problem in one line: our most exact point, and the fastest of others that come
+    as near, or the nearest of them.
+    """
 
     problem: str
     ours: Point
@@ -277,19 +314,29 @@ class Best(NamedTuple):
 
 
 def best(points: Iterable[Point]) -> list[Best]:
-    """One line for each problem, of the processor's points: what runs on JAX is neither ours nor another's.
+    """One line for each problem, of the processor's points: what runs on JAX is neither
+    ours nor another's.
 
-    Where the knob is part of what is asked, both have the same.  Where all of ours failed, one of them stands there, with nan.
+    Where the knob is part of what is asked, both have the same.  Where all of ours
+    failed, one of them stands there, with nan.
 
     Examples
     --------
     >>> from precision import Point, best
-    >>> rows = [Point("p", "stimlib x", "1", 1e-9, 2.0), Point("p", "scipy", "1", 1e-3, 5.0), Point("p", "numpy", "1", 1e-9, 8.0)]
+    >>> rows = [
+    ...     Point("p", "stimlib x", "1", 1e-9, 2.0),
+    ...     Point("p", "scipy", "1", 1e-3, 5.0),
+    ...     Point("p", "numpy", "1", 1e-9, 8.0),
+    ... ]
     >>> [(b.other.family, b.reached, b.times) for b in best(rows)]
     [('numpy', True, 4.0)]
     """
     found, asked = [], {p.name for p in problems() if p.asked}
-    points = [p for p in points if "JAX" not in p.family and (not p.failed or p.family.startswith("stimlib"))]
+    points = [
+        p
+        for p in points
+        if "JAX" not in p.family and (not p.failed or p.family.startswith("stimlib"))
+    ]
     for name in dict.fromkeys(p.problem for p in points):
         own = [p for p in points if p.problem == name and p.family.startswith("stimlib")]
         others = [p for p in points if p.problem == name and not p.family.startswith("stimlib")]
@@ -299,13 +346,18 @@ def best(points: Iterable[Point]) -> list[Best]:
         if name in asked:
             others = [p for p in others if p.knob == ours.knob]
         near = [p for p in others if p.error <= 1.01 * ours.error]
-        nearest = min(near, key=lambda p: p.ns) if near else min(others, key=lambda p: p.error, default=None)
+        nearest = (
+            min(near, key=lambda p: p.ns)
+            if near
+            else min(others, key=lambda p: p.error, default=None)
+        )
         found.append(Best(name, ours, nearest, bool(near)))
     return found
 
 
 def table(points: Iterable[Point]) -> Table:
-    """``summary`` for a terminal, without titles, and how many times as long the other takes.
+    """``summary`` for a terminal, without titles, and how many times as long the other
+    takes.
 
     Examples
     --------
@@ -315,7 +367,18 @@ def table(points: Iterable[Point]) -> Table:
     """
     from rich.table import Table
 
-    out = Table("operator", "what the error is", "ns for", "stimlib", "error", "ns", "beside it", "error", "ns", "times as long")
+    out = Table(
+        "operator",
+        "what the error is",
+        "ns for",
+        "stimlib",
+        "error",
+        "ns",
+        "beside it",
+        "error",
+        "ns",
+        "times as long",
+    )
     found = best(points)
     for b, (name, _, *row) in zip(found, summary(found), strict=True):
         out.add_row(name, *row, f"{b.times:.3g}" if b.other else "")
@@ -323,24 +386,40 @@ def table(points: Iterable[Point]) -> Table:
 
 
 def summary(found: Iterable[Best]) -> list[tuple[str, ...]]:
-    """``best`` as text: name, operator, what the error is, what ns are for; method, error and ns of ours, and of the other.
+    """``best`` as text: name, operator, what the error is, what ns are for; method,
+    error and ns of ours, and of the other.
 
     Examples
     --------
     >>> from precision import Point, best, summary
-    >>> summary(best([Point("pink", "stimlib x, tol", "1", 1e-9, 2.0), Point("pink", "scipy", "", 1e-3, 5.0)]))[0][2:]
+    >>> summary(
+    ...     best(
+    ...         [
+    ...             Point("pink", "stimlib x, tol", "1", 1e-9, 2.0),
+    ...             Point("pink", "scipy", "", 1e-3, 5.0),
+    ...         ]
+    ...     )
+    ... )[0][2:]
     ('largest deviation from 3 dB/oct, dB', 'a sample', 'stimlib x, tol 1', '1.0e-09', '2', 'scipy', '1.0e-03', '5')
     """
     known = {p.name: p for p in problems()}
 
     def told(p: Point | None) -> tuple[str, str, str]:
-        return ("", "", "") if p is None else (f"{p.family} {p.knob}".strip(), f"{p.error:.1e}", f"{p.ns:.3g}")
+        return (
+            ("", "", "")
+            if p is None
+            else (f"{p.family} {p.knob}".strip(), f"{p.error:.1e}", f"{p.ns:.3g}")
+        )
 
-    return [(b.problem, *known[b.problem][1:3], known[b.problem].per, *told(b.ours), *told(b.other)) for b in found]
+    return [
+        (b.problem, *known[b.problem][1:3], known[b.problem].per, *told(b.ours), *told(b.other))
+        for b in found
+    ]
 
 
 def record(points: list[Point], path: str | os.PathLike) -> None:
-    """Write a table as CSV, below a line with machine and versions, whole or not at all.
+    """Write a table as CSV, below a line with machine and versions, whole or not at
+    all.
 
     Raises
     ------
@@ -381,11 +460,15 @@ def recorded(folder: str | os.PathLike) -> list[Point]:
         path = Path(folder) / f"{p.name}.csv"
         if path.exists():
             rows += csv.DictReader(path.read_text().splitlines()[1:])
-    return [Point(r["problem"], r["family"], r["knob"], float(r["error"]), float(r["ns"]), r["failed"]) for r in rows]
+    return [
+        Point(r["problem"], r["family"], r["knob"], float(r["error"]), float(r["ns"]), r["failed"])
+        for r in rows
+    ]
 
 
 def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> None:
-    """Draw a problem: error on x, time for a sample on y, both logarithmic; a family is a line, what failed is at the right.
+    """Draw a problem: error on x, time for a sample on y, both logarithmic; a family is
+    a line, what failed is at the right.
 
     Raises
     ------
@@ -397,7 +480,11 @@ def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> N
     >>> import pathlib, tempfile
     >>> from precision import Point, Problem, picture
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "p.png"
-    >>> picture(Problem("p", "a problem", "error", 10, list), [Point("p", "ours", "1e-3", 1e-4, 2.0)], path)
+    >>> picture(
+    ...     Problem("p", "a problem", "error", 10, list),
+    ...     [Point("p", "ours", "1e-3", 1e-4, 2.0)],
+    ...     path,
+    ... )
     >>> path.stat().st_size > 5000
     True
     """
@@ -413,13 +500,29 @@ def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> N
         own = name.startswith("stimlib")
         if good:
             errors = [max(p.error, FLOOR) for p in good]
-            ax.plot(errors, [p.ns for p in good], label=name, lw=2 if own else 1, zorder=3 if own else 2, **style)
+            ax.plot(
+                errors,
+                [p.ns for p in good],
+                label=name,
+                lw=2 if own else 1,
+                zorder=3 if own else 2,
+                **style,
+            )
             for p in (good[0], good[-1])[: len(good)]:
                 where = (max(p.error, FLOOR), p.ns)
-                ax.annotate(p.knob, where, xytext=(4, 4), textcoords="offset points", fontsize=6, color="0.35")
+                ax.annotate(
+                    p.knob,
+                    where,
+                    xytext=(4, 4),
+                    textcoords="offset points",
+                    fontsize=6,
+                    color="0.35",
+                )
         for p in points:
             if p.family == name and p.failed:
-                ax.plot([0.98], [0.05 + 0.07 * k], "x", color=style["color"], transform=ax.transAxes)
+                ax.plot(
+                    [0.98], [0.05 + 0.07 * k], "x", color=style["color"], transform=ax.transAxes
+                )
     ax.set(xscale="log", yscale="log", xlabel=problem.error, ylabel=f"ns {problem.per}")
     ax.set_title(problem.title, loc="left", fontsize=10)
     ax.grid(alpha=0.3)
@@ -429,8 +532,11 @@ def picture(problem: Problem, points: list[Point], path: str | os.PathLike) -> N
         save(fig, path)
 
 
-def regenerate(folder: str | os.PathLike, only: Iterable[str] = (), rounds: int = 7, shown: bool | str = True) -> list[Point]:
-    """Measure problems and leave NAME.csv and work_NAME.svg of each in a folder; a progress bar where that is a terminal.
+def regenerate(
+    folder: str | os.PathLike, only: Iterable[str] = (), rounds: int = 7, shown: bool | str = True
+) -> list[Point]:
+    """Measure problems and leave NAME.csv and work_NAME.svg of each in a folder; a
+    progress bar where that is a terminal.
 
     Raises
     ------

@@ -1,4 +1,5 @@
-"""Psychometric fits: the 32 of the UGrip paper, with and without their intervals, beside statsmodels.
+"""Psychometric fits: the 32 of the UGrip paper, with and without their intervals,
+beside statsmodels.
 
 python benchmarks/psychometric.py             print
 python benchmarks/psychometric.py --record    and keep the figures in results/psychometric.csv
@@ -28,9 +29,13 @@ def measure() -> list[Row]:
     data = {n: (LEVELS, yes, asked) for n, yes in enumerate(answers)}
     jobs = {
         "32 fits, profile intervals": lambda: psychometrics(data),
-        "32 fits, profile intervals, one by one": lambda: [psychometric(*each) for each in data.values()],
+        "32 fits, profile intervals, one by one": lambda: [
+            psychometric(*each) for each in data.values()
+        ],
         "32 fits, no intervals": lambda: psychometrics(data, interval="none"),
-        "32 fits, statsmodels": lambda: [GLM(np.column_stack([y, asked - y]), design, family=probit).fit() for y in answers],
+        "32 fits, statsmodels": lambda: [
+            GLM(np.column_stack([y, asked - y]), design, family=probit).fit() for y in answers
+        ],
     }
     return [row(name, seconds, "s") for name, seconds in medians(interleaved(jobs, 5)).items()]
 

@@ -20,8 +20,13 @@ def rows_of(s: Speed) -> list[Row]:
     """A figure, and what stands beside it."""
     rows = [row(s.what, s.ns)]
     if s.peer_ns is not None and s.times is not None:
-        rows += [row(f"{s.what}: {s.peer}", s.peer_ns), row(f"{s.what}: ratio: {s.peer} / stimlib", s.times, TIMES)]
-    return rows if s.share is None else [*rows, row(f"{s.what}: share of the limit", s.share, TIMES)]
+        rows += [
+            row(f"{s.what}: {s.peer}", s.peer_ns),
+            row(f"{s.what}: ratio: {s.peer} / stimlib", s.times, TIMES),
+        ]
+    return (
+        rows if s.share is None else [*rows, row(f"{s.what}: share of the limit", s.share, TIMES)]
+    )
 
 
 def main() -> None:

@@ -5,8 +5,9 @@
     python benchmarks/springpot.py --peers DIR  a site-packages folder with fracmem
     python benchmarks/springpot.py --record     and keep the figures in results/springpot*.csv
 
-Errors are against the full sum over the history in long double (64 bits).  Times: jobs take turns in one process, medians of the
-rounds.  Other methods beside it: ``python benchmarks/work_precision.py FOLDER --only springpot_gl --only springpot_l1``.
+Errors are against the full sum over the history in long double (64 bits).  Times: jobs
+take turns in one process, medians of the rounds.  Other methods beside it: ``python
+benchmarks/work_precision.py FOLDER --only springpot_gl --only springpot_l1``.
 """
 
 from __future__ import annotations
@@ -31,10 +32,12 @@ TOLS = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]
 KINDS = ["sinusoid", "ramp", "smooth", "quantised"]
 
 
-# References ----------------------------------------------------------------------------------------------------------
+# References ---------------------------------------------------------------------------
 @cache
 def gl_weights(alpha: float, n: int) -> np.ndarray:
-    """Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!) in long double: products, then the series of a ratio of gammas."""
+    """Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!) in long double: products, then the
+    series of a ratio of gammas.
+    """
     a, few = LD(alpha), min(n, 4096)
     j = np.arange(1, few, dtype=LD)
     v = np.zeros(n, LD)
@@ -77,7 +80,7 @@ def spots(n: int, many: int) -> list[int]:
     return sorted({int(k) for k in np.geomspace(1, n - 1, many)})
 
 
-# Errors --------------------------------------------------------------------------------------------------------------
+# Errors -------------------------------------------------------------------------------
 def errors(fs: float, seconds: float, tols: list[float], many: int) -> list[dict[str, object]]:
     """Error over the maximum, and over the certificate, of ``gl``."""
     n = int(fs * seconds) + 1
@@ -101,21 +104,34 @@ def errors(fs: float, seconds: float, tols: list[float], many: int) -> list[dict
                 error = np.abs(f[at] - wanted).astype(float)
                 out.append(
                     {
-                        "fs": fs, "seconds": seconds, "input": kind, "alpha": alpha, "tol": tol,
+                        "fs": fs,
+                        "seconds": seconds,
+                        "input": kind,
+                        "alpha": alpha,
+                        "tol": tol,
                         "error_over_max": float(error.max() / np.abs(f).max()),
-                        "error_over_certificate": float(np.max(error[most > 0] / bound[at][most > 0], initial=0.0)),
-                        "certificate_over_tol": float(np.max(bound[at][most > 0] / most[most > 0], initial=0.0) / tol),
-                        "kept": bool(np.all(error <= bound[at]) and np.all(bound[at] <= tol * most)),
+                        "error_over_certificate": float(
+                            np.max(error[most > 0] / bound[at][most > 0], initial=0.0)
+                        ),
+                        "certificate_over_tol": float(
+                            np.max(bound[at][most > 0] / most[most > 0], initial=0.0) / tol
+                        ),
+                        "kept": bool(
+                            np.all(error <= bound[at]) and np.all(bound[at] <= tol * most)
+                        ),
                     }
-                )  # fmt: skip
+                )
         gl_weights.cache_clear()
     worst = max(r["error_over_max"] for r in out if r["tol"] == min(tols))  # type: ignore[type-var]
     kept = sum(bool(r["kept"]) for r in out)
-    print(f"{fs:g} Hz, {seconds:g} s: kept in {kept} of {len(out)} cases; tol {min(tols):g}: {worst:.2g} of max")
+    print(
+        f"{fs:g} Hz, {seconds:g} s: kept in {kept} of {len(out)} cases; tol {min(tols):g}:"
+        f" {worst:.2g} of max"
+    )
     return out
 
 
-# Claims --------------------------------------------------------------------------------------------------------------
+# Claims -------------------------------------------------------------------------------
 def claims(fs: float = 1000.0) -> list[dict[str, object]]:
     """One figure each."""
     out: list[dict[str, object]] = []
@@ -152,7 +168,9 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
         25,
     )
     tell("tol 1e-10, 1 kHz, in the first minute", medians(times)["first minute"] / n * 1e9, NS)
-    tell("ratio: after an hour / first minute", ratio(times, "after an hour", "first minute"), TIMES)
+    tell(
+        "ratio: after an hour / first minute", ratio(times, "after an hour", "first minute"), TIMES
+    )
     tell("ratio: hold (40 min long) / moving", ratio(times, "hold", "first minute"), TIMES)
 
     v = gl_weights(alpha, hour.size).astype(float)
@@ -163,7 +181,9 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
         proc.reset()
         proc.process(hour[None], out1)
 
-    times = interleaved({"springpot": whole, "oaconvolve": lambda: signal.oaconvolve(d, v)[: hour.size]}, 5, 1)
+    times = interleaved(
+        {"springpot": whole, "oaconvolve": lambda: signal.oaconvolve(d, v)[: hour.size]}, 5, 1
+    )
     tell("hour at 1 kHz", medians(times)["springpot"] / hour.size * 1e9, NS)
     tell("hour at 1 kHz: oaconvolve", medians(times)["oaconvolve"] / hour.size * 1e9, NS)
     tell("ratio: oaconvolve / springpot", ratio(times, "oaconvolve", "springpot"), TIMES)
@@ -181,7 +201,13 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
             p.process(x, y1)
 
     took = medians(
-        interleaved({"fixed": partial(calls, proc, one), "live": partial(calls, live, np.array(rows["standing"][:, :1]))}, 9)
+        interleaved(
+            {
+                "fixed": partial(calls, proc, one),
+                "live": partial(calls, live, np.array(rows["standing"][:, :1])),
+            },
+            9,
+        )
     )
     for k, seconds in took.items():
         tell(f"1-sample call, {k} alpha", seconds / 2000 * 1e6, "us")
@@ -200,7 +226,9 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
         return out
     block = moving[:, :64].copy()
     y64 = np.empty((1, 64))
-    made = CompressedFractionalFilter.from_analytic(alpha, 1 / fs, L=32, p=16, definition="caputo", j_max=60_000).reset_stream()
+    made = CompressedFractionalFilter.from_analytic(
+        alpha, 1 / fs, L=32, p=16, definition="caputo", j_max=60_000
+    ).reset_stream()
     values = block[0].tolist()
 
     def many():
@@ -210,7 +238,11 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
     times = interleaved({"springpot": many, "fracmem": lambda: [made.step(v) for v in values]}, 25)
     tell("block of 64", medians(times)["springpot"] / 100 * 1e6, "us")
     tell("block of 64, fracmem", medians(times)["fracmem"] * 1e6, "us")
-    tell("ratio: fracmem / springpot, blocks of 64", ratio(times, "fracmem", "springpot") * 100, TIMES)
+    tell(
+        "ratio: fracmem / springpot, blocks of 64",
+        ratio(times, "fracmem", "springpot") * 100,
+        TIMES,
+    )
     return out
 
 

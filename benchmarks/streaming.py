@@ -1,10 +1,11 @@
-"""Streaming through JACK: how much faster than real time it can be, and what a busy interpreter costs each kind of callback.
+"""Streaming through JACK: how much faster than real time it can be, and what a busy
+interpreter costs each kind of callback.
 
     PYTHONPATH=tests python benchmarks/streaming.py             print
     PYTHONPATH=tests python benchmarks/streaming.py --record    and keep the figures in results/streaming.csv
 
-It starts a JACK server without hardware.  Figures of the two callbacks come from runs that take turns, so that a busy machine
-meets both.
+It starts a JACK server without hardware.  Figures of the two callbacks come from runs
+that take turns, so that a busy machine meets both.
 """
 
 from __future__ import annotations
@@ -55,7 +56,11 @@ def measure() -> list[Row]:
         found = underruns(server)
     rows = [row(f"freewheel, squeeze, {FS} Hz, blocks of {BLOCK}: real time", speed, TIMES)]
     for name, counts in found.items():
-        rows.append(row(f"interpreter held for 3 s, {name} callback", statistics.median(counts), "underruns"))
+        rows.append(
+            row(
+                f"interpreter held for 3 s, {name} callback", statistics.median(counts), "underruns"
+            )
+        )
     return rows
 
 

@@ -1,4 +1,5 @@
-"""A row of a sweep against `render` in a loop: the two-finger squeeze, 3 s a row, rms and peak of each; and what keeps rows.
+"""A row of a sweep against `render` in a loop: the two-finger squeeze, 3 s a row, rms
+and peak of each; and what keeps rows.
 
 python benchmarks/sweep.py             print
 python benchmarks/sweep.py --record    and keep the figures in results/sweep.csv
@@ -40,7 +41,9 @@ def rendered(scene: stimlib.Scene) -> list[tuple[float, float]]:
     """What somebody writes without a sweep."""
     figures = []
     for seed, k, A in zip(*FEW.values(), strict=True):
-        run = stimlib.render(scene, {"x1": HAND, "x2": HAND}, 8000, 3.0, {"k": k, "A": A}, seed=int(seed))
+        run = stimlib.render(
+            scene, {"x1": HAND, "x2": HAND}, 8000, 3.0, {"k": k, "A": A}, seed=int(seed)
+        )
         figures += [(float(np.sqrt(np.mean(y**2))), float(np.abs(y).max())) for y in run.y]
     return figures
 
@@ -50,7 +53,9 @@ def processes(plan: Any, motions: Any, todo: Any, workers: int, row_seconds: flo
     kept: list[Any] = []
     with Local(plan, motions) as engine:
         engine.widen(workers)
-        drive(plan, todo.slice(0, 100 * workers), engine, kept.append, row_seconds, lambda done: None)
+        drive(
+            plan, todo.slice(0, 100 * workers), engine, kept.append, row_seconds, lambda done: None
+        )
         began = time.perf_counter()
         drive(plan, todo, engine, kept.append, row_seconds, lambda done: None)
         return todo.num_rows / (time.perf_counter() - began)
@@ -61,31 +66,58 @@ def measure() -> list[Row]:
     scene = squeeze()
     table, plan, motions, *_ = planned(scene, table_of(FEW), PLANNED)
     rows, runner, n = table.to_pylist(), Runner(plan, motions), table.num_rows
-    times = interleaved({"render in a loop": partial(rendered, scene), "sweep": partial(runner.run, rows)}, 9)
-    found = [row(f"one core, {what}", 1e3 * seconds / n, MS) for what, seconds in medians(times).items()]
-    found.append(row("ratio: render in a loop / sweep", ratio(times, "render in a loop", "sweep"), TIMES))
-    many, plan, motions, *_ = planned(scene, table_of(grid(seed=range(80), k=np.linspace(500, 3000, 50))), PLANNED)
-    todo = many.append_column("key", row_keys(plan, many, {name: digest for name, (digest, _) in motions.items()}))
+    times = interleaved(
+        {"render in a loop": partial(rendered, scene), "sweep": partial(runner.run, rows)}, 9
+    )
+    found = [
+        row(f"one core, {what}", 1e3 * seconds / n, MS) for what, seconds in medians(times).items()
+    ]
+    found.append(
+        row("ratio: render in a loop / sweep", ratio(times, "render in a loop", "sweep"), TIMES)
+    )
+    many, plan, motions, *_ = planned(
+        scene, table_of(grid(seed=range(80), k=np.linspace(500, 3000, 50))), PLANNED
+    )
+    todo = many.append_column(
+        "key", row_keys(plan, many, {name: digest for name, (digest, _) in motions.items()})
+    )
     each = medians(times)["sweep"] / n
     cores = min(2, os.cpu_count() or 1)
     speeds = [[processes(plan, motions, todo, w, each) for w in (1, cores)] for _ in range(3)]
     one, several = (float(np.median([s[k] for s in speeds])) for k in (0, 1))
     found += [row("1 process", 1e3 / one, MS), row(f"{cores} processes", 1e3 / several, MS)]
-    found.append(row(f"rate: {cores} processes / 1 process", float(np.median([b / a for a, b in speeds])), TIMES))
+    found.append(
+        row(
+            f"rate: {cores} processes / 1 process",
+            float(np.median([b / a for a, b in speeds])),
+            TIMES,
+        )
+    )
     return [*found, *a_million(scene), *scenes()]
 
 
 def a_million(scene: stimlib.Scene) -> list[Row]:
-    """Rows that are planned, and rows that are all there, in a folder of figures that somebody else made (here: drawn)."""
+    """Rows that are planned, and rows that are all there, in a folder of figures that
+    somebody else made (here: drawn).
+    """
     rows = grid(seed=range(4000), k=np.linspace(500, 3000, 250))
     began = time.perf_counter()
     sweep(scene, rows, **WORDS, dry=True)
     planning = time.perf_counter() - began
     table, plan, motions, facts, about, _ = planned(scene, table_of(rows), PLANNED)
     drawn = np.random.default_rng(0).normal(size=(len(plan.units), table.num_rows))
-    content = Runner(plan, motions).content(table.slice(0, 1).to_pylist()[0])  # one scene and one motion for all
-    figures = figures_table(plan, [dict(zip(plan.units, values, strict=True), content=content) for values in drawn.T.tolist()])
-    keyed = table.append_column("key", row_keys(plan, table, {name: digest for name, (digest, _) in motions.items()}))
+    # one scene and one motion for all
+    content = Runner(plan, motions).content(table.slice(0, 1).to_pylist()[0])
+    figures = figures_table(
+        plan,
+        [
+            dict(zip(plan.units, values, strict=True), content=content)
+            for values in drawn.T.tolist()
+        ],
+    )
+    keyed = table.append_column(
+        "key", row_keys(plan, table, {name: digest for name, (digest, _) in motions.items()})
+    )
     with tempfile.TemporaryDirectory() as folder:
         with Store(Path(folder), facts, about) as store:
             for at in range(0, table.num_rows, LARGEST):
@@ -98,7 +130,9 @@ def a_million(scene: stimlib.Scene) -> list[Row]:
 
 
 def scenes() -> list[Row]:
-    """Return what it costs to compare kept rows, each of a scene of its own, with today's."""
+    """Return what it costs to compare kept rows, each of a scene of its own, with
+    today's.
+    """
     rows = {"k": np.linspace(500, 3000, 2000), "seed": np.arange(2000)}
     words = {**WORDS, "seconds": 0.01, "live": [], "progress": False}
     with tempfile.TemporaryDirectory() as folder:
@@ -111,7 +145,11 @@ def scenes() -> list[Row]:
     cores = min(2, os.cpu_count() or 1)
     return [
         row(f"a scene for each row, run (10 ms), {cores} processes", 1e3 * running / 2000, MS),
-        row(f"a scene for each row, compared with what is kept, {cores} processes", 1e3 * again / 2000, MS),
+        row(
+            f"a scene for each row, compared with what is kept, {cores} processes",
+            1e3 * again / 2000,
+            MS,
+        ),
     ]
 
 

@@ -1,4 +1,5 @@
-"""What a loop costs: against the same recursion written as one block, and what it takes to compile.
+"""What a loop costs: against the same recursion written as one block, and what it takes
+to compile.
 
 python benchmarks/vocabulary.py             print
 python benchmarks/vocabulary.py --record    and keep the figures in results/vocabulary.csv
@@ -116,7 +117,10 @@ PAIRS = {
     "one pole": (OnePole(X), loop(lambda y: y + 0.1 * (X - y))),
     "two poles": (TwoPole(X), loop(lambda y: X + 1.6 * y - 0.8 * delay(y, samples=1))),
     "LuGre of a given velocity": (Bristles(X), bristled(X)),
-    "LuGre and a mass": (Mass(X), loop(lambda v: v + 0.01 * (0.5 * X - 1e3 * bristled(v) - 0.4 * v))),
+    "LuGre and a mass": (
+        Mass(X),
+        loop(lambda v: v + 0.01 * (0.5 * X - 1e3 * bristled(v) - 0.4 * v)),
+    ),
 }
 
 
@@ -135,8 +139,12 @@ def measure() -> list[Row]:
         assert np.abs(a - b).max() <= 1e-12 * np.abs(a).max(), name
         times = interleaved(jobs)
         nothing = medians(times)["nothing"]
-        found = [row(how, (medians(times)[how] - nothing) / N * 1e9) for how in ("a block", "a loop")]
-        found.append(row("ratio: a loop / a block, scene and all", ratio(times, "a loop", "a block"), TIMES))
+        found = [
+            row(how, (medians(times)[how] - nothing) / N * 1e9) for how in ("a block", "a loop")
+        ]
+        found.append(
+            row("ratio: a loop / a block, scene and all", ratio(times, "a loop", "a block"), TIMES)
+        )
         found.append(row("compile the loop, or load it", first["a loop"], "s"))
         rows += under(name, found)
     return rows

@@ -1,4 +1,5 @@
-"""The vocabulary: filters against scipy's biquads, events in silence against a copy, and what each other word costs.
+"""The vocabulary: filters against scipy's biquads, events in silence against a copy,
+and what each other word costs.
 
 python benchmarks/vocabulary_blocks.py             print
 python benchmarks/vocabulary_blocks.py --record    and keep the figures in results/vocabulary_blocks.csv
@@ -24,15 +25,22 @@ RNG = np.random.default_rng(0)
 NOISE, SILENCE = RNG.standard_normal(N), np.zeros(N)
 EVENTS = np.where(RNG.random(N) < 0.001, 1.0, 0.0)
 SHAPE = RNG.standard_normal(800)
-SURFACE, PRESS = made_up(10, np.linspace(0, 0.2, 7), np.linspace(0, 3, 9)), F * constant(0.005, "N s")
-STROKE, PLACE = np.arange(N) / FS, X * constant(1.0, "m")  # at 1 m/s, where noise over place costs most
+SURFACE, PRESS = (
+    made_up(10, np.linspace(0, 0.2, 7), np.linspace(0, 3, 9)),
+    F * constant(0.005, "N s"),
+)
+# at 1 m/s, where noise over place costs most
+STROKE, PLACE = np.arange(N) / FS, X * constant(1.0, "m")
 SWEEP = 300 + 200 * np.sin(np.arange(N) / 50)
 
 
 def puller(block: Block, x: np.ndarray = NOISE) -> Callable[[], None]:
     """A job that streams a block in calls of 4096 samples."""
     proc, given = stimlib.compile(Scene({"y": block}), FS), {"x": x, "f": SWEEP}
-    rows = [np.array([given[n][a : a + BLOCK] for n in proc.inputs]).reshape(-1, BLOCK) for a in range(0, N, BLOCK)]
+    rows = [
+        np.array([given[n][a : a + BLOCK] for n in proc.inputs]).reshape(-1, BLOCK)
+        for a in range(0, N, BLOCK)
+    ]
     out = np.empty((1, BLOCK))
 
     def run() -> None:
@@ -51,7 +59,10 @@ def filters() -> list[Row]:
     """Each order of a low-pass, and a band-pass, beside scipy."""
     found = []
     for order in (2, 4, 8, 12):
-        jobs = {"stimlib": puller(b.lowpass(X, 300, order)), "sosfilt": biquads(signal.butter(order, 300, fs=FS, output="sos"))}
+        jobs = {
+            "stimlib": puller(b.lowpass(X, 300, order)),
+            "sosfilt": biquads(signal.butter(order, 300, fs=FS, output="sos")),
+        }
         found += under(f"low-pass of order {order}", compared(jobs, N, "stimlib", 9))
     sos = signal.ellip(4, 1, 60, [100, 300], "bandpass", fs=FS, output="sos")
     jobs = {"stimlib": puller(b.bandpass(X, 100, 300, 4, "elliptic")), "sosfilt": biquads(sos)}
@@ -60,10 +71,20 @@ def filters() -> list[Row]:
 
 def silence() -> list[Row]:
     """What waits for an event."""
-    words = {"ring": b.ring(X, 150, 0.01), "grain of 800 samples": b.grain(X, SHAPE, FS), "burst": b.burst(X, 0.02, 0.005)}
-    words |= {"rising": b.rising(X, 0.5), "crossing": b.crossing(X, 0.01), "once within": b.once_within(X, 0.01)}
+    words = {
+        "ring": b.ring(X, 150, 0.01),
+        "grain of 800 samples": b.grain(X, SHAPE, FS),
+        "burst": b.burst(X, 0.02, 0.005),
+    }
+    words |= {
+        "rising": b.rising(X, 0.5),
+        "crossing": b.crossing(X, 0.01),
+        "once within": b.once_within(X, 0.01),
+    }
     words |= {"envelope": b.envelope(X)}
-    jobs = {"a copy": puller(1.0 * X, SILENCE)} | {name: puller(word, SILENCE) for name, word in words.items()}
+    jobs = {"a copy": puller(1.0 * X, SILENCE)} | {
+        name: puller(word, SILENCE) for name, word in words.items()
+    }
     return under("silence", compared(jobs, N, "a copy", 15))
 
 
@@ -71,20 +92,29 @@ def others() -> list[Row]:
     """All else, each alone."""
     hz = constant(1.0, "Hz")
     jobs = {
-        "svf": puller(b.svf(X, 300, 2.0)), "svf, cutoff that moves": puller(b.svf(X, F, 2.0)),
-        "integrate": puller(b.integrate(X)), "moving average of 80": puller(b.moving_average(X, 0.01)),
-        "envelope follower": puller(b.envelope_follower(X)), "envelope": puller(b.envelope(X)),
+        "svf": puller(b.svf(X, 300, 2.0)),
+        "svf, cutoff that moves": puller(b.svf(X, F, 2.0)),
+        "integrate": puller(b.integrate(X)),
+        "moving average of 80": puller(b.moving_average(X, 0.01)),
+        "envelope follower": puller(b.envelope_follower(X)),
+        "envelope": puller(b.envelope(X)),
         "ring, 8 events a second": puller(b.ring(X, 150, 0.01), EVENTS),
         "ring, frequency that moves": puller(b.ring(X, F, 0.01), EVENTS),
         "grain of 800, 8 events a second": puller(b.grain(X, SHAPE, FS), EVENTS),
-        "sawtooth, frequency that moves": puller(b.oscillator(F, "sawtooth") + X), "chirp": puller(X + b.chirp(20, 400, 9.0)),
-        "pulse train": puller(X + b.pulse_train(F + 0.0 * hz)), "every": puller(X + b.every(0.01)),
-        "texture of order (20, 18), a model each ms": puller(b.texture(X * constant(0.1, "m/s"), PRESS, SURFACE, seed=1)),
+        "sawtooth, frequency that moves": puller(b.oscillator(F, "sawtooth") + X),
+        "chirp": puller(X + b.chirp(20, 400, 9.0)),
+        "pulse train": puller(X + b.pulse_train(F + 0.0 * hz)),
+        "every": puller(X + b.every(0.01)),
+        "texture of order (20, 18), a model each ms": puller(
+            b.texture(X * constant(0.1, "m/s"), PRESS, SURFACE, seed=1)
+        ),
         "noise over place, four decades, at 1 m/s": puller(b.spatial_noise(PLACE), STROKE),
-        "grating of two parts": puller(b.grating(PLACE, [(1e-3, 1.0, 0.0), (3e-4, 0.5, 0.0)]), STROKE),
+        "grating of two parts": puller(
+            b.grating(PLACE, [(1e-3, 1.0, 0.0), (3e-4, 0.5, 0.0)]), STROKE
+        ),
         "friction, elastoplastic": puller(b.friction(PLACE, 1.0), STROKE),
         "timeline": puller(X + b.timeline([(0, 0), (1, 1), (5, 0)])),
-    }  # fmt: skip
+    }
     return [row(name, seconds / N * 1e9) for name, seconds in medians(interleaved(jobs, 9)).items()]
 
 

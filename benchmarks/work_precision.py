@@ -4,8 +4,9 @@ python benchmarks/work_precision.py figures            tables and pictures of al
 python benchmarks/work_precision.py figures --only pink      of one
 python benchmarks/work_precision.py --record           and keep them in benchmarks/work_precision
 
-What it measures is in ``benchmarks/problems``.  With --record, docs/explanation/work_precision.csv is then written anew from
-all tables that are recorded.
+What it measures is in ``benchmarks/problems``.  With --record,
+docs/explanation/work_precision.csv is then written anew from all tables that are
+recorded.
 """
 
 import csv
@@ -30,11 +31,18 @@ if __name__ == "__main__":
         metavar="NAME",
         help="name of a problem, such as pink; again for another",
     )
-    parser.add_argument("folder", nargs="?", type=Path, help="where tables and pictures go, if they are not recorded")
+    parser.add_argument(
+        "folder",
+        nargs="?",
+        type=Path,
+        help="where tables and pictures go, if they are not recorded",
+    )
     given = parser.parse_args()
     folder = KEPT if given.record else given.folder or Path(tempfile.mkdtemp())
     Console(width=160).print(table(regenerate(folder, given.only)))
-    print(f"of each operator: {folder / 'NAME.csv'}, all its points, and {folder / 'work_NAME.svg'}")
+    print(
+        f"of each operator: {folder / 'NAME.csv'}, all its points, and {folder / 'work_NAME.svg'}"
+    )
     if given.record:
         with SUMMARY.open("w", newline="") as f:
             csv.writer(f, lineterminator="\n").writerows(summary(best(recorded(KEPT))))

@@ -1,4 +1,6 @@
-"""Sphinx configuration.  The pages use no external host: no formulas by script, no fonts, no badges."""
+"""Sphinx configuration.  The pages use no external host: no formulas by script, no
+fonts, no badges.
+"""
 
 import re
 import sys
@@ -15,7 +17,12 @@ author = "the stimlib authors"
 copyright = author
 version = release = stimlib.__version__
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "sphinx_gallery.gen_gallery",
+]
 exclude_patterns = ["_build"]
 nitpicky = False
 
@@ -52,7 +59,9 @@ def plain_marks(app, what, name, obj, options, lines):
     for i, line in enumerate(lines):
         if not line.lstrip().startswith((">>>", "...")):
             parts = re.split(r"(``.*?``)", line)
-            parts[::2] = [re.sub(r"(?<!:)`([^`]+)`", r"``\1``\\ ", t).replace("|", r"\|") for t in parts[::2]]
+            parts[::2] = [
+                re.sub(r"(?<!:)`([^`]+)`", r"``\1``\\ ", t).replace("|", r"\|") for t in parts[::2]
+            ]
             lines[i] = "".join(parts)
 
 

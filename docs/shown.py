@@ -1,4 +1,6 @@
-"""What the gallery shows of a program: its ``figure``, and the sound files that it wrote.  Everything is in the page itself."""
+"""What the gallery shows of a program: its ``figure``, and the sound files that it
+wrote.  Everything is in the page itself.
+"""
 
 import base64
 from pathlib import Path
@@ -19,7 +21,9 @@ def shown(block, block_vars, gallery_conf):
     block_vars["example_globals"]["figure"].savefig(path, dpi=80)
     rst = figure_rst([path], gallery_conf["src_dir"])
     for sound in sorted(Path(block_vars["src_file"]).parent.glob("*.wav")):
-        rst += SOUND.format(data=base64.b64encode(sound.read_bytes()).decode(), name=sound.stem.replace("_", " "))
+        rst += SOUND.format(
+            data=base64.b64encode(sound.read_bytes()).decode(), name=sound.stem.replace("_", " ")
+        )
         sound.unlink()
         sound.with_name(sound.name + ".json").unlink()
     return rst

@@ -1,4 +1,5 @@
-"""Two stimuli without a block of one's own: a click at every 5 mm, and a burst of noise with raised-cosine ramps.
+"""Two stimuli without a block of one's own: a click at every 5 mm, and a burst of noise
+with raised-cosine ramps.
 
 python examples/clicks_and_bursts.py [--plot FILE]
 """
@@ -30,8 +31,14 @@ def main() -> None:
     noise = stimlib.render(bursts(), {}, fs=8000, seconds=1.0)
     loud = np.abs(click.y[0]) > 0.3
     starts = np.flatnonzero(loud[1:] & ~loud[:-1])
-    print(f"clicks: {1 + np.sum(np.diff(starts) > 200)} of them, largest {np.abs(click.y).max():.3f} N")
-    level = [np.sqrt(np.mean(noise.y[0, int(8000 * t) : int(8000 * (t + 0.16))] ** 2)) for t in (0.02, 0.25, 0.52)]
+    print(
+        f"clicks: {1 + np.sum(np.diff(starts) > 200)} of them, largest"
+        f" {np.abs(click.y).max():.3f} N"
+    )
+    level = [
+        np.sqrt(np.mean(noise.y[0, int(8000 * t) : int(8000 * (t + 0.16))] ** 2))
+        for t in (0.02, 0.25, 0.52)
+    ]
     print("bursts: " + ", ".join(f"{v:.2f}" for v in level) + " V rms in, between and in them")
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

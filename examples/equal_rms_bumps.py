@@ -1,4 +1,5 @@
-"""Different bumps of equal RMS, which the paper's subjects felt as equally rough: a sine and a sawtooth.
+"""Different bumps of equal RMS, which the paper's subjects felt as equally rough: a
+sine and a sawtooth.
 
 python examples/equal_rms_bumps.py [--plot FILE]
 """
@@ -14,7 +15,9 @@ from stimlib.scenes import bumps
 FS, SPEED = 8000, 0.02  # Hz, m/s
 
 
-def equal_amplitude(waveform: str, duty: float, other: str, other_duty: float, other_amplitude: float) -> float:
+def equal_amplitude(
+    waveform: str, duty: float, other: str, other_duty: float, other_amplitude: float
+) -> float:
     """Amplitude of one kind of bumps that has the RMS of another."""
     ratio = envelope_mean_square(other, other_duty) / envelope_mean_square(waveform, duty)
     return other_amplitude * float(np.sqrt(ratio))
@@ -33,7 +36,10 @@ def main() -> None:
     for waveform, nb, duty, amplitude in (sine, sawtooth):
         scenes = [bumps(waveform, nb, duty, amplitude, phase=2 * np.pi * k / 8) for k in range(8)]
         said, seen = rms(waveform, duty, amplitude), rendered_rms(scenes, x)
-        print(f"{waveform:8s} duty {duty}, A = {amplitude:.3f} V: {said:.3f} V rms, rendered {seen:.3f} V")
+        print(
+            f"{waveform:8s} duty {duty}, A = {amplitude:.3f} V: {said:.3f} V rms, rendered"
+            f" {seen:.3f} V"
+        )
     # [end]
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -42,7 +48,9 @@ def main() -> None:
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(8, 5), layout="constrained")
-        for axes, stimulus in zip(figure.subplots(2, 1, sharex=True), (sine, sawtooth), strict=True):
+        for axes, stimulus in zip(
+            figure.subplots(2, 1, sharex=True), (sine, sawtooth), strict=True
+        ):
             axes.plot(1e3 * x, stimlib.render(bumps(*stimulus), {"x": x}, FS).y[0], linewidth=0.3)
             axes.set_title(f"{stimulus[0]}, {stimulus[3]:.3g} V")
             axes.set_ylabel("voltage (V)")

@@ -1,4 +1,5 @@
-"""A first stimulus: thumb and index finger squeeze a virtual spring that crackles while it is being compressed.
+"""A first stimulus: thumb and index finger squeeze a virtual spring that crackles while
+it is being compressed.
 
 python examples/first_stimulus.py [--plot FILE]
 """
@@ -21,7 +22,9 @@ def scene() -> stimlib.Scene:
     for finger in (1, 2):
         x = stimlib.Input(f"x{finger}", "m")
         v = velocity(x, cutoff=100.0)
-        noise = differentiator(pink_noise(1 / pi, seed=7, stream=finger, f_low=10.0), passband=1000.0)
+        noise = differentiator(
+            pink_noise(1 / pi, seed=7, stream=finger, f_low=10.0), passband=1000.0
+        )
         crackle = enabled(noise, by=loading(v))
         outputs[f"force{finger}"] = spring(x, k) + A * (k * tau * v) * (tau * crackle)
     return stimlib.Scene(outputs)
@@ -34,11 +37,16 @@ def main() -> None:
     vibration = result.y - 2000.0 * motion(result.t)
     print(result)
     for name, force, dF in zip(result.outputs, result.y, vibration, strict=True):
-        print(f"{name}: largest {force.max():.2f} N, vibration {1000 * np.sqrt(np.mean(dF**2)):.2f} mN rms")
+        print(
+            f"{name}: largest {force.max():.2f} N, vibration {1000 * np.sqrt(np.mean(dF**2)):.2f}"
+            " mN rms"
+        )
     # [end]
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--plot", metavar="FILE", help="also draw the motion, the forces and their spectra")
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw the motion, the forces and their spectra"
+    )
     if (path := parser.parse_args().plot) is not None:
         from stimlib.analysis.picture import picture
 

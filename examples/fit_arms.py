@@ -1,8 +1,10 @@
-"""A generalized Maxwell model of a recorded soft sample: stiffnesses of arms whose time constants lie on a grid, by gradients.
+"""A generalized Maxwell model of a recorded soft sample: stiffnesses of arms whose time
+constants lie on a grid, by gradients.
 
 python examples/fit_arms.py [--data FOLDER] [--plot FILE]
 
-FOLDER is afm-relaxation of the recordings, by default beside the repository: an indentation by 2 um in 40 ms, held for 15 s.
+FOLDER is afm-relaxation of the recordings, by default beside the repository: an
+indentation by 2 um in 40 ms, held for 15 s.
 """
 
 import argparse
@@ -19,7 +21,8 @@ from stimlib.fitting.relaxation import fit_generalized_maxwell
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "afm-relaxation"
 FS = 1000  # Hz; five recorded samples are averaged into one
-CONTACT, SETTLED = 0.124, 0.02  # s: when the probe touches; how long after the ramp the machine settles
+# s: when the probe touches; how long after the ramp the machine settles
+CONTACT, SETTLED = 0.124, 0.02
 
 
 def recorded(path: Path):
@@ -33,7 +36,9 @@ def recorded(path: Path):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", metavar="FOLDER", type=Path, default=DATA)
-    parser.add_argument("--plot", metavar="FILE", help="also draw the force, and the errors of both models")
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw the force, and the errors of both models"
+    )
     given = parser.parse_args()
     path = given.data / "afm_relaxation_5khz.npz"
     if not path.is_file():
@@ -45,23 +50,35 @@ def main() -> None:
     taus = np.geomspace(0.02, 10.0, 5)
     names = [f"k{i}" for i in range(1, 6)]
     arms = [(Param(name, 0.05, "N/m"), tau) for name, tau in zip(names, taus.tolist(), strict=True)]
-    scene = stimlib.Scene({"force": generalized_maxwell(Input("y", "m"), Param("k0", 0.4, "N/m"), arms)})
+    scene = stimlib.Scene(
+        {"force": generalized_maxwell(Input("y", "m"), Param("k0", 0.4, "N/m"), arms)}
+    )
     later = ours[0] > SETTLED
-    weight = np.where(later, 1 / (np.where(later, ours[0], 1.0) * ours[2] ** 2), 0.0)  # relative errors, even in log time
+    # relative errors, even in log time
+    weight = np.where(later, 1 / (np.where(later, ours[0], 1.0) * ours[2] ** 2), 0.0)
     start = {name: p.value for name, p in scene.params.items()}
     fit = stimlib.fit(scene, {"y": ours[1]}, ours[2], start, fs=FS, weight=weight)
     print(fit)
 
-    # the same recording, averaged in bins even in log time, for models with time constants of their own
+    # the same recording, averaged in bins even in log time, for models with time
+    # constants of their own
     bins = thin(t, y, force, start=0.0, before=160)
     used = bins[0] > SETTLED
-    grid = maxwell_force(bins[0], bins[1], fit.params["k0"], [(fit.params[a], tau) for a, tau in zip(names, taus, strict=True)])
+    grid = maxwell_force(
+        bins[0],
+        bins[1],
+        fit.params["k0"],
+        [(fit.params[a], tau) for a, tau in zip(names, taus, strict=True)],
+    )
     errors = {"5 arms on a grid": grid / bins[2] - 1}
     for count in (2, 3):
         free = fit_generalized_maxwell(*bins, arms=count, where=used)
         errors[f"{count} free arms"] = free.fitted / bins[2] - 1
     for what, error in errors.items():
-        print(f"{what}: {100 * np.sqrt(np.mean(error[used] ** 2)):.2f} % rms, largest {100 * np.abs(error[used]).max():.1f} %")
+        print(
+            f"{what}: {100 * np.sqrt(np.mean(error[used] ** 2)):.2f} % rms, largest"
+            f" {100 * np.abs(error[used]).max():.1f} %"
+        )
     # [end]
     if given.plot is not None:
         from matplotlib.figure import Figure

@@ -1,9 +1,11 @@
-"""From a relaxation test to a stimulus: fit a springpot and Maxwell arms, then render the tissue that was measured.
+"""From a relaxation test to a stimulus: fit a springpot and Maxwell arms, then render
+the tissue that was measured.
 
 python examples/fit_tissue.py [--data FILE.csv] [--plot FILE]
 
-FILE.csv has a line of names, then time (s), displacement (m) and force (N): a ramp, and a hold.  Without it the program makes up
-a recording: 2 mm in 0.1 s, held for a minute, forces wrong by 1 %.
+FILE.csv has a line of names, then time (s), displacement (m) and force (N): a ramp, and
+a hold.  Without it the program makes up a recording: 2 mm in 0.1 s, held for a minute,
+forces wrong by 1 %.
 """
 
 import argparse
@@ -27,8 +29,12 @@ def made_up() -> np.ndarray:
 # [fit]
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", metavar="FILE.csv", help="your own recording: time, displacement, force in SI")
-    parser.add_argument("--plot", metavar="FILE", help="also draw forces and errors of the springpot")
+    parser.add_argument(
+        "--data", metavar="FILE.csv", help="your own recording: time, displacement, force in SI"
+    )
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw forces and errors of the springpot"
+    )
     given = parser.parse_args()
 
     t, y, f = np.loadtxt(given.data, delimiter=",", skiprows=1).T[:3] if given.data else made_up()

@@ -1,4 +1,5 @@
-"""How much a vibration differs from noise to noise: 8 gains, 40 noises of each, in one call.
+"""How much a vibration differs from noise to noise: 8 gains, 40 noises of each, in one
+call.
 
 python examples/many_noises.py [--plot FILE]
 """
@@ -16,13 +17,19 @@ GAINS, NOISES = np.linspace(0.5, 4.0, 8), 40
 
 
 def main() -> None:
-    runs = stimlib.compile(squeeze(k=STIFFNESS, fingers=1), FS).many(seeds=range(GAINS.size * NOISES))
+    runs = stimlib.compile(squeeze(k=STIFFNESS, fingers=1), FS).many(
+        seeds=range(GAINS.size * NOISES)
+    )
     runs.set("A", np.repeat(GAINS, NOISES), ramp=0.0)
-    x = minimum_jerk(depth=0.02, rise=0.4, hold=0.1, fall=0.4)(np.arange(FS) / FS)[None]  # one squeeze, 1 s, for all
+    # one squeeze, 1 s, for all
+    x = minimum_jerk(depth=0.02, rise=0.4, hold=0.1, fall=0.4)(np.arange(FS) / FS)[None]
     vibration = runs.process(x)[:, 0] - STIFFNESS * x
     rms = 1000 * np.sqrt(np.mean(vibration**2, axis=1)).reshape(GAINS.size, NOISES)
     for A, level in zip(GAINS, rms, strict=True):
-        print(f"A = {A:.1f}: {level.mean():5.2f} mN rms, {100 * level.std() / level.mean():.1f} % from noise to noise")
+        print(
+            f"A = {A:.1f}: {level.mean():5.2f} mN rms, {100 * level.std() / level.mean():.1f} %"
+            " from noise to noise"
+        )
     # [end]
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

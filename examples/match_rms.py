@@ -1,4 +1,5 @@
-"""Two waveforms, one RMS: the sawtooth bumps and the sine bumps that are as strong as given square ones, found by gradients.
+"""Two waveforms, one RMS: the sawtooth bumps and the sine bumps that are as strong as
+given square ones, found by gradients.
 
 python examples/match_rms.py [--plot FILE]
 """
@@ -19,8 +20,11 @@ def rms(x: np.ndarray) -> float:
 
 
 def main() -> None:
-    motion = {"x": minimum_jerk(depth=0.1, rise=2.0, hold=0.1, fall=2.0)}  # a finger goes over the bumps and back
-    square = stimlib.render(bumps("square", duty=0.5, amplitude=4.0), motion, FS, seconds=4.2)["voltage"]
+    # a finger goes over the bumps and back
+    motion = {"x": minimum_jerk(depth=0.1, rise=2.0, hold=0.1, fall=2.0)}
+    square = stimlib.render(bumps("square", duty=0.5, amplitude=4.0), motion, FS, seconds=4.2)[
+        "voltage"
+    ]
 
     sawtooth = bumps("sawtooth", duty=0.8)
     amplitude = stimlib.fit(sawtooth, motion, square, {"A": 4.0}, "rms", fs=FS, seconds=4.2)
@@ -40,8 +44,14 @@ def main() -> None:
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(8, 6), layout="constrained")
-        rows = {"square": square, "sawtooth": amplitude.signals["voltage"], "sine": duty.signals["voltage"]}
-        for axes, (name, voltage) in zip(figure.subplots(3, 1, sharex=True, sharey=True), rows.items(), strict=True):
+        rows = {
+            "square": square,
+            "sawtooth": amplitude.signals["voltage"],
+            "sine": duty.signals["voltage"],
+        }
+        for axes, (name, voltage) in zip(
+            figure.subplots(3, 1, sharex=True, sharey=True), rows.items(), strict=True
+        ):
             axes.plot(np.arange(voltage.size) / FS, voltage, linewidth=0.3)
             axes.set(title=name, ylabel="voltage (V)")
         axes.set_xlabel("time (s)")

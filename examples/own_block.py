@@ -1,4 +1,5 @@
-"""A block of your own: a one-pole low-pass filter, used in a scene and run on both targets.
+"""A block of your own: a one-pole low-pass filter, used in a scene and run on both
+targets.
 
 python examples/own_block.py [--plot FILE]
 """
@@ -38,7 +39,9 @@ class OnePole(stimlib.Block):
 
     def design(self, fs):
         if not 0 < self.cutoff < LARGEST * fs:
-            raise stimlib.BadValue(f"OnePole.cutoff = {self.cutoff:g} Hz must be above 0 and below {LARGEST * fs:g} Hz")
+            raise stimlib.BadValue(
+                f"OnePole.cutoff = {self.cutoff:g} Hz must be above 0 and below {LARGEST * fs:g} Hz"
+            )
         return OnePoleParams(-math.expm1(-2 * math.pi * self.cutoff / fs)), OnePoleState(0.0)
 
     @staticmethod

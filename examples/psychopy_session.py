@@ -1,9 +1,11 @@
-"""An experiment of stimlib on a PsychoPy window: PsychoPy draws and takes keys, stimlib decides, displays and keeps the answers.
+"""An experiment of stimlib on a PsychoPy window: PsychoPy draws and takes keys, stimlib
+decides, displays and keeps the answers.
 
     python examples/psychopy_session.py --participant P07 --sink jack
     python examples/psychopy_session.py --simulated [--plot FILE]
 
-Only the class `Window` needs PsychoPy.  With --simulated the session runs without it, and without a screen.
+Only the class `Window` needs PsychoPy.  With --simulated the session runs without it,
+and without a screen.
 """
 
 import argparse
@@ -42,7 +44,9 @@ harder = Experiment(
 
 # [window]
 class Window:
-    """The face of an experiment on a PsychoPy window; see `stimlib.experiments.run.Face`."""
+    """The face of an experiment on a PsychoPy window; see
+    `stimlib.experiments.run.Face`.
+    """
 
     def __init__(self):
         from psychopy import visual
@@ -50,7 +54,9 @@ class Window:
         self.window = visual.Window(units="norm", color="black")
 
     def key(self, text: str, keys: list[str]) -> str:
-        """Shows a text and waits for one of the keys; escape ends the program, and no answer is lost."""
+        """Shows a text and waits for one of the keys; escape ends the program, and no
+        answer is lost.
+        """
         from psychopy import event, visual
 
         visual.TextStim(self.window, text).draw()
@@ -81,7 +87,9 @@ class Window:
         return None if pressed == "space" else names[int(pressed) - 1]
 
     def ask(self, trial: Trial, question: Question, replays: int) -> object:
-        """A choice by its key, or a rating up to 9; r has the stimuli once more, where that is allowed."""
+        """A choice by its key, or a rating up to 9; r has the stimuli once more, where
+        that is allowed.
+        """
         rated = question.kind == "rating"
         keys = [str(n) for n in range(1, question.most + 1)] if rated else list(question.keys)
         values = range(1, question.most + 1) if rated else question.choices
@@ -102,13 +110,17 @@ def plot(said: dict[float, list[float]], path: str) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5, 4), layout="constrained")
-    ax = figure.add_subplot(xlabel="stiffness / (N/m)", ylabel="proportion of harder", ylim=(-0.05, 1.05))
+    ax = figure.add_subplot(
+        xlabel="stiffness / (N/m)", ylabel="proportion of harder", ylim=(-0.05, 1.05)
+    )
     ax.plot(list(said), [np.mean(each) for each in said.values()], "o-")
     figure.savefig(path)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--participant", default="P01")
     parser.add_argument("--sink", default="null")
     parser.add_argument("--data", default="data")

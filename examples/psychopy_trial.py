@@ -1,8 +1,10 @@
-"""Which felt harder?  Two intervals of a virtual spring under the mouse, asked and drawn by PsychoPy, felt through stimlib.
+"""Which felt harder?  Two intervals of a virtual spring under the mouse, asked and
+drawn by PsychoPy, felt through stimlib.
 
 python examples/psychopy_trial.py [--made-up-hand] [--plot FILE]
 
-Only `psychopy_hand` and `psychopy_answer` need PsychoPy.  With --made-up-hand the session runs without it, and without a screen.
+Only `psychopy_hand` and `psychopy_answer` need PsychoPy.  With --made-up-hand the
+session runs without it, and without a screen.
 """
 
 import argparse
@@ -83,8 +85,12 @@ def made_up_hand(frames=40):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--made-up-hand", action="store_true", help="without PsychoPy: a hand that presses to 20 mm")
-    parser.add_argument("--plot", metavar="FILE", help="also draw what was felt in the second interval")
+    parser.add_argument(
+        "--made-up-hand", action="store_true", help="without PsychoPy: a hand that presses to 20 mm"
+    )
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw what was felt in the second interval"
+    )
     given = parser.parse_args()
     order = np.random.default_rng(seed=3).permutation([300.0, 360.0])
     with tempfile.TemporaryDirectory() as folder:
@@ -95,13 +101,18 @@ def main() -> None:
                 window = psychopy_window()
             except ImportError:
                 sys.exit("PsychoPy is not installed: pip install psychopy, or say --made-up-hand")
-            chosen = trial(order, lambda: psychopy_hand(window), lambda: psychopy_answer(window), Path(folder))
+            chosen = trial(
+                order, lambda: psychopy_hand(window), lambda: psychopy_answer(window), Path(folder)
+            )
             window.close()
         for number in (1, 2):
             log = read_log(Path(folder) / f"interval{number}.stimlog")
             x = np.asarray(log.motion)[:, 0]
             deepest = stimlib.render(log.scene, {"x": x}, fs=log.fs, params=log.params)
-            print(f"interval {number}: {log.params['k']:.0f} N/m, {1000 * x.max():.1f} mm, {deepest['force'].max():.2f} N")
+            print(
+                f"interval {number}: {log.params['k']:.0f} N/m, {1000 * x.max():.1f} mm,"
+                f" {deepest['force'].max():.2f} N"
+            )
         print(f"answer: {chosen}")
         if given.plot is not None:
             deepest.plot().savefig(given.plot)

@@ -1,4 +1,5 @@
-"""What is it made of?  Stiffness, springpot and order from a force that was rendered with other numbers, and 1 % of noise.
+"""What is it made of?  Stiffness, springpot and order from a force that was rendered
+with other numbers, and 1 % of noise.
 
 python examples/recover_springpot.py [--plot FILE]
 """
@@ -36,7 +37,9 @@ def main() -> None:
     # [end]
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--plot", metavar="FILE", help="also draw the force, the fit and their difference")
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw the force, the fit and their difference"
+    )
     if (path := parser.parse_args().plot) is not None:
         from matplotlib.figure import Figure
 

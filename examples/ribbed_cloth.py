@@ -35,7 +35,9 @@ def main() -> None:
     # [end]
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--plot", metavar="FILE", help="also draw the motion, the force and its spectrum")
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw the motion, the force and its spectrum"
+    )
     if (path := parser.parse_args().plot) is not None:
         result.plot().savefig(path)
 

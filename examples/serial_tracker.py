@@ -1,9 +1,10 @@
-"""A hand from a serial port: a thread reads positions, and a soft material answers them.
+"""A hand from a serial port: a thread reads positions, and a soft material answers
+them.
 
 python examples/serial_tracker.py [--port /dev/ttyACM0] [--seconds 10] [--plot FILE]
 
-The device writes one line per report, the position in um: "12345\\n".  Without --port the program plays the device too, on a
-pseudo terminal (Linux, macOS).
+The device writes one line per report, the position in um: "12345\\n".  Without --port
+the program plays the device too, on a pseudo terminal (Linux, macOS).
 """
 
 import argparse
@@ -30,14 +31,17 @@ def scene() -> stimlib.Scene:
 
 # [reader]
 def open_port(path: str, baud: int = 115200):
-    """Something with readline(), which waits 0.1 s at most: of pyserial, or without it of the system (Linux, macOS)."""
+    """Something with readline(), which waits 0.1 s at most: of pyserial, or without it
+    of the system (Linux, macOS).
+    """
     try:
         import serial
     except ImportError:
         import termios
         import tty
 
-        tty.setraw(fd := os.open(path, os.O_RDONLY | os.O_NOCTTY))  # at the port's own speed: stty -F PORT 115200
+        # at the port's own speed: stty -F PORT 115200
+        tty.setraw(fd := os.open(path, os.O_RDONLY | os.O_NOCTTY))
         *mode, controls = termios.tcgetattr(fd)
         controls[termios.VMIN], controls[termios.VTIME] = 0, 1
         termios.tcsetattr(fd, termios.TCSANOW, [*mode, controls])
@@ -60,7 +64,8 @@ class Reader(threading.Thread):
                 if not line.endswith(b"\n"):  # the rest of it comes later
                     continue
                 try:
-                    self.sink.push(np.array([[float(line) * 1e-6]]))  # shape (inputs, samples), in m
+                    # shape (inputs, samples), in m
+                    self.sink.push(np.array([[float(line) * 1e-6]]))
                     self.reports += 1
                 except ValueError:  # the first line may begin anywhere
                     self.unreadable += 1
@@ -69,7 +74,8 @@ class Reader(threading.Thread):
 
 # [session]
 def play(port: str, seconds: float, log: str) -> Reader:
-    with NullSink(scene(), 20.0, motion=Live(), log=log) as sink:  # JackSink, PortAudioSink: the same
+    # JackSink, PortAudioSink: the same
+    with NullSink(scene(), 20.0, motion=Live(), log=log) as sink:
         sink.open(rate=8000)  # compiles; nothing is felt yet
         reader = Reader(open_port(port), sink)
         reader.start()
@@ -92,7 +98,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--port", help="of the device; without it the program plays one")
     parser.add_argument("--seconds", type=float, default=1.0)
-    parser.add_argument("--plot", metavar="FILE", help="also draw the motion that was logged, and the force")
+    parser.add_argument(
+        "--plot", metavar="FILE", help="also draw the motion that was logged, and the force"
+    )
     given = parser.parse_args()
     over = threading.Event()
     with tempfile.TemporaryDirectory() as log:
@@ -104,7 +112,10 @@ def main() -> None:
         over.set()
         session = read_log(log)
         x = np.asarray(session.motion)[:, 0]
-        print(f"{'many' if reader.reports > 100 * given.seconds else 'FEW'} reports; the hand ended at {1000 * x[-1]:.2f} mm")
+        print(
+            f"{'many' if reader.reports > 100 * given.seconds else 'FEW'} reports; the hand ended"
+            f" at {1000 * x[-1]:.2f} mm"
+        )
         print(f"replay: {'equal, bit for bit' if replay(session).matches else 'DIFFERENT'}")
         if given.plot is not None:
             stimlib.render(session.scene, {"x": x}, fs=session.fs).plot().savefig(given.plot)

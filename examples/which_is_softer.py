@@ -1,7 +1,8 @@
-"""Does vibration make an object feel softer?  An experiment in one page, after the UGrip paper, section 2.2.
+"""Does vibration make an object feel softer?  An experiment in one page, after the
+UGrip paper, section 2.2.
 
-    stimlib experiment run examples/which_is_softer.py:softer --participant P07 --sink jack
-    stimlib experiment simulate examples/which_is_softer.py:softer
+    stimlib experiment run examples/which_is_softer.py:softer --participant P07 --sink
+    jack stimlib experiment simulate examples/which_is_softer.py:softer
 
 As a program it lets one simulated participant answer, every stimulus rendered.
 """
@@ -30,24 +31,42 @@ BOUNDS = (500.0, 8000.0)  # N/m: they protect the hand
 
 def staircases(vibration: float) -> Interleaved:
     """Two of them at a time, one from above and one from below."""
-    standard, comparison = Stimulus("squeeze", {"k": K0, "A": 0.0}), Stimulus("squeeze", {"A": vibration})
+    standard, comparison = (
+        Stimulus("squeeze", {"k": K0, "A": 0.0}),
+        Stimulus("squeeze", {"A": vibration}),
+    )
     task = Pair(f"A = {vibration:g}", "softer", standard, comparison, varies="k", asks_less=True)
     starts = {"high": (2.0 * K0, 2.5 * K0), "low": (K0 / 2.5, K0 / 2.0)}
-    return Interleaved({name: Staircase(task, start, BOUNDS, reversals=8) for name, start in starts.items()})
+    return Interleaved(
+        {name: Staircase(task, start, BOUNDS, reversals=8) for name, start in starts.items()}
+    )
 
 
 def felt(trial, rng) -> Answer:
-    """A simulated participant: stiffness in ratios of 20 %, and less of it where the object vibrates."""
-    stiffness = [np.log(s.params["k"]) - 0.15 * (s.params["A"] > 0) + 0.2 * rng.normal() for s in trial.stimuli]
+    """A simulated participant: stiffness in ratios of 20 %, and less of it where the
+    object vibrates.
+    """
+    stiffness = [
+        np.log(s.params["k"]) - 0.15 * (s.params["A"] > 0) + 0.2 * rng.normal()
+        for s in trial.stimuli
+    ]
     return Answer({"softer": "first" if stiffness[0] < stiffness[1] else "second"})
 
 
 def means(sessions) -> str:
-    """Of each condition the geometric mean of all levels, a first look at the point of subjective equality."""
+    """Of each condition the geometric mean of all levels, a first look at the point of
+    subjective equality.
+    """
     table, lines = columns(sessions), []
     for name in sorted(set(table["condition"])):
-        levels = [k for k, condition in zip(table["level"], table["condition"], strict=True) if condition == name]
-        lines.append(f"{name}: felt as the standard at about {np.exp(np.mean(np.log(levels))):.0f} N/m")
+        levels = [
+            k
+            for k, condition in zip(table["level"], table["condition"], strict=True)
+            if condition == name
+        ]
+        lines.append(
+            f"{name}: felt as the standard at about {np.exp(np.mean(np.log(levels))):.0f} N/m"
+        )
     return "\n".join(lines)
 
 
@@ -55,12 +74,17 @@ softer = Experiment(
     name="softer",
     version="1",
     scenes={"squeeze": squeeze(fingers=1)},
-    design=Parts({"still": staircases(0.0), "vibrating": staircases(3.4)}, pause=120.0, shuffle=True),
-    questions=(choice("softer", "Which one was softer, the first or the second?", "first", "second"),),
+    design=Parts(
+        {"still": staircases(0.0), "vibrating": staircases(3.4)}, pause=120.0, shuffle=True
+    ),
+    questions=(
+        choice("softer", "Which one was softer, the first or the second?", "first", "second"),
+    ),
     fs=8000.0,
     safety=Safety(full_scale=50.0, peak=40.0),
     bounds={"k": BOUNDS},
-    motion={"x1": minimum_jerk(depth=0.005)},  # for a hand of yours: Live(), or Signals of the device
+    # for a hand of yours: Live(), or Signals of the device
+    motion={"x1": minimum_jerk(depth=0.005)},
     timing=Timing(interval=1.0, gap=0.5),
     instructions="Squeeze both objects. Then say which one was softer.",
     observer=felt,
@@ -84,7 +108,9 @@ def plot(saved, path: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--plot", metavar="FILE", help="draw the staircases")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as data:

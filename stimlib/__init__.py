@@ -1,4 +1,5 @@
-"""stimlib: haptic stimuli composed from small pure blocks, compiled into a streaming processor.
+"""stimlib: haptic stimuli composed from small pure blocks, compiled into a streaming
+processor.
 
 >>> import stimlib
 >>> x = stimlib.Input("x", "m")
@@ -12,22 +13,39 @@ from typing import TYPE_CHECKING, Any
 
 from .version import __version__ as __version__
 
-logging.getLogger(__name__).addHandler(logging.NullHandler())  # silent, unless a program wants to hear it
+# silent, unless a program wants to hear it
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 _HOME = {
-    "Block": "core.graph", "Input": "core.graph", "Param": "core.graph", "constant": "core.graph", "enabled": "core.graph",
-    "Scene": "core.scene", "load": "core.scene",
-    "compile": "run.processor", "Processor": "run.processor",
+    "Block": "core.graph",
+    "Input": "core.graph",
+    "Param": "core.graph",
+    "constant": "core.graph",
+    "enabled": "core.graph",
+    "Scene": "core.scene",
+    "load": "core.scene",
+    "compile": "run.processor",
+    "Processor": "run.processor",
     "verify": "checks.verify",
-    "fit_springpot": "fitting.relaxation", "fit_generalized_maxwell": "fitting.relaxation",
+    "fit_springpot": "fitting.relaxation",
+    "fit_generalized_maxwell": "fitting.relaxation",
     "fit": "fitting.scene",
-    "render": "run.rendering", "Rendering": "run.rendering", "stream": "run.rendering",
+    "render": "run.rendering",
+    "Rendering": "run.rendering",
+    "stream": "run.rendering",
     "limits": "core.bounds",
     "draw": "analysis.draw",
-    "StimlibError": "errors", "BadValue": "errors", "UnitError": "errors", "SceneError": "errors", "SceneFileError": "errors",
-    "SinkError": "errors", "FaultError": "errors", "UnknownName": "errors", "RecordingError": "errors",
+    "StimlibError": "errors",
+    "BadValue": "errors",
+    "UnitError": "errors",
+    "SceneError": "errors",
+    "SceneFileError": "errors",
+    "SinkError": "errors",
+    "FaultError": "errors",
+    "UnknownName": "errors",
+    "RecordingError": "errors",
     "MissingPackage": "errors",
-}  # fmt: skip
+}
 _ROOMS = (
     "core",
     "design",

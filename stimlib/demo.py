@@ -1,4 +1,6 @@
-"""What the library is for: three papers' stimuli, each as file, picture, proof and copy for ears."""
+"""What the library is for: three papers' stimuli, each as file, picture, proof and copy
+for ears.
+"""
 
 from __future__ import annotations
 
@@ -44,12 +46,16 @@ class Stimulus(NamedTuple):
 STIMULI = (
     Stimulus(
         squeeze,
-        {"x1": _encoder(minimum_jerk(0.02), 1e-6, seed=1), "x2": _encoder(minimum_jerk(0.018), 1e-6, seed=2)},
+        {
+            "x1": _encoder(minimum_jerk(0.02), 1e-6, seed=1),
+            "x2": _encoder(minimum_jerk(0.018), 1e-6, seed=2),
+        },
         50.0,
         "force1",
         "two fingers squeeze a spring that vibrates",
         "the vibration beside the force; the spectrum within its band",
-        "four bursts: it vibrates while it is loaded; held or let go, only steps of the encoder are left",
+        "four bursts: it vibrates while it is loaded; held or let go, only steps of the encoder are"
+        " left",
     ),
     Stimulus(
         bumps,
@@ -84,7 +90,8 @@ class Shown(NamedTuple):
 
 @public
 def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Shown, None, None]:
-    """Show all of ``STIMULI``: the shipped scenes driven by positions in steps of 1 um (on the touch screen 10 um).
+    """Show all of ``STIMULI``: the shipped scenes driven by positions in steps of 1 um
+    (on the touch screen 10 um).
 
     Parameters
     ----------
@@ -120,20 +127,39 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
 
 
 def show(folder: Path, s: Stimulus) -> Shown:
-    """NAME.wav and NAME-listen.wav with their sidecars, NAME.png and NAME.html; files of these names are replaced."""
+    """NAME.wav and NAME-listen.wav with their sidecars, NAME.png and NAME.html; files
+    of these names are replaced.
+    """
     scene, name = s.make(), s.make.__name__
-    wav, ears, png, page = (folder / f"{name}{end}" for end in (".wav", "-listen.wav", ".png", ".html"))
+    wav, ears, png, page = (
+        folder / f"{name}{end}" for end in (".wav", "-listen.wav", ".png", ".html")
+    )
     rendering = render(scene, s.motion, FS, SECONDS)
-    report = write(wav, compile(scene, FS), s.motion, SECONDS, full_scale=s.full_scale, progress=False)
+    report = write(
+        wav, compile(scene, FS), s.motion, SECONDS, full_scale=s.full_scale, progress=False
+    )
     copy = listen(rendering, s.output, ears)
     proof = verify(scene, s.motion, wav)
-    proof.to_html(page, shlex.join(["stimlib", "verify", name, "--wav", str(wav), "--report", str(page)]))
+    proof.to_html(
+        page, shlex.join(["stimlib", "verify", name, "--wav", str(wav), "--report", str(page)])
+    )
     picture(rendering, png, proof.spectra())
     unit, ((label, heard),) = scene.outputs[s.output].dim, copy.peak.items()
     checks = f"{sum(c.passed for c in proof.checks)} of {len(proof.checks)} checks passed"
     files = [
-        (wav, s.what, f"1.0 in the file is {s.full_scale:g} {unit}; {wav.name}.json has what it takes to make it again"),
-        (ears, f"{label}, {heard:.2g} {unit} of {report.peak[s.output]:.3g} {unit}, for ears", s.hear),
+        (
+            wav,
+            s.what,
+            (
+                f"1.0 in the file is {s.full_scale:g} {unit}; {wav.name}.json has what it takes to"
+                " make it again"
+            ),
+        ),
+        (
+            ears,
+            f"{label}, {heard:.2g} {unit} of {report.peak[s.output]:.3g} {unit}, for ears",
+            s.hear,
+        ),
         (png, "its picture", s.look),
         (page, "its proof", f"{checks}; each line names what it compared"),
     ]

@@ -1,4 +1,6 @@
-"""The exceptions stimlib raises, each also the built-in one that a caller would expect; and the check of public arguments."""
+"""The exceptions stimlib raises, each also the built-in one that a caller would expect;
+and the check of public arguments.
+"""
 
 import functools
 import importlib
@@ -13,11 +15,14 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 F = TypeVar("F", bound=Callable)
 LONGEST = 4000  # letters of an error: it may quote what others wrote
-_CONTROL = re.compile(r"[^\n\x20-\x7e\xa0-\U0010ffff]|[\u061c\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_CONTROL = re.compile(
+    r"[^\n\x20-\x7e\xa0-\U0010ffff]|[\u061c\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 
 def shown(text: object) -> str:
-    """A text as it can be shown in a terminal or a page: control characters, and those that reorder a line, as their codes.
+    """A text as it can be shown in a terminal or a page: control characters, and those
+    that reorder a line, as their codes.
 
     Examples
     --------
@@ -35,13 +40,17 @@ def shortened(value: object) -> str:
 
 
 def said(text: str) -> str:
-    """Return the text of an error as it can be shown: of a long one the beginning, and the end with the remedy."""
+    """Return the text of an error as it can be shown: of a long one the beginning, and
+    the end with the remedy.
+    """
     text = shown(text)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 500]} [..] {text[-490:]}"
 
 
 class StimlibError(Exception):
-    """Base of every error that stimlib raises on purpose; its text may quote files of others, so it is fit to be shown."""
+    """Base of every error that stimlib raises on purpose; its text may quote files of
+    others, so it is fit to be shown.
+    """
 
     def __str__(self) -> str:
         return said(super().__str__())
@@ -56,7 +65,9 @@ class UnitError(BadValue):
 
 
 class RecordingError(BadValue):
-    """A recording cannot be used as a motion; the message names file, row, column and remedy."""
+    """A recording cannot be used as a motion; the message names file, row, column and
+    remedy.
+    """
 
 
 class SceneError(StimlibError, ValueError):
@@ -76,19 +87,24 @@ class FaultError(StimlibError, RuntimeError):
 
 
 class MissingPackage(StimlibError, ImportError):
-    """Something needs a package that stimlib does not depend on; the message has the command that installs it."""
+    """Something needs a package that stimlib does not depend on; the message has the
+    command that installs it.
+    """
 
 
 class UnknownName(StimlibError, KeyError):
     """A name is missing, or is not one of those that exist."""
 
     def __str__(self) -> str:
-        # KeyError shows the repr of its argument, which would put quotes around a whole sentence
+        # KeyError shows the repr of its argument, which would put quotes around a whole
+        # sentence
         return said(Exception.__str__(self))
 
 
 def outside() -> int:
-    """Return the ``stacklevel`` with which a warning points at the first line that is not of stimlib."""
+    """Return the ``stacklevel`` with which a warning points at the first line that is
+    not of stimlib.
+    """
     frame, level = sys._getframe(1), 1
     while frame.f_back and frame.f_code.co_filename.startswith(os.path.dirname(__file__)):
         frame, level = frame.f_back, level + 1
@@ -101,19 +117,22 @@ def place(f: object) -> str:
     return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""
 
 
-# Arguments of public functions ---------------------------------------------------------------------------------------
+# Arguments of public functions --------------------------------------------------------
 class Numbers:
     """What numpy makes an array of real numbers of."""
 
 
 class Unseen:
-    """A class that is not imported where a function is defined: it is known by its name."""
+    """A class that is not imported where a function is defined: it is known by its
+    name.
+    """
 
 
 def _numbers(v: Any, kinds: str = "biuf") -> bool:
     try:
         return importlib.import_module("numpy").asarray(v).dtype.kind in kinds
-    except Exception:  # rows of several lengths, or whatever an object does that is asked for an array
+    # rows of several lengths, or whatever an object does that is asked for an array
+    except Exception:
         return False
 
 
@@ -138,7 +157,13 @@ CLASSES = {
     "Timing": "a Timing, such as Timing(interval=1.0)",
     "ndarray": "an array of numbers",
 }
-LISTS = {tuple: "a tuple (..)", list: "a list [..]", Sequence: "a list [..]", Collection: "a list [..]", Iterable: "a list [..]"}
+LISTS = {
+    tuple: "a tuple (..)",
+    list: "a list [..]",
+    Sequence: "a list [..]",
+    Collection: "a list [..]",
+    Iterable: "a list [..]",
+}
 
 
 PUBLIC: dict[str, str] = {}
@@ -146,10 +171,12 @@ PUBLIC: dict[str, str] = {}
 
 
 def public(f: F) -> F:
-    """Check the arguments of a public function, or of a class that users make, against their annotations.
+    """Check the arguments of a public function, or of a class that users make, against
+    their annotations.
 
-    An argument of another kind is refused before the function runs, by the names of the function and of the argument.  An
-    error from within begins with the name of the function, too, unless it begins with a line of an author's own code.
+    An argument of another kind is refused before the function runs, by the names of the
+    function and of the argument.  An error from within begins with the name of the
+    function, too, unless it begins with a line of an author's own code.
 
     Raises
     ------
@@ -175,7 +202,11 @@ def public(f: F) -> F:
 def _checked(f: Any, name: str) -> Any:
     PUBLIC[name] = str(f.__module__)
     signature = inspect.signature(f)
-    hints = functools.cache(lambda: {p.name: _hint(p, inspect.unwrap(f).__globals__) for p in signature.parameters.values()})
+    hints = functools.cache(
+        lambda: {
+            p.name: _hint(p, inspect.unwrap(f).__globals__) for p in signature.parameters.values()
+        }
+    )
 
     @functools.wraps(f)
     def call(*given: Any, **named: Any) -> Any:
@@ -192,9 +223,18 @@ def _checked(f: Any, name: str) -> Any:
                     if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
                         raise wrong
                     live = wrong  # the block that gets it as a design number says more
-                if isinstance(value, int if endless else int | float) and not abs(value) <= sys.float_info.max:
-                    what = "is not finite" if isinstance(value, float) else "is beyond what a float can hold"
-                    raise BadValue(f"{name}: {where} = {shortened(value)} {what}; give a finite number")
+                if (
+                    isinstance(value, int if endless else int | float)
+                    and not abs(value) <= sys.float_info.max
+                ):
+                    what = (
+                        "is not finite"
+                        if isinstance(value, float)
+                        else "is beyond what a float can hold"
+                    )
+                    raise BadValue(
+                        f"{name}: {where} = {shortened(value)} {what}; give a finite number"
+                    )
             y = f(*given, **named)
             if live:
                 raise live
@@ -212,17 +252,22 @@ def _checked(f: Any, name: str) -> Any:
                 or ("scene" in signature.parameters and "blocks" in PUBLIC.get(makers[0], ""))
                 or ".py:" in str(e.args[0])  # it begins with the place of an author's code
             ):
-                said = rest if ".run." in PUBLIC.get(first, "") else e.args[0]  # which call each other
-                e.args = (f"{name}: {said}", *e.args[1:])  # of a block in a scene the function that made it is named
+                # which call each other
+                said = rest if ".run." in PUBLIC.get(first, "") else e.args[0]
+                # of a block in a scene the function that made it is named
+                e.args = (f"{name}: {said}", *e.args[1:])
             raise
 
     return call
 
 
 def _hint(p: inspect.Parameter, names: dict[str, Any]) -> tuple[Any, bool]:
-    """Return what an annotation asks for, and whether numbers may be infinite or nan, as the default is."""
+    """Return what an annotation asks for, and whether numbers may be infinite or nan,
+    as the default is.
+    """
     hint: Any = p.annotation
-    known: dict[str, Any] = {"ArrayLike": Numbers, "Motion": Any}  # of a motion sources_of says more
+    # of a motion sources_of says more
+    known: dict[str, Any] = {"ArrayLike": Numbers, "Motion": Any}
     while isinstance(hint, str):
         try:
             hint = eval(p.annotation, names, known)
@@ -233,7 +278,9 @@ def _hint(p: inspect.Parameter, names: dict[str, Any]) -> tuple[Any, bool]:
         hint = tuple[hint, ...]
     elif p.kind is p.VAR_KEYWORD:
         hint = Mapping[str, hint]
-    return hint, hint is Any or (isinstance(p.default, float) and not abs(p.default) <= sys.float_info.max)
+    return hint, hint is Any or (
+        isinstance(p.default, float) and not abs(p.default) <= sys.float_info.max
+    )
 
 
 def _is(v: Any, name: str) -> bool:
@@ -241,7 +288,9 @@ def _is(v: Any, name: str) -> bool:
 
 
 def _fits(v: Any, hint: Any) -> bool:
-    """Return whether a value is what a type says; of parts too, where they can be looked at."""
+    """Return whether a value is what a type says; of parts too, where they can be
+    looked at.
+    """
     of, parts = get_origin(hint) or hint, get_args(hint)
     if hint is Any:
         return True
@@ -258,19 +307,26 @@ def _fits(v: Any, hint: Any) -> bool:
     if getattr(of, "__name__", "") == "ndarray":
         return _numbers(v, "biufc") and hasattr(v, "__len__")
     if of in (dict, Mapping):
-        each = v.values() if isinstance(v, dict) and parts[1] not in KINDS else ()  # of a number that is none others say more
+        # of a number that is none others say more
+        each = v.values() if isinstance(v, dict) and parts[1] not in KINDS else ()
         return hasattr(v, "keys") and all(_fits(w, parts[1]) for w in each)
     if of in LISTS:
-        if isinstance(v, str | bytes) or not hasattr(v, "__len__" if of is not Iterable else "__iter__"):
+        if isinstance(v, str | bytes) or not hasattr(
+            v, "__len__" if of is not Iterable else "__iter__"
+        ):
             return False
         if isinstance(v, Mapping) and of not in (Collection, Iterable):
             return False
         if not hasattr(v, "__getitem__"):
-            return of in (Collection, Iterable) and (not hasattr(v, "__len__") or all(_fits(w, parts[0]) for w in v))
+            return of in (Collection, Iterable) and (
+                not hasattr(v, "__len__") or all(_fits(w, parts[0]) for w in v)
+            )
         if of is tuple and parts and parts[-1] is not ...:
             return len(v) == len(parts) and all(map(_fits, v, parts))
         return getattr(v, "ndim", 1) > 0 and (not parts or all(_fits(w, parts[0]) for w in v))
-    if not isinstance(of, type) or (getattr(of, "_is_protocol", False) and not getattr(of, "_is_runtime_protocol", False)):
+    if not isinstance(of, type) or (
+        getattr(of, "_is_protocol", False) and not getattr(of, "_is_runtime_protocol", False)
+    ):
         return True
     plain = issubclass(of, tuple) and isinstance(v, tuple) and len(v) == len(of._fields)  # type: ignore[attr-defined]
     return plain or isinstance(v, of) or (issubclass(of, Unseen) and _is(v, of.__name__))

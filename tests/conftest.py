@@ -1,4 +1,6 @@
-"""Settings of all tests: examples are the same on every run, and take the time they take; `make stress` tries more; JACK."""
+"""Settings of all tests: examples are the same on every run, and take the time they
+take; `make stress` tries more; JACK.
+"""
 
 import ctypes
 import gc
@@ -12,7 +14,8 @@ from collections import Counter
 import pytest
 from hypothesis import HealthCheck, settings
 
-if not os.environ.get("STIMLIB_STRESS"):  # most of the time goes into XLA's and LLVM's work on code that is run but a few times
+# most of the time goes into XLA's and LLVM's work on code that is run but a few times
+if not os.environ.get("STIMLIB_STRESS"):
     os.environ.setdefault(
         "XLA_FLAGS",
         "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
@@ -20,12 +23,18 @@ if not os.environ.get("STIMLIB_STRESS"):  # most of the time goes into XLA's and
     )
 EXAMPLES = 100 if os.environ.get("STIMLIB_STRESS") else 40
 settings.register_profile(
-    "stimlib", max_examples=EXAMPLES, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+    "stimlib",
+    max_examples=EXAMPLES,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=list(HealthCheck),
 )
 settings.load_profile("stimlib")
 
 
-# Signals: a shell's background jobs and nohup ignore some, and what is started here would inherit that and never end.
+# Signals: a shell's background jobs and nohup ignore some, and what is started here
+# would inherit that and never end.
 for number, usual in (
     (signal.SIGINT, signal.default_int_handler),
     (signal.SIGTERM, signal.SIG_DFL),
@@ -37,7 +46,9 @@ for number, usual in (
 
 def pytest_collection_finish(session):
     grouped = [item for item in session.items if item.get_closest_marker("xdist_group")]
-    if session.config.getoption("loadgroup", False) and not all("@" in item.nodeid for item in grouped):
+    if session.config.getoption("loadgroup", False) and not all(
+        "@" in item.nodeid for item in grouped
+    ):
         raise pytest.UsageError("pytest-xdist groups no tests with this pytest: see pyproject.toml")
     gc.freeze()  # ten thousand tests that no garbage collection need look at: 7 % of the time
 
@@ -48,17 +59,25 @@ def pytest_sessionfinish():
 
 
 def pytest_runtest_setup(item):
-    """The interpreter makes 128 samples of each report again, not 512: that was half of the time of all tests that verify."""
-    if (verify := sys.modules.get("stimlib.checks.verify")) and not os.environ.get("STIMLIB_STRESS"):
+    """The interpreter makes 128 samples of each report again, not 512: that was half of
+    the time of all tests that verify.
+    """
+    if (verify := sys.modules.get("stimlib.checks.verify")) and not os.environ.get(
+        "STIMLIB_STRESS"
+    ):
         verify.STRETCH = 128
 
 
-# Time -----------------------------------------------------------------------------------------------------------------
+# Time ---------------------------------------------------------------------------------
 def pytest_terminal_summary(terminalreporter):
-    """Where the minutes of a long run went: who adds a test sees what it costs all others."""
+    """Where the minutes of a long run went: who adds a test sees what it costs all
+    others.
+    """
     spent: Counter[str] = Counter()
     tests: Counter[str] = Counter()
-    for report in (r for reports in terminalreporter.stats.values() for r in reports if hasattr(r, "duration")):
+    for report in (
+        r for reports in terminalreporter.stats.values() for r in reports if hasattr(r, "duration")
+    ):
         file = report.nodeid.partition("::")[0]
         spent[file] += report.duration
         tests[file] += report.when == "call"
@@ -66,11 +85,13 @@ def pytest_terminal_summary(terminalreporter):
         return
     terminalreporter.section("minutes of all workers together")
     for file, seconds in spent.most_common(16):
-        terminalreporter.write_line(f"{seconds / 60:6.2f} {seconds / whole:6.1%} {tests[file]:5d} tests  {file}")
+        terminalreporter.write_line(
+            f"{seconds / 60:6.2f} {seconds / whole:6.1%} {tests[file]:5d} tests  {file}"
+        )
     terminalreporter.write_line(f"{whole / 60:6.2f} 100.0% {sum(tests.values()):5d} tests")
 
 
-# A small disk --------------------------------------------------------------------------------------------------------
+# A small disk -------------------------------------------------------------------------
 @pytest.fixture
 def mounted(tmp_path):
     """A file system of its own, of so many bytes."""
@@ -79,7 +100,9 @@ def mounted(tmp_path):
     def mount(options):
         folder.mkdir()
         done = subprocess.run(
-            ["mount", "-t", "tmpfs", "-o", f"{options},mode=700", "none", folder], capture_output=True, text=True
+            ["mount", "-t", "tmpfs", "-o", f"{options},mode=700", "none", folder],
+            capture_output=True,
+            text=True,
         )
         if done.returncode:
             folder.rmdir()
@@ -91,20 +114,27 @@ def mounted(tmp_path):
         subprocess.run(["umount", str(folder)], check=True)
 
 
-# JACK ----------------------------------------------------------------------------------------------------------------
-# JACK's sockets in /dev/shm are named after the client alone: clients of one name that open at the same time on two servers of
-# a machine get each other's socket, and both servers refuse.  So a run has a /dev/shm of its own where that is permitted, and all
+# JACK ---------------------------------------------------------------------------------
+# JACK's sockets in /dev/shm are named after the client alone: clients of one name that
+# open at the same time on two servers of a machine get each other's socket, and both
+# servers refuse.  So a run has a /dev/shm of its own where that is permitted, and all
 # tests of JACK are done by one worker.
 def pytest_configure(config):
     config.addinivalue_line("markers", "jack: needs a JACK server")
-    config.addinivalue_line("markers", "stress: more of what another test tries too; make stress alone")
-    config.addinivalue_line("markers", "longer: tries more in make stress; tests of hypothesis do without it")
+    config.addinivalue_line(
+        "markers", "stress: more of what another test tries too; make stress alone"
+    )
+    config.addinivalue_line(
+        "markers", "longer: tries more in make stress; tests of hypothesis do without it"
+    )
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(config, items):
     if not os.environ.get("STIMLIB_STRESS"):
-        config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("stress")])
+        config.hook.pytest_deselected(
+            items=[item for item in items if item.get_closest_marker("stress")]
+        )
         items[:] = [item for item in items if not item.get_closest_marker("stress")]
     if marked := [item for item in items if item.get_closest_marker("jack")]:
         from devices.servers import no_jack
@@ -113,41 +143,69 @@ def pytest_collection_modifyitems(config, items):
         for item in marked:
             item.add_marker(pytest.mark.xdist_group("jack"))
             if missing:
-                item.add_marker(pytest.mark.skip(reason=f"needs a JACK server: {missing} (tests/devices/install.sh)"))
+                item.add_marker(
+                    pytest.mark.skip(
+                        reason=f"needs a JACK server: {missing} (tests/devices/install.sh)"
+                    )
+                )
         if not missing:
             own_shared_memory()
     if not os.environ.get("STIMLIB_STRESS"):
-        for item in items:  # each file is done by one worker, which alone pays what it imports and compiles
+        # each file is done by one worker, which alone pays what it imports and compiles
+        for item in items:
             if not item.get_closest_marker("xdist_group"):
-                item.add_marker(pytest.mark.xdist_group(item.path.relative_to(config.rootpath).as_posix()))
+                item.add_marker(
+                    pytest.mark.xdist_group(item.path.relative_to(config.rootpath).as_posix())
+                )
         items[:] = dealt(items)
 
 
-WAITING = ("jack", "tests/devices/test_null.py", "tests/devices/test_portaudio.py", "tests/live/test_asking.py", "browser")
+WAITING = (
+    "jack",
+    "tests/devices/test_null.py",
+    "tests/devices/test_portaudio.py",
+    "tests/live/test_asking.py",
+    "browser",
+)
 
 
 def dealt(items):
-    """First the laws, which compile what many others use; those that wait for real time one by one among those that compute."""
+    """First the laws, which compile what many others use; those that wait for real time
+    one by one among those that compute.
+    """
     units: dict[str, list] = {}
     for item in items:
         units.setdefault(item.get_closest_marker("xdist_group").args[0], []).append(item)
-    computing = sorted(units.keys() - set(WAITING), key=lambda name: (name != "tests/test_laws.py", list(units).index(name)))
-    turn = {name: k / len(computing) for k, name in enumerate(computing)} | {name: 0.08 * k for k, name in enumerate(WAITING)}
+    computing = sorted(
+        units.keys() - set(WAITING),
+        key=lambda name: (name != "tests/test_laws.py", list(units).index(name)),
+    )
+    turn = {name: k / len(computing) for k, name in enumerate(computing)} | {
+        name: 0.08 * k for k, name in enumerate(WAITING)
+    }
     return [item for name in sorted(units, key=turn.__getitem__) for item in units[name]]
 
 
 def own_shared_memory():
-    """An empty /dev/shm and semaphores for this thread and its children; False where that is not permitted (as to most users)."""
-    new_namespaces, private = 0x00020000 | 0x08000000, 0x4000 | 0x40000  # CLONE_NEWNS | CLONE_NEWIPC, MS_REC | MS_PRIVATE
+    """An empty /dev/shm and semaphores for this thread and its children; False where
+    that is not permitted (as to most users).
+    """
+    # CLONE_NEWNS | CLONE_NEWIPC, MS_REC | MS_PRIVATE
+    new_namespaces, private = 0x00020000 | 0x08000000, 0x4000 | 0x40000
     libc = ctypes.CDLL(None)
     if not hasattr(libc, "unshare") or libc.unshare(new_namespaces):
         return False
-    return not (libc.mount(b"none", b"/", None, private, None) or libc.mount(b"tmpfs", b"/dev/shm", b"tmpfs", 0, None))
+    return not (
+        libc.mount(b"none", b"/", None, private, None)
+        or libc.mount(b"tmpfs", b"/dev/shm", b"tmpfs", 0, None)
+    )
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pyfunc_call(pyfuncitem):
-    """A JACK server that refuses a client, as may happen where others use JACK too: once more with a new one, and told."""
+    """A JACK server that refuses a client, as may happen where others use JACK too:
+    once more with a new one, and told.
+    """
     try:
         return (yield)
     except Exception as e:
@@ -155,7 +213,11 @@ def pytest_pyfunc_call(pyfuncitem):
             raise
         with warnings.catch_warnings():
             warnings.simplefilter("always")
-            warnings.warn(f"{pyfuncitem.nodeid} was done again with a new server: {e}", pytest.PytestWarning, stacklevel=2)
+            warnings.warn(
+                f"{pyfuncitem.nodeid} was done again with a new server: {e}",
+                pytest.PytestWarning,
+                stacklevel=2,
+            )
         given = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
         if "server" in given:
             given["server"].renew()

@@ -1,8 +1,10 @@
-"""One table of all blocks: what each looks like, what drives it, and which physical law it claims to follow.
+"""One table of all blocks: what each looks like, what drives it, and which physical law
+it claims to follow.
 
-Every final class of stimlib must have an example here (``missing`` finds them by reflection); the laws of
-``tests/test_laws.py`` then run over all of them.  Physical laws are those of ``stimlib.design.responses``, with the numbers
-that each example should have written by hand.
+Every final class of stimlib must have an example here (``missing`` finds them by
+reflection); the laws of ``tests/test_laws.py`` then run over all of them.  Physical
+laws are those of ``stimlib.design.responses``, with the numbers that each example
+should have written by hand.
 """
 
 from __future__ import annotations
@@ -19,10 +21,21 @@ import numpy as np
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
-from stimlib.blocks.actuator import ForceLimit, Tally, force_limit, motor_current, slew_limit, static_limit
+from stimlib.blocks.actuator import (
+    ForceLimit,
+    Tally,
+    force_limit,
+    motor_current,
+    slew_limit,
+    static_limit,
+)
 from stimlib.blocks.bump import bump
 from stimlib.blocks.carrier import carrier
-from stimlib.blocks.creep import compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
+from stimlib.blocks.creep import (
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+)
 from stimlib.blocks.fractional import PathLength
 from stimlib.blocks.modes import PinkNoise
 from stimlib.blocks.noise import White
@@ -35,7 +48,7 @@ from stimlib.design.responses import Law
 from stimlib.design.texture import made_up
 
 
-# What drives an input ------------------------------------------------------------------------------------------------
+# What drives an input -----------------------------------------------------------------
 def normal(rng, n, fs):
     return rng.standard_normal(n)
 
@@ -55,15 +68,23 @@ def held(rng, n, fs):
 
 
 def squeeze(rng, n, fs):
-    """A finger: presses and releases a few centimetres, holds in between, read in steps of 1 um."""
+    """A finger: presses and releases a few centimetres, holds in between, read in steps
+    of 1 um.
+    """
     t = np.arange(n) / fs
-    raw = 0.02 * (1 - np.cos(2 * np.pi * 9 * t + rng.uniform(0, 6))) * (np.sin(2 * np.pi * 1.3 * t) > -0.3)
+    raw = (
+        0.02
+        * (1 - np.cos(2 * np.pi * 9 * t + rng.uniform(0, 6)))
+        * (np.sin(2 * np.pi * 1.3 * t) > -0.3)
+    )
     return np.round(raw * 1e6) * 1e-6
 
 
 def phase(rng, n, fs):
     """A finger over bumps, up to many of them in one sample."""
-    return np.cumsum(rng.standard_normal(n) * rng.choice([0.0, 1e-5, 1e-2, 0.3, 4.0], n // 50 + 1).repeat(50)[:n])
+    return np.cumsum(
+        rng.standard_normal(n) * rng.choice([0.0, 1e-5, 1e-2, 0.3, 4.0], n // 50 + 1).repeat(50)[:n]
+    )
 
 
 def angle(rng, n, fs):
@@ -78,17 +99,20 @@ def sparse(rng, n, fs):
 
 
 def timed(x):
-    """What begins with a run: the time, noise in a gate, a parameter in there, a delay, and a filter that has settled."""
+    """What begins with a run: the time, noise in a gate, a parameter in there, a delay,
+    and a filter that has settled.
+    """
     noise = Param("g", 0.5) * b.delay(b.pink_noise(1.0, 4, 1, 20.0), 9)
     return b.elapsed() / constant(0.01, "s") * b.delay(x, 3) + b.enabled(noise, by=x > 0.0)
 
 
-# The table -----------------------------------------------------------------------------------------------------------
+# The table ----------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Entry:
     """An example of a block class.
 
-    ``make`` gives the block over inputs named like its arguments; ``drive`` names the signal of each input.
+    ``make`` gives the block over inputs named like its arguments; ``drive`` names the
+    signal of each input.
     """
 
     name: str
@@ -100,7 +124,9 @@ class Entry:
     rates: tuple[float, ...] = (8000.0, 1000.0)
     unit: str = ""
     settle: int = 1 << 16  # samples until the impulse response is below rounding
-    edges: bool = False  # whether its output jumps where an input passes a place: the derivative is that of the parts between
+    # whether its output jumps where an input passes a place: the derivative is that of
+    # the parts between
+    edges: bool = False
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -120,28 +146,41 @@ class Entry:
         return np.array([d(rng, n, fs) for d in self.drive]).reshape(len(self.drive), n)
 
 
-# Laws of what is put together from blocks, written from its formula --------------------------------------------------
+# Laws of what is put together from blocks, written from its formula -------------------
 def kelvin_voigt(k, b):
     """k + i w b, half a sample late, within (w/fs)^2/8."""
 
     def formula(f, fs):
         return (k + 2j * np.pi * f * b) * np.exp(-1j * np.pi * f / fs)
 
-    return Law(law.band(1e-3, lambda fs: fs / 100), formula, (np.pi / 100) ** 2 / 2, f"{k:g} + i w {b:g}")
+    return Law(
+        law.band(1e-3, lambda fs: fs / 100), formula, (np.pi / 100) ** 2 / 2, f"{k:g} + i w {b:g}"
+    )
 
 
 def creep(chi, alpha):
-    """1/(chi (i w)^alpha) of forces that are straight between samples: all aliases behind the spectrum of a triangle."""
+    """1/(chi (i w)^alpha) of forces that are straight between samples: all aliases
+    behind the spectrum of a triangle.
+    """
 
     def formula(f, fs):
         part, end = f / fs, law.ALIASES[-1] + 0.5
         g = part[:, None] + law.ALIASES
         near = np.sum(np.sinc(g) ** 2 / (1j * g) ** alpha, axis=1)
-        # all further aliases, nearly: the integrals of (i x)^-alpha/x^2 from both ends on
+        # all further aliases, nearly: the integrals of (i x)^-alpha/x^2 from both ends
+        # on
         far = 2 * np.cos(np.pi * alpha / 2) * end ** -(1 + alpha) / (1 + alpha)
-        return (near + (np.sin(np.pi * part) / np.pi) ** 2 * far) / (chi * (2 * np.pi * fs) ** alpha)
+        return (near + (np.sin(np.pi * part) / np.pi) ** 2 * far) / (
+            chi * (2 * np.pi * fs) ** alpha
+        )
 
-    return Law(law.whole_band(40), formula, 1e-7, f"1/({chi:g} (i w)^{alpha:g}) of straight lines", size=law.largest)
+    return Law(
+        law.whole_band(40),
+        formula,
+        1e-7,
+        f"1/({chi:g} (i w)^{alpha:g}) of straight lines",
+        size=law.largest,
+    )
 
 
 def power(chi, alpha):
@@ -158,7 +197,13 @@ def state_variable(freq, q, passes):
         s = 1j * np.tan(np.pi * f / fs) / np.tan(np.pi * freq / fs)
         return (m2 * s * s + m1 * s / q + m0) / (s * s + s / q + 1)
 
-    return Law(law.whole_band(200), formula, 1e-10, f"two poles at {freq:g} Hz, q = {q:g}", size=law.largest)
+    return Law(
+        law.whole_band(200),
+        formula,
+        1e-10,
+        f"two poles at {freq:g} Hz, q = {q:g}",
+        size=law.largest,
+    )
 
 
 UNEVEN = [0.3, -1.2, 0.0, 2.5, 1e-3, -0.7, 0.2, 0.9, -0.4, 0.05, 3.0]
@@ -198,134 +243,388 @@ TABLE = [
     Entry("tanh", "Tanh", lambda x: b.tanh(x), (angle,)),
     Entry("nonzero", "Nonzero", lambda x: b.nonzero(x), (ties,), edges=True),
     Entry("guard", "Guard", lambda x: Guard(x), (normal,), lti=True),
-    Entry("delay_1", "Delay", lambda x: b.delay(x, samples=1), (normal,), lti=True, laws=(law.delay(1),)),
-    Entry("delay_70", "Delay", lambda x: b.delay(x, samples=70), (normal,), lti=True, laws=(law.delay(70),)),
     Entry(
-        "delay_seconds", "Delay", lambda x: b.delay(x, seconds=0.01), (normal,), lti=True,
-        laws=(law.delay(80),), rates=(8000.0,),
+        "delay_1",
+        "Delay",
+        lambda x: b.delay(x, samples=1),
+        (normal,),
+        lti=True,
+        laws=(law.delay(1),),
     ),
-    Entry("fir", "Taps", lambda x: b.fir(x, UNEVEN), (normal,), lti=True, laws=(law.sum_of(UNEVEN),)),
-    Entry("fir_1", "Taps", lambda x: b.fir(x, [-2.0]), (normal,), lti=True, laws=(law.sum_of([-2.0]),)),
     Entry(
-        "differentiator", "Differentiator", lambda x: b.differentiator(x, passband=1000.0), (normal,), lti=True, rates=FS8,
+        "delay_70",
+        "Delay",
+        lambda x: b.delay(x, samples=70),
+        (normal,),
+        lti=True,
+        laws=(law.delay(70),),
+    ),
+    Entry(
+        "delay_seconds",
+        "Delay",
+        lambda x: b.delay(x, seconds=0.01),
+        (normal,),
+        lti=True,
+        laws=(law.delay(80),),
+        rates=(8000.0,),
+    ),
+    Entry(
+        "fir", "Taps", lambda x: b.fir(x, UNEVEN), (normal,), lti=True, laws=(law.sum_of(UNEVEN),)
+    ),
+    Entry(
+        "fir_1", "Taps", lambda x: b.fir(x, [-2.0]), (normal,), lti=True, laws=(law.sum_of([-2.0]),)
+    ),
+    Entry(
+        "differentiator",
+        "Differentiator",
+        lambda x: b.differentiator(x, passband=1000.0),
+        (normal,),
+        lti=True,
+        rates=FS8,
         laws=(law.differentiator(1000.0, None, 1e-6), law.stop_band(1000.0, 1500.0, 1e-6)),
     ),
     Entry(
-        "differentiator_wide", "Differentiator", lambda x: b.differentiator(x), (normal,), lti=True, rates=(8000.0,),
+        "differentiator_wide",
+        "Differentiator",
+        lambda x: b.differentiator(x),
+        (normal,),
+        lti=True,
+        rates=(8000.0,),
         laws=(law.differentiator(None, None, 1e-6),),
     ),
     Entry(
-        "differentiator_order", "Differentiator", lambda x: b.differentiator(x, 100.0, 400.0, order=40, tol=1e-4), (normal,),
-        lti=True, rates=(1000.0, 1200.0), laws=(law.differentiator(100.0, 40, 1e-4),),
+        "differentiator_order",
+        "Differentiator",
+        lambda x: b.differentiator(x, 100.0, 400.0, order=40, tol=1e-4),
+        (normal,),
+        lti=True,
+        rates=(1000.0, 1200.0),
+        laws=(law.differentiator(100.0, 40, 1e-4),),
     ),
     Entry("loading", "Loading", lambda x: b.loading(b.velocity(x)), (squeeze,), edges=True),
     Entry("loading_given", "Loading", lambda x: b.loading(x, on=0.6, off=0.2), (normal,)),
-    Entry("velocity", "Velocity", lambda x: b.velocity(x), (squeeze,), lti=True, laws=(law.velocity(100.0),)),
-    Entry("velocity_20", "Velocity", lambda x: b.velocity(x, 20.0), (held,), lti=True, laws=(law.velocity(20.0),)),
-    Entry("velocity_contact", "Velocity", lambda x, c: b.velocity(x, 30.0, contact=c > 0.0), (squeeze, held)),
     Entry(
-        "track", "Track", lambda x: track(x, 40.0, max_jump=None), (held,), lti=True, laws=(law.tracker(40.0),),
+        "velocity",
+        "Velocity",
+        lambda x: b.velocity(x),
+        (squeeze,),
+        lti=True,
+        laws=(law.velocity(100.0),),
     ),
     Entry(
-        "track_velocity", "TrackVelocity", lambda x: track_velocity(x, 40.0, max_jump=None), (held,), lti=True,
+        "velocity_20",
+        "Velocity",
+        lambda x: b.velocity(x, 20.0),
+        (held,),
+        lti=True,
+        laws=(law.velocity(20.0),),
+    ),
+    Entry(
+        "velocity_contact",
+        "Velocity",
+        lambda x, c: b.velocity(x, 30.0, contact=c > 0.0),
+        (squeeze, held),
+    ),
+    Entry(
+        "track",
+        "Track",
+        lambda x: track(x, 40.0, max_jump=None),
+        (held,),
+        lti=True,
+        laws=(law.tracker(40.0),),
+    ),
+    Entry(
+        "track_velocity",
+        "TrackVelocity",
+        lambda x: track_velocity(x, 40.0, max_jump=None),
+        (held,),
+        lti=True,
         laws=(law.tracker(40.0, rate=True),),
     ),
-    Entry("track_contact", "Track", lambda x, c: track(x, 20.0, contact=c > 0.0, max_jump=0.5), (squeeze, held)),
-    Entry("track_velocity_contact", "TrackVelocity", lambda x, c: track_velocity(x, 20.0, contact=c > 0.0), (squeeze, held)),
-    Entry("bump_square", "LinearBump", lambda u, d: bump(u, "square", 0.3 + 0.2 * b.sin(d)), (phase, held)),
-    Entry("bump_sawtooth", "LinearBump", lambda u, c: bump(u, "sawtooth", 0.7, contact=c > -0.5), (phase, held)),
-    Entry("bump_point", "LinearBump", lambda u: bump(u, "square", 0.4, sampling="point"), (phase,), edges=True),
-    Entry("bump_sine", "SineBump", lambda u, c: bump(u, "sine", Param("duty", 0.5), contact=c > -0.5), (phase, held)),
+    Entry(
+        "track_contact",
+        "Track",
+        lambda x, c: track(x, 20.0, contact=c > 0.0, max_jump=0.5),
+        (squeeze, held),
+    ),
+    Entry(
+        "track_velocity_contact",
+        "TrackVelocity",
+        lambda x, c: track_velocity(x, 20.0, contact=c > 0.0),
+        (squeeze, held),
+    ),
+    Entry(
+        "bump_square",
+        "LinearBump",
+        lambda u, d: bump(u, "square", 0.3 + 0.2 * b.sin(d)),
+        (phase, held),
+    ),
+    Entry(
+        "bump_sawtooth",
+        "LinearBump",
+        lambda u, c: bump(u, "sawtooth", 0.7, contact=c > -0.5),
+        (phase, held),
+    ),
+    Entry(
+        "bump_point",
+        "LinearBump",
+        lambda u: bump(u, "square", 0.4, sampling="point"),
+        (phase,),
+        edges=True,
+    ),
+    Entry(
+        "bump_sine",
+        "SineBump",
+        lambda u, c: bump(u, "sine", Param("duty", 0.5), contact=c > -0.5),
+        (phase, held),
+    ),
     Entry("bump_half_sine", "SineBump", lambda u: bump(u, "half_sine", 0.8), (phase,)),
     Entry("bump_table", "TableBump", lambda u: bump(u, [0.0, 0.2, 1.0, 0.3], 0.6), (phase,)),
     Entry("carrier", "Carrier", lambda: carrier(158.0, phase=0.3)),
     Entry("carrier_half", "Carrier", lambda: carrier(158.0, "half")),
-    Entry("carrier_live", "Carrier", lambda x: carrier(constant(100.0, "Hz") * abs(x), "full"), (held,)),
+    Entry(
+        "carrier_live",
+        "Carrier",
+        lambda x: carrier(constant(100.0, "Hz") * abs(x), "full"),
+        (held,),
+    ),
     Entry("carrier_param", "Carrier", lambda: carrier(Param("f", 80.0, "Hz"), "half")),
     Entry("force_limit", "ForceLimit", lambda x: force_limit(x, 0.5), (normal,), unit="N"),
-    Entry("static_limit", "StaticLimit", lambda x: static_limit(x, 0.9, tau=0.05), (normal,), unit="N"),
-    Entry("slew_limit", "SlewLimit", lambda x: slew_limit(x, 900.0), (normal,)),
-    Entry("tally", "Tally", lambda x: Tally(ForceLimit(x, constant(0.5)), x, "clip", "y"), (normal,)),
-    Entry("motor_current", "Div", lambda x: motor_current(constant(1.0, "N/m") * x, x, 10.0), (squeeze,), unit="m"),
     Entry(
-        "first_order", "FirstOrder", lambda x: b.first_order(x, 0.01), (normal,), lti=True,
+        "static_limit", "StaticLimit", lambda x: static_limit(x, 0.9, tau=0.05), (normal,), unit="N"
+    ),
+    Entry("slew_limit", "SlewLimit", lambda x: slew_limit(x, 900.0), (normal,)),
+    Entry(
+        "tally", "Tally", lambda x: Tally(ForceLimit(x, constant(0.5)), x, "clip", "y"), (normal,)
+    ),
+    Entry(
+        "motor_current",
+        "Div",
+        lambda x: motor_current(constant(1.0, "N/m") * x, x, 10.0),
+        (squeeze,),
+        unit="m",
+    ),
+    Entry(
+        "first_order",
+        "FirstOrder",
+        lambda x: b.first_order(x, 0.01),
+        (normal,),
+        lti=True,
         laws=(law.ramp_invariant(0.01), law.lag(0.01)),
     ),
     Entry(
-        "first_order_slow", "FirstOrder", lambda x: b.first_order(x, 0.2), (held,), lti=True, rates=(1000.0, 4000.0),
+        "first_order_slow",
+        "FirstOrder",
+        lambda x: b.first_order(x, 0.2),
+        (held,),
+        lti=True,
+        rates=(1000.0, 4000.0),
         laws=(law.ramp_invariant(0.2), law.lag(0.2)),
     ),
-    Entry("first_order_fast", "FirstOrder", lambda x: b.first_order(x, 1e-5), (normal,), lti=True,
-        laws=(law.ramp_invariant(1e-5),)),
-    Entry("kelvin_voigt", "Add", lambda x: b.kelvin_voigt(x, 300.0, 2.0), (squeeze,), lti=True, unit="m",
-        laws=(kelvin_voigt(300.0, 2.0),)),
-    Entry("kelvin_voigt_smooth", "Add", lambda x: b.kelvin_voigt(x, 300.0, 2.0, 100.0), (squeeze,), lti=True, unit="m"),
-    Entry("spring", "Mul", lambda x: b.spring(x, Param("k", 2000.0, "N/m")), (squeeze,), lti=True, unit="m"),
     Entry(
-        "pinking", "Pinking", lambda x: b.pinking(x, f_low=10.0), (normal,), lti=True, rates=(8000.0, 1000.0),
+        "first_order_fast",
+        "FirstOrder",
+        lambda x: b.first_order(x, 1e-5),
+        (normal,),
+        lti=True,
+        laws=(law.ramp_invariant(1e-5),),
+    ),
+    Entry(
+        "kelvin_voigt",
+        "Add",
+        lambda x: b.kelvin_voigt(x, 300.0, 2.0),
+        (squeeze,),
+        lti=True,
+        unit="m",
+        laws=(kelvin_voigt(300.0, 2.0),),
+    ),
+    Entry(
+        "kelvin_voigt_smooth",
+        "Add",
+        lambda x: b.kelvin_voigt(x, 300.0, 2.0, 100.0),
+        (squeeze,),
+        lti=True,
+        unit="m",
+    ),
+    Entry(
+        "spring",
+        "Mul",
+        lambda x: b.spring(x, Param("k", 2000.0, "N/m")),
+        (squeeze,),
+        lti=True,
+        unit="m",
+    ),
+    Entry(
+        "pinking",
+        "Pinking",
+        lambda x: b.pinking(x, f_low=10.0),
+        (normal,),
+        lti=True,
+        rates=(8000.0, 1000.0),
         laws=(law.pinking(10.0, 0.01),),
     ),
     Entry(
-        "pinking_coarse", "Pinking", lambda x: b.pinking(x, f_low=30.0, tol_db=1.0), (held,), lti=True, rates=(1000.0, 48000.0),
+        "pinking_coarse",
+        "Pinking",
+        lambda x: b.pinking(x, f_low=30.0, tol_db=1.0),
+        (held,),
+        lti=True,
+        rates=(1000.0, 48000.0),
         laws=(law.pinking(30.0, 1.0),),
     ),
     Entry(
-        "pinking_many", "Pinking", lambda x: b.pinking(x, f_low=5.0, tol_db=1e-5), (normal,), lti=True, rates=(8000.0,),
+        "pinking_many",
+        "Pinking",
+        lambda x: b.pinking(x, f_low=5.0, tol_db=1e-5),
+        (normal,),
+        lti=True,
+        rates=(8000.0,),
         laws=(law.pinking(5.0, 1e-5),),
     ),
     Entry(
-        "pink_noise", "PinkNoise", lambda: b.pink_noise(psd_1hz=0.25, seed=3, stream=2),
-        laws=(law.pink_noise(0.25, 1.0, 0.01),), rates=(8000.0, 1000.0, 48000.0),
+        "pink_noise",
+        "PinkNoise",
+        lambda: b.pink_noise(psd_1hz=0.25, seed=3, stream=2),
+        laws=(law.pink_noise(0.25, 1.0, 0.01),),
+        rates=(8000.0, 1000.0, 48000.0),
     ),
-    Entry("pink_of_white", "PinkNoise", lambda: PinkNoise((w := White(1)), 2.0, 20.0, 0.1) + 0.5 * w),
-    Entry("white", "White", lambda: b.white_noise(seed=2**64 - 1, stream=2**32 - 1), laws=(law.delay(0),)),
-    Entry("white_shared", "White", lambda x: b.white_noise(5) * x - b.where(x, x, b.delay(b.white_noise(6), 3)), (normal,)),
     Entry(
-        "texture", "Texture",
-        lambda v, f: b.texture(constant(0.1, "m/s") * v, constant(1.0, "N") * f, MADE_UP, seed=21, shared=True),
+        "pink_of_white", "PinkNoise", lambda: PinkNoise((w := White(1)), 2.0, 20.0, 0.1) + 0.5 * w
+    ),
+    Entry(
+        "white",
+        "White",
+        lambda: b.white_noise(seed=2**64 - 1, stream=2**32 - 1),
+        laws=(law.delay(0),),
+    ),
+    Entry(
+        "white_shared",
+        "White",
+        lambda x: b.white_noise(5) * x - b.where(x, x, b.delay(b.white_noise(6), 3)),
+        (normal,),
+    ),
+    Entry(
+        "texture",
+        "Texture",
+        lambda v, f: b.texture(
+            constant(0.1, "m/s") * v, constant(1.0, "N") * f, MADE_UP, seed=21, shared=True
+        ),
         (held, positive),
     ),
     Entry("enabled", "Enabled", lambda x: b.enabled(b.white_noise(4), by=x), (ties,), edges=True),
-    Entry("enabled_held", "Enabled", lambda x: b.enabled(b.delay(b.pink_noise(1.0, 4, 1, 5.0), 9), by=b.loading(x, 0.1, 0.05)),
-        (held,)),
-    Entry("enabled_live", "Enabled", lambda x: b.enabled(Param("g", 0.5) * b.white_noise(4) + Param("h", 1.0), by=x > 0.3),
-        (normal,)),
     Entry(
-        "enabled_nested", "Enabled",
+        "enabled_held",
+        "Enabled",
+        lambda x: b.enabled(b.delay(b.pink_noise(1.0, 4, 1, 5.0), 9), by=b.loading(x, 0.1, 0.05)),
+        (held,),
+    ),
+    Entry(
+        "enabled_live",
+        "Enabled",
+        lambda x: b.enabled(Param("g", 0.5) * b.white_noise(4) + Param("h", 1.0), by=x > 0.3),
+        (normal,),
+    ),
+    Entry(
+        "enabled_nested",
+        "Enabled",
         lambda x: b.enabled(
-            0.5 + b.enabled(b.fir(b.white_noise(4), UNEVEN),
-                by=b.enabled(b.white_noise(7), by=b.white_noise(8) - Param("g", -0.2)) > 0.1),
+            0.5
+            + b.enabled(
+                b.fir(b.white_noise(4), UNEVEN),
+                by=b.enabled(b.white_noise(7), by=b.white_noise(8) - Param("g", -0.2)) > 0.1,
+            ),
             by=b.loading(x, 0.6, 0.0001),
         ),
         (held,),
     ),
-    Entry("enabled_by_param", "Enabled", lambda x: x * b.enabled(b.white_noise(4), by=b.nonzero(Param("g", 1.0))), (normal,)),
-    Entry("enabled_const", "Enabled", lambda x: b.enabled(constant(2.0), by=x), (normal,)),
-    Entry("segment", "Segment",
-        lambda x, c: b.segment(b.velocity(x, 30.0, contact=c > 0.0) * b.white_noise(4), 0.003, 0.1, seed=3), (squeeze, held)),
-    Entry("segments", "Segment", lambda x: sum(b.segment(timed(x), start, 0.0105) for start in (0.0, 0.011, 0.09)), (held,)),
-    Entry("segment_nested", "Segment",
-        lambda x: b.segment(
-            x + b.segment(b.loop(lambda last: 0.5 * last + x), 0.0, 0.01) + b.segment(timed(x), 0.005), 0.002, 0.02), (held,)),
-    Entry("segment_gated", "Enabled",
-        lambda x: b.enabled(b.segment(b.elapsed() + constant(1.0, "s"), 0.001, 0.004), by=x), (ties,), edges=True),
-    Entry("interval", "Interval", lambda x: b.where(b.segment(x, 0.004, 0.01).by, x, -x), (normal,)),
     Entry(
-        "differentiated_pink", "Enabled",
-        lambda x: b.velocity(x) * b.enabled(b.differentiator(b.pink_noise(1 / np.pi, 7, f_low=10.0), 1000.0),
-            by=b.loading(b.velocity(x))),
-        (squeeze,), rates=(8000.0,),
+        "enabled_by_param",
+        "Enabled",
+        lambda x: x * b.enabled(b.white_noise(4), by=b.nonzero(Param("g", 1.0))),
+        (normal,),
+    ),
+    Entry("enabled_const", "Enabled", lambda x: b.enabled(constant(2.0), by=x), (normal,)),
+    Entry(
+        "segment",
+        "Segment",
+        lambda x, c: b.segment(
+            b.velocity(x, 30.0, contact=c > 0.0) * b.white_noise(4), 0.003, 0.1, seed=3
+        ),
+        (squeeze, held),
+    ),
+    Entry(
+        "segments",
+        "Segment",
+        lambda x: sum(b.segment(timed(x), start, 0.0105) for start in (0.0, 0.011, 0.09)),
+        (held,),
+    ),
+    Entry(
+        "segment_nested",
+        "Segment",
+        lambda x: b.segment(
+            x
+            + b.segment(b.loop(lambda last: 0.5 * last + x), 0.0, 0.01)
+            + b.segment(timed(x), 0.005),
+            0.002,
+            0.02,
+        ),
+        (held,),
+    ),
+    Entry(
+        "segment_gated",
+        "Enabled",
+        lambda x: b.enabled(b.segment(b.elapsed() + constant(1.0, "s"), 0.001, 0.004), by=x),
+        (ties,),
+        edges=True,
+    ),
+    Entry(
+        "interval", "Interval", lambda x: b.where(b.segment(x, 0.004, 0.01).by, x, -x), (normal,)
+    ),
+    Entry(
+        "differentiated_pink",
+        "Enabled",
+        lambda x: (
+            b.velocity(x)
+            * b.enabled(
+                b.differentiator(b.pink_noise(1 / np.pi, 7, f_low=10.0), 1000.0),
+                by=b.loading(b.velocity(x)),
+            )
+        ),
+        (squeeze,),
+        rates=(8000.0,),
     ),
     Entry("lut", "Lut", lambda x: b.lut(x, KNOTS, VALUES), (normal,)),
-    Entry("lut_two", "Lut", lambda x: b.lut(x, [0.0, 1.0], [1.0, -1.0], outside="zero"), (ties,), edges=True),
-    Entry("lut_pchip", "Lut", lambda x: b.lut(x, KNOTS, VALUES, kind="pchip", outside="zero"), (normal,)),
-    Entry("lut_cubic", "Lut", lambda x: b.lut(b.clip(x, -1.5, 2.0), KNOTS, VALUES, kind="cubic", outside="error"), (normal,)),
-    Entry("squeeze", "Enabled", lambda x1: stimlib.scenes.squeeze(fingers=1).outputs["force1"], (squeeze,), rates=(8000.0,),
-        unit="m"),
-]  # fmt: skip
+    Entry(
+        "lut_two",
+        "Lut",
+        lambda x: b.lut(x, [0.0, 1.0], [1.0, -1.0], outside="zero"),
+        (ties,),
+        edges=True,
+    ),
+    Entry(
+        "lut_pchip",
+        "Lut",
+        lambda x: b.lut(x, KNOTS, VALUES, kind="pchip", outside="zero"),
+        (normal,),
+    ),
+    Entry(
+        "lut_cubic",
+        "Lut",
+        lambda x: b.lut(b.clip(x, -1.5, 2.0), KNOTS, VALUES, kind="cubic", outside="error"),
+        (normal,),
+    ),
+    Entry(
+        "squeeze",
+        "Enabled",
+        lambda x1: stimlib.scenes.squeeze(fingers=1).outputs["force1"],
+        (squeeze,),
+        rates=(8000.0,),
+        unit="m",
+    ),
+]
 
 
-# Relaxation and creep ------------------------------------------------------------------------------------------------
+# Relaxation and creep -----------------------------------------------------------------
 SOFT = [(50.0, 1e-5), (30.0, 1e-3), (20.0, 0.02), (10.0, 0.2)]
 
 
@@ -347,7 +646,11 @@ TABLE += [
         (held,),
         lti=True,
         unit="m",
-        laws=(law.running_sum()._replace(law=lambda f, fs: 4.0 * fs * law.difference(f, fs), tol=1e-8),),
+        laws=(
+            law.running_sum()._replace(
+                law=lambda f, fs: 4.0 * fs * law.difference(f, fs), tol=1e-8
+            ),
+        ),
     ),
     Entry(
         "maxwell_step",
@@ -377,7 +680,9 @@ TABLE += [
     Entry(
         "generalized_maxwell_many",
         "MaxwellArms",
-        lambda y, c: generalized_maxwell(y, 5.0, [(1.0 + i, 1e-6 * 10**i) for i in range(19)], onset="step", contact=c > 0.0),
+        lambda y, c: generalized_maxwell(
+            y, 5.0, [(1.0 + i, 1e-6 * 10**i) for i in range(19)], onset="step", contact=c > 0.0
+        ),
         (held, held),
         unit="m",
     ),
@@ -427,46 +732,127 @@ TABLE += [
 ]
 
 
-# Springpots ----------------------------------------------------------------------------------------------------------
+# Springpots ---------------------------------------------------------------------------
 def unit_interval(a):
     return b.clip(abs(a), 0.0, 1.0)
 
 
 TABLE += [
-    Entry("springpot", "Springpot", lambda y: b.springpot(y, 25.0, 0.35), (squeeze,), unit="m",
-        laws=(power(25.0, 0.35),)),
-    Entry("springpot_l1", "Springpot", lambda y: b.springpot(y, 25.0, 0.7, "l1", tol=1e-6), (squeeze,), unit="m",
-        laws=(power(25.0, 0.7),)),
-    Entry("springpot_spring", "Springpot", lambda y: b.springpot(y, 2000.0, 0.0), (squeeze,), unit="m"),
-    Entry("springpot_dashpot", "Springpot", lambda y: b.springpot(y, 2.0, 1.0), (squeeze,), unit="m"),
-    Entry("springpot_short", "Springpot", lambda y: b.springpot(y, 3.0, 0.4, tol=1e-6, horizon=0.008), (normal,), lti=True,
-        unit="m", settle=1 << 18),
-    Entry("springpot_contact", "Springpot", lambda y, c: b.springpot(y, 1.0, 0.2, onset="step", contact=c > 0.0),
-        (squeeze, held)),
-    Entry("springpot_live", "SpringpotLive", lambda y, a: b.springpot(y, 25.0, unit_interval(a)), (squeeze, held)),
-    Entry("springpot_live_l1", "SpringpotLive", lambda y, a: b.springpot(y, 25.0, unit_interval(a), "l1"), (squeeze, normal)),
-    Entry("springpot_chi", "NotBelowZero", lambda y, c: b.springpot(y, abs(c), 0.35), (squeeze, normal)),
-    Entry("springpot_bound", "Accuracy", lambda y, c: b.springpot(y, 25.0, 0.35, contact=c > 0.0, certificate=True)[1],
-        (squeeze, held)),
-    Entry("springpot_path", "PathLength", lambda y, c: PathLength(y, c < 0.0, "step"), (squeeze, held)),
-    Entry("springpot_downsampled", "Downsampled",
-        lambda y, c: b.springpot(y, 25.0, 0.35, "gl-downsampled", horizon=80.0, contact=c > 0.0), (squeeze, held),
-        rates=(1000.0,)),
-    Entry("springpot_short_memory", "ShortMemory",
-        lambda y, c: b.springpot(y, 25.0, 0.35, "gl-short-memory", contact=c > 0.0), (squeeze, held), rates=(1000.0, 8000.0)),
-    Entry("series_spring", "Series", lambda y: b.springpot_series(y, 25.0, 0.35, k=400.0), (squeeze,), unit="m"),
-    Entry("series_dashpot", "Series", lambda y, c: b.springpot_series(y, 25.0, 0.6, b=2.0, scheme="gl", contact=c > 0.0),
-        (squeeze, held)),
+    Entry(
+        "springpot",
+        "Springpot",
+        lambda y: b.springpot(y, 25.0, 0.35),
+        (squeeze,),
+        unit="m",
+        laws=(power(25.0, 0.35),),
+    ),
+    Entry(
+        "springpot_l1",
+        "Springpot",
+        lambda y: b.springpot(y, 25.0, 0.7, "l1", tol=1e-6),
+        (squeeze,),
+        unit="m",
+        laws=(power(25.0, 0.7),),
+    ),
+    Entry(
+        "springpot_spring", "Springpot", lambda y: b.springpot(y, 2000.0, 0.0), (squeeze,), unit="m"
+    ),
+    Entry(
+        "springpot_dashpot", "Springpot", lambda y: b.springpot(y, 2.0, 1.0), (squeeze,), unit="m"
+    ),
+    Entry(
+        "springpot_short",
+        "Springpot",
+        lambda y: b.springpot(y, 3.0, 0.4, tol=1e-6, horizon=0.008),
+        (normal,),
+        lti=True,
+        unit="m",
+        settle=1 << 18,
+    ),
+    Entry(
+        "springpot_contact",
+        "Springpot",
+        lambda y, c: b.springpot(y, 1.0, 0.2, onset="step", contact=c > 0.0),
+        (squeeze, held),
+    ),
+    Entry(
+        "springpot_live",
+        "SpringpotLive",
+        lambda y, a: b.springpot(y, 25.0, unit_interval(a)),
+        (squeeze, held),
+    ),
+    Entry(
+        "springpot_live_l1",
+        "SpringpotLive",
+        lambda y, a: b.springpot(y, 25.0, unit_interval(a), "l1"),
+        (squeeze, normal),
+    ),
+    Entry(
+        "springpot_chi",
+        "NotBelowZero",
+        lambda y, c: b.springpot(y, abs(c), 0.35),
+        (squeeze, normal),
+    ),
+    Entry(
+        "springpot_bound",
+        "Accuracy",
+        lambda y, c: b.springpot(y, 25.0, 0.35, contact=c > 0.0, certificate=True)[1],
+        (squeeze, held),
+    ),
+    Entry(
+        "springpot_path", "PathLength", lambda y, c: PathLength(y, c < 0.0, "step"), (squeeze, held)
+    ),
+    Entry(
+        "springpot_downsampled",
+        "Downsampled",
+        lambda y, c: b.springpot(y, 25.0, 0.35, "gl-downsampled", horizon=80.0, contact=c > 0.0),
+        (squeeze, held),
+        rates=(1000.0,),
+    ),
+    Entry(
+        "springpot_short_memory",
+        "ShortMemory",
+        lambda y, c: b.springpot(y, 25.0, 0.35, "gl-short-memory", contact=c > 0.0),
+        (squeeze, held),
+        rates=(1000.0, 8000.0),
+    ),
+    Entry(
+        "series_spring",
+        "Series",
+        lambda y: b.springpot_series(y, 25.0, 0.35, k=400.0),
+        (squeeze,),
+        unit="m",
+    ),
+    Entry(
+        "series_dashpot",
+        "Series",
+        lambda y, c: b.springpot_series(y, 25.0, 0.6, b=2.0, scheme="gl", contact=c > 0.0),
+        (squeeze, held),
+    ),
     Entry("compliance", "Integrate", lambda f: b.compliance(f, 25.0, 0.35), (normal,), unit="N"),
-    Entry("compliance_l1", "Springpot", lambda f: b.compliance(f, 25.0, 0.35, "l1", tol=1e-12), (normal,), unit="N",
-        laws=(creep(25.0, 0.35),)),
-    Entry("compliance_dashpot", "Integrate", lambda f: b.compliance(f, 25.0, 1.0), (normal,), unit="N"),
-    Entry("springpot_last_100", "ShortMemory", lambda y: b.springpot(y, 25.0, 0.35, "gl-short-memory"), (squeeze,), lti=True,
-        unit="m"),
-]  # fmt: skip
+    Entry(
+        "compliance_l1",
+        "Springpot",
+        lambda f: b.compliance(f, 25.0, 0.35, "l1", tol=1e-12),
+        (normal,),
+        unit="N",
+        laws=(creep(25.0, 0.35),),
+    ),
+    Entry(
+        "compliance_dashpot", "Integrate", lambda f: b.compliance(f, 25.0, 1.0), (normal,), unit="N"
+    ),
+    Entry(
+        "springpot_last_100",
+        "ShortMemory",
+        lambda y: b.springpot(y, 25.0, 0.35, "gl-short-memory"),
+        (squeeze,),
+        lti=True,
+        unit="m",
+    ),
+]
 
 
-# Bumps, equalisation -------------------------------------------------------------------------------------------------
+# Bumps, equalisation ------------------------------------------------------------------
 HUMP = [1.0, 1.8, 2.0, 1.9, 1.1]
 
 
@@ -478,29 +864,69 @@ def touch(rng, n, fs):
 TABLE += [
     Entry("bump_duty", "SineBump", lambda u, d: b.bump(u, "sine", d), (phase, held)),
     Entry(
-        "bump_point_sine", "SineBump", lambda u, c: b.bump(u, "half_sine", 0.4, sampling="point", contact=c), (phase, touch),
+        "bump_point_sine",
+        "SineBump",
+        lambda u, c: b.bump(u, "half_sine", 0.4, sampling="point", contact=c),
+        (phase, touch),
         edges=True,
     ),
     Entry("bump_whole", "LinearBump", lambda u: b.bump(u, "square", 1.0), (phase,)),
-    Entry("bump_table_contact", "TableBump", lambda u, d, c: b.bump(u, [0.0, 1.0], d, contact=c), (phase, held, touch)),
+    Entry(
+        "bump_table_contact",
+        "TableBump",
+        lambda u, d, c: b.bump(u, [0.0, 1.0], d, contact=c),
+        (phase, held, touch),
+    ),
     Entry("carrier_contact", "Carrier", lambda c: b.carrier(157.9, "half", contact=c), (touch,)),
-    Entry("carrier_fm", "Carrier", lambda f, c: b.carrier(constant(90.0, "Hz") * f, "half", contact=c), (held, touch)),
-    Entry("carrier_enabled", "Enabled", lambda x: b.enabled(b.carrier(158.0, "half"), by=x), (touch,)),
-    Entry("equalize", "Midpoint", lambda x: b.equalize(x, (KNOTS, HUMP), limit=1.5, signal=Param("v", 1.0)), (normal,)),
-    Entry("equalize_contact", "Midpoint",
-        lambda x, c: b.equalize(x, (KNOTS, HUMP), 1.5, "scale", contact=c, kind="cubic", outside="zero"), (normal, touch)),
-    Entry("lut_polynomial", "Polynomial", lambda x: b.lut(x, KNOTS, VALUES, kind="polynomial", outside="zero"), (normal,)),
-    Entry("bumps", "LinearBump",
-        lambda x, contact: stimlib.scenes.bumps("sawtooth", contact=True).outputs["voltage"] * 1.0, (squeeze, touch), unit="m"),
-]  # fmt: skip
+    Entry(
+        "carrier_fm",
+        "Carrier",
+        lambda f, c: b.carrier(constant(90.0, "Hz") * f, "half", contact=c),
+        (held, touch),
+    ),
+    Entry(
+        "carrier_enabled", "Enabled", lambda x: b.enabled(b.carrier(158.0, "half"), by=x), (touch,)
+    ),
+    Entry(
+        "equalize",
+        "Midpoint",
+        lambda x: b.equalize(x, (KNOTS, HUMP), limit=1.5, signal=Param("v", 1.0)),
+        (normal,),
+    ),
+    Entry(
+        "equalize_contact",
+        "Midpoint",
+        lambda x, c: b.equalize(
+            x, (KNOTS, HUMP), 1.5, "scale", contact=c, kind="cubic", outside="zero"
+        ),
+        (normal, touch),
+    ),
+    Entry(
+        "lut_polynomial",
+        "Polynomial",
+        lambda x: b.lut(x, KNOTS, VALUES, kind="polynomial", outside="zero"),
+        (normal,),
+    ),
+    Entry(
+        "bumps",
+        "LinearBump",
+        lambda x, contact: stimlib.scenes.bumps("sawtooth", contact=True).outputs["voltage"] * 1.0,
+        (squeeze, touch),
+        unit="m",
+    ),
+]
 
 
-# Several outputs, loops and what they hand out -----------------------------------------------------------------
+# Several outputs, loops and what they hand out ----------------------------------------
 def rubbed(x):
-    """Bristles under a mass that x pushes (LuGre): a loop in a loop, of which both values are heard."""
+    """Bristles under a mass that x pushes (LuGre): a loop in a loop, of which both
+    values are heard.
+    """
 
     def move(v):
-        z = b.loop(lambda z: (z + 1e-3 * v) / (1.0 + abs(v) / (1.0 + 0.5 * b.exp(-((100.0 * v) ** 2)))))
+        z = b.loop(
+            lambda z: (z + 1e-3 * v) / (1.0 + abs(v) / (1.0 + 0.5 * b.exp(-((100.0 * v) ** 2))))
+        )
         return v + 0.01 * (0.5 * x - 1e3 * z - 0.4 * v), z
 
     v, z = b.loop(move)
@@ -509,7 +935,9 @@ def rubbed(x):
 
 @dataclass(frozen=True, eq=False)
 class Lagging(Block):
-    """Means of this sample and the last, and half their difference: a block of a user's, with two outputs."""
+    """Means of this sample and the last, and half their difference: a block of a
+    user's, with two outputs.
+    """
 
     x: Block
     outputs = ("mean", "rise")
@@ -543,59 +971,195 @@ def halves(x):
 
 
 TABLE += [
-    Entry("loop", "Loop", lambda x: b.loop(lambda last: last + 0.1 * (x - last)), (normal,), lti=True),
-    Entry("loop_start", "Last", lambda x: b.loop(lambda last: 0.9 * last + 0.0 * x, start=3.0), (normal,)),
-    Entry("loop_delay", "Loop", lambda x: b.loop(lambda last: x - 0.5 * b.delay(last, 9)), (held,), lti=True),
-    Entry("loop_param", "Loop", lambda x: b.loop(lambda last: last + Param("g", 0.1) * (x - last)), (held,)),
+    Entry(
+        "loop", "Loop", lambda x: b.loop(lambda last: last + 0.1 * (x - last)), (normal,), lti=True
+    ),
+    Entry(
+        "loop_start",
+        "Last",
+        lambda x: b.loop(lambda last: 0.9 * last + 0.0 * x, start=3.0),
+        (normal,),
+    ),
+    Entry(
+        "loop_delay",
+        "Loop",
+        lambda x: b.loop(lambda last: x - 0.5 * b.delay(last, 9)),
+        (held,),
+        lti=True,
+    ),
+    Entry(
+        "loop_param",
+        "Loop",
+        lambda x: b.loop(lambda last: last + Param("g", 0.1) * (x - last)),
+        (held,),
+    ),
     Entry("loop_nested", "Tap", rubbed, (normal,)),
     Entry("loop_taps", "Tap", halves, (held,)),
     Entry("outputs", "Pick", parts, (normal,), lti=True),
-    Entry("loop_enabled", "Loop", lambda x: b.enabled(b.loop(lambda last: 0.9 * last + b.white_noise(3)), by=x), (ties,)),
+    Entry(
+        "loop_enabled",
+        "Loop",
+        lambda x: b.enabled(b.loop(lambda last: 0.9 * last + b.white_noise(3)), by=x),
+        (ties,),
+    ),
 ]
 
 
-# Filters -------------------------------------------------------------------------------------------------------------
+# Filters ------------------------------------------------------------------------------
 def butter(band, edges, order):
     return law.family(band, edges, order, "butterworth", 1.0, 60.0)
 
 
 TABLE += [
     Entry("first", "First", lambda x: First(x), (normal,)),
-    Entry("lowpass_steady", "First", lambda x: b.lowpass(x, 60.0, 4, "elliptic", onset="steady"), (squeeze,),
-        laws=(law.family("lowpass", [60.0], 4, "elliptic", 1.0, 60.0),)),
-    Entry("lowpass", "Filter", lambda x: b.lowpass(x, 100.0), (normal,), lti=True, laws=(butter("lowpass", [100.0], 2),)),
-    Entry("lowpass_slow", "Filter", lambda x: b.lowpass(x, 0.1, 3), (held,), lti=True, settle=1 << 20,
-        laws=(butter("lowpass", [0.1], 3),)),
-    Entry("lowpass_bessel", "Filter", lambda x: b.lowpass(x, 60.0, 7, "bessel"), (normal,), lti=True,
-        laws=(law.family("lowpass", [60.0], 7, "bessel", 1.0, 60.0),)),
-    Entry("highpass", "Filter", lambda x: b.highpass(x, 40.0, 5, "chebyshev1", ripple=0.5), (normal,), lti=True,
-        laws=(law.family("highpass", [40.0], 5, "chebyshev1", 0.5, 60.0),)),
-    Entry("bandpass", "Filter", lambda x: b.bandpass(x, 80.0, 300.0, 3), (normal,), lti=True,
-        laws=(butter("bandpass", [80.0, 300.0], 3),)),
-    Entry("bandstop", "Filter", lambda x: b.bandstop(x, 40.0, 70.0, 4, "elliptic", attenuation=50.0), (normal,), lti=True,
-        laws=(law.family("bandstop", [40.0, 70.0], 4, "elliptic", 1.0, 50.0),)),
-    Entry("sos", "Sos", lambda x: b.sos(x, ROWS), (normal,), lti=True, laws=(law.biquads(np.array(ROWS)),)),
-    Entry("resonator", "Resonator", lambda x: b.resonator(x, 158.0, 20.0), (normal,), lti=True,
-        laws=(law.resonance(158.0, 20.0),)),
-    Entry("notch", "Resonator", lambda x: b.notch(x, 50.0, 3.0), (normal,), lti=True,
-        laws=(law.resonance(50.0, 3.0, True),)),
-    Entry("mode", "Mode", lambda x: b.mode(x, 158.0, 10.0), (normal,), lti=True, laws=(law.oscillator(158.0, 10.0),)),
-    Entry("mode_shape", "Shape", lambda x, y: b.mode_shape(0.05 * x, 0.05 * y, BENT, 0.1, 0.07), (normal, held), unit="m"),
-    Entry("pole_swap", "PoleSwap", lambda x: b.pole_swap(x, 158.0, 10.0, 4.0), (normal,), lti=True,
-        laws=(law.pole_swap(158.0, 10.0, 4.0),)),
-    Entry("svf", "Svf", lambda x: b.svf(x, 120.0, 2.0, "highpass"), (normal,), lti=True,
-        laws=(state_variable(120.0, 2.0, (1, 0, 0)),)),
-    Entry("svf_live", "Svf", lambda x, f, q: b.svf(x, constant(200.0, "Hz") * abs(f), abs(q), "bandpass"), (normal, held, held)),
-    Entry("svf_param", "Svf", lambda x: b.svf(x, Param("f", 80.0, "Hz"), Param("q", 5.0), "notch"), (normal,)),
+    Entry(
+        "lowpass_steady",
+        "First",
+        lambda x: b.lowpass(x, 60.0, 4, "elliptic", onset="steady"),
+        (squeeze,),
+        laws=(law.family("lowpass", [60.0], 4, "elliptic", 1.0, 60.0),),
+    ),
+    Entry(
+        "lowpass",
+        "Filter",
+        lambda x: b.lowpass(x, 100.0),
+        (normal,),
+        lti=True,
+        laws=(butter("lowpass", [100.0], 2),),
+    ),
+    Entry(
+        "lowpass_slow",
+        "Filter",
+        lambda x: b.lowpass(x, 0.1, 3),
+        (held,),
+        lti=True,
+        settle=1 << 20,
+        laws=(butter("lowpass", [0.1], 3),),
+    ),
+    Entry(
+        "lowpass_bessel",
+        "Filter",
+        lambda x: b.lowpass(x, 60.0, 7, "bessel"),
+        (normal,),
+        lti=True,
+        laws=(law.family("lowpass", [60.0], 7, "bessel", 1.0, 60.0),),
+    ),
+    Entry(
+        "highpass",
+        "Filter",
+        lambda x: b.highpass(x, 40.0, 5, "chebyshev1", ripple=0.5),
+        (normal,),
+        lti=True,
+        laws=(law.family("highpass", [40.0], 5, "chebyshev1", 0.5, 60.0),),
+    ),
+    Entry(
+        "bandpass",
+        "Filter",
+        lambda x: b.bandpass(x, 80.0, 300.0, 3),
+        (normal,),
+        lti=True,
+        laws=(butter("bandpass", [80.0, 300.0], 3),),
+    ),
+    Entry(
+        "bandstop",
+        "Filter",
+        lambda x: b.bandstop(x, 40.0, 70.0, 4, "elliptic", attenuation=50.0),
+        (normal,),
+        lti=True,
+        laws=(law.family("bandstop", [40.0, 70.0], 4, "elliptic", 1.0, 50.0),),
+    ),
+    Entry(
+        "sos",
+        "Sos",
+        lambda x: b.sos(x, ROWS),
+        (normal,),
+        lti=True,
+        laws=(law.biquads(np.array(ROWS)),),
+    ),
+    Entry(
+        "resonator",
+        "Resonator",
+        lambda x: b.resonator(x, 158.0, 20.0),
+        (normal,),
+        lti=True,
+        laws=(law.resonance(158.0, 20.0),),
+    ),
+    Entry(
+        "notch",
+        "Resonator",
+        lambda x: b.notch(x, 50.0, 3.0),
+        (normal,),
+        lti=True,
+        laws=(law.resonance(50.0, 3.0, True),),
+    ),
+    Entry(
+        "mode",
+        "Mode",
+        lambda x: b.mode(x, 158.0, 10.0),
+        (normal,),
+        lti=True,
+        laws=(law.oscillator(158.0, 10.0),),
+    ),
+    Entry(
+        "mode_shape",
+        "Shape",
+        lambda x, y: b.mode_shape(0.05 * x, 0.05 * y, BENT, 0.1, 0.07),
+        (normal, held),
+        unit="m",
+    ),
+    Entry(
+        "pole_swap",
+        "PoleSwap",
+        lambda x: b.pole_swap(x, 158.0, 10.0, 4.0),
+        (normal,),
+        lti=True,
+        laws=(law.pole_swap(158.0, 10.0, 4.0),),
+    ),
+    Entry(
+        "svf",
+        "Svf",
+        lambda x: b.svf(x, 120.0, 2.0, "highpass"),
+        (normal,),
+        lti=True,
+        laws=(state_variable(120.0, 2.0, (1, 0, 0)),),
+    ),
+    Entry(
+        "svf_live",
+        "Svf",
+        lambda x, f, q: b.svf(x, constant(200.0, "Hz") * abs(f), abs(q), "bandpass"),
+        (normal, held, held),
+    ),
+    Entry(
+        "svf_param",
+        "Svf",
+        lambda x: b.svf(x, Param("f", 80.0, "Hz"), Param("q", 5.0), "notch"),
+        (normal,),
+    ),
     Entry("integrate", "Integrate", lambda x: b.integrate(x), (normal,), laws=(law.integral(0.0),)),
-    Entry("integrate_leak", "Integrate", lambda x: b.integrate(x, 30.0), (held,), lti=True, laws=(law.integral(30.0),)),
-    Entry("moving_average", "MovingAverage", lambda x: b.moving_average(x, 0.01), (normal,), lti=True, rates=(8000.0,),
-        laws=(law.mean_of(80),)),
-    Entry("envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)),
-]  # fmt: skip
+    Entry(
+        "integrate_leak",
+        "Integrate",
+        lambda x: b.integrate(x, 30.0),
+        (held,),
+        lti=True,
+        laws=(law.integral(30.0),),
+    ),
+    Entry(
+        "moving_average",
+        "MovingAverage",
+        lambda x: b.moving_average(x, 0.01),
+        (normal,),
+        lti=True,
+        rates=(8000.0,),
+        laws=(law.mean_of(80),),
+    ),
+    Entry(
+        "envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)
+    ),
+]
 
 
-# Events --------------------------------------------------------------------------------------------------------------
+# Events -------------------------------------------------------------------------------
 CLICK = [1.0, -0.6, 0.3, 0.1, -0.05]
 
 
@@ -607,55 +1171,151 @@ TABLE += [
     Entry("rising", "Edge", lambda x, y: b.rising(x, y), (normal, held), edges=True),
     Entry("falling", "Edge", lambda x: b.falling(x, 0.25), (ties,), edges=True),
     Entry("crossing", "Crossing", lambda x: b.crossing(x, 0.3, 0.1), (phase,), edges=True),
-    Entry("crossing_split", "Crossing", lambda x: b.crossing(x, 0.07, split=True), (phase,), edges=True),
+    Entry(
+        "crossing_split",
+        "Crossing",
+        lambda x: b.crossing(x, 0.07, split=True),
+        (phase,),
+        edges=True,
+    ),
     Entry("hysteresis", "Hysteresis", lambda x: b.hysteresis(x, 0.5, -0.5), (normal,), edges=True),
     Entry("count", "Count", lambda e: b.count(e), (sparse,)),
-    Entry("sample_and_hold", "SampleAndHold", lambda x, e: b.sample_and_hold(x, e), (normal, sparse), edges=True),
+    Entry(
+        "sample_and_hold",
+        "SampleAndHold",
+        lambda x, e: b.sample_and_hold(x, e),
+        (normal, sparse),
+        edges=True,
+    ),
     Entry("once_within", "OnceWithin", lambda e: b.once_within(e, 0.01), (sparse,), edges=True),
     Entry("elapsed", "Time", lambda: b.elapsed()),
-    Entry("elapsed_gated", "Enabled", lambda x: b.enabled(b.elapsed() + constant(1.0, "s"), by=x), (touch,)),
+    Entry(
+        "elapsed_gated",
+        "Enabled",
+        lambda x: b.enabled(b.elapsed() + constant(1.0, "s"), by=x),
+        (touch,),
+    ),
     Entry("every", "Every", lambda: b.every(0.0011)),
     Entry("at", "At", lambda: b.at([0.0, 0.01, 0.0100001, 0.02])),
-    Entry("timeline", "Timeline", lambda: b.timeline([(0.0, 1.0), (0.01, -1.0), (0.01, 0.5), (0.03, 2.0)], "cosine")),
-    Entry("timeline_step", "Timeline", lambda: b.timeline([(0.001, 1.0), (0.02, -1.0)], "step", "N")),
-    Entry("ring", "Ring", lambda e: b.ring(e, 150.0, 0.008), (sparse,), lti=True, laws=(law.ring(150.0, 0.008, "sine"),)),
-    Entry("ring_cosine", "Ring", lambda e: b.ring(e, 90.0, 0.005, "cosine"), (sparse,), lti=True,
-        laws=(law.ring(90.0, 0.005, "cosine"),)),
-    Entry("ring_live", "Ring", lambda e, f, d: b.ring(e, constant(200.0, "Hz") * abs(f), seconds(d)), (sparse, held, held)),
-    Entry("grain", "Grain", lambda e: b.grain(e, CLICK, rate=8000.0), (sparse,), lti=True, rates=(8000.0,),
-        laws=(law.sum_of(CLICK),)),
-    Entry("grain_slower", "Grain", lambda e: b.grain(e, CLICK, rate=400.0, unit="N"), (sparse,), lti=True),
+    Entry(
+        "timeline",
+        "Timeline",
+        lambda: b.timeline([(0.0, 1.0), (0.01, -1.0), (0.01, 0.5), (0.03, 2.0)], "cosine"),
+    ),
+    Entry(
+        "timeline_step", "Timeline", lambda: b.timeline([(0.001, 1.0), (0.02, -1.0)], "step", "N")
+    ),
+    Entry(
+        "ring",
+        "Ring",
+        lambda e: b.ring(e, 150.0, 0.008),
+        (sparse,),
+        lti=True,
+        laws=(law.ring(150.0, 0.008, "sine"),),
+    ),
+    Entry(
+        "ring_cosine",
+        "Ring",
+        lambda e: b.ring(e, 90.0, 0.005, "cosine"),
+        (sparse,),
+        lti=True,
+        laws=(law.ring(90.0, 0.005, "cosine"),),
+    ),
+    Entry(
+        "ring_live",
+        "Ring",
+        lambda e, f, d: b.ring(e, constant(200.0, "Hz") * abs(f), seconds(d)),
+        (sparse, held, held),
+    ),
+    Entry(
+        "grain",
+        "Grain",
+        lambda e: b.grain(e, CLICK, rate=8000.0),
+        (sparse,),
+        lti=True,
+        rates=(8000.0,),
+        laws=(law.sum_of(CLICK),),
+    ),
+    Entry(
+        "grain_slower",
+        "Grain",
+        lambda e: b.grain(e, CLICK, rate=400.0, unit="N"),
+        (sparse,),
+        lti=True,
+    ),
     Entry("burst", "Burst", lambda e: b.burst(e, 0.03, 0.01), (sparse,)),
     Entry("burst_once", "Burst", lambda: b.burst(0.01, 0.05)),
-    Entry("envelope", "Envelope", lambda g: b.envelope(g, 0.002, 0.005, 0.4, 0.003), (touch,), edges=True),
-]  # fmt: skip
+    Entry(
+        "envelope",
+        "Envelope",
+        lambda g: b.envelope(g, 0.002, 0.005, 0.4, 0.003),
+        (touch,),
+        edges=True,
+    ),
+]
 
 
-# Sources -------------------------------------------------------------------------------------------------------------
+# Sources ------------------------------------------------------------------------------
 TABLE += [
     Entry("triangle", "Oscillator", lambda: b.oscillator(158.0, "triangle", phase=0.4)),
-    Entry("sawtooth", "Oscillator", lambda x: b.oscillator(constant(300.0, "Hz") * abs(x), "sawtooth"), (held,), edges=True),
-    Entry("square", "Oscillator", lambda d: b.oscillator(Param("f", 90.0, "Hz"), "square", 0.5 + 0.4 * b.tanh(d)), (held,),
-        edges=True),
+    Entry(
+        "sawtooth",
+        "Oscillator",
+        lambda x: b.oscillator(constant(300.0, "Hz") * abs(x), "sawtooth"),
+        (held,),
+        edges=True,
+    ),
+    Entry(
+        "square",
+        "Oscillator",
+        lambda d: b.oscillator(Param("f", 90.0, "Hz"), "square", 0.5 + 0.4 * b.tanh(d)),
+        (held,),
+        edges=True,
+    ),
     Entry("pulse", "Oscillator", lambda: b.oscillator(41.0, "pulse", 0.2)),
-    Entry("pulse_train", "PulseTrain", lambda x, j: b.pulse_train(constant(200.0, "Hz") * abs(x), 0.2 * j), (held, normal),
-        edges=True),
+    Entry(
+        "pulse_train",
+        "PulseTrain",
+        lambda x, j: b.pulse_train(constant(200.0, "Hz") * abs(x), 0.2 * j),
+        (held, normal),
+        edges=True,
+    ),
     Entry("pulse_train_regular", "PulseTrain", lambda: b.pulse_train(89.7)),
     Entry("chirp", "Chirp", lambda: b.chirp(20.0, 400.0, 0.5)),
     Entry("chirp_exponential", "Chirp", lambda: b.chirp(400.0, 20.0, 0.02, "exponential")),
     Entry("playback", "Playback", lambda: b.playback(UNEVEN, rate=1000.0, unit="N")),
     Entry("playback_loop", "Playback", lambda: b.playback(UNEVEN, rate=500.0, loop=True)),
-    Entry("playback_at", "Scanned", lambda x: b.playback(UNEVEN, rate=1000.0, unit="N", at=seconds(x)), (normal,)),
-    Entry("playback_at_loop", "Scanned", lambda x: b.playback(UNEVEN, rate=9000.0, loop=True, at=seconds(x)), (normal,)),
-    Entry("band_noise", "BandNoise", lambda: b.band_noise(80.0, 300.0, 0.01, seed=3, shared=True),
-        laws=(law.band_noise(80.0, 300.0, 0.01, 4),)),
-]  # fmt: skip
+    Entry(
+        "playback_at",
+        "Scanned",
+        lambda x: b.playback(UNEVEN, rate=1000.0, unit="N", at=seconds(x)),
+        (normal,),
+    ),
+    Entry(
+        "playback_at_loop",
+        "Scanned",
+        lambda x: b.playback(UNEVEN, rate=9000.0, loop=True, at=seconds(x)),
+        (normal,),
+    ),
+    Entry(
+        "band_noise",
+        "BandNoise",
+        lambda: b.band_noise(80.0, 300.0, 0.01, seed=3, shared=True),
+        laws=(law.band_noise(80.0, 300.0, 0.01, 4),),
+    ),
+]
 
 
-# Surfaces ------------------------------------------------------------------------------------------------------------
+# Surfaces -----------------------------------------------------------------------------
 RIBS = [(1.0, 0.7, 0.3), (0.37, -0.4, 2.0)]
 HILLS = np.array(
-    [[0.0, 1.0, -0.5, 2.0], [1.0, 1.5, 0.3, -1.0], [0.2, 0.4, 3.0, 1.0], [-2.0, 0.5, 0.5, 0.6], [1.0, 2.0, 1.0, 0.0]]
+    [
+        [0.0, 1.0, -0.5, 2.0],
+        [1.0, 1.5, 0.3, -1.0],
+        [0.2, 0.4, 3.0, 1.0],
+        [-2.0, 0.5, 0.5, 0.6],
+        [1.0, 2.0, 1.0, 0.0],
+    ]
 )
 
 
@@ -664,17 +1324,41 @@ def heights(grid):
 
 
 TABLE += [
-    Entry("spatial_noise", "SpatialNoise", lambda u: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0), (phase,)),
-    Entry("spatial_noise_contact", "SpatialNoise",
-        lambda u, c: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0, contact=c), (phase, touch)),
+    Entry(
+        "spatial_noise",
+        "SpatialNoise",
+        lambda u: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0),
+        (phase,),
+    ),
+    Entry(
+        "spatial_noise_contact",
+        "SpatialNoise",
+        lambda u, c: b.spatial_noise(u, 1.5, 7, shortest=0.7, longest=3.0, contact=c),
+        (phase, touch),
+    ),
     Entry("grating", "Grating", lambda u: b.grating(u, RIBS), (phase,)),
-    Entry("lut2", "LinearGrid", lambda x, y: heights(b.lut2(x, y, HILLS, 0.6, (-1.0, -1.2), unit="N")), (normal, held)),
-    Entry("lut2_cubic", "CubicGrid", lambda x, y: heights(b.lut2(x, y, HILLS, (0.6, 0.5), -1.2, "cubic", "N")), (normal, held)),
-    Entry("grating_contact", "Grating", lambda u, c: b.grating(u, RIBS, "N", contact=c), (phase, touch)),
-]  # fmt: skip
+    Entry(
+        "lut2",
+        "LinearGrid",
+        lambda x, y: heights(b.lut2(x, y, HILLS, 0.6, (-1.0, -1.2), unit="N")),
+        (normal, held),
+    ),
+    Entry(
+        "lut2_cubic",
+        "CubicGrid",
+        lambda x, y: heights(b.lut2(x, y, HILLS, (0.6, 0.5), -1.2, "cubic", "N")),
+        (normal, held),
+    ),
+    Entry(
+        "grating_contact",
+        "Grating",
+        lambda u, c: b.grating(u, RIBS, "N", contact=c),
+        (phase, touch),
+    ),
+]
 
 
-# Friction and contact ------------------------------------------------------------------------------------------------
+# Friction and contact -----------------------------------------------------------------
 def newtons(f):
     """A force, below 0 too where f is."""
     return constant(1.0, "N/m") * f
@@ -682,76 +1366,226 @@ def newtons(f):
 
 TABLE += [
     Entry("friction", "ElastoPlastic", lambda x: b.friction(x, 20.0), (squeeze,), unit="m"),
-    Entry("friction_live", "ElastoPlastic", lambda x, f: b.friction(x, newtons(f), 0.6, Param("k", 3.0, "N/m"), elastic=0.3),
-        (phase, held), unit="m"),
-    Entry("friction_coulomb", "Coulomb", lambda x: b.friction(x, 1.0, 0.5, 100.0, "coulomb"), (squeeze,), unit="m"),
-    Entry("friction_soft", "Coulomb", lambda x, f: b.friction(x, newtons(f), 0.5, constant(2.0, "1/m") * newtons(f), "coulomb"),
-        (phase, normal), unit="m"),
-    Entry("friction_dahl", "Dahl", lambda x, c: b.friction(x, 1.0, 0.5, 100.0, "dahl", contact=c > constant(0.0, "m")),
-        (squeeze, held), unit="m"),
-    Entry("friction_lugre", "LuGre", lambda x, f: b.friction(
-        x, newtons(f), 0.5, 100.0, "lugre", static=0.8, damping=0.1, viscosity=0.2), (squeeze, held), unit="m"),
-    Entry("friction_stribeck", "Stribeck", lambda x: b.friction(x, 1.0, 0.5, 100.0, static=0.8, speed=0.3), (squeeze,), unit="m"),
-    Entry("stick_slip", "StickSlip", lambda x: b.stick_slip(x, 1.0, 0.8, 0.5, 100.0), (squeeze,), unit="m", edges=True),
-    Entry("stick_slip_live", "StickSlip", lambda x, f: b.stick_slip(x, newtons(f), 0.8, 0.3, 2.0), (phase, normal), unit="m",
-        edges=True),
+    Entry(
+        "friction_live",
+        "ElastoPlastic",
+        lambda x, f: b.friction(x, newtons(f), 0.6, Param("k", 3.0, "N/m"), elastic=0.3),
+        (phase, held),
+        unit="m",
+    ),
+    Entry(
+        "friction_coulomb",
+        "Coulomb",
+        lambda x: b.friction(x, 1.0, 0.5, 100.0, "coulomb"),
+        (squeeze,),
+        unit="m",
+    ),
+    Entry(
+        "friction_soft",
+        "Coulomb",
+        lambda x, f: b.friction(x, newtons(f), 0.5, constant(2.0, "1/m") * newtons(f), "coulomb"),
+        (phase, normal),
+        unit="m",
+    ),
+    Entry(
+        "friction_dahl",
+        "Dahl",
+        lambda x, c: b.friction(x, 1.0, 0.5, 100.0, "dahl", contact=c > constant(0.0, "m")),
+        (squeeze, held),
+        unit="m",
+    ),
+    Entry(
+        "friction_lugre",
+        "LuGre",
+        lambda x, f: b.friction(
+            x, newtons(f), 0.5, 100.0, "lugre", static=0.8, damping=0.1, viscosity=0.2
+        ),
+        (squeeze, held),
+        unit="m",
+    ),
+    Entry(
+        "friction_stribeck",
+        "Stribeck",
+        lambda x: b.friction(x, 1.0, 0.5, 100.0, static=0.8, speed=0.3),
+        (squeeze,),
+        unit="m",
+    ),
+    Entry(
+        "stick_slip",
+        "StickSlip",
+        lambda x: b.stick_slip(x, 1.0, 0.8, 0.5, 100.0),
+        (squeeze,),
+        unit="m",
+        edges=True,
+    ),
+    Entry(
+        "stick_slip_live",
+        "StickSlip",
+        lambda x, f: b.stick_slip(x, newtons(f), 0.8, 0.3, 2.0),
+        (phase, normal),
+        unit="m",
+        edges=True,
+    ),
     Entry("wall", "Wall", lambda x: b.wall(x, 300.0, 2.0, 0.01), (squeeze,), unit="m"),
-    Entry("wall_live", "Wall", lambda x, k: b.wall(x, constant(1.0, "N/m^2") * k, 0.002, 0.1, 0.003), (phase, held), unit="m",
-        edges=True),
-    Entry("wall_contact", "Wall", lambda x, c: b.wall(x, 300.0, hunt_crossley=0.2, contact=c > constant(0.0, "m")),
-        (squeeze, held), unit="m"),
-    Entry("detents", "Detents", lambda x: b.detents(x, 1.0, constant(0.3, "N/m") * x), (phase,), unit="m"),
+    Entry(
+        "wall_live",
+        "Wall",
+        lambda x, k: b.wall(x, constant(1.0, "N/m^2") * k, 0.002, 0.1, 0.003),
+        (phase, held),
+        unit="m",
+        edges=True,
+    ),
+    Entry(
+        "wall_contact",
+        "Wall",
+        lambda x, c: b.wall(x, 300.0, hunt_crossley=0.2, contact=c > constant(0.0, "m")),
+        (squeeze, held),
+        unit="m",
+    ),
+    Entry(
+        "detents",
+        "Detents",
+        lambda x: b.detents(x, 1.0, constant(0.3, "N/m") * x),
+        (phase,),
+        unit="m",
+    ),
     Entry("detents_slow", "Detents", lambda x: b.detents(x, 2e-3), (squeeze,), unit="m"),
-    Entry("button", "Button", lambda x: (k := b.button(x, 2.0, 0.4, 0.01)).force + newtons(constant(0.1, "m") * k.pressed),
-        (squeeze,), unit="m", edges=True),
-    Entry("button_live", "Button", lambda x, f: 2.0 * b.button(x, newtons(abs(f)), 0.3, 0.5, 0.2).force, (phase, held), unit="m",
-        edges=True),
-]  # fmt: skip
+    Entry(
+        "button",
+        "Button",
+        lambda x: (
+            (k := b.button(x, 2.0, 0.4, 0.01)).force + newtons(constant(0.1, "m") * k.pressed)
+        ),
+        (squeeze,),
+        unit="m",
+        edges=True,
+    ),
+    Entry(
+        "button_live",
+        "Button",
+        lambda x, f: 2.0 * b.button(x, newtons(abs(f)), 0.3, 0.5, 0.2).force,
+        (phase, held),
+        unit="m",
+        edges=True,
+    ),
+]
 
 
-# Soft objects --------------------------------------------------------------------------------------------------------
+# Soft objects -------------------------------------------------------------------------
 SOFT_MAP = np.array([[0.0, 0.1, 0.3, 0.1], [0.2, 0.9, 1.0, 0.2], [0.0, 0.4, 0.7, 0.0]]), 0.03, 0.02
 
 
 def finger(rng, n, fs):
     """A few strokes over two centimetres."""
-    return 0.01 * (1 + np.sin(2 * np.pi * rng.uniform(3, 9) * np.arange(n) / fs + rng.uniform(0, 6)))
+    return 0.01 * (
+        1 + np.sin(2 * np.pi * rng.uniform(3, 9) * np.arange(n) / fs + rng.uniform(0, 6))
+    )
 
 
 def heard(place, *, wait=0.0):
-    return place.x - 0.25 * place.y + (constant(2.0, "m/s") * (place.wait + place.lag) if wait else 0.0)
+    return (
+        place.x
+        - 0.25 * place.y
+        + (constant(2.0, "m/s") * (place.wait + place.lag) if wait else 0.0)
+    )
 
 
 TABLE += [
-    Entry("stiffness_map", "Minimum", lambda x, y: b.stiffness_map(x, y, SOFT_MAP), (finger, normal), unit="m"),
-    Entry("cursor", "Cursor", lambda x, y: heard(b.cursor(x, y, SOFT_MAP)), (finger, finger), unit="m"),
-    Entry("cursor_contact", "Cursor", lambda x, y, c: heard(b.cursor(x, y, SOFT_MAP, contact=c > 0.0)), (finger, finger, touch),
-        unit="m"),
-    Entry("cursor_frames", "CursorFrames", lambda x, y, c: heard(b.cursor(x, y, SOFT_MAP, "frames", c > 0.0, frame=0.0021)),
-        (finger, finger, touch), unit="m", edges=True),
-    Entry("avatar", "DelayAvatar",
-        lambda x, y, c: heard(b.delay_avatar(x, y, constant(30.0, "N/m") * x, contact=c > 0.0, most=0.02), wait=1),
-        (finger, finger, touch), unit="m", edges=True),
-    Entry("avatar_frames", "FrameAvatar",
+    Entry(
+        "stiffness_map",
+        "Minimum",
+        lambda x, y: b.stiffness_map(x, y, SOFT_MAP),
+        (finger, normal),
+        unit="m",
+    ),
+    Entry(
+        "cursor", "Cursor", lambda x, y: heard(b.cursor(x, y, SOFT_MAP)), (finger, finger), unit="m"
+    ),
+    Entry(
+        "cursor_contact",
+        "Cursor",
+        lambda x, y, c: heard(b.cursor(x, y, SOFT_MAP, contact=c > 0.0)),
+        (finger, finger, touch),
+        unit="m",
+    ),
+    Entry(
+        "cursor_frames",
+        "CursorFrames",
+        lambda x, y, c: heard(b.cursor(x, y, SOFT_MAP, "frames", c > 0.0, frame=0.0021)),
+        (finger, finger, touch),
+        unit="m",
+        edges=True,
+    ),
+    Entry(
+        "avatar",
+        "DelayAvatar",
         lambda x, y, c: heard(
-            b.delay_avatar(x, y, constant(30.0, "N/m") * x, "frames", c > 0.0, frame=0.0021, notice=0.01), wait=1),
-        (finger, finger, touch), unit="m", edges=True),
-    Entry("vibration", "Vibration", lambda e: b.vibration(constant(0.01, "s") * abs(e), 0.71), (sparse,), edges=True),
-    Entry("dent", "Dent", lambda x, d: b.deformation([x, 0.5 * x], [d, 0.7 * d]), (finger, finger), unit="m", edges=True),
-    Entry("indentation", "Minimum", lambda f: b.indentation(b.press(f), b.clip(f, 0.0, 1.0)), (normal,), edges=True),
-]  # fmt: skip
+            b.delay_avatar(x, y, constant(30.0, "N/m") * x, contact=c > 0.0, most=0.02), wait=1
+        ),
+        (finger, finger, touch),
+        unit="m",
+        edges=True,
+    ),
+    Entry(
+        "avatar_frames",
+        "FrameAvatar",
+        lambda x, y, c: heard(
+            b.delay_avatar(
+                x, y, constant(30.0, "N/m") * x, "frames", c > 0.0, frame=0.0021, notice=0.01
+            ),
+            wait=1,
+        ),
+        (finger, finger, touch),
+        unit="m",
+        edges=True,
+    ),
+    Entry(
+        "vibration",
+        "Vibration",
+        lambda e: b.vibration(constant(0.01, "s") * abs(e), 0.71),
+        (sparse,),
+        edges=True,
+    ),
+    Entry(
+        "dent",
+        "Dent",
+        lambda x, d: b.deformation([x, 0.5 * x], [d, 0.7 * d]),
+        (finger, finger),
+        unit="m",
+        edges=True,
+    ),
+    Entry(
+        "indentation",
+        "Minimum",
+        lambda f: b.indentation(b.press(f), b.clip(f, 0.0, 1.0)),
+        (normal,),
+        edges=True,
+    ),
+]
 
 
-TEXTS = {"stimlib.devices.callback", "stimlib.targets.numba.runtime", "stimlib.targets.numba.together"}
-"""Modules whose text is compiled from the cache: to import one compiles it once more, the first in half a minute."""
+TEXTS = {
+    "stimlib.devices.callback",
+    "stimlib.targets.numba.runtime",
+    "stimlib.targets.numba.together",
+}
+"""Modules whose text is compiled from the cache: to import one compiles it once more,
+the first in half a minute.
+"""
 
 
 def ours() -> dict[str, type[Block]]:
-    """Every final class of stimlib, wherever it is defined (by the layers, not in the checks or the command line)."""
+    """Every final class of stimlib, wherever it is defined (by the layers, not in the
+    checks or the command line).
+    """
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):
         if m.name.split(".")[1] not in ("checks", "cli", "__main__") and m.name not in TEXTS:
             importlib.import_module(m.name)
-    return {n: c for n, c in registry.items() if c.__module__.split(".")[0] == "stimlib" and ".checks." not in c.__module__}
+    return {
+        n: c
+        for n, c in registry.items()
+        if c.__module__.split(".")[0] == "stimlib" and ".checks." not in c.__module__
+    }
 
 
 def missing() -> set[str]:

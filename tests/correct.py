@@ -1,4 +1,6 @@
-"""Correct renderings of every kind, drawn at random: scenes, rates from 1 to 192 kHz, tolerances, seeds, hands, parameters."""
+"""Correct renderings of every kind, drawn at random: scenes, rates from 1 to 192 kHz,
+tolerances, seeds, hands, parameters.
+"""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -10,7 +12,14 @@ from stimlib import Block, Input, Param, Scene, constant
 from stimlib import blocks as b
 from stimlib.blocks.relaxation import maxwell
 from stimlib.blocks.tracking import track
-from stimlib.motion.generators import constant_speed, jittered, minimum_jerk, quantised, ramp_and_hold, sinusoid
+from stimlib.motion.generators import (
+    constant_speed,
+    jittered,
+    minimum_jerk,
+    quantised,
+    ramp_and_hold,
+    sinusoid,
+)
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 
@@ -54,7 +63,9 @@ def hand(rng, top):
         ramp_and_hold(top * rng.uniform(0.1, 1.0), rng.uniform(0.05, 1.0)),
         sinusoid(top * rng.uniform(0.05, 0.5), rng.uniform(0.3, 8.0)),
         quantised(minimum_jerk(depth=top), 1e-6),
-        jittered(quantised(ramp_and_hold(top, 0.1), 1e-6), 1e-6, rate=900.0, seed=int(rng.integers(99))),
+        jittered(
+            quantised(ramp_and_hold(top, 0.1), 1e-6), 1e-6, rate=900.0, seed=int(rng.integers(99))
+        ),
         np.zeros(200000),
     )[kind]
 
@@ -63,10 +74,17 @@ def _squeeze(rng):
     fs = float(rng.choice([4000, 8000, 16000, 48000, 96000]))
     fingers, contact = int(rng.integers(1, 3)), bool(rng.integers(2))
     words = {
-        "k": rng.uniform(100, 5000), "A": rng.choice([0.0, 0.1, 3.4, 20.0]), "fingers": fingers, "contact": contact,
-        "seed": int(rng.integers(1000)), "passband": 800.0 if fs < 8000 else 1000.0, "f_low": rng.choice([5.0, 10.0, 30.0]),
-        "tol_db": rng.choice([0.01, 0.1, 1.0]), "cutoff": rng.choice([30.0, 100.0, 300.0]), "limits": bool(rng.integers(3) == 0),
-    }  # fmt: skip
+        "k": rng.uniform(100, 5000),
+        "A": rng.choice([0.0, 0.1, 3.4, 20.0]),
+        "fingers": fingers,
+        "contact": contact,
+        "seed": int(rng.integers(1000)),
+        "passband": 800.0 if fs < 8000 else 1000.0,
+        "f_low": rng.choice([5.0, 10.0, 30.0]),
+        "tol_db": rng.choice([0.01, 0.1, 1.0]),
+        "cutoff": rng.choice([30.0, 100.0, 300.0]),
+        "limits": bool(rng.integers(3) == 0),
+    }
     motion = {f"x{i + 1}": hand(rng, 0.03) for i in range(fingers)}
     if contact:
         motion["contact"] = (lambda f: lambda t: 1.0 * (np.sin(f * t) > -0.4))(rng.uniform(1, 40))
@@ -76,14 +94,21 @@ def _squeeze(rng):
 def _viscoelastic(rng):
     fs = float(rng.choice([1000, 8000, 48000, 96000, 192000]))
     alpha = float(rng.choice([0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0, rng.random()]))
-    scene = viscoelastic(alpha, scheme=str(rng.choice(["gl", "l1"])), tol=float(10 ** -rng.uniform(4, 14)))
+    scene = viscoelastic(
+        alpha, scheme=str(rng.choice(["gl", "l1"])), tol=float(10 ** -rng.uniform(4, 14))
+    )
     return scene, {"y": hand(rng, 0.03)}, fs, {"firmness": rng.uniform(0.1, 3)}
 
 
 def _live_order(rng):
     fs = float(rng.choice([1000, 8000, 48000]))
     part = b.springpot(Input("y", "m"), 100.0, Param("alpha", 0.5), str(rng.choice(["gl", "l1"])))
-    return Scene({"force": Param("firmness", 1.0) * part}, "viscoelastic"), {"y": hand(rng, 0.03)}, fs, {"alpha": rng.random()}
+    return (
+        Scene({"force": Param("firmness", 1.0) * part}, "viscoelastic"),
+        {"y": hand(rng, 0.03)},
+        fs,
+        {"alpha": rng.random()},
+    )
 
 
 def _bumps(rng):
@@ -97,21 +122,46 @@ def _bumps(rng):
         {"displacement": profile, "limit": 150.0},
     )
     wave = str(rng.choice(["square", "sine", "sawtooth", "half_sine"]))
-    scene = bumps(wave, int(rng.integers(1, 30)), rng.uniform(0.05, 1), rng.uniform(0, 8), **words[rng.integers(5)])
+    scene = bumps(
+        wave,
+        int(rng.integers(1, 30)),
+        rng.uniform(0.05, 1),
+        rng.uniform(0, 8),
+        **words[rng.integers(5)],
+    )
     x = constant_speed(rng.uniform(0.001, 1.0), 0.1) if rng.integers(3) else hand(rng, 0.1)
-    return scene, {"x": x}, fs, {"freq": rng.choice([0.0, 1.0, 158.0, rng.uniform(0, 900)]), "duty": rng.uniform(0.05, 1)}
+    return (
+        scene,
+        {"x": x},
+        fs,
+        {"freq": rng.choice([0.0, 1.0, 158.0, rng.uniform(0, 900)]), "duty": rng.uniform(0.05, 1)},
+    )
 
 
 def _own(rng):
     fs = float(rng.choice([4000, 8000, 44100, 48000, 192000]))
     x = Input("x", "m")
-    noise = b.enabled(b.pink_noise(1.0, int(rng.integers(99)), f_low=10.0), by=x > constant(0.005, "m"))
-    force = maxwell(OwnHighPass(x, 0.05) + track(x, 20.0), 200.0, tau=float(10 ** rng.uniform(-6, 2)))
-    outputs = {"f": force, "n": Param("g", 1.0) * noise + b.white_noise(500), "d": b.delay(b.first_order(x, 0.01), 7)}
+    noise = b.enabled(
+        b.pink_noise(1.0, int(rng.integers(99)), f_low=10.0), by=x > constant(0.005, "m")
+    )
+    force = maxwell(
+        OwnHighPass(x, 0.05) + track(x, 20.0), 200.0, tau=float(10 ** rng.uniform(-6, 2))
+    )
+    outputs = {
+        "f": force,
+        "n": Param("g", 1.0) * noise + b.white_noise(500),
+        "d": b.delay(b.first_order(x, 0.01), 7),
+    }
     return Scene(outputs), {"x": hand(rng, 0.02)}, fs, {"g": rng.uniform(-1, 1)}
 
 
-KINDS = {"squeeze": _squeeze, "viscoelastic": _viscoelastic, "live order": _live_order, "bumps": _bumps, "own": _own}
+KINDS = {
+    "squeeze": _squeeze,
+    "viscoelastic": _viscoelastic,
+    "live order": _live_order,
+    "bumps": _bumps,
+    "own": _own,
+}
 
 
 def rendering(rng):

@@ -2,8 +2,9 @@
 
 python tests/edited.py PLACE FOLDER WORKERS < cases.json
 
-A case is a name, a source, and the same source edited.  PLACE is where a user keeps the source: a script, a module, a package, a
-module that is reloaded, or a notebook whose cell runs again.  Each state of a script, module or package has a process of its own.
+A case is a name, a source, and the same source edited.  PLACE is where a user keeps the
+source: a script, a module, a package, a module that is reloaded, or a notebook whose
+cell runs again.  Each state of a script, module or package has a process of its own.
 Prints a name and what became of the case as JSON, one line for each.
 """
 
@@ -19,13 +20,18 @@ from pathlib import Path
 from stimlib import BadValue
 from stimlib.sweep import sweep
 
-PACKAGE = "import lab.sub.source\nfrom .sub.source import figure, hand\ndef make(a): return lab.sub.source.make(a)\n"
+PACKAGE = (
+    "import lab.sub.source\nfrom .sub.source import figure, hand\ndef make(a): return"
+    " lab.sub.source.make(a)\n"
+)
 ONE_PROCESS = "reloaded", "notebook"
 sys.dont_write_bytecode = True  # its time has whole seconds
 
 
 def loaded(place, text):
-    """Return the module in which this state of the source is, loaded from the current folder as a user's program does it."""
+    """Return the module in which this state of the source is, loaded from the current
+    folder as a user's program does it.
+    """
     match place:
         case "script":
             Path("study.py").write_text(text)
@@ -46,16 +52,29 @@ def loaded(place, text):
                 importlib.reload(module)
         case "package":
             Path("lab/sub").mkdir(parents=True, exist_ok=True)
-            for name, content in (("__init__", ""), ("sub/__init__", ""), ("sub/source", text), ("study", PACKAGE)):
+            for name, content in (
+                ("__init__", ""),
+                ("sub/__init__", ""),
+                ("sub/source", text),
+                ("study", PACKAGE),
+            ):
                 Path(f"lab/{name}.py").write_text(content)
             module = importlib.import_module("lab.study")
     return module
 
 
 def swept(place, text, workers, out):
-    """Return the table of this state of the source, and how many parts are in the folder."""
+    """Return the table of this state of the source, and how many parts are in the
+    folder.
+    """
     of = loaded(place, text)
-    words = {"motion": of.hand, "measures": ["rms(y)", of.figure], "fs": 1000, "seconds": 0.1, "progress": False}
+    words = {
+        "motion": of.hand,
+        "measures": ["rms(y)", of.figure],
+        "fs": 1000,
+        "seconds": 0.1,
+        "progress": False,
+    }
     return sweep(of.make, {"a": [1.0, 2.0]}, out=out, workers=workers, **words)
 
 
@@ -112,7 +131,9 @@ def main(place, folder, workers):
         if place in ONE_PROCESS:
             said = in_a_process(both, place, old, new, workers)
         else:
-            said = in_a_process(before, place, old, workers) or in_a_process(after, place, new, workers)
+            said = in_a_process(before, place, old, workers) or in_a_process(
+                after, place, new, workers
+            )
         print(json.dumps([name, said]), flush=True)
 
 

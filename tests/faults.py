@@ -1,6 +1,8 @@
-"""Faults that a verifier must see: put into a block, into delivered samples, into what a file says, into its storage.
+"""Faults that a verifier must see: put into a block, into delivered samples, into what
+a file says, into its storage.
 
-``FAULTS`` maps the name of each to a function of a folder, which gives the checks that failed, or why it was refused.
+``FAULTS`` maps the name of each to a function of a folder, which gives the checks that
+failed, or why it was refused.
 """
 
 import contextlib
@@ -27,7 +29,16 @@ from stimlib.blocks.fractional import Springpot, SpringpotLive
 from stimlib.blocks.gate import Gate, GateState
 from stimlib.blocks.impedance import FirstOrder, Velocity, VelocityState, pole_gain
 from stimlib.blocks.modes import Modes, Pinking, PinkNoise
-from stimlib.blocks.noise import ONE, White, WhiteState, deviates, noise_key, pair_of_words, radius, turn
+from stimlib.blocks.noise import (
+    ONE,
+    White,
+    WhiteState,
+    deviates,
+    noise_key,
+    pair_of_words,
+    radius,
+    turn,
+)
 from stimlib.blocks.relaxation import MaxwellArms, maxwell
 from stimlib.blocks.running import Integrate
 from stimlib.blocks.series import Series
@@ -142,20 +153,35 @@ def strong_spring(x, k, right=None):
 
 # name: (owner, attribute, replacement, groups of which at least one check must fail)
 MUTATIONS = {
-    "pink 0.2 dB off, in the design": (PinkNoise, "design", scaled(PinkNoise.design, louder), {"a2"}),
+    "pink 0.2 dB off, in the design": (
+        PinkNoise,
+        "design",
+        scaled(PinkNoise.design, louder),
+        {"a2"},
+    ),
     "pink 0.2 dB off, in the compiled residues": (target, "_parameter_words", wrong_words, {"a1"}),
     "FIR gain 1 % off": (Differentiator, "design", scaled(Differentiator.design, steeper), {"a2"}),
-    "one tap off by 1e-4": (Differentiator, "design", scaled(Differentiator.design, off_tap), {"a2"}),
+    "one tap off by 1e-4": (
+        Differentiator,
+        "design",
+        scaled(Differentiator.design, off_tap),
+        {"a2"},
+    ),
     "gate inverted": (Gate, "tile", staticmethod(inverted_tile), {"d"}),
     "gate early by one sample": (Gate, "tile", staticmethod(early_tile), {"d"}),
     "one noise for both fingers": (White, "start", one_stream, {"c"}),
     "seed ignored": (White, "start", no_seed, {"c"}),
     "noise that repeats every 32768 samples": (White, "tile", staticmethod(periodic_tile), {"c"}),
     "deviates of one radius from sample 1000 on": (White, "tile", staticmethod(flat_tile), {"c"}),
-    "rate doubled": (Velocity, "design", scaled(Velocity.design, lambda p: p._replace(fs=2 * p.fs)), {"a2", "d"}),
+    "rate doubled": (
+        Velocity,
+        "design",
+        scaled(Velocity.design, lambda p: p._replace(fs=2 * p.fs)),
+        {"a2", "d"},
+    ),
     "k 1 % off": ("scene", "spring", strong_spring, {"d"}),
     "state that depends on the cut": (Modes, "tile", staticmethod(forgetful_tile), {"b"}),
-}  # fmt: skip
+}
 
 
 @contextlib.contextmanager
@@ -177,7 +203,7 @@ def failed(scene=None, motion=MOTION, seed=SEED, seconds=2.0, **words):
     return [c for c in stimlib.verify(scene, motion, rendering).checks if not c.passed]
 
 
-# Numbers of a block's design, and a scene that has it -------------------------------------------------------------------
+# Numbers of a block's design, and a scene that has it ---------------------------------
 X, WAVE = Input("x", "m"), {"x": sinusoid(0.01, 3.0)}
 N = constant(1.0, "N/m")
 PROFILE = [0.0, 0.03, 0.05, 0.07, 0.1], [1.0, 1.6, 1.84, 1.6, 1.0]
@@ -196,43 +222,110 @@ DESIGNS = {
     "lag 1 % off": (FirstOrder, times("now", 1.01), scene_of(b.first_order(X, 0.01)), WAVE),
     "tracker 1 % off": (Track, times("q", 1.01), scene_of(track(X)), WAVE),
     "tracked rate 1 % off": (TrackVelocity, times("fs", 1.01), scene_of(track_velocity(X)), WAVE),
-    "Maxwell arm 1e-6 off": (MaxwellArms, times("r", 1 + 1e-6), scene_of(maxwell(X, 200.0, 4.0)), WAVE),
-    "Kelvin-Voigt element 1e-6 off": (
-        KelvinChain, times("r", 1 + 1e-6), scene_of(compliance_kelvin_voigt(N * X, 200.0, 4.0)), WAVE,
+    "Maxwell arm 1e-6 off": (
+        MaxwellArms,
+        times("r", 1 + 1e-6),
+        scene_of(maxwell(X, 200.0, 4.0)),
+        WAVE,
     ),
-    "sum of samples 1e-9 off": (Integrate, times("now", 1 + 1e-9), scene_of(b.compliance(N * X, 2.0, 1.0)), WAVE),
-    "a FIR tap 1e-9 off": (Taps, lambda p: p._replace(taps=p.taps + 1e-9), scene_of(b.fir(X, [0.5, 0.5])), WAVE),
-    "pinking 0.02 dB off": (Pinking, lambda p: p._replace(r=p.r * 1.0023, d=p.d * 1.0023), scene_of(b.pinking(X, 10.0)), WAVE),
+    "Kelvin-Voigt element 1e-6 off": (
+        KelvinChain,
+        times("r", 1 + 1e-6),
+        scene_of(compliance_kelvin_voigt(N * X, 200.0, 4.0)),
+        WAVE,
+    ),
+    "sum of samples 1e-9 off": (
+        Integrate,
+        times("now", 1 + 1e-9),
+        scene_of(b.compliance(N * X, 2.0, 1.0)),
+        WAVE,
+    ),
+    "a FIR tap 1e-9 off": (
+        Taps,
+        lambda p: p._replace(taps=p.taps + 1e-9),
+        scene_of(b.fir(X, [0.5, 0.5])),
+        WAVE,
+    ),
+    "pinking 0.02 dB off": (
+        Pinking,
+        lambda p: p._replace(r=p.r * 1.0023, d=p.d * 1.0023),
+        scene_of(b.pinking(X, 10.0)),
+        WAVE,
+    ),
     "springpot 1e-3 off": (Springpot, times("scale", 1.001), viscoelastic(0.5), {"y": WAVE["x"]}),
-    "springpot 1e-8 off": (Springpot, times("scale", 1 + 1e-8), viscoelastic(0.5), {"y": WAVE["x"]}),
+    "springpot 1e-8 off": (
+        Springpot,
+        times("scale", 1 + 1e-8),
+        viscoelastic(0.5),
+        {"y": WAVE["x"]},
+    ),
     "live springpot 1e-6 off": (
-        SpringpotLive, times("a", 1 + 1e-6),
-        Scene({"force": stimlib.Param("firmness", 1.0) * b.springpot(Input("y", "m"), 100.0, stimlib.Param("alpha", 0.5))},
-            "viscoelastic"), {"y": WAVE["x"]},
+        SpringpotLive,
+        times("a", 1 + 1e-6),
+        Scene(
+            {
+                "force": (
+                    stimlib.Param("firmness", 1.0)
+                    * b.springpot(Input("y", "m"), 100.0, stimlib.Param("alpha", 0.5))
+                )
+            },
+            "viscoelastic",
+        ),
+        {"y": WAVE["x"]},
     ),
     "springpot in series 1e-3 off": (
-        Series, times("pot", 1.001), scene_of(b.springpot_series(X, 25.0, 0.5, k=400.0, scheme="gl")), WAVE,
+        Series,
+        times("pot", 1.001),
+        scene_of(b.springpot_series(X, 25.0, 0.5, k=400.0, scheme="gl")),
+        WAVE,
     ),
-    "short memory 1e-6 off": (ShortMemory, times("taps", 1 + 1e-6), scene_of(b.springpot(X, 3.0, 0.4, "gl-short-memory")), WAVE),
-    "sawtooth 1e-3 off": (LinearBump, times("slope", 1.001), bumps("sawtooth"), {"x": sinusoid(0.05, 1.0)}),
-    "sine bumps as half sines": (SineBump, lambda p: p._replace(half=1.0), bumps("sine", duty=0.2), {"x": sinusoid(0.05, 1.0)}),
-    "carrier 1e-5 off": (Carrier, times("high", 1 + 1e-5), bumps(), {"x": constant_speed(0.05, 0.1)}),
+    "short memory 1e-6 off": (
+        ShortMemory,
+        times("taps", 1 + 1e-6),
+        scene_of(b.springpot(X, 3.0, 0.4, "gl-short-memory")),
+        WAVE,
+    ),
+    "sawtooth 1e-3 off": (
+        LinearBump,
+        times("slope", 1.001),
+        bumps("sawtooth"),
+        {"x": sinusoid(0.05, 1.0)},
+    ),
+    "sine bumps as half sines": (
+        SineBump,
+        lambda p: p._replace(half=1.0),
+        bumps("sine", duty=0.2),
+        {"x": sinusoid(0.05, 1.0)},
+    ),
+    "carrier 1e-5 off": (
+        Carrier,
+        times("high", 1 + 1e-5),
+        bumps(),
+        {"x": constant_speed(0.05, 0.1)},
+    ),
     "static limit 1 % higher": (
-        StaticLimit, times("most", 1.01), squeeze(fingers=1, limits=True), {"x1": ramp_and_hold(0.06, 0.3)},
+        StaticLimit,
+        times("most", 1.01),
+        squeeze(fingers=1, limits=True),
+        {"x1": ramp_and_hold(0.06, 0.3)},
     ),
     "measured profile 1e-4 off": (
-        Lut, times("c", 1 + 1e-4), bumps(displacement=(np.linspace(0, 0.1, 9), 1 + np.sin(np.linspace(0, 3.0, 9)))),
+        Lut,
+        times("c", 1 + 1e-4),
+        bumps(displacement=(np.linspace(0, 0.1, 9), 1 + np.sin(np.linspace(0, 3.0, 9)))),
         {"x": constant_speed(0.05, 0.1)},
     ),
     "delay of one sample more": (Delay, None, scene_of(b.delay(X, 5)), WAVE),
-}  # fmt: skip
+}
 
 
 def design_fault(owner, change, scene, motion):
     def run(folder):
         honest = owner.design
         replacement = (
-            scaled(honest, change) if change else lambda self, fs: honest(dc.replace(self, samples=self.samples + 1), fs)
+            scaled(honest, change)
+            if change
+            else lambda self, fs: honest(dc.replace(self, samples=self.samples + 1), fs)
         )
         with mutated(owner, "design", replacement):
             return failed(scene, motion, seconds=3.0)
@@ -242,9 +335,13 @@ def design_fault(owner, change, scene, motion):
 
 # Formulas that blocks had, and that were not what their docstring says
 def warped(self, fs):
-    """A resonance whose width shrinks towards fs/2: g/q in place of (1 + g^2) tan(pi freq/(q fs))."""
+    """A resonance whose width shrinks towards fs/2: g/q in place of (1 + g^2) tan(pi
+    freq/(q fs)).
+    """
     g = np.tan(np.pi * self.freq / fs)
-    return section(g, g / self.q, "notch" if self.notched else "bandpass"), CascadeState(*np.zeros((4, 1)))
+    return section(g, g / self.q, "notch" if self.notched else "bandpass"), CascadeState(
+        *np.zeros((4, 1))
+    )
 
 
 HONEST_KERNEL = Springpot.design
@@ -302,7 +399,7 @@ def old_fault(owner, replaced, block):
     return run
 
 
-# Delivered samples -------------------------------------------------------------------------------------------------------
+# Delivered samples --------------------------------------------------------------------
 def shift(y):
     return np.roll(y, 1, axis=1)
 
@@ -334,7 +431,11 @@ SAMPLES = {
 def sample_fault(change):
     def run(folder):
         r = stimlib.render(squeeze(), MOTION, 8000, 2.0, seed=SEED)
-        return [c for c in stimlib.verify(squeeze(), MOTION, dc.replace(r, y=change(r.y.copy()))).checks if not c.passed]
+        return [
+            c
+            for c in stimlib.verify(squeeze(), MOTION, dc.replace(r, y=change(r.y.copy()))).checks
+            if not c.passed
+        ]
 
     return run
 
@@ -350,14 +451,18 @@ OTHERWISE = {
 def otherwise_fault(words):
     def run(folder):
         given = {"motion": MOTION, "fs": 8000.0, "seed": SEED, "params": None} | words
-        played = stimlib.render(squeeze(), given["motion"], given["fs"], 1.0, given["params"], given["seed"])
-        claimed = dc.replace(stimlib.render(squeeze(), MOTION, 8000, 1.0, seed=SEED), y=played.y[:, :8000].copy())
+        played = stimlib.render(
+            squeeze(), given["motion"], given["fs"], 1.0, given["params"], given["seed"]
+        )
+        claimed = dc.replace(
+            stimlib.render(squeeze(), MOTION, 8000, 1.0, seed=SEED), y=played.y[:, :8000].copy()
+        )
         return [c for c in stimlib.verify(squeeze(), MOTION, claimed).checks if not c.passed]
 
     return run
 
 
-# What a file says ----------------------------------------------------------------------------------------------------------
+# What a file says ---------------------------------------------------------------------
 def channel(k, **what):
     return lambda d: d["channels"][k].update(what)
 
@@ -368,7 +473,9 @@ def swap_names(d):
 
 
 def other_k(d):
-    next(b for b in d["scene"]["blocks"] if b["fields"].get("name") == "k")["fields"]["value"] = 1000.0
+    next(b for b in d["scene"]["blocks"] if b["fields"].get("name") == "k")["fields"]["value"] = (
+        1000.0
+    )
 
 
 EDITS = {
@@ -386,7 +493,9 @@ EDITS = {
     "clips": channel(1, clips=1),
     "clips moved": lambda d: (d["channels"][0].update(clips=1), d["channels"][1].update(clips=-1)),
     "peak": lambda d: d["channels"][0].update(peak=10 * d["channels"][0]["peak"]),
-    "peak by a bit": lambda d: d["channels"][1].update(peak=float(np.nextafter(d["channels"][1]["peak"], 0))),
+    "peak by a bit": (
+        lambda d: d["channels"][1].update(peak=float(np.nextafter(d["channels"][1]["peak"], 0)))
+    ),
     "seed": lambda d: d.update(seed=4),
     "params": lambda d: d["params"].update(k=1700.0),
     "params, one more": lambda d: d["params"].update(b=1.0),
@@ -395,17 +504,21 @@ EDITS = {
     "log, ramp": lambda d: d["log"][0].update(ramp=0.1),
     "log, at": lambda d: d["log"][0].update(at=100),
     "log, lost": lambda d: d.update(log=[]),
-    "log, one more, late": lambda d: d["log"].append({"at": 5, "name": "k", "value": 1800.0, "ramp": 0.0}),
+    "log, one more, late": (
+        lambda d: d["log"].append({"at": 5, "name": "k", "value": 1800.0, "ramp": 0.0})
+    ),
     "motion, an input less": lambda d: d["motion"].pop("x2"),
     "scene, k": other_k,
     "scene, law": lambda d: d["scene"].update(law=None),
     "scene_hash": lambda d: d.update(scene_hash="0" * 64),
-    "definitions, of no block": lambda d: d.update(definitions={"click_block": {"sha256": "0" * 64, "text": ""}}),
+    "definitions, of no block": lambda d: d.update(
+        definitions={"click_block": {"sha256": "0" * 64, "text": ""}}
+    ),
     "sha256": lambda d: d.update(sha256="0" * 64),
     "sha256, none": lambda d: d.update(sha256=None),
     "a key more": lambda d: d.update(calibrated=True),
     "recovered, of fewer": lambda d: d.update(recovered={"frames": 100}),
-}  # fmt: skip
+}
 FILE_MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
 
 
@@ -414,7 +527,9 @@ def honest_file(folder):
     proc = stimlib.compile(squeeze(), 8000, seed=3)
     proc.set("k", 1800.0, ramp=0.0)
     file.write(folder / "honest.wav", proc, FILE_MOTION, 1.0, progress=False)
-    return (folder / "honest.wav").read_bytes(), json.loads((folder / "honest.wav.json").read_text())
+    return (folder / "honest.wav").read_bytes(), json.loads(
+        (folder / "honest.wav.json").read_text()
+    )
 
 
 def verified(folder, audio, told, name="a.wav"):
@@ -445,8 +560,17 @@ STORAGE = {
 
 def storage_fault(name, full_scale):
     def run(folder):
-        file.write(folder / name, stimlib.compile(squeeze(), 8000), FILE_MOTION, 1.0, progress=False, full_scale=full_scale)
-        return [c for c in stimlib.verify(squeeze(), FILE_MOTION, folder / name).checks if not c.passed]
+        file.write(
+            folder / name,
+            stimlib.compile(squeeze(), 8000),
+            FILE_MOTION,
+            1.0,
+            progress=False,
+            full_scale=full_scale,
+        )
+        return [
+            c for c in stimlib.verify(squeeze(), FILE_MOTION, folder / name).checks if not c.passed
+        ]
 
     return run
 

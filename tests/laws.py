@@ -1,4 +1,6 @@
-"""What the laws are made of: runs in cuts, comparisons of bits, and the guard written a second time; what is left to stress."""
+"""What the laws are made of: runs in cuts, comparisons of bits, and the guard written a
+second time; what is left to stress.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,10 @@ def assert_same(a, b, what=""):
     assert a.shape == b.shape, f"{what}: shapes {a.shape} and {b.shape}"
     if not np.array_equal(bits(a), bits(b)):
         at = tuple(int(k) for k in np.argwhere(bits(a) != bits(b))[0])
-        raise AssertionError(f"{what}: {np.sum(bits(a) != bits(b))} of {a.size} differ, first at {at}: {a[at]!r} and {b[at]!r}")
+        raise AssertionError(
+            f"{what}: {np.sum(bits(a) != bits(b))} of {a.size} differ, first at {at}: {a[at]!r} and"
+            f" {b[at]!r}"
+        )
 
 
 @dc.dataclass
@@ -70,7 +75,9 @@ def random_cuts(n, rng, count=12):
 
 
 def run(proc, x, cuts=(), sets=(), each=None):
-    """Process x, cut at these places and wherever something is set; ``each(proc)`` after every part."""
+    """Process x, cut at these places and wherever something is set; ``each(proc)``
+    after every part.
+    """
     n = x.shape[1]
     places = sorted({0, n, *cuts, *(s.at for s in sets)})
     parts = []
@@ -85,7 +92,9 @@ def run(proc, x, cuts=(), sets=(), each=None):
 
 
 def rows(proc, x, names):
-    """Rows of x, given in the order of names, in the order of a processor's inputs; new ones are zero."""
+    """Rows of x, given in the order of names, in the order of a processor's inputs; new
+    ones are zero.
+    """
     out = np.zeros((len(proc.inputs), x.shape[1]))
     for i, name in enumerate(proc.inputs):
         if name in names:
@@ -132,24 +141,38 @@ def float_words(proc):
     return np.array(mask)
 
 
-WRONG = np.array([2**64 - 1, 2**63, 5, 70, 10**8], np.uint64), np.array([np.nan, np.inf, -np.inf, -1e6, -1.0, 0.5, 1e300])
+WRONG = (
+    np.array([2**64 - 1, 2**63, 5, 70, 10**8], np.uint64),
+    np.array([np.nan, np.inf, -np.inf, -1e6, -1.0, 0.5, 1e300]),
+)
 
 
 def garbage(proc, rng, singles=12):
-    """States that no run has: random bits, not finite, huge, negative; and one wrong word in a good one."""
+    """States that no run has: random bits, not finite, huge, negative; and one wrong
+    word in a good one.
+    """
     good = proc.state
     n = good.size - 2
     wrong = np.concatenate([w.view(np.uint64) for w in WRONG])
-    bodies = [rng.integers(0, 2**64, n, np.uint64), rng.choice(wrong, n), np.full(n, 2**64 - 1, np.uint64)]
+    bodies = [
+        rng.integers(0, 2**64, n, np.uint64),
+        rng.choice(wrong, n),
+        np.full(n, 2**64 - 1, np.uint64),
+    ]
     bodies += [np.full(n, v).view(np.uint64) for v in (np.nan, np.inf, -1e300, -3.0, 1e9)]
     for _ in range(singles if n else 0):
         bodies.append(good[2:].copy())
-        bodies[-1][rng.choice([rng.integers(n), n - 1 - rng.integers(min(n, 4))])] = rng.choice(wrong)  # numbers follow arrays
+        # numbers follow arrays
+        bodies[-1][rng.choice([rng.integers(n), n - 1 - rng.integers(min(n, 4))])] = rng.choice(
+            wrong
+        )
     return [np.concatenate([good[:2], body]) for body in bodies]
 
 
 def lawful(block, fs, **x):
-    """Hold a block, and what is below it, against their laws in ``checks.rows`` and ``checks.linear``, on these inputs."""
+    """Hold a block, and what is below it, against their laws in ``checks.rows`` and
+    ``checks.linear``, on these inputs.
+    """
     n, scene = len(next(iter(x.values()))), Scene({"y": block})
     params = {name: p.value for name, p in scene.params.items()}
     rows_of = {name: np.asarray(row, float) for name, row in x.items()}
@@ -158,7 +181,9 @@ def lawful(block, fs, **x):
 
 
 def impulse_response(proc, output, input, n, at=8):
-    """Answer to 1 at sample ``at``, from there on; inputs and processor at rest before."""
+    """Answer to 1 at sample ``at``, from there on; inputs and processor at rest
+    before.
+    """
     x = np.zeros((len(proc.inputs), n + at))
     x[proc.inputs.index(input), at] = 1.0
     return proc.process(x)[proc.outputs.index(output), at:]

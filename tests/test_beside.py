@@ -1,4 +1,6 @@
-"""Threads beside the caller: every item in order, the earliest error, and no thread left."""
+"""Threads beside the caller: every item in order, the earliest error, and no thread
+left.
+"""
 
 import threading
 import time
@@ -52,7 +54,9 @@ def test_the_earliest_error_is_raised_and_nothing_goes_on(own):
         if item:
             raise ValueError(item)
 
-    with pytest.raises(KeyboardInterrupt if isinstance(own, KeyboardInterrupt) else ValueError) as info:
+    with pytest.raises(
+        KeyboardInterrupt if isinstance(own, KeyboardInterrupt) else ValueError
+    ) as info:
         with beside(fails, room=3) as give:
             for i in range(3):
                 give(i)

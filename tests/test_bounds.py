@@ -15,7 +15,10 @@ from stimlib.errors import BadValue, SceneFileError, SinkError, UnknownName, sho
 def test_a_limit_says_its_name_and_what_is_enough():
     mine = Limits(scene_bytes=100)
     mine.check("scene_bytes", 100, "a.json: bytes")
-    with pytest.raises(SceneFileError, match=r"a.json: bytes: 101 is more than limits.scene_bytes = 100.*scene_bytes=1.1e\+02"):
+    with pytest.raises(
+        SceneFileError,
+        match=r"a.json: bytes: 101 is more than limits.scene_bytes = 100.*scene_bytes=1.1e\+02",
+    ):
         mine.check("scene_bytes", 101, "a.json: bytes", SceneFileError)
     with pytest.raises(BadValue, match="set STIMLIB_LIMITS=scene_bytes=inf"):
         mine.check("scene_bytes", float("inf"), "a.json: bytes")
@@ -44,8 +47,16 @@ def test_unknown_limits_are_told():
     ],
 )
 def test_limits_from_the_environment(text, expected):
-    code = "from stimlib import limits; limits.check('scene_bytes', 1, 'a'); print(limits.scene_blocks, limits.scene_bytes)"
-    run = subprocess.run([sys.executable, "-c", code], env=os.environ | {"STIMLIB_LIMITS": text}, capture_output=True, text=True)
+    code = (
+        "from stimlib import limits; limits.check('scene_bytes', 1, 'a');"
+        " print(limits.scene_blocks, limits.scene_bytes)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"STIMLIB_LIMITS": text},
+        capture_output=True,
+        text=True,
+    )
     assert expected in run.stdout + run.stderr
 
 
@@ -59,7 +70,15 @@ def test_texts_of_others_cannot_speak_to_a_terminal():
 
 def test_only_regular_files_are_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", "/dev/zero", tmp_path, tmp_path / "missing", "a\0b", "\ud800", "x" * 5000):
+    for path in (
+        tmp_path / "pipe",
+        "/dev/zero",
+        tmp_path,
+        tmp_path / "missing",
+        "a\0b",
+        "\ud800",
+        "x" * 5000,
+    ):
         with pytest.raises(SinkError, match="cannot read"):
             regular.read(path, "scene_bytes")
 

@@ -1,4 +1,6 @@
-"""The cache of compiled segments, with real processes and real folders; and steps that must not compile."""
+"""The cache of compiled segments, with real processes and real folders; and steps that
+must not compile.
+"""
 
 import inspect
 import json
@@ -72,7 +74,8 @@ def small(tmp_path):
 
 def runtime_entry():
     """Where this process's cache has the runtime, which takes longest to compile."""
-    made = Path(engine.runtime().__file__).parent  # NAME.*.tmp, gone by now, where another process was first to publish NAME
+    # NAME.*.tmp, gone by now, where another process was first to publish NAME
+    made = Path(engine.runtime().__file__).parent
     return made.with_name(made.name.partition(".")[0])
 
 
@@ -97,7 +100,7 @@ def cache(wanted, tmp_path_factory):
     return shutil.copytree(wanted[1], tmp_path_factory.mktemp("warm") / "cache")
 
 
-# Folders -------------------------------------------------------------------------------------------------------------
+# Folders ------------------------------------------------------------------------------
 LOGS = """import logging
 logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(message)s')
 logging.getLogger('numba').setLevel('INFO')  # it fills a pipe that nobody reads yet
@@ -106,8 +109,12 @@ logging.getLogger('numba').setLevel('INFO')  # it fills a pipe that nobody reads
 
 def test_processes_that_start_at_once_compile_each_entry_once(small, wanted, tmp_path):
     new = give_runtime(tmp_path / "new")
-    small.write_text(LOGS + SMALL.replace("proc =", "open(sys.argv[1], 'w'), sys.stdin.read(1)\nproc ="))
-    processes = [start(small, new, str(tmp_path / f"ready{k}"), stdin=subprocess.PIPE) for k in range(2)]
+    small.write_text(
+        LOGS + SMALL.replace("proc =", "open(sys.argv[1], 'w'), sys.stdin.read(1)\nproc =")
+    )
+    processes = [
+        start(small, new, str(tmp_path / f"ready{k}"), stdin=subprocess.PIPE) for k in range(2)
+    ]
     while len(list(tmp_path.glob("ready*"))) < 2:
         assert [p.poll() for p in processes] == [None, None]
         time.sleep(0.02)
@@ -126,9 +133,22 @@ def test_the_log_tells_hits_misses_and_times(small, wanted, tmp_path):
     shutil.rmtree(lost)
     small.write_text(LOGS + SMALL)
     told = [line for line in run(small, cache)[1].splitlines() if line.startswith("stimlib.")]
-    assert [line for line in told if re.match("stimlib.targets.numba.cache DEBUG cache hit: runtime_", line)]
-    assert [line for line in told if re.match(rf"stimlib.targets.numba.cache INFO cache miss: {lost.name} compiled in \d", line)]
-    assert re.match(r"stimlib.run.processor DEBUG Processor\(x -> y, fs=1000, numba\): \d+ rows, ready in \d", told[-1])
+    assert [
+        line
+        for line in told
+        if re.match("stimlib.targets.numba.cache DEBUG cache hit: runtime_", line)
+    ]
+    assert [
+        line
+        for line in told
+        if re.match(
+            rf"stimlib.targets.numba.cache INFO cache miss: {lost.name} compiled in \d", line
+        )
+    ]
+    assert re.match(
+        r"stimlib.run.processor DEBUG Processor\(x -> y, fs=1000, numba\): \d+ rows, ready in \d",
+        told[-1],
+    )
 
 
 def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
@@ -145,7 +165,10 @@ def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
 def test_a_second_process_compiles_nothing(small, wanted):
     y, cache = wanted
     before = {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()}
-    assert re.fullmatch("[0-9a-f]{64}", y) and run(small, cache) == (y, ""), "nor says a word where nobody listens to the log"
+    assert re.fullmatch("[0-9a-f]{64}", y) and run(small, cache) == (
+        y,
+        "",
+    ), "nor says a word where nobody listens to the log"
     assert {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()} == before
 
 
@@ -159,7 +182,9 @@ def twice(x):
 
 @pytest.fixture
 def twice(tmp_path, monkeypatch):
-    """A text compiled into a folder by this process, which chooses its folder anew; ``fill`` is called in between."""
+    """A text compiled into a folder by this process, which chooses its folder anew;
+    ``fill`` is called in between.
+    """
 
     def load(folder, fill=lambda: None):
         monkeypatch.setattr(caches, "_folder", None)
@@ -186,7 +211,11 @@ def test_a_read_only_folder_is_a_warning(twice, mounted):
 @pytest.mark.parametrize("left", [0, 8192], ids=["from the start", "in the middle of a segment"])
 def test_a_full_folder_is_a_warning(twice, mounted, left):
     folder = mounted("size=128k" if left else "size=8k")
-    fill = (lambda: (folder / "others").write_bytes(b"0" * (131072 - left))) if left else (lambda: None)
+    fill = (
+        (lambda: (folder / "others").write_bytes(b"0" * (131072 - left)))
+        if left
+        else (lambda: None)
+    )
     with pytest.warns(RuntimeWarning, match="No space"):
         assert twice(folder, fill) == 42.0
     assert not list(folder.glob("twice_*"))
@@ -202,7 +231,9 @@ time.sleep(60)
 
 
 @pytest.mark.parametrize("end", ["killed", "stopped"])
-def test_who_compiles_an_entry_is_waited_for_until_it_ends_or_for_long(twice, tmp_path, monkeypatch, end):
+def test_who_compiles_an_entry_is_waited_for_until_it_ends_or_for_long(
+    twice, tmp_path, monkeypatch, end
+):
     text = f"# {tmp_path}{TWICE}"
     lock = tmp_path / "cache" / f"twice_{caches._sum((text + salt()).encode())[:20]}.lock"
     lock.parent.mkdir(mode=0o700)
@@ -221,7 +252,7 @@ def test_who_compiles_an_entry_is_waited_for_until_it_ends_or_for_long(twice, tm
     assert [p.name for p in lock.parent.iterdir()] == [lock.stem]
 
 
-# Blocks of users -----------------------------------------------------------------------------------------------------
+# Blocks of users ----------------------------------------------------------------------
 MODULE = """
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -276,7 +307,9 @@ for text in json.load(open("texts.json")):
 
 
 def test_an_edit_is_never_served_stale(tmp_path, cache):
-    """Step, helper, helper of a helper, constant: each edit is seen by the next process, with one cache."""
+    """Step, helper, helper of a helper, constant: each edit is seen by the next
+    process, with one cache.
+    """
     (tmp_path / "user.py").write_text(USER)
     (tmp_path / "edits.py").write_text(EDITS)
     edits = [
@@ -294,11 +327,15 @@ def test_an_edit_is_never_served_stale(tmp_path, cache):
     texts = [MODULE.format(**(DEFAULT | edit)) for edit, _ in edits]
     (tmp_path / "texts.json").write_text(json.dumps(texts))
     out, _ = run(tmp_path / "edits.py", cache, cwd=tmp_path, paths=[tmp_path])
-    assert out.split("\n") == [f"{float(one)} {float(two)}" for _, (one, two) in edits for _ in range(2)]
+    assert out.split("\n") == [
+        f"{float(one)} {float(two)}" for _, (one, two) in edits for _ in range(2)
+    ]
 
 
 def test_a_script_and_a_notebook_cell_define_blocks(tmp_path, cache):
-    """Blocks of ``__main__``, of a cell whose text only linecache knows, and a cell that is run again with other text."""
+    """Blocks of ``__main__``, of a cell whose text only linecache knows, and a cell
+    that is run again with other text.
+    """
     body = MODULE.format(**DEFAULT) + USER.replace("import mine\n", "").replace("mine.", "")
     (tmp_path / "script.py").write_text(body)
     assert run(tmp_path / "script.py", cache)[0].split() == ["12.0", "18.0"] * 2
@@ -330,10 +367,16 @@ except stimlib.SceneError as e:
 """
     (tmp_path / "script.py").write_text(script)
     out, _ = run(tmp_path / "script.py", cache)
-    assert "Gain.step" in out and "source text is not available" in out and "file or a notebook cell" in out
+    assert (
+        "Gain.step" in out
+        and "source text is not available" in out
+        and "file or a notebook cell" in out
+    )
 
 
-TAKEN = [  # for the two tuples, the helper and the constant: names that the generated text uses as well
+# for the two tuples, the helper and the constant: names that the generated text uses as
+# well
+TAKEN = [
     ("P", "S", "at", "n"),
     ("namedtuple", "carray", "block", "C"),
     ("W", "A", "segment", "as_u8"),
@@ -378,7 +421,9 @@ def test_one_name_with_two_meanings_keeps_both(tmp_path, cache):
     """A step and its helper, from two modules, mean different numbers by one name."""
     (tmp_path / "far.py").write_text("FACTOR = 7.0\ndef far(x):\n    return x * FACTOR\n")
     (tmp_path / "mine.py").write_text(
-        MODULE.format(**DEFAULT | {"top": "from far import far", "step": "p.gain * FACTOR * far(x)"})
+        MODULE.format(
+            **DEFAULT | {"top": "from far import far", "step": "p.gain * FACTOR * far(x)"}
+        )
     )
     (tmp_path / "user.py").write_text(USER)
     out, _ = run(tmp_path / "user.py", cache, paths=[tmp_path])

@@ -1,4 +1,6 @@
-"""What the cache runs is what stimlib wrote: damage, strangers, and threads and processes at once."""
+"""What the cache runs is what stimlib wrote: damage, strangers, and threads and
+processes at once.
+"""
 
 import json
 import os
@@ -71,7 +73,9 @@ def finish(p):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A cache in a folder where everybody may make files, by a process that keeps nothing from anybody; its samples."""
+    """A cache in a folder where everybody may make files, by a process that keeps
+    nothing from anybody; its samples.
+    """
     shared = tmp_path_factory.mktemp("shared")
     shared.chmod(0o1777)
     out, err = finish(process(MADE + ONE, shared / "deep" / "cache", str(runtime_entry())))
@@ -100,7 +104,7 @@ def files(place):
     return sorted(p for p in place.rglob("*") if p.is_file())
 
 
-# Strangers -----------------------------------------------------------------------------------------------------------
+# Strangers ----------------------------------------------------------------------------
 def test_nobody_else_gets_at_it_whatever_the_umask(made):
     for path in (made[1].parent, made[1], *made[1].rglob("*")):
         assert not stat.S_IMODE(path.stat().st_mode) & 0o077, path
@@ -165,7 +169,9 @@ def test_an_entry_without_what_was_compiled_is_not_sound(folder):
     place = entry(folder, "Tanh")
     text = (place / f"{place.name}.py").read_text()
     sums = json.loads((place / cache.SUMS).read_text())
-    (place / cache.SUMS).write_text(json.dumps({name: s for name, s in sums.items() if name.endswith(".py")}))
+    (place / cache.SUMS).write_text(
+        json.dumps({name: s for name, s in sums.items() if name.endswith(".py")})
+    )
     assert not cache._sound(place, text)
 
 
@@ -178,7 +184,7 @@ def test_a_pipe_in_an_entry_is_not_waited_for(folder):
     assert not cache._sound(place, text)
 
 
-# Damage --------------------------------------------------------------------------------------------------------------
+# Damage -------------------------------------------------------------------------------
 def test_every_flipped_bit_is_seen(folder):
     rng = np.random.default_rng(0)
     for place in (entry(folder, "Tanh"), entry(folder, "runtime")):
@@ -245,9 +251,15 @@ def healed(made, tmp_path_factory):
         change(next(entry(folder, "Tanh").rglob(pattern)))
         found[what] = folder
     done = subprocess.run(
-        [sys.executable, "-c", FORKS, *map(str, found.values())], env=environment(made[1]), capture_output=True, text=True
+        [sys.executable, "-c", FORKS, *map(str, found.values())],
+        env=environment(made[1]),
+        capture_output=True,
+        text=True,
     )
-    return dict(zip(found, zip(done.stdout.split(), found.values(), strict=True), strict=True)), done.stderr
+    return (
+        dict(zip(found, zip(done.stdout.split(), found.values(), strict=True), strict=True)),
+        done.stderr,
+    )
 
 
 @pytest.mark.parametrize("what", DAMAGE)
@@ -258,7 +270,9 @@ def test_what_is_damaged_is_not_run(folder, what):
     assert not cache._sound(place, text)
 
 
-@pytest.mark.parametrize("what", [k if k in HEALED else pytest.param(k, marks=pytest.mark.stress) for k in DAMAGE])
+@pytest.mark.parametrize(
+    "what", [k if k in HEALED else pytest.param(k, marks=pytest.mark.stress) for k in DAMAGE]
+)
 def test_what_is_damaged_is_compiled_again(made, healed, what):
     samples, folder = healed[0][what]
     assert samples == made[0] and healed[1] == ""
@@ -281,8 +295,15 @@ def test_an_entry_that_cannot_be_loaded_is_compiled_again(made, folder):
 def test_what_a_killed_process_left_is_removed_after_a_day(folder, tmp_path):
     name, old = f"Tanh_{'0a' * 10}", time.time() - 2 * 86400
     outside = tmp_path / "outside"
-    made = {k: folder / f"{name}.{k}.tmp" for k in ("old_one1", "new_one1", "written1", "link_to1", "a_file_1", "stranger")}
-    made |= {"other": folder / "mine.tmp", "short": folder / f"{name}.abc.tmp", "entry": folder / f"Tanh_{'0b' * 10}"}
+    made = {
+        k: folder / f"{name}.{k}.tmp"
+        for k in ("old_one1", "new_one1", "written1", "link_to1", "a_file_1", "stranger")
+    }
+    made |= {
+        "other": folder / "mine.tmp",
+        "short": folder / f"{name}.abc.tmp",
+        "entry": folder / f"Tanh_{'0b' * 10}",
+    }
     for k, place in (made | {"outside": outside}).items():
         if k == "link_to1":
             place.symlink_to(outside)
@@ -304,10 +325,12 @@ def test_what_a_killed_process_left_is_removed_after_a_day(folder, tmp_path):
     (part / "a.nbc").write_text("code")
     cache._publish(part, folder / f"Tanh_{'0c' * 10}")
     assert [k for k, place in made.items() if not os.path.lexists(place)] == ["old_one1"]
-    assert (outside / "__pycache__" / "a.nbi").exists() and (folder / f"Tanh_{'0c' * 10}" / "a.nbc").exists()
+    assert (outside / "__pycache__" / "a.nbi").exists() and (
+        folder / f"Tanh_{'0c' * 10}" / "a.nbc"
+    ).exists()
 
 
-# At once -------------------------------------------------------------------------------------------------------------
+# At once ------------------------------------------------------------------------------
 def test_processes_that_meet_a_damaged_entry_at_once(made, folder):
     flip(next(entry(folder, "Tanh").rglob("*.nbc")))
     assert {finish(p) for p in [process(ONE, folder) for _ in range(2)]} == {(made[0], "")}
@@ -315,10 +338,14 @@ def test_processes_that_meet_a_damaged_entry_at_once(made, folder):
 
 
 def test_threads_that_compile_at_once(made, tmp_path):
-    """Into a new cache, and from a full one; beside it, numba's own folder stays empty."""
+    """Into a new cache, and from a full one; beside it, numba's own folder stays
+    empty.
+    """
     give_runtime(tmp_path / "cache")
     for _ in range(2):
-        out, err = finish(process(THREADS, tmp_path / "cache", NUMBA_CACHE_DIR=str(tmp_path / "numba")))
+        out, err = finish(
+            process(THREADS, tmp_path / "cache", NUMBA_CACHE_DIR=str(tmp_path / "numba"))
+        )
         assert (out, err) == (made[0], "")
     assert not (tmp_path / "numba").exists()
 
@@ -348,5 +375,7 @@ print(errors)
 
 
 def test_sinks_that_open_at_once():
-    done = subprocess.run([sys.executable, "-c", SINKS], env=os.environ, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", SINKS], env=os.environ, capture_output=True, text=True
+    )
     assert done.stdout.strip() == "[]", done.stdout + done.stderr

@@ -1,4 +1,6 @@
-"""A call past numba's dispatcher: machine code looks at the arrays itself, anew each time."""
+"""A call past numba's dispatcher: machine code looks at the arrays itself, anew each
+time.
+"""
 
 import pickle
 import sys
@@ -54,18 +56,21 @@ def test_what_an_array_has_become_is_seen(proc, change, words):
 @pytest.mark.parametrize(
     ("x", "out", "words"),
     [
-        (unaligned((2, 5)), np.zeros((1, 5)), "x is not aligned"), (np.ones((2, 5)), unaligned((1, 5)), "out is not aligned"),
+        (unaligned((2, 5)), np.zeros((1, 5)), "x is not aligned"),
+        (np.ones((2, 5)), unaligned((1, 5)), "out is not aligned"),
         (np.ma.masked_array(np.ones((2, 5)), True), None, "got MaskedArray"),
         (np.ones((2, 5)), np.ma.masked_array(np.ones((1, 5))), "got MaskedArray"),
     ],
-)  # fmt: skip
+)
 def test_what_compiled_code_cannot_take_is_refused(proc, x, out, words):
     with pytest.raises(BadValue, match=words):
         proc.process(x, out)
 
 
 def test_arrays_of_other_makers(proc, tmp_path):
-    """An unpickled array has a type object of its own; a mapped file is of a class derived from numpy's."""
+    """An unpickled array has a type object of its own; a mapped file is of a class
+    derived from numpy's.
+    """
     x = np.random.default_rng(0).standard_normal((2, 5))
     other = pickle.loads(pickle.dumps(x))
     assert other.dtype is not x.dtype, "or this tests nothing"
@@ -79,12 +84,21 @@ def test_arrays_of_other_makers(proc, tmp_path):
 
 
 def test_a_call_keeps_and_takes_nothing(proc):
-    """References are as before, whatever the call says; wrong numbers of arguments are refused before they are looked at."""
+    """References are as before, whatever the call says; wrong numbers of arguments are
+    refused before they are looked at.
+    """
     x, out = np.ones((2, 5)), np.zeros((1, 5))
     before = [sys.getrefcount(v) for v in (x, out, 0, 1)]
     for _ in range(100):
         assert proc._run(x, out) == 0
-        assert proc._run(x, x) == proc._run(x) == proc._run() == proc._run(x, out, out) == proc._run(None, 1) == 1
+        assert (
+            proc._run(x, x)
+            == proc._run(x)
+            == proc._run()
+            == proc._run(x, out, out)
+            == proc._run(None, 1)
+            == 1
+        )
     after = [sys.getrefcount(v) for v in (x, out, 0, 1)]
     assert all(abs(a - b) < 20 for a, b in zip(before, after, strict=True))
 

@@ -51,11 +51,34 @@ def number():
 
 def test_render_writes_and_draws_what_the_library_renders(tmp_path, monkeypatch):
     out, drawn = tmp_path / "a.wav", []
-    monkeypatch.setattr(picture, "picture", lambda rendering, path: drawn.append((rendering.y.tobytes(), path)))
-    words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.01)", "--motion", "x2=sinusoid(0.001, 5)"]
+    monkeypatch.setattr(
+        picture, "picture", lambda rendering, path: drawn.append((rendering.y.tobytes(), path))
+    )
+    words = [
+        "render",
+        "squeeze",
+        "--motion",
+        "minimum_jerk(depth=0.01)",
+        "--motion",
+        "x2=sinusoid(0.001, 5)",
+    ]
     done = run.invoke(
         app,
-        [*words, "--seconds", "0.5", "--fs", "4000", "--out", str(out), "--set", "k=1000", "--seed", "3", "--subtype", "DOUBLE"]
+        [
+            *words,
+            "--seconds",
+            "0.5",
+            "--fs",
+            "4000",
+            "--out",
+            str(out),
+            "--set",
+            "k=1000",
+            "--seed",
+            "3",
+            "--subtype",
+            "DOUBLE",
+        ]
         + ["--picture", str(tmp_path / "a.png")],
     )
     assert done.exit_code == 0, done.output
@@ -69,7 +92,16 @@ def test_render_writes_and_draws_what_the_library_renders(tmp_path, monkeypatch)
 def test_render_draws_a_picture(tmp_path):
     words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "0.5", "--quiet"]
     done = run.invoke(
-        app, [*words, "--out", str(tmp_path / "a.flac"), "--full-scale", "100", "--picture", str(tmp_path / "a.png")]
+        app,
+        [
+            *words,
+            "--out",
+            str(tmp_path / "a.flac"),
+            "--full-scale",
+            "100",
+            "--picture",
+            str(tmp_path / "a.png"),
+        ],
     )
     assert done.exit_code == 0, done.output
     assert done.output == ""
@@ -77,10 +109,23 @@ def test_render_draws_a_picture(tmp_path):
 
 
 def test_a_picture_that_cannot_be_is_refused_before_the_render(tmp_path):
-    words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "0.5", "--out", str(tmp_path / "a.wav")]
+    words = [
+        "render",
+        "squeeze",
+        "--motion",
+        "minimum_jerk()",
+        "--seconds",
+        "0.5",
+        "--out",
+        str(tmp_path / "a.wav"),
+    ]
     for wrong, says in (("b.xyz", "must end in one of .png, .svg, .pdf"), (".", "is a folder")):
         done = run.invoke(app, [*words, "--picture", str(tmp_path / wrong)])
-        assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and not os.listdir(tmp_path), done.output
+        assert (
+            done.exit_code == 2
+            and says in done.stderr.replace("\n", " ")
+            and not os.listdir(tmp_path)
+        ), done.output
 
 
 @pytest.mark.parametrize("source", ["own.py:soft", "saved.json"])
@@ -89,7 +134,14 @@ def test_scene_from_own_code_and_from_a_file(tmp_path, source):
     x = stimlib.Input("x", "m")
     stimlib.Scene({"force": stimlib.Param("k", 500.0, "N/m") * x}).save(tmp_path / "saved.json")
     out = tmp_path / "a.wav"
-    words = ["render", str(tmp_path / source), "--motion", "constant_speed(0.1, 0.02)", "--seconds", "0.1"]
+    words = [
+        "render",
+        str(tmp_path / source),
+        "--motion",
+        "constant_speed(0.1, 0.02)",
+        "--seconds",
+        "0.1",
+    ]
     done = run.invoke(app, [*words, "--out", str(out), "--quiet"])
     assert done.exit_code == 0, done.output
     assert file.read(out)[0].max() == pytest.approx(500 * 0.1 * 0.1, rel=0.01)
@@ -102,13 +154,31 @@ def test_scene_from_own_code_and_from_a_file(tmp_path, source):
         (["render", "squeeze"], "no motion for x1, x2"),
         (["render", "squeeze", "--motion", "jump()"], "minimum_jerk, sinusoid"),
         (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "k"], "NAME=VALUE"),
-        (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "k=two"], "'two' is not a number"),
-        (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "q=2"], "this scene has k, A, level"),
-        (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "-1"], "sample rate must be a finite number above 0"),
-        (["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "2000"], "give a smaller passband"),
-        (["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"], "seconds = nan is not finite"),
+        (
+            ["render", "squeeze", "--motion", "minimum_jerk()", "--set", "k=two"],
+            "'two' is not a number",
+        ),
+        (
+            ["render", "squeeze", "--motion", "minimum_jerk()", "--set", "q=2"],
+            "this scene has k, A, level",
+        ),
+        (
+            ["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "-1"],
+            "sample rate must be a finite number above 0",
+        ),
+        (
+            ["render", "squeeze", "--motion", "minimum_jerk()", "--fs", "2000"],
+            "give a smaller passband",
+        ),
+        (
+            ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "nan"],
+            "seconds = nan is not finite",
+        ),
         (["render", "OWN:number", "--motion", "minimum_jerk()"], "returns int, not a Scene"),
-        (["render", "OWN:nothing", "--motion", "minimum_jerk()"], "own.py: there is no 'nothing' in it: write"),
+        (
+            ["render", "OWN:nothing", "--motion", "minimum_jerk()"],
+            "own.py: there is no 'nothing' in it: write",
+        ),
         (["render", "missing.py:f"], "cannot read missing.py: No such file"),
         (["render", "missing.json"], "cannot read missing.json"),
     ],
@@ -120,26 +190,39 @@ def test_mistakes_get_one_line_and_leave_nothing(tmp_path, words, says):
     assert done.exit_code == 2
     assert says in done.stderr.replace("\n", " ")
     assert "Traceback" not in done.output
-    assert [p.name for p in tmp_path.iterdir() if p.suffix != ".py" and p.name != "__pycache__"] == []
+    assert [
+        p.name for p in tmp_path.iterdir() if p.suffix != ".py" and p.name != "__pycache__"
+    ] == []
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("render squeeze", "Missing option '--out'; see stimlib render --help"), ("show", "Missing argument 'SCENE'; see"),
-        ("render squeeze --ou a.wav", "No such option: --ou"), ("rendr", "No such command 'rendr'"), ("--verson", "--verson"),
-        ("play squeeze --full-scale 1 --sink x", "'x' is not one of 'null', 'jack', 'portaudio'; see stimlib play --help"),
-        ("show squeeze --fs a", "Invalid value for '--fs': "), ("verify --log", "'--log' requires an argument; see stimlib"),
+        ("render squeeze", "Missing option '--out'; see stimlib render --help"),
+        ("show", "Missing argument 'SCENE'; see"),
+        ("render squeeze --ou a.wav", "No such option: --ou"),
+        ("rendr", "No such command 'rendr'"),
+        ("--verson", "--verson"),
+        (
+            "play squeeze --full-scale 1 --sink x",
+            "'x' is not one of 'null', 'jack', 'portaudio'; see stimlib play --help",
+        ),
+        ("show squeeze --fs a", "Invalid value for '--fs': "),
+        ("verify --log", "'--log' requires an argument; see stimlib"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_of_usage_get_one_line(words, says):
     done = run.invoke(app, words.split(), prog_name="stimlib")
     assert done.exit_code == 2 and not done.stdout
-    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1 and says in done.stderr
-    assert "value error" not in done.stderr.lower() and run.invoke(app, []).stdout.count("stimlib") > 0
+    assert (
+        done.stderr.startswith("error: ") and done.stderr.count("\n") == 1 and says in done.stderr
+    )
+    assert (
+        "value error" not in done.stderr.lower() and run.invoke(app, []).stdout.count("stimlib") > 0
+    )
 
 
-# What a user's own code, and a defect of ours, end with ----------------------------------------------------------------
+# What a user's own code, and a defect of ours, end with -------------------------------
 FAILING = """
 import stimlib
 from stimlib import Input, Scene
@@ -202,37 +285,69 @@ def test_an_error_in_own_code_names_its_line(tmp_path, function, line, says):
 def test_own_code_that_is_no_code(tmp_path, text):
     (tmp_path / "own.py").write_text(text)
     done = run.invoke(app, ["show", f"{tmp_path / 'own.py'}:f"])
-    assert done.exit_code == 2 and f"{tmp_path / 'own.py'}:" in done.stderr and "Traceback" not in done.output
+    assert (
+        done.exit_code == 2
+        and f"{tmp_path / 'own.py'}:" in done.stderr
+        and "Traceback" not in done.output
+    )
 
 
 @pytest.mark.parametrize(
     "words",
-    [["render", "--out", "a.wav"], ["play", "--full-scale", "1"], ["loopback", "--full-scale", "1"], ["verify", "--wav", "a.wav"],
-     ["show"]],
-)  # fmt: skip
+    [
+        ["render", "--out", "a.wav"],
+        ["play", "--full-scale", "1"],
+        ["loopback", "--full-scale", "1"],
+        ["verify", "--wav", "a.wav"],
+        ["show"],
+    ],
+)
 def test_a_defect_ends_with_its_traceback_and_status_3(tmp_path, monkeypatch, words):
-    """Status 1 says that a check failed, and must say nothing else; here a scene breaks what stimlib relies on."""
+    """Status 1 says that a check failed, and must say nothing else; here a scene breaks
+    what stimlib relies on.
+    """
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(FAILING)
-    done = run.invoke(app, [words[0], "own.py:odd", *words[1:], *(["--motion", "minimum_jerk()"] if words[0] != "show" else [])])
+    done = run.invoke(
+        app,
+        [
+            words[0],
+            "own.py:odd",
+            *words[1:],
+            *(["--motion", "minimum_jerk()"] if words[0] != "show" else []),
+        ],
+    )
     assert done.exit_code == 3, done.output
     said = done.stderr.replace("\n", " ")
-    assert "unexpected error: KeyError: 3; this is a defect of stimlib, please report it" in said and "Traceback" in said
+    assert (
+        "unexpected error: KeyError: 3; this is a defect of stimlib, please report it" in said
+        and "Traceback" in said
+    )
     assert not (tmp_path / "a.wav").exists()
 
 
 def test_every_command_ends_so():
     """``command`` alone makes commands, and runs each within ``friendly``."""
     texts = {p.name: p.read_text() for p in Path(cli.__file__).parent.glob("*.py")}
-    assert {name: text.count(".command(") for name, text in texts.items() if ".command(" in text} == {"app.py": 1}
+    assert {
+        name: text.count(".command(") for name, text in texts.items() if ".command(" in text
+    } == {"app.py": 1}
     assert "of.command(name)(sharing(friendly()(function), shared))" in texts["app.py"]
     groups = [app, *(g.typer_instance for g in app.registered_groups)]
-    assert sum(len(g.registered_commands) for g in groups) == sum(text.count("\n@command(") for text in texts.values())
+    assert sum(len(g.registered_commands) for g in groups) == sum(
+        text.count("\n@command(") for text in texts.values()
+    )
 
 
-@pytest.mark.parametrize("words", [["show", "squeeze"], ["list", "--json"], ["list"]], ids=["at once", "at the end", "rich"])
+@pytest.mark.parametrize(
+    "words",
+    [["show", "squeeze"], ["list", "--json"], ["list"]],
+    ids=["at once", "at the end", "rich"],
+)
 def test_a_reader_that_goes_away_is_no_defect(words):
-    with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True) as job:
+    with subprocess.Popen(
+        [sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True
+    ) as job:
         job.stdout.close()
         said = job.stderr.read()
     assert job.wait() == 141 and said == ""
@@ -244,36 +359,73 @@ def test_a_reader_that_goes_away_is_no_defect(words):
     [
         ("verify a.wav", "<&- >&-", 0, ""),
         ("show missing.json", "2>/dev/full", 2, ""),
-        ("list --json", ">/dev/full", 2, "error: cannot write what is printed: No space left on device\n"),
-        ("render 'squeeze(fingers=1)' --motion 'minimum_jerk()' --full-scale 50 --seconds 0.1 --out é.wav", ">/dev/null", 0, ""),
+        (
+            "list --json",
+            ">/dev/full",
+            2,
+            "error: cannot write what is printed: No space left on device\n",
+        ),
+        (
+            (
+                "render 'squeeze(fingers=1)' --motion 'minimum_jerk()' --full-scale 50 --seconds"
+                " 0.1 --out é.wav"
+            ),
+            ">/dev/null",
+            0,
+            "",
+        ),
     ],
 )
 def test_streams_that_are_closed_full_or_ascii(tmp_path, words, streams, status, says):
     if "a.wav" in words:
-        file.write(tmp_path / "a.wav", stimlib.compile(scene_of("squeeze(fingers=1)"), 8000), {"x1": minimum_jerk()}, 0.1)
+        file.write(
+            tmp_path / "a.wav",
+            stimlib.compile(scene_of("squeeze(fingers=1)"), 8000),
+            {"x1": minimum_jerk()},
+            0.1,
+        )
     command = f"{sys.executable} -m stimlib {words} {streams}"
     environ = os.environ | {"PYTHONIOENCODING": "ascii"}
-    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=tmp_path, env=environ)
+    done = subprocess.run(
+        command, shell=True, capture_output=True, text=True, cwd=tmp_path, env=environ
+    )
     assert (done.returncode, done.stderr) == (status, says)
 
 
 @pytest.mark.parametrize(
     ("scene", "says"),
     [
-        ("squeeze(fingers='a')", "squeeze: fingers = 'a' must be a whole number"), ("squeeze(fingers=None)", "a whole number"),
-        ("squeeze(fingers=10000000)", "limits.scene_blocks"), ("squeeze(fingers=1.5)", "a whole number"), ("squeeze(k=[1])", "k"),
-        ("squeeze(k=1e999)", "not finite"), ("squeeze(contact=1)", "True or False"), ("squeeze(**{'k': 1})", "name=number"),
-        ("squeeze(seed=" + "9" * 400 + ")", "seed"), ("squeeze(k=" + "9" * 400 + ")", "beyond what a float can hold"),
-        ("bumps(waveform=3)", "bumps: waveform = 3 must be a text or"), ("bumps(bumps='a')", "a number"),
+        ("squeeze(fingers='a')", "squeeze: fingers = 'a' must be a whole number"),
+        ("squeeze(fingers=None)", "a whole number"),
+        ("squeeze(fingers=10000000)", "limits.scene_blocks"),
+        ("squeeze(fingers=1.5)", "a whole number"),
+        ("squeeze(k=[1])", "k"),
+        ("squeeze(k=1e999)", "not finite"),
+        ("squeeze(contact=1)", "True or False"),
+        ("squeeze(**{'k': 1})", "name=number"),
+        ("squeeze(seed=" + "9" * 400 + ")", "seed"),
+        ("squeeze(k=" + "9" * 400 + ")", "beyond what a float can hold"),
+        ("bumps(waveform=3)", "bumps: waveform = 3 must be a text or"),
+        ("bumps(bumps='a')", "a number"),
         ("bumps(rectify=1)", "a text"),
-        ("viscoelastic(alpha='a')", "a number"), ("viscoelastic(scheme=None)", "a text"), ("squeeze(k={[]: 1})", "name=number"),
-        ("squeeze(k=" + "(" * 5000 + ")", "name=number"), ("squeeze(\0)", "name=number"), ("x" * 5000 + ".json", "cannot read"),
-        ("x" * 5000 + ".py:f", "cannot read"), ("a\0.json", "cannot read"), ("a\0.py:f", "cannot read"),
+        ("viscoelastic(alpha='a')", "a number"),
+        ("viscoelastic(scheme=None)", "a text"),
+        ("squeeze(k={[]: 1})", "name=number"),
+        ("squeeze(k=" + "(" * 5000 + ")", "name=number"),
+        ("squeeze(\0)", "name=number"),
+        ("x" * 5000 + ".json", "cannot read"),
+        ("x" * 5000 + ".py:f", "cannot read"),
+        ("a\0.json", "cannot read"),
+        ("a\0.py:f", "cannot read"),
     ],
-)  # fmt: skip
+)
 def test_odd_scenes_get_one_line(scene, says):
     done = run.invoke(app, ["show", scene])
-    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
+    assert (
+        done.exit_code == 2
+        and says in done.stderr.replace("\n", " ")
+        and "Traceback" not in done.output
+    )
 
 
 @pytest.mark.filterwarnings("ignore:touch_screen. at the top of a bump")
@@ -310,7 +462,10 @@ def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
 
 
 def test_show_prints_the_plan_draws_and_saves(tmp_path):
-    done = run.invoke(app, ["show", "squeeze", "--draw", str(tmp_path / "g.svg"), "--save", str(tmp_path / "s.json")])
+    done = run.invoke(
+        app,
+        ["show", "squeeze", "--draw", str(tmp_path / "g.svg"), "--save", str(tmp_path / "s.json")],
+    )
     assert done.exit_code == 0, done.output
     assert "enabled 1  White(0, 1" in done.output and "removed:" in done.output
     assert "<svg" in (tmp_path / "g.svg").read_text()
@@ -322,13 +477,21 @@ def test_show_says_what_it_cannot_draw_before_it_prints():
     assert done.exit_code == 2 and "the suffix of 'x.txt'" in done.stderr and not done.stdout
 
 
-@pytest.mark.parametrize(("scene", "says"), [("", "say which function or scene in it"), (":scne", "there is no 'scne' in it")])
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [("", "say which function or scene in it"), (":scne", "there is no 'scne' in it")],
+)
 def test_a_file_without_the_name_of_a_scene_lists_them(tmp_path, scene, says):
     path = tmp_path / "pebbles.py"
-    path.write_text(OWN + "def wants(a):\n    return a\ndef _hidden():\n    return soft()\nready = soft()\n")
+    path.write_text(
+        OWN + "def wants(a):\n    return a\ndef _hidden():\n    return soft()\nready = soft()\n"
+    )
     done = run.invoke(app, ["show", f"{path}{scene}"])
     assert done.exit_code == 2
-    assert done.stderr == f"error: {path}: {says}: write {path}:NAME; there is soft, two, broken, number, ready\n"
+    assert (
+        done.stderr
+        == f"error: {path}: {says}: write {path}:NAME; there is soft, two, broken, number, ready\n"
+    )
     assert run.invoke(app, ["show", f"{path}:ready"]).exit_code == 0
 
 
@@ -343,16 +506,27 @@ def test_what_has_the_name_but_is_no_scene_is_said_to_be_there(tmp_path):
     path = tmp_path / "own.py"
     path.write_text(OWN + "levels = {'k': 1.0}\n")
     done = run.invoke(app, ["show", f"{path}:levels"])
-    assert done.stderr == f"error: {path}: levels is a dict, no Scene: write {path}:NAME; there is soft, two, broken, number\n"
+    assert (
+        done.stderr
+        == f"error: {path}: levels is a dict, no Scene: write {path}:NAME; there is soft, two,"
+        " broken, number\n"
+    )
 
 
 def test_a_file_without_the_name_of_a_measure_lists_its_measures(tmp_path):
     path = tmp_path / "own.py"
     path.write_text(
-        OWN + "from stimlib.sweep import measure\n@measure('N')\ndef top(run):\n    return run['force'].max()\nready = soft()\n"
+        OWN + "from stimlib.sweep import measure\n@measure('N')\ndef top(run):\n    return"
+        " run['force'].max()\nready = soft()\n"
     )
-    done = run.invoke(app, ["sweep", f"{path}:soft", "--axis", "k=1,2", "--measure", f"{path}:tops"])
-    assert done.exit_code == 2 and "there is no 'tops' in it" in done.stderr and done.stderr.rstrip().endswith("number, top")
+    done = run.invoke(
+        app, ["sweep", f"{path}:soft", "--axis", "k=1,2", "--measure", f"{path}:tops"]
+    )
+    assert (
+        done.exit_code == 2
+        and "there is no 'tops' in it" in done.stderr
+        and done.stderr.rstrip().endswith("number, top")
+    )
 
 
 def test_list_names_scenes_and_motions():
@@ -369,25 +543,53 @@ def data_of(*words, code=0):
 
 def test_json_says_what_the_words_say(tmp_path):
     listed = data_of("list")
-    assert listed["motions"]["minimum_jerk"]["arguments"]["depth"] == 0.02 and "squeeze" in listed["scenes"]
+    assert (
+        listed["motions"]["minimum_jerk"]["arguments"]["depth"] == 0.02
+        and "squeeze" in listed["scenes"]
+    )
     assert listed["scenes"]["squeeze"]["params"]["k"] == {"value": 2000.0, "unit": "N/m"}
     shown = data_of("show", "squeeze", "--fs", "4000", "--save", tmp_path / "s.json")
     plan = stimlib.compile(stimlib.load(tmp_path / "s.json"), 4000, "python").plan
-    assert shown["hash"] == listed["scenes"]["squeeze"]["hash"] and shown["fs"] == 4000 and shown["removed"] == plan.removed
-    assert [(row["number"], row["block"]) for row in shown["plan"]] == [row[:3:2] for row in plan.rows]
+    assert (
+        shown["hash"] == listed["scenes"]["squeeze"]["hash"]
+        and shown["fs"] == 4000
+        and shown["removed"] == plan.removed
+    )
+    assert [(row["number"], row["block"]) for row in shown["plan"]] == [
+        row[:3:2] for row in plan.rows
+    ]
     assert data_of("devices", "--server", "none_of_this_name")[0] == {
-        "sink": "null", "ready": True, "what": "no device, at the pace of the clock", "how": "--sink null"
-    }  # fmt: skip
+        "sink": "null",
+        "ready": True,
+        "what": "no device, at the pace of the clock",
+        "how": "--sink null",
+    }
 
 
 def test_json_of_a_file_and_of_a_replay(tmp_path, session):
     out = tmp_path / "a.wav"
     told = data_of(
-        "render", "squeeze(fingers=1)", "--motion", "sinusoid(0.001, 1)", "--seconds", "0.1", "--out", out, "--full-scale", 9
+        "render",
+        "squeeze(fingers=1)",
+        "--motion",
+        "sinusoid(0.001, 1)",
+        "--seconds",
+        "0.1",
+        "--out",
+        out,
+        "--full-scale",
+        9,
     )
     y, sidecar = file.read(out)
-    assert told["path"] == str(out) and told["sidecar"] == f"{out}.json" and told["clips"] == {"force1": 0}
-    assert told["frames"] == y.shape[1] == 800 and told["peak"]["force1"] == sidecar["channels"][0]["peak"]
+    assert (
+        told["path"] == str(out)
+        and told["sidecar"] == f"{out}.json"
+        and told["clips"] == {"force1": 0}
+    )
+    assert (
+        told["frames"] == y.shape[1] == 800
+        and told["peak"]["force1"] == sidecar["channels"][0]["peak"]
+    )
     told = data_of("replay", session)
     assert told["matches"] and (told["frames"], told["spans"], told["wrong"]) == (4000, 2, [])
     data = bytearray((session / "motion.f64").read_bytes())
@@ -399,26 +601,46 @@ def test_json_of_a_file_and_of_a_replay(tmp_path, session):
 
 def test_json_of_a_verification(tmp_path):
     out = tmp_path / "a.wav"
-    words = ["render", "squeeze(fingers=1)", "--motion", "minimum_jerk()", "--seconds", "0.5", "--out", str(out), "--quiet"]
+    words = [
+        "render",
+        "squeeze(fingers=1)",
+        "--motion",
+        "minimum_jerk()",
+        "--seconds",
+        "0.5",
+        "--out",
+        str(out),
+        "--quiet",
+    ]
     assert run.invoke(app, words).exit_code == 0
     sidecar = json.loads(out.with_suffix(".wav.json").read_text())
     sidecar["channels"][0]["peak"] += 1
     out.with_suffix(".wav.json").write_text(json.dumps(sidecar))
     told = data_of("verify", "squeeze(fingers=1)", "--wav", out, code=1)
-    assert [c["name"] for c in told["checks"] if not c["passed"]] == ["sidecar: what it says"] and not told["passed"]
+    assert [c["name"] for c in told["checks"] if not c["passed"]] == [
+        "sidecar: what it says"
+    ] and not told["passed"]
     assert told["source"] == "a.wav" and told["seconds"] == 0.5 and len(told["checks"]) > 10
     done = run.invoke(app, ["verify", "squeeze", "--wav", str(tmp_path / "b.wav"), "--json"])
     assert done.exit_code == 2 and done.stdout == "" and "there is no file" in done.stderr
 
 
 def test_the_module_is_the_command():
-    done = subprocess.run([sys.executable, "-m", "stimlib", "--version"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "stimlib", "--version"], capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"stimlib {stimlib.__version__}\n"
 
 
-@pytest.mark.parametrize(("typed", "offered"), [("stimlib rend", "render render-set"), ("stimlib show sq", "squeeze")])
+@pytest.mark.parametrize(
+    ("typed", "offered"), [("stimlib rend", "render render-set"), ("stimlib show sq", "squeeze")]
+)
 def test_the_shell_completes_commands_and_scenes(typed, offered):
-    words = {"_STIMLIB_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
+    words = {
+        "_STIMLIB_COMPLETE": "complete_bash",
+        "COMP_WORDS": typed,
+        "COMP_CWORD": str(typed.count(" ")),
+    }
     assert run.invoke(app, [], prog_name="stimlib", env=words).stdout.split() == offered.split()
     assert "--install-completion" in run.invoke(app, ["--help"]).stdout
 
@@ -447,8 +669,19 @@ def test_ctrl_c_while_it_starts_is_quiet():
 
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
     out = tmp_path / "long.rf64"
-    words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "100000", "--out", str(out)]
-    job = subprocess.Popen([sys.executable, "-m", "stimlib", *words], stderr=subprocess.PIPE, text=True)
+    words = [
+        "render",
+        "squeeze",
+        "--motion",
+        "minimum_jerk()",
+        "--seconds",
+        "100000",
+        "--out",
+        str(out),
+    ]
+    job = subprocess.Popen(
+        [sys.executable, "-m", "stimlib", *words], stderr=subprocess.PIPE, text=True
+    )
     part = tmp_path / "long.rf64.part"
     for _ in range(600):
         if part.exists() and part.stat().st_size > 1_000_000:
@@ -462,8 +695,21 @@ def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
 
 
 def test_sidecar_is_enough_to_render_again(tmp_path):
-    words = ["render", "squeeze", "--motion", "minimum_jerk(depth=0.005)", "--seconds", "0.3", "--set", "A=2", "--quiet"]
-    assert run.invoke(app, [*words, "--out", str(tmp_path / "a.w64"), "--subtype", "DOUBLE"]).exit_code == 0
+    words = [
+        "render",
+        "squeeze",
+        "--motion",
+        "minimum_jerk(depth=0.005)",
+        "--seconds",
+        "0.3",
+        "--set",
+        "A=2",
+        "--quiet",
+    ]
+    assert (
+        run.invoke(app, [*words, "--out", str(tmp_path / "a.w64"), "--subtype", "DOUBLE"]).exit_code
+        == 0
+    )
     sidecar = json.loads((tmp_path / "a.w64.json").read_text())
     again = stimlib.render(
         stimlib.Scene.from_dict(sidecar["scene"]),
@@ -480,12 +726,17 @@ GRIP = "t_s,force_N,x_mm\n0,8,1\n0.012,9,1\n0.024,11,2\n0.036,14,3\n"
 
 
 @pytest.mark.parametrize("name", ["a.wav", "a.flac"])
-@pytest.mark.parametrize("motion", [["minimum_jerk(depth=0.01)"], ["grip.csv", "--map", "x=force_N*5e-4", "--max-speed", "2"]])
+@pytest.mark.parametrize(
+    "motion",
+    [["minimum_jerk(depth=0.01)"], ["grip.csv", "--map", "x=force_N*5e-4", "--max-speed", "2"]],
+)
 def test_a_file_tells_how_to_verify_it(tmp_path, monkeypatch, name, motion):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "grip.csv").write_text(GRIP)
     words = ["--seconds", "0.1", "--full-scale", "64", "--set", "k=1500", "--seed", "4", "--quiet"]
-    done = run.invoke(app, ["render", "squeeze(fingers=1)", "--motion", *motion, *words, "--out", name])
+    done = run.invoke(
+        app, ["render", "squeeze(fingers=1)", "--motion", *motion, *words, "--out", name]
+    )
     assert done.exit_code == 0, done.output
     done = run.invoke(app, ["verify", name])
     assert done.exit_code == 0 and "the scene is the sidecar's own" in done.stdout, done.output
@@ -494,35 +745,64 @@ def test_a_file_tells_how_to_verify_it(tmp_path, monkeypatch, name, motion):
     if motion[0] == "grip.csv":
         (tmp_path / "grip.csv").write_text(GRIP + "0.048,20,4\n")
         done = run.invoke(app, ["verify", name])
-        assert done.exit_code == 2 and f"error: {name}: motion of x1: grip.csv: SHA-256 is " in done.stderr
+        assert (
+            done.exit_code == 2
+            and f"error: {name}: motion of x1: grip.csv: SHA-256 is " in done.stderr
+        )
         done = run.invoke(app, ["verify", name, "--motion", *motion])
         assert done.exit_code == 1, "the motion that is named is another one now"
         (tmp_path / "grip.csv").unlink()
         done = run.invoke(app, ["verify", name])
-        assert done.exit_code == 2 and "or give the motion (--motion), as it was rendered" in " ".join(done.stderr.split())
+        assert (
+            done.exit_code == 2
+            and "or give the motion (--motion), as it was rendered" in " ".join(done.stderr.split())
+        )
 
 
 @pytest.mark.parametrize(
-    ("scene", "name"), [("squeeze", "x"), ("bumps(duty=0.3)", "x"), ("viscoelastic", "y"), ("OWN:soft", "x")]
+    ("scene", "name"),
+    [("squeeze", "x"), ("bumps(duty=0.3)", "x"), ("viscoelastic", "y"), ("OWN:soft", "x")],
 )
 def test_lifts_name_the_scene_that_knows_of_them(tmp_path, scene, name):
     (tmp_path / "own.py").write_text(OWN)
     (tmp_path / "lift.csv").write_text("t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n")
-    words = ["--motion", str(tmp_path / "lift.csv"), "--map", f"{name}=x_mm*1e-3", "--out", str(tmp_path / "a.wav")]
+    words = [
+        "--motion",
+        str(tmp_path / "lift.csv"),
+        "--map",
+        f"{name}=x_mm*1e-3",
+        "--out",
+        str(tmp_path / "a.wav"),
+    ]
     done = run.invoke(app, ["render", scene.replace("OWN", str(tmp_path / "own.py")), *words])
-    wanted = f"use {scene.partition('(')[0]}(contact=True)" if "OWN" not in scene else 'give it an Input("contact")'
+    wanted = (
+        f"use {scene.partition('(')[0]}(contact=True)"
+        if "OWN" not in scene
+        else 'give it an Input("contact")'
+    )
     assert done.exit_code == 2 and wanted in " ".join(done.stderr.split()), done.output
 
 
-@pytest.mark.parametrize("command", ["render squeeze --out a.wav", "play squeeze --full-scale 50 --fast", "verify a.wav"])
+@pytest.mark.parametrize(
+    "command", ["render squeeze --out a.wav", "play squeeze --full-scale 50 --fast", "verify a.wav"]
+)
 def test_commands_take_the_text_of_a_recording(tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "grip.csv").write_text(GRIP)
     text = "recording('grip.csv', {'x': 'force_N*5e-4'})"
     if "verify" in command:
-        assert run.invoke(app, ["render", "squeeze", "--motion", text, "--out", "a.wav", "--quiet"]).exit_code == 0
+        assert (
+            run.invoke(
+                app, ["render", "squeeze", "--motion", text, "--out", "a.wav", "--quiet"]
+            ).exit_code
+            == 0
+        )
     one_by_one = ["--motion", f"x1={text}.motion['x']", "--motion", f"x2={text}"]
-    for motion in (["--motion", text], one_by_one, ["--motion", "grip.csv", "--map", "x=force_N*5e-4"]):
+    for motion in (
+        ["--motion", text],
+        one_by_one,
+        ["--motion", "grip.csv", "--map", "x=force_N*5e-4"],
+    ):
         done = run.invoke(app, [*command.split(), *motion])
         assert done.exit_code == 0, done.output
     done = run.invoke(app, [*command.split(), "--motion", text, "--map", "x=force_N*5e-4"])
@@ -537,7 +817,11 @@ def contact():
     return Scene({"f": Input("contact") * scene().outputs["f"]})
 """
 ROWS = "t_s,pos_mm,force_N\n0,1,0\n0.01,2,5\n0.02,3,9\n"
-MAP_X, MAP_PRESS, HELD = ["--map", "x=pos_mm*1e-3"], ["--map", "press=force_N"], "press=sinusoid(0.5, 1, mean=1)"
+MAP_X, MAP_PRESS, HELD = (
+    ["--map", "x=pos_mm*1e-3"],
+    ["--map", "press=force_N"],
+    "press=sinusoid(0.5, 1, mean=1)",
+)
 
 
 @pytest.fixture
@@ -548,33 +832,49 @@ def pen(tmp_path, monkeypatch):
     (tmp_path / "lift.csv").write_text("t_s,pos_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n")
 
     def rendered(*motion, scene="scene"):
-        done = run.invoke(app, ["render", f"pen.py:{scene}", *motion, "--out", "a.wav", "--full-scale", "100"])
-        return done, json.loads(Path("a.wav.json").read_text())["motion"] if done.exit_code == 0 else {}
+        done = run.invoke(
+            app, ["render", f"pen.py:{scene}", *motion, "--out", "a.wav", "--full-scale", "100"]
+        )
+        return done, (
+            json.loads(Path("a.wav.json").read_text())["motion"] if done.exit_code == 0 else {}
+        )
 
     return rendered
 
 
 @pytest.mark.parametrize(
     "motion",
-    [["--motion", "pen.csv", *MAP_X, "--motion", HELD], ["--motion", HELD, "--motion", "pen.csv", *MAP_X],
-     ["--motion", "x=pen.csv", *MAP_X, "--motion", HELD], ["--motion", HELD[6:], "--motion", "x = pen.csv", *MAP_X]],
-)  # fmt: skip
+    [
+        ["--motion", "pen.csv", *MAP_X, "--motion", HELD],
+        ["--motion", HELD, "--motion", "pen.csv", *MAP_X],
+        ["--motion", "x=pen.csv", *MAP_X, "--motion", HELD],
+        ["--motion", HELD[6:], "--motion", "x = pen.csv", *MAP_X],
+    ],
+)
 def test_a_recording_goes_with_a_generator(pen, motion):
     done, told = pen(*motion)
     assert done.exit_code == 0 and "0.02 s" in done.stdout, done.output
-    assert told["x"].startswith("recording('pen.csv', {'x': 'pos_mm*1e-3'}") and told["press"].startswith(
-        "sinusoid(amplitude=0.5"
-    )
+    assert told["x"].startswith("recording('pen.csv', {'x': 'pos_mm*1e-3'}") and told[
+        "press"
+    ].startswith("sinusoid(amplitude=0.5")
 
 
 def test_two_recordings_and_the_contact_of_one(pen):
     both = ["--motion", "x=lift.csv", *MAP_X, "--motion", "press=pen.csv", *MAP_PRESS]
     done, told = pen(*both, scene="contact")
-    assert done.exit_code == 2 and "say which serves, such as --motion contact=my.csv" in done.stderr
+    assert (
+        done.exit_code == 2 and "say which serves, such as --motion contact=my.csv" in done.stderr
+    )
     done, told = pen(*both, "--motion", "contact=lift.csv", scene="contact")
-    assert done.exit_code == 0 and told["contact"].startswith("recording('lift.csv'") and told["contact"].endswith(".contact")
+    assert (
+        done.exit_code == 0
+        and told["contact"].startswith("recording('lift.csv'")
+        and told["contact"].endswith(".contact")
+    )
     assert "'force_N'}" in told["press"], done.output
-    done, told = pen("--motion", "x=lift.csv", *MAP_X, "--motion", "sinusoid(0.5, 1, mean=1)", scene="contact")
+    done, told = pen(
+        "--motion", "x=lift.csv", *MAP_X, "--motion", "sinusoid(0.5, 1, mean=1)", scene="contact"
+    )
     assert done.exit_code == 0 and told["contact"].endswith(".contact"), done.output
 
 
@@ -589,36 +889,75 @@ def test_only_metres_are_held_to_the_speed_of_a_hand(pen):
 @pytest.mark.parametrize(
     ("motion", "says"),
     [
-        (["no.csv"], "no.csv: cannot be read (No such file"), (["x=no.csv", "--motion", HELD], "no.csv: cannot be read"),
-        (["pen.csv"], "pen.csv: name the column of x, press, such as --map 'x=force_N*5e-4'; the columns are: t_s, pos_mm"),
-        (["pen.csv", *MAP_X], "nothing is recorded for press"), (["x=pen.csv", *MAP_X], "no motion for press"),
-        (["pen.csv", *MAP_X, *MAP_PRESS, "--motion", "press=sinusoid(1, 1)"], "--map press: press has a motion of its own"),
-        (["pen.csv", *MAP_X, "--map", "q=force_N"], "--map q: the scene has no input q; the inputs are: x, press"),
-        (["pen.csv", *MAP_X, "--motion", "minimum_jerk()"], "say of which each is, such as x=minimum_jerk()"),
-        (["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "y=1"], "--max-speed y: there is no --map y; there is x, press"),
-        (["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "x=a"], "--max-speed x=a: 'a' is not a number"),
+        (["no.csv"], "no.csv: cannot be read (No such file"),
+        (["x=no.csv", "--motion", HELD], "no.csv: cannot be read"),
+        (
+            ["pen.csv"],
+            (
+                "pen.csv: name the column of x, press, such as --map 'x=force_N*5e-4'; the columns"
+                " are: t_s, pos_mm"
+            ),
+        ),
+        (["pen.csv", *MAP_X], "nothing is recorded for press"),
+        (["x=pen.csv", *MAP_X], "no motion for press"),
+        (
+            ["pen.csv", *MAP_X, *MAP_PRESS, "--motion", "press=sinusoid(1, 1)"],
+            "--map press: press has a motion of its own",
+        ),
+        (
+            ["pen.csv", *MAP_X, "--map", "q=force_N"],
+            "--map q: the scene has no input q; the inputs are: x, press",
+        ),
+        (
+            ["pen.csv", *MAP_X, "--motion", "minimum_jerk()"],
+            "say of which each is, such as x=minimum_jerk()",
+        ),
+        (
+            ["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "y=1"],
+            "--max-speed y: there is no --map y; there is x, press",
+        ),
+        (
+            ["pen.csv", *MAP_X, *MAP_PRESS, "--max-speed", "x=a"],
+            "--max-speed x=a: 'a' is not a number",
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_with_several_motions_get_one_line(pen, motion, says):
     done, _ = pen("--motion", *motion)
-    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output, done.output
+    assert (
+        done.exit_code == 2
+        and says in done.stderr.replace("\n", " ")
+        and "Traceback" not in done.output
+    ), done.output
 
 
 @pytest.mark.parametrize(
     ("told", "says"),
-    [("<function <lambda>>", "cannot be made again from"), ("array(800)", "cannot be made again from"), ("log of 9", "--log"),
-     ("recording('grip.csv', {'x': 'x_mm*1e-3'}).motion['x']", "does not have the SHA-256"), ("recording(", "--motion"),
-     ("recording(open('grip.csv'), {}).contact", "--motion"), ("recording('grip.csv', {'x': 'x_mm'}, y=1)", "--motion")],
-)  # fmt: skip
+    [
+        ("<function <lambda>>", "cannot be made again from"),
+        ("array(800)", "cannot be made again from"),
+        ("log of 9", "--log"),
+        ("recording('grip.csv', {'x': 'x_mm*1e-3'}).motion['x']", "does not have the SHA-256"),
+        ("recording(", "--motion"),
+        ("recording(open('grip.csv'), {}).contact", "--motion"),
+        ("recording('grip.csv', {'x': 'x_mm'}, y=1)", "--motion"),
+    ],
+)
 def test_a_motion_that_its_text_does_not_tell(tmp_path, monkeypatch, told, says):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "grip.csv").write_text(GRIP)
     words = ["--motion", "minimum_jerk()", "--seconds", "0.1", "--quiet"]
-    assert run.invoke(app, ["render", "squeeze(fingers=1)", *words, "--out", "a.wav"]).exit_code == 0
+    assert (
+        run.invoke(app, ["render", "squeeze(fingers=1)", *words, "--out", "a.wav"]).exit_code == 0
+    )
     sidecar = json.loads((tmp_path / "a.wav.json").read_text())
     (tmp_path / "a.wav.json").write_text(json.dumps(sidecar | {"motion": {"x1": told}}))
     done = run.invoke(app, ["verify", "a.wav"])
-    assert done.exit_code == 2 and says in " ".join(done.stderr.split()) and "Traceback" not in done.output
+    assert (
+        done.exit_code == 2
+        and says in " ".join(done.stderr.split())
+        and "Traceback" not in done.output
+    )
     done = run.invoke(app, ["verify", "a.wav", *words[:2]])
     assert done.exit_code == 0, done.output
 
@@ -629,7 +968,9 @@ def session(tmp_path):
 
     folder = tmp_path / "a.stimlog"
     hand = {"x1": minimum_jerk(depth=0.01)}
-    with NullSink(stimlib.scenes.squeeze(fingers=1), 50.0, clocked=False, motion=hand, log=folder) as sink:
+    with NullSink(
+        stimlib.scenes.squeeze(fingers=1), 50.0, clocked=False, motion=hand, log=folder
+    ) as sink:
         sink.open(8000, channels=["force1", None])
         sink.start(seconds=0.5)
         sink.wait()
@@ -638,18 +979,29 @@ def session(tmp_path):
 
 def test_a_session_is_replayed_and_verified(tmp_path, session):
     done = run.invoke(app, ["replay", str(session)])
-    assert (done.exit_code, done.output) == (0, "4000 frames replayed, 0 lost; 2 of 2 hashes match\n")
+    assert (done.exit_code, done.output) == (
+        0,
+        "4000 frames replayed, 0 lost; 2 of 2 hashes match\n",
+    )
     done = run.invoke(app, ["replay", str(session), "--out", str(tmp_path / "a.wav")])
     assert done.exit_code == 0 and file.read(tmp_path / "a.wav")[0].shape == (2, 4000)
     for words in ([], ["squeeze(fingers=1)"]):
-        done = run.invoke(app, ["verify", *words, "--log", str(session), "--report", str(tmp_path / "a.html")])
+        done = run.invoke(
+            app, ["verify", *words, "--log", str(session), "--report", str(tmp_path / "a.html")]
+        )
         assert done.exit_code == 0, done.output
-        assert "log: delivered = replay" in done.output and "passed" in (tmp_path / "a.html").read_text()
+        assert (
+            "log: delivered = replay" in done.output
+            and "passed" in (tmp_path / "a.html").read_text()
+        )
     data = bytearray((session / "motion.f64").read_bytes())
     data[8 * 2500 + 6] ^= 1
     (session / "motion.f64").write_bytes(data)
     done = run.invoke(app, ["replay", str(session)])
-    assert done.exit_code == 1 and "1 of 2 hashes match, the first that does not is of frames 2000 to 4000" in done.output
+    assert (
+        done.exit_code == 1
+        and "1 of 2 hashes match, the first that does not is of frames 2000 to 4000" in done.output
+    )
     done = run.invoke(app, ["verify", "--log", str(session)])
     assert done.exit_code == 1 and "FAILED" in done.output
 
@@ -658,34 +1010,59 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
     ("words", "says"),
     [
         (["replay", "none.stimlog"], "there is no log none.stimlog"),
-        (["replay", "LOG", "--out", "a.flac"], "'a.flac' must end in one of .wav, .rf64, .w64, .caf"),
+        (
+            ["replay", "LOG", "--out", "a.flac"],
+            "'a.flac' must end in one of .wav, .rf64, .w64, .caf",
+        ),
         (["verify", "--log", "none.stimlog"], "there is no log none.stimlog"),
         (["verify", "squeeze", "--log", "LOG"], "is a session of another scene"),
         (["verify", "--log", "LOG", "--wav", "a.wav"], "give --log without --wav and --motion"),
-        (["verify", "--log", "LOG", "--motion", "minimum_jerk()"], "give --log without --wav and --motion"),
+        (
+            ["verify", "--log", "LOG", "--motion", "minimum_jerk()"],
+            "give --log without --wav and --motion",
+        ),
         (["verify"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
         (["verify", "squeeze"], "name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG"),
         (["verify", "p.stimlog"], "p.stimlog is a log: stimlib verify --log p.stimlog"),
-        (["verify", "squeeze", "--wav", "p.stimlog"], "p.stimlog is a log: stimlib verify --log p.stimlog"),
+        (
+            ["verify", "squeeze", "--wav", "p.stimlog"],
+            "p.stimlog is a log: stimlib verify --log p.stimlog",
+        ),
         (["verify", "a.png"], "a.png is not a sound file, which ends in one of .wav"),
         (["verify", "--wav", "a.wav"], "there is no file a.wav"),
         (["verify", "a.flac"], "there is no file a.flac"),
         (["verify", "a.wav", "--wav", "b.wav"], "a.wav and b.wav are two files"),
         (["verify", "--log", "LOG", "--map", "x=y"], "give --log without --wav and --motion"),
-        (["replay", "LOG/session.json"], "session.json is no log: that is the folder that a sink wrote"),
+        (
+            ["replay", "LOG/session.json"],
+            "session.json is no log: that is the folder that a sink wrote",
+        ),
         (["recover", "none.wav"], "nothing to recover: there is no none.wav.part"),
         (["recover", "LOG"], "a log needs nothing, see stimlib replay"),
     ],
 )
 def test_mistakes_with_sessions_get_one_line(tmp_path, session, words, says):
     done = run.invoke(app, [w.replace("LOG", str(session)) for w in words])
-    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
+    assert (
+        done.exit_code == 2
+        and says in done.stderr.replace("\n", " ")
+        and "Traceback" not in done.output
+    )
     assert [p.name for p in tmp_path.iterdir()] == ["a.stimlog"]
 
 
 def test_a_render_that_was_killed_is_recovered(tmp_path):
     out = tmp_path / "long.wav"
-    words = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "10000", "--out", str(out)]
+    words = [
+        "render",
+        "squeeze",
+        "--motion",
+        "minimum_jerk()",
+        "--seconds",
+        "10000",
+        "--out",
+        str(out),
+    ]
     with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stderr=subprocess.PIPE) as job:
         part = tmp_path / "long.wav.part"
         for _ in range(600):
@@ -703,7 +1080,7 @@ def test_a_render_that_was_killed_is_recovered(tmp_path):
     assert done.exit_code == 0, done.output
 
 
-# Blocks of the user's own ----------------------------------------------------------------------------------------------
+# Blocks of the user's own -------------------------------------------------------------
 CLICK = """
 from dataclasses import dataclass
 from stimlib import Block, Input, Scene
@@ -725,14 +1102,26 @@ def scene():
 
 @pytest.fixture(scope="module")
 def clicks(tmp_path_factory):
-    """A block in a file of its own, and what was made of it: a scene, a sound file, a log."""
+    """A block in a file of its own, and what was made of it: a scene, a sound file, a
+    log.
+    """
     folder = tmp_path_factory.mktemp("clicks")
     (folder / "click_block.py").write_text(CLICK)
     own, hand = f"{folder}/click_block.py:scene", ["--motion", "minimum_jerk()", "--seconds", "0.2"]
     for words in (
         ["show", own, "--save", f"{folder}/click.json"],
         ["render", own, *hand, "--out", f"{folder}/click.wav", "--quiet"],
-        ["play", own, *hand, "--full-scale", "1", "--fast", "--quiet", "--log", f"{folder}/click.stimlog"],
+        [
+            "play",
+            own,
+            *hand,
+            "--full-scale",
+            "1",
+            "--fast",
+            "--quiet",
+            "--log",
+            f"{folder}/click.stimlog",
+        ],
     ):
         done = run.invoke(app, words)
         assert done.exit_code == 0, done.output
@@ -752,20 +1141,32 @@ def test_own_blocks_are_known_by_import(clicks, monkeypatch, words):
         registry.pop("click_block.Click", None)  # as in a process of its own
         done = run.invoke(app, [*words.split(), *more])
         assert done.exit_code == code, done.output
-        assert code == 0 or "import click_block first; on the command line, add --import click_block.py" in done.stderr
+        assert (
+            code == 0
+            or "import click_block first; on the command line, add --import click_block.py"
+            in done.stderr
+        )
 
 
 def test_a_scene_of_own_code_is_loaded_before_the_log(clicks):
     registry.pop("click_block.Click", None)
-    done = run.invoke(app, ["verify", f"{clicks}/click_block.py:scene", "--log", f"{clicks}/click.stimlog"])
+    done = run.invoke(
+        app, ["verify", f"{clicks}/click_block.py:scene", "--log", f"{clicks}/click.stimlog"]
+    )
     assert done.exit_code == 0, done.output
 
 
 @pytest.mark.parametrize("edit", ["# another day\n", "GAIN = 2.0\n"])
-@pytest.mark.parametrize("words", ["replay click.stimlog", "verify --log click.stimlog", "verify click.json --wav click.wav"])
+@pytest.mark.parametrize(
+    "words",
+    ["replay click.stimlog", "verify --log click.stimlog", "verify click.json --wav click.wav"],
+)
 def test_what_defined_an_own_block_is_kept_and_compared(clicks, tmp_path, monkeypatch, words, edit):
     monkeypatch.chdir(clicks)
-    kept = [json.loads(Path(name).read_text()) for name in ("click.stimlog/session.json", "click.wav.json")]
+    kept = [
+        json.loads(Path(name).read_text())
+        for name in ("click.stimlog/session.json", "click.wav.json")
+    ]
     assert [k["definitions"]["click_block"]["text"] for k in kept] == [CLICK, CLICK]
     (tmp_path / "click_block.py").write_text(CLICK + edit)
     done = run.invoke(app, [*words.split(), "--import", str(tmp_path / "click_block.py")])
@@ -789,53 +1190,101 @@ def test_a_definition_is_what_ran_with_what_it_derives_from(tmp_path, monkeypatc
     for name in ("twice_here.py", "bases_here.py"):
         (tmp_path / name).write_text("# another\n")
     scene = stimlib.Scene({"y": twice_here.Twice(stimlib.Input("x"))})
-    assert {module: d["text"] for module, d in definitions(scene).items()} == {"bases_here": base, "twice_here": own}
+    assert {module: d["text"] for module, d in definitions(scene).items()} == {
+        "bases_here": base,
+        "twice_here": own,
+    }
 
 
 @pytest.mark.parametrize(
     ("now", "code"),
-    [({"text": "x = 1"}, 2), ({"sha256": "0" * 64}, 2), ({"text": "\ud800"}, 2), (None, 2), ({"text": 1}, 2),
-     ({"text": "x = 1", "sha256": hashlib.sha256(b"x = 1").hexdigest()}, 0)],
-)  # fmt: skip
+    [
+        ({"text": "x = 1"}, 2),
+        ({"sha256": "0" * 64}, 2),
+        ({"text": "\ud800"}, 2),
+        (None, 2),
+        ({"text": 1}, 2),
+        ({"text": "x = 1", "sha256": hashlib.sha256(b"x = 1").hexdigest()}, 0),
+    ],
+)
 def test_a_definition_has_its_hash(clicks, tmp_path, now, code):
     """Whoever changes both is told from today's file only."""
     shutil.copytree(clicks / "click.stimlog", tmp_path / "a.stimlog")
     path = tmp_path / "a.stimlog" / "session.json"
     told = json.loads(path.read_text())
-    told["definitions"] = {} if now is None else {"click_block": told["definitions"]["click_block"] | now}
+    told["definitions"] = (
+        {} if now is None else {"click_block": told["definitions"]["click_block"] | now}
+    )
     path.write_text(json.dumps(told))
     done = run.invoke(app, ["replay", str(path.parent), "--import", f"{clicks}/click_block.py"])
-    assert done.exit_code == code and ("is not the one that was recorded" in done.stdout) == (code == 0), done.output
+    assert done.exit_code == code and ("is not the one that was recorded" in done.stdout) == (
+        code == 0
+    ), done.output
     assert code == 0 or "definitions" in done.stderr
 
 
 @pytest.mark.parametrize(
     ("name", "text", "says"),
-    [("odd_block.py", "x = 1\ny = nothing", "odd_block.py:2: NameError: name 'nothing' is not defined"),
-     ("odd_block.py", "def f(:", "odd_block.py:1: SyntaxError"), ("numpy.py", "", "give the file another name"),
-     ("odd.txt", "", "name one such as click_block.py"), ("absent.py", None, "cannot read")],
-)  # fmt: skip
+    [
+        (
+            "odd_block.py",
+            "x = 1\ny = nothing",
+            "odd_block.py:2: NameError: name 'nothing' is not defined",
+        ),
+        ("odd_block.py", "def f(:", "odd_block.py:1: SyntaxError"),
+        ("numpy.py", "", "give the file another name"),
+        ("odd.txt", "", "name one such as click_block.py"),
+        ("absent.py", None, "cannot read"),
+    ],
+)
 def test_mistakes_of_import_get_one_line(tmp_path, name, text, says):
     if text is not None:
         (tmp_path / name).write_text(text)
     done = run.invoke(app, ["show", "squeeze", "--import", str(tmp_path / name)])
-    assert done.exit_code == 2 and says in done.stderr.replace("\n", " ") and "Traceback" not in done.output
+    assert (
+        done.exit_code == 2
+        and says in done.stderr.replace("\n", " ")
+        and "Traceback" not in done.output
+    )
     assert sys.modules["numpy"] is np
 
 
-# Devices -------------------------------------------------------------------------------------------------------------
+# Devices ------------------------------------------------------------------------------
 HAND = ["--motion", "minimum_jerk(depth=0.01)", "--full-scale", "50"]
 
 
 def test_play_leaves_a_log_that_replays(tmp_path):
     log = tmp_path / "a.stimlog"
-    words = ["play", "squeeze", *HAND, "--fast", "--seconds", "2", "--set", "k=1500", "--seed", "4", "--channels", "3"]
-    done = run.invoke(app, [*words, "--peak", "40", "--static", "30", "--slew", "1e6", "--log", str(log)])
+    words = [
+        "play",
+        "squeeze",
+        *HAND,
+        "--fast",
+        "--seconds",
+        "2",
+        "--set",
+        "k=1500",
+        "--seed",
+        "4",
+        "--channels",
+        "3",
+    ]
+    done = run.invoke(
+        app, [*words, "--peak", "40", "--static", "30", "--slew", "1e6", "--log", str(log)]
+    )
     assert done.exit_code == 0, done.output
     assert "16000 samples, 16000 delivered, 0 lost" in done.stdout and f"log: {log}" in done.stdout
     told = json.loads((log / "session.json").read_text())
-    assert told["params"] == {"k": 1500.0} and told["seed"] == 4 and told["channels"] == ["force1", "force2", None]
-    assert (told["safety"]["peak"], told["safety"]["static"], told["safety"]["slew"]) == (40.0, 30.0, 1e6)
+    assert (
+        told["params"] == {"k": 1500.0}
+        and told["seed"] == 4
+        and told["channels"] == ["force1", "force2", None]
+    )
+    assert (told["safety"]["peak"], told["safety"]["static"], told["safety"]["slew"]) == (
+        40.0,
+        30.0,
+        1e6,
+    )
     done = run.invoke(app, ["verify", "squeeze", "--log", str(log)])
     assert done.exit_code == 0, done.output
 
@@ -849,13 +1298,23 @@ def test_a_sound_file_is_played_at_its_rate(tmp_path):
     done = run.invoke(app, ["replay", str(log), "--out", str(tmp_path / "b.wav")])
     assert done.exit_code == 0, done.output
     heard, sidecar = file.read(tmp_path / "b.wav")
-    assert sidecar["fs"] == 44100 and [c["name"] for c in sidecar["channels"]] == ["channel1", "channel2"]
+    assert sidecar["fs"] == 44100 and [c["name"] for c in sidecar["channels"]] == [
+        "channel1",
+        "channel2",
+    ]
     assert np.array_equal(heard, 2 * np.float32(soundfile.read(path)[0].T / 2))
-    stimlib.render(stimlib.Scene({"force": stimlib.constant(2.0, "N")}), fs=1000, seconds=0.1).save(path, full_scale=4.0)
+    stimlib.render(stimlib.Scene({"force": stimlib.constant(2.0, "N")}), fs=1000, seconds=0.1).save(
+        path, full_scale=4.0
+    )
     done = run.invoke(app, ["play", str(path), "--full-scale", "1", "--peak", "1", "--fast"])
-    assert done.exit_code == 0 and "100 samples limited (peak)" in done.stdout, "with a sidecar it is in N"
+    assert done.exit_code == 0 and "100 samples limited (peak)" in done.stdout, (
+        "with a sidecar it is in N"
+    )
     for words, says in [
-        ([str(path), "--fs", "8000"], "was recorded at 1000 Hz and is played at that: leave out --fs"),
+        (
+            [str(path), "--fs", "8000"],
+            "was recorded at 1000 Hz and is played at that: leave out --fs",
+        ),
         ([str(path), "--motion", "minimum_jerk()"], "has no inputs: leave out --motion"),
         ([str(tmp_path / "none.wav")], "none.wav: No such file"),
         ([str(log), "--fs", "1"], "no scene"),
@@ -863,12 +1322,22 @@ def test_a_sound_file_is_played_at_its_rate(tmp_path):
     ]:
         (tmp_path / "text.wav").write_text("hello")
         done = run.invoke(app, ["play", *words, "--full-scale", "1"])
-        assert done.exit_code == 2 and says in done.stderr and "Traceback" not in done.output, done.output
+        assert done.exit_code == 2 and says in done.stderr and "Traceback" not in done.output, (
+            done.output
+        )
 
 
 def test_play_with_outputs_of_different_units(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
-    words = ["play", f"{tmp_path / 'own.py'}:two", "--motion", "minimum_jerk()", "--fast", "--seconds", "1"]
+    words = [
+        "play",
+        f"{tmp_path / 'own.py'}:two",
+        "--motion",
+        "minimum_jerk()",
+        "--fast",
+        "--seconds",
+        "1",
+    ]
     done = run.invoke(app, [*words, "--full-scale", "force=50,place=0.1", "--slew", "force=1e6"])
     assert done.exit_code == 0 and "8000 samples" in done.stdout, done.output
     for wrong, says in [
@@ -881,17 +1350,33 @@ def test_play_with_outputs_of_different_units(tmp_path):
     out = tmp_path / "a.wav"
     words = ["render", *words[1:4], "--seconds", "0.1", "--out", str(out), "--full-scale"]
     done = run.invoke(app, [*words, "force=50,place=0.1"])
-    assert done.exit_code == 0 and [c["full_scale"] for c in file.read(out)[1]["channels"]] == [50.0, 0.1], done.output
+    assert done.exit_code == 0 and [c["full_scale"] for c in file.read(out)[1]["channels"]] == [
+        50.0,
+        0.1,
+    ], done.output
 
 
-@pytest.mark.parametrize("what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(
+    "what, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
     from stimlib.files.replay import delivered, replay
     from stimlib.files.session import read_log
 
     log = tmp_path / "a.stimlog"
-    words = ["play", "squeeze", "--motion", "sinusoid(0.005, 1, mean=0.01)", "--full-scale", "50", "--log", str(log)]
-    with subprocess.Popen([sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True) as job:
+    words = [
+        "play",
+        "squeeze",
+        "--motion",
+        "sinusoid(0.005, 1, mean=0.01)",
+        "--full-scale",
+        "50",
+        "--log",
+        str(log),
+    ]
+    with subprocess.Popen(
+        [sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True
+    ) as job:
         for _ in range(600):
             if (log / "motion.f64").exists() and (log / "motion.f64").stat().st_size > 4000 * 16:
                 break
@@ -899,7 +1384,12 @@ def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, code):
             time.sleep(0.1)
         job.send_signal(what)
         out, err = job.communicate(timeout=60)
-    assert job.returncode == code and "samples," in out and f"log: {log}" in out and "Traceback" not in err, err
+    assert (
+        job.returncode == code
+        and "samples," in out
+        and f"log: {log}" in out
+        and "Traceback" not in err
+    ), err
     told = read_log(log)
     assert replay(told).matches and told.report["produced"] == told.frames
     last = [frames for _, frames, _ in delivered(told)][-1]
@@ -910,7 +1400,16 @@ def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     log, out = tmp_path / "log.csv", tmp_path / "a.wav"
     log.write_text("t_ms;x_mm\n0;1,0\n8;1,5\n8;2,0\n16;2,5\n24;3,0\n")
-    words = ["render", f"{tmp_path / 'own.py'}:soft", "--motion", str(log), "--map", "x=x_mm*1e-3", "--out", str(out)]
+    words = [
+        "render",
+        f"{tmp_path / 'own.py'}:soft",
+        "--motion",
+        str(log),
+        "--map",
+        "x=x_mm*1e-3",
+        "--out",
+        str(out),
+    ]
     for more, says in (
         ([], "time needs column t_s"),
         (["--time", "t_ms"], 'choose repeats="spread"'),
@@ -918,44 +1417,110 @@ def test_a_tablet_in_milliseconds_and_equal_times(tmp_path):
     ):
         done = run.invoke(app, [*words, *more])
         assert done.exit_code == 2 and says in done.stderr.replace("\n", " "), done.output
-    how = ["--time", "t_ms*1e-3", "--repeats", "spread", "--max-gap", "0.1", "--max-speed", "2", "--reports", "on_change"]
+    how = [
+        "--time",
+        "t_ms*1e-3",
+        "--repeats",
+        "spread",
+        "--max-gap",
+        "0.1",
+        "--max-speed",
+        "2",
+        "--reports",
+        "on_change",
+    ]
     done = run.invoke(app, [*words, *how, "--subtype", "DOUBLE"])
     assert done.exit_code == 0, done.output
     y, sidecar = file.read(out)
     assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9)
-    for option in ("time='t_ms*1e-3'", "repeats='spread'", "max_gap=0.1", "max_speed=2.0", "reports='on_change'"):
+    for option in (
+        "time='t_ms*1e-3'",
+        "repeats='spread'",
+        "max_gap=0.1",
+        "max_speed=2.0",
+        "reports='on_change'",
+    ):
         assert option in sidecar["motion"]["x"]
 
 
 def test_render_tells_once_of_millimetres_taken_for_metres(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
-    words = ["render", f"{tmp_path / 'own.py'}:soft", "--motion", "minimum_jerk(depth=20)", "--seconds", "0.2"]
-    done = run.invoke(app, [*words, "--out", str(tmp_path / "a.wav"), "--picture", str(tmp_path / "a.png"), "--quiet"])
+    words = [
+        "render",
+        f"{tmp_path / 'own.py'}:soft",
+        "--motion",
+        "minimum_jerk(depth=20)",
+        "--seconds",
+        "0.2",
+    ]
+    done = run.invoke(
+        app,
+        [*words, "--out", str(tmp_path / "a.wav"), "--picture", str(tmp_path / "a.png"), "--quiet"],
+    )
     assert done.exit_code == 0 and done.stderr.count("faster than a hand (1 m/s)") == 1
 
 
-@pytest.mark.parametrize(("full_scale", "says"), [
-    ("1e7", "the peak uses 0.0001 % of full scale, and the file has steps of 1.2: write it with a full scale of about 10.1"),
-    ("1001", "the peak uses 1 % of full scale, and the file has steps of 0.00012: write it with a full scale of about 10.1"),
-    ("999", None), ("10.1", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("full_scale", "says"),
+    [
+        (
+            "1e7",
+            (
+                "the peak uses 0.0001 % of full scale, and the file has steps of 1.2: write it with"
+                " a full scale of about 10.1"
+            ),
+        ),
+        (
+            "1001",
+            (
+                "the peak uses 1 % of full scale, and the file has steps of 0.00012: write it with"
+                " a full scale of about 10.1"
+            ),
+        ),
+        ("999", None),
+        ("10.1", None),
+    ],
+)
 @pytest.mark.parametrize("suffix", ["flac", "wav"])
 def test_render_says_where_full_scale_is_far_too_large(tmp_path, full_scale, says, suffix):
     (tmp_path / "own.py").write_text(OWN)
-    words = ["render", f"{tmp_path / 'own.py'}:soft", "--motion", "constant_speed(0.2, 0.02)", "--seconds", "0.2"]
-    done = run.invoke(app, [*words, "--out", str(tmp_path / f"a.{suffix}"), "--full-scale", full_scale])
-    assert done.exit_code == 0 and done.stderr.strip() == (f"note: {says}" if says and suffix == "flac" else "")
+    words = [
+        "render",
+        f"{tmp_path / 'own.py'}:soft",
+        "--motion",
+        "constant_speed(0.2, 0.02)",
+        "--seconds",
+        "0.2",
+    ]
+    done = run.invoke(
+        app, [*words, "--out", str(tmp_path / f"a.{suffix}"), "--full-scale", full_scale]
+    )
+    assert done.exit_code == 0 and done.stderr.strip() == (
+        f"note: {says}" if says and suffix == "flac" else ""
+    )
 
 
 def test_render_says_of_a_fault_what_the_library_says(tmp_path):
     (tmp_path / "own.py").write_text(OWN)
-    words = ["render", f"{tmp_path / 'own.py'}:broken", "--motion", "minimum_jerk()", "--out", str(tmp_path / "a.wav")]
+    words = [
+        "render",
+        f"{tmp_path / 'own.py'}:broken",
+        "--motion",
+        "minimum_jerk()",
+        "--out",
+        str(tmp_path / "a.wav"),
+    ]
     done = run.invoke(app, words)
     with pytest.warns(RuntimeWarning) as told:
         stimlib.render(scene_of(words[1]), {"x": minimum_jerk()}, 8000, 0.1)
-    begin, _, remedy = str(told[0].message).partition("from there on it is not the scene's but a fade to 0")
+    begin, _, remedy = str(told[0].message).partition(
+        "from there on it is not the scene's but a fade to 0"
+    )
     assert done.exit_code == 2 and remedy.startswith("; look for")
-    assert done.stderr.replace("\n", "") == f"error: {begin}{tmp_path / 'a.wav'} was not written{remedy}"
+    assert (
+        done.stderr.replace("\n", "")
+        == f"error: {begin}{tmp_path / 'a.wav'} was not written{remedy}"
+    )
 
 
 def test_play_says_that_an_output_failed(tmp_path):
@@ -973,7 +1538,10 @@ def test_play_says_that_an_output_failed(tmp_path):
     ]
     done = run.invoke(app, words)
     assert done.exit_code == 1, done.output
-    assert "output y was not finite at sample 0" in done.stderr and "output y failed at sample 0" in done.stdout
+    assert (
+        "output y was not finite at sample 0" in done.stderr
+        and "output y failed at sample 0" in done.stdout
+    )
 
 
 @pytest.mark.parametrize(
@@ -985,12 +1553,21 @@ def test_play_says_that_an_output_failed(tmp_path):
         (["squeeze", *HAND, "--device", "a"], "null has no device"),
         (["squeeze", *HAND, "--connect", "a"], "--connect: is for --sink jack, not for null"),
         (["squeeze", *HAND, "--client", "a"], "--client: is for --sink jack"),
-        (["squeeze", *HAND, "--map", "x1=z"], "--map and --where are for a recording, and there is none"),
+        (
+            ["squeeze", *HAND, "--map", "x1=z"],
+            "--map and --where are for a recording, and there is none",
+        ),
         (["squeeze", *HAND, "--sink", "jack", "--fast"], "a JACK server has its own pace"),
-        (["squeeze", *HAND, "--set", "sink_gain=1"], "no parameter 'sink_gain'; this scene has k, A, level"),
+        (
+            ["squeeze", *HAND, "--set", "sink_gain=1"],
+            "no parameter 'sink_gain'; this scene has k, A, level",
+        ),
         (["squeeze", *HAND, "--seconds", "0"], "must be at least one sample"),
         (["squeeze", *HAND, "--seconds", "inf"], "seconds = inf must be finite"),
-        (["OWN:broken", *HAND, "--peak", "1"], "peak and static limit outputs in N, and this scene has none: y [meter**-1]"),
+        (
+            ["OWN:broken", *HAND, "--peak", "1"],
+            "peak and static limit outputs in N, and this scene has none: y [meter**-1]",
+        ),
         (["squeeze", "--motion", "minimum_jerk()", "--full-scale", "-1"], "full_scale"),
     ],
 )
@@ -1007,7 +1584,9 @@ def test_devices_says_what_there_is_and_how_to_get_the_rest():
     lines = done.stdout.splitlines()
     assert lines[0].split() == "ready null no device, at the pace of the clock: --sink null".split()
     (jack,) = [line for line in lines if line.split()[1] == "jack"]
-    assert jack.startswith("missing") and ("start one, such as jackd" in jack or "apt-get install jackd2" in jack)
+    assert jack.startswith("missing") and (
+        "start one, such as jackd" in jack or "apt-get install jackd2" in jack
+    )
     assert any(line.split()[1] == "portaudio" for line in lines)
 
 
@@ -1020,15 +1599,28 @@ def test_what_is_asked_of_a_server_reaches_it(monkeypatch):
 
     monkeypatch.setattr(available, "devices", lambda server=None: asked.update(looked=server) or [])
     monkeypatch.setattr(loopback, "loopback", compare)
-    words = "--motion minimum_jerk() --full-scale 50 --seconds 2 --fs 4000 --device lab --connect none --capture in_1"
+    words = (
+        "--motion minimum_jerk() --full-scale 50 --seconds 2 --fs 4000 --device lab --connect none"
+        " --capture in_1"
+    )
     more = "--channels 3 --tolerance 0.2 --set k=1000 --seed 7 --log a.stimlog"
     for command in ("devices --server lab", f"loopback squeeze(fingers=1) {words} {more}"):
         done = run.invoke(app, command.split())
         assert done.exit_code == 0, done.output
     assert asked.pop("motion").keys() == {"x1"} and asked == {
-        "looked": "lab", "server": "lab", "fs": 4000.0, "seconds": 2.0, "full_scale": 50.0, "connect": None, "capture": ["in_1"],
-        "channels": 3, "tolerance": 0.2, "params": {"k": 1000.0}, "seed": 7, "log": Path("a.stimlog")
-    }  # fmt: skip
+        "looked": "lab",
+        "server": "lab",
+        "fs": 4000.0,
+        "seconds": 2.0,
+        "full_scale": 50.0,
+        "connect": None,
+        "capture": ["in_1"],
+        "channels": 3,
+        "tolerance": 0.2,
+        "params": {"k": 1000.0},
+        "seed": 7,
+        "log": Path("a.stimlog"),
+    }
 
 
 @needs_jack
@@ -1037,18 +1629,31 @@ def test_play_and_loopback_on_a_server():
 
     with Jackd(8000, 64) as server:
         done = run.invoke(app, ["devices", "--server", server.name])
-        assert "a server at 8000 Hz, blocks of 64, 24 outputs, 8 inputs: --sink jack --fs 8000" in done.stdout
+        assert (
+            "a server at 8000 Hz, blocks of 64, 24 outputs, 8 inputs: --sink jack --fs 8000"
+            in done.stdout
+        )
         words = ["squeeze", *HAND, "--sink", "jack", "--device", server.name, "--seconds", "1"]
         done = run.invoke(app, ["play", *words, "--connect", "none"])
         assert done.exit_code == 0 and "8000 samples" in done.stdout, done.output
-        with JackSink(stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0, server=server.name, realtime=False) as other:
+        with JackSink(
+            stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0, server=server.name, realtime=False
+        ) as other:
             other.open(8000)
             done = run.invoke(app, ["play", *words])
-            assert done.exit_code == 2 and "has a client 'stimlib' already" in done.stderr and "play --client" in done.stderr
+            assert (
+                done.exit_code == 2
+                and "has a client 'stimlib' already" in done.stderr
+                and "play --client" in done.stderr
+            )
             done = run.invoke(app, ["play", *words, "--client", "another"])
             assert done.exit_code == 0 and "8000 samples" in done.stdout, done.output
         done = run.invoke(app, ["loopback", *words])
-        assert done.exit_code == 0 and "all equal the offline render" in done.stdout and "passed" in done.stdout, done.output
+        assert (
+            done.exit_code == 0
+            and "all equal the offline render" in done.stdout
+            and "passed" in done.stdout
+        ), done.output
         silent = ["--capture", "system:capture_1", "--capture", "system:capture_2"]
         done = run.invoke(app, ["loopback", *words, *silent])
         assert done.exit_code == 1 and "nothing could be compared" in done.stdout, done.output
@@ -1057,7 +1662,9 @@ def test_play_and_loopback_on_a_server():
 
 
 def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch, capsys):
-    """The words come before the text runs, which is what takes long; of a block class there are none."""
+    """The words come before the text runs, which is what takes long; of a block class
+    there are none.
+    """
     from stimlib.cli.app import friendly
     from stimlib.targets.numba import cache
 
@@ -1069,14 +1676,19 @@ def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch,
         assert capsys.readouterr().err == ""
         for stem in ("runtime", "pump"):
             cache.load(seen, stem)
-    assert capsys.readouterr().err == "compiling for this machine, once: about half a minute\nrunning\nrunning\n"
+    assert (
+        capsys.readouterr().err
+        == "compiling for this machine, once: about half a minute\nrunning\nrunning\n"
+    )
     cache.load(f"{seen} # again", "pump")
     assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"
 
 
-# The demo ----------------------------------------------------------------------------------------------------------------
+# The demo -----------------------------------------------------------------------------
 @pytest.mark.parametrize(("passed", "status"), [(True, 0), (False, 1)])
-def test_demo_tells_what_each_file_is_and_fails_with_its_proofs(tmp_path, monkeypatch, passed, status):
+def test_demo_tells_what_each_file_is_and_fails_with_its_proofs(
+    tmp_path, monkeypatch, passed, status
+):
     def made(folder, s):
         return demo.Shown("squeeze", passed, [(folder / "[b]squeeze.wav", "a spring", "the force")])
 
@@ -1085,8 +1697,15 @@ def test_demo_tells_what_each_file_is_and_fails_with_its_proofs(tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     done = run.invoke(app, ["demo", "new/folder"])
     assert done.exit_code == status, done.output
-    assert "new/folder/[b]squeeze.wav" in done.stdout and "a spring" in done.stdout and (tmp_path / "new" / "folder").is_dir()
-    assert "the first time also compiling" in done.stderr and f"squeeze: {'passed' if passed else 'FAILED'}" in done.stderr
+    assert (
+        "new/folder/[b]squeeze.wav" in done.stdout
+        and "a spring" in done.stdout
+        and (tmp_path / "new" / "folder").is_dir()
+    )
+    assert (
+        "the first time also compiling" in done.stderr
+        and f"squeeze: {'passed' if passed else 'FAILED'}" in done.stderr
+    )
 
 
 def test_demo_writes_each_file_with_its_full_scale(tmp_path, monkeypatch):
@@ -1103,7 +1722,11 @@ def test_demo_writes_each_file_with_its_full_scale(tmp_path, monkeypatch):
 def test_demo_refuses_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("mine")
     done = run.invoke(app, ["demo", str(tmp_path / "file")])
-    assert done.exit_code == 2 and "cannot make the folder" in done.stderr and "name another" in done.stderr
+    assert (
+        done.exit_code == 2
+        and "cannot make the folder" in done.stderr
+        and "name another" in done.stderr
+    )
     assert (tmp_path / "file").read_text() == "mine"
 
 
@@ -1112,17 +1735,24 @@ def test_demo_stays_within_full_scale_and_vibrates(s):
     y = stimlib.render(s.make(), s.motion, demo.FS, demo.SECONDS)
     assert 0.5 * s.full_scale < np.abs(y.y).max() <= s.full_scale
     assert np.abs(vibration(y[s.output], demo.FS)).max() > 1e-3 * np.abs(y.y).max()
-    motion = {n: parse_motion(repr(m)) for n, m in s.motion.items()}  # as stimlib verify reads it from the sidecar
+    # as stimlib verify reads it from the sidecar
+    motion = {n: parse_motion(repr(m)) for n, m in s.motion.items()}
     assert motion == s.motion
     let_go = np.arange(4.5, demo.SECONDS, 1 / demo.FS)
-    assert len({m(let_go).tobytes() for m in motion.values()}) == len(motion), "each encoder toggles on its own"
+    assert len({m(let_go).tobytes() for m in motion.values()}) == len(motion), (
+        "each encoder toggles on its own"
+    )
 
 
 @pytest.mark.parametrize("command", ["render --out a.wav", "play --fast"])
-def test_outputs_in_different_units_are_told_the_option_that_has_both(tmp_path, monkeypatch, command):
+def test_outputs_in_different_units_are_told_the_option_that_has_both(
+    tmp_path, monkeypatch, command
+):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN)
     name, *words = command.split()
     words += ["--motion", "sinusoid(0.001, 1)", "--seconds", "0.1", "--full-scale", "2"]
     done = run.invoke(app, [name, "own.py:two", *words])
-    assert done.exit_code == 2 and "on the command line --full-scale force=..,place=.." in done.stderr
+    assert (
+        done.exit_code == 2 and "on the command line --full-scale force=..,place=.." in done.stderr
+    )

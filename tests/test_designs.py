@@ -1,4 +1,6 @@
-"""What a design costs is bounded, whatever its numbers and the sample rate are (``tests/extremes.py`` has the cases)."""
+"""What a design costs is bounded, whatever its numbers and the sample rate are
+(``tests/extremes.py`` has the cases).
+"""
 
 import os
 import signal
@@ -20,11 +22,20 @@ HERE = os.path.dirname(__file__)
 
 @pytest.mark.longer
 def test_every_design_ends_in_time_with_a_processor_or_a_reason():
-    """All blocks, each number at its ends, from 1e-3 to 1e9 Hz: a sample of them here, a larger one in make stress."""
+    """All blocks, each number at its ends, from 1e-3 to 1e9 Hz: a sample of them here,
+    a larger one in make stress.
+    """
     command = [sys.executable, os.path.join(HERE, "extremes.py"), "13" if STRESS else "601", "0"]
-    run = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
+    run = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
     lines = run.stdout.splitlines()
-    wrong = [f"{case} {what}" for case, what in zip(lines, lines[1:], strict=False) if "-> WRONG" in what]
+    wrong = [
+        f"{case} {what}" for case, what in zip(lines, lines[1:], strict=False) if "-> WRONG" in what
+    ]
     assert not wrong, "\n".join(wrong[:20])
     assert lines[-1] == "done", f"ended by {run.returncode} in {lines[-1]}\n{run.stderr[-2000:]}"
     assert len(lines) > 100
@@ -32,11 +43,16 @@ def test_every_design_ends_in_time_with_a_processor_or_a_reason():
 
 @pytest.mark.parametrize("loop", [False, True])
 def test_a_recording_scanned_at_a_low_rate_is_made_at_once_or_refused(loop):
-    """At 1 Hz the window of a recording of 9 kHz is 576 000 samples long; what is outside of it is 0."""
+    """At 1 Hz the window of a recording of 9 kHz is 576 000 samples long; what is
+    outside of it is 0.
+    """
     scanned = b.playback(np.arange(11.0), rate=9000.0, loop=loop, at=stimlib.Input("x", "s"))
     scene = stimlib.Scene({"y": scanned})
     if loop:
-        with pytest.raises(BadValue, match=r"playback: .*rate = 9000 Hz, for fs = 1 Hz .*raise fs.*limits.design_work"):
+        with pytest.raises(
+            BadValue,
+            match=r"playback: .*rate = 9000 Hz, for fs = 1 Hz .*raise fs.*limits.design_work",
+        ):
             stimlib.compile(scene, fs=1.0, target="python")
     else:
         y = stimlib.compile(scene, fs=1.0, target="python").process(np.array([[5e-4]]))
@@ -49,7 +65,11 @@ def test_a_recording_scanned_at_a_low_rate_is_made_at_once_or_refused(loop):
         (lambda: b.playback(np.ones(1000), rate=0.1), 9e3, "playback: operations"),
         (lambda: b.grain(b.every(1.0), np.ones(1000), rate=1.0), 5e4, "grain: operations"),
         (lambda: b.oscillator(100.0), 1e9, "before sample 0 at fs = 1e[+]09 Hz; lower fs"),
-        (lambda: b.differentiator(stimlib.Input("x"), 1e5, 1.01e5, order=8, tol=1e-9), 3e5, "the order is near [0-9]+"),
+        (
+            lambda: b.differentiator(stimlib.Input("x"), 1e5, 1.01e5, order=8, tol=1e-9),
+            3e5,
+            "the order is near [0-9]+",
+        ),
     ],
 )
 def test_work_is_refused_before_it_begins(make, fs, words, monkeypatch):
@@ -64,7 +84,8 @@ def test_work_is_refused_before_it_begins(make, fs, words, monkeypatch):
     ("make", "fs", "target"),
     [
         ("b.playback(np.ones(5_000_000), rate=44100.1)", 48e3, "python"),
-        pytest.param("b.white_noise(2)", 9e8, "numba", marks=pytest.mark.stress),  # 29 million samples before sample 0
+        # 29 million samples before sample 0
+        pytest.param("b.white_noise(2)", 9e8, "numba", marks=pytest.mark.stress),
     ],
 )
 def test_a_long_design_can_be_interrupted(make, fs, target):
@@ -84,7 +105,9 @@ def test_a_long_design_can_be_interrupted(make, fs, target):
 
 
 def test_few_phases_give_the_samples_of_many():
-    """48 of 44.1 kHz has 160 phases; next to it are so many that the factors of each sample are made anew."""
+    """48 of 44.1 kHz has 160 phases; next to it are so many that the factors of each
+    sample are made anew.
+    """
     x = np.random.default_rng(1).standard_normal(3000)
     few, many = resampled(x, 44100.0, 48000.0), resampled(x, 44100.0, np.nextafter(48000.0, 0))
     np.testing.assert_allclose(few, many, rtol=0, atol=1e-11)

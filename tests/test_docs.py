@@ -1,4 +1,6 @@
-"""The user guide builds without a warning, and what it says is true: every snippet runs."""
+"""The user guide builds without a warning, and what it says is true: every snippet
+runs.
+"""
 
 import csv
 import doctest
@@ -33,12 +35,27 @@ def text_of(*pages: str) -> str:
 
 
 def build(builder, folder):
-    """From a copy, because the gallery is written beside the pages; its scripts are not run here but in test_gallery.py."""
+    """From a copy, because the gallery is written beside the pages; its scripts are not
+    run here but in test_gallery.py.
+    """
     shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*MADE))
     for name in ("benchmarks", "examples", "stimlib"):
         (folder / name).symlink_to(ROOT / name)
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", builder, "-D", "plot_gallery=0"]
-    done = subprocess.run([*command, "docs", "made"], cwd=folder, capture_output=True, text=True, timeout=900)
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-W",
+        "--keep-going",
+        "-q",
+        "-b",
+        builder,
+        "-D",
+        "plot_gallery=0",
+    ]
+    done = subprocess.run(
+        [*command, "docs", "made"], cwd=folder, capture_output=True, text=True, timeout=900
+    )
     assert (done.returncode, done.stderr) == (0, "")
     return folder / "made"
 
@@ -55,10 +72,14 @@ def test_pages_load_nothing_from_elsewhere(tmp_path):
     made = {p.relative_to(pages).with_suffix(".rst") for p in pages.rglob("*.html")}
     assert {p.relative_to(DOCS) for p in PAGES} <= made
     for page in pages.rglob("*.html"):
-        outside = re.findall(r'(?:src|href)="(?:https?:)?//([^/"]+)', re.sub(r"<a .*?>", "", page.read_text()))
+        outside = re.findall(
+            r'(?:src|href)="(?:https?:)?//([^/"]+)', re.sub(r"<a .*?>", "", page.read_text())
+        )
         assert not outside, f"{page.name} loads something from {outside}"
     for style in pages.rglob("*.css"):
-        assert not re.search(r"(?:url\(|@import) *[\"']?(?:https?:)?//", style.read_text()), style.name
+        assert not re.search(r"(?:url\(|@import) *[\"']?(?:https?:)?//", style.read_text()), (
+            style.name
+        )
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))
@@ -67,9 +88,13 @@ def test_snippets_run(page, tmp_path, monkeypatch):
     assert doctest.testfile(str(page), module_relative=False, optionflags=OPTIONS).failed == 0
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if "code-block:: console" in p.read_text()], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if "code-block:: console" in p.read_text()], ids=lambda p: p.stem
+)
 def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, monkeypatch):
-    """Lines with $ are run by the shell's rules; the lines below are what must come, `...` anything."""
+    """Lines with $ are run by the shell's rules; the lines below are what must come,
+    `...` anything.
+    """
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
@@ -77,13 +102,20 @@ def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, m
     assert len(said) == page.read_text().count("   $ ")
     for command, wanted in said:
         done = CliRunner().invoke(app, shlex.split(command))
-        assert done.exit_code == (2 if wanted.startswith("   error:") else 0), (command, done.output)
-        assert doctest.OutputChecker().check_output(textwrap.dedent(wanted), done.output, OPTIONS), (command, done.output)
+        assert done.exit_code == (2 if wanted.startswith("   error:") else 0), (
+            command,
+            done.output,
+        )
+        assert doctest.OutputChecker().check_output(
+            textwrap.dedent(wanted), done.output, OPTIONS
+        ), (command, done.output)
 
 
 def python_blocks() -> dict[str, str]:
     """All Python that is printed and no doctest: blocks of pages, and of the README."""
-    found = {"README.md": re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)}
+    found = {
+        "README.md": re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    }
     for page in PAGES:
         blocks = re.findall(r"code-block:: python\n\n((?:   .*\n|\n)+)", page.read_text())
         found[str(page.relative_to(DOCS))] = [textwrap.dedent(b) for b in blocks]
@@ -92,7 +124,9 @@ def python_blocks() -> dict[str, str]:
 
 @pytest.mark.parametrize("name", python_blocks())
 def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch, capsys):
-    """By itself, with its own imports: nothing is raised, and nothing complains; on no device in the place of one."""
+    """By itself, with its own imports: nothing is raised, and nothing complains; on no
+    device in the place of one.
+    """
     monkeypatch.chdir(tmp_path)
 
     def quiet(scene, safety, *, name=None, **options):
@@ -111,9 +145,13 @@ def test_programs_that_pages_show_have_their_imports(tmp_path):
     for page in PAGES:
         shown: dict[str, str] = {}
         included = re.findall(
-            r"literalinclude:: \S*examples/(\w+)\.py\n   :start-(at|after): (.*)\n   :end-before: (.*)\n", page.read_text()
+            r"literalinclude:: \S*examples/(\w+)\.py\n   :start-(at|after): (.*)\n   :end-before:"
+            r" (.*)\n",
+            page.read_text(),
         )
-        assert len(included) == len(re.findall(r"literalinclude:: \S*examples", page.read_text())), page
+        assert len(included) == len(
+            re.findall(r"literalinclude:: \S*examples", page.read_text())
+        ), page
         for name, how, first, last in included:
             text = (ROOT / "examples" / f"{name}.py").read_text()
             at = text.index(f"\n{first}\n" if how == "at" else first)
@@ -129,16 +167,26 @@ def test_programs_that_pages_show_have_their_imports(tmp_path):
 
 
 def test_every_block_function_has_its_place():
-    """On the page of its family, and in the index under that family; the line there is the docstring's first."""
+    """On the page of its family, and in the index under that family; the line there is
+    the docstring's first.
+    """
     index = (DOCS / "reference" / "blocks" / "index.rst").read_text()
     listed = {}
-    for family, names in re.findall(r"rubric:: :doc:`(\w+)`\n\n\.\. autosummary::\n\n((?:   \w+\n)+)", index):
+    for family, names in re.findall(
+        r"rubric:: :doc:`(\w+)`\n\n\.\. autosummary::\n\n((?:   \w+\n)+)", index
+    ):
         listed[family] = names.split()
         page = (DOCS / "reference" / "blocks" / f"{family}.rst").read_text()
-        assert listed[family] == re.findall(r"autofunction:: stimlib\.blocks\.(\w+)$", page, re.MULTILINE), family
+        assert listed[family] == re.findall(
+            r"autofunction:: stimlib\.blocks\.(\w+)$", page, re.MULTILINE
+        ), family
     assert sorted(sum(listed.values(), [])) == sorted(blocks.__all__)
-    offered = {n for n, f in vars(blocks).items() if inspect.isfunction(f) and not n.startswith("_")}
-    assert offered == set(blocks.__all__), "imported in stimlib/blocks/__init__.py, and not in its __all__"
+    offered = {
+        n for n, f in vars(blocks).items() if inspect.isfunction(f) and not n.startswith("_")
+    }
+    assert offered == set(blocks.__all__), (
+        "imported in stimlib/blocks/__init__.py, and not in its __all__"
+    )
 
 
 def test_papers_are_cited_by_what_they_are_called():
@@ -155,12 +203,18 @@ def test_every_motion_has_its_place():
 def test_the_command_line_page_is_complete():
     page, known = text_of("cli.rst"), {}
     for name, command in typer.main.get_command(app).commands.items():
-        known |= {f"{name} {n}": c for n, c in command.commands.items()} if hasattr(command, "commands") else {name: command}
+        known |= (
+            {f"{name} {n}": c for n, c in command.commands.items()}
+            if hasattr(command, "commands")
+            else {name: command}
+        )
     for name, command in known.items():
         section = page.partition(f"stimlib {name}")[2].partition("\n---")[2].partition("\n---")[0]
         assert section, f"stimlib {name} is not in cli.rst"
         told = set(re.findall(r"^``(--[a-z-]+)``", section, re.MULTILINE))
-        assert told == {o for p in command.params for o in p.opts if o.startswith("--")}, f"options of stimlib {name}"
+        assert told == {o for p in command.params for o in p.opts if o.startswith("--")}, (
+            f"options of stimlib {name}"
+        )
 
 
 def test_guide_prints_what_the_examples_print():
@@ -186,7 +240,9 @@ def test_every_test_in_the_table_of_findings_exists():
         assert what and (test or finding == "I10"), finding
         assert not test or exists(test), test
     assert {r[0] for r in rows} >= {
-        f"{c}{n}" for c, last in (("M", 6), ("C", 2), ("V", 10), ("I", 10), ("P", 6)) for n in range(1, last + 1)
+        f"{c}{n}"
+        for c, last in (("M", 6), ("C", 2), ("V", 10), ("I", 10), ("P", 6))
+        for n in range(1, last + 1)
     }
 
 
@@ -195,7 +251,9 @@ def test_the_tables_of_reliability_are_those_of_its_tests():
     from stress.test_reliability import MUST
 
     *seen, (_, versions, _) = table("reliability.csv")
-    assert [row[:2] for row in seen] == [list(row) for row in MUST.items()] and all(row[2] for row in seen)
+    assert [row[:2] for row in seen] == [list(row) for row in MUST.items()] and all(
+        row[2] for row in seen
+    )
     assert "stimlib" in versions
     for case, must, test in table("reliability_elsewhere.csv"):
         assert case and must and exists(test), test

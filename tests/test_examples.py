@@ -1,4 +1,6 @@
-"""The examples are complete programs: they run from any folder and print what the user guide says."""
+"""The examples are complete programs: they run from any folder and print what the user
+guide says.
+"""
 
 import os
 import re
@@ -26,7 +28,10 @@ PRINTED = {
         "stroking: 0.144 N rms, between -0.26 and 0.26 N\n"
         "holding: 0.013 N rms, between -0.07 and 0.08 N\n"
     ),
-    "clicks_and_bursts.py": ("clicks: 20 of them, largest 0.425 N\nbursts: 0.43, 0.00, 0.45 V rms in, between and in them\n"),
+    "clicks_and_bursts.py": (
+        "clicks: 20 of them, largest 0.425 N\nbursts: 0.43, 0.00, 0.45 V rms in, between and in"
+        " them\n"
+    ),
     "sticking_surfaces.py": (
         "stroking: 131 slips in 40 mm, largest 0.87 N; held: 0.000 N\n"
         "LuGre: 0.694 N at most, 0.600 N while fast; the loop is within 0.001 N\n"
@@ -46,17 +51,19 @@ PRINTED = {
         "A = 3.4: felt as the standard at about 2190 N/m\n"
     ),
     "own_block.py": (
-        "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain at 50 Hz: -3.01 dB\n"
+        "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain"
+        " at 50 Hz: -3.01 dB\n"
     ),
     "equal_rms_bumps.py": (
         "sine     duty 0.5, A = 4.000 V: 1.000 V rms, rendered 1.000 V\n"
         "sawtooth duty 0.8, A = 3.873 V: 1.000 V rms, rendered 1.000 V\n"
     ),
     "fit_tissue.py": (
-        "SpringpotFit(chi=300.6 [299.5, 301.7], alpha=0.1498 [0.1484, 0.1513]; 0.99 % rms of 53 samples)\n"
-        "MaxwellFit(k0=151.8 [148.1, 155.6], k1=145.8 [135.3, 157.2], tau1=0.5498 [0.464, 0.6514], k2=99.37 [92.78, 106.4], "
-        "tau2=11.45 [9.677, 13.54]; 2.3 % rms of 53 samples)\n"
-        "springpot: 0.897 N, after two seconds 0.489 N\narms: 0.768 N, after two seconds 0.480 N\n"
+        "SpringpotFit(chi=300.6 [299.5, 301.7], alpha=0.1498 [0.1484, 0.1513]; 0.99 % rms of 53"
+        " samples)\nMaxwellFit(k0=151.8 [148.1, 155.6], k1=145.8 [135.3, 157.2], tau1=0.5498"
+        " [0.464, 0.6514], k2=99.37 [92.78, 106.4], tau2=11.45 [9.677, 13.54]; 2.3 % rms of 53"
+        " samples)\nspringpot: 0.897 N, after two seconds 0.489 N\narms: 0.768 N, after two seconds"
+        " 0.480 N\n"
     ),
     "many_noises.py": (
         "A = 0.5:  1.81 mN rms, 2.9 % from noise to noise\n"
@@ -107,12 +114,17 @@ PRINTED = {
 }
 
 RECORDINGS = EXAMPLES.parents[1] / "shared" / "data"
-NEEDS = {"fit_arms.py": RECORDINGS / "afm-relaxation", "felt_squeezes.py": RECORDINGS / "grip-trials"}
+NEEDS = {
+    "fit_arms.py": RECORDINGS / "afm-relaxation",
+    "felt_squeezes.py": RECORDINGS / "grip-trials",
+}
 
 
 def recorded(name: str):
     if name in NEEDS and not NEEDS[name].is_dir():
-        pytest.skip(f"{name} needs recordings that are not there: ../shared/data/{NEEDS[name].name}")
+        pytest.skip(
+            f"{name} needs recordings that are not there: ../shared/data/{NEEDS[name].name}"
+        )
 
 
 def but_steps(printed: str) -> str:
@@ -120,19 +132,25 @@ def but_steps(printed: str) -> str:
     return re.sub(r"\d+ steps", "some steps", printed)
 
 
-PLAIN = ["first_stimulus.py", "equal_rms_bumps.py", "fit_tissue.py", "own_block.py"]  # quick enough to run without a picture too
+# quick enough to run without a picture too
+PLAIN = ["first_stimulus.py", "equal_rms_bumps.py", "fit_tissue.py", "own_block.py"]
 
 
 def test_every_example_is_tested():
     assert {name.split()[0] for name in PRINTED} == {p.name for p in EXAMPLES.glob("*.py")}
 
 
-STRESS = {name: pytest.mark.stress for name in ("fit_arms.py", "match_rms.py")}  # a search takes long to compile; one is enough
+# a search takes long to compile; one is enough
+STRESS = {name: pytest.mark.stress for name in ("fit_arms.py", "match_rms.py")}
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=STRESS.get(name, ())) for name in PRINTED])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=STRESS.get(name, ())) for name in PRINTED]
+)
 def test_example_prints_its_result_and_draws_only_when_asked(name, tmp_path, monkeypatch, capsys):
-    """In this process, with a folder of its own and warnings that are errors: a process for each pays the imports each time."""
+    """In this process, with a folder of its own and warnings that are errors: a process
+    for each pays the imports each time.
+    """
     recorded(name)
     monkeypatch.chdir(tmp_path)
     warnings.simplefilter("error")  # pytest restores it
@@ -150,7 +168,10 @@ def test_an_example_is_a_program_and_says_which_recording_is_not_there(tmp_path)
     path = os.pathsep.join(p for p in (str(EXAMPLES.parent), os.environ.get("PYTHONPATH")) if p)
     command = (sys.executable, "-W", "error", str(EXAMPLES / "fit_arms.py"), "--data", "nowhere")
     env = os.environ | {"PYTHONPATH": path}
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, env=env)  # hung, not slow
+    # hung, not slow
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, timeout=900, env=env
+    )
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("the recording is not there: nowhere")
 
@@ -158,12 +179,18 @@ def test_an_example_is_a_program_and_says_which_recording_is_not_there(tmp_path)
 def test_the_window_of_a_session_asks_by_keys(monkeypatch):
     """Against a stand-in: what is shown, which keys are taken, and what they mean."""
     shown, pressed = [], iter(["space", "2", "space", "1", "r", "2", "7", "escape"])
-    text = type("TextStim", (), {"__init__": lambda self, window, text: shown.append(text), "draw": lambda self: None})
+    text = type(
+        "TextStim",
+        (),
+        {"__init__": lambda self, window, text: shown.append(text), "draw": lambda self: None},
+    )
     window = type("Window", (), {"__init__": lambda self, **how: None, "flip": lambda self: None})
     taken = []
     event = SimpleNamespace(waitKeys=lambda keyList: taken.append(keyList) or [next(pressed)])
     core = SimpleNamespace(wait=lambda seconds: shown.append(seconds))
-    stand_in = SimpleNamespace(event=event, core=core, visual=SimpleNamespace(TextStim=text, Window=window))
+    stand_in = SimpleNamespace(
+        event=event, core=core, visual=SimpleNamespace(TextStim=text, Window=window)
+    )
     monkeypatch.setitem(sys.modules, "psychopy", stand_in)
     program = runpy.run_path(str(EXAMPLES / "psychopy_session.py"), run_name="example")
     face, ask = program["Window"](), program["harder"].questions[0]

@@ -1,4 +1,6 @@
-"""Fits: exact answers at uneven times, known materials found again, recorded tissue, and what is refused."""
+"""Fits: exact answers at uneven times, known materials found again, recorded tissue,
+and what is refused.
+"""
 
 import subprocess
 import sys
@@ -14,12 +16,19 @@ from stimlib.blocks.continuous import relaxation_modulus
 from stimlib.blocks.relaxation import generalized_maxwell
 from stimlib.errors import BadValue, SinkError
 from stimlib.fitting.exact import maxwell_force, springpot_force, thin
-from stimlib.fitting.relaxation import MaxwellFit, SpringpotFit, fit_generalized_maxwell, fit_springpot
+from stimlib.fitting.relaxation import (
+    MaxwellFit,
+    SpringpotFit,
+    fit_generalized_maxwell,
+    fit_springpot,
+)
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 MUSCLE = [f"Avg{c}_{r}" for c in ("Relaxed", "pCa4p4") for r in ("0p1s", "1s", "10s", "100s")]
 RAMPS = {"0p1s": 0.1, "1s": 1.0, "10s": 10.0, "100s": 100.0}
-recorded = pytest.mark.skipif(not DATA.is_dir(), reason="no recorded tissue beside the repository, in ../shared/data")
+recorded = pytest.mark.skipif(
+    not DATA.is_dir(), reason="no recorded tissue beside the repository, in ../shared/data"
+)
 
 
 def uneven(n=40, seed=0):
@@ -34,7 +43,7 @@ def a_test(n=80, last=100.0):
     return t, np.minimum(0.05 * t, 0.01)
 
 
-# The exact answers -----------------------------------------------------------------------------------------------------
+# The exact answers --------------------------------------------------------------------
 @pytest.mark.parametrize("onset", ["steady", "step"])
 @pytest.mark.parametrize("alpha", [0.0, 1e-9, 0.05, 0.5, 0.95, 1.0])
 def test_a_springpot_at_uneven_times(alpha, onset):
@@ -60,7 +69,9 @@ def test_a_short_ramp_long_ago_keeps_its_digits():
     t = np.array([0.0, 1e-6, 86400.0])
     with mp.workdps(40):
         far, end = mp.mpf(t[2]), mp.mpf(t[2]) - mp.mpf(t[1])
-        wanted = float((far ** mp.mpf(0.9) - end ** mp.mpf(0.9)) / mp.mpf(t[1]) / mp.gamma(mp.mpf(1.9)))
+        wanted = float(
+            (far ** mp.mpf(0.9) - end ** mp.mpf(0.9)) / mp.mpf(t[1]) / mp.gamma(mp.mpf(1.9))
+        )
     force = springpot_force(t, np.array([0.0, 1.0, 1.0]), 1.0, 0.1)[-1]
     assert force == pytest.approx(wanted, rel=1e-11)
     assert force == pytest.approx(relaxation_modulus(86400.0, springpot=(1.0, 0.1)), rel=1e-9)
@@ -78,7 +89,9 @@ def test_maxwell_arms_at_uneven_times(onset):
                 since = [mp.mpf(t[n]) - mp.mpf(v) for v in t[: n + 1]]
                 for i in range(n):
                     slope = (mp.mpf(y[i + 1]) - mp.mpf(y[i])) / (since[i] - since[i + 1])
-                    force += k * tau * slope * (mp.exp(-since[i + 1] / tau) - mp.exp(-since[i] / tau))
+                    force += (
+                        k * tau * slope * (mp.exp(-since[i + 1] / tau) - mp.exp(-since[i] / tau))
+                    )
                 if onset == "step":
                     force += k * mp.mpf(y[0]) * mp.exp(-since[0] / tau)
             assert got[n] == pytest.approx(float(force), rel=1e-13)
@@ -90,18 +103,24 @@ def test_a_fit_and_a_block_mean_the_same_material():
     y = 0.01 * np.sin(7 * t) ** 2
     arms = [(50.0, 0.02), (30.0, 1.5)]
     proc = stimlib.compile(Scene({"f": generalized_maxwell(Input("y", "m"), 100.0, arms)}), fs)
-    np.testing.assert_allclose(proc.process(y[None])[0], maxwell_force(t, y, 100.0, arms), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        proc.process(y[None])[0], maxwell_force(t, y, 100.0, arms), rtol=0, atol=1e-14
+    )
     fit = fit_springpot(t[::30], y[::30], springpot_force(t[::30], y[::30], 200.0, 0.3))
     scene = Scene({"f": fit.block(Input("y", "m"), scheme="l1", tol=1e-12)})
     got = stimlib.compile(scene, fs).process(y[None])[0]
-    np.testing.assert_allclose(got, springpot_force(t, y, 200.0, 0.3), rtol=0, atol=1e-9 * np.abs(got).max())
-    fit = fit_generalized_maxwell(t[::30], y[::30], maxwell_force(t[::30], y[::30], 100.0, arms), arms=2)
+    np.testing.assert_allclose(
+        got, springpot_force(t, y, 200.0, 0.3), rtol=0, atol=1e-9 * np.abs(got).max()
+    )
+    fit = fit_generalized_maxwell(
+        t[::30], y[::30], maxwell_force(t[::30], y[::30], 100.0, arms), arms=2
+    )
     assert fit.arms == pytest.approx([pytest.approx(a, rel=1e-6) for a in arms])
     got = stimlib.compile(Scene({"f": fit.block(Input("y", "m"))}), fs).process(y[None])[0]
     np.testing.assert_allclose(got, maxwell_force(t, y, 100.0, arms), rtol=0, atol=1e-9)
 
 
-# Known materials -------------------------------------------------------------------------------------------------------
+# Known materials ----------------------------------------------------------------------
 @pytest.mark.parametrize("onset", ["steady", "step"])
 @pytest.mark.parametrize("alpha", [0.01, 0.1, 0.3, 0.6, 0.9, 0.99])
 def test_a_springpot_is_found_again(alpha, onset):
@@ -146,7 +165,10 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     runs = 200
     for _ in range(runs):
         noise = 1 + 0.02 * rng.standard_normal(t.size)
-        fits = fit_springpot(t, y, clean * noise), fit_generalized_maxwell(t, y, arm * noise, arms=1)
+        fits = (
+            fit_springpot(t, y, clean * noise),
+            fit_generalized_maxwell(t, y, arm * noise, arms=1),
+        )
         for fit in fits:
             for name, (low, high) in fit.intervals.items():
                 held[name] += low <= truth[name] <= high
@@ -157,12 +179,16 @@ def test_what_a_recording_does_not_tell_has_no_bounds():
     t, y = a_test(40, last=1.0)
     fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 100.0, [(50.0, 0.1)]), arms=2)
     assert fit.relative_error < 1e-6
-    assert any(np.isinf(high) or high > 1e3 * fit.values[name] for name, (_, high) in fit.intervals.items())
+    assert any(
+        np.isinf(high) or high > 1e3 * fit.values[name] for name, (_, high) in fit.intervals.items()
+    )
 
 
 def test_the_same_input_gives_the_same_bits_and_stays_as_it_is():
     t, y = a_test()
-    f = springpot_force(t, y, 300.0, 0.2) * (1 + 0.01 * np.random.default_rng(3).standard_normal(t.size))
+    f = springpot_force(t, y, 300.0, 0.2) * (
+        1 + 0.01 * np.random.default_rng(3).standard_normal(t.size)
+    )
     kept = t.copy(), y.copy(), f.copy()
     one, two = (fit_generalized_maxwell(t, y, f, arms=2) for _ in range(2))
     assert one.values == two.values and one.intervals == two.intervals
@@ -181,11 +207,15 @@ def test_errors_are_measured_as_asked():
     assert by_hand.values == pytest.approx(relative.values, rel=1e-7)
     assert by_hand.intervals["alpha"] == pytest.approx(relative.intervals["alpha"], rel=1e-6)
     some = fit_springpot(t, y, f, where=np.arange(t.size) >= 40)
-    assert some.used.sum() == t.size - 40 and some.relative.size == t.size - 40 and some.fitted.shape == t.shape
+    assert (
+        some.used.sum() == t.size - 40
+        and some.relative.size == t.size - 40
+        and some.fitted.shape == t.shape
+    )
     assert some.largest_relative_error >= some.relative_error
 
 
-# Averages --------------------------------------------------------------------------------------------------------------
+# Averages -----------------------------------------------------------------------------
 def test_bins_keep_the_mean_and_every_decade():
     t = np.arange(200_000) / 5000
     y, f = np.minimum(t, 0.5), np.cos(t)
@@ -200,13 +230,18 @@ def test_bins_keep_the_mean_and_every_decade():
     np.testing.assert_array_equal(two, y[:5])
 
 
-# Recorded tissue -------------------------------------------------------------------------------------------------------
+# Recorded tissue ----------------------------------------------------------------------
 # chi, alpha, percent rms of the hold
 SEEN = {
-    "AvgRelaxed_0p1s": (45.7, 0.089, 4.7), "AvgRelaxed_1s": (43.3, 0.085, 3.7), "AvgRelaxed_10s": (48.2, 0.103, 1.8),
-    "AvgRelaxed_100s": (63.0, 0.141, 1.1), "AvgpCa4p4_0p1s": (111.9, 0.164, 5.3), "AvgpCa4p4_1s": (102.9, 0.136, 6.7),
-    "AvgpCa4p4_10s": (84.6, 0.073, 2.5), "AvgpCa4p4_100s": (97.8, 0.088, 0.8),
-}  # fmt: skip
+    "AvgRelaxed_0p1s": (45.7, 0.089, 4.7),
+    "AvgRelaxed_1s": (43.3, 0.085, 3.7),
+    "AvgRelaxed_10s": (48.2, 0.103, 1.8),
+    "AvgRelaxed_100s": (63.0, 0.141, 1.1),
+    "AvgpCa4p4_0p1s": (111.9, 0.164, 5.3),
+    "AvgpCa4p4_1s": (102.9, 0.136, 6.7),
+    "AvgpCa4p4_10s": (84.6, 0.073, 2.5),
+    "AvgpCa4p4_100s": (97.8, 0.088, 0.8),
+}
 
 
 def muscle(name):
@@ -261,7 +296,7 @@ def test_every_sample_of_the_indented_sample():
         fit_springpot(t, y, f)
 
 
-# What is refused -------------------------------------------------------------------------------------------------------
+# What is refused ----------------------------------------------------------------------
 T, Y = a_test()
 F = springpot_force(T, Y, 300.0, 0.2)
 
@@ -313,15 +348,26 @@ def test_other_bad_values():
             maxwell_force(T, Y, 1.0, arms)
     with pytest.raises(BadValue, match="2"):
         springpot_force([0.0], [1.0], 1.0, 0.5)
-    for more in ({"start": 1e9}, {"start": -1.0}, {"start": 1.0, "per_decade": 0}, {"start": 1.0, "before": 0}):
+    for more in (
+        {"start": 1e9},
+        {"start": -1.0},
+        {"start": 1.0, "per_decade": 0},
+        {"start": 1.0, "before": 0},
+    ):
         with pytest.raises(BadValue, match="thin"):
             thin(T, Y, **more)
 
 
-# Pictures and words ----------------------------------------------------------------------------------------------------
+# Pictures and words -------------------------------------------------------------------
 def test_pictures(tmp_path):
-    fits = fit_springpot(T, Y, F), fit_generalized_maxwell(T, Y, F, arms=2), fit_springpot(T, Y + 1, F, onset="step")
-    for fit, suffix, begin in zip(fits, ("png", "svg", "png"), (b"\x89PNG", b"<?xml", b"\x89PNG"), strict=True):
+    fits = (
+        fit_springpot(T, Y, F),
+        fit_generalized_maxwell(T, Y, F, arms=2),
+        fit_springpot(T, Y + 1, F, onset="step"),
+    )
+    for fit, suffix, begin in zip(
+        fits, ("png", "svg", "png"), (b"\x89PNG", b"<?xml", b"\x89PNG"), strict=True
+    ):
         fit.plot(path := tmp_path / f"fit.{suffix}")
         assert path.read_bytes().startswith(begin)
     with pytest.raises(SinkError):
@@ -333,12 +379,21 @@ def test_pictures(tmp_path):
 def test_words():
     t, y = a_test()
     fit = fit_springpot(t, y, F)
-    assert isinstance(fit, SpringpotFit) and repr(fit).startswith("SpringpotFit(chi=300 [300, 300], alpha=0.2 [0.2, 0.2]; ")
+    assert isinstance(fit, SpringpotFit) and repr(fit).startswith(
+        "SpringpotFit(chi=300 [300, 300], alpha=0.2 [0.2, 0.2]; "
+    )
     fit = fit_generalized_maxwell(t, y, F, arms=2)
-    assert isinstance(fit, MaxwellFit) and "tau2=" in repr(fit) and "% rms of 80 samples" in repr(fit)
+    assert (
+        isinstance(fit, MaxwellFit) and "tau2=" in repr(fit) and "% rms of 80 samples" in repr(fit)
+    )
 
 
 def test_nothing_heavy_is_loaded_before_it_is_needed():
-    code = "import sys, stimlib.fitting.relaxation; print(sorted({'scipy', 'matplotlib', 'numba', 'pint'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    code = (
+        "import sys, stimlib.fitting.relaxation; print(sorted({'scipy', 'matplotlib', 'numba',"
+        " 'pint'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True
+    )
     assert (done.stdout, done.stderr) == ("[]\n", "")

@@ -1,4 +1,6 @@
-"""Each program of the gallery runs as it stands, and the gallery shows what it drew and wrote."""
+"""Each program of the gallery runs as it stands, and the gallery shows what it drew and
+wrote.
+"""
 
 import runpy
 from pathlib import Path
@@ -10,8 +12,8 @@ ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
 PROGRAMS = sorted(GALLERY.glob("*/plot_*.py"))
 HEARD = set(
-    "squeeze bumps cloth noise modes fir gate carrier filters transients sources places grating texture textures "
-    "click detents friction wall impact sliding".split()
+    "squeeze bumps cloth noise modes fir gate carrier filters transients sources places grating"
+    " texture textures click detents friction wall impact sliding".split()
 )
 
 
@@ -22,22 +24,30 @@ def test_a_program_draws_and_sounds(program, tmp_path, monkeypatch):
     y = made["result"].y
     assert np.isfinite(y).all() and (np.ptp(y, axis=1) > 0).all(), "an output that says nothing"
     assert any(axes.lines for axes in made["figure"].axes) and made["result"].fault is None
-    assert "pyplot" not in program.read_text(), "a program that opens windows, or keeps figures open"
+    assert "pyplot" not in program.read_text(), (
+        "a program that opens windows, or keeps figures open"
+    )
     sounds = {p.name for p in tmp_path.iterdir() if p.suffix == ".wav"}
     assert {p.name for p in tmp_path.iterdir()} == sounds | {f"{s}.json" for s in sounds}
     assert len(sounds) == (program.stem.removeprefix("plot_") in HEARD)
-    assert sum(bool(line.strip()) for line in program.read_text().split('"""')[2].splitlines()) <= 20, "longer than a look takes"
+    assert (
+        sum(bool(line.strip()) for line in program.read_text().split('"""')[2].splitlines()) <= 20
+    ), "longer than a look takes"
 
 
 def test_every_scene_and_family_of_blocks_has_a_program():
     families = {p.stem for p in (ROOT / "docs" / "reference" / "blocks").glob("*.rst")} - {"index"}
-    assert {p.stem.removeprefix("plot_") for p in (GALLERY / "blocks").glob("plot_*.py")} == families
+    assert {
+        p.stem.removeprefix("plot_") for p in (GALLERY / "blocks").glob("plot_*.py")
+    } == families
     scenes = {p.stem for p in (ROOT / "docs" / "reference" / "scenes").glob("*.rst")} - {"index"}
     assert {p.stem.removeprefix("plot_") for p in (GALLERY / "scenes").glob("plot_*.py")} >= scenes
 
 
 def test_a_sound_stands_in_the_page_itself(tmp_path, monkeypatch):
-    """So that whoever reads it offline hears it; and nothing is left beside the program."""
+    """So that whoever reads it offline hears it; and nothing is left beside the
+    program.
+    """
     pytest.importorskip("sphinx_gallery")
     monkeypatch.syspath_prepend(ROOT / "docs")
     from matplotlib.figure import Figure

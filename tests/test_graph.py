@@ -1,4 +1,6 @@
-"""Building graphs: units, names, mistakes that are found where they are written, and what is printed."""
+"""Building graphs: units, names, mistakes that are found where they are written, and
+what is printed.
+"""
 
 from dataclasses import dataclass
 
@@ -17,14 +19,22 @@ from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 x, v, n = Input("x", "m"), Input("v", "m/s"), Input("n")
 
 
-# Units ---------------------------------------------------------------------------------------------------------------
+# Units --------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: x + v, lambda: x - v, lambda: x > v, lambda: x >= v, lambda: x < v, lambda: x <= v, lambda: blocks.maximum(x, v),
-        lambda: blocks.minimum(x, v), lambda: blocks.where(n, x, v), lambda: blocks.clip(x, v, 0.0),
+        lambda: x + v,
+        lambda: x - v,
+        lambda: x > v,
+        lambda: x >= v,
+        lambda: x < v,
+        lambda: x <= v,
+        lambda: blocks.maximum(x, v),
+        lambda: blocks.minimum(x, v),
+        lambda: blocks.where(n, x, v),
+        lambda: blocks.clip(x, v, 0.0),
     ],
-)  # fmt: skip
+)
 def test_unit_errors_name_both_nodes(make):
     with pytest.raises(UnitError) as e:
         make()
@@ -48,16 +58,29 @@ def test_a_literal_zero_fits_everywhere():
 @pytest.mark.parametrize(
     ("make", "dim"),
     [
-        (lambda: x * v, "m**2/s"), (lambda: x / v, "s"), (lambda: v / x, "1/s"), (lambda: -x, "m"), (lambda: abs(v), "m/s"),
-        (lambda: constant(3.0, "N/m") * x, "N"), (lambda: 2 / x, "1/m"), (lambda: blocks.sqrt(x * x), "m"), (lambda: x > 0, ""),
-        (lambda: blocks.velocity(x), "m/s"), (lambda: blocks.differentiator(v), "m/s**2"), (lambda: blocks.delay(v, 3), "m/s"),
-        (lambda: blocks.fir(x, [1.0], "N/m"), "N"), (lambda: blocks.lut(x, [0, 1], [1, 2], unit="V"), "V"),
-        (lambda: blocks.pinking(x), "m"), (lambda: blocks.first_order(x, 1.0), "m"),
+        (lambda: x * v, "m**2/s"),
+        (lambda: x / v, "s"),
+        (lambda: v / x, "1/s"),
+        (lambda: -x, "m"),
+        (lambda: abs(v), "m/s"),
+        (lambda: constant(3.0, "N/m") * x, "N"),
+        (lambda: 2 / x, "1/m"),
+        (lambda: blocks.sqrt(x * x), "m"),
+        (lambda: x > 0, ""),
+        (lambda: blocks.velocity(x), "m/s"),
+        (lambda: blocks.differentiator(v), "m/s**2"),
+        (lambda: blocks.delay(v, 3), "m/s"),
+        (lambda: blocks.fir(x, [1.0], "N/m"), "N"),
+        (lambda: blocks.lut(x, [0, 1], [1, 2], unit="V"), "V"),
+        (lambda: blocks.pinking(x), "m"),
+        (lambda: blocks.first_order(x, 1.0), "m"),
         (lambda: blocks.loading(blocks.velocity(x)), ""),
-        (lambda: blocks.kelvin_voigt(x, 1.0, 2.0), "N"), (lambda: blocks.enabled(constant(2.0, "N"), by=n), "N"),
-        (lambda: blocks.nonzero(x), ""), (lambda: blocks.white_noise(1) * x, "m"),
+        (lambda: blocks.kelvin_voigt(x, 1.0, 2.0), "N"),
+        (lambda: blocks.enabled(constant(2.0, "N"), by=n), "N"),
+        (lambda: blocks.nonzero(x), ""),
+        (lambda: blocks.white_noise(1) * x, "m"),
     ],
-)  # fmt: skip
+)
 def test_units_follow(make, dim):
     assert make().dim == unit(dim)
 
@@ -84,7 +107,21 @@ def test_prefixes_and_unknown_units_say_what_to_use(text, words):
 
 
 @pytest.mark.parametrize(
-    "text", ["m/0", "1/0", "m**-(1/0)", "nan*m", "inf", "(-1)**0.5", "degC", "dB", "m+", "\0", "\ud800", "%"]
+    "text",
+    [
+        "m/0",
+        "1/0",
+        "m**-(1/0)",
+        "nan*m",
+        "inf",
+        "(-1)**0.5",
+        "degC",
+        "dB",
+        "m+",
+        "\0",
+        "\ud800",
+        "%",
+    ],
 )
 def test_odd_units(text):
     with pytest.raises(UnitError) as e:
@@ -97,10 +134,16 @@ def test_odd_units(text):
 @given(
     st.one_of(
         st.text(max_size=30),
-        st.lists(st.sampled_from('m s N kg / * ** ( ) 0 1 2 .5 - + mm nan inf e % ^ _ [ ] " , = if'.split()), max_size=9).map(
-            " ".join
-        ),
-        st.lists(st.sampled_from(["m", "s", "N", "/", "*", "**", "^", "(", ")", "0", "1", "-"]), max_size=9).map("".join),
+        st.lists(
+            st.sampled_from(
+                'm s N kg / * ** ( ) 0 1 2 .5 - + mm nan inf e % ^ _ [ ] " , = if'.split()
+            ),
+            max_size=9,
+        ).map(" ".join),
+        st.lists(
+            st.sampled_from(["m", "s", "N", "/", "*", "**", "^", "(", ")", "0", "1", "-"]),
+            max_size=9,
+        ).map("".join),
     )
 )
 def test_any_text_is_a_unit_or_an_error_of_ours(text):
@@ -135,34 +178,52 @@ def test_an_impedance_of_wrong_units():
 def test_products_of_the_usual_names_are_what_pint_says():
     known = pint.UnitRegistry()
     names = "kg m s A N Pa J W V Hz rad".split()
-    for text in [f"{a}{op}{b}{n}/s" for a in [*names, "1"] for b in names for op in "*/" for n in ("", "**2")]:
+    for text in [
+        f"{a}{op}{b}{n}/s" for a in [*names, "1"] for b in names for op in "*/" for n in ("", "**2")
+    ]:
         base = known.Quantity(1.0, text).to_base_units()
         assert base.magnitude == 1.0
-        assert dict(unit(text).powers) == {str(u): p for u, p in base.unit_items() if str(u) != "radian"}, text
+        assert dict(unit(text).powers) == {
+            str(u): p for u, p in base.unit_items() if str(u) != "radian"
+        }, text
 
 
 def test_units_print_as_the_field_writes_them():
-    assert [str(unit(u)) for u in ("kg*m/s**2", "N/m", "V", "N*s/m", "1/s", "")] == ["N", "N/m", "V", "N*s/m", "1/s", "1"]
+    assert [str(unit(u)) for u in ("kg*m/s**2", "N/m", "V", "N*s/m", "1/s", "")] == [
+        "N",
+        "N/m",
+        "V",
+        "N*s/m",
+        "1/s",
+        "1",
+    ]
     assert unit(str(unit("m**2*A/s"))) == unit("m**2*A/s")
     assert unit(str(unit("m") ** 0.5)) == unit("m") ** 0.5
 
 
-# Mistakes ------------------------------------------------------------------------------------------------------------
+# Mistakes -----------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("make", "field"),
     [
-        (lambda p: blocks.velocity(x, cutoff=p), "Velocity.cutoff"), (lambda p: blocks.first_order(x, p), "FirstOrder.tau"),
-        (lambda p: blocks.pinking(x, f_low=p), "Pinking.f_low"), (lambda p: blocks.delay(x, samples=p), "Delay.samples"),
+        (lambda p: blocks.velocity(x, cutoff=p), "Velocity.cutoff"),
+        (lambda p: blocks.first_order(x, p), "FirstOrder.tau"),
+        (lambda p: blocks.pinking(x, f_low=p), "Pinking.f_low"),
+        (lambda p: blocks.delay(x, samples=p), "Delay.samples"),
         (lambda p: blocks.differentiator(x, passband=p), "Differentiator.passband"),
         (lambda p: blocks.loading(v, on=p, off=0.1), "Loading.on"),
-        (lambda p: blocks.pink_noise(p, 1), "PinkNoise.psd_1hz"), (lambda p: blocks.white_noise(p), "White.seed"),
+        (lambda p: blocks.pink_noise(p, 1), "PinkNoise.psd_1hz"),
+        (lambda p: blocks.white_noise(p), "White.seed"),
         (lambda p: Param("q", p), "Param.value"),
     ],
-)  # fmt: skip
+)
 def test_a_live_number_in_a_design_field_is_an_error_that_names_it(make, field):
     with pytest.raises(BadValue) as e:
         make(Param("live", 1.0))
-    assert field in str(e.value) and "Param('live', 1.0, '')" in str(e.value) or "Param('live', 1.0)" in str(e.value)
+    assert (
+        field in str(e.value)
+        and "Param('live', 1.0, '')" in str(e.value)
+        or "Param('live', 1.0)" in str(e.value)
+    )
     assert "multiplied" in str(e.value)
 
 
@@ -176,12 +237,19 @@ def test_an_input_inside_enabled_is_named():
 @pytest.mark.parametrize(
     "make",
     [
-        lambda q: constant(q), lambda q: x * q, lambda q: Param("k", q), lambda q: blocks.velocity(x, q),
+        lambda q: constant(q),
+        lambda q: x * q,
+        lambda q: Param("k", q),
+        lambda q: blocks.velocity(x, q),
         lambda q: blocks.fir(x, [1, q]),
-        lambda q: blocks.lut(x, [0, q], [1, 2]), lambda q: blocks.lut(x, [0, 1], [q, 2]), lambda q: blocks.pink_noise(q, 1),
-        lambda q: blocks.first_order(x, q), lambda q: blocks.delay(x, seconds=q), lambda q: blocks.loading(v, q, 0.1),
+        lambda q: blocks.lut(x, [0, q], [1, 2]),
+        lambda q: blocks.lut(x, [0, 1], [q, 2]),
+        lambda q: blocks.pink_noise(q, 1),
+        lambda q: blocks.first_order(x, q),
+        lambda q: blocks.delay(x, seconds=q),
+        lambda q: blocks.loading(v, q, 0.1),
     ],
-)  # fmt: skip
+)
 def test_numbers_that_are_not_finite(make, value):
     with pytest.raises(BadValue, match="finite|rise|above 0"):
         make(value)
@@ -190,27 +258,53 @@ def test_numbers_that_are_not_finite(make, value):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: blocks.velocity(x, 0.0), lambda: blocks.velocity(x, -1.0), lambda: blocks.first_order(x, 0.0),
+        lambda: blocks.velocity(x, 0.0),
+        lambda: blocks.velocity(x, -1.0),
+        lambda: blocks.first_order(x, 0.0),
         lambda: blocks.delay(x),
-        lambda: blocks.delay(x, 3, 0.1), lambda: blocks.delay(x, 0), lambda: blocks.delay(x, samples=1.5),
+        lambda: blocks.delay(x, 3, 0.1),
+        lambda: blocks.delay(x, 0),
+        lambda: blocks.delay(x, samples=1.5),
         lambda: blocks.delay(x, seconds=-1),
-        lambda: blocks.fir(x, []), lambda: blocks.fir(x, [0, 0]), lambda: blocks.fir(x, 3.0), lambda: blocks.fir(x, [[1, 2]]),
-        lambda: blocks.lut(x, [0], [1]), lambda: blocks.lut(x, [0, 0], [1, 2]), lambda: blocks.lut(x, [1, 0], [1, 2]),
-        lambda: blocks.lut(x, [0, 1], [1, 2, 3]), lambda: blocks.lut(x, [0, 1], [1, 2], kind="quintic"),
-        lambda: blocks.lut(x, [0, 1], [1, 2], outside="wrap"), lambda: blocks.loading(v, 0.1, 0.2),
+        lambda: blocks.fir(x, []),
+        lambda: blocks.fir(x, [0, 0]),
+        lambda: blocks.fir(x, 3.0),
+        lambda: blocks.fir(x, [[1, 2]]),
+        lambda: blocks.lut(x, [0], [1]),
+        lambda: blocks.lut(x, [0, 0], [1, 2]),
+        lambda: blocks.lut(x, [1, 0], [1, 2]),
+        lambda: blocks.lut(x, [0, 1], [1, 2, 3]),
+        lambda: blocks.lut(x, [0, 1], [1, 2], kind="quintic"),
+        lambda: blocks.lut(x, [0, 1], [1, 2], outside="wrap"),
+        lambda: blocks.loading(v, 0.1, 0.2),
         lambda: blocks.loading(v, 0.1),
-        lambda: blocks.loading(v, 0.1, 0.0), lambda: blocks.loading(v),
+        lambda: blocks.loading(v, 0.1, 0.0),
+        lambda: blocks.loading(v),
         lambda: blocks.loading(blocks.velocity(x), resolution=0.0),
-        lambda: blocks.white_noise(-1), lambda: blocks.white_noise(2**64), lambda: blocks.white_noise(1.5),
+        lambda: blocks.white_noise(-1),
+        lambda: blocks.white_noise(2**64),
+        lambda: blocks.white_noise(1.5),
         lambda: blocks.white_noise(True),
-        lambda: blocks.white_noise(1, 2**32), lambda: blocks.pink_noise(0.0, 1), lambda: blocks.pink_noise(1.0, 1, f_low=-1.0),
-        lambda: blocks.pinking(x, 1.0, 0.0), lambda: blocks.differentiator(x, passband=-3.0),
+        lambda: blocks.white_noise(1, 2**32),
+        lambda: blocks.pink_noise(0.0, 1),
+        lambda: blocks.pink_noise(1.0, 1, f_low=-1.0),
+        lambda: blocks.pinking(x, 1.0, 0.0),
+        lambda: blocks.differentiator(x, passband=-3.0),
         lambda: blocks.differentiator(x, order=0),
-        lambda: blocks.differentiator(x, tol=0.0), lambda: x + "1", lambda: x * None, lambda: np.array([1.0, 2.0]) * x,
-        lambda: Param("k", "N/m"), lambda: Input(""), lambda: Input("a b"), lambda: Input(3), lambda: Param("-", 1.0),
-        lambda: Param("k", None), lambda: constant("a"), lambda: blocks.fir(x, ["a"]),
+        lambda: blocks.differentiator(x, tol=0.0),
+        lambda: x + "1",
+        lambda: x * None,
+        lambda: np.array([1.0, 2.0]) * x,
+        lambda: Param("k", "N/m"),
+        lambda: Input(""),
+        lambda: Input("a b"),
+        lambda: Input(3),
+        lambda: Param("-", 1.0),
+        lambda: Param("k", None),
+        lambda: constant("a"),
+        lambda: blocks.fir(x, ["a"]),
     ],
-)  # fmt: skip
+)
 def test_values_that_make_no_sense_are_found_where_they_are_written(make):
     with pytest.raises(BadValue):
         make()
@@ -219,12 +313,15 @@ def test_values_that_make_no_sense_are_found_where_they_are_written(make):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: blocks.velocity(n, 500.0), ["cutoff", "500"]), (lambda: blocks.differentiator(n, 500.0), ["passband", "fs/2"]),
+        (lambda: blocks.velocity(n, 500.0), ["cutoff", "500"]),
+        (lambda: blocks.differentiator(n, 500.0), ["passband", "fs/2"]),
         (lambda: blocks.differentiator(n, 450.0), ["order=", "tol"]),
-        (lambda: blocks.differentiator(n, 100.0), ["order=", "tol"]), (lambda: blocks.pinking(n, 400.0), ["f_low"]),
-        (lambda: blocks.pinking(n, 1.0, 1e-12), ["tol_db"]), (lambda: blocks.delay(n, seconds=1e-5), ["half a sample"]),
+        (lambda: blocks.differentiator(n, 100.0), ["order=", "tol"]),
+        (lambda: blocks.pinking(n, 400.0), ["f_low"]),
+        (lambda: blocks.pinking(n, 1.0, 1e-12), ["tol_db"]),
+        (lambda: blocks.delay(n, seconds=1e-5), ["half a sample"]),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_the_sample_rate_is_found_when_compiling(make, words):
     scene = Scene({"y": make()})
     for target in ("numba", "python"):
@@ -250,7 +347,9 @@ def test_filters_on_noise_longer_than_the_lead():
 
 def test_noise_keys():
     def scene(**shared):
-        return Scene({"y": blocks.white_noise(1, 2, **shared) + blocks.pink_noise(1.0, 1, 2, **shared)})
+        return Scene(
+            {"y": blocks.white_noise(1, 2, **shared) + blocks.pink_noise(1.0, 1, 2, **shared)}
+        )
 
     with pytest.raises(SceneError, match="seed=1, stream=2.*seed=2"):
         scene()
@@ -280,13 +379,15 @@ def test_names_used_twice():
     assert list(Scene({"y": Input("a") + Input("a")}).inputs) == ["a"]
 
 
-@pytest.mark.parametrize("outputs", [{}, [x], x, {"": x}, {"a b": x}, {3: x}, {"y": None}, {"y": "x"}])
+@pytest.mark.parametrize(
+    "outputs", [{}, [x], x, {"": x}, {"a b": x}, {3: x}, {"y": None}, {"y": "x"}]
+)
 def test_outputs_that_are_none(outputs):
     with pytest.raises((SceneError, BadValue)):
         Scene(outputs)
 
 
-# Python's own operators ----------------------------------------------------------------------------------------------
+# Python's own operators ---------------------------------------------------------------
 def test_blocks_have_no_truth():
     for f in (
         lambda: bool(x),
@@ -307,8 +408,12 @@ def test_numbers_on_either_side(number):
     assert isinstance(number / n, Block) and isinstance(number - n, Block)
     assert type(number > n).__name__ == type(n < number).__name__ == "Greater"
     assert type(number <= n).__name__ == type(n >= number).__name__ == "AtLeast"
-    proc = stimlib.compile(Scene({"a": number - n, "b": number / n, "c": number > n, "d": n > number}), 1000, "python")
-    np.testing.assert_array_equal(proc.process(np.array([[1.0, 4.0]])), [[1, -2], [2, 0.5], [1, 0], [0, 1]])
+    proc = stimlib.compile(
+        Scene({"a": number - n, "b": number / n, "c": number > n, "d": n > number}), 1000, "python"
+    )
+    np.testing.assert_array_equal(
+        proc.process(np.array([[1.0, 4.0]])), [[1, -2], [2, 0.5], [1, 0], [0, 1]]
+    )
 
 
 def test_blocks_are_what_they_are():
@@ -317,7 +422,7 @@ def test_blocks_are_what_they_are():
         x.name = "other"
 
 
-# Classes -------------------------------------------------------------------------------------------------------------
+# Classes ------------------------------------------------------------------------------
 def test_final_and_abstract_classes():
     with pytest.raises(TypeError, match="Mul is final"):
 
@@ -335,13 +440,20 @@ def test_final_and_abstract_classes():
         assert name not in registry
 
 
-@pytest.mark.parametrize("made", [lambda cls: cls, dataclass, dataclass(frozen=True), dataclass(eq=False)])
+@pytest.mark.parametrize(
+    "made", [lambda cls: cls, dataclass, dataclass(frozen=True), dataclass(eq=False)]
+)
 def test_a_class_that_is_not_decorated_as_a_block_is(made):
     @made
     class Mine(Block):
         x: Block
 
-    with pytest.raises(SceneError, match=r"^Mine: decorate it with @dataclass\(frozen=True, eq=False\), and write no __init__$"):
+    with pytest.raises(
+        SceneError,
+        match=(
+            r"^Mine: decorate it with @dataclass\(frozen=True, eq=False\), and write no __init__$"
+        ),
+    ):
         Mine(n)
 
 
@@ -369,15 +481,20 @@ def test_registered_names():
     assert repr(Mine(n)) == "Mine(Input('n'))"
 
 
-# Text ----------------------------------------------------------------------------------------------------------------
+# Text ---------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("block", "text"),
     [
-        (x, "Input('x', 'm')"), (constant(2.0, "N/m"), "Const(2.0, 'N/m')"), (Param("k", 3.0, "N/m"), "Param('k', 3.0, 'N/m')"),
-        (2 * x, "Mul(Const(2.0), Input('x'))"), (blocks.velocity(2 * x, 30.0), None), (blocks.fir(x, [1, 2, 3]), "taps=[3]"),
-        (blocks.enabled(blocks.white_noise(1), by=n > 0.5), "Enabled(White(..), Greater(..))"), (blocks.delay(x, 4), "samples=4"),
+        (x, "Input('x', 'm')"),
+        (constant(2.0, "N/m"), "Const(2.0, 'N/m')"),
+        (Param("k", 3.0, "N/m"), "Param('k', 3.0, 'N/m')"),
+        (2 * x, "Mul(Const(2.0), Input('x'))"),
+        (blocks.velocity(2 * x, 30.0), None),
+        (blocks.fir(x, [1, 2, 3]), "taps=[3]"),
+        (blocks.enabled(blocks.white_noise(1), by=n > 0.5), "Enabled(White(..), Greater(..))"),
+        (blocks.delay(x, 4), "samples=4"),
     ],
-)  # fmt: skip
+)
 def test_a_block_prints_on_one_line(block, text):
     shown = repr(block)
     assert "\n" not in shown and len(shown) < 80
@@ -390,7 +507,7 @@ def test_a_scene_prints_its_signals():
     assert repr(Scene({"y": 3.0})) == "Scene(no input -> y [1])"
 
 
-# Depth ---------------------------------------------------------------------------------------------------------------
+# Depth --------------------------------------------------------------------------------
 def mixed_chain(length):
     """A signal through thousands of blocks, and the same with numpy."""
     block, steps = n, []
@@ -426,7 +543,8 @@ def test_ten_thousand_blocks(tmp_path):
     for s, target in ((scene, "numba"), (again, "numba"), (scene, "python")):
         proc = stimlib.compile(s, 1000, target)
         np.testing.assert_array_equal(
-            proc.process(u[None, : 40 if target == "numba" else 3])[0], y[: 40 if target == "numba" else 3]
+            proc.process(u[None, : 40 if target == "numba" else 3])[0],
+            y[: 40 if target == "numba" else 3],
         )
     assert len(str(proc.plan).splitlines()) > 10_000
     assert proc.latency["y", "n"] == (2000, 2000)

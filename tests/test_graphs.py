@@ -1,4 +1,6 @@
-"""Laws 1, 2, 3, 6 and 8 on generated graphs, and what `enabled` means, written a second time."""
+"""Laws 1, 2, 3, 6 and 8 on generated graphs, and what `enabled` means, written a second
+time.
+"""
 
 from collections import Counter
 
@@ -25,12 +27,18 @@ NUMBERS = [-2.0, -0.5, 0.25, 0.75, 1.0, 3.0]
 
 
 class Builder:
-    """Draws a graph: a pool of blocks that Inputs reach or not, from which further blocks are made."""
+    """Draws a graph: a pool of blocks that Inputs reach or not, from which further
+    blocks are made.
+    """
 
     def __init__(self, draw, tiles=True):
         self.draw, self.tiles = draw, tiles
         self.streams = 0
-        self.autonomous = [Param("a", draw(number)), Param("c", draw(number)), b.white_noise(draw(small), shared=True)]
+        self.autonomous = [
+            Param("a", draw(number)),
+            Param("c", draw(number)),
+            b.white_noise(draw(small), shared=True),
+        ]
         self.signals = [Input("x1"), Input("x2"), *self.autonomous]
         self.gates = []
 
@@ -42,54 +50,107 @@ class Builder:
         return White(seed, self.streams, True)
 
     def block(self, pool, fresh=False):
-        """A new block over blocks of the pool; ``fresh``: with noise that nothing else uses."""
+        """A new block over blocks of the pool; ``fresh``: with noise that nothing else
+        uses.
+        """
         draw, x, y, z = self.draw, self.choose(pool), self.choose(pool), self.choose(pool)
         noise = self.fresh_noise(draw(small)) if fresh else White(draw(small), 77, True)
         taps = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=20))
-        knots = np.cumsum([-1.0, *draw(st.lists(st.sampled_from([0.1, 0.5, 1.5]), min_size=1, max_size=5))])
+        knots = np.cumsum(
+            [-1.0, *draw(st.lists(st.sampled_from([0.1, 0.5, 1.5]), min_size=1, max_size=5))]
+        )
         values = draw(st.lists(st.sampled_from(NUMBERS), min_size=len(knots), max_size=len(knots)))
         kinds = [
-            lambda: x + y, lambda: x - y, lambda: x * y, lambda: x / (2.0 + b.tanh(y)), lambda: x / y, lambda: -x, lambda: abs(x),
-            lambda: x > y, lambda: x >= y, lambda: x > draw(number), lambda: draw(number) * x, lambda: x + draw(number),
-            lambda: b.where(x, y, z), lambda: b.maximum(x, y), lambda: b.minimum(x, draw(number)), lambda: b.clip(x, -1.0, y),
-            lambda: b.sqrt(abs(x)), lambda: b.sqrt(x), lambda: b.exp(b.clip(x, -20.0, 3.0)), lambda: b.log(1.5 + b.tanh(x)),
-            lambda: b.sin(x), lambda: b.cos(x), lambda: b.tanh(x), lambda: b.nonzero(x), lambda: Guard(x),
-            lambda: b.fir(x, taps), lambda: b.fir(x, [*taps, 1.0, -1.0]), lambda: b.delay(x, samples=1 + len(taps)),
-            lambda: S * b.differentiator(x, 150.0, 350.0, order=20, tol=0.1), lambda: S * b.velocity(x, 40.0 * len(taps) ** 0.5),
-            lambda: S * b.velocity(x, 7.0), lambda: b.first_order(x, 0.01 * len(taps)), lambda: b.pinking(x, 10.0, 0.1),
-            lambda: b.pinking(x, 40.0, 1.0), lambda: b.loading(x, 0.5, 0.1),
+            lambda: x + y,
+            lambda: x - y,
+            lambda: x * y,
+            lambda: x / (2.0 + b.tanh(y)),
+            lambda: x / y,
+            lambda: -x,
+            lambda: abs(x),
+            lambda: x > y,
+            lambda: x >= y,
+            lambda: x > draw(number),
+            lambda: draw(number) * x,
+            lambda: x + draw(number),
+            lambda: b.where(x, y, z),
+            lambda: b.maximum(x, y),
+            lambda: b.minimum(x, draw(number)),
+            lambda: b.clip(x, -1.0, y),
+            lambda: b.sqrt(abs(x)),
+            lambda: b.sqrt(x),
+            lambda: b.exp(b.clip(x, -20.0, 3.0)),
+            lambda: b.log(1.5 + b.tanh(x)),
+            lambda: b.sin(x),
+            lambda: b.cos(x),
+            lambda: b.tanh(x),
+            lambda: b.nonzero(x),
+            lambda: Guard(x),
+            lambda: b.fir(x, taps),
+            lambda: b.fir(x, [*taps, 1.0, -1.0]),
+            lambda: b.delay(x, samples=1 + len(taps)),
+            lambda: S * b.differentiator(x, 150.0, 350.0, order=20, tol=0.1),
+            lambda: S * b.velocity(x, 40.0 * len(taps) ** 0.5),
+            lambda: S * b.velocity(x, 7.0),
+            lambda: b.first_order(x, 0.01 * len(taps)),
+            lambda: b.pinking(x, 10.0, 0.1),
+            lambda: b.pinking(x, 40.0, 1.0),
+            lambda: b.loading(x, 0.5, 0.1),
             lambda: b.loading(b.velocity(x, 30.0), resolution=1e-3),
-            lambda: b.lut(x, knots, values, draw(st.sampled_from(["linear", "pchip", "cubic"])),
-                draw(st.sampled_from(["hold", "zero"]))),
-            lambda: b.lut(b.tanh(x), [-1.0, 0.0, 1.0], values[:2] + [0.5], outside="error"), lambda: noise,
+            lambda: b.lut(
+                x,
+                knots,
+                values,
+                draw(st.sampled_from(["linear", "pchip", "cubic"])),
+                draw(st.sampled_from(["hold", "zero"])),
+            ),
+            lambda: b.lut(b.tanh(x), [-1.0, 0.0, 1.0], values[:2] + [0.5], outside="error"),
+            lambda: noise,
             lambda: PinkNoise(noise, 0.5, 20.0, 0.5),
-            lambda: self.other(x, y, z), lambda: self.other(x, y, z),
-            lambda: self.looped(x, y), lambda: self.looped(x, y), lambda: self.looped(x, y),
-            lambda: b.enabled(self.choose(self.autonomous), by=x > y), lambda: self.gated(x, y), lambda: self.gated(x, y),
-        ]  # fmt: skip
+            lambda: self.other(x, y, z),
+            lambda: self.other(x, y, z),
+            lambda: self.looped(x, y),
+            lambda: self.looped(x, y),
+            lambda: self.looped(x, y),
+            lambda: b.enabled(self.choose(self.autonomous), by=x > y),
+            lambda: self.gated(x, y),
+            lambda: self.gated(x, y),
+        ]
         return draw(st.sampled_from(kinds))()
 
     def other(self, *signals):
         """A block that is not written out above, by its example in the table."""
         cls = self.draw(st.sampled_from(sorted({e.cls for e in OTHERS})))
         entry = self.draw(st.sampled_from([e for e in OTHERS if e.cls == cls]))
-        block = entry.make(*(constant(1.0, entry.unit) * v for v, _ in zip(signals, entry.drive, strict=False)))
+        block = entry.make(
+            *(constant(1.0, entry.unit) * v for v, _ in zip(signals, entry.drive, strict=False))
+        )
         return block / constant(1.0, "" if str(block.dim) == "1" else str(block.dim))
 
     def looped(self, *signals, depth=0):
-        """A loop, perhaps with another inside; of two values that it hands out one may lie off the way around."""
+        """A loop, perhaps with another inside; of two values that it hands out one may
+        lie off the way around.
+        """
 
         def body(last):
             pool = [*signals, last]
             for _ in range(self.draw(st.integers(1, 3))):
                 x, y = self.choose(pool), self.choose(pool)
                 kinds = [
-                    lambda x=x, y=y: x * b.tanh(y), lambda x=x, y=y: x - 0.5 * y, lambda x=x, y=y: x + 0.5,
-                    lambda x=x, y=y: b.delay(x, 3), lambda x=x, y=y: b.first_order(x, 0.02), lambda x=x, y=y: b.maximum(x, y),
-                    lambda x=x, y=y: S * b.velocity(x, 20.0, contact=y > -0.5), lambda x=x, y=y: b.sin(x),
-                ]  # fmt: skip
+                    lambda x=x, y=y: x * b.tanh(y),
+                    lambda x=x, y=y: x - 0.5 * y,
+                    lambda x=x, y=y: x + 0.5,
+                    lambda x=x, y=y: b.delay(x, 3),
+                    lambda x=x, y=y: b.first_order(x, 0.02),
+                    lambda x=x, y=y: b.maximum(x, y),
+                    lambda x=x, y=y: S * b.velocity(x, 20.0, contact=y > -0.5),
+                    lambda x=x, y=y: b.sin(x),
+                ]
                 if self.tiles:
-                    kinds += [lambda x=x, y=y: b.fir(x, [0.5, -0.25, 0.25]), lambda x=x, y=y: b.loading(x, 0.5, 0.1)]
+                    kinds += [
+                        lambda x=x, y=y: b.fir(x, [0.5, -0.25, 0.25]),
+                        lambda x=x, y=y: b.loading(x, 0.5, 0.1),
+                    ]
                 if depth == 0:
                     kinds += [lambda x=x: self.looped(x, last, depth=1)] * 4
                 pool.append(self.draw(st.sampled_from(kinds))())
@@ -103,26 +164,42 @@ class Builder:
 
     def gated(self, x, y):
         """An autonomous graph of its own behind a gate, perhaps with a gate inside."""
-        inside = [Param("a", self.autonomous[0].value), PinkNoise(self.fresh_noise(1), 0.3, 20.0, 0.5), self.fresh_noise(2)]
+        inside = [
+            Param("a", self.autonomous[0].value),
+            PinkNoise(self.fresh_noise(1), 0.3, 20.0, 0.5),
+            self.fresh_noise(2),
+        ]
         for _ in range(self.draw(st.integers(0, 3))):
             inside.append(self.block_inside(inside))
-        gate = self.draw(st.sampled_from([x > y, x, b.loading(y, 0.3, 0.1), b.enabled(self.choose(self.autonomous), by=x)]))
+        gate = self.draw(
+            st.sampled_from(
+                [x > y, x, b.loading(y, 0.3, 0.1), b.enabled(self.choose(self.autonomous), by=x)]
+            )
+        )
         return b.enabled(inside[-1], by=gate)
 
     def block_inside(self, pool):
         x, y = self.choose(pool), self.choose(pool)
         kinds = [
-            x * y, x + 0.5, b.delay(x, 3), b.fir(x, [1.0, -0.5, 0.25]), b.first_order(x, 0.02), b.loading(x, 0.5, 0.1),
-            b.enabled(y, by=x), b.enabled(b.pinking(x, 40.0, 1.0), by=y > 0.2),
-        ]  # fmt: skip
+            x * y,
+            x + 0.5,
+            b.delay(x, 3),
+            b.fir(x, [1.0, -0.5, 0.25]),
+            b.first_order(x, 0.02),
+            b.loading(x, 0.5, 0.1),
+            b.enabled(y, by=x),
+            b.enabled(b.pinking(x, 40.0, 1.0), by=y > 0.2),
+        ]
         return self.draw(st.sampled_from(kinds))
 
 
 WRITTEN_OUT = (
-    "Input Const Param Add Sub Mul Div Neg Abs Greater AtLeast Where Maximum Minimum Sqrt Exp Log Sin Cos Tanh Nonzero Guard "
-    "Delay Taps Differentiator Loading Velocity FirstOrder Pinking PinkNoise White Enabled Lut Loop Last Tap Pick"
+    "Input Const Param Add Sub Mul Div Neg Abs Greater AtLeast Where Maximum Minimum Sqrt Exp Log"
+    " Sin Cos Tanh Nonzero Guard Delay Taps Differentiator Loading Velocity FirstOrder Pinking"
+    " PinkNoise White Enabled Lut Loop Last Tap Pick"
 ).split()
-OTHERS = [e for e in TABLE if e.cls not in WRITTEN_OUT and e.name != "bumps"]  # a scene with an input of its own
+# a scene with an input of its own
+OTHERS = [e for e in TABLE if e.cls not in WRITTEN_OUT and e.name != "bumps"]
 number = st.sampled_from(NUMBERS)
 small = st.integers(0, 3)
 
@@ -140,13 +217,19 @@ def scenes(draw, tiles=True):
     if draw(st.booleans()):
         z = z - builder.other(*(builder.choose(builder.signals) for _ in range(3)))
     if draw(st.sampled_from([False, False, True])):
-        inner = b.enabled(PinkNoise(builder.fresh_noise(3), 0.3, 20.0, 0.5), by=builder.fresh_noise(2))
-        z = z + b.enabled(inner * Param("a", builder.autonomous[0].value) - 0.25, by=builder.choose(builder.signals))
+        inner = b.enabled(
+            PinkNoise(builder.fresh_noise(3), 0.3, 20.0, 0.5), by=builder.fresh_noise(2)
+        )
+        z = z + b.enabled(
+            inner * Param("a", builder.autonomous[0].value) - 0.25,
+            by=builder.choose(builder.signals),
+        )
     outputs = {"y": y + 0.25 * z, "z": z} if draw(st.booleans()) else {"y": y - 0.0625 * z}
     try:
         return Scene(outputs)
     except SceneError as e:
-        # what the builder cannot know beforehand: numbers folded to nan, or a noise that ends up on two clocks
+        # what the builder cannot know beforehand: numbers folded to nan, or a noise
+        # that ends up on two clocks
         assert "of plain numbers" in str(e) or "two clocks" in str(e), e
         return Scene({"y": Input("x1") * builder.autonomous[0]})
 
@@ -185,7 +268,11 @@ def check(scene, fs, seed, cuts, sets):
     wanted = run(fast, x, (), sets)
     end = fast.state
     middle = []
-    assert_same(run(slow, x, cuts, sets, lambda p: middle.append((p.index, p.state))), wanted, "numba and python")
+    assert_same(
+        run(slow, x, cuts, sets, lambda p: middle.append((p.index, p.state))),
+        wanted,
+        "numba and python",
+    )
     assert_same(slow.state, end, "last state")
     assert slow.fault == fast.fault
     assert np.isfinite(wanted).all()
@@ -193,7 +280,13 @@ def check(scene, fs, seed, cuts, sets):
         fast.reset()
         states = []
         assert_same(
-            run(fast, x, [*range(0, LENGTH, size), *cuts], sets, lambda p, kept=states: kept.append((p.index, p.state))),
+            run(
+                fast,
+                x,
+                [*range(0, LENGTH, size), *cuts],
+                sets,
+                lambda p, kept=states: kept.append((p.index, p.state)),
+            ),
             wanted,
             "cut",
         )
@@ -204,7 +297,12 @@ def check(scene, fs, seed, cuts, sets):
     other = stimlib.compile(scene, fs, seed=seed + 1)
     other.state = state
     assert_same(
-        run(other, x[:, at:], (), [Set(s.at - at, s.name, s.value, s.ramp) for s in sets if s.at >= at]),
+        run(
+            other,
+            x[:, at:],
+            (),
+            [Set(s.at - at, s.name, s.value, s.ramp) for s in sets if s.at >= at],
+        ),
         wanted[:, at:],
         "going on",
     )
@@ -236,7 +334,11 @@ def test_generated_graphs_keep_the_laws():
 
     @settings(max_examples=7 * GRAPHS // 2, phases=[Phase.generate])
     @given(
-        scenes(), st.sampled_from([1000.0, 2000.0]), st.integers(0, 5), st.lists(st.integers(0, LENGTH), max_size=5), changes()
+        scenes(),
+        st.sampled_from([1000.0, 2000.0]),
+        st.integers(0, 5),
+        st.lists(st.integers(0, LENGTH), max_size=5),
+        changes(),
     )
     def one(scene, fs, seed, cuts, sets):
         program = lower(scene.outputs)
@@ -247,17 +349,24 @@ def test_generated_graphs_keep_the_laws():
             check_independence(scene, fs, seed, x, sets)
         structures.add(program.hash)
         seen.update(
-            {type(q.block).__name__ for q in program.instances} | {type(b).__name__ for b in reach(scene.outputs.values())}
+            {type(q.block).__name__ for q in program.instances}
+            | {type(b).__name__ for b in reach(scene.outputs.values())}
         )
         cycles = [q.block for q in program.instances if isinstance(q.block, Cycle)]
         seen["loops"] += bool(cycles)
         seen["loops in loops"] += any(len(c.ends) > 1 for c in cycles)
-        seen["loops with tiles"] += any(m.definition.step is None for c in cycles for m in c.members)
+        seen["loops with tiles"] += any(
+            m.definition.step is None for c in cycles for m in c.members
+        )
         seen["several outputs"] += any(q.kind == "pick" for q in program.instances)
         seen["nested"] += any(p > 1 for p in program.parents)
         seen["enabled"] += len(program.parents) > 2
         seen["live inside"] += any(
-            q.clock > 1 and any(program.instances[a].clock == 0 and program.instances[a].kind == "block" for a in q.args)
+            q.clock > 1
+            and any(
+                program.instances[a].clock == 0 and program.instances[a].kind == "block"
+                for a in q.args
+            )
             for q in program.instances
         )
         seen["set"] += any(s.name in program.params for s in sets)
@@ -266,17 +375,24 @@ def test_generated_graphs_keep_the_laws():
 
     one()
     assert len(structures) >= GRAPHS
-    for cls in sorted({e.cls for e in TABLE} - set(seen)) if STRESS else ():  # chance has left a few out; the table grows
+    # chance has left a few out; the table grows
+    for cls in sorted({e.cls for e in TABLE} - set(seen)) if STRESS else ():
         entry = next(e for e in TABLE if e.cls == cls)
         x = [Input("x1"), Input("x2"), Param("a", 0.5) * Input("x1")]
-        block = entry.make(*(constant(1.0, entry.unit) * v for v, _ in zip(x, entry.drive, strict=False)))
+        block = entry.make(
+            *(constant(1.0, entry.unit) * v for v, _ in zip(x, entry.drive, strict=False))
+        )
         block = block / constant(1.0, "" if str(block.dim) == "1" else str(block.dim))
-        scene = Scene({"y": block - b.enabled(b.white_noise(1), by=x[1]), "z": b.first_order(block, 0.01)})
+        scene = Scene(
+            {"y": block - b.enabled(b.white_noise(1), by=x[1]), "z": b.first_order(block, 0.01)}
+        )
         fs = min(entry.rates)  # one at which its parameters hold
         sampled, _ = check(scene, fs, 1, [3, 70], [])
         check_independence(scene, fs, 1, sampled, [])
         seen.update({type(q.block).__name__ for q in lower(scene.outputs).instances})
-    assert not STRESS or {e.cls for e in TABLE} - set(seen) == set(), "a block that no generated graph has"
+    assert not STRESS or {e.cls for e in TABLE} - set(seen) == set(), (
+        "a block that no generated graph has"
+    )
     for what, least in {
         "nested": 0.1,
         "enabled": 0.2,
@@ -292,7 +408,7 @@ def test_generated_graphs_keep_the_laws():
         assert seen[what] >= least * GRAPHS, f"{what}: only {seen[what]}"
 
 
-# The second opinion on enabled -----------------------------------------------------------------------------------------
+# The second opinion on enabled --------------------------------------------------------
 @st.composite
 def gated_scenes(draw):
     builder = Builder(draw)
@@ -307,7 +423,11 @@ def gated_scenes(draw):
             ]
         )
     )
-    inside = [builder.fresh_noise(0), PinkNoise(builder.fresh_noise(1), 0.3, 20.0, 0.5), Param("a", 0.7)]
+    inside = [
+        builder.fresh_noise(0),
+        PinkNoise(builder.fresh_noise(1), 0.3, 20.0, 0.5),
+        Param("a", 0.7),
+    ]
     for _ in range(draw(st.integers(0, 5))):
         inside.append(builder.block_inside(inside))
     return inside[-1], gate
@@ -339,9 +459,15 @@ def test_a_nan_condition_is_closed(target):
 
 
 def test_a_live_number_in_gates_is_that_of_its_sample():
-    """On a ramp, in a gate and in gates inside it: one that is always open, and one that is not."""
+    """On a ramp, in a gate and in gates inside it: one that is always open, and one
+    that is not.
+    """
     x, a = Input("x"), Param("a", 1.0)
-    inside = [2.0 * a, b.enabled(2.0 * a, by=Param("open", 1.0)), b.enabled(2.0 * a, by=b.white_noise(1))]
+    inside = [
+        2.0 * a,
+        b.enabled(2.0 * a, by=Param("open", 1.0)),
+        b.enabled(2.0 * a, by=b.white_noise(1)),
+    ]
     outputs = {"a": a} | {f"y{k}": b.enabled(v, by=x) for k, v in enumerate(inside)}
     proc = stimlib.compile(Scene(outputs), 1000)
     for on in (np.ones(200, bool), np.random.default_rng(0).random(200) < 0.7):
@@ -357,7 +483,10 @@ def test_a_live_number_in_gates_is_that_of_its_sample():
 def test_what_is_in_a_closed_gate_rests():
     """For whole tiles: another gate, and a block that remembers its last input."""
     place = 3.0 * b.first_order(b.white_noise(1), 0.01)
-    inside = {"noise": b.enabled(b.white_noise(2), by=Param("open", 1.0)), "bump": b.bump(place, "sawtooth", 0.5)}
+    inside = {
+        "noise": b.enabled(b.white_noise(2), by=Param("open", 1.0)),
+        "bump": b.bump(place, "sawtooth", 0.5),
+    }
     scene = Scene({name: b.enabled(v, by=Input("x")) for name, v in inside.items()})
     on = np.repeat([1.0, 0.0, 1.0, 0.0], [70, 130, 70, 64])
     fast, slow = (stimlib.compile(scene, 1000, target) for target in ("numba", "python"))
@@ -381,7 +510,9 @@ def test_every_sample_a_gate_of_its_own(gates):
     block: Block = b.white_noise(3)
     for k in range(gates):
         block = b.enabled(block, by=Param(f"g{k}", 1.0))
-    fast, slow = (stimlib.compile(Scene({"y": block * Input("x")}), 1000, t) for t in ("numba", "python"))
+    fast, slow = (
+        stimlib.compile(Scene({"y": block * Input("x")}), 1000, t) for t in ("numba", "python")
+    )
     assert len(fast.program.parents) == gates + 2
     for proc in (fast, slow):
         proc.process(np.ones((1, 3)))
@@ -392,8 +523,18 @@ def test_every_sample_a_gate_of_its_own(gates):
 
 
 @settings(max_examples=40)
-@given(st.lists(st.integers(0, 600), max_size=20), st.lists(st.tuples(st.integers(0, 599), st.sampled_from(["k", "A", "level"]),
-       st.sampled_from([0.0, 1.0, 3.4, 1500.0]), st.sampled_from([0.0, 0.003, 0.05])), max_size=6))  # fmt: skip
+@given(
+    st.lists(st.integers(0, 600), max_size=20),
+    st.lists(
+        st.tuples(
+            st.integers(0, 599),
+            st.sampled_from(["k", "A", "level"]),
+            st.sampled_from([0.0, 1.0, 3.4, 1500.0]),
+            st.sampled_from([0.0, 0.003, 0.05]),
+        ),
+        max_size=6,
+    ),
+)
 def test_the_squeeze_in_any_cuts_with_any_settings(cuts, sets):
     proc = stimlib.compile(SQUEEZE, 8000)
     t = np.arange(600) / 8000

@@ -7,14 +7,35 @@ import sys
 import pytest
 
 SWEEP = ("pyarrow", "dask", "distributed", "cloudpickle")
-HEAVY = ("numba", "jax", "scipy", "pint", "matplotlib", "soundfile", "llvmlite", "rich", "typer", "jack", "sounddevice", *SWEEP)
-NOT_TO_RUN = {*HEAVY, "scipy.linalg", "numba.np.linalg", "optax", "pandas", "IPython"} - {"numba", "llvmlite", "scipy"}
+HEAVY = (
+    "numba",
+    "jax",
+    "scipy",
+    "pint",
+    "matplotlib",
+    "soundfile",
+    "llvmlite",
+    "rich",
+    "typer",
+    "jack",
+    "sounddevice",
+    *SWEEP,
+)
+NOT_TO_RUN = {*HEAVY, "scipy.linalg", "numba.np.linalg", "optax", "pandas", "IPython"} - {
+    "numba",
+    "llvmlite",
+    "scipy",
+}
 """What a compiled scene runs without; numba asks scipy for its version."""
 
 
 def loaded(code, of=HEAVY):
     text = f"{code}\nimport sys; print(*[m for m in {tuple(of)} if m in sys.modules])"
-    return set(subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True).stdout.split())
+    return set(
+        subprocess.run(
+            [sys.executable, "-c", text], capture_output=True, text=True, check=True
+        ).stdout.split()
+    )
 
 
 def test_import_loads_nothing_heavy():
@@ -22,7 +43,14 @@ def test_import_loads_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "module", ["stimlib.blocks", "stimlib.core.graph", "stimlib.core.scene", "stimlib.run.processor", "stimlib.core.maths"]
+    "module",
+    [
+        "stimlib.blocks",
+        "stimlib.core.graph",
+        "stimlib.core.scene",
+        "stimlib.run.processor",
+        "stimlib.core.maths",
+    ],
 )
 def test_definitions_load_no_target(module):
     assert loaded(f"import {module}") == set()
@@ -31,8 +59,14 @@ def test_definitions_load_no_target(module):
 def test_building_a_scene_loads_no_target():
     code = "import stimlib; stimlib.Scene({'y': stimlib.blocks.velocity(stimlib.Input('x')) > 0.0})"
     assert loaded(code) == set(), "units that are written as '' need no library"
-    assert loaded("import stimlib; from stimlib.scenes import *; squeeze(), viscoelastic(), bumps()") == set()
-    assert loaded("from stimlib.scenes import *; click(), detents(), friction(), wall(), impact()") == set()
+    assert (
+        loaded("import stimlib; from stimlib.scenes import *; squeeze(), viscoelastic(), bumps()")
+        == set()
+    )
+    assert (
+        loaded("from stimlib.scenes import *; click(), detents(), friction(), wall(), impact()")
+        == set()
+    )
 
 
 def test_the_packages_of_sweeps_are_loaded_where_they_are_used():
@@ -45,7 +79,10 @@ except stimlib.MissingPackage as e: print(e)"""
 
 
 def test_the_interpreter_needs_no_compiler():
-    code = "import stimlib; stimlib.compile(stimlib.Scene({'y': stimlib.Input('x') * 2}), 1000, target='python')"
+    code = (
+        "import stimlib; stimlib.compile(stimlib.Scene({'y': stimlib.Input('x') * 2}), 1000,"
+        " target='python')"
+    )
     assert loaded(code) == set()
 
 
@@ -54,7 +91,8 @@ def test_what_was_compiled_before_runs_without_the_compiler_and_all_else():
 stimlib.compile(stimlib.Scene({"y": stimlib.Param("k", 1.0, "N/m") * stimlib.Input("x", "m")}), 1000).process(np.ones((1, 8)))"""
     exec(code, {})  # into the cache
     assert loaded(code, NOT_TO_RUN) == set()
-    more = "import numba\nassert numba.njit(lambda x: np.dot(x, x))(np.ones(3)) == 3.0"  # which numba loads then
+    # which numba loads then
+    more = "import numba\nassert numba.njit(lambda x: np.dot(x, x))(np.ones(3)) == 3.0"
     assert loaded(f"{code}\n{more}", NOT_TO_RUN) == {"numba.np.linalg", "scipy.linalg"}
 
 
@@ -63,7 +101,10 @@ def test_help_needs_no_numpy():
 
 
 def test_every_public_name_is_there():
-    code = "import stimlib; [getattr(stimlib, n) for n in stimlib.__all__]; assert set(stimlib.__all__) <= set(dir(stimlib))"
+    code = (
+        "import stimlib; [getattr(stimlib, n) for n in stimlib.__all__]; assert"
+        " set(stimlib.__all__) <= set(dir(stimlib))"
+    )
     loaded(code)
     loaded("from stimlib import *")
 
@@ -83,7 +124,9 @@ def test_an_unknown_name_is_an_attribute_error():
 
 def test_a_package_that_is_missing_is_named_with_what_installs_it():
     calls = {
-        "stimlib.render(scene, fs=1000, seconds=0.01, motion={}).plot()": "a picture needs the package matplotlib",
+        "stimlib.render(scene, fs=1000, seconds=0.01, motion={}).plot()": (
+            "a picture needs the package matplotlib"
+        ),
         "stimlib.draw(scene, sys.argv[1])": "a picture of a graph needs the package matplotlib",
         "stimlib.compile(scene, 1000, 'jax')": "target='jax' needs the package jax",
         "stimlib.fit(scene, {}, [0.0], {'k': 1.0}, fs=1000)": "fit needs the package jax",
@@ -95,7 +138,9 @@ import stimlib
 from stimlib import plate
 scene = stimlib.Scene({"y": stimlib.Param("k", 1.0) * stimlib.blocks.elapsed()})
 """
-    code += "".join(f"try: {call}\nexcept stimlib.MissingPackage as e: print(e)\n" for call in calls)
+    code += "".join(
+        f"try: {call}\nexcept stimlib.MissingPackage as e: print(e)\n" for call in calls
+    )
     run = subprocess.run([sys.executable, "-c", code, "graph.png"], capture_output=True, text=True)
     lines = run.stdout.splitlines()
     assert len(lines) == len(calls), run.stderr

@@ -1,4 +1,6 @@
-"""Law 4: the JAX target equals the reference given the same gates, and its gradients match central differences."""
+"""Law 4: the JAX target equals the reference given the same gates, and its gradients
+match central differences.
+"""
 
 import re
 import warnings
@@ -27,10 +29,26 @@ from stimlib.targets.jax import function as jax_target
 
 TABLE = {e.name: e for e in contract.TABLE}
 FIRST = set({e.cls: e.name for e in reversed(contract.TABLE)}.values())  # of each class one
-OWN = {name for name, cls in registry.items() if any(c in blockforms.LOWERINGS for c in cls.__mro__)}  # the others are steps
-FORMS = {e.name for e in contract.TABLE if e.cls in OWN and re.search("live|contact|nested|param|many|l1", e.name)}
-DEAR = {"avatar_frames", "bump_square", "crossing", "cursor_frames", "friction_coulomb", "friction_dahl", "friction_stribeck"}
-DEAR |= {"lut2_cubic", "springpot_bound", "springpot_path", "track"}  # to compile; they go the way of every step
+# the others are steps
+OWN = {
+    name for name, cls in registry.items() if any(c in blockforms.LOWERINGS for c in cls.__mro__)
+}
+FORMS = {
+    e.name
+    for e in contract.TABLE
+    if e.cls in OWN and re.search("live|contact|nested|param|many|l1", e.name)
+}
+DEAR = {
+    "avatar_frames",
+    "bump_square",
+    "crossing",
+    "cursor_frames",
+    "friction_coulomb",
+    "friction_dahl",
+    "friction_stribeck",
+}
+# to compile; they go the way of every step
+DEAR |= {"lut2_cubic", "springpot_bound", "springpot_path", "track"}
 N = 3000
 
 
@@ -38,7 +56,7 @@ def drive(e, n, fs):
     return dict(zip(e.inputs, e.x(n, fs), strict=True))
 
 
-# Every block ---------------------------------------------------------------------------------------------------------
+# Every block --------------------------------------------------------------------------
 @pytest.mark.filterwarnings("ignore:.*longer than horizon")  # springpot_short
 @pytest.mark.parametrize("name", mostly((FIRST | FORMS) - DEAR, TABLE))
 def test_every_block_equals_the_reference(name):
@@ -51,7 +69,10 @@ def test_every_block_equals_the_reference(name):
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_reset_heals_what_came_in_contact(bad):
     x, contact = Input("x", "m"), Input("contact")
-    outputs = {"velocity": b.velocity(x, 100, contact=contact) > 0, "track": b.track(x, contact=contact, max_jump=None) > 0}
+    outputs = {
+        "velocity": b.velocity(x, 100, contact=contact) > 0,
+        "track": b.track(x, contact=contact, max_jump=None) > 0,
+    }
     d = {"x": np.sin(np.arange(300) / 20), "contact": np.ones(300)}
     d["x"][50], d["contact"][100:120] = bad, 0.0
     a, w = (stimlib.compile(Scene(outputs), 8000, target) for target in ("jax", "python"))
@@ -84,24 +105,37 @@ def smooth(e):
 
 
 # of each class with a state one, a few without, and what lives on parameters or contact
-STATELESS = {name for name, cls in registry.items() if issubclass(cls, Map)} - {"Tanh", "Where", "Maximum", "Mul"}
-ONES = {e.cls: e.name for e in reversed(contract.TABLE) if smooth(e) and e.cls in OWN - STATELESS}.values()
+STATELESS = {name for name, cls in registry.items() if issubclass(cls, Map)} - {
+    "Tanh",
+    "Where",
+    "Maximum",
+    "Mul",
+}
+ONES = {
+    e.cls: e.name for e in reversed(contract.TABLE) if smooth(e) and e.cls in OWN - STATELESS
+}.values()
 ONES = {*ONES, "springpot_live", "springpot_contact", "track_contact", "maxwell_contact"}
 STEPS = {"bump_sine", "equalize", "friction_live", "loop_nested", "mode", "tanh", "velocity"}
 """Those that go the way of every block with a step; the others of them are stress."""
-COSTLY = {"springpot_live", "cursor", "texture", "spatial_noise", "track_contact"}  # some ten seconds each; stress too
+# some ten seconds each; stress too
+COSTLY = {"springpot_live", "cursor", "texture", "spatial_noise", "track_contact"}
 
 
 @pytest.mark.filterwarnings("ignore:.*longer than horizon")
-@pytest.mark.parametrize("name", mostly((ONES | STEPS) - COSTLY, [e.name for e in contract.TABLE if smooth(e)]))
+@pytest.mark.parametrize(
+    "name", mostly((ONES | STEPS) - COSTLY, [e.name for e in contract.TABLE if smooth(e)])
+)
 @pytest.mark.longer
 def test_derivatives_along_the_inputs(name):
-    """Backwards, which is forwards transposed, and as a difference of the processor, which agrees with JAX to 1e-12.
+    """Backwards, which is forwards transposed, and as a difference of the processor,
+    which agrees with JAX to 1e-12.
 
     In a direction that leaves contact alone; off the kinks, where inputs tie.
     """
     e, n, h = TABLE[name], 500, 1e-7
-    f, proc = (stimlib.compile(Scene({"y": e.block()}), e.rates[0], target) for target in ("jax", "numba"))
+    f, proc = (
+        stimlib.compile(Scene({"y": e.block()}), e.rates[0], target) for target in ("jax", "numba")
+    )
     assert f.inputs == proc.inputs
     x = e.x(n, e.rates[0])[[e.inputs.index(i) for i in f.inputs]]
     rng = np.random.default_rng(5)
@@ -114,7 +148,11 @@ def test_derivatives_along_the_inputs(name):
             return f(None, x)["y"] @ w
 
         slope = float(np.sum(np.asarray(jax.jit(jax.grad(total))(x)) * v))
-        forward = float(jax.jit(lambda x: jax.jvp(total, (x,), (v,))[1])(x)) if STRESS and name in {*ONES, *STEPS} else slope
+        forward = (
+            float(jax.jit(lambda x: jax.jvp(total, (x,), (v,))[1])(x))
+            if STRESS and name in {*ONES, *STEPS}
+            else slope
+        )
 
     def rendered(x):
         proc.reset()
@@ -140,7 +178,7 @@ def test_generated_graphs(scene, seed):
     assert a.differences == 0, a
 
 
-# Every scene ---------------------------------------------------------------------------------------------------------
+# Every scene --------------------------------------------------------------------------
 def strokes(n, fs, rate=0.7, depth=0.02):
     t = np.arange(n) / fs
     return np.round(1e6 * depth * (1 - np.cos(2 * np.pi * rate * t))) * 1e-6
@@ -184,11 +222,18 @@ CASES = {
 
 
 TOLERANCE = {"float64": 1e-12, "float32": 1e-5}
-MOST = set(CASES) - {"squeeze", "squeeze_48k", "bumps", "viscoelastic", "springpot"}  # each has a twin with more in it
+# each has a twin with more in it
+MOST = set(CASES) - {"squeeze", "squeeze_48k", "bumps", "viscoelastic", "springpot"}
 
 
-@pytest.mark.parametrize("dtype_name", mostly({("float64", name) for name in MOST} | {("float32", "bumps_sine")},
-    [(dtype, name) for dtype in TOLERANCE for name in CASES]), ids="-".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "dtype_name",
+    mostly(
+        {("float64", name) for name in MOST} | {("float32", "bumps_sine")},
+        [(dtype, name) for dtype in TOLERANCE for name in CASES],
+    ),
+    ids="-".join,
+)
 def test_every_scene_equals_the_reference(dtype_name):
     (dtype, name), tol = dtype_name, TOLERANCE[dtype_name[0]]
     c = CASES[name]
@@ -217,7 +262,9 @@ def test_recorded_hands_meet_no_other_decision(name):
     recorded = hand(name)
     scene = scenes.squeeze(fingers=1, contact="grip" not in name)
     t = np.arange(int(recorded.duration * 8000)) / 8000
-    motion = {i: np.asarray(source(t)) for i, source in recorded.for_inputs(tuple(scene.inputs)).items()}
+    motion = {
+        i: np.asarray(source(t)) for i, source in recorded.for_inputs(tuple(scene.inputs)).items()
+    }
     a = agreement(scene, motion, 8000.0, seed=1)
     assert a.differences == 0 and a.decisions >= 2 * t.size, a
     assert a.worst < 1e-12, a
@@ -256,12 +303,14 @@ def test_the_order_has_a_derivative_at_both_ends():
     assert np.allclose(ends, inner, rtol=0.02) and np.all(np.isfinite(ends))
 
 
-# Noise, gates, clocks ------------------------------------------------------------------------------------------------
+# Noise, gates, clocks -----------------------------------------------------------------
 def test_integers_of_noise_are_the_same():
     key = np.uint64(0x1234_5678_9ABC_DEF0)
     m = np.array([0, 1, 2, 2**31, 2**32, 2**63 - 1], np.uint64)
     with jax.enable_x64(True):
-        got = [np.asarray(v) for v in blockforms.integers(jax.numpy.asarray(key), jax.numpy.asarray(m))]
+        got = [
+            np.asarray(v) for v in blockforms.integers(jax.numpy.asarray(key), jax.numpy.asarray(m))
+        ]
     with np.errstate(over="ignore"):
         wanted = np.array([stimlib.blocks.noise.pair_of_words(key, v) for v in m], np.uint64).T
     assert np.array_equal(got, wanted)
@@ -272,7 +321,9 @@ def test_seeds_give_the_runs_that_they_give_elsewhere():
     f = stimlib.compile(scene, 8000, "jax")
     for seed in (0, 1, 2**64 - 1):
         wanted = stimlib.compile(scene, 8000, seed=seed).process(np.empty((0, 500)))[0]
-        assert np.allclose(f(key=seed, n=500)["y"], wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+        assert np.allclose(
+            f(key=seed, n=500)["y"], wanted, rtol=0, atol=1e-13 * np.abs(wanted).max()
+        )
 
 
 @pytest.mark.parametrize("fs", mostly({11025.0}, [8000.0, 11025.0]))
@@ -280,7 +331,10 @@ def test_gates_within_gates_that_nothing_drives(fs):
     """Both clocks run before sample 0; 11025 Hz has an odd lead."""
     tone = b.enabled(b.pink_noise(1.0, seed=1), by=b.carrier(40.0))
     scene = Scene(
-        {"y": b.enabled(tone + b.white_noise(seed=2), by=b.carrier(7.0)), "z": b.enabled(b.white_noise(3), by=b.carrier(9.0))}
+        {
+            "y": b.enabled(tone + b.white_noise(seed=2), by=b.carrier(7.0)),
+            "z": b.enabled(b.white_noise(3), by=b.carrier(9.0)),
+        }
     )
     a = agreement(scene, {}, fs, n=4000)
     assert a.worst < 1e-12
@@ -298,7 +352,9 @@ def test_decisions_can_be_given():
 
 
 def test_a_live_number_may_be_a_row():
-    """One value per sample, as a ramp of Processor.set makes them; inside a gate it is gathered onto the gate's clock."""
+    """One value per sample, as a ramp of Processor.set makes them; inside a gate it is
+    gathered onto the gate's clock.
+    """
     n, fs = 2000, 8000.0
     A = Param("A", 1.0)
     scene = Scene({"y": A * Input("x"), "z": b.enabled(A * b.white_noise(1), by=Input("x"))})
@@ -321,7 +377,9 @@ def test_a_fault_fades():
 
 
 def test_a_run_beyond_the_horizon_is_told():
-    """As by render: beyond, the downsampled history has no numbers, and the force fades."""
+    """As by render: beyond, the downsampled history has no numbers, and the force
+    fades.
+    """
     f = stimlib.compile(scenes.viscoelastic(scheme="gl-downsampled"), 10.0, "jax")
     f(None, {"y": np.ones(600)})
     with pytest.warns(RuntimeWarning, match="longer than horizon = 60 s"):
@@ -332,7 +390,10 @@ def test_a_gate_may_borrow_the_derivative_of_a_smooth_one():
     v, w = Input("v", "m/s"), Param("w", 0.15, "m/s")
     scene = Scene({"g": b.loading(v - w, on=0.02, off=0.01), "c": v > w})
     x = np.linspace(0, 0.3, 300)
-    hard, soft = stimlib.compile(scene, 1000, "jax"), stimlib.compile(scene, 1000, "jax", surrogate=0.5)
+    hard, soft = (
+        stimlib.compile(scene, 1000, "jax"),
+        stimlib.compile(scene, 1000, "jax", surrogate=0.5),
+    )
     for name in ("g", "c"):
         assert np.array_equal(hard(None, {"v": x})[name], soft(None, {"v": x})[name])
 
@@ -344,7 +405,7 @@ def test_a_gate_may_borrow_the_derivative_of_a_smooth_one():
         assert slope(soft) < -50  # it opens later: fewer samples
 
 
-# Batches -------------------------------------------------------------------------------------------------------------
+# Batches ------------------------------------------------------------------------------
 def test_batches_of_parameters_keys_and_motions():
     f = stimlib.compile(scenes.squeeze(fingers=1), 8000, "jax")
     x = np.stack([strokes(800, 8000, r) for r in (1.0, 2.0, 3.0)])
@@ -357,7 +418,7 @@ def test_batches_of_parameters_keys_and_motions():
         assert np.allclose(got[i], alone, rtol=0, atol=1e-13 * np.abs(alone).max())
 
 
-# Blocks of others ----------------------------------------------------------------------------------------------------
+# Blocks of others ---------------------------------------------------------------------
 def test_a_step_is_taken_apart():
     """Delay, linear recursion, curved recursion: each found from the step alone."""
     from typing import NamedTuple
@@ -391,7 +452,9 @@ def test_affine_recursions(n, moving):
     v, s = rng.standard_normal((n, 2)), rng.standard_normal(2)
     wanted = np.empty((n, 2))
     with jax.enable_x64(True):
-        got = np.asarray(recurrence.affine(jax.numpy.asarray(M), jax.numpy.asarray(v), jax.numpy.asarray(s)))
+        got = np.asarray(
+            recurrence.affine(jax.numpy.asarray(M), jax.numpy.asarray(v), jax.numpy.asarray(s))
+        )
     for i in range(n):
         wanted[i] = s
         s = (M[i] if moving else M) @ s + v[i]
@@ -400,19 +463,25 @@ def test_affine_recursions(n, moving):
 
 def test_every_name_of_maths_has_a_twin():
     of_arrays = {"fir", "modes", "memory", "copy", "words", "each", "pairs"}
-    names = {n for n, v in vars(maths).items() if callable(v) and getattr(v, "__module__", "") == maths.__name__ and n[0] != "_"}
+    names = {
+        n
+        for n, v in vars(maths).items()
+        if callable(v) and getattr(v, "__module__", "") == maths.__name__ and n[0] != "_"
+    }
     assert names - of_arrays == set(traced.TWINS)
 
 
-# What is refused -----------------------------------------------------------------------------------------------------
+# What is refused ----------------------------------------------------------------------
 def test_32_bit_mode_is_never_silent():
     f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x")}), 1000, "jax")
     with jax.enable_x64(False), pytest.raises(BadValue, match="enable_x64"):
         jax.grad(lambda k: f({"k": k}, {"x": np.ones(3)})["y"].sum())(1.0)
-    assert f(None, {"x": np.array([0.1])})["y"].dtype == np.float64  # on its own it sees to that itself
+    # on its own it sees to that itself
+    assert f(None, {"x": np.array([0.1])})["y"].dtype == np.float64
     assert not jax.config.read("jax_enable_x64")
     with jax.enable_x64(False), pytest.raises(BadValue, match="enable_x64"):
-        jax.jit(lambda: f(None, {"x": np.ones(3)})["y"])()  # although nothing that it is given is traced
+        # although nothing that it is given is traced
+        jax.jit(lambda: f(None, {"x": np.ones(3)})["y"])()
 
 
 def test_arrays_of_jax_keep_their_digits_in_32_bit_mode():
@@ -448,7 +517,9 @@ NUMBERS = {
 
 @pytest.mark.parametrize("kind", NUMBERS)
 def test_numbers_of_any_kind(kind):
-    """As motion, parameter and gate: what numpy makes of them; and one number as motion holds throughout."""
+    """As motion, parameter and gate: what numpy makes of them; and one number as motion
+    holds throughout.
+    """
     x, k, k_ = Input("x"), Param("k", 1.0), NUMBERS[kind]
     f = stimlib.compile(Scene({"y": k * x, "z": b.where(x > 0.5, 1.0, 0.0)}), 1000, "jax")
     wanted = np.asarray(k_, float)
@@ -461,12 +532,19 @@ def test_numbers_of_any_kind(kind):
 def test_other_numbers_compile_nothing_anew(monkeypatch):
     traced_blocks = []
     run = jax_target._run_block
-    monkeypatch.setattr(jax_target, "_run_block", lambda b, *args: traced_blocks.append(b) or run(b, *args))
+    monkeypatch.setattr(
+        jax_target, "_run_block", lambda b, *args: traced_blocks.append(b) or run(b, *args)
+    )
     f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x") * b.white_noise(1)}), 1000, "jax")
     x = np.ones(5)
     f(None, {"x": x})
     once = len(traced_blocks)
-    for k, key in ((2, 3), (np.float32(2), np.int8(3)), (np.array(2), np.array(3)), (True, 2**64 - 1)):
+    for k, key in (
+        (2, 3),
+        (np.float32(2), np.int8(3)),
+        (np.array(2), np.array(3)),
+        (True, 2**64 - 1),
+    ):
         f({"k": k}, {"x": x.astype(int)}, key)
     with jax.enable_x64(True):
         f({"k": jax.numpy.asarray(2.0)}, {"x": jax.numpy.asarray(x)}, jax.numpy.asarray(3))
@@ -484,7 +562,11 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
         (dict(params={"k": np.ones(1)}), BadValue, "got x: 3, k: 1"),
         (dict(params={"k": np.ones((2, 3))}), BadValue, r"parameter 'k'.*shape \(2, 3\).*jax.vmap"),
         (dict(params={"k": np.nan}), BadValue, "parameter 'k' is not finite"),
-        (dict(params={"k": [1.0, np.inf, 1.0]}), BadValue, "parameter 'k' is not finite at sample 1"),
+        (
+            dict(params={"k": [1.0, np.inf, 1.0]}),
+            BadValue,
+            "parameter 'k' is not finite at sample 1",
+        ),
         (dict(params={"k": "2"}), BadValue, "parameter 'k' must be"),
         (dict(params={"k": None}), BadValue, "parameter 'k' must be"),
         (dict(params={"k": 2j}), BadValue, "parameter 'k' must be"),
@@ -511,7 +593,9 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
     ],
 )
 def test_bad_calls(call, error, text):
-    f = stimlib.compile(Scene({"y": Param("k", 1.0) * Input("x"), "g": Input("x") > 0.5}), 1000, "jax")
+    f = stimlib.compile(
+        Scene({"y": Param("k", 1.0) * Input("x"), "g": Input("x") > 0.5}), 1000, "jax"
+    )
     with pytest.raises(error, match=text):
         f(**{"motion": {"x": np.ones(3)}, **call})
 
@@ -559,7 +643,7 @@ def test_what_cannot_be_compared(motion, n, error, text):
         agreement(scenes.squeeze(fingers=1), motion, 8000.0, n=n)
 
 
-# A GPU, where there is one -------------------------------------------------------------------------------------------
+# A GPU, where there is one ------------------------------------------------------------
 def gpu():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -1,5 +1,5 @@
-"""A map is traced into vectors where these mean the same, and is else a loop: all targets have the same bits, whatever an
-author writes."""
+"""A map is traced into vectors where these mean the same, and is else a loop: all
+targets have the same bits, whatever an author writes."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +12,20 @@ import stimlib
 from stimlib import Input, Scene
 from stimlib.core import steps
 from stimlib.core.graph import Block, Map
-from stimlib.core.maths import as_float, bits, copy, each, exp, floor, flush, fma, sqrt, unbits, where, words
+from stimlib.core.maths import (
+    as_float,
+    bits,
+    copy,
+    each,
+    exp,
+    floor,
+    flush,
+    fma,
+    sqrt,
+    unbits,
+    where,
+    words,
+)
 from stimlib.errors import SceneError
 from stimlib.targets.numba import lanes
 
@@ -180,7 +193,9 @@ def motion(n=500):
 def run(block, target, size):
     proc = stimlib.compile(Scene({"y": block}), 1000, target)
     x = motion()[: len(proc.inputs)]
-    return np.concatenate([proc.process(x[:, k : k + size].copy()) for k in range(0, x.shape[1], size)], axis=1)
+    return np.concatenate(
+        [proc.process(x[:, k : k + size].copy()) for k in range(0, x.shape[1], size)], axis=1
+    )
 
 
 @pytest.mark.parametrize("f", [*LOOPS, *VECTORS], ids=lambda f: f.__name__)
@@ -196,7 +211,7 @@ def test_whatever_a_map_says_has_the_same_bits(f):
     assert_same(run(block, "numba", 13), run(block, "python", 500))
 
 
-# Cells that are run again ------------------------------------------------------------------------------------------------
+# Cells that are run again -------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Helped(Map):
     a: Block
@@ -210,9 +225,20 @@ def test_a_constant_and_a_helper_that_change_are_compiled_again(monkeypatch):
     def again(x):
         return x % GAIN
 
-    for name, v in (("GAIN", 2.0), ("GAIN", 5.0), ("GAIN", -0.0), ("GAIN", 0.0), ("GAIN", 7), ("by_default", again)):
+    for name, v in (
+        ("GAIN", 2.0),
+        ("GAIN", 5.0),
+        ("GAIN", -0.0),
+        ("GAIN", 0.0),
+        ("GAIN", 7),
+        ("by_default", again),
+    ):
         monkeypatch.setitem(globals(), name, v)
-        assert_same(run(Helped(Input("a")), "numba", 64), run(Helped(Input("a")), "python", 500), f"{name} = {v}")
+        assert_same(
+            run(Helped(Input("a")), "numba", 64),
+            run(Helped(Input("a")), "python", 500),
+            f"{name} = {v}",
+        )
 
 
 def of_a_name(x, k=GAIN):
@@ -224,7 +250,7 @@ def test_a_default_is_a_number():
         steps.check(of_a_name)
 
 
-# each --------------------------------------------------------------------------------------------------------------------
+# each ---------------------------------------------------------------------------------
 def tripled(p, x):
     return x * p.k * 3.0
 
@@ -317,7 +343,9 @@ def test_each_in_place(size):
     ids=lambda v: getattr(v, "__name__", ""),
 )
 def test_each_says_what_it_takes(f, why):
-    with pytest.raises(SceneError, match=rf"test_lanes.py:\d+: Some.tile: .*({why}).*write a loop over the samples"):
+    with pytest.raises(
+        SceneError, match=rf"test_lanes.py:\d+: Some.tile: .*({why}).*write a loop over the samples"
+    ):
         run(tiled(f), "numba", 64)
 
 
@@ -326,7 +354,7 @@ def test_a_helper_of_each_is_straight_line():
         run(tiled(with_if), "numba", 64)
 
 
-# Two blocks of one class ------------------------------------------------------------------------------------------------
+# Two blocks of one class --------------------------------------------------------------
 class Memory(NamedTuple):
     y: float
     last: float
@@ -350,7 +378,9 @@ def decaying(p, s, a):
 
 @pytest.mark.parametrize("f", [straight, decaying], ids=lambda f: f.__name__)
 def test_two_blocks_abreast_have_the_same_bits(f):
-    """One in each lane, with numbers, inputs and states of its own; or in one loop, where vectors lack what it needs."""
+    """One in each lane, with numbers, inputs and states of its own; or in one loop,
+    where vectors lack what it needs.
+    """
 
     @dataclass(frozen=True, eq=False)
     class Some(Block):

@@ -1,4 +1,6 @@
-"""The laws that every block keeps, whoever wrote it; see design.md.  The table of blocks is ``contract.py``."""
+"""The laws that every block keeps, whoever wrote it; see design.md.  The table of
+blocks is ``contract.py``.
+"""
 
 import dataclasses as dc
 import os
@@ -41,8 +43,11 @@ FIRST = [pytest.param(e, e.rates[0], id=e.name) for e in TABLE]
 DRIVEN = [p for p in FIRST if p.values[0].inputs]
 LTI = [p for p in ROWS if p.values[0].lti]
 LAWS = [
-    pytest.param(e, fs, law, id=f"{e.name}-{fs:g}-{k}") for e in TABLE for fs in e.rates for k, law in enumerate(e.laws)
-]  # fmt: skip
+    pytest.param(e, fs, law, id=f"{e.name}-{fs:g}-{k}")
+    for e in TABLE
+    for fs in e.rates
+    for k, law in enumerate(e.laws)
+]
 
 
 def pair(entry, fs):
@@ -64,7 +69,7 @@ def test_the_table_has_each_name_once():
     assert len({e.name for e in TABLE}) == len(TABLE)
 
 
-# 1 -------------------------------------------------------------------------------------------------------------------
+# 1 ------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("entry", "fs"), ROWS)
 def test_law_1_cuts_change_nothing(entry, fs):
     n = 2500
@@ -73,7 +78,14 @@ def test_law_1_cuts_change_nothing(entry, fs):
     sets = some_sets(proc, n, rng)
     whole = run(proc, x, (), sets)
     end = proc.state
-    for cuts in (cut_at(n, 1), cut_at(n, 7), cut_at(n, 64), cut_at(n, 1000), random_cuts(n, rng), random_cuts(n, rng)):
+    for cuts in (
+        cut_at(n, 1),
+        cut_at(n, 7),
+        cut_at(n, 64),
+        cut_at(n, 1000),
+        random_cuts(n, rng),
+        random_cuts(n, rng),
+    ):
         proc.reset()
         assert_same(run(proc, x, cuts, sets), whole, f"cuts at {cuts[:5]}..")
         assert_same(proc.state, end, "state")
@@ -81,7 +93,7 @@ def test_law_1_cuts_change_nothing(entry, fs):
     assert_same(run(proc, x), run(stimlib.compile(entry.scene(), fs), x), "one call")
 
 
-# 2, 3 ----------------------------------------------------------------------------------------------------------------
+# 2, 3 ---------------------------------------------------------------------------------
 @pytest.mark.parametrize(("entry", "fs"), ROWS)
 def test_laws_2_and_3_compiled_is_the_reference_in_output_and_state(entry, fs):
     n = 260
@@ -91,7 +103,10 @@ def test_laws_2_and_3_compiled_is_the_reference_in_output_and_state(entry, fs):
     sets, cuts = some_sets(procs[0], n, rng), [1, 2, 9, 73, 137, *random_cuts(n, rng, 3)]
     assert_same(procs[0].state, procs[1].state, "state before sample 0")
     states = [[], []]
-    y = [run(p, x, cuts, sets, lambda p, kept=kept: kept.append(p.state)) for p, kept in zip(procs, states, strict=True)]
+    y = [
+        run(p, x, cuts, sets, lambda p, kept=kept: kept.append(p.state))
+        for p, kept in zip(procs, states, strict=True)
+    ]
     assert_same(*y, "numba and python")
     for k, (s, t) in enumerate(zip(*states, strict=True)):
         assert_same(s, t, f"state after part {k}")
@@ -111,7 +126,11 @@ def test_law_3_a_state_goes_on_in_any_processor(entry, fs):
     run(procs[0], x[:, :at], (), sets)
     middle = procs[0].state
     rest = np.ascontiguousarray(x[:, at:])
-    for proc in (*procs, stimlib.compile(scene, fs, seed=77), stimlib.compile(scene, fs, "python", seed=77)):
+    for proc in (
+        *procs,
+        stimlib.compile(scene, fs, seed=77),
+        stimlib.compile(scene, fs, "python", seed=77),
+    ):
         proc.process(np.ascontiguousarray(x[:, 5:30]))  # whatever was there before
         proc.state = middle
         assert_same(proc.state, middle, "what was put in")
@@ -161,7 +180,7 @@ def test_law_3_a_foreign_state_is_refused(target):
     assert_same(proc.state, good, "what is refused changes nothing")
 
 
-# 5 -------------------------------------------------------------------------------------------------------------------
+# 5 ------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("entry", "fs"), LTI)
 def test_law_5a_impulse_response_is_the_response(entry, fs):
     proc = stimlib.compile(Scene({"y": entry.block()}), fs)
@@ -169,7 +188,9 @@ def test_law_5a_impulse_response_is_the_response(entry, fs):
     for name in proc.inputs:
         proc.reset()
         h = impulse_response(proc, "y", name, n)
-        assert np.abs(h[-n // 8 :]).max() <= 1e-14 * np.abs(h).max() or not h[-1], "not settled: take a longer run"
+        assert np.abs(h[-n // 8 :]).max() <= 1e-14 * np.abs(h).max() or not h[-1], (
+            "not settled: take a longer run"
+        )
         f = np.fft.rfftfreq(n, 1 / fs)
         got, said = np.fft.rfft(h), proc.response("y", name, f)
         assert np.abs(got - said).max() <= 1e-12 * np.abs(said).max()
@@ -185,7 +206,7 @@ def test_law_5b_response_is_the_physics(entry, fs, law):
     assert law.error(lambda f: proc.response("y", source_of(proc), f), fs) <= law.tol
 
 
-# 6 -------------------------------------------------------------------------------------------------------------------
+# 6 ------------------------------------------------------------------------------------
 BAD = [  # of the three each has its turn
     pytest.param(
         p.values[0], bad, id=f"{p.id}-{bad}", marks=[pytest.mark.stress] * (k % 3 != j)
@@ -259,9 +280,11 @@ def test_law_6_nothing_decays_into_denormals(entry, fs, hold):
         assert np.all((y == 0) | (np.abs(y) >= 1e-300))
 
 
-# 7 -------------------------------------------------------------------------------------------------------------------
+# 7 ------------------------------------------------------------------------------------
 def lti_runs(entry, fs, n=600):
-    """A function from inputs to output at rest, and two inputs that start with a zero."""
+    """A function from inputs to output at rest, and two inputs that start with a
+    zero.
+    """
     proc = stimlib.compile(Scene({"y": entry.block()}), fs)
 
     def f(x):
@@ -279,7 +302,11 @@ def test_law_7_linear(entry, fs):
     f, x, z = lti_runs(entry, fs)
     a, c = 0.7, -2.3
     wanted = a * f(x) + c * f(z)
-    scale = abs(a) * np.abs(f(np.abs(x))).max() + abs(c) * np.abs(f(np.abs(z))).max() + np.abs(wanted).max()
+    scale = (
+        abs(a) * np.abs(f(np.abs(x))).max()
+        + abs(c) * np.abs(f(np.abs(z))).max()
+        + np.abs(wanted).max()
+    )
     np.testing.assert_allclose(f(a * x + c * z), wanted, rtol=0, atol=1e-12 * scale)
 
 
@@ -300,13 +327,17 @@ def test_law_7_later_in_later_out(entry, fs):
 
 @pytest.mark.parametrize("rates", [(8000.0, 48000.0), (8000.0, 44100.0)])
 def test_law_7_the_rate_of_samples_is_not_part_of_the_physics(rates):
-    """One movement, two sample rates, one velocity and one derivative (each behind its own stated latency)."""
+    """One movement, two sample rates, one velocity and one derivative (each behind its
+    own stated latency).
+    """
 
     def motion(t):
         return 0.01 * np.sin(2 * np.pi * 3 * t) + 0.002 * np.cos(2 * np.pi * 41 * t)
 
     x = Input("x")
-    scene = Scene({"v": b.velocity(x), "d": b.differentiator(x, 1000.0), "lag": b.first_order(x, 0.01)})
+    scene = Scene(
+        {"v": b.velocity(x), "d": b.differentiator(x, 1000.0), "lag": b.first_order(x, 0.01)}
+    )
     t = np.arange(0.2, 0.4, 0.01)
     got = []
     for fs in rates:
@@ -319,9 +350,12 @@ def test_law_7_the_rate_of_samples_is_not_part_of_the_physics(rates):
         np.testing.assert_allclose(one, other, rtol=0, atol=tol * np.abs(one).max())
 
 
-# Contact -------------------------------------------------------------------------------------------------------------
+# Contact ------------------------------------------------------------------------------
 @pytest.mark.parametrize("target", ["numba", "python"])
-@pytest.mark.parametrize("name", sorted(n for n, c in registry.items() if c.resettable and c.__module__.startswith("stimlib.")))
+@pytest.mark.parametrize(
+    "name",
+    sorted(n for n, c in registry.items() if c.resettable and c.__module__.startswith("stimlib.")),
+)
 def test_each_contact_is_a_run_of_its_own(name, target):
     entry = next(e for e in TABLE if e.cls == name)
     found = next(q for q in reach([entry.block()]) if type(q).__name__ == name)
@@ -334,17 +368,24 @@ def test_each_contact_is_a_run_of_its_own(name, target):
     lengths = [9, 1, 1, 40, 2, 20, 3, 1, 30, 100, 64]  # off contact, in contact, ..
     touch = np.repeat(np.arange(len(lengths)) % 2, lengths)
     n, ends = touch.size, np.cumsum(lengths)
-    drive = {s: rng.uniform(0.1, 0.9, n) for s in names} | {names[0]: np.cumsum(rng.standard_normal(n))}
-    drive = {s: np.where(touch, v, np.nan) for s, v in drive.items()} | {names[-1]: touch}  # nobody looks at it off contact
+    drive = {s: rng.uniform(0.1, 0.9, n) for s in names} | {
+        names[0]: np.cumsum(rng.standard_normal(n))
+    }
+    # nobody looks at it off contact
+    drive = {s: np.where(touch, v, np.nan) for s, v in drive.items()} | {names[-1]: touch}
     x = rows(proc, np.array([drive[s] for s in names]), names)
     y = run(proc, x, random_cuts(n, rng))
     assert proc.fault is None and y.any() and not y[0, touch == 0].any()
     for start, stop in zip(ends[:-1:2], ends[1::2], strict=True):
         proc.reset()
-        assert_same(proc.process(np.ascontiguousarray(x[:, start:stop])), y[:, start:stop], f"contact from {start} to {stop}")
+        assert_same(
+            proc.process(np.ascontiguousarray(x[:, start:stop])),
+            y[:, start:stop],
+            f"contact from {start} to {stop}",
+        )
 
 
-# 8 -------------------------------------------------------------------------------------------------------------------
+# 8 ------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("entry", "fs"), FIRST)
 def test_law_8_what_else_is_heard_changes_nothing(entry, fs):
     n = 400
@@ -352,14 +393,20 @@ def test_law_8_what_else_is_heard_changes_nothing(entry, fs):
     alone = stimlib.compile(Scene({"y": block}), fs)
     x = entry.x(n, fs, seed=9)
     y = alone.process(rows(alone, x, entry.inputs))[0]
-    gate = (Input(entry.inputs[0], entry.unit) if entry.inputs else Input("other", block_unit(block))) - block_of_unit(
-        entry
-    ) > 0.0
+    gate = (
+        Input(entry.inputs[0], entry.unit) if entry.inputs else Input("other", block_unit(block))
+    ) - block_of_unit(entry) > 0.0
     # what runs inside enabled cannot also run outside: that is an error of its own
-    monitor = {f"monitor{i}": c for i, c in enumerate(block.children) if not isinstance(block, Enabled)}
+    monitor = {
+        f"monitor{i}": c for i, c in enumerate(block.children) if not isinstance(block, Enabled)
+    }
     noise = b.pink_noise(1.0, seed=2**63, stream=9)
     more = {
-        "output": {"before": Input("other") * 2.0, "y": block, "after": b.delay(Input("other"), 200)},
+        "output": {
+            "before": Input("other") * 2.0,
+            "y": block,
+            "after": b.delay(Input("other"), 200),
+        },
         "noise": {"before": noise, "y": block},
         "gate": {"gated": b.enabled(b.fir(noise, [1.0, 2.0]), by=gate), "y": block},
         "gate behind it": {"y": block, "gated": b.enabled(noise, by=abs(b.nonzero(block)) > 0.5)},
@@ -391,7 +438,7 @@ def block_of_unit(entry):
     return stimlib.constant(0.001, entry.unit if entry.inputs else block_unit(entry.block()))
 
 
-# The squeeze as a whole ----------------------------------------------------------------------------------------------
+# The squeeze as a whole ---------------------------------------------------------------
 @pytest.mark.parametrize("fs", mostly({8000.0}, [8000.0, 48000.0]))
 def test_the_squeeze_keeps_laws_1_2_3(fs):
     scene = stimlib.scenes.squeeze()
@@ -414,7 +461,7 @@ def test_the_squeeze_keeps_laws_1_2_3(fs):
     assert_same(slow.state, fast.state, "state of the reference")
 
 
-# Bounds --------------------------------------------------------------------------------------------------------------
+# Bounds -------------------------------------------------------------------------------
 BOUNDED = """
 import sys
 broken = []
@@ -468,15 +515,21 @@ class Trespass(Block):
 """
 
 
-@pytest.mark.stress  # two minutes of compiling; law 3 below asks the interpreter, which raises where an index is beyond an array
+# two minutes of compiling; law 3 below asks the interpreter, which raises where an
+# index is beyond an array
+@pytest.mark.stress
 def test_no_block_reads_or_writes_beyond_its_arrays(tmp_path):
-    """The whole table, from good states and from any others, with NUMBA_BOUNDSCHECK=1; and the same bits."""
+    """The whole table, from good states and from any others, with NUMBA_BOUNDSCHECK=1;
+    and the same bits.
+    """
     (tmp_path / "bounded.py").write_text(BOUNDED)
     (tmp_path / "trespass.py").write_text(TRESPASS)
     here = Path(__file__).parent
     env = os.environ | {
-        "NUMBA_BOUNDSCHECK": "1", "STIMLIB_CACHE": str(tmp_path / "cache"), "PYTHONPATH": f"{tmp_path}:{here}:{here.parent}",
-    }  # fmt: skip
+        "NUMBA_BOUNDSCHECK": "1",
+        "STIMLIB_CACHE": str(tmp_path / "cache"),
+        "PYTHONPATH": f"{tmp_path}:{here}:{here.parent}",
+    }
     done = subprocess.run(
         [sys.executable, str(tmp_path / "bounded.py"), str(tmp_path / "y.npz")],
         env=env,
@@ -489,12 +542,16 @@ def test_no_block_reads_or_writes_beyond_its_arrays(tmp_path):
         for e in TABLE:
             proc, x = driven(e, e.rates[0], 700)
             rng = np.random.default_rng(10)
-            assert_same(run(proc, x, random_cuts(700, rng), some_sets(proc, 700, rng)), y[e.name], e.name)
+            assert_same(
+                run(proc, x, random_cuts(700, rng), some_sets(proc, 700, rng)), y[e.name], e.name
+            )
 
 
 @pytest.mark.parametrize(("entry", "fs"), FIRST)
 def test_law_3_whatever_a_state_says_means_the_same_everywhere(entry, fs):
-    """No index is taken from it as it is: neither beyond an array nor, as Python would, from an array's end."""
+    """No index is taken from it as it is: neither beyond an array nor, as Python would,
+    from an array's end.
+    """
     procs = pair(entry, fs)
     rng = np.random.default_rng(12)
     x = rows(procs[0], entry.x(5, fs), entry.inputs)

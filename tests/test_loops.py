@@ -1,4 +1,6 @@
-"""Loops: the same recursion by hand, every target and cut, files, response, latency, and what is refused."""
+"""Loops: the same recursion by hand, every target and cut, files, response, latency,
+and what is refused.
+"""
 
 import json
 import linecache
@@ -145,30 +147,61 @@ CASES = {
     "comb": lambda: {"y": loop(lambda y: x + 0.5 * b.delay(y, 10))},
     "two poles": lambda: {"y": loop(lambda y: x + 1.6 * y - 0.8 * b.delay(y, 1))},
     "nested": lambda: {"y": loop(lambda y: x + 0.5 * loop(lambda z: z + 0.1 * (y - z)))},
-    "two": lambda: {"y": loop(lambda y: 0.9 * y + x) + loop(lambda y: 0.8 * y + loop(lambda z: 0.9 * z + x))},
-    "no feedback": lambda: {"y": loop(lambda y: 2.0 * x), "z": loop(lambda y: (x, y))[1], "w": x + loop(lambda y: y, start=2.0)},
+    "two": lambda: {
+        "y": loop(lambda y: 0.9 * y + x) + loop(lambda y: 0.8 * y + loop(lambda z: 0.9 * z + x))
+    },
+    "no feedback": lambda: {
+        "y": loop(lambda y: 2.0 * x),
+        "z": loop(lambda y: (x, y))[1],
+        "w": x + loop(lambda y: y, start=2.0),
+    },
     "gate": lambda: {"y": loop(lambda y: y + 0.1 * (x - b.loading(y, 0.3, 0.1)))},
     "fir": lambda: {"y": loop(lambda y: x - 0.5 * b.fir(y, [0.3, 0.2, 0.1]))},
     "tiles in a nest": lambda: {
-        "y": loop(lambda y: x + 0.5 * b.loading(loop(lambda z: z + 0.1 * (y - b.fir(z, [1, 1]))), 0.3, 0.1))
+        "y": loop(
+            lambda y: (
+                x + 0.5 * b.loading(loop(lambda z: z + 0.1 * (y - b.fir(z, [1, 1]))), 0.3, 0.1)
+            )
+        )
     },
-    "velocity": lambda: {"y": loop(lambda y: y + 0.1 * (x - y) - 1e-5 * b.velocity(y, 50.0) * constant(1.0, "s"))},
-    "contact": lambda: {"y": loop(lambda y: 0.9 * y + x - 1e-4 * b.velocity(y, 50.0, contact=c > 0.0) * constant(1.0, "s"))},
+    "velocity": lambda: {
+        "y": loop(lambda y: y + 0.1 * (x - y) - 1e-5 * b.velocity(y, 50.0) * constant(1.0, "s"))
+    },
+    "contact": lambda: {
+        "y": loop(
+            lambda y: 0.9 * y + x - 1e-4 * b.velocity(y, 50.0, contact=c > 0.0) * constant(1.0, "s")
+        )
+    },
     "contact beside a tile": lambda: {
-        "y": loop(lambda y: x + 0.1 * b.fir(y, [0.3, 0.2]) - 1e-4 * b.velocity(y, 50.0, contact=c > 0.0) * constant(1.0, "s"))
+        "y": loop(
+            lambda y: (
+                x
+                + 0.1 * b.fir(y, [0.3, 0.2])
+                - 1e-4 * b.velocity(y, 50.0, contact=c > 0.0) * constant(1.0, "s")
+            )
+        )
     },
-    "table": lambda: {"y": loop(lambda y: 0.5 * y + b.lut(y + x, [-1.0, 0.0, 2.0], [0.3, 0.0, 1.0]))},
-    "carrier": lambda: {"y": loop(lambda y: x + 0.5 * b.carrier(constant(20.0, "Hz") * (5.0 + b.tanh(y))))},
+    "table": lambda: {
+        "y": loop(lambda y: 0.5 * y + b.lut(y + x, [-1.0, 0.0, 2.0], [0.3, 0.0, 1.0]))
+    },
+    "carrier": lambda: {
+        "y": loop(lambda y: x + 0.5 * b.carrier(constant(20.0, "Hz") * (5.0 + b.tanh(y))))
+    },
     "noise": lambda: {"y": loop(lambda y: 0.9 * y + b.white_noise(1)) + 0.0 * x},
     "enabled": lambda: {"y": b.enabled(loop(lambda y: 0.9 * y + b.white_noise(1)), by=x)},
-    "enabled by noise": lambda: {"y": x + b.enabled(loop(lambda y: 0.9 * y + b.white_noise(1)), by=b.white_noise(2))},
+    "enabled by noise": lambda: {
+        "y": x + b.enabled(loop(lambda y: 0.9 * y + b.white_noise(1)), by=b.white_noise(2))
+    },
     "taps": lambda: named("yzw", loop(taps)),
     "pendulum": pendulum,
     "outputs": lambda: {"y": loop(lambda y: 0.5 * Turn(x + y).near + 0.1 * Turn(x + y).far)},
-    "outputs of a tile": lambda: {"y": loop(lambda y: x - 0.3 * Halves(y).low - 0.1 * Halves(y).high)},
+    "outputs of a tile": lambda: {
+        "y": loop(lambda y: x - 0.3 * Halves(y).low - 0.1 * Halves(y).high)
+    },
     "an output of a loop": lambda: {"y": Turn(loop(lambda y: 0.5 * y + x)).far},
 }
-JAX = {"comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"}  # the table and generated graphs have others
+# the table and generated graphs have others
+JAX = {"comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"}
 TILES = {"gate", "fir", "tiles in a nest", "outputs of a tile", "contact beside a tile"}
 
 
@@ -206,7 +239,9 @@ def test_every_target_every_cut(name):
 
 def test_the_same_samples_as_by_hand():
     u = np.random.default_rng(2).standard_normal((1, N))
-    low = stimlib.compile(Scene({"y": loop(lambda y: y + 0.1 * (x - y), start=0.5)}), FS).process(u)[0]
+    low = stimlib.compile(Scene({"y": loop(lambda y: y + 0.1 * (x - y), start=0.5)}), FS).process(
+        u
+    )[0]
     comb = stimlib.compile(Scene({"y": loop(lambda y: x - 0.25 * b.delay(y, 2))}), FS).process(u)[0]
     last, line = np.float64(0.5), [0.0] * 3
     for n, v in enumerate(u[0]):
@@ -244,7 +279,16 @@ def test_equal_loops_run_once_and_other_numbers_share_a_segment():
     def make(gain=0.1):
         return loop(lambda y: y + gain * (x - y))
 
-    proc = stimlib.compile(Scene({"y": make() * make(), "z": make(0.3), "w": loop(lambda y: y + 0.1 * (x - y), start=1.0)}), FS)
+    proc = stimlib.compile(
+        Scene(
+            {
+                "y": make() * make(),
+                "z": make(0.3),
+                "w": loop(lambda y: y + 0.1 * (x - y), start=1.0),
+            }
+        ),
+        FS,
+    )
     cycles = [r for r in proc.plan.rows if "Cycle" in r.block]
     assert len(cycles) == 3 and len({r.segment.rpartition("_")[0] for r in cycles}) == 1
 
@@ -263,22 +307,33 @@ def test_two_rates_of_one_scene():
     f = np.array([10.0, 100.0])
     for proc in (one, other, stimlib.compile(scene, 1000.0, "python")):
         n = 1 << 14
-        got = np.fft.rfft(impulse_response(proc, "y", "x", n))[np.round(f * n / proc.fs).astype(int)]
-        np.testing.assert_allclose(proc.response("y", "x", np.round(f * n / proc.fs) * proc.fs / n), got, atol=1e-9)
+        got = np.fft.rfft(impulse_response(proc, "y", "x", n))[
+            np.round(f * n / proc.fs).astype(int)
+        ]
+        np.testing.assert_allclose(
+            proc.response("y", "x", np.round(f * n / proc.fs) * proc.fs / n), got, atol=1e-9
+        )
 
 
-@pytest.mark.parametrize("name", ["low-pass", "comb", "two poles", "nested", "fir", "taps", "velocity"])
+@pytest.mark.parametrize(
+    "name", ["low-pass", "comb", "two poles", "nested", "fir", "taps", "velocity"]
+)
 def test_response(name):
     proc = stimlib.compile(Scene(CASES[name]()), FS)
     n = 1 << 12
     for out in proc.outputs:
         proc.reset()
         got = np.fft.rfft(impulse_response(proc, out, "x", n))
-        np.testing.assert_allclose(proc.response(out, "x", np.fft.rfftfreq(n, 1 / FS)), got, atol=1e-11 * np.abs(got).max())
+        np.testing.assert_allclose(
+            proc.response(out, "x", np.fft.rfftfreq(n, 1 / FS)), got, atol=1e-11 * np.abs(got).max()
+        )
 
 
 def test_what_has_no_response_says_so():
-    for block, why in ((loop(lambda y: x + y * y), "not linear"), (loop(lambda y: y + x), "grow for ever")):
+    for block, why in (
+        (loop(lambda y: x + y * y), "not linear"),
+        (loop(lambda y: y + x), "grow for ever"),
+    ):
         proc = stimlib.compile(Scene({"y": block}), FS, "python")
         with pytest.raises(SceneError, match=f"Cycle.*{why}"):
             proc.response("y", "x", [0.0])
@@ -287,7 +342,15 @@ def test_what_has_no_response_says_so():
 def test_latency():
     late = loop(lambda y: b.delay(x, 3) - 0.5 * b.delay(y, 7))
     proc = stimlib.compile(
-        Scene({"y": late, "in": loop(lambda y: b.delay(y + x, 4) + x), **pendulum(), "tap": loop(taps)[2]}), FS
+        Scene(
+            {
+                "y": late,
+                "in": loop(lambda y: b.delay(y + x, 4) + x),
+                **pendulum(),
+                "tap": loop(taps)[2],
+            }
+        ),
+        FS,
     )
     wanted = {"y": (3, 3), "in": (0, 4), "v": (0, 0), "a": (1, 1), "tap": (1, 1)}
     assert {name: proc.latency[name, "x"] for name in wanted} == wanted
@@ -322,7 +385,10 @@ def cycle_of(outputs, fs=FS):
 def test_a_tap_has_its_own_unit_and_a_loop_of_nothing_any():
     m = constant(1.0, "m")
     y, far = loop(lambda y: (0.5 * y + x, (y + x) * m))
-    assert [str(e.dim) for e in Scene({"y": y, "far": far, "z": loop(lambda y: 0.0, unit="m")}).outputs.values()] == [
+    assert [
+        str(e.dim)
+        for e in Scene({"y": y, "far": far, "z": loop(lambda y: 0.0, unit="m")}).outputs.values()
+    ] == [
         "1",
         "m",
         "m",
@@ -333,7 +399,15 @@ def test_a_tap_has_its_own_unit_and_a_loop_of_nothing_any():
 
 def test_the_tolerance_of_a_loop_holds_as_long_as_that_of_each_in_it():
     _, cycle = cycle_of(
-        {"y": loop(lambda y: x + 0.1 * b.springpot(b.springpot(y, 0.1, 0.5, horizon=2.0), 0.1, 0.5, horizon=1.0))}
+        {
+            "y": loop(
+                lambda y: (
+                    x
+                    + 0.1
+                    * b.springpot(b.springpot(y, 0.1, 0.5, horizon=2.0), 0.1, 0.5, horizon=1.0)
+                )
+            )
+        }
     )
     assert cycle.horizon == 1.0
 
@@ -341,13 +415,19 @@ def test_the_tolerance_of_a_loop_holds_as_long_as_that_of_each_in_it():
 def test_a_contact_that_is_never_there_is_not_one_that_always_is():
     for on, wanted in ((0.0, 0.0), (1.0, 1.0)):
         proc, _ = cycle_of({"y": loop(lambda y, on=on: x + 0.0 * y + 0.1 * Kept(y, constant(on)))})
-        assert proc.process(np.ones((1, 3)))[0].tolist() == [1.0, 1.0 + 0.1 * wanted, 1.0 + 0.2 * wanted + 0.01 * wanted]
+        assert proc.process(np.ones((1, 3)))[0].tolist() == [
+            1.0,
+            1.0 + 0.1 * wanted,
+            1.0 + 0.2 * wanted + 0.01 * wanted,
+        ]
 
 
 def test_fields_that_change_with_the_rate_are_refused():
     scene = Scene({"y": loop(lambda y: x + 0.1 * Fickle(y))})
     stimlib.compile(scene, 1000.0, "python")
-    with pytest.raises(SceneError, match="at fs = 8000 Hz the design of a block in it has other fields"):
+    with pytest.raises(
+        SceneError, match="at fs = 8000 Hz the design of a block in it has other fields"
+    ):
         stimlib.compile(scene, 8000.0, "python")
 
 
@@ -371,8 +451,16 @@ def twice():
             SceneError,
             r"Enabled\(.*inside a loop",
         ),
-        (lambda: Scene({"y": loop(lambda y: 0.5 * y + b.enabled(2.0 * y, by=x))}), SceneError, r"Enabled\(.*inside a loop"),
-        (lambda: Scene({"y": loop(lambda y: (y + x, b.enabled(2.0 * y, by=x)))[1]}), SceneError, "the last value of one"),
+        (
+            lambda: Scene({"y": loop(lambda y: 0.5 * y + b.enabled(2.0 * y, by=x))}),
+            SceneError,
+            r"Enabled\(.*inside a loop",
+        ),
+        (
+            lambda: Scene({"y": loop(lambda y: (y + x, b.enabled(2.0 * y, by=x)))[1]}),
+            SceneError,
+            "the last value of one",
+        ),
         (lambda: b.enabled(loop(lambda y: y + x), by=c), SceneError, "would need the input 'x'"),
         (lambda: loop(lambda y: y * constant(0.5, "m")), UnitError, 'unit="m"'),
         (lambda: loop(lambda y: y + constant(0.5, "m")), UnitError, "cannot add"),
@@ -380,11 +468,17 @@ def twice():
         (lambda: loop(lambda y: ()), BadValue, "returned no signal"),
         (lambda: loop(Input("x")), BadValue, r"loop: f = Input\('x'\) must be a function"),
         (lambda: loop(lambda y: y, start=np.nan), BadValue, "not finite"),
-        (lambda: loop(lambda y: y, start=x), BadValue, r"loop: start = Input\('x'\) must be a number"),
+        (
+            lambda: loop(lambda y: y, start=x),
+            BadValue,
+            r"loop: start = Input\('x'\) must be a number",
+        ),
         (lambda: Loop(x, x), BadValue, "needs its Last"),
         (lambda: Tap(x, x), BadValue, "needs its Loop"),
         (
-            lambda: stimlib.compile(Scene({"y": loop(lambda y: b.springpot(y, 0.1, 0.5, contact=c) + x)}), FS),
+            lambda: stimlib.compile(
+                Scene({"y": loop(lambda y: b.springpot(y, 0.1, 0.5, contact=c) + x)}), FS
+            ),
             SceneError,
             r"Springpot\(.*contact must be a number",
         ),
@@ -409,7 +503,9 @@ def test_a_file_cannot_mix_up_loops():
 
 
 def test_deep_and_many_loops():
-    """No recursion: 300 loops inside each other, and 300 in a row, by the interpreter."""
+    """No recursion: 300 loops inside each other, and 300 in a row, by the
+    interpreter.
+    """
     y: Block = x
     for _ in range(300):
         y = loop(lambda last, y=y: 0.5 * last + 0.5 * y)

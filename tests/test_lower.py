@@ -1,4 +1,6 @@
-"""Rewriting: what is removed or merged, that it changes no sample, and that the plan says so."""
+"""Rewriting: what is removed or merged, that it changes no sample, and that the plan
+says so.
+"""
 
 import sys
 from dataclasses import dataclass
@@ -20,7 +22,9 @@ x = Input("x")
 
 
 def kinds(block, **more):
-    return [type(q.block).__name__ for q in lower({"y": block, **more}).instances if q.kind != "open"]
+    return [
+        type(q.block).__name__ for q in lower({"y": block, **more}).instances if q.kind != "open"
+    ]
 
 
 def test_numbers_are_folded():
@@ -36,19 +40,31 @@ def test_a_fold_keeps_the_unit():
     block = constant(2.0, "N/m") * constant(3.0, "m/s") * Input("t", "s")
     proc = stimlib.compile(Scene({"y": block}), 1000)
     assert proc.units == {"t": "s", "y": "N"}
-    scene = Scene({"y": constant(1.0, "m") + constant(2.0, "N") / constant(1.0, "N/m") + Input("z", "m")})
+    scene = Scene(
+        {"y": constant(1.0, "m") + constant(2.0, "N") / constant(1.0, "N/m") + Input("z", "m")}
+    )
     assert stimlib.compile(scene, 1000).process(np.zeros((1, 1))) == 3.0
 
 
 def test_a_number_that_folds_to_nothing_finite():
-    for bad in (constant(1.0) / 0.0, blocks.sqrt(constant(-1.0)), blocks.log(constant(0.0)), blocks.exp(constant(1e4))):
+    for bad in (
+        constant(1.0) / 0.0,
+        blocks.sqrt(constant(-1.0)),
+        blocks.log(constant(0.0)),
+        blocks.exp(constant(1e4)),
+    ):
         with pytest.raises(SceneError, match="of plain numbers"):
             Scene({"y": x * bad})
 
 
 def test_a_literal_zero_removes_what_no_input_reaches():
     noise = blocks.pink_noise(1.0, 1)
-    for block in (x + 0.0 * noise, x + noise * 0.0, x + 0 * (noise * Param("a", 1.0)), x + blocks.enabled(0.0 * noise, by=x)):
+    for block in (
+        x + 0.0 * noise,
+        x + noise * 0.0,
+        x + 0 * (noise * Param("a", 1.0)),
+        x + blocks.enabled(0.0 * noise, by=x),
+    ):
         proc = stimlib.compile(Scene({"y": block}), 1000)
         assert [type(q.block).__name__ for q in proc.program.instances] == ["Input", "Guard"]
         assert "literal 0" in str(proc.plan) or "nothing in it" in str(proc.plan)
@@ -77,7 +93,10 @@ def test_equal_parts_run_once():
 
     assert kinds(part() * part()).count("FirstOrder") == 1
     assert kinds(blocks.first_order(x, 0.1) * blocks.first_order(x, 0.2)).count("FirstOrder") == 2
-    assert kinds(blocks.fir(x, [1, 2]) * blocks.fir(x, [1, 2]) * blocks.fir(x, [2, 1])).count("Taps") == 2
+    assert (
+        kinds(blocks.fir(x, [1, 2]) * blocks.fir(x, [1, 2]) * blocks.fir(x, [2, 1])).count("Taps")
+        == 2
+    )
     proc = stimlib.compile(Scene({"y": part(), "z": 1.0 * part()}), 1000)
     assert "equal to others" in str(proc.plan)
     y = proc.process(np.ones((1, 5)))
@@ -93,7 +112,9 @@ def test_what_is_equal_but_gated_differently_runs_twice():
 
 def test_two_outputs_of_one_signal_keep_their_units():
     q = Input("q", "m")
-    proc = stimlib.compile(Scene({"position": q, "force": constant(1.0, "N/m") * q}), 1000, "python")
+    proc = stimlib.compile(
+        Scene({"position": q, "force": constant(1.0, "N/m") * q}), 1000, "python"
+    )
     assert proc.units == {"q": "m", "position": "m", "force": "N"}
 
 
@@ -121,22 +142,34 @@ def test_rewriting_changes_no_value(seed):
     for _ in range(25):
         a, b, c = (pool[k] for k in rng.integers(0, len(pool), 3))
         make = [
-            lambda a=a, b=b: a + b, lambda a=a, b=b: a - b, lambda a=a, b=b: a * b, lambda a=a, b=b: blocks.maximum(a, b),
-            lambda a=a, b=b, c=c: blocks.where(a, b, c), lambda a=a: abs(a), lambda a=a: -a, lambda a=a: blocks.tanh(a),
-            lambda a=a, b=b: a / (1.5 + abs(b)), lambda a=a, b=b: a > b,
-        ]  # fmt: skip
+            lambda a=a, b=b: a + b,
+            lambda a=a, b=b: a - b,
+            lambda a=a, b=b: a * b,
+            lambda a=a, b=b: blocks.maximum(a, b),
+            lambda a=a, b=b, c=c: blocks.where(a, b, c),
+            lambda a=a: abs(a),
+            lambda a=a: -a,
+            lambda a=a: blocks.tanh(a),
+            lambda a=a, b=b: a / (1.5 + abs(b)),
+            lambda a=a, b=b: a > b,
+        ]
         pool.append(make[rng.integers(0, len(make))]())
     outputs = {f"y{k}": block for k, block in enumerate(pool[-8:])}
     with np.errstate(all="ignore"):
         wanted = np.array([unfolded(block) for block in outputs.values()])
     for target in ("numba", "python"):
         proc = stimlib.compile(Scene(outputs), 1000, target)
-        point = np.array([[{"x": 0.7, "y": -1.9}[n]] for n in proc.inputs]).reshape(len(proc.inputs), 1)
-        np.testing.assert_array_equal(proc.process(point)[:, 0], wanted)  # 0.0 + -0.0 may have lost its sign: equal
+        point = np.array([[{"x": 0.7, "y": -1.9}[n]] for n in proc.inputs]).reshape(
+            len(proc.inputs), 1
+        )
+        # 0.0 + -0.0 may have lost its sign: equal
+        np.testing.assert_array_equal(proc.process(point)[:, 0], wanted)
 
 
 def test_order_of_running_is_children_first():
-    noise = blocks.enabled(blocks.fir(blocks.white_noise(1), [1, 1]), by=blocks.first_order(x, 0.1) > 0.0)
+    noise = blocks.enabled(
+        blocks.fir(blocks.white_noise(1), [1, 1]), by=blocks.first_order(x, 0.1) > 0.0
+    )
     program = lower({"y": noise * x, "z": noise})
     for i, q in enumerate(program.instances):
         assert all(a < i for a in q.args)
@@ -159,9 +192,13 @@ PAIRS = {
     "one after the other": low(low(x), 0.02),
     "a few blocks before the second": low(x) + low(after(blocks.delay(Z, 3), 3), 0.02),
     "many blocks before the second": low(x) + low(after(Z, 30), 0.02),
-    "noise, which runs before sample 0": low(x) + low(blocks.pink_noise(1.0, 3, f_low=20.0) + 2.0, 0.02),
+    "noise, which runs before sample 0": (
+        low(x) + low(blocks.pink_noise(1.0, 3, f_low=20.0) + 2.0, 0.02)
+    ),
     "one of them in a gate": low(x) + blocks.enabled(low(blocks.white_noise(1), 0.02), by=Z),
-    "in and out of a gate": low(blocks.white_noise(1)) + blocks.enabled(low(blocks.white_noise(2), 0.02), by=Z),
+    "in and out of a gate": (
+        low(blocks.white_noise(1)) + blocks.enabled(low(blocks.white_noise(2), 0.02), by=Z)
+    ),
     "behind a gate": low(x) + low(blocks.enabled(low(2.0 * blocks.white_noise(1)), by=Z) * x, 0.02),
     "three": low(x) + low(Z, 0.02) + low(Z, 0.03),
     "in contact": blocks.velocity(x, 50.0, contact=Z) + blocks.velocity(Z, 60.0, contact=x),
@@ -171,7 +208,9 @@ PAIRS = {
 @pytest.mark.parametrize("block", PAIRS.values(), ids=PAIRS)
 def test_two_recursions_side_by_side_are_what_each_is_alone(block):
     """What may run in one loop, and what seems so."""
-    fast, slow = (stimlib.compile(Scene({"y": block}), 1000, target) for target in ("numba", "python"))
+    fast, slow = (
+        stimlib.compile(Scene({"y": block}), 1000, target) for target in ("numba", "python")
+    )
     u = np.random.default_rng(7).standard_normal((len(fast.inputs), 90))
     assert_same(fast.state, slow.state)
     assert_same(fast.process(u), slow.process(u))
@@ -210,7 +249,10 @@ class Leaky(Block):
 
 def test_recursions_of_one_class_and_two_kinds():
     u = np.random.default_rng(7).standard_normal((1, 20))
-    fast, slow = (stimlib.compile(Scene({"y": Leaky(x, True) - Leaky(2.0 * x, False)}), 1000, t) for t in ("numba", "python"))
+    fast, slow = (
+        stimlib.compile(Scene({"y": Leaky(x, True) - Leaky(2.0 * x, False)}), 1000, t)
+        for t in ("numba", "python")
+    )
     assert_same(fast.process(u), slow.process(u))
 
 
@@ -218,11 +260,19 @@ def test_live_numbers_stay_on_their_own_clock():
     a = Param("a", 1.0)
     program = lower({"y": blocks.enabled(a * blocks.white_noise(1), by=x) + a})
     assert [q.clock for q in program.instances if isinstance(q.block, Param)] == [0]
-    assert {type(q.block): q.clock for q in program.instances if isinstance(q.block, (Mul, Add))} == {Mul: 2, Add: 1}
+    assert {
+        type(q.block): q.clock for q in program.instances if isinstance(q.block, (Mul, Add))
+    } == {Mul: 2, Add: 1}
 
 
 def test_the_lead_is_of_the_rate_alone():
-    assert [lead(fs) for fs in (100.0, 8000.0, 8001.0, 44100.0, 48000.0)] == [256, 256, 257, 1412, 1536]
+    assert [lead(fs) for fs in (100.0, 8000.0, 8001.0, 44100.0, 48000.0)] == [
+        256,
+        256,
+        257,
+        1412,
+        1536,
+    ]
 
 
 def test_structure_has_one_hash():
@@ -235,7 +285,12 @@ def test_structure_has_one_hash():
 
 def test_what_runs_before_sample_0_is_what_no_input_reaches():
     """A filter of noise has settled at sample 0; one of an input is at rest."""
-    proc = stimlib.compile(Scene({"n": blocks.fir(blocks.white_noise(1), np.ones(100)), "x": blocks.fir(x, np.ones(100))}), 1000)
+    proc = stimlib.compile(
+        Scene(
+            {"n": blocks.fir(blocks.white_noise(1), np.ones(100)), "x": blocks.fir(x, np.ones(100))}
+        ),
+        1000,
+    )
     y = proc.process(np.ones((1, 200)))
     white = stimlib.compile(Scene({"n": blocks.white_noise(1)}), 1000)
     late = white.process(np.empty((0, 200)))[0]
@@ -256,9 +311,11 @@ def test_merging_makes_no_difference_to_the_samples():
     assert sum(isinstance(q.block, Enabled) for q in lower(merged.outputs).instances) == 0
 
 
-# Copies of what is gated -----------------------------------------------------------------------------------------------
+# Copies of what is gated --------------------------------------------------------------
 def nested(levels):
-    """Each gate runs, and is opened by, all that is inside it: every level doubles the copies."""
+    """Each gate runs, and is opened by, all that is inside it: every level doubles the
+    copies.
+    """
     block = Param("p", 1.0) + 2.0
     for _ in range(levels):
         block = blocks.enabled(block, by=block)
@@ -267,11 +324,16 @@ def nested(levels):
 
 @pytest.mark.parametrize("levels", [16, 18, 64, 5000])
 def test_copies_behind_gates_are_counted_before_they_are_made(levels):
-    """Levels of gates over one block: 2**levels copies, each with a state of its own, so only their number can be held."""
+    """Levels of gates over one block: 2**levels copies, each with a state of its own,
+    so only their number can be held.
+    """
     block = nested(levels)
     before = sys.getrecursionlimit()
     with pytest.raises(
-        SceneError, match="after each enabled or segment has got its own copies: .* more than limits.scene_blocks"
+        SceneError,
+        match=(
+            "after each enabled or segment has got its own copies: .* more than limits.scene_blocks"
+        ),
     ):
         Scene({"y": block})
     assert sys.getrecursionlimit() == before
@@ -279,7 +341,9 @@ def test_copies_behind_gates_are_counted_before_they_are_made(levels):
 
 
 def test_counting_ends_where_there_are_too_many(monkeypatch):
-    """A thousand gates within each other, each with a condition of a thousand blocks: a million to walk over."""
+    """A thousand gates within each other, each with a condition of a thousand blocks: a
+    million to walk over.
+    """
     y, by = blocks.white_noise(1), blocks.white_noise(2, shared=True)
     for _ in range(1000):
         by = -by
@@ -292,18 +356,22 @@ def test_counting_ends_where_there_are_too_many(monkeypatch):
 
 @pytest.mark.parametrize("entry", TABLE, ids=lambda e: e.name)
 def test_the_count_of_copies_is_exact(entry, monkeypatch):
-    """A scene passes a limit of as many blocks as it has, parameters and constants apart, and not one fewer."""
+    """A scene passes a limit of as many blocks as it has, parameters and constants
+    apart, and not one fewer.
+    """
     outputs = entry.scene().outputs
     program = lower(outputs)
     copies = sum(not isinstance(q.block, (Param, Const)) for q in program.instances)
-    monkeypatch.setattr(bounds.limits, "scene_blocks", max(copies, len(reach([Guard(b) for b in outputs.values()]))))
+    monkeypatch.setattr(
+        bounds.limits, "scene_blocks", max(copies, len(reach([Guard(b) for b in outputs.values()])))
+    )
     assert lower(outputs).hash == program.hash
     monkeypatch.setattr(bounds.limits, "scene_blocks", copies - 0.5)
     with pytest.raises(SceneError, match="more than limits.scene_blocks"):
         lower(outputs)
 
 
-# Maps that need the sample rate ------------------------------------------------------------------------------------------
+# Maps that need the sample rate -------------------------------------------------------
 class RateParams(NamedTuple):
     fs: float
 
@@ -338,7 +406,12 @@ class Tiled(Map):
 @pytest.mark.parametrize("fs", [1000.0, 4000.0])
 def test_a_map_with_a_design_takes_constants(fs):
     k = Param("k", 3.0)
-    outputs = {"n": PerSample(constant(2.0)), "p": PerSample(k), "x": PerSample(constant(2.0)) * x, "y": PerSample(k) * x}
+    outputs = {
+        "n": PerSample(constant(2.0)),
+        "p": PerSample(k),
+        "x": PerSample(constant(2.0)) * x,
+        "y": PerSample(k) * x,
+    }
     u = np.array([[1.0, -4.0]])
     wanted = np.array([[2, 2], [3, 3], [2, -8], [3, -12]]) / fs
     for target in ("numba", "python"):

@@ -1,4 +1,6 @@
-"""Many copies of a scene at once: the bits of each are those of a processor of its own."""
+"""Many copies of a scene at once: the bits of each are those of a processor of its
+own.
+"""
 
 import gc
 import sys
@@ -18,7 +20,9 @@ both = pytest.mark.parametrize("target", ["numba", "python"])
 x, z = Input("x"), Input("z")
 noise = blocks.enabled(blocks.pink_noise(1.0, seed=1, f_low=20.0), by=x)
 speed = constant(1.0, "s") * blocks.velocity(x, 50.0, contact=z)
-SCENE = Scene({"y": Param("a", 1.0) * noise + blocks.delay(z, 5), "v": speed + blocks.white_noise(2)})
+SCENE = Scene(
+    {"y": Param("a", 1.0) * noise + blocks.delay(z, 5), "v": speed + blocks.white_noise(2)}
+)
 SEEDS = [3, 3, 0, 2**64 - 1, 5]
 
 
@@ -36,12 +40,18 @@ def alone(target, u, sets):
     return np.stack([run(p, u[k], (), sets.get(k, ())) for k, p in enumerate(procs)])
 
 
-@pytest.mark.parametrize(("threads", "block"), [(1, 1), (1, 400), (2, 63), (2, 400), (5, 65), (5, 200)])
+@pytest.mark.parametrize(
+    ("threads", "block"), [(1, 1), (1, 400), (2, 63), (2, 400), (5, 65), (5, 200)]
+)
 def test_each_copy_is_a_processor_of_its_own(monkeypatch, threads, block):
     """Whatever is set where, in any number of threads, at any cut."""
     monkeypatch.setattr("stimlib.run.copies.WORTHWHILE", 1)
     u = motions()
-    sets = {0: [Set(0, "a", 2.0, 0.0)], 1: [Set(70, "a", -1.0, 0.05), Set(300, "a", 3.0, 0.0)], 4: [Set(301, "a", 0.5, 0.2)]}
+    sets = {
+        0: [Set(0, "a", 2.0, 0.0)],
+        1: [Set(70, "a", -1.0, 0.05), Set(300, "a", 3.0, 0.0)],
+        4: [Set(301, "a", 0.5, 0.2)],
+    }
     runs = made(threads=threads)
     y = np.empty((5, 2, N))
     places = sorted({*range(0, N, block), N, 70, 300, 301})
@@ -59,8 +69,13 @@ def test_the_interpreter_does_the_same():
     u = motions(n=90)
     runs = made("python")
     runs.set("a", [1.0, 2.0, 3.0, 4.0, 5.0], 0.02)
-    parts = [runs.process(np.ascontiguousarray(u[..., a:b])) for a, b in ((0, 1), (1, 64), (64, 90))]
-    assert_same(np.concatenate(parts, axis=2), alone("numba", u, {k: [Set(0, "a", k + 1.0, 0.02)] for k in range(5)}))
+    parts = [
+        runs.process(np.ascontiguousarray(u[..., a:b])) for a, b in ((0, 1), (1, 64), (64, 90))
+    ]
+    assert_same(
+        np.concatenate(parts, axis=2),
+        alone("numba", u, {k: [Set(0, "a", k + 1.0, 0.02)] for k in range(5)}),
+    )
 
 
 @both
@@ -79,7 +94,9 @@ def test_one_motion_for_all(target):
 def test_more_outputs_than_inputs():
     u = motions()[:, :1].copy()
     y = made(scene=Scene({"a": 2.0 * x, "b": 3.0 * x, "c": blocks.delay(x, 1)})).process(u)
-    assert_same(y, np.stack([2.0 * u[:, 0], 3.0 * u[:, 0], np.pad(u[:, 0, :-1], ((0, 0), (1, 0)))], axis=1))
+    assert_same(
+        y, np.stack([2.0 * u[:, 0], 3.0 * u[:, 0], np.pad(u[:, 0, :-1], ((0, 0), (1, 0)))], axis=1)
+    )
 
 
 def test_in_place_but_not_shifted():
@@ -159,12 +176,16 @@ def test_copies_and_what_they_were_made_of_do_not_touch_each_other():
     assert proc.params == {"a": 9.0} and len(proc.log) == 1 and proc.index == N
     assert len(runs) == 5 and runs[-1].seed == 5 and [p.seed for p in runs[:2]] == [3, 3]
 
-    assert repr(made(threads=1)) == "Copies(5 of Processor(x, z -> y, v, fs=1000, numba), 1 threads)"
+    assert (
+        repr(made(threads=1)) == "Copies(5 of Processor(x, z -> y, v, fs=1000, numba), 1 threads)"
+    )
 
 
-# threads -------------------------------------------------------------------------------------------------------------
+# threads ------------------------------------------------------------------------------
 def test_copies_run_without_pythons_lock():
-    """Another thread gets the lock while they run, although nobody has to give it away."""
+    """Another thread gets the lock while they run, although nobody has to give it
+    away.
+    """
     runs, u = made(threads=1), np.zeros((1, 2, 20000))
     out = np.empty((5, 2, 20000))
     asked, answered = threading.Event(), []
@@ -211,22 +232,28 @@ def test_a_thread_that_has_not_begun_is_not_waited_for(monkeypatch):
         free.set()
 
 
-# what cannot be meant ------------------------------------------------------------------------------------------------
+# what cannot be meant -----------------------------------------------------------------
 @both
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
-        (np.zeros((3, 5)), ["(2, n) or (5, 2, n)", "x, z", "(3, 5)"]), (np.zeros((4, 2, 5)), ["(5, 2, n)", "(4, 2, 5)"]),
-        (np.zeros(5), ["(5,)"]), (np.zeros((5, 2, 5), np.float32), ["float32", "astype"]),
-        (np.zeros((5, 2, 10))[..., ::2], ["C-contiguous", "ascontiguousarray"]), ([[1.0], [2.0]], ["array", "list"]),
+        (np.zeros((3, 5)), ["(2, n) or (5, 2, n)", "x, z", "(3, 5)"]),
+        (np.zeros((4, 2, 5)), ["(5, 2, n)", "(4, 2, 5)"]),
+        (np.zeros(5), ["(5,)"]),
+        (np.zeros((5, 2, 5), np.float32), ["float32", "astype"]),
+        (np.zeros((5, 2, 10))[..., ::2], ["C-contiguous", "ascontiguousarray"]),
+        ([[1.0], [2.0]], ["array", "list"]),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_block_says_what_is_wanted(target, bad, words):
     runs = made(target)
     with pytest.raises(BadValue) as e:
         runs.process(bad)
     assert str(e.value).startswith("process: x ") and all(w in str(e.value) for w in words), e.value
-    with pytest.raises(BadValue, match=r"process: out must be float64 of shape \(5, 2, 4\), rows y, v; got shape \(2, 4\)"):
+    with pytest.raises(
+        BadValue,
+        match=r"process: out must be float64 of shape \(5, 2, 4\), rows y, v; got shape \(2, 4\)",
+    ):
         runs.process(np.zeros((2, 4)), np.zeros((2, 4)))
     assert [p.index for p in runs] == [0] * 5, "nothing has run"
 
@@ -234,11 +261,18 @@ def test_a_wrong_block_says_what_is_wanted(target, bad, words):
 @pytest.mark.parametrize(
     ("seeds", "threads", "words"),
     [
-        (64, None, "range"), ("abc", None, "seed = 'a'"), ([], None, "range"), ([0, -1], None, "seed = -1"),
-        (range(10**15), None, "limits.state_bytes"), (iter([1]), None, "range"),
-        ([0.5], None, "seed = 0.5"), ([0], 0, "threads = 0"), ([0], 1.5, "threads = 1.5"), ([0], "two", "threads = 'two'"),
+        (64, None, "range"),
+        ("abc", None, "seed = 'a'"),
+        ([], None, "range"),
+        ([0, -1], None, "seed = -1"),
+        (range(10**15), None, "limits.state_bytes"),
+        (iter([1]), None, "range"),
+        ([0.5], None, "seed = 0.5"),
+        ([0], 0, "threads = 0"),
+        ([0], 1.5, "threads = 1.5"),
+        ([0], "two", "threads = 'two'"),
     ],
-)  # fmt: skip
+)
 def test_copies_that_make_no_sense(seeds, threads, words):
     with pytest.raises(BadValue, match=words):
         stimlib.compile(SCENE, FS, "python").many(seeds, threads)
@@ -286,7 +320,9 @@ def test_the_memory_of_copies_is_counted_before_it_is_taken(monkeypatch, target)
     proc = stimlib.compile(Scene({"y": blocks.delay(x, 5000)}), FS, target)
     monkeypatch.setattr(stimlib.limits, "state_bytes", 1e6)
     assert len(proc.many(range(5))) == 5
-    with pytest.raises(BadValue, match="states and buffers of 50 copies.*limits.state_bytes.*STIMLIB_LIMITS"):
+    with pytest.raises(
+        BadValue, match="states and buffers of 50 copies.*limits.state_bytes.*STIMLIB_LIMITS"
+    ):
         proc.many(range(50))
 
 

@@ -1,4 +1,6 @@
-"""Each name of stimlib.core.maths, the definition, against what compiled code does; and the numbers against exact arithmetic."""
+"""Each name of stimlib.core.maths, the definition, against what compiled code does; and
+the numbers against exact arithmetic.
+"""
 
 import math
 from fractions import Fraction
@@ -22,11 +24,38 @@ from stimlib.targets.numba.engine import runtime
 runtime()  # it has the long sums
 
 SPECIAL = [
-    0.0, -0.0, 1.0, -1.0, 0.5, 2.0, np.nan, -np.nan, np.inf, -np.inf, 5e-324, -5e-324, 2.2e-308, -1e-310, 1e-200, -1e-200,
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    0.5,
+    2.0,
+    np.nan,
+    -np.nan,
+    np.inf,
+    -np.inf,
+    5e-324,
+    -5e-324,
+    2.2e-308,
+    -1e-310,
+    1e-200,
+    -1e-200,
     1.0000001e-200,
-    9.9e-201, 1e-190, 1.7976931348623157e308, -1.7976931348623157e308, 1e-17, math.pi, -math.pi / 2, 1e6, 1e15, 1e22, 709.7,
-    709.8, -745.2, -708.5,
-]  # fmt: skip
+    9.9e-201,
+    1e-190,
+    1.7976931348623157e308,
+    -1.7976931348623157e308,
+    1e-17,
+    math.pi,
+    -math.pi / 2,
+    1e6,
+    1e15,
+    1e22,
+    709.7,
+    709.8,
+    -745.2,
+    -708.5,
+]
 
 
 def numbers(n=3000, seed=0):
@@ -34,7 +63,9 @@ def numbers(n=3000, seed=0):
     rng = np.random.default_rng(seed)
     wide = rng.standard_normal(n) * 10.0 ** rng.uniform(-320, 308, n)
     near = rng.standard_normal(n) * 10.0 ** rng.uniform(-3, 3, n)
-    return np.concatenate([SPECIAL, wide, near, rng.integers(0, 2**64, n, np.uint64).view(np.float64)])
+    return np.concatenate(
+        [SPECIAL, wide, near, rng.integers(0, 2**64, n, np.uint64).view(np.float64)]
+    )
 
 
 def integers(n=3000, seed=0):
@@ -61,7 +92,9 @@ def integers(n=3000, seed=0):
 
 
 def assert_number(a, b, what=""):
-    """Equal bits, any nan being like any other (which one a sum of two gives is the processor's business)."""
+    """Equal bits, any nan being like any other (which one a sum of two gives is the
+    processor's business).
+    """
     a, b = np.asarray(a), np.asarray(b)
     if a.dtype == np.float64:
         both = np.isnan(a) & np.isnan(b)
@@ -82,12 +115,14 @@ def compiled_each(f, arity, dtype=np.float64):
         def loop(a, out):
             for i in range(a.size):
                 out[i] = g(a[i])
+
     elif arity == 2:
 
         @njit(error_model="numpy")
         def loop(a, b, out):
             for i in range(a.size):
                 out[i] = g(a[i], b[i])
+
     else:
 
         @njit(error_model="numpy")
@@ -104,16 +139,20 @@ def compiled_each(f, arity, dtype=np.float64):
 
 
 def wrapped(name, arity):
-    """A plain function around one of native's names (intrinsics cannot be passed about)."""
+    """A plain function around one of native's names (intrinsics cannot be passed
+    about).
+    """
     f = getattr(native, name)
     if arity == 1:
 
         def call(a):
             return f(a)
+
     elif arity == 2:
 
         def call(a, b):
             return f(a, b)
+
     else:
 
         def call(a, b, c):
@@ -143,11 +182,13 @@ def test_every_name_of_maths_is_tested_here():
         "modes",
         "memory",
     }
-    written = {n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"}
+    written = {
+        n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"
+    }
     assert written == tested
-    assert all(hasattr(lanes if n in ("pairs", "each") else native, n) for n in tested - {"tree"}), (
-        "each has a compiled counterpart"
-    )
+    assert all(
+        hasattr(lanes if n in ("pairs", "each") else native, n) for n in tested - {"tree"}
+    ), "each has a compiled counterpart"
 
 
 @pytest.mark.parametrize("name", UNARY)
@@ -177,8 +218,14 @@ def test_fma_has_one_rounding():
     """Against exact rational arithmetic."""
     rng = np.random.default_rng(4)
     a, b = rng.standard_normal((2, 2000)) * 10.0 ** rng.integers(-20, 20, (2, 2000))
-    c = np.where(rng.random(2000) < 0.7, -a * b * (1 + rng.choice([0, 2e-16, -2e-16, 1e-9], 2000)), rng.standard_normal(2000))
-    exact = [float(Fraction(x) * Fraction(y) + Fraction(z)) for x, y, z in zip(a, b, c, strict=True)]
+    c = np.where(
+        rng.random(2000) < 0.7,
+        -a * b * (1 + rng.choice([0, 2e-16, -2e-16, 1e-9], 2000)),
+        rng.standard_normal(2000),
+    )
+    exact = [
+        float(Fraction(x) * Fraction(y) + Fraction(z)) for x, y, z in zip(a, b, c, strict=True)
+    ]
     np.testing.assert_array_equal(each(maths.fma, a, b, c), exact)
     assert np.any(a * b + c != exact), "the examples do not tell"
 
@@ -215,7 +262,15 @@ def test_where():
 @pytest.mark.parametrize("size", [2, 3, 4, 7, 64, 65])
 def test_search(size):
     knots = np.cumsum(np.random.default_rng(size).uniform(0.1, 1, size))
-    x = np.concatenate([knots, np.nextafter(knots, -9), np.nextafter(knots, 99), SPECIAL, np.linspace(-1, knots[-1] + 1, 200)])
+    x = np.concatenate(
+        [
+            knots,
+            np.nextafter(knots, -9),
+            np.nextafter(knots, 99),
+            SPECIAL,
+            np.linspace(-1, knots[-1] + 1, 200),
+        ]
+    )
 
     @njit(error_model="numpy")
     def loop(knots, x, y):
@@ -247,7 +302,9 @@ ODD, HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(2**63 - 1)
 
 
 def test_pairs():
-    """Deviates side by side: any number, from any place, and nothing written beyond the next four."""
+    """Deviates side by side: any number, from any place, and nothing written beyond the
+    next four.
+    """
 
     @njit(error_model="numpy", inline="always")
     def helper(key, m):
@@ -282,7 +339,9 @@ def test_each_says_what_it_takes():
     def compiled(x, y):
         lanes.each(decay, (), (x,), y)
 
-    with pytest.raises(SceneError, match=r"^decay cannot run in vectors: .* write a loop over the samples"):
+    with pytest.raises(
+        SceneError, match=r"^decay cannot run in vectors: .* write a loop over the samples"
+    ):
         compiled(np.ones(3), np.ones(3))
 
 
@@ -309,7 +368,11 @@ def test_each():
     """Any number of samples, and nothing written around them."""
     rng = np.random.default_rng(0)
     for n in [1, 2, 6, 7, 8, 9, 15, 16, 17, 63, 64]:
-        x, z, q = rng.standard_normal(n) * 1e3, rng.standard_normal(n + 1), Line(*rng.standard_normal(2))
+        x, z, q = (
+            rng.standard_normal(n) * 1e3,
+            rng.standard_normal(n + 1),
+            Line(*rng.standard_normal(2)),
+        )
         x[n // 2], room, y = np.nan, np.full(80, 7.0), np.empty(n)
         compiled_lines(q, x, z, room[8 : 8 + n])
         maths.each(line, q, (x, z[1:]), y)
@@ -335,7 +398,11 @@ def of_words(q, x, z):
 @pytest.mark.parametrize("f", [compared, of_words])
 def test_what_is_done_side_by_side_is_what_each_does(f):
     """nan, signs of zero, the largest words; numbers on the left."""
-    g = njit(type(f)(f.__code__, f.__globals__ | {"maths": native}, f.__name__), error_model="numpy", inline="always")
+    g = njit(
+        type(f)(f.__code__, f.__globals__ | {"maths": native}, f.__name__),
+        error_model="numpy",
+        inline="always",
+    )
 
     @njit(error_model="numpy")
     def compiled(q, x, z, y):
@@ -369,7 +436,10 @@ def compiled_modes(p, r, q, d, x, y, w):
 def test_fir(size):
     rng = np.random.default_rng(size)
     for n in [*range(1, 20), 23, 31, 32, 33, 48, 63, 64]:
-        taps, w = rng.standard_normal(size) * 10.0 ** rng.uniform(-8, 8, size), rng.standard_normal(n + size - 1)
+        taps, w = (
+            rng.standard_normal(size) * 10.0 ** rng.uniform(-8, 8, size),
+            rng.standard_normal(n + size - 1),
+        )
         if n == 23:
             w[rng.integers(0, w.size, 3)] = [np.nan, np.inf, 5e-324]
         y, z = np.empty(n), np.empty(n)
@@ -386,7 +456,11 @@ def test_fir(size):
 def test_modes(size):
     rng = np.random.default_rng(size)
     for n in [1, 2, 3, 5, 7, 8, 9, 16, 31, 63, 64]:
-        poles, r, q = rng.uniform(-0.5, 1.0, size), rng.standard_normal(size), rng.standard_normal(size)
+        poles, r, q = (
+            rng.uniform(-0.5, 1.0, size),
+            rng.standard_normal(size),
+            rng.standard_normal(size),
+        )
         x, d = rng.standard_normal(n), rng.standard_normal()
         if n == 31:
             x[10:] = 0.0
@@ -402,8 +476,19 @@ def test_modes(size):
 
 
 def test_silence_of_modes():
-    """What TINY leaves of nothing, and what is flushed: the limit itself, and nothing above."""
-    limit = [maths.SILENT, -maths.SILENT, np.nextafter(maths.SILENT, 1), 0.9 * maths.SILENT, -1e-189, 5e-324, -0.0, 1e-190]
+    """What TINY leaves of nothing, and what is flushed: the limit itself, and nothing
+    above.
+    """
+    limit = [
+        maths.SILENT,
+        -maths.SILENT,
+        np.nextafter(maths.SILENT, 1),
+        0.9 * maths.SILENT,
+        -1e-189,
+        5e-324,
+        -0.0,
+        1e-190,
+    ]
     poles, r, rest = np.linspace(0.1, 0.9, 8), np.ones(8), np.zeros(8)
     for x, weights, d in ((np.zeros(9), 1e10 * r, 0.0), (np.array(limit + limit[:3]), rest, 1.0)):
         q, p, y, z = np.zeros(8), np.zeros(8), np.empty(x.size), np.empty(x.size)
@@ -420,15 +505,24 @@ def compiled_memory(e, r, q, low, x, y, w):
 
 @pytest.mark.parametrize(
     ("size", "slow", "counts"),
-    [(size, slow, [1, 2, 3, 5, 8, 9, 31, 63, 64]) for size, slow in ((8, 0), (8, 8), (16, 8), (24, 24), (40, 16), (136, 64))]
+    [
+        (size, slow, [1, 2, 3, 5, 8, 9, 31, 63, 64])
+        for size, slow in ((8, 0), (8, 8), (16, 8), (24, 24), (40, 16), (136, 64))
+    ]
     + [(8 * (fine + coarse), 8 * fine, [2]) for fine in range(15) for coarse in range(9)],
 )
 def test_memory(size, slow, counts):
-    """Modes so slow that the first ones carry a second word; each number of groups has a loop of its own."""
+    """Modes so slow that the first ones carry a second word; each number of groups has
+    a loop of its own.
+    """
     rng = np.random.default_rng(size)
     for n in counts:
         e, r = np.sort(10.0 ** rng.uniform(-14, 0, size)), rng.standard_normal(size)
-        q, low, x = rng.standard_normal(size), 1e-17 * rng.standard_normal(slow), rng.standard_normal(n)
+        q, low, x = (
+            rng.standard_normal(size),
+            1e-17 * rng.standard_normal(slow),
+            rng.standard_normal(n),
+        )
         p, other, y, z = q.copy(), low.copy(), np.empty(n), np.empty(n)
         compiled_memory(e, r, q, low, x, y, np.full(512, np.nan))
         maths.memory(e, r, p, other, x, z, np.empty(512))
@@ -463,7 +557,7 @@ def test_memory_of_what_is_not_finite():
         assert got[0][-1] == np.inf
 
 
-# Noise ---------------------------------------------------------------------------------------------------------------
+# Noise --------------------------------------------------------------------------------
 KNOWN = [  # counter, key, result: Random123, kat_vectors, philox4x32 10
     ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
     ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
@@ -497,8 +591,12 @@ def _turn(a, x, y):
 
 
 def transplant(f):
-    """A function of blocks/noise.py with native's functions in the place of maths', as a segment has it."""
-    names = dict(f.__globals__) | {n: getattr(native, n) for n in ("fma", "sqrt", "where", "bits", "unbits", "as_float")}
+    """A function of blocks/noise.py with native's functions in the place of maths', as
+    a segment has it.
+    """
+    names = dict(f.__globals__) | {
+        n: getattr(native, n) for n in ("fma", "sqrt", "where", "bits", "unbits", "as_float")
+    }
     return njit(type(f)(f.__code__, names, f.__name__), error_model="numpy")
 
 
@@ -508,7 +606,9 @@ RADIUS, TURN = transplant(noise.radius), transplant(noise.turn)
 def ulps(got, exact):
     """Largest error in units of the last place of the exact value."""
     return max(
-        float(abs(mpmath.mpf(float(g)) - e) / mpmath.mpf(float(np.spacing(abs(float(e)) or 5e-324))))
+        float(
+            abs(mpmath.mpf(float(g)) - e) / mpmath.mpf(float(np.spacing(abs(float(e)) or 5e-324)))
+        )
         for g, e in zip(got, exact, strict=True)
     )
 
@@ -518,9 +618,16 @@ def test_radius_is_right_to_a_few_ulps():
     mpmath.mp.prec = 200
     top = U(2**64 - 1)
     near_1 = np.arange(0, 4096, 1 if STRESS else 5, dtype=U)
-    a = [integers(6000 if STRESS else 1000, 5), top - integers(500, 6) // U(2**40), top - near_1, integers(500, 7) // U(2**50)]
+    a = [
+        integers(6000 if STRESS else 1000, 5),
+        top - integers(500, 6) // U(2**40),
+        top - near_1,
+        integers(500, 7) // U(2**50),
+    ]
     a = np.concatenate(a)
-    exact = [mpmath.sqrt(-2 * mpmath.log((mpmath.mpf(int(v)) + mpmath.mpf("0.5")) / 2**64)) for v in a]
+    exact = [
+        mpmath.sqrt(-2 * mpmath.log((mpmath.mpf(int(v)) + mpmath.mpf("0.5")) / 2**64)) for v in a
+    ]
     got = each(noise.radius, a)
     y = np.empty(a.size)
     _radius(a, y)
@@ -540,10 +647,15 @@ def test_turn_is_right_to_a_few_ulps():
     _turn(a, x[0], x[1])
     assert_same(x, got)
     # quarter turns from the upper two bits; the rest, of 51 bits, from -1/8 to 1/8 turn
-    angle = [(mpmath.mpf(int(v) >> 62) / 4) + mpmath.mpf(((int(v) >> 11) & (2**51 - 1)) - 2**50) / 2**53 for v in a]
+    angle = [
+        (mpmath.mpf(int(v) >> 62) / 4) + mpmath.mpf(((int(v) >> 11) & (2**51 - 1)) - 2**50) / 2**53
+        for v in a
+    ]
     exact = [[f(2 * mpmath.pi * t) for t in angle] for f in (mpmath.cos, mpmath.sin)]
     worst = max(
-        abs(float(mpmath.mpf(float(g)) - e)) for row, want in zip(got, exact, strict=True) for g, e in zip(row, want, strict=True)
+        abs(float(mpmath.mpf(float(g)) - e))
+        for row, want in zip(got, exact, strict=True)
+        for g, e in zip(row, want, strict=True)
     )
     assert worst < 1.7e-16
     assert np.abs(np.hypot(*got) - 1).max() < 4e-16

@@ -1,4 +1,6 @@
-"""The minimax designs: every figure they claim, by other routes (mpmath, extended precision, linear programming)."""
+"""The minimax designs: every figure they claim, by other routes (mpmath, extended
+precision, linear programming).
+"""
 
 import math
 import re
@@ -24,11 +26,15 @@ SECTIONS = {  # fs/f_low: first-order sections for the tolerances above
     48000: (6, 9, 12, 15),
     192000: (7, 10, 14, 17),
 }
-RATES = [(fs, f_low) for fs in (1e3, 8e3, 48e3, 192e3) for f_low in (0.1, 1.0, 10.0)] + [(20.0, 1.0)]
+RATES = [(fs, f_low) for fs in (1e3, 8e3, 48e3, 192e3) for f_low in (0.1, 1.0, 10.0)] + [
+    (20.0, 1.0)
+]
 
 
 def modes_error_db(modes, w):
-    """Largest deviation of |H|^2 w from one, dB, of the modes as they are, in extended precision."""
+    """Largest deviation of |H|^2 w from one, dB, of the modes as they are, in extended
+    precision.
+    """
     w = np.asarray(w, np.longdouble)[:, None]
     e, r = modes.e.astype(np.longdouble), modes.r.astype(np.longdouble)
     real, imag = 1 - (1 - e) * np.cos(w), (1 - e) * np.sin(w)
@@ -40,17 +46,22 @@ def modes_error_db(modes, w):
 def band(fs, f_low, points=3001):
     """Log-spaced pass band of the low-pass with dense ends, rad/sample."""
     low, high = 2 * np.pi * f_low / fs, 2 * np.pi * 0.45
-    return np.concatenate([np.geomspace(low, high, points), np.linspace(high / 2, high, 1000)]).clip(low, high)
+    return np.concatenate(
+        [np.geomspace(low, high, points), np.linspace(high / 2, high, 1000)]
+    ).clip(low, high)
 
 
 def relative_errors(design, fs, passband, stopband, points=800):
-    """(pass band, stop band) errors of the taps in extended precision, on points dense at both ends of each band."""
+    """(pass band, stop band) errors of the taps in extended precision, on points dense
+    at both ends of each band.
+    """
     taps, middle = design.taps.astype(np.longdouble), len(design.taps) // 2
     k = np.arange(len(taps)) - middle
 
     def gain(f):
         w = 2 * np.pi * f.astype(np.longdouble) / fs
-        blocks = [np.sin(-block[:, None] * k) @ taps for block in np.array_split(w, 10)]  # imaginary part of D e^(iwM)
+        # imaginary part of D e^(iwM)
+        blocks = [np.sin(-block[:, None] * k) @ taps for block in np.array_split(w, 10)]
         return np.concatenate(blocks)
 
     ends = (1 - np.cos(np.linspace(0, np.pi, points))) / 2
@@ -62,7 +73,7 @@ def relative_errors(design, fs, passband, stopband, points=800):
     return float(in_band), float(stop)
 
 
-# --- 3 dB/oct low-pass ----------------------------------------------------------------------------------------------
+# --- 3 dB/oct low-pass ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("k1", [0.9, 0.1, 1e-3, 1e-6, 1e-9])
@@ -70,7 +81,10 @@ def test_elliptic_functions(k1):
     with mp.workdps(40):
         m = 1 - mp.mpf(k1) ** 2
         x = np.array([0.02, 0.2, 0.5, 0.77, 0.98])
-        sc, dn = ([mp.ellipfun(kind, xi * mp.ellipk(m), m=m) for xi in map(mp.mpf, x)] for kind in ("sc", "dn"))
+        sc, dn = (
+            [mp.ellipfun(kind, xi * mp.ellipk(m), m=m) for xi in map(mp.mpf, x)]
+            for kind in ("sc", "dn")
+        )
         log_sc, log_nd = [float(mp.log(v)) for v in sc], [float(-mp.log(v)) for v in dn]
         np.testing.assert_allclose(pink._log_elliptic(x, k1, -1), log_sc, rtol=0, atol=5e-15)
         np.testing.assert_allclose(pink._log_elliptic(x, k1, +1), log_nd, rtol=0, atol=5e-15)
@@ -93,14 +107,18 @@ def test_tolerance_is_met_with_the_fewest_sections(fs, f_low):
             assert pink._minimax_modes(2 * math.pi * f_low / fs, len(modes.e) - 1).error_db > tol
 
 
-@pytest.mark.parametrize(("fs", "f_low", "tol"), [(192e3, 0.1, 1e-4), (8e3, 1, 0.01), (1e3, 10, 1e-8)])
+@pytest.mark.parametrize(
+    ("fs", "f_low", "tol"), [(192e3, 0.1, 1e-4), (8e3, 1, 0.01), (1e3, 10, 1e-8)]
+)
 def test_gain_in_forty_digits(fs, f_low, tol):
     modes = pink_modes(fs, f_low, tol)
     worst = 0.0
     with mp.workdps(40):
         for w in np.geomspace(2 * np.pi * f_low / fs, 0.9 * np.pi, 200).clip(None, 0.9 * np.pi):
             delay = mp.expj(-mp.mpf(w))
-            h = modes.d + mp.fsum(r / (1 - (1 - mp.mpf(e)) * delay) for e, r in zip(modes.e, modes.r, strict=True))
+            h = modes.d + mp.fsum(
+                r / (1 - (1 - mp.mpf(e)) * delay) for e, r in zip(modes.e, modes.r, strict=True)
+            )
             worst = max(worst, abs(20 * mp.log10(abs(h) * mp.sqrt(w))))
     assert 0.9 * modes.error_db < worst <= tol
 
@@ -123,7 +141,9 @@ def test_modes_are_the_product_of_sections(ratio, n):
     with mp.workdps(40):
         for w in np.geomspace(1 / ratio, 3.1, 60):
             back = mp.expj(mp.mpf(w))
-            product = gain * mp.fprod((back - 1 + zk) / (back - 1 + ek) for ek, zk in zip(e, z, strict=True))
+            product = gain * mp.fprod(
+                (back - 1 + zk) / (back - 1 + ek) for ek, zk in zip(e, z, strict=True)
+            )
             terms = zip(modes.e, modes.r, strict=True)
             parallel = modes.d + mp.fsum(rk * back / (back - 1 + ek) for ek, rk in terms)
             assert abs(parallel / product - 1) < 1e-13
@@ -136,7 +156,9 @@ def test_pole_at_zero_is_moved_aside():
     r, d = pink._partial_fractions(e, z, gain)
     w = np.linspace(0.01, 3, 50)
     power = np.abs(pink._response(e, r, d, w)) ** 2 * w
-    np.testing.assert_allclose(power, np.exp(pink._log_ripple(design, np.log(np.tan(w / 2)))), rtol=1e-6)
+    np.testing.assert_allclose(
+        power, np.exp(pink._log_ripple(design, np.log(np.tan(w / 2)))), rtol=1e-6
+    )
 
 
 def test_recursion_has_the_response():
@@ -148,7 +170,9 @@ def test_recursion_has_the_response():
         h[i] = modes.d * (i == 0) + np.sum(modes.r * q)
     w = 2 * np.pi * np.arange(n // 2 + 1) / n
     inside = (w >= 0.1 * np.pi) & (w <= 0.9 * np.pi)
-    deviation = 20 * np.log10(np.abs(np.fft.rfft(h)) * np.sqrt(w), where=inside, out=np.zeros_like(w))
+    deviation = 20 * np.log10(
+        np.abs(np.fft.rfft(h)) * np.sqrt(w), where=inside, out=np.zeros_like(w)
+    )
     assert np.max(np.abs(deviation)) <= modes.error_db * 1.001
     p = stationary_covariance(modes.e)
     variance = modes.d**2 + 2 * modes.d * modes.r.sum() + modes.r @ p @ modes.r
@@ -205,19 +229,25 @@ def test_modes_are_cached_and_read_only():
             array[0] = 0
 
 
-# --- stationary state -----------------------------------------------------------------------------------------------
+# --- stationary state -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("fs", "f_low"), RATES)
 def test_cholesky_of_stationary_covariance(fs, f_low):
-    """Against the closed form L_ik = sqrt(1 - p_k^2)/(1 - p_k p_i) prod_(j<k) (p_j - p_i)/(1 - p_j p_i)."""
+    """Against the closed form L_ik = sqrt(1 - p_k^2)/(1 - p_k p_i) prod_(j<k) (p_j -
+    p_i)/(1 - p_j p_i).
+    """
     for tol in TOLERANCES:
         e = pink_modes(fs, f_low, tol).e
         p = stationary_covariance(e)
         lower = cholesky(p)
         scale = np.sqrt(np.diag(p))
-        np.testing.assert_allclose(lower @ lower.T / np.outer(scale, scale), p / np.outer(scale, scale), atol=1e-15)
-        ratios = np.array([[(ei - ej) * p[i, j] for j, ej in enumerate(e)] for i, ei in enumerate(e)])
+        np.testing.assert_allclose(
+            lower @ lower.T / np.outer(scale, scale), p / np.outer(scale, scale), atol=1e-15
+        )
+        ratios = np.array(
+            [[(ei - ej) * p[i, j] for j, ej in enumerate(e)] for i, ei in enumerate(e)]
+        )
         products = np.cumprod(np.hstack([np.ones((len(e), 1)), ratios[:, :-1]]), axis=1)
         exact = np.tril(p / scale * products)
         np.testing.assert_allclose(lower / scale[:, None], exact / scale[:, None], atol=2e-13)
@@ -233,7 +263,8 @@ def test_stationary_covariance_is_stationary():
 
 
 def test_cholesky():
-    a = np.array([[4.0, 99.0, 99.0], [2.0, 5.0, 99.0], [6.0, 7.0, 30.0]])  # the upper triangle is not read
+    # the upper triangle is not read
+    a = np.array([[4.0, 99.0, 99.0], [2.0, 5.0, 99.0], [6.0, 7.0, 30.0]])
     full = np.tril(a) + np.tril(a, -1).T
     np.testing.assert_allclose(cholesky(a), np.linalg.cholesky(full), rtol=1e-14)
     with pytest.raises(ValueError, match="leading 2 x 2 block is not positive definite"):
@@ -242,7 +273,7 @@ def test_cholesky():
         cholesky([[math.nan]])
 
 
-# --- FIR differentiator ---------------------------------------------------------------------------------------------
+# --- FIR differentiator ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -296,20 +327,30 @@ def test_differentiator_differentiates():
     np.testing.assert_allclose(slope, 3, rtol=1e-6)
     omega = 2 * np.pi * 200
     derivative = np.convolve(np.sin(omega * t), taps, "valid")
-    np.testing.assert_allclose(derivative, omega * np.cos(omega * (t[order:] - order / 2 / fs)), atol=1e-6 * omega)
+    np.testing.assert_allclose(
+        derivative, omega * np.cos(omega * (t[order:] - order / 2 / fs)), atol=1e-6 * omega
+    )
 
 
 @pytest.mark.parametrize(
-    ("fs", "passband", "stopband", "order"), [(8000, 1000, 1500, 16), (8000, 2500, 3500, 24), (8000, 3000, None, 12)]
+    ("fs", "passband", "stopband", "order"),
+    [(8000, 1000, 1500, 16), (8000, 2500, 3500, 24), (8000, 3000, None, 12)],
 )
 def test_differentiator_is_the_best(fs, passband, stopband, order):
-    """The same problem as a linear program on a grid, whose optimum is just below the true one."""
+    """The same problem as a linear program on a grid, whose optimum is just below the
+    true one.
+    """
     half = order // 2
     w_pass, w_stop = differentiator._band_edges("", fs, passband, stopband)
     passing = np.linspace(1e-4, w_pass, 40 * half)
     stopping = np.zeros(0) if w_stop is None else np.linspace(w_stop, np.pi, 40 * half)
     k = np.arange(1, half + 1)
-    sines = np.vstack([2 * np.sin(passing[:, None] * k) / passing[:, None], 2 * np.sin(stopping[:, None] * k) / w_pass])
+    sines = np.vstack(
+        [
+            2 * np.sin(passing[:, None] * k) / passing[:, None],
+            2 * np.sin(stopping[:, None] * k) / w_pass,
+        ]
+    )
     wanted = np.repeat([1.0, 0.0], [len(passing), len(stopping)])
     ones = np.ones((len(wanted), 1))
     program = linprog(
@@ -346,7 +387,9 @@ def test_differentiator_order(fs, passband, stopband, tol, order):
 
 
 def test_unused_taps_are_zero():
-    """Taps that float64 leaves undetermined would amplify noise between the bands without bound."""
+    """Taps that float64 leaves undetermined would amplify noise between the bands
+    without bound.
+    """
     design = differentiator_taps(8000, 1000, 2500, 1024)
     assert np.count_nonzero(design.taps) < 120
     w = np.linspace(0, np.pi, 1000)
@@ -355,7 +398,10 @@ def test_unused_taps_are_zero():
 
 
 def test_stop_band_from_half_the_rate_is_none():
-    with_edge, without = differentiator_taps(8000, 3600, 4000, 64), differentiator_taps(8000, 3600, None, 64)
+    with_edge, without = (
+        differentiator_taps(8000, 3600, 4000, 64),
+        differentiator_taps(8000, 3600, None, 64),
+    )
     assert np.array_equal(with_edge.taps, without.taps) and with_edge.stop_db == -math.inf
 
 
@@ -398,7 +444,7 @@ def test_bad_differentiator_order(arguments, words):
         differentiator_order(*arguments)
 
 
-# --- time -----------------------------------------------------------------------------------------------------------
+# --- time -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -414,7 +460,12 @@ def test_design_is_quick(design):
     """A few milliseconds; the bound leaves room for a busy machine."""
     spent = []
     for _ in range(5):
-        for cache in (pink_modes, pink._minimax_modes, differentiator_taps, differentiator._exchange):
+        for cache in (
+            pink_modes,
+            pink._minimax_modes,
+            differentiator_taps,
+            differentiator._exchange,
+        ):
             cache.cache_clear()
         start = time.perf_counter()
         design()

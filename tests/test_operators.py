@@ -1,4 +1,6 @@
-"""Python's operators and numpy's functions on blocks: the right block, or an error that names the remedy."""
+"""Python's operators and numpy's functions on blocks: the right block, or an error that
+names the remedy.
+"""
 
 import math
 
@@ -25,14 +27,18 @@ def samples(block, u=U, target="python"):
         return proc.process(u)[0]
 
 
-# == and != -----------------------------------------------------------------------------------------------------------
+# == and != ----------------------------------------------------------------------------
 @pytest.mark.parametrize("target", ["python", "numba"])
 def test_equal_is_a_block_of_1_and_0(target):
     u = U[:, [0, 1, 2, 3, 4, 5, 6, 9]]
     np.testing.assert_array_equal(samples(n == 0, u, target), [1, 1, 0, 0, 0, 0, 0, 0])
     np.testing.assert_array_equal(samples(0.3 == n, u, target), [0, 0, 0, 0, 0, 1, 0, 0])
-    np.testing.assert_array_equal(samples(n != np.float64(0.0), u, target), [0, 0, 1, 1, 1, 1, 1, 1])
-    np.testing.assert_array_equal(samples(blocks.where(n == 0, 5.0, 6.0), u, target), [5, 5, 6, 6, 6, 6, 6, 6])
+    np.testing.assert_array_equal(
+        samples(n != np.float64(0.0), u, target), [0, 0, 1, 1, 1, 1, 1, 1]
+    )
+    np.testing.assert_array_equal(
+        samples(blocks.where(n == 0, 5.0, 6.0), u, target), [5, 5, 6, 6, 6, 6, 6, 6]
+    )
 
 
 def test_nan_and_infinities_are_compared_as_floats():
@@ -48,7 +54,11 @@ def test_any_two_floats(a, b):
 
 
 def test_equal_compares_units_and_what_is_no_number():
-    assert (x == 0).dim == (0 != x).dim == ONE and isinstance(x == 0, Equal) and isinstance(x != 0, NotEqual)
+    assert (
+        (x == 0).dim == (0 != x).dim == ONE
+        and isinstance(x == 0, Equal)
+        and isinstance(x != 0, NotEqual)
+    )
     with pytest.raises(UnitError, match=r"constant\(1, 'm'\)"):
         _ = x == 1.0
     for other in (None, "x", [1.0], np.ones(3), object()):
@@ -59,13 +69,18 @@ def test_equal_compares_units_and_what_is_no_number():
 
 def test_blocks_are_keys_by_identity():
     twin = Input("x", "m")
-    assert len({x, twin, n, x}) == 3 and {x: 1, twin: 2}[twin] == 2 and [x, n].index(x) == 0 and x in [x]
+    assert (
+        len({x, twin, n, x}) == 3
+        and {x: 1, twin: 2}[twin] == 2
+        and [x, n].index(x) == 0
+        and x in [x]
+    )
     assert hash(x) == object.__hash__(x)
     with pytest.raises(StimlibError, match="no truth value"):
         _ = x in [twin]
 
 
-# Powers --------------------------------------------------------------------------------------------------------------
+# Powers -------------------------------------------------------------------------------
 @pytest.mark.parametrize("k", [1, 2, 3, 5, 6, 17, 64, -1, -3, np.int64(4), 2.0])
 def test_whole_powers_are_products(k):
     u = np.array([[0.5, -1.1, 2.0, 1.0]])
@@ -88,7 +103,13 @@ def test_other_powers():
     assert_same(samples(n**0.5, np.array([[2.0, 9.0]])), np.sqrt([2.0, 9.0]))
     assert_same(samples(n**0 + 0.0 * n, np.array([[2.0, 0.0]])), np.ones(2))
     assert (x**0).dim == ONE
-    for f in (lambda: n**1.7, lambda: n**65, lambda: n**np.nan, lambda: n**np.inf, lambda: n**10**400):
+    for f in (
+        lambda: n**1.7,
+        lambda: n**65,
+        lambda: n**np.nan,
+        lambda: n**np.inf,
+        lambda: n**10**400,
+    ):
         with pytest.raises(BadValue, match=r"whole number from -64 to 64.*exp\(n \* log\(x\)\)"):
             f()
     for f in (lambda: n**m, lambda: n ** "2", lambda: 2**n, lambda: np.float64(2) ** n):
@@ -102,15 +123,30 @@ def test_the_mathematics_of_steps_takes_numbers_alone():
             f(x)
 
 
-# numpy, math and the rest --------------------------------------------------------------------------------------------
+# numpy, math and the rest -------------------------------------------------------------
 @pytest.mark.parametrize(
     "f",
     [
-        np.sin, np.cos, np.tanh, np.exp, np.log, np.sqrt, np.abs, np.negative, np.square, lambda v: np.power(v, 3),
-        lambda v: np.maximum(v, 1.5), lambda v: np.minimum(1.5, v), lambda v: np.add(v, 2.0), lambda v: np.divide(1.0, v),
-        np.reciprocal, lambda v: np.float64(2.0) * v, lambda v: np.float32(2.0) - v, lambda v: np.array(3.0) * v,
+        np.sin,
+        np.cos,
+        np.tanh,
+        np.exp,
+        np.log,
+        np.sqrt,
+        np.abs,
+        np.negative,
+        np.square,
+        lambda v: np.power(v, 3),
+        lambda v: np.maximum(v, 1.5),
+        lambda v: np.minimum(1.5, v),
+        lambda v: np.add(v, 2.0),
+        lambda v: np.divide(1.0, v),
+        np.reciprocal,
+        lambda v: np.float64(2.0) * v,
+        lambda v: np.float32(2.0) - v,
+        lambda v: np.array(3.0) * v,
     ],
-)  # fmt: skip
+)
 def test_numpy_functions_are_blocks(f):
     u = np.array([[0.25, 1.0, 3.5]])
     assert isinstance(f(n), Block)
@@ -122,27 +158,56 @@ def test_numpy_functions_are_blocks(f):
 @pytest.mark.parametrize(
     ("f", "remedy"),
     [
-        (lambda: n % 2, "bump"), (lambda: 7 % n, "bump"), (lambda: n // 2, "lut"), (lambda: divmod(n, 2), "bump"),
-        (lambda: n << 1, "delay(x, samples=n)"), (lambda: 1 >> n, "delay"), (lambda: (n > 0) & (m > 0), "minimum(a, b)"),
-        (lambda: (n > 0) | (m > 0), "maximum(a, b)"), (lambda: ~(n > 0), "1 - a"), (lambda: n ^ 2, "x ** n"),
-        (lambda: n @ m, "fir"), (lambda: not n, "1 - a"), (lambda: n > 0 and m > 0, "minimum(a, b)"), 
+        (lambda: n % 2, "bump"),
+        (lambda: 7 % n, "bump"),
+        (lambda: n // 2, "lut"),
+        (lambda: divmod(n, 2), "bump"),
+        (lambda: n << 1, "delay(x, samples=n)"),
+        (lambda: 1 >> n, "delay"),
+        (lambda: (n > 0) & (m > 0), "minimum(a, b)"),
+        (lambda: (n > 0) | (m > 0), "maximum(a, b)"),
+        (lambda: ~(n > 0), "1 - a"),
+        (lambda: n ^ 2, "x ** n"),
+        (lambda: n @ m, "fir"),
+        (lambda: not n, "1 - a"),
+        (lambda: n > 0 and m > 0, "minimum(a, b)"),
         (lambda: 0 < n < 1, "where"),
-        (lambda: math.sin(n), "sin"), (lambda: math.sqrt(n), "stimlib.blocks"), (lambda: float(n), "render"),
-        (lambda: int(n), "render"), (lambda: complex(n), "render"), (lambda: range(n), "render"), (lambda: round(n), "lut"),
-        (lambda: math.floor(n), "lut"), (lambda: math.ceil(n), "lut"), (lambda: math.trunc(n), "lut"),
-        (lambda: len(n), "delay(x, samples=1)"), (lambda: n[0], "delay"), (lambda: n[-1:], "delay"), (lambda: list(n), "delay"),
-        (lambda: [v for v in n], "delay"), (lambda: 1.0 in n, "delay"), (lambda: np.arctan(n), "stimlib.blocks"),
-        (lambda: np.floor(n), "lut"), (lambda: np.mod(n, 2.0), "bump"),
-        (lambda: np.floor_divide(1.0, n), "bump"), (lambda: np.sign(n), "(x > 0) - (x < 0)"),
+        (lambda: math.sin(n), "sin"),
+        (lambda: math.sqrt(n), "stimlib.blocks"),
+        (lambda: float(n), "render"),
+        (lambda: int(n), "render"),
+        (lambda: complex(n), "render"),
+        (lambda: range(n), "render"),
+        (lambda: round(n), "lut"),
+        (lambda: math.floor(n), "lut"),
+        (lambda: math.ceil(n), "lut"),
+        (lambda: math.trunc(n), "lut"),
+        (lambda: len(n), "delay(x, samples=1)"),
+        (lambda: n[0], "delay"),
+        (lambda: n[-1:], "delay"),
+        (lambda: list(n), "delay"),
+        (lambda: [v for v in n], "delay"),
+        (lambda: 1.0 in n, "delay"),
+        (lambda: np.arctan(n), "stimlib.blocks"),
+        (lambda: np.floor(n), "lut"),
+        (lambda: np.mod(n, 2.0), "bump"),
+        (lambda: np.floor_divide(1.0, n), "bump"),
+        (lambda: np.sign(n), "(x > 0) - (x < 0)"),
         (lambda: np.tan(n), "sin(x) / cos(x)"),
-        (lambda: np.hypot(n, m), "sqrt(a**2 + b**2)"), (lambda: np.logical_and(n > 0, m > 0), "minimum(a, b)"),
-        (lambda: np.log10(n), "math.log(b)"), (lambda: np.isnan(n), "x != x"),
-        (lambda: np.mean(n), "stimlib.blocks"), (lambda: np.where(n == 0, 1.0, 2.0), "where of stimlib.blocks"),
-        (lambda: np.array([n, m]), "stimlib.blocks"), (lambda: np.asarray(n, float), "stimlib.blocks"),
-        (lambda: np.add.reduce(n), "stimlib.blocks"), (lambda: np.sin(n, out=np.ones(2)), "stimlib.blocks"),
-        (lambda: np.ones(2) * n, "a block or a number"), (lambda: np.ones(2) == n, "a block or a number"),
+        (lambda: np.hypot(n, m), "sqrt(a**2 + b**2)"),
+        (lambda: np.logical_and(n > 0, m > 0), "minimum(a, b)"),
+        (lambda: np.log10(n), "math.log(b)"),
+        (lambda: np.isnan(n), "x != x"),
+        (lambda: np.mean(n), "stimlib.blocks"),
+        (lambda: np.where(n == 0, 1.0, 2.0), "where of stimlib.blocks"),
+        (lambda: np.array([n, m]), "stimlib.blocks"),
+        (lambda: np.asarray(n, float), "stimlib.blocks"),
+        (lambda: np.add.reduce(n), "stimlib.blocks"),
+        (lambda: np.sin(n, out=np.ones(2)), "stimlib.blocks"),
+        (lambda: np.ones(2) * n, "a block or a number"),
+        (lambda: np.ones(2) == n, "a block or a number"),
     ],
-)  # fmt: skip
+)
 def test_what_has_no_meaning_names_the_remedy(f, remedy):
     with pytest.raises(StimlibError) as e:
         f()
@@ -150,7 +215,13 @@ def test_what_has_no_meaning_names_the_remedy(f, remedy):
 
 
 @pytest.mark.parametrize(
-    "f", [lambda: 10**400 * x, lambda: Param("a", 10**400), lambda: constant(-(10**400)), lambda: x > 10**400]
+    "f",
+    [
+        lambda: 10**400 * x,
+        lambda: Param("a", 10**400),
+        lambda: constant(-(10**400)),
+        lambda: x > 10**400,
+    ],
 )
 def test_numbers_beyond_floats(f):
     with pytest.raises(BadValue, match="beyond what a float can hold"):

@@ -1,4 +1,6 @@
-"""Blocks with several outputs: one run of the block for all who listen, on every target and in every cut."""
+"""Blocks with several outputs: one run of the block for all who listen, on every target
+and in every cut.
+"""
 
 import json
 from dataclasses import dataclass
@@ -125,7 +127,9 @@ def test_the_samples():
     proc = stimlib.compile(Scene({"x": ROTOR.x, "y": ROTOR.y, "turns": ROTOR.turns}), FS)
     y = proc.process(np.array([[1.0, 1.0, 9.0, 1.0], [0.0, 0.0, -1.0, 0.0]]))
     angle = np.array([1.25, 2.25, 0.0, 1.25])
-    np.testing.assert_allclose(y, [np.cos(angle) * [1, 1, 0, 1], np.sin(angle), angle / 6.25], rtol=1e-15)
+    np.testing.assert_allclose(
+        y, [np.cos(angle) * [1, 1, 0, 1], np.sin(angle), angle / 6.25], rtol=1e-15
+    )
     assert [proc.units[n] for n in proc.outputs] == ["1", "1", "1"]
 
 
@@ -133,7 +137,10 @@ def test_the_block_runs_once_and_what_nobody_reads_is_not_stored():
     proc = stimlib.compile(Scene(CASES["two of three"]), FS)
     assert [r.kind for r in proc.plan.rows].count("pick") == 2
     assert sum("Rotor" in r.block and r.kind == "block" for r in proc.plan.rows) == 1
-    one, two = (stimlib.compile(Scene(CASES[n]), FS)._engine.segments for n in ("one of three", "two of three"))
+    one, two = (
+        stimlib.compile(Scene(CASES[n]), FS)._engine.segments
+        for n in ("one of three", "two of three")
+    )
     assert set(one) - set(two), "one segment for both"
 
 

@@ -1,4 +1,6 @@
-"""Several processes: as one, and none of them is left when the work is stopped, however that is."""
+"""Several processes: as one, and none of them is left when the work is stopped, however
+that is.
+"""
 
 import itertools
 import os
@@ -60,9 +62,15 @@ def alive(pid):
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks at processes in /proc")
 @pytest.mark.parametrize(
     ("to", "signals", "code"),
-    [("parent", [signal.SIGINT], 130), ("parent", [signal.SIGINT] * 2, 130), ("all", [signal.SIGINT] * 2, 130),
-     ("parent", [signal.SIGTERM], 143), ("all", [signal.SIGTERM], 143), ("parent", [signal.SIGKILL], -9)],
-)  # fmt: skip
+    [
+        ("parent", [signal.SIGINT], 130),
+        ("parent", [signal.SIGINT] * 2, 130),
+        ("all", [signal.SIGINT] * 2, 130),
+        ("parent", [signal.SIGTERM], 143),
+        ("all", [signal.SIGTERM], 143),
+        ("parent", [signal.SIGKILL], -9),
+    ],
+)
 def test_what_stops_the_parent_stops_its_workers(tmp_path, to, signals, code):
     (tmp_path / "work.py").write_text(WORK)
     (tmp_path / "run.py").write_text(RUN)
@@ -101,7 +109,8 @@ def ask(pool, function, *args, **limits):
     return result
 
 
-# What a worker may be in the middle of while its driver ends.  Each writes a file "NAME PID" first.
+# What a worker may be in the middle of while its driver ends.  Each writes a file "NAME
+# PID" first.
 STUCK = """
 import ctypes, functools, itertools, os, resource, signal, subprocess, sys, threading, time
 from pathlib import Path
@@ -222,7 +231,9 @@ with Pool(len(NAMES)) as pool:
 """
 ENDS = {
     "killed": "os.kill(os.getpid(), signal.SIGKILL)",
-    "killed while a child of it lives": "os.fork() and os.kill(os.getpid(), signal.SIGKILL); time.sleep(10); os._exit(0)",
+    "killed while a child of it lives": (
+        "os.fork() and os.kill(os.getpid(), signal.SIGKILL); time.sleep(10); os._exit(0)"
+    ),
     "terminated": "os.kill(os.getpid(), signal.SIGTERM)",
     "interrupted": "os.kill(os.getpid(), signal.SIGINT)",
     "hung up": "os.kill(os.getpid(), signal.SIGHUP)",
@@ -275,7 +286,11 @@ def test_a_job_that_ends_its_process_is_told_and_the_others_go_on():
             pool.submit(what, function, *args)
             at, result, error = pool.take()
             assert at == what
-            assert (result, type(error)) == {1: (None, WorkerDied), 2: (8, type(None)), 3: (None, TypeError)}[at]
+            assert (result, type(error)) == {
+                1: (None, WorkerDied),
+                2: (8, type(None)),
+                3: (None, TypeError),
+            }[at]
         pool.submit(4, os.getenv, "OMP_NUM_THREADS")
         assert pool.take() == (4, "1", None)
 
@@ -315,12 +330,21 @@ def throw(error, *args):
 
 @pytest.mark.parametrize(
     ("error", "args", "kind", "text"),
-    [(Odd, (1, 2), JobFailed, "Odd: 1 and 2"), (Mute, (), JobFailed, "Mute, which gives no text"),
-     (SystemExit, (3,), JobFailed, "SystemExit: 3"), (KeyboardInterrupt, ("stop",), JobFailed, "KeyboardInterrupt: stop"),
-     (Base, (4,), JobFailed, "Base: 4"), (GeneratorExit, (5,), JobFailed, "GeneratorExit: 5"),
-     (Unreadable, (), OSError, "no"), (EOFError, ("end",), EOFError, "end"), (ValueError, ("v",), ValueError, "v")],
-)  # fmt: skip
-def test_whatever_a_job_raises_is_its_error_and_its_process_goes_on(workers, error, args, kind, text):
+    [
+        (Odd, (1, 2), JobFailed, "Odd: 1 and 2"),
+        (Mute, (), JobFailed, "Mute, which gives no text"),
+        (SystemExit, (3,), JobFailed, "SystemExit: 3"),
+        (KeyboardInterrupt, ("stop",), JobFailed, "KeyboardInterrupt: stop"),
+        (Base, (4,), JobFailed, "Base: 4"),
+        (GeneratorExit, (5,), JobFailed, "GeneratorExit: 5"),
+        (Unreadable, (), OSError, "no"),
+        (EOFError, ("end",), EOFError, "end"),
+        (ValueError, ("v",), ValueError, "v"),
+    ],
+)
+def test_whatever_a_job_raises_is_its_error_and_its_process_goes_on(
+    workers, error, args, kind, text
+):
     pid = ask(workers, os.getpid)
     workers.submit("job", throw, error, *args)
     what, result, raised = workers.take()
@@ -337,15 +361,23 @@ def test_a_result_that_cannot_travel_is_an_error_of_its_job(workers):
 
 
 def test_a_job_has_its_seconds_and_the_others_go_on(workers):
-    for job in (time.sleep, 600), (exec, "import itertools; sum(itertools.repeat(0))"):  # which holds the GIL
+    # which holds the GIL
+    for job in (time.sleep, 600), (exec, "import itertools; sum(itertools.repeat(0))"):
         workers.submit("long", *job, seconds=0.3)
         what, result, error = workers.take()
-        assert (what, result, type(error)) == ("long", None, TimedOut) and "longer than its 0.3 s" in str(error)
+        assert (what, result, type(error)) == (
+            "long",
+            None,
+            TimedOut,
+        ) and "longer than its 0.3 s" in str(error)
         assert ask(workers, pow, 2, 3, seconds=60) == 8
 
 
 def test_the_seconds_of_a_job_begin_anew_with_each_note(workers):
-    text = "import time\nfrom stimlib.core.pool import note\nfor k in range(4):\n    note(k, bytes(16))\n    time.sleep(0.6)"
+    text = (
+        "import time\nfrom stimlib.core.pool import note\nfor k in range(4):\n    note(k,"
+        " bytes(16))\n    time.sleep(0.6)"
+    )
     assert ask(workers, exec, text, seconds=1.5) is None
 
 
@@ -432,7 +464,10 @@ def test_what_failed_was_not_made(monkeypatch):
             return (self.what, self.n, None) if self.n != 1 else (self.what, None, ValueError())
 
     monkeypatch.setattr("stimlib.core.pool.Pool", Row)
-    with pytest.raises(KeyboardInterrupt, match="1 of 3 were made"), spread(abs, [(0,), (1,), (2,)], 2) as results:
+    with (
+        pytest.raises(KeyboardInterrupt, match="1 of 3 were made"),
+        spread(abs, [(0,), (1,), (2,)], 2) as results,
+    ):
         assert next(results) == 0
         with pytest.raises(ValueError):
             next(results)

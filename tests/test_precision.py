@@ -1,4 +1,6 @@
-"""Run time against error: what the recorded tables say of errors is what this code has; of times nothing is tested."""
+"""Run time against error: what the recorded tables say of errors is what this code has;
+of times nothing is tested.
+"""
 
 import csv
 import importlib.util
@@ -43,10 +45,13 @@ def recorded(name):
 @pytest.mark.parametrize("problem", ALL, ids=lambda p: p.name)
 @pytest.mark.longer
 def test_errors_are_those_that_were_recorded(problem):
-    """And every rung that says a tolerance keeps it; JAX, which compiles long, at length only."""
+    """And every rung that says a tolerance keeps it; JAX, which compiles long, at
+    length only.
+    """
     methods = [m for m in problem.methods() if STRESS or "JAX" not in m.family]
     points = measure(problem._replace(methods=lambda: methods), timed=False)
-    if (made := methods[0].job()) is not None:  # it has as many samples as its time is divided by, or is as long
+    # it has as many samples as its time is divided by, or is as long
+    if (made := methods[0].job()) is not None:
         rate = float(methods[0].knob) / 1000 if problem.per == "a millisecond" else 1.0
         assert np.size(made) == pytest.approx(rate * problem.samples, rel=3e-3)
     known = recorded(problem.name)
@@ -56,7 +61,8 @@ def test_errors_are_those_that_were_recorded(problem):
             assert p.failed and "stimlib" not in p.family, p
             continue
         assert not p.failed, p
-        if "LSODA" in p.family or p.family == "scipy chirp, float32":  # 3.6 times on another processor; 9 % with another numpy
+        # 3.6 times on another processor; 9 % with another numpy
+        if "LSODA" in p.family or p.family == "scipy chirp, float32":
             assert 0.1 < p.error / known[p.family, p.knob].error < 10, p
             continue
         digits = 1e-14 if "JAX" not in p.family else 1e-7  # below that sums in another order count
@@ -73,21 +79,35 @@ def test_every_recorded_table_has_a_problem_and_a_picture():
 
 def test_the_tables_of_the_readme_and_the_docs_are_those_that_were_recorded(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
-    spec = importlib.util.spec_from_file_location("bench_precision", ROOT / "benchmarks" / "work_precision.py")
+    spec = importlib.util.spec_from_file_location(
+        "bench_precision", ROOT / "benchmarks" / "work_precision.py"
+    )
     bench = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(bench)
     with bench.SUMMARY.open(newline="") as f:
         wanted = precision.summary(best(KEPT))
         assert [tuple(row) for row in csv.reader(f)] == wanted
-    lines = (ROOT / "README.md").read_text().partition("| operator | error |")[2].partition("\n\n")[0].splitlines()[2:]
+    lines = (
+        (ROOT / "README.md")
+        .read_text()
+        .partition("| operator | error |")[2]
+        .partition("\n\n")[0]
+        .splitlines()[2:]
+    )
     assert len(lines) >= 9
     for cells in ([c.strip() for c in line.strip("|").split("|")] for line in lines):
         for error, ns in ([float(c.split()[0]) for c in cells[k : k + 2]] for k in (1, 4)):
-            assert any(abs(p.error / error - 1) < 0.1 and abs(p.ns / ns - 1) < 0.1 for p in KEPT if p.error > 0), cells
+            assert any(
+                abs(p.error / error - 1) < 0.1 and abs(p.ns / ns - 1) < 0.1
+                for p in KEPT
+                if p.error > 0
+            ), cells
 
 
 def test_a_response_begins_at_its_impulse():
-    np.testing.assert_allclose(precision.response(lambda x: 2 * x, 8, at=3), 2 * np.ones(5), rtol=1e-15)
+    np.testing.assert_allclose(
+        precision.response(lambda x: 2 * x, 8, at=3), 2 * np.ones(5), rtol=1e-15
+    )
 
 
 def bad(knob):
@@ -95,7 +115,11 @@ def bad(knob):
 
 
 def test_what_fails_is_a_row_that_says_so():
-    ladders = {"cannot be made": ([1], bad), "fails": ([1], lambda k: bad), "nan": ([2.5], lambda k: lambda x: x * np.nan)}
+    ladders = {
+        "cannot be made": ([1], bad),
+        "fails": ([1], lambda k: bad),
+        "nan": ([2.5], lambda k: lambda x: x * np.nan),
+    }
     p = Problem("p", "", "", 3, lambda: on(np.ones(3), lambda f: f(np.ones(1))[0], ladders))
     points = measure(p, rounds=1)
     assert [q.knob for q in points] == ["1", "1", "2.5"]
@@ -105,7 +129,13 @@ def test_what_fails_is_a_row_that_says_so():
 
 def test_time_is_for_a_sample_and_errors_are_not_timed():
     ran = []
-    p = Problem("p", "", "", 1000, lambda: [Method("m", "", lambda: ran.append("job"), lambda: ran.append("error") or 1.0)])
+    p = Problem(
+        "p",
+        "",
+        "",
+        1000,
+        lambda: [Method("m", "", lambda: ran.append("job"), lambda: ran.append("error") or 1.0)],
+    )
     (point,) = measure(p, rounds=3)
     assert ran == ["error"] + ["job"] * 4  # one to warm up
     assert 0 < point.ns < 1e6
@@ -118,7 +148,11 @@ def test_each_method_has_its_own_time_in_ns_for_a_sample(monkeypatch):
     methods = [Method(f"m{k}", "", lambda: None, lambda e=e: e) for k, e in enumerate(errors)]
     a, failed, b = measure(Problem("p", "", "", 500, lambda: methods))
     assert (a.error, a.ns, b.error, b.ns) == (0.25, pytest.approx(2000.0), 0.5, pytest.approx(4.0))
-    assert (failed.failed, a.failed) == ("not finite", "") and math.isnan(failed.error) and math.isnan(failed.ns)
+    assert (
+        (failed.failed, a.failed) == ("not finite", "")
+        and math.isnan(failed.error)
+        and math.isnan(failed.ns)
+    )
 
 
 def test_time_is_what_this_process_computes():
@@ -151,7 +185,10 @@ def test_a_method_of_stimlib_begins_at_sample_0_each_time(monkeypatch):
 
 
 def test_the_table_has_our_figures_and_theirs():
-    rows = [Point("pulses", "stimlib a", "1e-6", 1e-6, 2.0), Point("pulses", "scipy", "8", 1e-7, 6.0)]
+    rows = [
+        Point("pulses", "stimlib a", "1e-6", 1e-6, 2.0),
+        Point("pulses", "scipy", "8", 1e-7, 6.0),
+    ]
     first, *cells = (cell for column in precision.table(rows).columns for cell in column.cells)
     assert (first, *cells[:2]) == ("pulses", "largest error of an event's time, s", "a millisecond")
     assert cells[2:] == ["stimlib a 1e-6", "1.0e-06", "2", "scipy 8", "1.0e-07", "6", "3"]
@@ -172,30 +209,59 @@ def test_the_line_of_a_problem():
         Point("q", "near", "", 1e-3, 10.0),
         Point("r", "stimlib c", "", 0.0, 1.0),
     ]
-    rows += [Point("lowpass", f, k, e, 1.0) for f, k, e in (("stimlib", "8", 1e-9), ("scipy", "8", 1e-5), ("scipy", "80", 1e-9))]
+    rows += [
+        Point("lowpass", f, k, e, 1.0)
+        for f, k, e in (("stimlib", "8", 1e-9), ("scipy", "8", 1e-5), ("scipy", "80", 1e-9))
+    ]
     p, q, r, lowpass = best(rows)
     assert (lowpass.other.knob, lowpass.reached) == ("8", False)  # another cutoff is another filter
-    assert (p.ours.knob, p.other.family, p.other.knob, p.reached, p.times) == ("2", "numpy", "1", True, 3.0)
+    assert (p.ours.knob, p.other.family, p.other.knob, p.reached, p.times) == (
+        "2",
+        "numpy",
+        "1",
+        True,
+        3.0,
+    )
     assert (q.other.family, q.reached, q.times) == ("near", False, 2.0)
     assert r.other is None and math.isnan(r.times)
 
 
 def test_a_problem_in_which_all_of_ours_failed_keeps_its_line():
     """It ended the table with a traceback, after minutes of measuring."""
-    rows = [Point("pulses", "stimlib a", "1", math.nan, math.nan, "why"), Point("pulses", "scipy", "8", 1e-7, 6.0)]
+    rows = [
+        Point("pulses", "stimlib a", "1", math.nan, math.nan, "why"),
+        Point("pulses", "scipy", "8", 1e-7, 6.0),
+    ]
     (line,) = best(rows)
     assert (line.ours, line.other, line.reached) == (*rows, False) and math.isnan(line.times)
-    assert precision.summary([line])[0][4:] == ("stimlib a 1", "nan", "nan", "scipy 8", "1.0e-07", "6")
+    assert precision.summary([line])[0][4:] == (
+        "stimlib a 1",
+        "nan",
+        "nan",
+        "scipy 8",
+        "1.0e-07",
+        "6",
+    )
     assert best(rows[:1])[0].ours is rows[0] and precision.table(rows).row_count == 1
 
 
 def test_the_command(tmp_path, monkeypatch):
-    tiny = Problem("tiny", "a tiny problem", "error", 10, lambda: [Method("stimlib", "1", lambda: None, lambda: 0.5)])
+    tiny = Problem(
+        "tiny",
+        "a tiny problem",
+        "error",
+        10,
+        lambda: [Method("stimlib", "1", lambda: None, lambda: 0.5)],
+    )
     monkeypatch.setattr(precision, "problems", lambda only=(): [tiny])
     precision.regenerate(tmp_path, ["tiny"], shown=False)
     assert "a tiny problem" in (tmp_path / "work_tiny.svg").read_text()
     lines = (tmp_path / "tiny.csv").read_text().splitlines()
-    assert lines[0].startswith("# ") and "numpy" in lines[0] and lines[2].startswith("tiny,stimlib,1,0.5,")
+    assert (
+        lines[0].startswith("# ")
+        and "numpy" in lines[0]
+        and lines[2].startswith("tiny,stimlib,1,0.5,")
+    )
 
 
 def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, monkeypatch):
@@ -203,7 +269,10 @@ def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, monkey
         raise KeyboardInterrupt
 
     jobs = {"a": int, "b": ended}
-    some = [Problem(n, n, "error", 10, lambda job=job: [Method("stimlib", "1", job, lambda: 0.5)]) for n, job in jobs.items()]
+    some = [
+        Problem(n, n, "error", 10, lambda job=job: [Method("stimlib", "1", job, lambda: 0.5)])
+        for n, job in jobs.items()
+    ]
     monkeypatch.setattr(precision, "problems", lambda only: some)
     with pytest.raises(KeyboardInterrupt):
         precision.regenerate(tmp_path, shown=False)
@@ -215,7 +284,9 @@ def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, monkey
 
 def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(tmp_path, monkeypatch):
     ran = []
-    one = Problem("one", "", "", 10, lambda: [Method("stimlib", "", lambda: ran.append("job"), lambda: 0.5)])
+    one = Problem(
+        "one", "", "", 10, lambda: [Method("stimlib", "", lambda: ran.append("job"), lambda: 0.5)]
+    )
     monkeypatch.setattr(precision, "problems", lambda only: [one])
     with pytest.raises(SinkError):
         precision.regenerate(tmp_path / "missing", shown=False)
@@ -234,19 +305,36 @@ def test_the_picture_has_errors_below_and_times_at_the_left(monkeypatch):
         Point("p", "scipy", "9", math.nan, math.nan, "why"),
         Point("p", "broken", "", math.nan, math.nan, "why"),
     ]
-    precision.picture(Problem("p", "a problem", "error, m", 10, list, "a millisecond"), points, "a.svg")
+    precision.picture(
+        Problem("p", "a problem", "error, m", 10, list, "a millisecond"), points, "a.svg"
+    )
     (ax,) = drawn[0].axes
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("error, m", "ns a millisecond") and ax.get_title("left") == "a problem"
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("error, m", "ns a millisecond") and ax.get_title(
+        "left"
+    ) == "a problem"
     assert ax.get_xscale() == ax.get_yscale() == "log"
-    families = {line.get_label(): line.get_xydata().tolist() for line in ax.lines if line.get_marker() != "x"}
-    assert families == {"stimlib a": [[1e-3, 50.0], [precision.FLOOR, 80.0]], "scipy": [[1e-5, 9.0]]}
-    assert [line.get_color() for line in ax.lines if line.get_marker() == "x"] == ["C1", "C2"]  # what failed
+    families = {
+        line.get_label(): line.get_xydata().tolist()
+        for line in ax.lines
+        if line.get_marker() != "x"
+    }
+    assert families == {
+        "stimlib a": [[1e-3, 50.0], [precision.FLOOR, 80.0]],
+        "scipy": [[1e-5, 9.0]],
+    }
+    # what failed
+    assert [line.get_color() for line in ax.lines if line.get_marker() == "x"] == ["C1", "C2"]
     knobs = {(text.get_text(), *text.xy) for text in ax.texts}
     assert knobs == {("1", 1e-3, 50.0), ("2", precision.FLOOR, 80.0), ("8", 1e-5, 9.0)}
 
 
-def test_the_benchmark_records_only_when_it_is_told_and_sums_up_all_that_is_recorded(tmp_path, monkeypatch):
-    script, summary = tmp_path / "benchmarks" / "work_precision.py", tmp_path / "docs" / "explanation" / "work_precision.csv"
+def test_the_benchmark_records_only_when_it_is_told_and_sums_up_all_that_is_recorded(
+    tmp_path, monkeypatch
+):
+    script, summary = (
+        tmp_path / "benchmarks" / "work_precision.py",
+        tmp_path / "docs" / "explanation" / "work_precision.csv",
+    )
     kept = script.with_suffix("")
     for folder in (kept, summary.parent):
         folder.mkdir(parents=True)
@@ -254,7 +342,9 @@ def test_the_benchmark_records_only_when_it_is_told_and_sums_up_all_that_is_reco
     for name in ("arm", "pink"):
         shutil.copy(RECORDED / f"{name}.csv", kept)
     asked = []
-    monkeypatch.setattr(precision, "regenerate", lambda folder, only: asked.append((folder, only)) or KEPT[:1])
+    monkeypatch.setattr(
+        precision, "regenerate", lambda folder, only: asked.append((folder, only)) or KEPT[:1]
+    )
     monkeypatch.setattr(os, "sched_setaffinity", lambda *_: None, raising=False)
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -263,9 +353,13 @@ def test_the_benchmark_records_only_when_it_is_told_and_sums_up_all_that_is_reco
         assert not summary.exists()
         monkeypatch.setattr("sys.argv", ["work_precision.py", "--only", "arm", *words])
         runpy.run_path(str(script), run_name="__main__")
-    assert [folder for folder, _ in asked] == [tmp_path, kept] and {tuple(only) for _, only in asked} == {("arm",)}
+    assert [folder for folder, _ in asked] == [tmp_path, kept] and {
+        tuple(only) for _, only in asked
+    } == {("arm",)}
     with summary.open(newline="") as f:
-        assert [tuple(row) for row in csv.reader(f)] == precision.summary(best(precision.recorded(kept)))
+        assert [tuple(row) for row in csv.reader(f)] == precision.summary(
+            best(precision.recorded(kept))
+        )
     assert [line.partition(",")[0] for line in summary.read_text().splitlines()] == ["pink", "arm"]
 
 
@@ -276,4 +370,12 @@ def test_names_of_problems():
 
 
 def test_points_on_jax_alone_have_no_best():
-    assert best([Point("pink", "stimlib JAX", "1", np.nan, np.nan, "no jax"), Point("pink", "scipy", "1", 1e-3, 5.0)]) == []
+    assert (
+        best(
+            [
+                Point("pink", "stimlib JAX", "1", np.nan, np.nan, "no jax"),
+                Point("pink", "scipy", "1", 1e-3, 5.0),
+            ]
+        )
+        == []
+    )

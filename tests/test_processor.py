@@ -23,17 +23,24 @@ def make(outputs=None, fs=1000, target="python", **kw):
     return stimlib.compile(Scene(outputs or {"y": x + z}), fs, target, **kw)
 
 
-# process -------------------------------------------------------------------------------------------------------------
+# process ------------------------------------------------------------------------------
 @both
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
-        (np.zeros(5), ["(2, n)", "x, z", "(5,)"]), (np.zeros((3, 5)), ["(2, n)", "(3, 5)"]), (np.zeros((2, 5, 1)), ["(2, 5, 1)"]),
-        (np.zeros((2, 5), np.float32), ["float64", "float32", "astype"]), (np.zeros((2, 5), int), ["int64"]),
-        (np.zeros((2, 10))[:, ::2], ["C-contiguous", "ascontiguousarray"]), (np.zeros((5, 2)).T, ["C-contiguous"]),
-        ([[1.0], [2.0]], ["array", "list"]), (None, ["array", "NoneType"]), (3.0, ["float"]), (np.zeros((2, 3), ">f8"), [">f8"]),
+        (np.zeros(5), ["(2, n)", "x, z", "(5,)"]),
+        (np.zeros((3, 5)), ["(2, n)", "(3, 5)"]),
+        (np.zeros((2, 5, 1)), ["(2, 5, 1)"]),
+        (np.zeros((2, 5), np.float32), ["float64", "float32", "astype"]),
+        (np.zeros((2, 5), int), ["int64"]),
+        (np.zeros((2, 10))[:, ::2], ["C-contiguous", "ascontiguousarray"]),
+        (np.zeros((5, 2)).T, ["C-contiguous"]),
+        ([[1.0], [2.0]], ["array", "list"]),
+        (None, ["array", "NoneType"]),
+        (3.0, ["float"]),
+        (np.zeros((2, 3), ">f8"), [">f8"]),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_block_says_what_is_wanted(target, bad, words):
     proc = make(target=target)
     with pytest.raises(BadValue) as e:
@@ -55,7 +62,9 @@ def test_a_wrong_out_says_what_is_wanted(target, bad, words):
     proc = make(target=target)
     with pytest.raises(BadValue) as e:
         proc.process(np.zeros((2, 5)), bad)
-    assert str(e.value).startswith("process: out ") and all(w in str(e.value) for w in words), e.value
+    assert str(e.value).startswith("process: out ") and all(w in str(e.value) for w in words), (
+        e.value
+    )
     assert proc.index == 0
 
 
@@ -121,7 +130,9 @@ def test_out_may_be_rows_of_the_same_table(target, rows):
 
 @both
 def test_no_rows_may_lie_anywhere(target):
-    """A stretch of no rows has an address, of which nothing is read: it may be within out."""
+    """A stretch of no rows has an address, of which nothing is read: it may be within
+    out.
+    """
     proc = stimlib.compile(Scene({"n": blocks.white_noise(1)}), 1000, target)
     memory = np.zeros(100)
     u = np.ndarray((0, 100), buffer=memory, offset=400)
@@ -129,13 +140,18 @@ def test_no_rows_may_lie_anywhere(target):
 
 
 def test_the_address_gives_the_same_bits():
-    proc = make({"a": blocks.first_order(x, 0.1), "n": blocks.white_noise(1), "k": Param("k", 1.0)}, target="numba")
+    proc = make(
+        {"a": blocks.first_order(x, 0.1), "n": blocks.white_noise(1), "k": Param("k", 1.0)},
+        target="numba",
+    )
     u = np.random.default_rng(2).standard_normal((1, 300))
     wanted = proc.process(u)
     proc.reset()
     entry, context = proc.address
     out = np.empty((3, 300))
-    f = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(entry)
+    f = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(
+        entry
+    )
     f(context, u.ctypes.data, out.ctypes.data, 300)
     assert_same(out, wanted)
     assert proc.index == 300
@@ -143,8 +159,10 @@ def test_the_address_gives_the_same_bits():
         _ = make(target="python").address
 
 
-# compile -------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("fs", [0, -1, np.nan, np.inf, "fast", None, "8000", b"8000", 10**400, 1j, [8000, 1], 1e300])
+# compile ------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "fs", [0, -1, np.nan, np.inf, "fast", None, "8000", b"8000", 10**400, 1j, [8000, 1], 1e300]
+)
 def test_bad_rates(fs):
     with pytest.raises(BadValue, match="fs"):
         make(fs=fs)
@@ -154,10 +172,13 @@ def test_bad_rates(fs):
 @pytest.mark.parametrize(
     "block",
     [
-        blocks.delay(x, samples=10**12), blocks.delay(x, samples=2**63), blocks.delay(x, seconds=1e300),
-        blocks.delay(x, seconds=1e308), blocks.delay(blocks.delay(x, samples=3 * 10**8), samples=3 * 10**8 + 1),
+        blocks.delay(x, samples=10**12),
+        blocks.delay(x, samples=2**63),
+        blocks.delay(x, seconds=1e300),
+        blocks.delay(x, seconds=1e308),
+        blocks.delay(blocks.delay(x, samples=3 * 10**8), samples=3 * 10**8 + 1),
     ],
-)  # fmt: skip
+)
 def test_more_memory_than_is_allowed_is_an_error_before_it_is_taken(target, block):
     with pytest.raises(BadValue, match="limits.state_bytes.*STIMLIB_LIMITS"):
         make({"y": block}, target=target)
@@ -179,7 +200,9 @@ def test_a_sample_rate_needs_memory_for_its_lead():
 
 @pytest.mark.parametrize(("room", "good"), [(0, True), (-1, False)])
 def test_the_memory_of_the_lead_is_counted(monkeypatch, room, good):
-    """A row of it for every input and output; 64 words for each of three blocks, and the guard's own four."""
+    """A row of it for every input and output; 64 words for each of three blocks, and
+    the guard's own four.
+    """
     monkeypatch.setattr(stimlib.limits, "state_bytes", 8 * (2 * lead(48000) + 3 * 64 + 4) + room)
     if good:
         make({"y": -x}, fs=48000)
@@ -204,7 +227,9 @@ def test_bad_target():
 
 
 def test_names_and_units():
-    scene = Scene({"force": Param("k", 2.0, "N/m") * Input("q", "m"), "loud": blocks.white_noise(1)})
+    scene = Scene(
+        {"force": Param("k", 2.0, "N/m") * Input("q", "m"), "loud": blocks.white_noise(1)}
+    )
     proc = stimlib.compile(scene, 1000)
     assert proc.inputs == ("q",) and proc.outputs == ("force", "loud") and proc.params == {"k": 2.0}
     assert proc.units == {"q": "m", "k": "N/m", "force": "N", "loud": "1"}
@@ -231,9 +256,12 @@ def test_seeds_are_keys_of_all_noise(target):
     assert_same(other.process(u), y)
 
 
-# set -----------------------------------------------------------------------------------------------------------------
+# set ----------------------------------------------------------------------------------
 @both
-@pytest.mark.parametrize(("ramp", "n"), [(0.0, 1), (0.0004, 1), (0.001, 1), (0.002, 2), (0.02, 20), (0.1, 100), (0.333, 333)])
+@pytest.mark.parametrize(
+    ("ramp", "n"),
+    [(0.0, 1), (0.0004, 1), (0.001, 1), (0.002, 2), (0.02, 20), (0.1, 100), (0.333, 333)],
+)
 def test_a_ramp_is_straight_and_ends_exactly(target, ramp, n):
     proc = make({"y": Param("a", 0.1)}, target=target)
     nothing = np.empty((0, 7))
@@ -254,7 +282,9 @@ def test_a_ramp_may_turn_on_the_way(target):
     proc.set("a", 3.0, 1.0)  # never heard: the next call replaces it
     proc.set("a", -1.0, 0.003)
     y = np.r_[y, proc.process(np.empty((0, 5)))[0]]
-    np.testing.assert_allclose(y, [0.1, 0.2, 0.3, 0.4, 0.5, 0.0, -0.5, -1.0, -1.0, -1.0], atol=1e-15)
+    np.testing.assert_allclose(
+        y, [0.1, 0.2, 0.3, 0.4, 0.5, 0.0, -0.5, -1.0, -1.0, -1.0], atol=1e-15
+    )
     assert [c.at for c in proc.log] == [0, 5, 5]
     proc.reset()
     assert proc.log == [] and proc.params == {"a": 0.0}
@@ -276,7 +306,9 @@ def test_a_setting_is_part_of_the_state_at_once(target):
 
 @both
 def test_what_has_stood_moves_with_every_change_of_a_parameter(target):
-    """Maps of parameters, here and in a gate, follow each set, ramp, state and reset."""
+    """Maps of parameters, here and in a gate, follow each set, ramp, state and
+    reset.
+    """
     a = Param("a", 1.0)
     proc = make({"a": a, "y": 2.0 * a + 1.0, "z": blocks.enabled(a * a, by=x)}, target=target)
 
@@ -293,7 +325,8 @@ def test_what_has_stood_moves_with_every_change_of_a_parameter(target):
         assert (said() == said()).all()
         change()
         assert (said() == wanted).all()
-    for n in (2, 3, 64, 65, 66, 100):  # samples of ramp: some are left at the end of a tile, or of a call
+    # samples of ramp: some are left at the end of a tile, or of a call
+    for n in (2, 3, 64, 65, 66, 100):
         wanted = proc.params["a"] + np.minimum(np.arange(1, 131) / n, 1.0)
         proc.set("a", proc.params["a"] + 1.0, n / 1000)
         np.testing.assert_allclose([*said(1), *said(129)], wanted, rtol=1e-14)
@@ -306,20 +339,30 @@ def test_each_of_several_parameters_moves(target):
     for name in proc.params:
         before = proc.process(nothing)[0, -1]
         proc.set(name, 2.0 * proc.params[name], 0.09)
-        np.testing.assert_allclose(proc.process(nothing)[0], before * (1 + np.minimum(np.arange(1, 101) / 90, 1.0)), rtol=1e-13)
+        np.testing.assert_allclose(
+            proc.process(nothing)[0],
+            before * (1 + np.minimum(np.arange(1, 101) / 90, 1.0)),
+            rtol=1e-13,
+        )
 
 
 @both
 @pytest.mark.parametrize(
     ("args", "error", "words"),
     [
-        (("b", 1.0), UnknownName, ["'b'", "a, k"]), (("a", np.nan), BadValue, ["finite"]), (("a", np.inf), BadValue, ["finite"]),
-        (("a", 1.0, -0.1), BadValue, ["ramp", "at least 0"]), (("a", 1.0, np.nan), BadValue, ["ramp"]),
-        (("a", "x"), BadValue, ["a"]), (("a", "1.0"), BadValue, ["a"]), (("a", 10**400), BadValue, ["too large"]),
-        (("a", 1.0, 1e308), BadValue, ["ramp"]), (("a", 1.0, 10**400), BadValue, ["ramp"]),
+        (("b", 1.0), UnknownName, ["'b'", "a, k"]),
+        (("a", np.nan), BadValue, ["finite"]),
+        (("a", np.inf), BadValue, ["finite"]),
+        (("a", 1.0, -0.1), BadValue, ["ramp", "at least 0"]),
+        (("a", 1.0, np.nan), BadValue, ["ramp"]),
+        (("a", "x"), BadValue, ["a"]),
+        (("a", "1.0"), BadValue, ["a"]),
+        (("a", 10**400), BadValue, ["too large"]),
+        (("a", 1.0, 1e308), BadValue, ["ramp"]),
+        (("a", 1.0, 10**400), BadValue, ["ramp"]),
         (("a", None), BadValue, ["a"]),
     ],
-)  # fmt: skip
+)
 def test_settings_that_make_no_sense(target, args, error, words):
     proc = make({"y": Param("a", 0.0) * Param("k", 1.0)}, target=target)
     with pytest.raises(error) as e:
@@ -334,17 +377,29 @@ def test_no_live_numbers_says_none():
         make().set("a", 1.0)
 
 
-# latency, response ---------------------------------------------------------------------------------------------------
+# latency, response --------------------------------------------------------------------
 def test_latency_adds_along_paths():
     noise = blocks.white_noise(1)
-    proc = make({"y": blocks.delay(x, 3) + blocks.delay(blocks.delay(x, 4), 5), "w": blocks.fir(noise, [1, 2, 1]), "k": z * 2.0})
+    proc = make(
+        {
+            "y": blocks.delay(x, 3) + blocks.delay(blocks.delay(x, 4), 5),
+            "w": blocks.fir(noise, [1, 2, 1]),
+            "k": z * 2.0,
+        }
+    )
     assert proc.latency == {("y", "x"): (3, 9), ("w", "white(1, 0)"): (1, 1), ("k", "z"): (0, 0)}
 
 
 def test_latency_is_what_a_slow_signal_sees():
     """The stated latency is the group delay at 0 Hz."""
     for fs in (8000.0, 48000.0):
-        scene = Scene({"v": blocks.velocity(x), "d": blocks.differentiator(x, 1000.0), "l": blocks.first_order(x, 0.01)})
+        scene = Scene(
+            {
+                "v": blocks.velocity(x),
+                "d": blocks.differentiator(x, 1000.0),
+                "l": blocks.first_order(x, 0.01),
+            }
+        )
         proc = stimlib.compile(scene, fs)
         y = proc.process(np.arange(int(fs))[None] ** 2 / fs**2)[:, -1]
         late = [proc.latency[n, "x"][0] / fs for n in ("v", "d")]
@@ -374,12 +429,21 @@ def test_response_of_what_is_not_reached_is_zero():
 @pytest.mark.parametrize(
     "block",
     [
-        x * x, 1.0 / x, abs(x), x > 0.0, blocks.tanh(x), blocks.where(x, 1.0, 2.0), blocks.where(1.0 * z, x, 0.0),
+        x * x,
+        1.0 / x,
+        abs(x),
+        x > 0.0,
+        blocks.tanh(x),
+        blocks.where(x, 1.0, 2.0),
+        blocks.where(1.0 * z, x, 0.0),
         blocks.lut(x, [0, 1], [1, 2]),
-        blocks.loading(x, 0.2, 0.1), x * z, x * blocks.enabled(blocks.white_noise(1), by=z), blocks.maximum(x, 0.0),
+        blocks.loading(x, 0.2, 0.1),
+        x * z,
+        x * blocks.enabled(blocks.white_noise(1), by=z),
+        blocks.maximum(x, 0.0),
         x + blocks.enabled(blocks.white_noise(1), by=x),
     ],
-)  # fmt: skip
+)
 def test_no_response_where_it_is_not_linear(block):
     with pytest.raises(SceneError, match="not linear and time-invariant|own clock"):
         make({"y": block}).response("y", "x", np.array([1.0]))
@@ -387,7 +451,9 @@ def test_no_response_where_it_is_not_linear(block):
 
 def test_response_of_gated_noise():
     with pytest.raises(SceneError, match="own clock"):
-        make({"y": blocks.enabled(blocks.white_noise(1), by=x)}).response("y", "white(1, 0)", np.array([1.0]))
+        make({"y": blocks.enabled(blocks.white_noise(1), by=x)}).response(
+            "y", "white(1, 0)", np.array([1.0])
+        )
 
 
 def test_response_asks_only_what_is_on_the_way():
@@ -401,7 +467,7 @@ def test_response_of_unknown_names(names):
         make().response(*names, np.array([1.0]))
 
 
-# plan, fault ---------------------------------------------------------------------------------------------------------
+# plan, fault --------------------------------------------------------------------------
 def test_the_plan_tells_what_runs_and_what_does_not():
     noise = blocks.enabled(blocks.pink_noise(1.0, 1, f_low=20.0), by=x > 0.0)
     proc = make({"y": x * noise + 0.0 * blocks.white_noise(2)}, target="numba")
@@ -434,10 +500,12 @@ def test_a_fault_fades_from_the_sample_before(target, at):
     u = np.arange(1.0, 161.0)[None]
     u[0, at] = np.nan
     y = proc.process(u)[0]
-    np.testing.assert_allclose(y[at : at + 21], u[0, at - 1] * np.arange(20, -1, -1) / 20, rtol=1e-15)
+    np.testing.assert_allclose(
+        y[at : at + 21], u[0, at - 1] * np.arange(20, -1, -1) / 20, rtol=1e-15
+    )
 
 
-# state ---------------------------------------------------------------------------------------------------------------
+# state --------------------------------------------------------------------------------
 def line(*samples):
     y = x
     for n in samples:
@@ -474,7 +542,9 @@ class Sizes(NamedTuple):
 
 
 def test_a_state_of_a_class_that_was_changed_is_refused():
-    """A notebook's cell was run again: same name and numbers, same number of words, and they mean something else."""
+    """A notebook's cell was run again: same name and numbers, same number of words, and
+    they mean something else.
+    """
 
     def made(first, second):
         @dataclass(frozen=True, eq=False)
@@ -538,7 +608,13 @@ def test_state_reset_and_set_wait_for_each_other():
     def assign(k):
         proc.state = state
 
-    actions = (lambda k: proc.reset(k % 30), assign, lambda k: proc.set("a", 2.0), lambda k: proc.state, lambda k: proc.fault)
+    actions = (
+        lambda k: proc.reset(k % 30),
+        assign,
+        lambda k: proc.set("a", 2.0),
+        lambda k: proc.state,
+        lambda k: proc.fault,
+    )
     threads = [threading.Thread(target=work, args=(a,)) for a in (*actions, actions[0])]
     for t in threads:
         t.start()

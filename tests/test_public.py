@@ -1,6 +1,8 @@
-"""Every function and class of the reference: arguments of a wrong kind get an error of stimlib's that says its name.
+"""Every function and class of the reference: arguments of a wrong kind get an error of
+stimlib's that says its name.
 
-What is public is what ``docs`` documents.  Each is called with sensible arguments, then with each of them wrong.
+What is public is what ``docs`` documents.  Each is called with sensible arguments, then
+with each of them wrong.
 """
 
 import dataclasses as dc
@@ -42,7 +44,9 @@ def documented() -> dict[str, object]:
             if found := re.match(r"\s*\.\. currentmodule:: (\S+)", line):
                 module = found[1]
             elif found := re.match(r"\s*\.\. auto(?:function|class):: (\S+)", line):
-                names.append(found[1] if found[1].startswith("stimlib.") else f"{module}.{found[1]}")
+                names.append(
+                    found[1] if found[1].startswith("stimlib.") else f"{module}.{found[1]}"
+                )
     return {name: resolve(name) for name in dict.fromkeys(names)}
 
 
@@ -51,13 +55,15 @@ def resolve(name: str) -> object:
     parts = name.split(".")
     for k in range(len(parts) - 1, 0, -1):
         try:
-            return functools.reduce(getattr, parts[k:], importlib.import_module(".".join(parts[:k])))
+            return functools.reduce(
+                getattr, parts[k:], importlib.import_module(".".join(parts[:k]))
+            )
         except ModuleNotFoundError:
             continue
     raise LookupError(name)
 
 
-# Sensible arguments --------------------------------------------------------------------------------------------------
+# Sensible arguments -------------------------------------------------------------------
 FS = 1000.0
 X, Y, U, F, V = Input("x", "m"), Input("y", "m"), Input("u"), Input("f", "N"), Input("v", "m/s")
 VOLT = constant(1.0, "V") * U
@@ -72,14 +78,22 @@ MODEL = made_up(2)
 SOFT = stimlib.soft.array(np.eye(3))
 PLATE = Plate(0.1, 0.07, 1e-3, 70e9, 0.22, 2500.0, terms=4)
 PATCH = Patch(0.05, 0.03, 0.02, 0.01, -1.8e-10, 2e-4)
-TRIAL = Trial("silent", (Stimulus("spring"), Stimulus("spring")), ("softer",), 2.0, scores={"first": 0.0, "second": 1.0})
+TRIAL = Trial(
+    "silent",
+    (Stimulus("spring"), Stimulus("spring")),
+    ("softer",),
+    2.0,
+    scores={"first": 0.0, "second": 1.0},
+)
 TEXT = "a_1"
 RUN = {"motion": {"x": HAND}, "fs": FS, "target": "python"}
 
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory):
-    """Files and results that arguments name: a session, its log, a rendering, a scene file."""
+    """Files and results that arguments name: a session, its log, a rendering, a scene
+    file.
+    """
     folder = tmp_path_factory.mktemp("public")
     simulate(folder / "data")
     result = stimlib.render(SPRING, {"x": HAND}, FS, target="python")
@@ -293,7 +307,9 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "read": {"folder": folder / "data/pair/P01-s1"},
         "stimlib.experiments.saved.sessions": {"experiment": "pair", "data": folder / "data"},
         "psychometric": {"levels": LEVELS, "yes": YES, "trials": ASKED},
-        "psychometrics": {"data": {"P01": {"level": LEVELS, "outcome": [0, 1, 0, 1], "chance": [0.5] * 4}}},
+        "psychometrics": {
+            "data": {"P01": {"level": LEVELS, "outcome": [0, 1, 0, 1], "chance": [0.5] * 4}}
+        },
         "profile": {"sets": Sets(*np.array([LEVELS, YES, ASKED], float))},
         "bootstrap": {"sets": Sets(*np.array([LEVELS, YES, ASKED], float)), "n": 20},
         "fitted": {},
@@ -314,13 +330,22 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "paired": {"a": groups["a"], "b": groups["b"]},
         "repeated": {"values": np.random.default_rng(1).normal(size=(6, 3))},
         "mixed": {
-            "columns": {"y": LEVELS * 3, "x": [0, 1] * 6, "participant": ["a"] * 4 + ["b"] * 4 + ["c"] * 4},
+            "columns": {
+                "y": LEVELS * 3,
+                "x": [0, 1] * 6,
+                "participant": ["a"] * 4 + ["b"] * 4 + ["c"] * 4,
+            },
             "formula": "y ~ x",
         },
         "Psychometric": {"pse": 2.0, "sigma": 1.0},
         "Listener": {"scenes": {"spring": SPRING}, "measure": "rms", "sigma": 0.1},
         "simulate": {"participants": 1},
-        "power": {"observer": lambda rng: observer, "analyse": lambda c: (1.0, 0.0), "participants": 1, "experiments": 1},
+        "power": {
+            "observer": lambda rng: observer,
+            "analyse": lambda c: (1.0, 0.0),
+            "participants": 1,
+            "experiments": 1,
+        },
         "grouped": {"by": ["condition"]},
         "frame": {"rows": [Answer({})], "names": ()},
         "plain": {"rows": [Answer({})], "names": ()},
@@ -363,7 +388,14 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "stimlib.sweep.measured": {"measures": "rms"},
         "measure": {"figures": {"a": "N"}},
         "stimlib.sweep.rendering": {"make": SPRING, "rows": {"k": [1.0]}, "at": 0},
-        "sweep": {"make": SPRING, "rows": {"k": [1.0]}, "measures": "rms", "workers": 0, "progress": False, "dry": True},
+        "sweep": {
+            "make": SPRING,
+            "rows": {"k": [1.0]},
+            "measures": "rms",
+            "workers": 0,
+            "progress": False,
+            "dry": True,
+        },
     }
 
 
@@ -402,8 +434,12 @@ ELSEWHERE = {
 }
 """Not called here, and why."""
 
-DEVICES = re.compile(r"stimlib\.(speed|devices|live|demo|checks\.power|design\.exponentials|motion\.generators)\b")
-"""Need a device, a browser or long; generators check their own fields: tests/devices, tests/live, tests/test_speed.py."""
+DEVICES = re.compile(
+    r"stimlib\.(speed|devices|live|demo|checks\.power|design\.exponentials|motion\.generators)\b"
+)
+"""Need a device, a browser or long; generators check their own fields: tests/devices,
+tests/live, tests/test_speed.py.
+"""
 
 PUBLIC = {
     name: made
@@ -417,7 +453,9 @@ class Odd:
 
 
 MISSING = Odd()
-"""What only a log or a session would have: of such functions these arguments alone are tried."""
+"""What only a log or a session would have: of such functions these arguments alone are
+tried.
+"""
 
 
 def sensible(name: str, known: dict) -> dict[str, object]:
@@ -425,7 +463,8 @@ def sensible(name: str, known: dict) -> dict[str, object]:
     short = name.split(".")[-1]
     given = dict(known.get(name, known.get(short, {})))
     for p in inspect.signature(PUBLIC[name]).parameters.values():
-        needed = p.default is p.empty or (p.name == "motion" and name.startswith("stimlib.sweep"))  # scenes with inputs need one
+        # scenes with inputs need one
+        needed = p.default is p.empty or (p.name == "motion" and name.startswith("stimlib.sweep"))
         if needed and p.name not in given and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD):
             given[p.name] = known[""].get(p.name, MISSING)
     return given
@@ -450,23 +489,56 @@ def call(name: str, given: dict):
     return next(y, None) if inspect.isgenerator(y) else y
 
 
-# Wrong arguments -----------------------------------------------------------------------------------------------------
+# Wrong arguments ----------------------------------------------------------------------
 VALUES = {
-    "None": None, "text": "no such text", "object": Odd(), "list": [], "dict": {}, "-1": -1, "1.5": 1.5, "nan": float("nan"),
-    "True": True, "function": lambda *a, **k: 0.0, "block": V * V, "matrix": np.zeros((2, 3)), "strings": ["a", "b"],
-    "objects": [("a", Odd())], "bytes": b"x", "beyond": 10**400, "pair": (0.1, 0.2), "complex": 1j,
-    "odd values": {"x": Odd()}, "set": {1}, "odd array": np.array([Odd(), None]),
-}  # fmt: skip
+    "None": None,
+    "text": "no such text",
+    "object": Odd(),
+    "list": [],
+    "dict": {},
+    "-1": -1,
+    "1.5": 1.5,
+    "nan": float("nan"),
+    "True": True,
+    "function": lambda *a, **k: 0.0,
+    "block": V * V,
+    "matrix": np.zeros((2, 3)),
+    "strings": ["a", "b"],
+    "objects": [("a", Odd())],
+    "bytes": b"x",
+    "beyond": 10**400,
+    "pair": (0.1, 0.2),
+    "complex": 1j,
+    "odd values": {"x": Odd()},
+    "set": {1},
+    "odd array": np.array([Odd(), None]),
+}
 SAFE = {  # of each plain kind, what it takes or may take: all others must be refused
-    "float": {"-1", "1.5"}, "int": {"-1", "beyond"}, "bool": {"True"}, "str": {"text"}, "None": {"None"},
-    "Block": {"-1", "1.5", "block"}, "str | os.PathLike": {"text"},
-}  # fmt: skip
+    "float": {"-1", "1.5"},
+    "int": {"-1", "beyond"},
+    "bool": {"True"},
+    "str": {"text"},
+    "None": {"None"},
+    "Block": {"-1", "1.5", "block"},
+    "str | os.PathLike": {"text"},
+}
 
 
 def refused(annotation: str) -> set[str]:
-    """Names of the values that an annotation of plain kinds rules out; none of any other annotation."""
-    kinds = [k.strip() for k in annotation.replace("os.PathLike[str]", "str").replace("os.PathLike", "str").split("|")]
-    return set(VALUES) - set().union(*(SAFE[k] for k in kinds)) if all(k in SAFE for k in kinds) else set()
+    """Names of the values that an annotation of plain kinds rules out; none of any
+    other annotation.
+    """
+    kinds = [
+        k.strip()
+        for k in (
+            annotation.replace("os.PathLike[str]", "str").replace("os.PathLike", "str").split("|")
+        )
+    ]
+    return (
+        set(VALUES) - set().union(*(SAFE[k] for k in kinds))
+        if all(k in SAFE for k in kinds)
+        else set()
+    )
 
 
 MAY_FAIL = set(
@@ -475,16 +547,21 @@ MAY_FAIL = set(
     sorted_rightly text cues_text recorded identify
     """.split()
 )
-"""Whose sensible arguments would be a file or the data of a whole experiment: here they are refused, too."""
+"""Whose sensible arguments would be a file or the data of a whole experiment: here they
+are refused, too.
+"""
 
 
 @pytest.mark.parametrize("name", PUBLIC)
 @pytest.mark.filterwarnings("ignore")
-def test_an_argument_of_a_wrong_kind_is_refused_by_the_name_of_the_function(name, made, tmp_path, monkeypatch):
+def test_an_argument_of_a_wrong_kind_is_refused_by_the_name_of_the_function(
+    name, made, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)  # where some texts are paths
     known = arguments(made)
     short, given = name.split(".")[-1], sensible(name, known)
-    late = inspect.isgeneratorfunction(inspect.unwrap(PUBLIC[name]))  # it runs when its values are asked for
+    # it runs when its values are asked for
+    late = inspect.isgeneratorfunction(inspect.unwrap(PUBLIC[name]))
     if all(v is not MISSING for v in given.values()) and not {name, short} & MAY_FAIL:
         call(name, given)
     wrong = []
@@ -514,5 +591,7 @@ def test_an_argument_of_a_wrong_kind_is_refused_by_the_name_of_the_function(name
 
 
 def test_blocks_are_documented():
-    assert {f"stimlib.blocks.{n}" for n in b.__all__} <= set(PUBLIC) | {"stimlib.blocks.deformation"}
+    assert {f"stimlib.blocks.{n}" for n in b.__all__} <= set(PUBLIC) | {
+        "stimlib.blocks.deformation"
+    }
     assert Block not in PUBLIC.values()

@@ -18,7 +18,7 @@ SCENE = Scene({"force": 1.0 / (x - stimlib.constant(3.0, "m")), "good": x})
 RAMP = np.arange(6.0)
 
 
-# Faults --------------------------------------------------------------------------------------------------------------
+# Faults -------------------------------------------------------------------------------
 @pytest.mark.parametrize("target", ["numba", "python"])
 def test_a_fault_is_told_once_with_output_and_sample(target):
     with pytest.warns(RuntimeWarning) as told:
@@ -38,35 +38,48 @@ def test_a_fault_raises_or_is_ignored_on_demand():
         assert render(SCENE, {"x": RAMP}, 1000, on_fault="ignore").fault == ("force", 3)
         r = render(SCENE, {"x": RAMP[:3]}, 1000, on_fault="raise")
     assert r.fault is None and "FAULT" not in repr(r)
-    with pytest.raises(BadValue, match="render: on_fault = 'shout' must be one of warn, raise, ignore"):
+    with pytest.raises(
+        BadValue, match="render: on_fault = 'shout' must be one of warn, raise, ignore"
+    ):
         render(SCENE, {"x": RAMP}, 1000, on_fault="shout")
 
 
-# What is given -------------------------------------------------------------------------------------------------------
+# What is given ------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("motion", "says"),
     [
-        (RAMP * 1j, "complex128"), (RAMP > 0, "bool"), (RAMP.astype(object), "object"), (["1", "2"], "<U1"),
+        (RAMP * 1j, "complex128"),
+        (RAMP > 0, "bool"),
+        (RAMP.astype(object), "object"),
+        (["1", "2"], "<U1"),
         ([[1], [2, 3]], "real"),
-        (x, "real numbers"), (None, "object"), ("ramp", "<U4"), (RAMP.reshape(2, 3), "one dimension"),
+        (x, "real numbers"),
+        (None, "object"),
+        ("ramp", "<U4"),
+        (RAMP.reshape(2, 3), "one dimension"),
         (5.0, "np.full_like(t, 1.0)"),
-        (np.array([1.0, np.nan]), "not finite at sample 1"), (np.array([np.inf]), "not finite at sample 0"),
+        (np.array([1.0, np.nan]), "not finite at sample 1"),
+        (np.array([np.inf]), "not finite at sample 0"),
     ],
-)  # fmt: skip
+)
 def test_a_motion_that_is_no_row_of_real_numbers(motion, says):
     with pytest.raises(BadValue) as e:
         render(SCENE, {"x": motion}, 1000)
     assert "motion of x" in str(e.value) and says in str(e.value)
 
 
-@pytest.mark.parametrize("f", [lambda t: t * 1j, lambda t: t > 0, lambda t: [1.0], lambda t: "a", lambda t: t * np.nan])
+@pytest.mark.parametrize(
+    "f", [lambda t: t * 1j, lambda t: t > 0, lambda t: [1.0], lambda t: "a", lambda t: t * np.nan]
+)
 def test_a_function_that_gives_no_real_numbers(f):
     with pytest.raises(BadValue, match="motion of x"):
         render(SCENE, {"x": f}, 1000, 0.01)
 
 
 def test_a_function_of_one_number_is_named_with_the_remedy():
-    with pytest.raises(BadValue, match=r"test_rendering.py:\d+: motion of x: TypeError: .*np.sin for math.sin") as e:
+    with pytest.raises(
+        BadValue, match=r"test_rendering.py:\d+: motion of x: TypeError: .*np.sin for math.sin"
+    ) as e:
         render(SCENE, {"x": lambda t: 0.01 * math.sin(t)}, 1000, 0.1)
     assert isinstance(e.value.__cause__, TypeError)
     with pytest.raises(BadValue, match="motion of x: ValueError: .*np.where for if"):
@@ -84,9 +97,13 @@ RECORDED = recording({"t_s": [0.0, 0.01], "x_mm": [0, 1]}, {"x": "x_mm*1e-3"})
 
 @pytest.mark.parametrize(
     ("motion", "says"),
-    [(RECORDED, "for_inputs"), ({"x": RECORDED}, "motion of x is a Recording: give rec.for_inputs"),
-     (Frame(), r"recording\(table"), ({"x": Frame()}, r"motion of x is a Frame: first rec = .*recording\(table, .* then rec")],
-)  # fmt: skip
+    [
+        (RECORDED, "for_inputs"),
+        ({"x": RECORDED}, "motion of x is a Recording: give rec.for_inputs"),
+        (Frame(), r"recording\(table"),
+        ({"x": Frame()}, r"motion of x is a Frame: first rec = .*recording\(table, .* then rec"),
+    ],
+)
 def test_a_recording_and_a_table_are_told_how_to_be_a_motion(motion, says):
     with pytest.raises(BadValue, match=says):
         render(SCENE, motion, 1000, 0.01)
@@ -98,7 +115,9 @@ def test_whole_and_short_numbers_are_taken_as_they_are():
         np.testing.assert_array_equal(render(Scene({"y": x}), {"x": motion}, 1000)["y"], RAMP)
 
 
-@pytest.mark.parametrize("seconds", ["3", [1], 1j, np.ones(2), 0, -1, 1e-9, np.nan, np.inf, 10**400, x])
+@pytest.mark.parametrize(
+    "seconds", ["3", [1], 1j, np.ones(2), 0, -1, 1e-9, np.nan, np.inf, 10**400, x]
+)
 def test_a_length_that_is_none(seconds):
     with pytest.raises(BadValue, match="render: .*seconds .*(must be|finite|beyond)"):
         render(SCENE, {"x": np.sin}, 1000, seconds)
@@ -115,7 +134,10 @@ def test_samples_of_all_outputs_count(monkeypatch):
 
 @pytest.mark.parametrize("seconds", [1e9, 1e6 * 3600])
 def test_more_than_memory_is_refused_with_the_name_of_the_limit(seconds):
-    with pytest.raises(BadValue, match=r"render: bytes of .* s: .* is more than limits.render_bytes.*STIMLIB_LIMITS="):
+    with pytest.raises(
+        BadValue,
+        match=r"render: bytes of .* s: .* is more than limits.render_bytes.*STIMLIB_LIMITS=",
+    ):
         render(SCENE, {"x": np.sin}, 8000, seconds)
     parts = stimlib.stream(SCENE, {"x": lambda t: 0 * t}, 8000, seconds, target="python", block=3)
     assert next(parts).shape == (2, 3), "a stream has no such limit"
@@ -123,25 +145,30 @@ def test_more_than_memory_is_refused_with_the_name_of_the_limit(seconds):
 
 @pytest.mark.parametrize("scene", [{"force": x}, x, None, [], "squeeze", SCENE.outputs])
 def test_what_is_no_scene(scene):
-    with pytest.raises(BadValue, match=r'render: scene = .* must be a Scene, such as Scene\(\{"force": force\}\)'):
+    with pytest.raises(
+        BadValue, match=r'render: scene = .* must be a Scene, such as Scene\(\{"force": force\}\)'
+    ):
         render(scene, {"x": RAMP}, 1000)
     with pytest.raises(StimlibError, match="scene = .* must be a Scene"):
         stimlib.compile(scene, 1000, "jax")
 
 
 def test_where_of_a_comparison_is_no_longer_a_constant():
-    r = render(Scene({"y": blocks.where(x == 0, 10.0, 20.0)}), {"x": np.array([0.0, 1.0, 0.0])}, 1000)
+    r = render(
+        Scene({"y": blocks.where(x == 0, 10.0, 20.0)}), {"x": np.array([0.0, 1.0, 0.0])}, 1000
+    )
     np.testing.assert_array_equal(r["y"], [10, 20, 10])
 
 
-# Motion --------------------------------------------------------------------------------------------------------------
+# Motion -------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("motion", "speed"),
     [
         ("minimum_jerk(depth=20)", "124.6"),
         ("quantised(constant_speed(2, 10), 1e-6)", "2"),
         ("minimum_jerk(depth=0.15)", None),
-        ("staircase_hold(0.005, 10, 0.1)", None),  # a step within a sample is not the speed of a hand
+        # a step within a sample is not the speed of a hand
+        ("staircase_hold(0.005, 10, 0.1)", None),
         ("jittered(minimum_jerk(), 1e-4, rate=900.0, seed=1)", None),
     ],
 )
@@ -171,14 +198,18 @@ def test_an_array_that_was_recorded_at_another_rate_is_told(tmp_path):
         lambda: list(stimlib.stream(scene, {"x": slow}, 8000, target="python")),
         lambda: audio.write(tmp_path / "a.wav", proc, {"x": slow}, 0.1, progress=False),
     ):
-        with pytest.warns(RuntimeWarning, match=r"x moves at .* m/s, .* fs = 8000 Hz; .*recording\({'t_s': t, 'x': x}"):
+        with pytest.warns(
+            RuntimeWarning,
+            match=r"x moves at .* m/s, .* fs = 8000 Hz; .*recording\({'t_s': t, 'x': x}",
+        ):
             make()
     t_s = np.arange(1000) / 500
     motion = recording({"t_s": t_s, "x": slow}, {"x": "x"}).for_inputs(scene.inputs)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         render(scene, {"x": slow}, 500, target="python")
-        render(scene, {"x": np.where(np.arange(800) < 400, 0.0, 0.005)}, 8000, target="python")  # a step is not the speed
+        # a step is not the speed
+        render(scene, {"x": np.where(np.arange(800) < 400, 0.0, 0.005)}, 8000, target="python")
         y = render(scene, motion, 8000, 1.0, target="python")["y"]
     assert np.abs(y / 2 - np.interp(np.arange(8000) / 8000, t_s, slow)).max() < 1e-4
 
@@ -186,9 +217,15 @@ def test_an_array_that_was_recorded_at_another_rate_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("made", "says"),
     [
-        (lambda t, p: np.stack([t, p]), r"\(2, 6\); .*recording\({'t_s': a\[0\], 'x': a\[1\]}, {'x': 'x'}\).for_inputs"),
+        (
+            lambda t, p: np.stack([t, p]),
+            r"\(2, 6\); .*recording\({'t_s': a\[0\], 'x': a\[1\]}, {'x': 'x'}\).for_inputs",
+        ),
         (lambda t, p: np.stack([t, p], 1), r"\(6, 2\); .*recording\({'t_s': "),
-        (lambda t, p: p[:, None], r"\(6, 1\); give positions alone, one dimension such as a.ravel\(\) .*recording\("),
+        (
+            lambda t, p: p[:, None],
+            r"\(6, 1\); give positions alone, one dimension such as a.ravel\(\) .*recording\(",
+        ),
     ],
 )
 def test_times_with_positions_and_columns_are_told_how_to_be_a_motion(made, says):
@@ -196,7 +233,7 @@ def test_times_with_positions_and_columns_are_told_how_to_be_a_motion(made, says
         render(SCENE, {"x": made(np.arange(6) / 500, RAMP)}, 1000)
 
 
-# A scene without inputs, and streams ---------------------------------------------------------------------------------
+# A scene without inputs, and streams --------------------------------------------------
 NOISE = Scene({"y": stimlib.Param("level", 1.0) * blocks.white_noise(seed=3)})
 
 
@@ -210,7 +247,13 @@ def test_a_scene_without_inputs_needs_no_motion(tmp_path):
     runs = stimlib.compile(NOISE, 1000).many(seeds=[0, 1])
     assert np.array_equal(runs.process(200)[0], y)
     assert stimlib.verify(NOISE, None, made).passed
-    audio.write(tmp_path / "a.wav", stimlib.compile(NOISE, 1000), seconds=0.2, full_scale=5.0, progress=False)
+    audio.write(
+        tmp_path / "a.wav",
+        stimlib.compile(NOISE, 1000),
+        seconds=0.2,
+        full_scale=5.0,
+        progress=False,
+    )
     assert stimlib.verify(NOISE, None, tmp_path / "a.wav").passed
     for wrong in (-1, 1.5, True, "64", None, 2**70):
         with pytest.raises(BadValue, match="process: "):
@@ -219,7 +262,9 @@ def test_a_scene_without_inputs_needs_no_motion(tmp_path):
             runs.process(wrong)
     with pytest.raises(BadValue, match="x must be an array, float64 of shape"):
         stimlib.compile(SCENE, 1000).process(64)
-    with pytest.raises(BadValue, match="a scene without inputs goes on for ever: say how many seconds"):
+    with pytest.raises(
+        BadValue, match="a scene without inputs goes on for ever: say how many seconds"
+    ):
         render(NOISE, fs=1000)
     with pytest.raises(BadValue, match="render: fs = None must be a number"):
         render(NOISE, seconds=1.0)
@@ -231,10 +276,14 @@ def test_a_stream_takes_what_render_takes_and_its_arrays_stay():
     options = {"params": {"level": 0.5}, "seed": 4, "target": "python"}
     y = render(NOISE, None, 1000, 0.2, **options).y
     parts = list(stimlib.stream(NOISE, None, 1000, 0.2, **options, block=30))
-    assert [part.shape[1] for part in parts] == [30] * 6 + [20] and np.array_equal(np.hstack(parts), y)
+    assert [part.shape[1] for part in parts] == [30] * 6 + [20] and np.array_equal(
+        np.hstack(parts), y
+    )
     proc = stimlib.compile(NOISE, 1000, seed=4)
     proc.set("level", 0.5, ramp=0.0)
-    assert np.array_equal(np.hstack([*stimlib.stream(proc, seconds=0.1), *stimlib.stream(proc, seconds=0.1)]), y)
+    assert np.array_equal(
+        np.hstack([*stimlib.stream(proc, seconds=0.1), *stimlib.stream(proc, seconds=0.1)]), y
+    )
     for given in ({"fs": 1000}, {"params": {"level": 1.0}}, {"seed": 1}):
         with pytest.raises(BadValue, match="a Processor has its own fs, params and seed"):
             stimlib.stream(proc, seconds=0.1, **given)

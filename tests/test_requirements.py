@@ -1,4 +1,6 @@
-"""What pyproject.toml allows is what the requirements files install, and so what the tests have run on."""
+"""What pyproject.toml allows is what the requirements files install, and so what the
+tests have run on.
+"""
 
 import re
 import tomllib
@@ -28,16 +30,24 @@ INNER = {  # what the code of stimlib writes where it uses inner parts of anothe
 
 
 def pinned(name, python="3.11.7"):
-    """The releases that a file installs on this Python, by canonical name, each with its number of hashes."""
+    """The releases that a file installs on this Python, by canonical name, each with
+    its number of hashes.
+    """
     text = (ROOT / name).read_text().replace("\\\n", " ")
     found = {}
     for line in (line for line in text.splitlines() if not line.startswith("#")):
         requirement, *hashes = line.split(" --hash=sha256:")
         r = Requirement(requirement)
-        place = {**default_environment(), "python_version": python.rpartition(".")[0], "python_full_version": python}
+        place = {
+            **default_environment(),
+            "python_version": python.rpartition(".")[0],
+            "python_full_version": python,
+        }
         if r.marker is None or r.marker.evaluate(place):
             (one,) = r.specifier
-            assert one.operator == "==" and all(re.fullmatch(r"[0-9a-f]{64} *", h) for h in hashes), line
+            assert one.operator == "==" and all(
+                re.fullmatch(r"[0-9a-f]{64} *", h) for h in hashes
+            ), line
             assert canonicalize_name(r.name) not in found, f"{r.name} twice for Python {python}"
             found[canonicalize_name(r.name)] = (Version(one.version), len(hashes))
     return found
@@ -62,11 +72,15 @@ def test_what_is_installed_is_allowed(python):
 @pytest.mark.parametrize("file", ["requirements.txt", "requirements-lowest.txt"])
 def test_every_release_has_hashes_and_no_file_names_a_server(file):
     assert all(hashes >= 1 for _, hashes in pinned(file).values())
-    assert not re.search(r"https?:|--(extra-)?index-url|--find-links|--trusted-host", (ROOT / file).read_text())
+    assert not re.search(
+        r"https?:|--(extra-)?index-url|--find-links|--trusted-host", (ROOT / file).read_text()
+    )
 
 
 def test_only_tested_releases_where_inner_parts_are_used():
-    """Found in the code, so that a new use asks for a bound: the first untested release is excluded."""
+    """Found in the code, so that a new use asks for a bound: the first untested release
+    is excluded.
+    """
     code = "".join(p.read_text() for p in (ROOT / "stimlib").rglob("*.py"))
     pins = pinned("requirements.txt")
     for r in DECLARED:

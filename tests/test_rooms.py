@@ -1,4 +1,6 @@
-"""The rooms of the house: imports point one way, and nobody takes what a module of another room keeps for itself."""
+"""The rooms of the house: imports point one way, and nobody takes what a module of
+another room keeps for itself.
+"""
 
 import ast
 from functools import cache
@@ -17,7 +19,9 @@ MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in ST
 
 @cache
 def imports(module: str) -> set[tuple[str, str]]:
-    """(module, name) of everything that a module imports of stimlib, also inside functions and for type checkers."""
+    """(module, name) of everything that a module imports of stimlib, also inside
+    functions and for type checkers.
+    """
     found = set()
     for node in ast.walk(ast.parse(MODULES[module].read_text())):
         if isinstance(node, ast.ImportFrom):
@@ -30,7 +34,11 @@ def imports(module: str) -> set[tuple[str, str]]:
                 continue
             for a in node.names:
                 full = f"{target}.{a.name}" if target else a.name
-                found.add((full, "") if full in MODULES or f"{full}.__init__" in MODULES else (target, a.name))
+                found.add(
+                    (full, "")
+                    if full in MODULES or f"{full}.__init__" in MODULES
+                    else (target, a.name)
+                )
     return found
 
 
@@ -47,7 +55,9 @@ def test_imports_point_down(module):
     for target, name in imports(module):
         assert target, f"{module} imports {name} from the package itself"
         if room(target) != room(module):
-            assert ORDER.index(room(target)) < ORDER.index(room(module)), f"{module} imports {target} from above"
+            assert ORDER.index(room(target)) < ORDER.index(room(module)), (
+                f"{module} imports {target} from above"
+            )
             assert name == "__version__" or not f".{name}".startswith("._"), (
                 f"{module} takes {name}, which {target} keeps for itself"
             )
@@ -64,7 +74,11 @@ def test_what_reaches_up_by_its_name_is_known():
     named = {"stimlib." + m.removesuffix(".__init__") for m in MODULES}
     found = {}
     for module in MODULES.keys() - {"__init__"}:
-        texts = {n.value for n in ast.walk(ast.parse(MODULES[module].read_text())) if isinstance(n, ast.Constant)}
+        texts = {
+            n.value
+            for n in ast.walk(ast.parse(MODULES[module].read_text()))
+            if isinstance(n, ast.Constant)
+        }
         if names := texts & named:
             found[module] = names
     assert found == UP

@@ -1,4 +1,6 @@
-"""Scene files: what comes back is what was saved, and a file can do nothing but describe a scene."""
+"""Scene files: what comes back is what was saved, and a file can do nothing but
+describe a scene.
+"""
 
 import json
 import os
@@ -63,20 +65,32 @@ def test_a_callable_is_sampled_when_built(tmp_path):
 
 def test_hash_tells_scenes_apart():
     hashes = {
-        Scene({"y": b}).hash for b in (x, 2 * x, x * 2, -x, blocks.delay(x, 1), blocks.delay(x, 2), Param("x", 1.0), Input("z"))
+        Scene({"y": b}).hash
+        for b in (
+            x,
+            2 * x,
+            x * 2,
+            -x,
+            blocks.delay(x, 1),
+            blocks.delay(x, 2),
+            Param("x", 1.0),
+            Input("z"),
+        )
     }
     assert len(hashes) == 8
     assert Scene({"y": x}).hash == Scene({"y": Input("x")}).hash
     assert Scene({"y": x, "z": 2 * x}).hash != Scene({"y": x, "w": 2 * x}).hash
 
 
-# Files that are not scenes -------------------------------------------------------------------------------------------
+# Files that are not scenes ------------------------------------------------------------
 @pytest.fixture
 def edited(tmp_path):
     """Load a scene file after a change to its data."""
 
     def change(f, scene=None):
-        data = (scene or Scene({"y": blocks.velocity(x, 30.0) * blocks.fir(x, [1.0, 2.0])})).to_dict()
+        data = (
+            scene or Scene({"y": blocks.velocity(x, 30.0) * blocks.fir(x, [1.0, 2.0])})
+        ).to_dict()
         path = tmp_path / "edited.json"
         path.write_text(json.dumps(f(data) or data))
         return load(path)
@@ -95,12 +109,21 @@ def first(data, name):
         (lambda d: d.update(stimlib_scene="1"), ["version"]),
         (lambda d: d.update(stimlib_scene=True), ["version"]),
         (lambda d: d.update(law=3), ["law must be a name"]),
-        (lambda d: first(d, "Velocity").update({"class": "Teleport"}), ["Teleport", "not known", "update"]),
-        (lambda d: first(d, "Velocity").update({"class": "lab.blocks.Mine"}), ["lab.blocks.Mine", "import lab.blocks"]),
+        (
+            lambda d: first(d, "Velocity").update({"class": "Teleport"}),
+            ["Teleport", "not known", "update"],
+        ),
+        (
+            lambda d: first(d, "Velocity").update({"class": "lab.blocks.Mine"}),
+            ["lab.blocks.Mine", "import lab.blocks"],
+        ),
         (lambda d: first(d, "Velocity")["fields"].pop("cutoff"), ["Velocity", "cutoff"]),
         (lambda d: first(d, "Velocity")["fields"].update(mass=3), ["Velocity", "mass"]),
         (lambda d: first(d, "Velocity")["fields"].update(x=99), ["99", "earlier block"]),
-        (lambda d: first(d, "Velocity")["fields"].update(x=len(d["blocks"]) - 1), ["earlier block"]),
+        (
+            lambda d: first(d, "Velocity")["fields"].update(x=len(d["blocks"]) - 1),
+            ["earlier block"],
+        ),
         (lambda d: first(d, "Velocity")["fields"].update(x=-1), ["earlier block"]),
         (lambda d: first(d, "Velocity")["fields"].update(x=True), ["earlier block"]),
         (lambda d: first(d, "Velocity")["fields"].update(x="x"), ["earlier block"]),
@@ -129,7 +152,7 @@ def first(data, name):
         (lambda d: {"a": 1}, ["not a stimlib scene"]),
         (lambda d: 3, ["not a stimlib scene"]),
     ],
-)  # fmt: skip
+)
 def test_a_changed_file_is_an_error_that_says_where(edited, change, words):
     def f(data):
         new = change(data)
@@ -141,7 +164,16 @@ def test_a_changed_file_is_an_error_that_says_where(edited, change, words):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "nonsense", '{"stimlib_scene": 1, "blocks": [NaN]}', "\x00\x01", "[" * 100_000, "\ufeff{}"]
+    "text",
+    [
+        "",
+        "{",
+        "nonsense",
+        '{"stimlib_scene": 1, "blocks": [NaN]}',
+        "\x00\x01",
+        "[" * 100_000,
+        "\ufeff{}",
+    ],
 )
 def test_a_file_that_is_not_json(tmp_path, text):
     path = tmp_path / "bad.json"
@@ -187,7 +219,7 @@ def test_a_save_replaces_the_whole_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["s.json"]
 
 
-# Blocks of users, and nothing that runs ---------------------------------------------------------------------------------
+# Blocks of users, and nothing that runs -----------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Doubled(Block):
     x: Block
@@ -205,9 +237,15 @@ def test_a_user_block_loads_where_it_is_imported(tmp_path):
     name = f"{__name__}.Doubled"
     kept = registry.pop(name)
     try:
-        with pytest.raises(SceneFileError, match=f"import {__name__} first; on the command line, add --import "):
+        with pytest.raises(
+            SceneFileError, match=f"import {__name__} first; on the command line, add --import "
+        ):
             load(tmp_path / "s.json")
-        remedies = {"__main__": "a script or a notebook defined", "lab": "--import lab.py$", "lab.a": "a file .* imports lab.a$"}
+        remedies = {
+            "__main__": "a script or a notebook defined",
+            "lab": "--import lab.py$",
+            "lab.a": "a file .* imports lab.a$",
+        }
         for module, says in remedies.items():
             text = (tmp_path / "s.json").read_text().replace(f'"{name}"', f'"{module}.Doubled"')
             (tmp_path / "t.json").write_text(text)
@@ -218,10 +256,20 @@ def test_a_user_block_loads_where_it_is_imported(tmp_path):
 
 
 def test_loading_executes_nothing(edited, tmp_path):
-    """Names of functions, modules and methods in the place of classes and fields stay text."""
+    """Names of functions, modules and methods in the place of classes and fields stay
+    text.
+    """
     mark = tmp_path / "mark"
     code = f"__import__('pathlib').Path({str(mark)!r}).touch()"
-    for name in ("os.system", "builtins.eval", "eval", "subprocess.Popen", "stimlib.core.graph.Mul", "__main__.x", code):
+    for name in (
+        "os.system",
+        "builtins.eval",
+        "eval",
+        "subprocess.Popen",
+        "stimlib.core.graph.Mul",
+        "__main__.x",
+        code,
+    ):
         with pytest.raises(SceneFileError):
             edited(lambda d, name=name: first(d, "Velocity").update({"class": name}))
         with pytest.raises(SceneFileError):
@@ -238,11 +286,14 @@ def test_a_law_travels_with_the_scene(tmp_path):
     assert [p.law for p in load(tmp_path / "s.json").parts] == ["squeeze"]
 
 
-# Files of others -------------------------------------------------------------------------------------------------------
+# Files of others ----------------------------------------------------------------------
 def chain(length):
     """A scene file's data: so many negations in a row."""
     negs = [{"class": "Neg", "fields": {"x": i}} for i in range(length - 1)]
-    return {"blocks": [{"class": "Input", "fields": {"name": "x", "unit": ""}}, *negs], "outputs": {"y": length - 1}}
+    return {
+        "blocks": [{"class": "Input", "fields": {"name": "x", "unit": ""}}, *negs],
+        "outputs": {"y": length - 1},
+    }
 
 
 def write(path, data):
@@ -252,11 +303,16 @@ def write(path, data):
 
 def test_gates_in_gates_are_refused_quickly(tmp_path):
     """Eighteen levels, 1.5 kB: they took half a minute and 862 MiB."""
-    data = {"blocks": [{"class": "Param", "fields": {"name": "p", "value": 1.0, "unit": ""}}], "outputs": {"y": 19}}
+    data = {
+        "blocks": [{"class": "Param", "fields": {"name": "p", "value": 1.0, "unit": ""}}],
+        "outputs": {"y": 19},
+    }
     data["blocks"].append({"class": "Neg", "fields": {"x": 0}})
     data["blocks"] += [{"class": "Enabled", "fields": {"block": i, "by": i}} for i in range(1, 19)]
     before = time.process_time()
-    with pytest.raises(SceneError, match="copies: 786431 is more than limits.scene_blocks = 100000"):
+    with pytest.raises(
+        SceneError, match="copies: 786431 is more than limits.scene_blocks = 100000"
+    ):
         load(write(tmp_path / "s.json", data))
     took = time.process_time() - before
     stimlib.scenes.squeeze()
@@ -268,10 +324,13 @@ def test_gates_in_gates_are_refused_quickly(tmp_path):
 
 @pytest.mark.parametrize("hidden", [False, True])
 def test_a_million_blocks_are_refused_before_they_are_read(tmp_path, hidden):
-    word, blocks = ("cl\\u0061ss", 100_001) if hidden else ("class", 1_000_000)  # the same word in other letters
+    # the same word in other letters
+    word, blocks = ("cl\\u0061ss", 100_001) if hidden else ("class", 1_000_000)
     path = tmp_path / "s.json"
     many = f'{{"{word}":"Neg","fields":{{"x":0}}}},' * blocks
-    path.write_text(f'{{"stimlib_scene": 1, "law": null, "blocks": [{many[:-1]}], "outputs": {{"y": 0}}}}')
+    path.write_text(
+        f'{{"stimlib_scene": 1, "law": null, "blocks": [{many[:-1]}], "outputs": {{"y": 0}}}}'
+    )
     with pytest.raises(SceneFileError, match="s.json: blocks: .* more than limits.scene_blocks"):
         load(path)
 
@@ -315,24 +374,66 @@ def test_json_as_deep_as_it_goes(tmp_path, depth):
     path = tmp_path / "s.json"
     taps = {"class": "Taps", "fields": {"x": 0, "taps": None, "gain_unit": ""}}
     write(path, {"blocks": [*chain(1)["blocks"], taps], "outputs": {"y": 1}})
-    path.write_text(path.read_text().replace('"taps": null', '"taps": ' + "[" * depth + "]" * depth))
+    path.write_text(
+        path.read_text().replace('"taps": null', '"taps": ' + "[" * depth + "]" * depth)
+    )
     with pytest.raises(SceneFileError, match="taps must be numbers|not JSON"):
         load(path)
 
 
 ODD = [
-    None, True, -1, 0, 3, 0.5, -0.0, 1e308, 5e-324, 10**400, -(10**400), 2**64, "", "a", "mm", "m/0", "\0", "\ud800", "a" * 1000,
-    [], {}, {"a": 1}, [[]], [1, 2], [2, 1], ["1"], ["a", 1], [None], [True], [10**400], [[1, 2], [3]], [[1, 2], [3, 4]], [[[1]]],
-    [1e308, -1e308], [0, 0], list(range(99)), [[0, 1], [1, 2]],
-]  # fmt: skip
+    None,
+    True,
+    -1,
+    0,
+    3,
+    0.5,
+    -0.0,
+    1e308,
+    5e-324,
+    10**400,
+    -(10**400),
+    2**64,
+    "",
+    "a",
+    "mm",
+    "m/0",
+    "\0",
+    "\ud800",
+    "a" * 1000,
+    [],
+    {},
+    {"a": 1},
+    [[]],
+    [1, 2],
+    [2, 1],
+    ["1"],
+    ["a", 1],
+    [None],
+    [True],
+    [10**400],
+    [[1, 2], [3]],
+    [[1, 2], [3, 4]],
+    [[[1]]],
+    [1e308, -1e308],
+    [0, 0],
+    list(range(99)),
+    [[0, 1], [1, 2]],
+]
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
 @pytest.mark.parametrize("name", sorted({e.cls for e in TABLE}))
 def test_any_json_in_any_field_is_a_scene_or_an_error_of_ours(name):
-    """Floats for whole numbers, text for numbers, rows of several lengths, numbers beyond floats."""
+    """Floats for whole numbers, text for numbers, rows of several lengths, numbers
+    beyond floats.
+    """
     data = next(e for e in TABLE if e.cls == name).scene().to_dict()
-    entry = next(b for b in data["blocks"] if b["class"] == name) if name != "Guard" else data["blocks"][-1]
+    entry = (
+        next(b for b in data["blocks"] if b["class"] == name)
+        if name != "Guard"
+        else data["blocks"][-1]
+    )
     for field, kept in entry["fields"].items():
         for value in ODD:
             entry["fields"][field] = value
@@ -343,7 +444,9 @@ def test_any_json_in_any_field_is_a_scene_or_an_error_of_ours(name):
         entry["fields"][field] = kept
 
 
-@pytest.mark.parametrize("value", [["1.5"], [True], [None], [10**400], [[1, 2], [3]], 10**400, [1j], np.array([1 + 1j])])
+@pytest.mark.parametrize(
+    "value", [["1.5"], [True], [None], [10**400], [[1, 2], [3]], 10**400, [1j], np.array([1 + 1j])]
+)
 def test_an_array_has_real_numbers(value):
     with pytest.raises(BadValue, match="taps"):
         blocks.fir(x, value)
@@ -360,6 +463,10 @@ def test_names_that_are_none(name):
 
 def test_a_scene_is_lowered_once_and_again_when_its_outputs_change():
     scene = stimlib.Scene({"y": 2 * stimlib.Input("x")})
-    assert stimlib.compile(scene, 1000).program is scene.program is stimlib.compile(scene, 8000, "python").program
+    assert (
+        stimlib.compile(scene, 1000).program
+        is scene.program
+        is stimlib.compile(scene, 8000, "python").program
+    )
     scene.outputs["z"] = 3 * stimlib.Input("x")
     assert stimlib.compile(scene, 1000).outputs == ("y", "z")

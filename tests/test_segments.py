@@ -1,4 +1,6 @@
-"""A segment is a rendering of what is in it: sample 0, states at rest, noises and motion of its own, on every target."""
+"""A segment is a rendering of what is in it: sample 0, states at rest, noises and
+motion of its own, on every target.
+"""
 
 import numpy as np
 import pytest
@@ -15,20 +17,32 @@ from stimlib.errors import BadValue, SceneError, UnknownName
 
 SEEDS = (None, 5, None)
 ENTRIES = [  # by the interpreter some of them, and all at length
-    pytest.param(k, e, target, id=f"{e.name}-{target}", marks=[pytest.mark.stress] * (target == "python" and k % 6 != 0))
+    pytest.param(
+        k,
+        e,
+        target,
+        id=f"{e.name}-{target}",
+        marks=[pytest.mark.stress] * (target == "python" and k % 6 != 0),
+    )
     for k, e in enumerate(TABLE)
     for target in ("numba", "python")
 ]
 
 
 def stretches(rng, count, longest):
-    """First sample of each of several intervals, and the one after its last; the first may begin at 0, two may touch."""
-    ends = np.cumsum([(rng.choice([0, 1, 70, 200]), rng.integers(2, longest)) for _ in range(count)])
+    """First sample of each of several intervals, and the one after its last; the first
+    may begin at 0, two may touch.
+    """
+    ends = np.cumsum(
+        [(rng.choice([0, 1, 70, 200]), rng.integers(2, longest)) for _ in range(count)]
+    )
     return [(int(a), int(z)) for a, z in ends.reshape(-1, 2)]
 
 
 def in_turn(outputs, at, fs):
-    """The outputs of a scene in each interval: output k of interval i is called name_i."""
+    """The outputs of a scene in each interval: output k of interval i is called
+    name_i.
+    """
     return Scene({
         f"{name}_{i}": b.segment(block, a / fs, (z - a) / fs, seed)
         for i, ((a, z), seed) in enumerate(zip(at, SEEDS, strict=False))
@@ -37,13 +51,17 @@ def in_turn(outputs, at, fs):
 
 
 def check(scene, x, names, fs, at, target, rng, sets=()):
-    """Samples of each interval are those of the scene alone, in random cuts; all others are 0."""
+    """Samples of each interval are those of the scene alone, in random cuts; all others
+    are 0.
+    """
     whole = stimlib.compile(in_turn(scene.outputs, at, fs), fs, target, seed=7)
     alone = stimlib.compile(scene, fs, target)
     for name, value in sets:
         whole.set(name, value, 0.0)
     n = x.shape[1]
-    y = dict(zip(whole.outputs, run(whole, rows(whole, x, names), random_cuts(n, rng)), strict=True))
+    y = dict(
+        zip(whole.outputs, run(whole, rows(whole, x, names), random_cuts(n, rng)), strict=True)
+    )
     for i, (a, z) in enumerate(at):
         alone.reset(7 if SEEDS[i] is None else SEEDS[i])
         for name, value in sets:
@@ -55,7 +73,7 @@ def check(scene, x, names, fs, at, target, rng, sets=()):
             assert not got[:a].any() and not got[z:].any(), "nothing of it runs outside"
 
 
-# Of every block ------------------------------------------------------------------------------------------------------
+# Of every block -----------------------------------------------------------------------
 @pytest.mark.parametrize(("k", "entry", "target"), ENTRIES)
 def test_a_segment_is_a_rendering(k, entry, target):
     rng = np.random.default_rng(k)
@@ -65,17 +83,21 @@ def test_a_segment_is_a_rendering(k, entry, target):
     check(entry.scene(), x, list(entry.inputs), fs, at, target, rng, [("live", 0.75)])
 
 
-# What stands beside it -----------------------------------------------------------------------------------------------
+# What stands beside it ----------------------------------------------------------------
 X = Input("x", "m")
 
 
 def test_parts_of_one_run_share_it_and_others_do_not():
-    """Of one time and seed all run together; equal blocks in other segments have states of their own."""
+    """Of one time and seed all run together; equal blocks in other segments have states
+    of their own.
+    """
     noise = b.white_noise(3)
     together = Scene({"y": b.segment(noise, 0.0, 0.1), "z": b.segment(2.0 * noise, 0.0, 0.1)})
     assert sum(q.block.noise_key is not None for q in together.program.instances) == 1
     for start, seed in ((0.05, None), (0.0, 1)):
-        apart = Scene({"y": b.segment(noise, 0.0, 0.1), "z": b.segment(b.white_noise(3), start, 0.1, seed)})
+        apart = Scene(
+            {"y": b.segment(noise, 0.0, 0.1), "z": b.segment(b.white_noise(3), start, 0.1, seed)}
+        )
         y, z = stimlib.render(apart, {}, 1000, 0.2).y
         k = round(1000 * start)
         assert sum(q.block.noise_key is not None for q in apart.program.instances) == 2
@@ -90,9 +112,9 @@ def test_a_segment_begins_and_lasts_to_the_nearest_sample():
         (1000, 0.0104, 0.0024, [10, 11]),
         (8, 0.0625, 0.125, [1]),
     ):
-        y = stimlib.compile(Scene({"y": b.segment(b.elapsed() + constant(1.0, "s"), start, duration)}), fs, "python").process(20)[
-            0
-        ]
+        y = stimlib.compile(
+            Scene({"y": b.segment(b.elapsed() + constant(1.0, "s"), start, duration)}), fs, "python"
+        ).process(20)[0]
         assert np.flatnonzero(y).tolist() == wanted
 
 
@@ -100,11 +122,23 @@ def test_equal_segments_in_different_ones_are_apart():
     inner = [b.segment(b.white_noise(3), 0.0, 0.01) for _ in range(2)]
     scene = Scene({"y": b.segment(inner[0], 0.0, 0.02) + b.segment(inner[1], 0.05, 0.02)})
     y = stimlib.compile(scene, 1000, "python").process(80)[0]
-    assert np.array_equal(y[:10], y[50:60]) and np.flatnonzero(y).tolist() == [*range(10), *range(50, 60)]
+    assert np.array_equal(y[:10], y[50:60]) and np.flatnonzero(y).tolist() == [
+        *range(10),
+        *range(50, 60),
+    ]
 
 
 def test_a_parameter_moves_within_a_segment_and_copies_are_apart():
-    scene = Scene({"y": b.segment(Param("a", 1.0) * b.enabled(Param("a", 1.0) * b.white_noise(1), by=X), 0.01, 0.05, seed=4)})
+    scene = Scene(
+        {
+            "y": b.segment(
+                Param("a", 1.0) * b.enabled(Param("a", 1.0) * b.white_noise(1), by=X),
+                0.01,
+                0.05,
+                seed=4,
+            )
+        }
+    )
     x = np.where(np.arange(90) % 30 < 20, 1.0, -1.0)[None]
     wanted = {}
     for target in ("numba", "python"):
@@ -114,7 +148,11 @@ def test_a_parameter_moves_within_a_segment_and_copies_are_apart():
             p.process(np.ascontiguousarray(x[:, :25]))
             p.set("a", 3.0, 0.01)
         rest = proc.process(np.ascontiguousarray(x[:, 25:]))
-        assert_same(both[1].process(np.ascontiguousarray(x[:, 25:])), rest, "a run's own seed does not reach it")
+        assert_same(
+            both[1].process(np.ascontiguousarray(x[:, 25:])),
+            rest,
+            "a run's own seed does not reach it",
+        )
         wanted[target] = rest
         assert not proc.process(x).any(), "a segment runs once"
     assert_same(*wanted.values())
@@ -129,8 +167,16 @@ def test_a_parameter_moves_within_a_segment_and_copies_are_apart():
         (lambda: b.segment(X, 0.0, 1.0, seed=-1), BadValue, "seed = -1 must be a whole number"),
         (lambda: Segment(X, X, None), BadValue, "a segment lasts for an Interval, not Input"),
         (lambda: b.enabled(b.segment(X, 0.0), by=X), SceneError, "would need the input 'x'"),
-        (lambda: Scene({"y": b.loop(lambda y: b.segment(0.5 * y, 0.0))}), SceneError, r"Segment\(.*inside a loop"),
-        (lambda: Scene({"y": Param("a", 1.0) * X}).renamed({"c": "d"}), UnknownName, "no parameter 'c'; this scene has a"),
+        (
+            lambda: Scene({"y": b.loop(lambda y: b.segment(0.5 * y, 0.0))}),
+            SceneError,
+            r"Segment\(.*inside a loop",
+        ),
+        (
+            lambda: Scene({"y": Param("a", 1.0) * X}).renamed({"c": "d"}),
+            UnknownName,
+            "no parameter 'c'; this scene has a",
+        ),
     ],
 )
 def test_what_makes_no_sense(make, error, why):
@@ -151,7 +197,11 @@ def test_renamed_parameters_keep_a_loop_and_its_samples():
     """Also of two loops that were one object: each has a last value of its own."""
     y = b.loop(lambda last: last + Param("a", 0.5) * (X - last), unit="m")
     scene = Scene({"y": y, "z": 2.0 * y})
-    twice = [b.segment(v, k / 10, 0.1) for k in (0, 1) for v in scene.renamed({"a": f"a_{k}"}).outputs.values()]
+    twice = [
+        b.segment(v, k / 10, 0.1)
+        for k in (0, 1)
+        for v in scene.renamed({"a": f"a_{k}"}).outputs.values()
+    ]
     proc = stimlib.compile(Scene({f"y{k}": v for k, v in enumerate(twice)}), 1000)
     proc.set("a_1", 0.25, 0.0)
     y = proc.process(np.ones((1, 200)))
@@ -162,7 +212,9 @@ def test_renamed_parameters_keep_a_loop_and_its_samples():
 
 @pytest.mark.parametrize("n", mostly([20], [3, 20, 60, 100]))
 def test_a_run_that_ends_before_a_segment_has_none_of_it_on_jax(n):
-    scene = in_turn({"y": b.enabled(b.white_noise(1), by=b.white_noise(2)) * X}, [(5, 40), (60, 90)], 1000.0)
+    scene = in_turn(
+        {"y": b.enabled(b.white_noise(1), by=b.white_noise(2)) * X}, [(5, 40), (60, 90)], 1000.0
+    )
     f = stimlib.compile(scene, 1000, "jax")
     x = np.sin(np.arange(n))
     y, wanted = f({}, {"x": x}), stimlib.render(scene, {"x": x}, 1000)
@@ -178,7 +230,10 @@ def test_verify_holds_the_noise_of_every_segment(monkeypatch):
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
     assert report.passed
     names = [c.name for c in report.checks if c.group == "c"]
-    assert sum("noise as displayed" in n for n in names) == 2 and sum("generator" in n for n in names) == 4
+    assert (
+        sum("noise as displayed" in n for n in names) == 2
+        and sum("generator" in n for n in names) == 4
+    )
     assert any("segment(0.525, 0.5, seed=5): generator" in n for n in names)
 
     def forgetful(program, design, start):
@@ -187,7 +242,10 @@ def test_verify_holds_the_noise_of_every_segment(monkeypatch):
     monkeypatch.setattr("stimlib.run.processor.first_states", forgetful)
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
     failed = {c.name for c in report.checks if not c.passed}
-    assert failed >= {"white(9, 0) in segment(0.525, 0.5, seed=5): generator", "y_1: noise as displayed"}
+    assert failed >= {
+        "white(9, 0) in segment(0.525, 0.5, seed=5): generator",
+        "y_1: noise as displayed",
+    }
 
 
 def test_a_picture_has_one_box_for_all_outputs_of_a_segment():

@@ -1,4 +1,6 @@
-"""The sum of exponentials against exact weights (mpmath), and its bound against the error it really makes."""
+"""The sum of exponentials against exact weights (mpmath), and its bound against the
+error it really makes.
+"""
 
 import math
 
@@ -22,16 +24,23 @@ def exact(scheme, alpha, j):
     with mpmath.workdps(40):
         a, j = mpmath.mpf(alpha), mpmath.mpf(int(j))
         if scheme == "gl":
-            return mpmath.exp(mpmath.loggamma(j + 1 - a) - mpmath.loggamma(j + 1) - mpmath.loggamma(1 - a))
+            return mpmath.exp(
+                mpmath.loggamma(j + 1 - a) - mpmath.loggamma(j + 1) - mpmath.loggamma(1 - a)
+            )
         if scheme == "straight":
-            return ((j + 1) ** (2 - a) - 2 * j ** (2 - a) + max(j - 1, 0) ** (2 - a)) / mpmath.gamma(3 - a)
+            return (
+                (j + 1) ** (2 - a) - 2 * j ** (2 - a) + max(j - 1, 0) ** (2 - a)
+            ) / mpmath.gamma(3 - a)
         return ((j + 1) ** (1 - a) - j ** (1 - a)) / mpmath.gamma(2 - a)
 
 
 def summed(rates, weights, j):
     """What the modes make of v_j, without rounding of the sum."""
     with mpmath.workdps(40):
-        terms = (mpmath.mpf(c) * mpmath.exp(-mpmath.mpf(s) * int(j - 8)) for c, s in zip(weights.modes, rates.s, strict=True))
+        terms = (
+            mpmath.mpf(c) * mpmath.exp(-mpmath.mpf(s) * int(j - 8))
+            for c, s in zip(weights.modes, rates.s, strict=True)
+        )
         return mpmath.mpf(weights.constant) + mpmath.fsum(terms)
 
 
@@ -50,7 +59,9 @@ def worst(rates, scheme, alpha, j, weights=None):
 def test_exact_weights(scheme, alpha):
     j = np.array([0, 1, 2, 7, 8, 62, 63, 64, 65, 100, 1000, 10**5, 7 * 10**8])
     v = soe.kernel(scheme, alpha, j)
-    assert max(float(abs(a / exact(scheme, alpha, k) - 1)) for a, k in zip(v, j, strict=True)) < 2e-15
+    assert (
+        max(float(abs(a / exact(scheme, alpha, k) - 1)) for a, k in zip(v, j, strict=True)) < 2e-15
+    )
 
 
 def test_weights_of_the_ends():
@@ -104,7 +115,9 @@ def test_how_many_modes():
 @pytest.mark.parametrize("delta", [0.25, 0.4, 0.8])
 def test_aliasing_is_its_formula(alpha, delta):
     with mpmath.workdps(30):
-        wanted = 2 * abs(mpmath.gamma(mpmath.mpc(alpha, 2 * mpmath.pi / delta))) / mpmath.gamma(alpha)
+        wanted = (
+            2 * abs(mpmath.gamma(mpmath.mpc(alpha, 2 * mpmath.pi / delta))) / mpmath.gamma(alpha)
+        )
     assert soe.aliasing(alpha, delta) == pytest.approx(float(wanted), rel=1e-8)
     assert soe.aliasing(0.0, delta) == 0.0
 
@@ -131,7 +144,10 @@ def test_live_weights_are_the_weights(scheme, tol):
     assert np.abs(poly[:, -3:]).max() < 1e-13 * np.abs(poly).max(), "the degree is too low"
     for alpha in (0.0, *ALPHAS, 1.0):
         p = chebval(2 * alpha - 1, poly.T)
-        gain = np.r_[np.full(m, 1 - alpha) * p[:m], np.full(r.grid.size, math.sin(math.pi * min(alpha, 1 - alpha)) / math.pi)]
+        gain = np.r_[
+            np.full(m, 1 - alpha) * p[:m],
+            np.full(r.grid.size, math.sin(math.pi * min(alpha, 1 - alpha)) / math.pi),
+        ]
         c = gain * live.a * np.exp(alpha * live.high)
         taps = np.r_[p[m], (1 - alpha) * p[m + 1 :]]
         np.testing.assert_allclose(taps, soe.kernel(scheme, alpha, np.arange(8)), rtol=3e-15)
@@ -144,11 +160,20 @@ def test_two_words():
     for v in (1e-11, 0.3, 8000.0):
         high, low = soe.two_words(v)
         with mpmath.workdps(40):
-            assert float(abs(mpmath.mpf(high) + mpmath.mpf(low) - mpmath.log(mpmath.mpf(v)))) < 1e-30
+            assert (
+                float(abs(mpmath.mpf(high) + mpmath.mpf(low) - mpmath.log(mpmath.mpf(v)))) < 1e-30
+            )
 
 
 @pytest.mark.parametrize(
-    ("tol", "say"), [(1e-15, "tol=1e-14"), (0.0, "tol=1e-14"), (-1.0, "tol=1e-14"), (0.5, "tol=0.1"), (math.nan, "tol")]
+    ("tol", "say"),
+    [
+        (1e-15, "tol=1e-14"),
+        (0.0, "tol=1e-14"),
+        (-1.0, "tol=1e-14"),
+        (0.5, "tol=0.1"),
+        (math.nan, "tol"),
+    ],
 )
 def test_a_tol_out_of_reach_is_an_error_that_names_the_reachable_one(tol, say):
     with pytest.raises(BadValue, match=say):

@@ -1,4 +1,6 @@
-"""What measures: that both sides do the same work, that the limit does what it counts, and that nothing is kept unasked."""
+"""What measures: that both sides do the same work, that the limit does what it counts,
+and that nothing is kept unasked.
+"""
 
 import json
 import re
@@ -15,12 +17,17 @@ from stimlib.speed import peak, short
 from stimlib.speed.chain import FS, WAYS, Peer, stages
 
 ROOT = Path(__file__).parents[1]
-SPEEDS = [short.Speed("white noise", 3.0, "numpy PCG64", 9.0, 3.25, 0.5), short.Speed("one sample a call", 1234.5)]
+SPEEDS = [
+    short.Speed("white noise", 3.0, "numpy PCG64", 9.0, 3.25, 0.5),
+    short.Speed("one sample a call", 1234.5),
+]
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_the_peer_does_the_same_work(way):
-    """The same samples in chunks through each stage: states are carried on, poles and taps are ours."""
+    """The same samples in chunks through each stage: states are carried on, poles and
+    taps are ours.
+    """
     x, made, peer = np.random.default_rng(1).standard_normal(3 * 4096), stages(), Peer(4096, way)
     for stage, part in (("pink filter", peer.pink), ("differentiator", peer.fir)):
         ours = stimlib.compile(made[stage].scene, FS).process(x[None])[0]
@@ -32,7 +39,9 @@ def test_the_peer_does_the_same_work(way):
 
 
 def test_the_limit_does_as_many_operations_as_it_counts(monkeypatch):
-    """Each turn, 12 vectors become 0.999 times themselves plus 0.001, towards 1: their sum tells the number of turns."""
+    """Each turn, 12 vectors become 0.999 times themselves plus 0.001, towards 1: their
+    sum tells the number of turns.
+    """
     for lanes in peak.LANES:
         monkeypatch.setattr(peak, "_width", lambda lanes=lanes: lanes)
         for count, turns in ((12 * lanes * 100, 100), (12 * lanes * 100 + 1, 101)):
@@ -44,11 +53,18 @@ def test_bench_prints_a_table_or_json_and_draws(tmp_path, monkeypatch):
     drawn = tmp_path / "speed.svg"
     done = CliRunner().invoke(app, ["bench", "--picture", str(drawn)])
     assert done.exit_code == 0, done.output
-    assert re.search(r"white noise +│ +3 │ numpy PCG64 +│ +9 │ +3\.25 │ +0\.5 │", done.stdout) and "1234" in done.stdout
+    assert (
+        re.search(r"white noise +│ +3 │ numpy PCG64 +│ +9 │ +3\.25 │ +0\.5 │", done.stdout)
+        and "1234" in done.stdout
+    )
     assert "3.2 times as long" in drawn.read_text() and "one sample a call" in drawn.read_text()
     done = CliRunner().invoke(app, ["bench", "--json"])
     told = json.loads(done.stdout)
-    assert told["speeds"][0]["share"] == 0.5 and told["speeds"][1]["peer_ns"] is None and "numpy" in told["machine"]
+    assert (
+        told["speeds"][0]["share"] == 0.5
+        and told["speeds"][1]["peer_ns"] is None
+        and "numpy" in told["machine"]
+    )
 
 
 def test_bench_refuses_a_picture_that_cannot_be_before_it_measures(tmp_path, monkeypatch):
@@ -66,14 +82,22 @@ def test_benchmarks_keep_figures_only_when_told(tmp_path, monkeypatch):
     bench.save("a", rows, False)
     assert not list(tmp_path.iterdir())
     bench.save("a", rows, True)
-    assert (tmp_path / "results" / "a.csv").read_text() == "what,value,unit\nwhite noise,3.0,ns/sample\npyo is not installed,,\n"
+    assert (
+        tmp_path / "results" / "a.csv"
+    ).read_text() == "what,value,unit\nwhite noise,3.0,ns/sample\npyo is not installed,,\n"
     del sys.modules["bench"]
 
 
 def test_make_bench_runs_every_script_and_the_readme_tells_of_it():
-    scripts = {p.stem for p in (ROOT / "benchmarks").glob("*.py") if 'if __name__ == "__main__"' in p.read_text()}
+    scripts = {
+        p.stem
+        for p in (ROOT / "benchmarks").glob("*.py")
+        if 'if __name__ == "__main__"' in p.read_text()
+    }
     run = re.search(r"^BENCHMARKS := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    told = re.findall(r"^\| `(\w+)\.py`", (ROOT / "benchmarks" / "README.md").read_text(), re.MULTILINE)
+    told = re.findall(
+        r"^\| `(\w+)\.py`", (ROOT / "benchmarks" / "README.md").read_text(), re.MULTILINE
+    )
     assert scripts == set(run[1].split()) == set(told)
     for name in scripts:
         assert "--record" in (ROOT / "benchmarks" / f"{name}.py").read_text(), name

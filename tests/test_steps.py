@@ -1,4 +1,6 @@
-"""What a step may say: every remedy is named with file and line; every step that stimlib ships passes."""
+"""What a step may say: every remedy is named with file and line; every step that
+stimlib ships passes.
+"""
 
 import importlib
 import re
@@ -60,9 +62,15 @@ def powered(v):
 
 
 def refused(step, *words, target="numba"):
-    """Compiling a block with this step is a SceneError that has these words, and the place of the line marked # here."""
+    """Compiling a block with this step is a SceneError that has these words, and the
+    place of the line marked # here.
+    """
     cls = dataclass(frozen=True, eq=False)(
-        type("Mine", (Block,), {"__annotations__": {"x": Block}, "step": staticmethod(step), "__module__": __name__})
+        type(
+            "Mine",
+            (Block,),
+            {"__annotations__": {"x": Block}, "step": staticmethod(step), "__module__": __name__},
+        )
     )
     with pytest.raises(SceneError) as e:
         stimlib.compile(Scene({"y": cls(x)}), 1000, target)
@@ -118,7 +126,8 @@ def test_words_that_choose_at_run_time_are_refused(word):
         return x, s
 
     refused(
-        {"and": both, "or": either, "not": no, "while": loop}[word], f"`{word}`" if word in ("while", "not") else "`and`/`or`"
+        {"and": both, "or": either, "not": no, "while": loop}[word],
+        f"`{word}`" if word in ("while", "not") else "`and`/`or`",
     )
 
 
@@ -194,7 +203,12 @@ def test_a_helper_is_held_to_the_same_rules():
     def step(p, s, x):
         return powered(x), s
 
-    refused(step, "powered", "**", f":{Path(__file__).read_text().splitlines().index('    return v**2') + 1}")
+    refused(
+        step,
+        "powered",
+        "**",
+        f":{Path(__file__).read_text().splitlines().index('    return v**2') + 1}",
+    )
 
 
 def test_a_helper_that_calls_itself_is_refused():
@@ -225,7 +239,9 @@ class Everything(Block):
     x: Block
 
     def design(self, fs):
-        return Numbers(np.array([0.5, 0.25, 2.0]), np.uint64(2**63 + 5), 0.9), Memory(np.zeros(5), np.uint64(3), 0.0)
+        return Numbers(np.array([0.5, 0.25, 2.0]), np.uint64(2**63 + 5), 0.9), Memory(
+            np.zeros(5), np.uint64(3), 0.0
+        )
 
     @staticmethod
     def step(p, s, x):
@@ -239,7 +255,9 @@ class Everything(Block):
         n = ((s.n + p.seed) >> np.uint64(1)) ^ np.uint64(12345)
         y = where((n & np.uint64(1)) == np.uint64(0), y, maths.unbits(maths.bits(y)) * LIMIT)
         a, (c, d) = y, (1.0, 2.0)
-        return a + c - d / 4.0 + maths.as_float(n) * 1e-25, Memory(s.line, s.n + np.uint64(1), maths.tanh(y))
+        return a + c - d / 4.0 + maths.as_float(n) * 1e-25, Memory(
+            s.line, s.n + np.uint64(1), maths.tanh(y)
+        )
 
 
 def test_what_a_step_may_use_has_the_same_bits_everywhere():
@@ -266,7 +284,9 @@ def test_every_step_and_tile_we_ship_is_straight_line():
 def test_blocks_import_no_target_and_no_plotting_at_module_level():
     for path in Path(stimlib.__file__).parent.glob("blocks/*.py"):
         for line in path.read_text().splitlines():
-            assert not re.match(r"(import|from) (numba|jax|scipy|soundfile|matplotlib|pint)\b", line), f"{path}: {line}"
+            assert not re.match(
+                r"(import|from) (numba|jax|scipy|soundfile|matplotlib|pint)\b", line
+            ), f"{path}: {line}"
 
 
 def test_a_step_changed_in_place_is_compiled_again():
@@ -290,7 +310,7 @@ def test_a_step_changed_in_place_is_compiled_again():
         assert stimlib.compile(Scene({"y": Changed(x)}), 1000, target).process(u) == 2.0
 
 
-# What authors forget -----------------------------------------------------------------------------------------------------
+# What authors forget ------------------------------------------------------------------
 class Gain(NamedTuple):
     gain: float
 
@@ -468,7 +488,12 @@ def cold_in_design(self, fs):  # here: cold
 
 
 def own(**members):
-    members = {"__annotations__": {"x": Block}, "__module__": __name__, "design": designed, **members}
+    members = {
+        "__annotations__": {"x": Block},
+        "__module__": __name__,
+        "design": designed,
+        **members,
+    }
     return dataclass(frozen=True, eq=False)(type("Mine", (Block,), members))
 
 
@@ -476,45 +501,133 @@ def own(**members):
 @pytest.mark.parametrize(
     ("members", "line", "says"),
     [
-        ({"step": with_self}, "self", "Mine.step: write @staticmethod above it: it has no self and is step(p, s, x)"),
-        ({"step": staticmethod(few)}, "few", "Mine.step: it takes (p, s) and must take step(p, s, x)"),
-        ({"step": staticmethod(state_forgotten)}, "state", "must return two things, the sample and the new state State(..)"),
-        ({"step": staticmethod(state_forgotten_by_name)}, "state by name", "must return two things"),
+        (
+            {"step": with_self},
+            "self",
+            "Mine.step: write @staticmethod above it: it has no self and is step(p, s, x)",
+        ),
+        (
+            {"step": staticmethod(few)},
+            "few",
+            "Mine.step: it takes (p, s) and must take step(p, s, x)",
+        ),
+        (
+            {"step": staticmethod(state_forgotten)},
+            "state",
+            "must return two things, the sample and the new state State(..)",
+        ),
+        (
+            {"step": staticmethod(state_forgotten_by_name)},
+            "state by name",
+            "must return two things",
+        ),
         ({"step": staticmethod(state_lost)}, "lost", "must return two things"),
-        ({"step": staticmethod(state_set)}, "set", "s.y cannot be set: parameters and state are tuples; return a new state"),
-        ({"step": staticmethod(low), "design": dividing_in_design}, None, "Mine.design: ZeroDivisionError: "),
+        (
+            {"step": staticmethod(state_set)},
+            "set",
+            "s.y cannot be set: parameters and state are tuples; return a new state",
+        ),
+        (
+            {"step": staticmethod(low), "design": dividing_in_design},
+            None,
+            "Mine.design: ZeroDivisionError: ",
+        ),
         ({"step": staticmethod(nothing_returned)}, "nothing", "must return two things"),
-        ({"step": staticmethod(misspelt)}, "gian", "Mine.step: p.gian is not there: design gives the parameters gain"),
-        ({"step": staticmethod(misspelt_state)}, "z", "Mine.step: s.z is not there: design gives the state y"),
-        ({"tile": staticmethod(tile_without_state)}, "tile", "Mine.tile: it must fill y and return the new state State(..)"),
-        ({"step": staticmethod(low), "design": plain_tuples}, "plain", "Mine.design: it must return parameters and state"),
+        (
+            {"step": staticmethod(misspelt)},
+            "gian",
+            "Mine.step: p.gian is not there: design gives the parameters gain",
+        ),
+        (
+            {"step": staticmethod(misspelt_state)},
+            "z",
+            "Mine.step: s.z is not there: design gives the state y",
+        ),
+        (
+            {"tile": staticmethod(tile_without_state)},
+            "tile",
+            "Mine.tile: it must fill y and return the new state State(..)",
+        ),
+        (
+            {"step": staticmethod(low), "design": plain_tuples},
+            "plain",
+            "Mine.design: it must return parameters and state",
+        ),
         ({"step": staticmethod(low), "design": only_parameters}, None, "two NamedTuples"),
         ({"step": staticmethod(low), "design": no_design}, None, "and returned None"),
-        ({"step": staticmethod(low), "design": text_in_design}, "text", "Mine.design: parameters 'gain' is a str; floats"),
+        (
+            {"step": staticmethod(low), "design": text_in_design},
+            "text",
+            "Mine.design: parameters 'gain' is a str; floats",
+        ),
         ({"step": staticmethod(low), "design": matrix_in_design}, None, "(2, 2) of float64"),
-        ({"step": staticmethod(few), "resettable": True}, "few", "a resettable block has a signal that resets it, the last one"),
-        ({"step": staticmethod(few), "resettable": True, "design": cold_in_design}, "cold", "design: cold = 0.0 in the state"),
+        (
+            {"step": staticmethod(few), "resettable": True},
+            "few",
+            "a resettable block has a signal that resets it, the last one",
+        ),
+        (
+            {"step": staticmethod(few), "resettable": True, "design": cold_in_design},
+            "cold",
+            "design: cold = 0.0 in the state",
+        ),
         ({}, None, "Mine has neither a step nor a tile: write step(p, s, x)"),
-        ({"step": staticmethod(too_many)}, "too many", "State(x, x): it is State(y): too many positional arguments"),
-        ({"step": staticmethod(too_few)}, "too few", "State(): it is State(y): missing a required argument: 'y'"),
-        ({"step": staticmethod(two_arguments)}, "two", "it is where(c, a, b): missing a required argument: 'b'"),
-        ({"step": staticmethod(wrong_tuple)}, "wrong tuple", "Mine.step: the new state must be the State(..) of design"),
+        (
+            {"step": staticmethod(too_many)},
+            "too many",
+            "State(x, x): it is State(y): too many positional arguments",
+        ),
+        (
+            {"step": staticmethod(too_few)},
+            "too few",
+            "State(): it is State(y): missing a required argument: 'y'",
+        ),
+        (
+            {"step": staticmethod(two_arguments)},
+            "two",
+            "it is where(c, a, b): missing a required argument: 'b'",
+        ),
+        (
+            {"step": staticmethod(wrong_tuple)},
+            "wrong tuple",
+            "Mine.step: the new state must be the State(..) of design",
+        ),
         ({"step": staticmethod(not_set)}, "not set", "Mine.step: UnboundLocalError"),
         ({"step": staticmethod(sine_of_two)}, "sine", "it is sin(x): too many"),
         ({"step": staticmethod(abs_of_two)}, "abs", "it is abs(x): too many"),
         ({"step": staticmethod(index_of_number)}, "index", "only arrays have an index"),
         ({"step": staticmethod(text)}, "str", "'1' is not a number"),
-        ({"step": staticmethod(unknown_field)}, "q", "it is State(y): got an unexpected keyword argument 'q'"),
+        (
+            {"step": staticmethod(unknown_field)},
+            "q",
+            "it is State(y): got an unexpected keyword argument 'q'",
+        ),
         ({"step": staticmethod(named_argument)}, "named", "give the arguments by place"),
         ({"step": staticmethod(floor_division)}, "floor", "use maths.floor(a / b)"),
         ({"step": staticmethod(smaller)}, "min", "write where(a < b, a, b) for 'min'"),
-        ({"step": staticmethod(float_range)}, "range", "range counts whole ones: range(np.int64(n))"),
-        ({"step": staticmethod(local_float_range)}, "local range", "range counts whole ones: range(np.int64(n))"),
+        (
+            {"step": staticmethod(float_range)},
+            "range",
+            "range counts whole ones: range(np.int64(n))",
+        ),
+        (
+            {"step": staticmethod(local_float_range)},
+            "local range",
+            "range counts whole ones: range(np.int64(n))",
+        ),
         ({"step": staticmethod(two_samples)}, "pair", "Mine.step: the sample must be one number"),
-        ({"step": staticmethod(whole_state)}, "whole", "the new state's y must be a float as in design, and is 0; write 1.0"),
-        ({"step": staticmethod(other_array), "design": with_arrays}, "array", "the new state's line must be "),
+        (
+            {"step": staticmethod(whole_state)},
+            "whole",
+            "the new state's y must be a float as in design, and is 0; write 1.0",
+        ),
+        (
+            {"step": staticmethod(other_array), "design": with_arrays},
+            "array",
+            "the new state's line must be ",
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_of_authors_name_class_file_line_and_remedy(members, line, says, target):
     with pytest.raises(SceneError) as e:
         stimlib.compile(Scene({"y": own(**members)(x)}), 1000, target)
@@ -537,7 +650,11 @@ def hidden(p, s, x, y):
 @pytest.mark.parametrize(
     ("members", "line", "says"),
     [
-        ({"step": staticmethod(plus_one), "design": with_arrays}, "plus_one", "beside a np.uint64 write np.uint64(1), not 1"),
+        (
+            {"step": staticmethod(plus_one), "design": with_arrays},
+            "plus_one",
+            "beside a np.uint64 write np.uint64(1), not 1",
+        ),
         ({"tile": staticmethod(hidden)}, "here: hidden", "Mine.tile: it does not compile: "),
     ],
 )
@@ -545,7 +662,11 @@ def test_what_only_the_compiler_sees_is_one_line_too(members, line, says):
     with pytest.raises(SceneError) as e:
         stimlib.compile(Scene({"y": own(**members)(x)}), 1000)
     at = line_of(line) if "here" in line else plus_one.__code__.co_firstlineno
-    assert str(e.value).startswith(f"{__file__}:{at}: Mine.") and says in str(e.value) and "\n" not in str(e.value), e.value
+    assert (
+        str(e.value).startswith(f"{__file__}:{at}: Mine.")
+        and says in str(e.value)
+        and "\n" not in str(e.value)
+    ), e.value
 
 
 def beyond(p, s, x):
@@ -554,7 +675,9 @@ def beyond(p, s, x):
 
 
 def test_a_step_that_fails_while_it_runs_says_where():
-    processor = stimlib.compile(Scene({"y": own(step=staticmethod(beyond), design=with_arrays)(x)}), 1000, "python")
+    processor = stimlib.compile(
+        Scene({"y": own(step=staticmethod(beyond), design=with_arrays)(x)}), 1000, "python"
+    )
     with pytest.raises(SceneError, match="Mine.step: IndexError") as e:
         processor.process(np.array([[0.0, 7.0]]))
     assert str(e.value).startswith(f"{__file__}:{line_of('here: beyond')}: ")
@@ -567,7 +690,9 @@ def noted(p: Gain, s: State, x: "float") -> "tuple[float, State]":
 
 def test_types_may_be_noted():
     for target in ("numba", "python"):
-        process = stimlib.compile(Scene({"y": own(step=staticmethod(noted))(x)}), 1000, target).process
+        process = stimlib.compile(
+            Scene({"y": own(step=staticmethod(noted))(x)}), 1000, target
+        ).process
         assert process(np.ones((1, 1))) == 1.0
 
 
@@ -598,14 +723,18 @@ def first_told(p, s, x):
 def test_the_first_contact_is_the_first_however_late_it_is(target):
     """What design says of cold is there until a sample in contact."""
     mine = own(
-        step=staticmethod(first_told), design=lambda self, fs: ((), Contact(0.0, 2.0)), resettable=True,
+        step=staticmethod(first_told),
+        design=lambda self, fs: ((), Contact(0.0, 2.0)),
+        resettable=True,
         __annotations__={"x": Block, "contact": Block},
-    )  # fmt: skip
+    )
     run = stimlib.compile(Scene({"y": mine(x, Input("touch"))}), 1000, target)
     given = {"x": np.arange(1.0, 8.0), "touch": np.array([0, 0, 1, 1, 0, 1, 1.0])}
     given = np.array([given[name] for name in run.inputs])
     for cut in (7, 1):
-        y = np.concatenate([run.process(np.ascontiguousarray(given[:, k : k + cut]))[0] for k in range(0, 7, cut)])
+        y = np.concatenate(
+            [run.process(np.ascontiguousarray(given[:, k : k + cut]))[0] for k in range(0, 7, cut)]
+        )
         assert y.tolist() == [0, 0, 103, 4, 0, 6, 7]
         run.reset()
 
@@ -622,11 +751,14 @@ def test_all_of_the_scratch_is_there_wherever_a_contact_begins():
     """And as much as the block wants that wants most."""
     much, little = (
         own(
-            tile=staticmethod(clearing_tile), work=staticmethod(lambda p, size=size: size), resettable=True,
-            design=lambda self, fs: ((), Contact(0.0, 1.0)), __annotations__={"x": Block, "contact": Block},
+            tile=staticmethod(clearing_tile),
+            work=staticmethod(lambda p, size=size: size),
+            resettable=True,
+            design=lambda self, fs: ((), Contact(0.0, 1.0)),
+            __annotations__={"x": Block, "contact": Block},
         )
         for size in (1000, 64)
-    )  # fmt: skip
+    )
     for classes in ((much, little), (little,)):
         blocks = {f"y{k}": cls(x, Input("touch")) for k, cls in enumerate(classes)}
         run = stimlib.compile(Scene(blocks), 1000)
@@ -650,7 +782,10 @@ def test_the_engine_alone_says_where_a_contact_begins(target, first):
         mine = own(**members, resettable=True, __annotations__={"x": Block, "contact": Block})
         if target == "jax" and step is summed_tile:
             continue  # has no step to run
-        for on, wanted in ((Input("touch"), [0, 2, 5, 7, 0, 0, 7, 15, 0, 10, 21, 23]), (constant(1.0), 2 * moves["x"] - 1)):
+        for on, wanted in (
+            (Input("touch"), [0, 2, 5, 7, 0, 0, 7, 15, 0, 10, 21, 23]),
+            (constant(1.0), 2 * moves["x"] - 1),
+        ):
             run = stimlib.compile(Scene({"y": mine(x, on)}), 1000, target)
             given = np.array([moves[name] for name in run.inputs])
             y = run(motion=given)["y"] if target == "jax" else run.process(given)[0]
@@ -658,7 +793,11 @@ def test_the_engine_alone_says_where_a_contact_begins(target, first):
 
 
 def test_a_module_in_front_of_maths_is_an_error_that_says_what_to_write():
-    refused(dotted, f":{line_of('here: dotted')}", "write `from stimlib.core import maths` above the class, and maths.sqrt here")
+    refused(
+        dotted,
+        f":{line_of('here: dotted')}",
+        "write `from stimlib.core import maths` above the class, and maths.sqrt here",
+    )
 
 
 @pytest.mark.parametrize("returned", ["", "N", None, 1.0])
@@ -677,7 +816,11 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
         assert len(design) == len(program.instances)
         for q, (p, s) in zip(program.instances, design, strict=True):
             of_loop = isinstance(q.block, Cycle)
-            blocks = zip(q.block.members, q.block.made.parts(p, s), strict=True) if of_loop else [(q.block, (p, s))]
+            blocks = (
+                zip(q.block.members, q.block.made.parts(p, s), strict=True)
+                if of_loop
+                else [(q.block, (p, s))]
+            )
             for block, numbers in blocks if q.kind == "block" else ():
                 steps.rehearse(block, *numbers)
 
@@ -713,8 +856,12 @@ class Edited(Block):
         ("p.gain", "(p.gain"),
     ],
 )
-def test_a_step_whose_file_was_edited_after_import_is_refused_by_the_compiler(tmp_path, monkeypatch, change):
-    """The text is read when a step is first compiled: another one would give other samples than the interpreter's."""
+def test_a_step_whose_file_was_edited_after_import_is_refused_by_the_compiler(
+    tmp_path, monkeypatch, change
+):
+    """The text is read when a step is first compiled: another one would give other
+    samples than the interpreter's.
+    """
     file = tmp_path / f"edited_{abs(hash(change))}.py"
     file.write_text(EDITED)
     monkeypatch.syspath_prepend(tmp_path)

@@ -1,4 +1,6 @@
-"""Sweeps: the bits of `render`, bad input told before the first run, what is done is kept and nothing is done twice."""
+"""Sweeps: the bits of `render`, bad input told before the first run, what is done is
+kept and nothing is done twice.
+"""
 
 import copy
 import dataclasses
@@ -64,7 +66,9 @@ def touchy(r):
 
 def noise_of(level=1.0):
     """Before sample 0 the filter ran with the level that the scene was built with."""
-    return Scene({"y": fir(Param("level", level) * white_noise(seed=1), [0.25] * 64) * (Input("x") + 1.0)})
+    return Scene(
+        {"y": fir(Param("level", level) * white_noise(seed=1), [0.25] * 64) * (Input("x") + 1.0)}
+    )
 
 
 def made(k=100.0, broken=False):
@@ -77,28 +81,47 @@ def columns(table, *names):
     return [table[n].to_pylist() for n in names]
 
 
-# Bits ----------------------------------------------------------------------------------------------------------------
+# Bits ---------------------------------------------------------------------------------
 def test_rows_have_the_bits_of_render():
     hands = {"slow": HAND, "fast": minimum_jerk(depth=0.02, rise=0.1)}
     rows = grid(motion=hands, fingers=[2, 1], A=[0.0, 3.4], seed=[3, 2**64 - 1])
     words = {"motion": hands, "fs": 8000, "seconds": 0.1, "live": ["A"]}
     table = sweep(squeeze, rows, measures=["rms(force1)", "peak(force1)"], **words)
-    assert table.column_names == ["motion", "fingers", "A", "seed", "rms_force1", "peak_force1", "fault", "error"]
+    assert table.column_names == [
+        "motion",
+        "fingers",
+        "A",
+        "seed",
+        "rms_force1",
+        "peak_force1",
+        "fault",
+        "error",
+    ]
     for at, row in enumerate(table.to_pylist()):
-        motion = {f"x{i + 1}": HAND if row["motion"] == "slow" else hands["fast"] for i in range(row["fingers"])}
+        motion = {
+            f"x{i + 1}": HAND if row["motion"] == "slow" else hands["fast"]
+            for i in range(row["fingers"])
+        }
         params, scene = {"A": row["A"]}, squeeze(fingers=row["fingers"])
         y = stimlib.render(scene, motion, 8000, 0.1, params, seed=row["seed"])["force1"]
         assert (row["rms_force1"], row["peak_force1"]) == (np.sqrt(np.mean(y**2)), np.abs(y).max())
         if at % 5 == 0:
             alone = rendering(squeeze, rows, at, **words)
-            assert np.array_equal(alone["force1"], y) and measured(alone, "peak(force1)") == {"peak_force1": row["peak_force1"]}
+            assert np.array_equal(alone["force1"], y) and measured(alone, "peak(force1)") == {
+                "peak_force1": row["peak_force1"]
+            }
 
 
 def test_a_live_parameter_is_set_and_an_argument_makes_a_scene():
     rows, words = {"level": [1.0, 2.0]}, RUN | {"measures": "rms"}
-    with pytest.raises(BadValue, match=r"level: both a live parameter and an argument of noise_of: say live=\['level'\]"):
+    with pytest.raises(
+        BadValue,
+        match=r"level: both a live parameter and an argument of noise_of: say live=\['level'\]",
+    ):
         sweep(noise_of, rows, **words)
-    (live,), (argument,) = (columns(sweep(noise_of, rows, live=chosen, **words), "rms_y") for chosen in (["level"], []))
+    (live,), (argument,) = (
+        columns(sweep(noise_of, rows, live=chosen, **words), "rms_y") for chosen in (["level"], [])
+    )
     one = stimlib.render(noise_of(), {"x": HAND}, 8000, 0.05, {"level": 2.0})
     two = stimlib.render(noise_of(2.0), {"x": HAND}, 8000, 0.05)
     assert live[1] == measured(one, "rms")["rms_y"] != argument[1] == measured(two, "rms")["rms_y"]
@@ -158,7 +181,8 @@ def poisoned(kind="none"):
 def test_no_row_ends_a_sweep_whatever_it_does_and_wherever_it_is(monkeypatch, tmp_path):
     monkeypatch.setattr("stimlib.sweep.drive.DEATHS", 1)
     monkeypatch.setattr(stimlib.limits, "row_seconds", 4.0)
-    harm = ["exit", "leave", "none", "large", "unspeakable", "hang", "interrupt", "ok", "crash"]  # first, middle, last too
+    # first, middle, last too
+    harm = ["exit", "leave", "none", "large", "unspeakable", "hang", "interrupt", "ok", "crash"]
     words = RUN | {"measures": "peak", "workers": 2, "out": tmp_path}
     table = sweep(poisoned, {"kind": harm}, **words)
     says = dict(zip(harm, table["error"].to_pylist(), strict=True))
@@ -167,10 +191,14 @@ def test_no_row_ends_a_sweep_whatever_it_does_and_wherever_it_is(monkeypatch, tm
     assert says["crash"].startswith("1 times: it ended its process by signal 11")
     assert says["leave"] == "SystemExit: 4" and says["interrupt"] == "KeyboardInterrupt: "
     assert says["unspeakable"] == "Unspeakable: its text cannot be made: RuntimeError"
-    assert says["hang"].startswith("it took longer than its 4 s") and says["large"].startswith("MemoryError")
+    assert says["hang"].startswith("it took longer than its 4 s") and says["large"].startswith(
+        "MemoryError"
+    )
     parts = set(tmp_path.glob("part-*"))
     again = sweep(poisoned, {"kind": [k for k in harm if k != "hang"]}, **words)
-    assert len(again["error"].drop_null()) == 6 and set(tmp_path.glob("part-*")) == parts, "nothing runs again"
+    assert len(again["error"].drop_null()) == 6 and set(tmp_path.glob("part-*")) == parts, (
+        "nothing runs again"
+    )
 
 
 @pytest.mark.parametrize("kind", ["interrupt", "generator"])
@@ -205,10 +233,13 @@ def test_a_row_that_takes_memory_is_an_error_of_that_row(monkeypatch):
     monkeypatch.setattr(stimlib.limits, "row_bytes", 1.5e9)
     scene = Scene({"y": Param("n", 1.0) * Input("x")})
     table = sweep(scene, {"n": [1e3, 1e9, 2e3]}, measures=[taken], **RUN | {"workers": 1})
-    assert table["taken"].to_pylist() == [1e3, None, 2e3] and "MemoryError" in table["error"][1].as_py()
+    assert (
+        table["taken"].to_pylist() == [1e3, None, 2e3]
+        and "MemoryError" in table["error"][1].as_py()
+    )
 
 
-# Rows ----------------------------------------------------------------------------------------------------------------
+# Rows ---------------------------------------------------------------------------------
 def test_tables_of_all_kinds_are_one(tmp_path):
     wanted = {"k": [1.5, 2.0], "seed": [0, 1], "motion": ["a", "b"]}
     (tmp_path / "rows.csv").write_text("k,seed,motion\n1.5,0,a\n2,1,b\n")
@@ -219,7 +250,14 @@ def test_tables_of_all_kinds_are_one(tmp_path):
     class Stream:  # what polars, duckdb and others have
         __arrow_c_stream__ = arrow.__arrow_c_stream__
 
-    for rows in (wanted, arrow, categories, tmp_path / "rows.csv", str(tmp_path / "rows.parquet"), Stream()):
+    for rows in (
+        wanted,
+        arrow,
+        categories,
+        tmp_path / "rows.csv",
+        str(tmp_path / "rows.parquet"),
+        Stream(),
+    ):
         assert table_of(rows).to_pydict() == wanted
     assert table_of({"k": np.float32([1, 2])}).schema.field("k").type == pa.float64()
 
@@ -230,17 +268,29 @@ def test_tables_of_all_kinds_are_one(tmp_path):
         ({"k": [1.0, 2.0], "seed": [0]}, BadValue, "unequal lengths: k 2, seed 1"),
         ({"k": []}, BadValue, "needs rows"),
         ({"k": 3.0}, BadValue, "k = 3.0 must be a list"),
-        ({"q": [1.0]}, UnknownName, "there is no q in the scene; parameters: k; besides: seed, motion"),
+        (
+            {"q": [1.0]},
+            UnknownName,
+            "there is no q in the scene; parameters: k; besides: seed, motion",
+        ),
         ({"k": [1.0, None]}, BadValue, "k has no value in row 1"),
         ({"k": [1.0, float("nan")]}, BadValue, "k = nan in row 1"),
         ({"k": ["soft"]}, BadValue, "k is a parameter, so it needs numbers"),
         ({"k": [True]}, BadValue, "k is a parameter, so it needs numbers; got bool"),
-        ({"k": [0.5, 2**63]}, BadValue, "k = 9223372036854775808 in row 1 has no place in 64 bits beside the others"),
+        (
+            {"k": [0.5, 2**63]},
+            BadValue,
+            "k = 9223372036854775808 in row 1 has no place in 64 bits beside the others",
+        ),
         ({"seed": [0, -1]}, BadValue, "seed = -1 in row 1"),
         ({"seed": [0.5]}, BadValue, "seed = 0.5 in row 0"),
         ({"k": [object()]}, BadValue, "rows cannot be read"),
         ({"k": [b"x"]}, BadValue, "k has values of type binary"),
-        ({"seed": [0, 2**64]}, BadValue, "seed = 18446744073709551616 in row 1 has no place in 64 bits"),
+        (
+            {"seed": [0, 2**64]},
+            BadValue,
+            "seed = 18446744073709551616 in row 1 has no place in 64 bits",
+        ),
         ({"k": [-1, 2**63]}, BadValue, "k = 9223372036854775808 in row 1 has no place"),
         ({"error": [1.0]}, BadValue, "a column error of its own"),
         ({"peak_force": [1.0]}, UnknownName, "no peak_force"),
@@ -249,7 +299,7 @@ def test_tables_of_all_kinds_are_one(tmp_path):
         ("missing.csv", BadValue, "cannot be read"),
         (3, BadValue, "got int"),
     ],
-)  # fmt: skip
+)
 def test_bad_rows_are_told_before_the_first_run(rows, error, says):
     COUNT.clear()
     with pytest.raises(error, match=says):
@@ -269,7 +319,11 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"measures": "__import__('os').remove('x')"}, BadValue, "is no measure"),
         ({"measures": ["rms", "rms(force)"]}, BadValue, "rms_force is there twice"),
         ({"measures": [len]}, BadValue, "sweep: measures = .* must be"),
-        ({"measures": [measure("N")(lambda r: (1.0, 2.0))]}, BadValue, "gives 2 numbers, and has 1"),
+        (
+            {"measures": [measure("N")(lambda r: (1.0, 2.0))]},
+            BadValue,
+            "gives 2 numbers, and has 1",
+        ),
         ({"measures": [measure("N")(lambda r: 1 / 0)]}, BadValue, "ZeroDivisionError"),
         ({"seconds": None}, BadValue, "how many seconds"),
         ({"motion": {"y": HAND}}, UnknownName, "x is missing"),
@@ -293,7 +347,9 @@ def test_units_must_fit():
     with pytest.raises(UnitError, match="k is in N, and the parameter in N/m"):
         sweep(SPRING, pa.table([[1.0]], schema=pa.schema([field])), measures="rms", **RUN)
     table = sweep(SPRING, {"k": [1.0]}, measures="rms", **RUN)
-    assert sweep(SPRING, table.select(["k"]), measures="rms", **RUN).equals(table), "k says N/m there"
+    assert sweep(SPRING, table.select(["k"]), measures="rms", **RUN).equals(table), (
+        "k says N/m there"
+    )
     with pytest.raises(UnitError):
         measure("loud")
     with pytest.raises(BadValue):
@@ -322,11 +378,16 @@ def test_grid_refuses_what_is_no_axis():
 
 def test_seeds_have_64_bits_in_every_kind_of_row():
     seeds = [0, 2**64 - 1]
-    for rows in ({"seed": seeds}, {"seed": [0, np.uint64(2**64 - 1)]}, grid(seed=seeds), grid(seed=[0, np.uint64(2**64 - 1)])):
+    for rows in (
+        {"seed": seeds},
+        {"seed": [0, np.uint64(2**64 - 1)]},
+        grid(seed=seeds),
+        grid(seed=[0, np.uint64(2**64 - 1)]),
+    ):
         assert table_of(rows)["seed"].to_pylist() == seeds
 
 
-# Failures ------------------------------------------------------------------------------------------------------------
+# Failures -----------------------------------------------------------------------------
 @measure("N")
 def spoils(r):
     r["force"][:] = 7.0
@@ -352,7 +413,10 @@ def test_a_measure_cannot_change_what_others_see():
     assert run["force"].flags.writeable, "what is one's own stays so"
 
 
-@pytest.mark.parametrize(("given", "figure"), [(np.array(2.0), 2.0), (np.float32(2), 2.0), ([2], 2.0), (1j, None), ("2", None)])
+@pytest.mark.parametrize(
+    ("given", "figure"),
+    [(np.array(2.0), 2.0), (np.float32(2), 2.0), ([2], 2.0), (1j, None), ("2", None)],
+)
 def test_a_figure_is_a_real_number(given, figure):
     @measure("1")
     def odd(r):
@@ -385,15 +449,22 @@ def test_a_row_that_fails_is_a_row_and_what_all_have_wrong_is_an_error():
 def test_what_is_not_finite_is_marked():
     scene = Scene({"y": Input("x") / Param("d", 1.0)})
     table = sweep(scene, {"d": [1.0, 0.0]}, measures="peak", **RUN | {"motion": np.ones(400)})
-    assert columns(table, "fault", "error", "peak_y") == [[None, "y at sample 0"], [None, None], [1.0, 0.0]]
+    assert columns(table, "fault", "error", "peak_y") == [
+        [None, "y at sample 0"],
+        [None, None],
+        [1.0, 0.0],
+    ]
 
 
 def test_scenes_with_other_outputs_are_told():
     table = sweep(squeeze, {"fingers": [1, 2]}, measures="peak", **RUN)
-    assert table["error"][0].as_py() is None and "name outputs that all rows have" in table["error"][1].as_py()
+    assert (
+        table["error"][0].as_py() is None
+        and "name outputs that all rows have" in table["error"][1].as_py()
+    )
 
 
-# Measures ------------------------------------------------------------------------------------------------------------
+# Measures -----------------------------------------------------------------------------
 def test_a_scene_without_inputs_needs_no_motion_and_another_says_which_it_needs():
     scene, words = Scene({"y": Param("A", 1.0) * white_noise(seed=1)}), {"fs": 1000, "seconds": 0.1}
     table = sweep(scene, {"A": [1.0, 2.0]}, measures="peak", workers=0, **words)
@@ -404,9 +475,14 @@ def test_a_scene_without_inputs_needs_no_motion_and_another_says_which_it_needs(
 
 
 def test_a_band_without_a_line_of_the_spectrum_has_no_level():
-    run = stimlib.render(Scene({"y": white_noise(seed=1)}), {}, fs=1000, seconds=0.1)  # lines from 0 to 500 Hz, 10 Hz apart
+    # lines from 0 to 500 Hz, 10 Hz apart
+    run = stimlib.render(Scene({"y": white_noise(seed=1)}), {}, fs=1000, seconds=0.1)
     got = measured(run, ["band(600, 900)", "band(21, 29)", "band(20, 30)"])
-    assert np.isnan(got["band_600_900_y"]) and np.isnan(got["band_21_29_y"]) and got["band_20_30_y"] > 0
+    assert (
+        np.isnan(got["band_600_900_y"])
+        and np.isnan(got["band_21_29_y"])
+        and got["band_20_30_y"] > 0
+    )
 
 
 def test_spectra_are_those_of_scipy():
@@ -418,21 +494,34 @@ def test_spectra_are_those_of_scipy():
     inside = (f >= 20) & (f < 1000)
     assert abs(got["band_20_1000_y"] / np.sqrt(p[inside].sum() * f[1]) - 1) < 1e-12
     names = [n for n in got if n.startswith("psd_")]
-    assert names == [f"psd_{c}_y" for c in "12.5 16 20 25 31.5 40 50 63 80 100 125 160 200 250 315 400 500 630 800".split()]
+    assert names == [
+        f"psd_{c}_y"
+        for c in "12.5 16 20 25 31.5 40 50 63 80 100 125 160 200 250 315 400 500 630 800".split()
+    ]
     for k, name in enumerate(names, start=11):
         inside = (f >= 10 ** ((k - 0.5) / 10)) & (f < 10 ** ((k + 0.5) / 10))
         assert abs(got[name] / p[inside].mean() - 1) < 1e-12
     for n in (400, 401):  # with 0 Hz, and half the sample rate where n is even
         edge = dataclasses.replace(run, y=run.y[:, :n])
         f, p = periodogram(edge["y"], 8000, "hann")
-        assert abs(measured(edge, "band(0, 9999)")["band_0_9999_y"] / np.sqrt(p.sum() * f[1]) - 1) < 1e-12
+        assert (
+            abs(measured(edge, "band(0, 9999)")["band_0_9999_y"] / np.sqrt(p.sum() * f[1]) - 1)
+            < 1e-12
+        )
     short = stimlib.render(Scene({"y": constant(1.0) * 1}), {}, 8000, 0.05)
     assert np.isnan(measured(short, "psd(10, 10)")["psd_10_y"]), "no line in it"
 
 
 def test_cues_and_proofs_are_those_of_their_functions():
     motion, words = sinusoid(0.01, 4.0, mean=0.01), {"fs": 1000, "seconds": 1.0}
-    table = sweep(SPRING, {"k": [100.0, 300.0]}, motion=motion, measures=["cues", "verify"], workers=0, **words)
+    table = sweep(
+        SPRING,
+        {"k": [100.0, 300.0]},
+        motion=motion,
+        measures=["cues", "verify"],
+        workers=0,
+        **words,
+    )
     for row in table.to_pylist():
         run = stimlib.render(SPRING, {"x": motion}, params={"k": row["k"]}, **words)
         c = cues(motion(run.t), run["force"], 1000)
@@ -448,10 +537,12 @@ def test_what_depends_on_the_motion_alone_is_made_once():
         return ready
 
     table = sweep(SPRING, {"k": np.arange(1.0, 9.0)}, measures=[depth], **RUN)
-    assert made == [8000.0] and set(table["depth"].to_pylist()) == {HAND(np.arange(400) / 8000).max()}
+    assert made == [8000.0] and set(table["depth"].to_pylist()) == {
+        HAND(np.arange(400) / 8000).max()
+    }
 
 
-# What is kept --------------------------------------------------------------------------------------------------------
+# What is kept -------------------------------------------------------------------------
 def test_only_what_is_missing_runs(tmp_path):
     out, words = tmp_path / "out", RUN | {"measures": [counted]}
     COUNT.clear()
@@ -460,16 +551,25 @@ def test_only_what_is_missing_runs(tmp_path):
     COUNT.clear()
     assert sweep(SPRING, {"k": [1.0, 2.0, 2.0]}, out=out, **words).equals(first) and not COUNT
     more = sweep(SPRING, {"k": [2.0, 5.0, 1.0], "seed": [0, 0, 0]}, out=out, **words)
-    assert set(COUNT) == {5.0} and more["counted"][0] == first["counted"][1], "of another order, with the usual seed"
+    assert set(COUNT) == {5.0} and more["counted"][0] == first["counted"][1], (
+        "of another order, with the usual seed"
+    )
     COUNT.clear()
     sweep(SPRING, {"k": [5.0]}, out=out, **words | {"seconds": 0.1})
     sweep(SPRING, {"k": [5.0]}, out=out, **words | {"motion": minimum_jerk(depth=0.01)})
     sweep(SPRING, {"k": [5.0], "motion": ["a"]}, out=out, **words | {"motion": {"a": HAND}})
     assert len(COUNT) == 2, "two of the three are new: the name of a motion says nothing"
     told = json.loads((out / "sweep.json").read_text())
-    assert told["units"] == {"counted": "N"} and told["scene"] == SPRING.hash and told["versions"]["numpy"] == np.__version__
+    assert (
+        told["units"] == {"counted": "N"}
+        and told["scene"] == SPRING.hash
+        and told["versions"]["numpy"] == np.__version__
+    )
     part = pq.read_table(next(out.glob("part-*.parquet")))
-    assert part.field("counted").metadata[b"unit"] == b"N" and part.field("k").metadata[b"unit"] == b"N/m"
+    assert (
+        part.field("counted").metadata[b"unit"] == b"N"
+        and part.field("k").metadata[b"unit"] == b"N/m"
+    )
     with pytest.raises(BadValue, match="another sweep, with other measures: name another folder"):
         sweep(SPRING, {"k": [1.0]}, out=out, **RUN | {"measures": "rms"})
     with pytest.raises(BadValue, match="other fs"):
@@ -510,19 +610,30 @@ def weighed(p=1.0, q=1.0):
 
 
 def test_each_kept_scene_and_motion_is_compared_with_today_s(tmp_path, monkeypatch):
-    """A change of one of several combinations of arguments, or of one of several motions, is seen in its rows."""
+    """A change of one of several combinations of arguments, or of one of several
+    motions, is seen in its rows.
+    """
     rows, words = grid(p=[0.0, 1.0], q=[0.0, 1.0]), RUN | {"measures": "rms"}
     sweep(weighed, rows, out=tmp_path / "a", **words)
-    with pytest.raises(BadValue, match="row 1 .* is kept with the figures of another scene"), monkeypatch.context() as m:
+    with (
+        pytest.raises(BadValue, match="row 1 .* is kept with the figures of another scene"),
+        monkeypatch.context() as m,
+    ):
         m.setitem(FACTOR, "b", 2.0)
         sweep(weighed, rows, out=tmp_path / "a", **words)
-    with pytest.raises(BadValue, match="row 2 .* is kept with the figures of another scene"), monkeypatch.context() as m:
+    with (
+        pytest.raises(BadValue, match="row 2 .* is kept with the figures of another scene"),
+        monkeypatch.context() as m,
+    ):
         m.setitem(FACTOR, "a", 2.0)
         sweep(weighed, rows, out=tmp_path / "a", **words)
     hands = {"a": lambda t: FACTOR["a"] * t, "b": lambda t: FACTOR["b"] * t}
     rows, words = {"motion": ["a", "b"]}, words | {"motion": hands}
     sweep(SPRING, rows, out=tmp_path / "b", **words)
-    with pytest.raises(BadValue, match="row 1 .* of another scene or motion"), monkeypatch.context() as m:
+    with (
+        pytest.raises(BadValue, match="row 1 .* of another scene or motion"),
+        monkeypatch.context() as m,
+    ):
         m.setitem(FACTOR, "b", 2.0)
         sweep(SPRING, rows, out=tmp_path / "b", **words)
 
@@ -530,7 +641,11 @@ def test_each_kept_scene_and_motion_is_compared_with_today_s(tmp_path, monkeypat
 def test_a_row_that_failed_runs_again_where_its_function_was_corrected(tmp_path, monkeypatch):
     rows, words = {"p": [1.0, 2.0, 3.0]}, RUN | {"measures": "rms", "out": tmp_path}
     monkeypatch.setattr(sys.modules[__name__], "BROKEN", [1.0])
-    assert [bool(e) for e in sweep(weighed, rows, **words)["error"].to_pylist()] == [True, False, False]
+    assert [bool(e) for e in sweep(weighed, rows, **words)["error"].to_pylist()] == [
+        True,
+        False,
+        False,
+    ]
     monkeypatch.setitem(FACTOR, "a", 2.0)
     again = sweep(weighed, {"p": [1.0, 5.0]}, retry=True, **words)["error"].to_pylist()
     assert again == ["BadValue: broken 2.0", None], "the last error counts"
@@ -571,7 +686,9 @@ def test_two_sweeps_do_not_write_into_one_folder(tmp_path):
                 sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path, **RUN)
         return 1.0
 
-    assert sweep(SPRING, {"k": [1.0]}, measures=[nested], out=tmp_path, **RUN)["nested"].to_pylist() == [1.0]
+    assert sweep(SPRING, {"k": [1.0]}, measures=[nested], out=tmp_path, **RUN)[
+        "nested"
+    ].to_pylist() == [1.0]
 
 
 def test_a_function_is_known_by_what_it_does(tmp_path):
@@ -580,7 +697,10 @@ def test_a_function_is_known_by_what_it_does(tmp_path):
         exec(text, scope)
         return identity(scope["f"], "f")
 
-    base = "import numpy as np\nC = 2.0\ndef helper(x):\n    return x * 3\ndef f(r):\n    return helper(C) + np.sum(r)\n"
+    base = (
+        "import numpy as np\nC = 2.0\ndef helper(x):\n    return x * 3\ndef f(r):\n    return"
+        " helper(C) + np.sum(r)\n"
+    )
     same = defined("# moved\n\n" + base)
     assert same == defined(base)
 
@@ -604,9 +724,17 @@ class Line:
 
 def test_objects_that_are_called_are_known_by_their_content(tmp_path):
     hands = {"a": Line(1.0), "b": Line(2.0)}
-    table = sweep(SPRING, grid(motion=hands, k=[1.0]), measures="peak", out=tmp_path, **RUN | {"motion": hands})
+    table = sweep(
+        SPRING,
+        grid(motion=hands, k=[1.0]),
+        measures="peak",
+        out=tmp_path,
+        **RUN | {"motion": hands},
+    )
     assert table["peak_force"].to_pylist() == [1.0, 2.0]
-    again = sweep(SPRING, {"k": [1.0]}, measures="peak", out=tmp_path, **RUN | {"motion": Line(3.0)})
+    again = sweep(
+        SPRING, {"k": [1.0]}, measures="peak", out=tmp_path, **RUN | {"motion": Line(3.0)}
+    )
     assert again["peak_force"].to_pylist() == [3.0]
 
     def using(value):
@@ -623,7 +751,11 @@ def test_objects_that_are_called_are_known_by_their_content(tmp_path):
         (scene, SPRING),
         (scene.outputs["y"], SPRING.outputs["force"]),
     ):
-        assert identity(using(same), "f") == identity(using(copy.deepcopy(same)), "f") != identity(using(different), "f")
+        assert (
+            identity(using(same), "f")
+            == identity(using(copy.deepcopy(same)), "f")
+            != identity(using(different), "f")
+        )
 
 
 def test_what_a_package_made_has_no_content():
@@ -659,15 +791,20 @@ def hand(t): return K + 0.0 * t
 def test_what_workers_import_otherwise_is_said_or_refused(tmp_path, monkeypatch):
     (tmp_path / "of_a_study.py").write_text(OF_A_STUDY)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # the time of a cached file has whole seconds
+    # the time of a cached file has whole seconds
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     study = importlib.import_module("of_a_study")
     words = RUN | {"measures": "peak", "workers": 1, "seconds": 0.1, "motion": np.ones(800)}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert sweep(study.make, {"a": [1.0]}, **words)["peak_y"].to_pylist() == [1.0]
         study.K = 2.0
-        assert sweep(study.make, {"a": [1.0]}, **words | {"workers": 0})["peak_y"].to_pylist() == [2.0]
-    with pytest.warns(RuntimeWarning, match="scene is not the same in the processes that run the rows"):
+        assert sweep(study.make, {"a": [1.0]}, **words | {"workers": 0})["peak_y"].to_pylist() == [
+            2.0
+        ]
+    with pytest.warns(
+        RuntimeWarning, match="scene is not the same in the processes that run the rows"
+    ):
         sweep(study.make, {"a": [1.0]}, **words)
     with pytest.warns(RuntimeWarning, match="motion is not the same"):
         sweep(lambda a: SPRING, {"a": [1.0]}, **words | {"motion": study.hand})
@@ -678,19 +815,26 @@ def test_what_workers_import_otherwise_is_said_or_refused(tmp_path, monkeypatch)
         return Local(*words)
 
     monkeypatch.setattr("stimlib.sweep.study.Local", edited)
-    with pytest.raises(BadValue, match="scene: a file of yours has changed since the sweep began; start it again"):
+    with pytest.raises(
+        BadValue, match="scene: a file of yours has changed since the sweep began; start it again"
+    ):
         sweep(study.make, {"a": [1.0]}, **words)
 
 
 def test_recorded_hands_have_their_own_lengths():
     t = np.arange(0, 0.5, 0.01)
-    hands = {n: recording({"t_s": t[:m], "x_mm": 3 * t[:m]}, {"x": "x_mm*1e-3"}) for n, m in (("a", 20), ("b", 40))}
+    hands = {
+        n: recording({"t_s": t[:m], "x_mm": 3 * t[:m]}, {"x": "x_mm*1e-3"})
+        for n, m in (("a", 20), ("b", 40))
+    }
 
     @measure("s")
     def long(r):
         return r.t[-1]
 
-    table = sweep(SPRING, grid(motion=hands, k=[1.0, 2.0]), motion=hands, measures=[long], fs=1000, workers=0)
+    table = sweep(
+        SPRING, grid(motion=hands, k=[1.0, 2.0]), motion=hands, measures=[long], fs=1000, workers=0
+    )
     assert table["long"].to_pylist() == [0.189, 0.189, 0.389, 0.389]
 
 
@@ -701,37 +845,67 @@ def test_a_dry_run_tells_what_it_will_take(tmp_path):
     (tmp_path / "empty").mkdir()
     sweep(SPRING, rows, measures="rms", dry=True, out=tmp_path / "empty", **RUN)
     assert not list((tmp_path / "empty").iterdir()), "nothing is written"
-    assert "100 rows, 0 of them there" in str(told) and "2 cores" in str(told) and not (tmp_path / "out").exists()
+    assert (
+        "100 rows, 0 of them there" in str(told)
+        and "2 cores" in str(told)
+        and not (tmp_path / "out").exists()
+    )
 
 
-# From a terminal -----------------------------------------------------------------------------------------------------
+# From a terminal ----------------------------------------------------------------------
 def run(*words):
     return CliRunner().invoke(
-        app, ["sweep", *words, "--motion", "minimum_jerk(depth=0.02)", "--seconds", "0.05", "--workers", "1"]
+        app,
+        [
+            "sweep",
+            *words,
+            "--motion",
+            "minimum_jerk(depth=0.02)",
+            "--seconds",
+            "0.05",
+            "--workers",
+            "1",
+        ],
     )
 
 
 def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = run(
-        "squeeze(fingers=1)", "--axis", "k=500:1500:3", "--axis", "seed=0..1", "--measure", "peak", "--out", "out", "--json"
+        "squeeze(fingers=1)",
+        "--axis",
+        "k=500:1500:3",
+        "--axis",
+        "seed=0..1",
+        "--measure",
+        "peak",
+        "--out",
+        "out",
+        "--json",
     )
     assert done.exit_code == 0, done.output
-    wanted = sweep(squeeze(fingers=1), grid(k=[500.0, 1000.0, 1500.0], seed=[0, 1]), measures="peak", **RUN)["peak_force1"]
+    wanted = sweep(
+        squeeze(fingers=1), grid(k=[500.0, 1000.0, 1500.0], seed=[0, 1]), measures="peak", **RUN
+    )["peak_force1"]
     told = json.loads(done.stdout)
-    assert (told["rows"], told["failed"], told["figures"]["peak_force1"]["largest"]) == (6, 0, max(wanted.to_pylist()))
+    assert (told["rows"], told["failed"], told["figures"]["peak_force1"]["largest"]) == (
+        6,
+        0,
+        max(wanted.to_pylist()),
+    )
     (tmp_path / "own_study.py").write_text(
-        "import stimlib\nfrom stimlib.sweep import measure\n"
-        "@measure('N')\ndef lowest(run):\n    return run['force'].min()\n"
-        "def made(gain, k=3.0):\n"
-        "    return stimlib.Scene({'force': gain * stimlib.Param('k', k, 'N/m') * stimlib.Input('x', 'm')})\n"
+        "import stimlib\nfrom stimlib.sweep import measure\n@measure('N')\ndef lowest(run):\n   "
+        " return run['force'].min()\ndef made(gain, k=3.0):\n    return stimlib.Scene({'force':"
+        " gain * stimlib.Param('k', k, 'N/m') * stimlib.Input('x', 'm')})\n"
     )
     (tmp_path / "rows.csv").write_text("gain,k\n1,2\n2,2\n")
     words = ["own_study.py:made", "--rows", "rows.csv", "--measure", "own_study.py:lowest"]
     done = run(*words)
     assert done.exit_code == 2 and "k: both a live parameter and an argument of made" in done.stderr
     done = run(*words, "--live", "k")
-    assert done.exit_code == 0 and "2 rows, 0 failed" in done.stdout and "lowest" in done.stdout, done.output
+    assert done.exit_code == 0 and "2 rows, 0 failed" in done.stdout and "lowest" in done.stdout, (
+        done.output
+    )
     done = run(*words, "--live", "k", "--dry")
     assert done.exit_code == 0 and "2 rows, 0 of them there" in done.stdout
 
@@ -749,7 +923,9 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
 )
 def test_mistakes_on_the_command_line_are_one_line(words, says):
     done = run("squeeze", *words)
-    assert done.exit_code == 2 and done.stderr.startswith("error: ") and says in done.stderr, done.output
+    assert done.exit_code == 2 and done.stderr.startswith("error: ") and says in done.stderr, (
+        done.output
+    )
 
 
 @pytest.mark.parametrize(
@@ -758,7 +934,8 @@ def test_mistakes_on_the_command_line_are_one_line(words, says):
         (10**6, 2, 0.001, 1000),  # one second
         (40, 2, 0.1, 10),  # towards the end: a quarter of the rest for each of two workers
         (40, 2, 0.001, 30),  # but not shorter than what two jobs cost the client
-        (10**6, 1000, 0.01, 1500),  # a thousand workers: fifteen seconds, or they wait for the client
+        # a thousand workers: fifteen seconds, or they wait for the client
+        (10**6, 1000, 0.01, 1500),
         (5, 1000, 0.01, 5),
         (10**6, 1000, 1e-5, 20_000),
         (3, 2, 60.0, 1),

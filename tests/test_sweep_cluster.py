@@ -1,4 +1,6 @@
-"""Sweeps on a Dask cluster, and whatever is killed in the middle: the same bits, nothing lost but what flew, nothing doubled."""
+"""Sweeps on a Dask cluster, and whatever is killed in the middle: the same bits,
+nothing lost but what flew, nothing doubled.
+"""
 
 import json
 import os
@@ -35,7 +37,12 @@ def last(r):
 
 @measure("N")
 def deadly(r):
-    if r.params["k"] == 7.0 and r.params["A"] == 3.4 and r.seed == 2 and r.motion["x1"] == HANDS["fast"]:
+    if (
+        r.params["k"] == 7.0
+        and r.params["A"] == 3.4
+        and r.seed == 2
+        and r.motion["x1"] == HANDS["fast"]
+    ):
         os.kill(os.getpid(), signal.SIGKILL)
     return r["force1"][-1]
 
@@ -43,7 +50,9 @@ def deadly(r):
 @pytest.fixture(scope="module")
 def cluster():
     with (
-        distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as made,
+        distributed.LocalCluster(
+            2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+        ) as made,
         distributed.Client(made) as client,
     ):
         yield client
@@ -51,18 +60,24 @@ def cluster():
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
-    """Workers that were killed come again, on a busy machine late: only one test is about that warning."""
+    """Workers that were killed come again, on a busy machine late: only one test is
+    about that warning.
+    """
     monkeypatch.setattr(engines, "LONELY", 600.0)
 
 
 def whole(folder):
     """Rows of all parts: none of them twice."""
-    keys = [key for p in folder.glob("part-*.parquet") for key in pq.read_table(p)["key"].to_pylist()]
+    keys = [
+        key for p in folder.glob("part-*.parquet") for key in pq.read_table(p)["key"].to_pylist()
+    ]
     assert len(keys) == len(set(keys))
     return len(keys)
 
 
-def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(cluster, tmp_path, monkeypatch):
+def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(
+    cluster, tmp_path, monkeypatch
+):
     here = sweep(SCENE, ROWS, measures=["rms", last], workers=1, **WORDS)
     monkeypatch.setattr(engines, "FEWEST", 2)
     monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 8)
@@ -79,12 +94,17 @@ def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(clust
     monkeypatch.setattr(engines.Cluster, "take", kill_one)
     there = sweep(SCENE, ROWS, measures=["rms", last], on=cluster, out=tmp_path, **WORDS)
     assert there.equals(here) and killed and whole(tmp_path) == 128
-    assert sweep(SCENE, ROWS, measures=["rms", last], on=cluster, out=tmp_path, **WORDS).equals(here), "nothing runs again"
+    assert sweep(SCENE, ROWS, measures=["rms", last], on=cluster, out=tmp_path, **WORDS).equals(
+        here
+    ), "nothing runs again"
 
 
 def test_other_versions_are_told_before_the_first_run(cluster, monkeypatch):
     monkeypatch.setattr("stimlib.sweep.study.versions", lambda: {"numpy": "1.0"})
-    with pytest.raises(BadValue, match=r"worker tcp://.* has numpy .*, and not 1.0 as here: .* install the same there"):
+    with pytest.raises(
+        BadValue,
+        match=r"worker tcp://.* has numpy .*, and not 1.0 as here: .* install the same there",
+    ):
         sweep(SCENE, ROWS, measures="rms", on=cluster, **WORDS)
     with pytest.raises(SinkError, match="no Dask scheduler at tcp://127.0.0.1:1"):
         monkeypatch.setattr(engines, "PATIENCE", 0.5)
@@ -95,7 +115,9 @@ def test_that_a_cluster_has_no_workers_is_said_once_and_they_are_waited_for(monk
     monkeypatch.setattr(engines, "LONELY", 0.2)
     said = []
     with (
-        distributed.LocalCluster(1, processes=False, threads_per_worker=1, dashboard_address=None, silence_logs=50) as made,
+        distributed.LocalCluster(
+            1, processes=False, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as made,
         distributed.Client(made) as client,
     ):
         made.scale(0)
@@ -109,7 +131,9 @@ def test_that_a_cluster_has_no_workers_is_said_once_and_they_are_waited_for(monk
 
         monkeypatch.setattr(engines.warnings, "warn", come)
         table = sweep(SCENE, ROWS, measures="rms", on=client, **WORDS)
-    assert [t for t in said if "has no workers: the sweep waits for some to come" in t] == said[:1] and len(said) == 1, said
+    assert [t for t in said if "has no workers: the sweep waits for some to come" in t] == said[
+        :1
+    ] and len(said) == 1, said
     assert table.equals(sweep(SCENE, ROWS, measures="rms", workers=1, **WORDS))
 
 
@@ -154,8 +178,16 @@ except KeyboardInterrupt as e:
 
 
 def started(tmp_path, *on):
-    words = [sys.executable, "-c", textwrap.dedent(CLIENT.format(tests=os.path.dirname(__file__))), str(tmp_path / "out"), *on]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    words = [
+        sys.executable,
+        "-c",
+        textwrap.dedent(CLIENT.format(tests=os.path.dirname(__file__))),
+        str(tmp_path / "out"),
+        *on,
+    ]
+    return subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
 
 
 def after(job, folder, parts):
@@ -174,8 +206,11 @@ def test_a_sweep_that_was_stopped_goes_on(tmp_path, number):
     os.kill(job.pid, number)
     out, err = job.communicate(timeout=20)
     there = whole(folder)
-    assert 4 <= there < 128 and "Traceback" not in err, (there, err)  # four parts, of as many rows as the clock gave them
-    assert number == signal.SIGKILL or (job.returncode == 130 and f"{there} of 128 rows were done; run it again" in out)
+    # four parts, of as many rows as the clock gave them
+    assert 4 <= there < 128 and "Traceback" not in err, (there, err)
+    assert number == signal.SIGKILL or (
+        job.returncode == 130 and f"{there} of 128 rows were done; run it again" in out
+    )
     until = time.monotonic() + 10
     while subprocess.run(["pgrep", "-s", str(job.pid)], capture_output=True).stdout:  # its workers
         assert time.monotonic() < until
@@ -198,7 +233,15 @@ def test_client_and_scheduler_that_are_killed_lose_only_what_flies(tmp_path):
         "--scheduler-file",
         str(address),
     ]
-    work = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(address), "--nthreads", "1"]
+    work = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_worker",
+        "--scheduler-file",
+        str(address),
+        "--nthreads",
+        "1",
+    ]
     work += ["--no-dashboard", "--death-timeout", "60"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     folder = tmp_path / "out"

@@ -1,4 +1,6 @@
-"""By what a row is known again: whatever changes its figures changes its key, and making the same thing again does not."""
+"""By what a row is known again: whatever changes its figures changes its key, and
+making the same thing again does not.
+"""
 
 import builtins
 import dataclasses
@@ -84,7 +86,9 @@ def with_number(f, k):
 
 
 def of_child(shared):
-    """Return a function of a tree: the child of the second branch is that of the first, or one of its own."""
+    """Return a function of a tree: the child of the second branch is that of the first,
+    or one of its own.
+    """
     root, branch = (types.SimpleNamespace() for _ in range(2))
     root.a, root.b, branch.level = types.SimpleNamespace(up=root), branch, 1.0
     branch.child = root.a if shared else types.SimpleNamespace(up=branch)
@@ -149,31 +153,45 @@ PAIRS = {
     "locals by name": (lambda run: [locals() for a in "x"], lambda run: [locals() for b in "x"]),
     "defaults of keywords": (lambda run, *, a=1.0: a, lambda run, *, a=2.0: a),
     "arrays called as a function of numpy": (named_array(np.zeros(2)), named_array(np.ones(2))),
-    "metaclasses": tuple(of(type("M", (type,), {"__call__": f})("C", (), {})) for f in (of(1.0), of(2.0))),
+    "metaclasses": tuple(
+        of(type("M", (type,), {"__call__": f})("C", (), {})) for f in (of(1.0), of(2.0))
+    ),
     "what a compiled method is of": (of([1.0].count), of([2.0].count)),
     "names of compiled methods": (of([1.0].count), of([1.0].index)),
     "blocks of one's own": tuple(of(Scene({"y": own_block(k)})) for k in (1.0, 2.0)),
     "lists of one's own": (of(Rows([1.0])), of(Rows([2.0]))),
     "options of a compiled function": (of(numba.njit(level)), of(numba.njit(fastmath=True)(level))),
     "patterns": (of(re.compile("a")), of(re.compile("b"))),
-    "globals of a nested function": tuple(eval("lambda r: lambda: lambda: K", {"K": k}) for k in (1, 2)),
+    "globals of a nested function": tuple(
+        eval("lambda r: lambda: lambda: K", {"K": k}) for k in (1, 2)
+    ),
     "lists and tuples": (of([1.0]), of((1.0,))),
     "what wraps a function of numpy": tuple(functools.wraps(np.sum)(of(k)) for k in (1.0, 2.0)),
     "versions that are stated": tuple(measure("N", version=v)(level) for v in "12"),
     "getters": tuple(property(of(k)) for k in (1.0, 2.0)),
     "views of arrays": (np.arange(4.0)[:3:2], np.arange(4.0)[1::2]),
     "where a cycle closes": (ring(1), ring(2)),
-    "queues behind others": tuple(of([deque([k]) for k in (*range(20), last)]) for last in (20, 21)),
+    "queues behind others": tuple(
+        of([deque([k]) for k in (*range(20), last)]) for last in (20, 21)
+    ),
     "units of one version": tuple(measure(u, version="1")(level) for u in ("N", "m")),
     "names of one version": tuple(measure("N", version="1")(f) for f in (level, guarded)),
     "keywords of a partial that has the name of its function": tuple(map(partial_of, (1.0, 2.0))),
-    "attributes of what is cached": tuple(with_number(functools.cache(of(0.0)), k) for k in (1.0, 2.0)),
-    "signatures of compiled functions": tuple(numba.njit(f"{t}(float64)")(lambda low: low) for t in ("float32", "float64")),
-    "types in compiled functions": tuple(numba.njit(locals={"low": t})(level) for t in (numba.float32, numba.float64)),
+    "attributes of what is cached": tuple(
+        with_number(functools.cache(of(0.0)), k) for k in (1.0, 2.0)
+    ),
+    "signatures of compiled functions": tuple(
+        numba.njit(f"{t}(float64)")(lambda low: low) for t in ("float32", "float64")
+    ),
+    "types in compiled functions": tuple(
+        numba.njit(locals={"low": t})(level) for t in (numba.float32, numba.float64)
+    ),
     "names of functions": (of(low), of(high)),
     "children of another parent": tuple(map(of_child, (True, False))),
-    "what is prepared": tuple(measure("N", prepare=lambda x, fs, g=g: g)(level) for g in (1.0, 2.0)),
-}  # fmt: skip
+    "what is prepared": tuple(
+        measure("N", prepare=lambda x, fs, g=g: g)(level) for g in (1.0, 2.0)
+    ),
+}
 
 
 @pytest.mark.parametrize("name", PAIRS)
@@ -203,32 +221,47 @@ def test_the_same_made_again_is_the_same():
 USES = {
     "an attribute": "import own_study.helper as h\ndef f(r): return h.level(r)",
     "the module itself": "import own_study.helper as h\ndef f(r): return vars(h)",
-    "a submodule that is passed on": "import own_study.helper\ndef g(m): return m.level\ndef f(r): return g(own_study.helper)",
-    "a submodule's dict": "import own_study.helper\ndef f(r): return own_study.helper.__dict__[''.join(['lev', 'el'])]",
+    "a submodule that is passed on": (
+        "import own_study.helper\ndef g(m): return m.level\ndef f(r): return g(own_study.helper)"
+    ),
+    "a submodule's dict": (
+        "import own_study.helper\ndef f(r): return own_study.helper.__dict__[''.join(['lev',"
+        " 'el'])]"
+    ),
     "a property of the module": "import own_study.helper as h\ndef f(r): return h.other",
     "a submodule": "import own_study.helper\ndef f(r): return own_study.helper.level(r)",
     "a late import": "def f(r):\n    import own_study.helper as h\n    return h.level(r)",
     "a late name": "def f(r):\n    from own_study.helper import level\n    return level(r)",
-    "a late submodule": "def f(r):\n    import own_study.helper\n    return own_study.helper.level(r)",
+    "a late submodule": (
+        "def f(r):\n    import own_study.helper\n    return own_study.helper.level(r)"
+    ),
     "a late relative name": "def f(r):\n    from .helper import level\n    return level(r)",
-    "a late name after 300 others": "def f(r):\n"
-    + "".join(f"    r.n{n} = {n}.5\n" for n in range(300))
-    + "    from .helper import level\n    return level(r)",
-    "a number of the package": "def f(r):\n    import own_study.helper\n    return own_study.number",
-    "one that may be missing": """
+    "a late name after 300 others": (
+        "def f(r):\n"
+        + "".join(f"    r.n{n} = {n}.5\n" for n in range(300))
+        + "    from .helper import level\n    return level(r)"
+    ),
+    "a number of the package": (
+        "def f(r):\n    import own_study.helper\n    return own_study.number"
+    ),
+    "one that may be missing": (
+        """
 import own_study.helper as h
 def f(r):
     try:
         import no_such_package
     except ImportError:
         return h.level(r)
-""",
+"""
+    ),
     "a module's __getattr__": "import own_study.helper as h\ndef f(r): return h.other",
 }
 
 
 def own_study(monkeypatch, text, **attributes):
-    """Let own_study.helper be a module with this text and these attributes; return it."""
+    """Let own_study.helper be a module with this text and these attributes; return
+    it.
+    """
     package, helper = types.ModuleType("own_study"), types.ModuleType("own_study.helper")
     package.__path__, package.helper = [], helper
     vars(helper).update(attributes)
@@ -245,7 +278,11 @@ def test_a_helper_counts_however_it_is_reached(monkeypatch, use):
         name = "__getattr__" if use == "a module's __getattr__" else "level"
         own_study(monkeypatch, f"def {name}(r): raise AttributeError({k})")
         if use == "a property of the module":
-            kind = type("Kind", (types.ModuleType,), {"other": property(vars(sys.modules["own_study.helper"]).pop("level"))})
+            kind = type(
+                "Kind",
+                (types.ModuleType,),
+                {"other": property(vars(sys.modules["own_study.helper"]).pop("level"))},
+            )
             sys.modules["own_study.helper"].__class__ = kind
         if use == "a number of the package":
             sys.modules["own_study"].number, sys.modules["own_study.helper"].level = k, None
@@ -272,7 +309,9 @@ def test_the_file_of_a_compiled_class_or_function_counts(monkeypatch, tmp_path):
             own_study(monkeypatch, "", __file__=str(tmp_path / "helper.so"))
             kind = type("Model", (), {"__module__": "own_study.helper", "level": float.hex})
             function = types.SimpleNamespace(__module__="own_study.helper", __qualname__="level")
-            found.append(identity(of({"class": kind, "object": kind(), "function": function}[what]), "f"))
+            found.append(
+                identity(of({"class": kind, "object": kind(), "function": function}[what]), "f")
+            )
         assert found[0] != found[1] == found[2], what
 
 
@@ -284,7 +323,13 @@ def test_a_package_that_does_not_state_its_version_has_that_of_its_installation(
 
 
 @pytest.mark.parametrize(
-    "use", [lambda r: scipy.signal.welch(r), of(scipy.signal.welch), of([scipy.signal]), lambda r: norm.cdf(r)]
+    "use",
+    [
+        lambda r: scipy.signal.welch(r),
+        of(scipy.signal.welch),
+        of([scipy.signal]),
+        lambda r: norm.cdf(r),
+    ],
 )
 def test_another_version_of_a_package_is_something_else(monkeypatch, use):
     before = identity(use, "f")
@@ -304,7 +349,9 @@ def test_what_cannot_be_seen_is_refused():
         identity(lambda r: sys.modules["helper"], "f")
     with pytest.raises(BadValue, match="is a numpy.ufunc, whose content cannot be seen"):
         identity(np.frompyfunc(level, 1, 1), "f")
-    with pytest.raises(BadValue, match="uses __subclasses__, so what it computes from cannot be seen"):
+    with pytest.raises(
+        BadValue, match="uses __subclasses__, so what it computes from cannot be seen"
+    ):
         identity(lambda r: Block.__subclasses__(), "f")
     with pytest.raises(BadValue, match="_getframe finds code by a name"):
         identity(lambda r: sys._getframe().f_locals, "f")
@@ -353,7 +400,9 @@ def test_every_sample_of_a_motion_counts():
     assert digest(np.ones(400)) == digest([1.0] * 400) != digest(end)
     hands = {"slow": lambda t: 0.01 * t, "fast": lambda t: 0.02 * t}
     words = RUN | {"motion": hands, "seconds": 0.05}
-    slow, fast = sweep(SPRING, {"motion": ["slow", "fast"]}, measures="peak", **words)["peak_force"].to_pylist()
+    slow, fast = sweep(SPRING, {"motion": ["slow", "fast"]}, measures="peak", **words)[
+        "peak_force"
+    ].to_pylist()
     assert fast == 2 * slow > 0
 
 
@@ -378,7 +427,11 @@ def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_p
     words = RUN | {"measures": "peak", "out": tmp_path}
     hand = minimum_jerk(depth=0.02)
     for name, motion in (("a", np.ones(400)), ("b", hand)):
-        sweep(SPRING, {"motion": [name], "k": [1.0]}, **words | {"motion": {name: motion}, "seconds": 0.05})
+        sweep(
+            SPRING,
+            {"motion": [name], "k": [1.0]},
+            **words | {"motion": {name: motion}, "seconds": 0.05},
+        )
     sidecar = tmp_path / "sweep.json"
     told = json.loads(sidecar.read_text())
     assert set(told["motion"]) == {"a", "b"} and repr(hand) in told["motion"]["b"]
@@ -406,7 +459,10 @@ def test_another_factory_is_another_sweep_and_its_scenes_have_the_same_figures(t
     with pytest.raises(BadValue, match="row 0 .* figures of another scene .*name another folder"):
         sweep(factory(3.0), {"name": ["y"]}, out=tmp_path, **words)
     told = sweep(factory(2.0), {"name": ["y", "z"]}, **words)
-    assert told["error"][0].as_py() is None and "the scene of this row gives peak_z" in told["error"][1].as_py()
+    assert (
+        told["error"][0].as_py() is None
+        and "the scene of this row gives peak_z" in told["error"][1].as_py()
+    )
 
 
 def test_a_module_taken_from_a_package_inside_a_function_counts(tmp_path, monkeypatch):
@@ -455,10 +511,15 @@ def evaluated(run):
 
 
 @pytest.mark.parametrize(
-    ("use", "name"), [(imported_by_name, "import_module"), (taken_from_all_modules, "modules"), (evaluated, "eval")]
+    ("use", "name"),
+    [(imported_by_name, "import_module"), (taken_from_all_modules, "modules"), (evaluated, "eval")],
 )
-def test_code_that_is_found_by_a_computed_name_is_refused_where_the_function_imports_the_finder(use, name):
-    with pytest.raises(BadValue, match=f"{name} finds code by a name, so what is computed cannot be seen"):
+def test_code_that_is_found_by_a_computed_name_is_refused_where_the_function_imports_the_finder(
+    use, name
+):
+    with pytest.raises(
+        BadValue, match=f"{name} finds code by a name, so what is computed cannot be seen"
+    ):
         identity(use, "level")
 
 
@@ -475,7 +536,11 @@ def test_scenes_of_a_class_of_ones_own_sets_and_private_numbers_count(monkeypatc
     class Names(set):
         pass
 
-    assert identity(of(Names("abc")), "f") == identity(of(Names("cba")), "f") != identity(of(Names("abd")), "f")
+    assert (
+        identity(of(Names("abc")), "f")
+        == identity(of(Names("cba")), "f")
+        != identity(of(Names("abd")), "f")
+    )
     private = types.ModuleType("of_private")
     private.__gain = 1.0
     one = identity(of(private), "f")
@@ -484,10 +549,21 @@ def test_scenes_of_a_class_of_ones_own_sets_and_private_numbers_count(monkeypatc
 
 
 @pytest.mark.parametrize(
-    "made", ["import pandas as pd\nw = pd.DataFrame({'w': [1.0, 2.0]})", "from scipy.stats import norm\nw = norm(0, 1)"]
+    "made",
+    [
+        "import pandas as pd\nw = pd.DataFrame({'w': [1.0, 2.0]})",
+        "from scipy.stats import norm\nw = norm(0, 1)",
+    ],
 )
 def test_objects_of_packages_are_known_again_in_another_process(made):
-    code = f"{made}\nfrom stimlib.sweep.identity import identity\nprint(identity(lambda run: w, 'f'))"
+    code = (
+        f"{made}\nfrom stimlib.sweep.identity import identity\nprint(identity(lambda run: w, 'f'))"
+    )
     words = [sys.executable, "-c", code]
-    one, other = (subprocess.run(words, capture_output=True, text=True, env=os.environ | {"PYTHONHASHSEED": s}) for s in "12")
+    one, other = (
+        subprocess.run(
+            words, capture_output=True, text=True, env=os.environ | {"PYTHONHASHSEED": s}
+        )
+        for s in "12"
+    )
     assert one.stdout == other.stdout != "", one.stderr

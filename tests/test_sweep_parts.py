@@ -1,4 +1,6 @@
-"""Parts of sweeps on their own: jobs that die, what a worker is told, units of figures, and what is refused."""
+"""Parts of sweeps on their own: jobs that die, what a worker is told, units of figures,
+and what is refused.
+"""
 
 import dataclasses
 import pickle
@@ -26,18 +28,31 @@ from stimlib.sweep.study import planned
 from stimlib.sweep.work import NO_SCENE, Runner, as_bytes, begin, error_text, from_bytes
 
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
-STEADY = {"motion": np.full(400, 0.5), "fs": 8000, "seconds": None, "live": None, "measures": ["peak"], "kept": True}
+STEADY = {
+    "motion": np.full(400, 0.5),
+    "fs": 8000,
+    "seconds": None,
+    "live": None,
+    "measures": ["peak"],
+    "kept": True,
+}
 RUN = {"motion": np.full(400, 0.5), "fs": 8000, "measures": "peak", "progress": False, "workers": 0}
 
 
 def prepared(rows, **words):
     """Return rows with keys, plan and motions."""
     table, plan, motions, *_ = planned(SPRING, table_of(rows), {**STEADY, **words})
-    return table.append_column("key", row_keys(plan, table, {n: d for n, (d, _) in motions.items()})), plan, motions
+    return (
+        table.append_column("key", row_keys(plan, table, {n: d for n, (d, _) in motions.items()})),
+        plan,
+        motions,
+    )
 
 
 class Fragile(Here):
-    """An engine that takes three jobs, does the last one first, and whose process dies of k = 7."""
+    """An engine that takes three jobs, does the last one first, and whose process dies
+    of k = 7.
+    """
 
     final = False
 
@@ -70,7 +85,12 @@ def test_a_job_that_dies_runs_again_without_the_row_that_ended_it():
     assert made["k"].to_pylist() == table["k"].to_pylist() and sum(told) == 10
     assert made["peak_force"].to_pylist() == [None if k == 7 else k / 2 for k in range(1, 11)]
     assert [e for e in made["error"].to_pylist() if e] == [f"{DEATHS} times: it ended"]
-    assert made["content"][6].as_py() == bytes(range(16)) != made["content"][5].as_py() == made["content"][7].as_py()
+    assert (
+        made["content"][6].as_py()
+        == bytes(range(16))
+        != made["content"][5].as_py()
+        == made["content"][7].as_py()
+    )
     assert engine.died[0] > 1 and engine.died[1:] == [1] * (DEATHS - 1)
 
 
@@ -80,14 +100,19 @@ def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch)
     monkeypatch.setattr("stimlib.sweep.work.pool.note", lambda *told: noted.append(told))
     made = Runner(plan, motions).run(table.to_pylist())
     contents = made["content"].to_pylist()
-    assert noted == [(0, NO_SCENE), (0, contents[0]), (1, NO_SCENE), (1, contents[1])] and contents[0] != NO_SCENE
+    assert (
+        noted == [(0, NO_SCENE), (0, contents[0]), (1, NO_SCENE), (1, contents[1])]
+        and contents[0] != NO_SCENE
+    )
 
 
 def test_a_worker_has_the_limits_of_the_sweep(monkeypatch):
     _, plan, motions = prepared({"k": [1.0]})
     monkeypatch.setattr(stimlib.limits, "table_knots", stimlib.limits.table_knots)  # to be put back
     monkeypatch.setattr("stimlib.sweep.work._runner", None, raising=False)
-    begin(pickle.dumps((dataclasses.replace(plan, limits=plan.limits | {"table_knots": 77}), motions)))
+    begin(
+        pickle.dumps((dataclasses.replace(plan, limits=plan.limits | {"table_knots": 77}), motions))
+    )
     assert stimlib.limits.table_knots == 77
 
 
@@ -104,7 +129,9 @@ def test_a_row_past_its_limit_does_not_run_again():
 
 
 def test_jobs_grow_where_rows_are_quicker_than_was_thought():
-    """0.3 s each was thought, 0.15 s is seen: a second of work is 3 rows, then at 0.225 s 4 of them."""
+    """0.3 s each was thought, 0.15 s is seen: a second of work is 3 rows, then at 0.225
+    s 4 of them.
+    """
     sizes = []
 
     class Timed(Here):
@@ -150,7 +177,11 @@ def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
     monkeypatch.undo()
     lock = threading.Lock()
     with pytest.raises(BadValue, match="cannot be sent to another process"):
-        sweep(SPRING, {"k": [1.0, 2.0]}, **RUN | {"workers": 2, "measures": [measure("1")(lambda run: lock.locked())]})
+        sweep(
+            SPRING,
+            {"k": [1.0, 2.0]},
+            **RUN | {"workers": 2, "measures": [measure("1")(lambda run: lock.locked())]},
+        )
 
     class Stays:
         def __reduce__(self):
@@ -158,7 +189,11 @@ def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
 
     stays = Stays()
     with pytest.raises(BadValue, match="cannot be sent to another process: it stays here"):
-        sweep(SPRING, {"k": [1.0, 2.0]}, **RUN | {"workers": 2, "measures": [measure("1")(lambda run: stays)]})
+        sweep(
+            SPRING,
+            {"k": [1.0, 2.0]},
+            **RUN | {"workers": 2, "measures": [measure("1")(lambda run: stays)]},
+        )
 
 
 def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
@@ -166,16 +201,24 @@ def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
         given = {"motion": {name: words.pop("motion")}}
         table, plan, motions = prepared({"k": [k], "motion": [name]}, **words, **given)
         keys = [(n, digest) for n, (digest, _) in motions.items()]
-        data, _ = run_beside(sweep, plan, keys, [m for _, m in motions.values()], as_bytes(table), False, 1.0)
+        data, _ = run_beside(
+            sweep, plan, keys, [m for _, m in motions.values()], as_bytes(table), False, 1.0
+        )
         return from_bytes(data).to_pylist()[0]["peak_force"]
 
     ramp = minimum_jerk(depth=1.0)
     try:
         first = peaks(motion=ramp, seconds=0.05)
         (process,) = engines._beside.values()
-        assert first < peaks(motion=minimum_jerk(depth=2.0), seconds=0.05, name="b"), "another motion for the same process"
+        assert first < peaks(motion=minimum_jerk(depth=2.0), seconds=0.05, name="b"), (
+            "another motion for the same process"
+        )
         assert (process,) == tuple(engines._beside.values())
-        assert first < peaks(motion=ramp, seconds=0.1, sweep="two") != peaks(motion=ramp, seconds=0.1, k=3.0, sweep="two")
+        assert (
+            first
+            < peaks(motion=ramp, seconds=0.1, sweep="two")
+            != peaks(motion=ramp, seconds=0.1, k=3.0, sweep="two")
+        )
         end_beside("one")
         assert len(engines._beside) == 1, "it ends the processes of its own sweep"
         table, plan, motions = prepared({"k": [3.0]}, fs=4000)
@@ -187,10 +230,13 @@ def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
     assert not engines._beside
 
 
-# Figures -------------------------------------------------------------------------------------------------------------
+# Figures ------------------------------------------------------------------------------
 def test_cues_scale_as_their_units_say():
     t = np.arange(1000) / 1000
-    x, f = 0.01 * (1 - np.cos(8 * np.pi * t)), 3.0 - 3.0 * np.cos(8 * np.pi * t - 0.3) + np.sin(16 * np.pi * t)
+    x, f = (
+        0.01 * (1 - np.cos(8 * np.pi * t)),
+        3.0 - 3.0 * np.cos(8 * np.pi * t - 0.3) + np.sin(16 * np.pi * t),
+    )
     one, other = cues(x, f, 1000)._asdict(), cues(2 * x, 5 * f, 250)._asdict()
     scale = {"N": 5.0, "m": 2.0, "s": 4.0, "J": 10.0}
     for name, text in CUE_UNITS.items():
@@ -216,7 +262,7 @@ def test_what_is_not_the_rendering_is_not_verified():
     assert measured(dataclasses.replace(run, y=run.y + 1.0), "verify") == {"verified": 0.0}
 
 
-# What is refused, or told --------------------------------------------------------------------------------------------
+# What is refused, or told -------------------------------------------------------------
 def test_a_run_is_as_long_as_its_shortest_motion_and_no_longer_than_allowed():
     scene = Scene({"y": Input("x") + Input("z")})
     words = RUN | {"motion": {"x": np.ones(300), "z": np.ones(200)}}
@@ -229,8 +275,18 @@ def test_a_run_is_as_long_as_its_shortest_motion_and_no_longer_than_allowed():
     ("rows", "words", "error", "says"),
     [
         (pa.table([[1.0], [2.0]], names=["k", "k"]), {}, BadValue, "the column k is there twice"),
-        ({"motion": ["b", "a"]}, {"motion": {"b": np.ones(400)}}, UnknownName, "there is no motion 'a'.*it has b"),
-        ({"k": [1.0]}, {"measures": [measure(k="N")(lambda run: 1.0)]}, BadValue, "a column k, and so do the measures"),
+        (
+            {"motion": ["b", "a"]},
+            {"motion": {"b": np.ones(400)}},
+            UnknownName,
+            "there is no motion 'a'.*it has b",
+        ),
+        (
+            {"k": [1.0]},
+            {"measures": [measure(k="N")(lambda run: 1.0)]},
+            BadValue,
+            "a column k, and so do the measures",
+        ),
     ],
 )
 def test_rows_that_cannot_be_meant_are_refused(rows, words, error, says):

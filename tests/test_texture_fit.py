@@ -1,4 +1,6 @@
-"""Textures fitted to recordings: Burg's method against what was put in, and models of a made-up hand on a made-up surface."""
+"""Textures fitted to recordings: Burg's method against what was put in, and models of a
+made-up hand on a made-up surface.
+"""
 
 import numpy as np
 import pytest
@@ -23,11 +25,18 @@ def test_burg_finds_what_was_put_in_however_it_is_cut():
         np.testing.assert_allclose(a, A, atol=0.02)
         assert abs(power / 0.25 - 1) < 0.03
     r = [X[: X.size - k] @ X[k:] for k in range(4)]
-    np.testing.assert_allclose(burg([X], 3)[0][1:], solve_toeplitz(r[:3], [-v for v in r[1:]]), atol=1e-4)
+    np.testing.assert_allclose(
+        burg([X], 3)[0][1:], solve_toeplitz(r[:3], [-v for v in r[1:]]), atol=1e-4
+    )
 
 
 def test_burg_is_stable_whatever_the_data():
-    for stretches in ([RNG.standard_normal(9)], [np.sin(np.arange(40.0))], [np.ones(20), -np.ones(20)], [np.arange(30.0)]):
+    for stretches in (
+        [RNG.standard_normal(9)],
+        [np.sin(np.arange(40.0))],
+        [np.ones(20), -np.ones(20)],
+        [np.arange(30.0)],
+    ):
         a, power = burg(stretches, 8)
         assert np.abs(np.roots(a)).max() < 1 + 1e-6 and power >= 0
 
@@ -47,7 +56,11 @@ def test_a_fit_has_the_spectrum_of_the_surface(stroked, tmp_path):
     fit = fit_texture(a, v, f, 1000, order=10, speeds=4, forces=4, name="again")
     assert not fit.left_out and len(fit.bins) == 16
     hz = np.arange(20, 480, 20)
-    errors = [10 * np.log10(fit.model.psd(hz, s, N) / surface.psd(hz, s, N)) for s in (0.04, 0.1) for N in (0.8, 1.5, 2.0)]
+    errors = [
+        10 * np.log10(fit.model.psd(hz, s, N) / surface.psd(hz, s, N))
+        for s in (0.04, 0.1)
+        for N in (0.8, 1.5, 2.0)
+    ]
     assert np.sqrt(np.mean(np.square(errors))) < 1.2
     assert fit.model.psd(hz, 0.0, 1.0).max() == fit.model.psd(hz, 0.1, 0.0).max() == 0.0
     border = [
@@ -65,18 +78,44 @@ def test_what_has_too_little_is_left_out_and_said(stroked):
     _, a, v, f = stroked
     n = 30_000
     fit = fit_texture(
-        a[:n], v[:n], f[:n], 1000, order=6, speeds=[0.02, 0.08, 0.14, 0.5], forces=[0.2, 1.0, 2.6, 9.0], seconds=1.5
+        a[:n],
+        v[:n],
+        f[:n],
+        1000,
+        order=6,
+        speeds=[0.02, 0.08, 0.14, 0.5],
+        forces=[0.2, 1.0, 2.6, 9.0],
+        seconds=1.5,
     )
     said = repr(fit)
-    assert [(b.speed[0], b.force[0]) for b in fit.left_out] == [(0.02, 2.6), (0.08, 2.6), (0.14, 0.2), (0.14, 2.6)]
-    assert said.startswith("TextureFit(5 of 9 bins, order 6, ") and "left out 0.02 to 0.08 m/s, 2.6 to 9 N: 0 s of 1.5 s" in said
+    assert [(b.speed[0], b.force[0]) for b in fit.left_out] == [
+        (0.02, 2.6),
+        (0.08, 2.6),
+        (0.14, 0.2),
+        (0.14, 2.6),
+    ]
+    assert (
+        said.startswith("TextureFit(5 of 9 bins, order 6, ")
+        and "left out 0.02 to 0.08 m/s, 2.6 to 9 N: 0 s of 1.5 s" in said
+    )
 
 
 def test_what_is_no_noise_is_left_out():
     t = np.arange(4000) / 1000
     silent = np.where(t < 2, 0.0, np.random.default_rng(1).standard_normal(4000))
-    fit = fit_texture(silent, np.where(t < 2, 0.05, 0.1), np.ones(4000), 1000, order=4, speeds=[0.01, 0.07, 0.2], forces=1)
-    assert [b.left_out for b in fit.bins] == ["no vibration", ""] and fit.bins[0].speed == (0.01, 0.07)
+    fit = fit_texture(
+        silent,
+        np.where(t < 2, 0.05, 0.1),
+        np.ones(4000),
+        1000,
+        order=4,
+        speeds=[0.01, 0.07, 0.2],
+        forces=1,
+    )
+    assert [b.left_out for b in fit.bins] == ["no vibration", ""] and fit.bins[0].speed == (
+        0.01,
+        0.07,
+    )
 
 
 GOOD = {"acceleration": X[:3000], "speed": np.full(3000, 0.1), "force": np.ones(3000), "fs": 1000.0}

@@ -27,7 +27,9 @@ def scene():
     force = b.springpot(y, 10.0, 0.5, scheme="l1", tol=1e-12)
     force = force + b.springpot(y, 10.0, Param("alpha", 0.4), tol=1e-10)
     touch = b.bump(u, "sine", 0.3) * b.carrier(Param("f", 220.0, "Hz")) + b.bump(u, "sawtooth", 0.3)
-    return Scene({"n": noise, "f": force, "t": touch, "v": b.velocity(y), "e": b.exp(u) / (1.0 + u * u)})
+    return Scene(
+        {"n": noise, "f": force, "t": touch, "v": b.velocity(y), "e": b.exp(u) / (1.0 + u * u)}
+    )
 
 
 def said():
@@ -35,8 +37,17 @@ def said():
     proc = stimlib.compile(scene(), 2000.0, seed=3)
     rng = np.random.default_rng(0)
     x = np.cumsum(rng.standard_normal((2, 500)) * [[1e-3], [0.02]], axis=1)
-    parts = [proc.process(np.ascontiguousarray(x[:, a:z])) for a, z in ((0, 1), (1, 8), (8, 200), (200, 233), (233, 500))]
-    widest = "512" if "+avx512f" in (config.CPU_FEATURES or "") else "256" if "+avx," in (config.CPU_FEATURES or "") else "128"
+    parts = [
+        proc.process(np.ascontiguousarray(x[:, a:z]))
+        for a, z in ((0, 1), (1, 8), (8, 200), (200, 233), (233, 500))
+    ]
+    widest = (
+        "512"
+        if "+avx512f" in (config.CPU_FEATURES or "")
+        else "256"
+        if "+avx," in (config.CPU_FEATURES or "")
+        else "128"
+    )
     return f"{widest} {hashlib.sha256(np.concatenate(parts, axis=1).tobytes()).hexdigest()}"
 
 
@@ -45,7 +56,9 @@ def said():
 def test_narrow_vectors_give_the_same_bits(bits, tmp_path):
     env = os.environ | {"STIMLIB_VECTOR_BITS": bits, "STIMLIB_CACHE": str(tmp_path / "cache")}
     (tmp_path / "cache").mkdir(mode=0o700)
-    done = subprocess.run([sys.executable, "-c", TEXT], env=env, capture_output=True, text=True, timeout=600)
+    done = subprocess.run(
+        [sys.executable, "-c", TEXT], env=env, capture_output=True, text=True, timeout=600
+    )
     assert done.stderr == "" and done.stdout.split() == [bits, said().split()[1]]
 
 
@@ -54,12 +67,19 @@ def test_another_width_is_refused():
         [sys.executable, "-c", "import stimlib.targets.numba.kernels"],
         env=os.environ | {"STIMLIB_VECTOR_BITS": "64"}, capture_output=True, text=True,
     )  # fmt: skip
-    assert done.returncode == 1 and done.stderr.endswith("STIMLIB_VECTOR_BITS = 64: choose one of 512, 256, 128\n")
+    assert done.returncode == 1 and done.stderr.endswith(
+        "STIMLIB_VECTOR_BITS = 64: choose one of 512, 256, 128\n"
+    )
 
 
 def test_without_a_compiler_it_says_so():
     text = 'import stimlib as s\ns.compile(s.Scene({"y": 1.0 * s.Input("x")}), 1000)'
     done = subprocess.run(
-        [sys.executable, "-c", text], env=os.environ | {"NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True
+        [sys.executable, "-c", text],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
     )
-    assert done.returncode == 1 and done.stderr.endswith('is compiled: unset it, or take target="python"\n')
+    assert done.returncode == 1 and done.stderr.endswith(
+        'is compiled: unset it, or take target="python"\n'
+    )

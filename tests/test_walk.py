@@ -1,4 +1,6 @@
-"""The loop that rendering, files, replay and proofs share: blocks and changes of parameters."""
+"""The loop that rendering, files, replay and proofs share: blocks and changes of
+parameters.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,12 @@ from stimlib.run.walk import samples, walk
 SCENE = Scene({"y": Param("k", 1.0) * Input("x"), "z": Param("b", 0.0) + Input("x")})
 X = np.arange(1.0, 101.0)[None]
 CHANGES = [Change(-3, "k", 9.0, 0.0), Change(0, "b", 1.0, 0.0)]
-CHANGES += [Change(7, "k", 2.0, 0.005), Change(7, "b", 3.0, 0.0), Change(7, "b", 5.0, 0.0), Change(99, "k", 0.0, 0.0)]
+CHANGES += [
+    Change(7, "k", 2.0, 0.005),
+    Change(7, "b", 3.0, 0.0),
+    Change(7, "b", 5.0, 0.0),
+    Change(99, "k", 0.0, 0.0),
+]
 CHANGES += [Change(100, "k", 77.0, 0.0)]
 
 
@@ -33,13 +40,18 @@ def test_changes_act_from_their_sample_on_at_every_block(block):
     y = samples(proc, X, 100, CHANGES, block=block)
     np.testing.assert_allclose(y, expected(), rtol=1e-15)
     assert np.array_equal(y, samples(compiled(), X, 100, CHANGES))
-    assert [(c.at, c.name) for c in proc.log] == [(0, "b"), (7, "k"), (7, "b"), (7, "b"), (99, "k")]  # none before or after
+    # none before or after
+    assert [(c.at, c.name) for c in proc.log] == [(0, "b"), (7, "k"), (7, "b"), (7, "b"), (99, "k")]
 
 
 def test_it_goes_on_from_a_sample():
     """What was changed before has been; what is due at that very sample has not."""
     proc = compiled()
-    y = [samples(proc, X, 7, CHANGES), samples(proc, X, 30, CHANGES, 7), samples(proc, X, 100, CHANGES, 30)]
+    y = [
+        samples(proc, X, 7, CHANGES),
+        samples(proc, X, 30, CHANGES, 7),
+        samples(proc, X, 100, CHANGES, 30),
+    ]
     assert np.array_equal(np.hstack(y), samples(compiled(), X, 100, CHANGES))
 
 

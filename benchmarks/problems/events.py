@@ -1,4 +1,6 @@
-"""What happens at an event: decaying sinusoids, recorded transients, bursts and envelopes, against formulas in long double."""
+"""What happens at an event: decaying sinusoids, recorded transients, bursts and
+envelopes, against formulas in long double.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,7 @@ def error(wanted: np.ndarray, f: Signal) -> float:
     return apart(f(EVENTS), wanted)
 
 
-# A decaying sinusoid -------------------------------------------------------------------------------------------------
+# A decaying sinusoid ------------------------------------------------------------------
 def decaying(freq: float, decay: float) -> np.ndarray:
     t = np.arange(SAMPLES, dtype=LD) / LD(FS)
     return np.exp(-t / LD(decay)) * np.sin(2 * PI * LD(freq) * t)
@@ -54,7 +56,10 @@ def decaying(freq: float, decay: float) -> np.ndarray:
 def two_poles(decay: float, kind: Any, freq: float) -> Signal:
     """The same poles in direct form."""
     rho, w = np.exp(-1 / (decay * FS)), 2 * np.pi * freq / FS
-    b, a = np.array([0.0, rho * np.sin(w)], kind), np.array([1.0, -2 * rho * np.cos(w), rho * rho], kind)
+    b, a = (
+        np.array([0.0, rho * np.sin(w)], kind),
+        np.array([1.0, -2 * rho * np.cos(w), rho * rho], kind),
+    )
     return lambda x: signal.lfilter(b, a, x.astype(kind))
 
 
@@ -68,14 +73,17 @@ def rings() -> list[Method]:
         ladders: dict[str, Ladder] = {
             "stimlib ring, Hz": ([freq], own(lambda x, freq: ring(x, freq, 10 / freq), FS)),
             "two poles in scipy lfilter, Hz": ([freq], partial(two_poles, decay, float)),
-            "two poles in scipy lfilter, float32, Hz": ([freq], partial(two_poles, decay, np.float32)),
+            "two poles in scipy lfilter, float32, Hz": (
+                [freq],
+                partial(two_poles, decay, np.float32),
+            ),
             "numpy, a table at each event, Hz": ([freq], always(at_each(shape.astype(float)))),
         }
         found += on(EVENTS, partial(error, wanted), ladders)
     return found
 
 
-# A recorded transient ------------------------------------------------------------------------------------------------
+# A recorded transient -----------------------------------------------------------------
 def grains_of(shape: np.ndarray, event: Block, _: int) -> Block:
     return grain(event, shape, FS)
 
@@ -99,7 +107,7 @@ def grains() -> list[Method]:
     return found
 
 
-# What opens and closes -----------------------------------------------------------------------------------------------
+# What opens and closes ----------------------------------------------------------------
 SECONDS, BURST, RAMP = 1.0, 0.3003, 0.0507  # s: no whole samples at any rate
 ATTACK, DECAY, SUSTAIN, RELEASE = 0.0207, 0.05, 0.5, 0.1
 OPEN, CLOSE = 0.25, 0.75
@@ -121,7 +129,10 @@ def bursts_at(fs: float) -> list[Method]:
 
     ladders = {
         "stimlib burst, fs": ([fs], own(lambda x, _: burst(x, BURST, RAMP), fs)),
-        "scipy tukey at each event, fs": ([fs], always(at_each(signal.windows.tukey(length, 2 * RAMP / BURST)))),
+        "scipy tukey at each event, fs": (
+            [fs],
+            always(at_each(signal.windows.tukey(length, 2 * RAMP / BURST))),
+        ),
         "straight ramps by numpy, fs": ([fs], always(at_each(np.minimum(lean, lean[::-1])))),
     }
     return on(x, lambda f: apart(f(x), wanted), ladders)
@@ -148,9 +159,15 @@ def staged(fs: float) -> Signal:
         y, last = np.zeros(gate.size), 0.0
         first, end = np.flatnonzero(np.diff(gate, prepend=0.0, append=0.0))[:2]
         full = first + round(ATTACK * fs)
-        for a, b, tau, to in ((first, full, ATTACK / 1.5, top), (full, end, DECAY, SUSTAIN), (end, gate.size, RELEASE, 0.0)):
+        for a, b, tau, to in (
+            (first, full, ATTACK / 1.5, top),
+            (full, end, DECAY, SUSTAIN),
+            (end, gate.size, RELEASE, 0.0),
+        ):
             g = 1 / (tau * fs)
-            y[a:b], _ = signal.lfilter([g], [1.0, g - 1.0], np.full(b - a, to), zi=[(1.0 - g) * last])
+            y[a:b], _ = signal.lfilter(
+                [g], [1.0, g - 1.0], np.full(b - a, to), zi=[(1.0 - g) * last]
+            )
             last = y[b - 1]
         return y
 
@@ -163,9 +180,15 @@ def envelopes_at(fs: float) -> list[Method]:
     wanted = adsr((np.arange(t.size) + 1 - int(OPEN * fs)) / LD(fs))
     corners = [OPEN, OPEN + ATTACK, OPEN + ATTACK + DECAY, CLOSE, CLOSE + RELEASE]
     ladders = {
-        "stimlib envelope, fs": ([fs], own(lambda x, _: envelope(x, ATTACK, DECAY, SUSTAIN, RELEASE), fs)),
+        "stimlib envelope, fs": (
+            [fs],
+            own(lambda x, _: envelope(x, ATTACK, DECAY, SUSTAIN, RELEASE), fs),
+        ),
         "Euler in scipy lfilter, stage by stage, fs": ([fs], staged),
-        "straight lines by numpy, fs": ([fs], always(lambda x: np.interp(t, corners, [0.0, 1.0, SUSTAIN, SUSTAIN, 0.0]))),
+        "straight lines by numpy, fs": (
+            [fs],
+            always(lambda x: np.interp(t, corners, [0.0, 1.0, SUSTAIN, SUSTAIN, 0.0])),
+        ),
     }
     return on(x, lambda f: apart(f(x), wanted), ladders)
 
@@ -176,11 +199,30 @@ def at_rates(make) -> list[Method]:
 
 FORMULA = "largest error to the formula in continuous time"
 PROBLEMS = (
-    Problem("ring", "decaying sinusoids of 1 Hz to 1 kHz at 8 kHz", "largest error, of the maximum", SAMPLES, rings, asked=True),
     Problem(
-        "grain", "a recorded transient at each of 7 events in 4 s", "largest error, of the maximum", SAMPLES, grains, asked=True
+        "ring",
+        "decaying sinusoids of 1 Hz to 1 kHz at 8 kHz",
+        "largest error, of the maximum",
+        SAMPLES,
+        rings,
+        asked=True,
     ),
-    Problem("burst", "a burst of 300.3 ms with ramps", FORMULA, 1000, partial(at_rates, bursts_at), "a millisecond"),
+    Problem(
+        "grain",
+        "a recorded transient at each of 7 events in 4 s",
+        "largest error, of the maximum",
+        SAMPLES,
+        grains,
+        asked=True,
+    ),
+    Problem(
+        "burst",
+        "a burst of 300.3 ms with ramps",
+        FORMULA,
+        1000,
+        partial(at_rates, bursts_at),
+        "a millisecond",
+    ),
     Problem(
         "envelope",
         "attack, decay, sustain, release",

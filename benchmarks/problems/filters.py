@@ -1,4 +1,6 @@
-"""Filters far below the sample rate, against poles in closed form in long double; one that moves, against its equation."""
+"""Filters far below the sample rate, against poles in closed form in long double; one
+that moves, against its equation.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ LD = np.longdouble
 
 
 def butterworth(cutoff: float) -> np.ndarray:
-    """H at the bins of an impulse response: ORDER poles on a circle, i tan(pi f/fs) for s."""
+    """H at the bins of an impulse response: ORDER poles on a circle, i tan(pi f/fs)
+    for s.
+    """
     pi = 4 * np.arctan(LD(1))
     k = np.arange(ORDER, dtype=LD)
     angle = pi * (2 * k + ORDER + 1) / (2 * ORDER)
@@ -47,7 +51,10 @@ def low_passes() -> list[Method]:
     for part in (1e-1, 1e-2, 1e-3, 1e-4):
         cutoff = part * FS
         ladders = {
-            "stimlib lowpass, cutoff Hz": ([cutoff], own(lambda x, cutoff: lowpass(x, cutoff, ORDER), FS)),
+            "stimlib lowpass, cutoff Hz": (
+                [cutoff],
+                own(lambda x, cutoff: lowpass(x, cutoff, ORDER), FS),
+            ),
             "scipy butter in sosfilt, cutoff Hz": ([cutoff], biquads),
             "scipy butter in lfilter, cutoff Hz": ([cutoff], transfer_function),
         }
@@ -55,16 +62,21 @@ def low_passes() -> list[Method]:
     return found
 
 
-# A band-pass with ripples --------------------------------------------------------------------------------------------
+# A band-pass with ripples -------------------------------------------------------------
 RIPPLE, WIDE = 1.0, 1.25  # dB, and the middle over the lower edge
 
 
 def chebyshev(edges: tuple[float, float]) -> np.ndarray:
-    """H at the bins of an impulse response: poles on an ellipse, and (s^2 + low high)/(s (high - low)) for s."""
+    """H at the bins of an impulse response: poles on an ellipse, and (s^2 + low
+    high)/(s (high - low)) for s.
+    """
     pi = 4 * np.arctan(LD(1))
     low, high = (np.tan(pi * LD(f) / LD(FS)) for f in edges)
     epsilon = np.sqrt(LD(10) ** (LD(RIPPLE) / 10) - 1)
-    a, angle = np.arcsinh(1 / epsilon) / ORDER, pi * (2 * np.arange(ORDER, dtype=LD) + 1) / (2 * ORDER)
+    a, angle = (
+        np.arcsinh(1 / epsilon) / ORDER,
+        pi * (2 * np.arange(ORDER, dtype=LD) + 1) / (2 * ORDER),
+    )
     poles = -np.sinh(a) * np.sin(angle) + 1j * np.cosh(a) * np.cos(angle)
     s = 1j * np.tan(pi * np.arange(1, LONG // 2, dtype=LD) / LONG)
     s = (s * s + low * high) / (s * (high - low))
@@ -90,18 +102,24 @@ def band_passes() -> list[Method]:
         middle = part * FS
         edges = middle / WIDE, middle * WIDE
         wanted = chebyshev(edges)
-        sos, ba = (signal.cheby1(ORDER, RIPPLE, edges, "bandpass", output=kind, fs=FS) for kind in ("sos", "ba"))
+        sos, ba = (
+            signal.cheby1(ORDER, RIPPLE, edges, "bandpass", output=kind, fs=FS)
+            for kind in ("sos", "ba")
+        )
         ladders = {
             "stimlib bandpass, middle Hz": ([middle], own(partial(wide_bandpass, edges), FS)),
             "scipy cheby1 in sosfilt, middle Hz": ([middle], always(partial(signal.sosfilt, sos))),
-            "scipy cheby1 in sosfilt, float32, middle Hz": ([middle], always(partial(short, sos.astype(np.float32)))),
+            "scipy cheby1 in sosfilt, float32, middle Hz": (
+                [middle],
+                always(partial(short, sos.astype(np.float32))),
+            ),
             "scipy cheby1 in lfilter, middle Hz": ([middle], always(partial(signal.lfilter, *ba))),
         }
         found += on(X, partial(band_error, wanted), ladders)
     return found
 
 
-# A cutoff that moves -------------------------------------------------------------------------------------------------
+# A cutoff that moves ------------------------------------------------------------------
 SECONDS, Q, TONE = 0.25, 3.0, 250.0
 
 
@@ -122,11 +140,15 @@ def swept() -> integrate.OdeSolution:
         w = 2 * np.pi * cutoff(t)
         return w * (tone(t) - y[0] / Q - y[1]), w * y[0]
 
-    return integrate.solve_ivp(slope, (0.0, SECONDS), [0.0, 0.0], "DOP853", rtol=1e-11, atol=1e-13, dense_output=True).sol
+    return integrate.solve_ivp(
+        slope, (0.0, SECONDS), [0.0, 0.0], "DOP853", rtol=1e-11, atol=1e-13, dense_output=True
+    ).sol
 
 
 def renewed(every: int, fs: float) -> Signal:
-    """A biquad of scipy (bilinear), whose coefficients are those of the first of so many samples."""
+    """A biquad of scipy (bilinear), whose coefficients are those of the first of so
+    many samples.
+    """
 
     def run(rows: np.ndarray) -> np.ndarray:
         x, f = rows

@@ -1,4 +1,6 @@
-"""Friction that sticks and slides: against its equation in continuous time, solved by DOP853 from turn to turn."""
+"""Friction that sticks and slides: against its equation in continuous time, solved by
+DOP853 from turn to turn.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from scipy import integrate
 
 from stimlib.blocks import friction
 
-# LuGre with Stribeck's curve (Canudas de Wit et al. 1995, eqs. 1 to 4): N/m, N s/m, N s/m, N, -, m/s
+# LuGre with Stribeck's curve (Canudas de Wit et al. 1995, eqs. 1 to 4): N/m, N s/m, N
+# s/m, N, -, m/s
 STIFFNESS, DAMPING, VISCOSITY, NORMAL, SLIDING, STATIC, SPEED = 2e4, 1.0, 0.4, 1.0, 0.6, 0.8, 0.02
 DEPTH, TURNS, SECONDS = 2e-3, 5.0, 0.4  # m, Hz, s
 FINEST = 64000.0
@@ -32,12 +35,22 @@ def law(t: float, z: float) -> tuple[float, float]:
 
 @cache
 def solved() -> np.ndarray:
-    """The force's integral over time at FINEST; between two turns the equation has no corner."""
+    """The force's integral over time at FINEST; between two turns the equation has no
+    corner.
+    """
     t = np.arange(int(SECONDS * FINEST) + 1) / FINEST
     turns = np.arange(2 * TURNS * SECONDS + 1) / (2 * TURNS)
     found, y = np.zeros(t.size), [0.0, 0.0]
     for a, b in zip(turns[:-1], turns[1:], strict=True):
-        run = integrate.solve_ivp(lambda t, y: law(t, y[0]), (a, b), y, "DOP853", rtol=1e-11, atol=1e-15, dense_output=True)
+        run = integrate.solve_ivp(
+            lambda t, y: law(t, y[0]),
+            (a, b),
+            y,
+            "DOP853",
+            rtol=1e-11,
+            atol=1e-15,
+            dense_output=True,
+        )
         at = (t >= a) & (t <= b)
         found[at], y = run.sol(t[at])[1], run.y[:, -1]
     return found
@@ -49,7 +62,9 @@ def means(fs: float) -> np.ndarray:
 
 
 def euler(fs: float) -> Signal:
-    """As most papers do: dz by the velocity of two samples, the force as the mean of both ends of a sample."""
+    """As most papers do: dz by the velocity of two samples, the force as the mean of
+    both ends of a sample.
+    """
     loop = _euler()
     return lambda x: loop(x, fs)
 
@@ -81,7 +96,14 @@ def by_lsoda(tol: float) -> Signal:
         fs = (x.size - 1) / SECONDS
         t = np.arange(x.size) / fs
         found = integrate.solve_ivp(
-            lambda t, y: law(t, y[0]), (0.0, SECONDS), [0.0, 0.0], "LSODA", t, rtol=tol, atol=1e-6 * tol, max_step=0.01
+            lambda t, y: law(t, y[0]),
+            (0.0, SECONDS),
+            [0.0, 0.0],
+            "LSODA",
+            t,
+            rtol=tol,
+            atol=1e-6 * tol,
+            max_step=0.01,
         )
         return np.r_[0.0, np.diff(found.y[1]) * fs]
 
@@ -92,17 +114,27 @@ def at_rate(fs: float) -> list[Method]:
     x, wanted = place(np.arange(int(SECONDS * fs) + 1) / fs), means(fs)
 
     def ours(x, _):
-        damping: Any = {"static": STATIC, "speed": SPEED, "damping": DAMPING, "viscosity": VISCOSITY}
+        damping: Any = {
+            "static": STATIC,
+            "speed": SPEED,
+            "damping": DAMPING,
+            "viscosity": VISCOSITY,
+        }
         return friction(x, NORMAL, SLIDING, STIFFNESS, "lugre", **damping)
 
-    ladders = {"stimlib friction (LuGre), fs": ([fs], own(ours, fs, "m")), "Euler, compiled, fs": ([fs], euler)}
+    ladders = {
+        "stimlib friction (LuGre), fs": ([fs], own(ours, fs, "m")),
+        "Euler, compiled, fs": ([fs], euler),
+    }
     if fs == 8000.0:
         ladders["scipy LSODA at 8 kHz, whole file, rtol"] = [1e-3, 1e-6, 1e-9], by_lsoda
     return on(x, lambda f: apart(f(x)[1:], wanted), ladders)
 
 
 def sliding() -> list[Method]:
-    return [m for fs in (1000.0, 2000.0, 4000.0, 8000.0, 16000.0, 32000.0, 64000.0) for m in at_rate(fs)]
+    return [
+        m for fs in (1000.0, 2000.0, 4000.0, 8000.0, 16000.0, 32000.0, 64000.0) for m in at_rate(fs)
+    ]
 
 
 PROBLEMS = (

@@ -1,4 +1,6 @@
-"""A hand's motion from its reports, and its velocity: against the motion that was reported."""
+"""A hand's motion from its reports, and its velocity: against the motion that was
+reported.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from stimlib.motion.recorded import recording
 
 FS, SECONDS = 8000.0, 8.0
 T = np.arange(int(FS * SECONDS)) / FS
-PARTS = [(0.02, 0.7, 0.3), (0.006, 2.3, 1.1), (0.001, 6.0, 2.0)]  # m, Hz, rad: strokes, and the tremor on them
+# m, Hz, rad: strokes, and the tremor on them
+PARTS = [(0.02, 0.7, 0.3), (0.006, 2.3, 1.1), (0.001, 6.0, 2.0)]
 
 
 def truth(t: np.ndarray) -> np.ndarray:
@@ -21,7 +24,9 @@ def truth(t: np.ndarray) -> np.ndarray:
 
 def speed(t: np.ndarray) -> np.ndarray:
     """In m/s."""
-    return sum((2 * np.pi * f * a * np.cos(2 * np.pi * f * t + p) for a, f, p in PARTS), np.zeros_like(t))
+    return sum(
+        (2 * np.pi * f * a * np.cos(2 * np.pi * f * t + p) for a, f, p in PARTS), np.zeros_like(t)
+    )
 
 
 def reports(rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +47,9 @@ def interpolation() -> list[Method]:
         return lambda now: x[np.searchsorted(t, now, side="right") - 1]
 
     def recorded(rate: float) -> Signal:
-        return recording(dict(zip(("t_s", "x"), reports(rate), strict=True)), {"x": "x"}).for_inputs(("x",))["x"]
+        return recording(
+            dict(zip(("t_s", "x"), reports(rate), strict=True)), {"x": "x"}
+        ).for_inputs(("x",))["x"]
 
     return on(T, error, {
         "stimlib recording (PCHIP), Hz": (rates, recorded),
@@ -53,7 +60,9 @@ def interpolation() -> list[Method]:
 
 
 def velocities() -> list[Method]:
-    """At once, as a loop needs it, and from whole files; the encoder counts micrometres."""
+    """At once, as a loop needs it, and from whole files; the encoder counts
+    micrometres.
+    """
     x = np.round(truth(T) / 1e-6) * 1e-6
     late = T > 0.5
 
@@ -66,15 +75,20 @@ def velocities() -> list[Method]:
         sos = signal.butter(2, cutoff, fs=FS, output="sos")
         return lambda x: signal.sosfilt(sos, np.diff(x, prepend=x[0]) * FS)
 
-    return on(x, error, {
-        "stimlib velocity, cutoff Hz": (cutoffs, own(velocity, FS, "m")),
-        "stimlib track_velocity, bandwidth Hz": (cutoffs[:-1], own(track_velocity, FS, "m")),
-        "difference in scipy butter(2), cutoff Hz": (cutoffs, butter),
-        "difference of two samples": ([2], lambda _: lambda x: np.diff(x, prepend=x[0]) * FS),
-        "Savitzky-Golay, whole file, window": (
-            [21, 81, 321, 801], lambda n: lambda x: signal.savgol_filter(x, n, 3, deriv=1, delta=1 / FS),
-        ),
-    })  # fmt: skip
+    return on(
+        x,
+        error,
+        {
+            "stimlib velocity, cutoff Hz": (cutoffs, own(velocity, FS, "m")),
+            "stimlib track_velocity, bandwidth Hz": (cutoffs[:-1], own(track_velocity, FS, "m")),
+            "difference in scipy butter(2), cutoff Hz": (cutoffs, butter),
+            "difference of two samples": ([2], lambda _: lambda x: np.diff(x, prepend=x[0]) * FS),
+            "Savitzky-Golay, whole file, window": (
+                [21, 81, 321, 801],
+                lambda n: lambda x: signal.savgol_filter(x, n, 3, deriv=1, delta=1 / FS),
+            ),
+        },
+    )
 
 
 PROBLEMS = (

@@ -1,4 +1,6 @@
-"""Springpots and Maxwell arms: against the full sum over the history in long double, and against formulas in continuous time."""
+"""Springpots and Maxwell arms: against the full sum over the history in long double,
+and against formulas in continuous time.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ def sinusoid(t: np.ndarray) -> np.ndarray:
 X = sinusoid(np.arange(N) / FS)
 
 
-# Springpot -----------------------------------------------------------------------------------------------------------
+# Springpot ----------------------------------------------------------------------------
 def gl_weights(n: int) -> np.ndarray:
     """Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!) in long double."""
     j = np.arange(1, n, dtype=LD)
@@ -39,12 +41,21 @@ def full_sum(at: np.ndarray) -> np.ndarray:
 
 
 def derivative(t: np.ndarray) -> np.ndarray:
-    """Caputo's derivative of the sinusoid from rest: that of one that was always there, less what its past would add."""
+    """Caputo's derivative of the sinusoid from rest: that of one that was always there,
+    less what its past would add.
+    """
     w, h = 2 * np.pi, 0.15
     u = np.arange(-40, 14, h)
     cut = h * np.exp((1 + ALPHA) * u) / (1 + np.exp(2 * u)) * w**ALPHA
-    past = np.concatenate([np.exp(-np.outer(part, w * np.exp(u))) @ cut for part in np.array_split(t, max(1, t.size // 2000))])
-    return 0.01 * (w**ALPHA * np.sin(w * t + ALPHA * np.pi / 2) - np.sin(np.pi * ALPHA) / np.pi * past)
+    past = np.concatenate(
+        [
+            np.exp(-np.outer(part, w * np.exp(u))) @ cut
+            for part in np.array_split(t, max(1, t.size // 2000))
+        ]
+    )
+    return 0.01 * (
+        w**ALPHA * np.sin(w * t + ALPHA * np.pi / 2) - np.sin(np.pi * ALPHA) / np.pi * past
+    )
 
 
 def against_the_sum(f: Signal) -> float:
@@ -57,7 +68,8 @@ def against_the_derivative(f: Signal) -> float:
 
 
 def thesis(memory: int, downsampled: bool) -> Signal:
-    """The thesis' two ways to keep the sum short (section 3.2): the last N samples, or N samples spread over all of it.
+    """The thesis' two ways to keep the sum short (section 3.2): the last N samples, or
+    N samples spread over all of it.
 
     Spread over the history of n samples, each stands for those since the one before.
     """
@@ -89,14 +101,21 @@ def _downsampled() -> Callable[[np.ndarray, np.ndarray, int], np.ndarray]:
 
 
 def by_fft(x: np.ndarray) -> np.ndarray:
-    return signal.oaconvolve(np.diff(x, prepend=x[0]), gl_weights(x.size).astype(float) * FS**ALPHA)[: x.size]
+    return signal.oaconvolve(
+        np.diff(x, prepend=x[0]), gl_weights(x.size).astype(float) * FS**ALPHA
+    )[: x.size]
 
 
 def oustaloup(order: int, low: float = 1e-3) -> Signal:
-    """s^alpha between low and fs/2 by 2 order + 1 poles and zeros, bilinear, second-order sections."""
+    """s^alpha between low and fs/2 by 2 order + 1 poles and zeros, bilinear,
+    second-order sections.
+    """
     wb, wh = 2 * np.pi * low, np.pi * FS
     k = np.arange(-order, order + 1)
-    zeros, poles = (-wb * (wh / wb) ** ((k + order + (1 + sign * ALPHA) / 2) / (2 * order + 1)) for sign in (-1, 1))
+    zeros, poles = (
+        -wb * (wh / wb) ** ((k + order + (1 + sign * ALPHA) / 2) / (2 * order + 1))
+        for sign in (-1, 1)
+    )
     sos = signal.zpk2sos(*signal.bilinear_zpk(zeros, poles, wh**ALPHA, FS))
     return lambda x: signal.sosfilt(sos, x - x[0])
 
@@ -120,14 +139,21 @@ def rivals() -> dict[str, Ladder]:
         from pycaputo.grid import make_uniform_points
 
         points = make_uniform_points(N, 0, (N - 1) / FS)
-        found["pycaputo L1, whole file"] = [""], lambda _: lambda x: np.nan_to_num(diff(caputo.L1(ALPHA), x, points))
+        found["pycaputo L1, whole file"] = (
+            [""],
+            lambda _: lambda x: np.nan_to_num(diff(caputo.L1(ALPHA), x, points)),
+        )
     except ImportError:
         pass
     return found
 
 
 def springpots(error: Callable[[Signal], float], scheme: str, other: str) -> list[Method]:
-    tols, some, counts = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14], [1e-4, 1e-10], [10, 30, 100, 300, 1000, 3000]
+    tols, some, counts = (
+        [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14],
+        [1e-4, 1e-10],
+        [10, 30, 100, 300, 1000, 3000],
+    )
 
     def ours(scheme: str, dtype: str = ""):
         return own(lambda y, tol: springpot(y, 1.0, ALPHA, scheme=scheme, tol=tol), FS, "m", dtype)
@@ -145,9 +171,11 @@ def springpots(error: Callable[[Signal], float], scheme: str, other: str) -> lis
     return on(X, error, ladders | rivals())
 
 
-# Maxwell arm ---------------------------------------------------------------------------------------------------------
+# Maxwell arm --------------------------------------------------------------------------
 def arm_force(t: np.ndarray) -> np.ndarray:
-    """k = 1 N/m, tau, from rest: the steady sinusoid less the exponential that begins it."""
+    """k = 1 N/m, tau, from rest: the steady sinusoid less the exponential that begins
+    it.
+    """
     w = 2 * np.pi
     wt = w * TAU
     return 0.01 * wt / (1 + wt**2) * (wt * np.sin(w * t) + np.cos(w * t) - np.exp(-t / TAU))
@@ -159,13 +187,19 @@ RULES = "forward Euler", "backward Euler", "bilinear"
 def recursion(rule: str, fs: float) -> Signal:
     """q' = y' - q/tau by one rule, as one filter of scipy."""
     h = 1 / fs / TAU
-    a = {"forward Euler": 1 - h, "backward Euler": 1 / (1 + h), "bilinear": (1 - h / 2) / (1 + h / 2)}[rule]
+    a = {
+        "forward Euler": 1 - h,
+        "backward Euler": 1 / (1 + h),
+        "bilinear": (1 - h / 2) / (1 + h / 2),
+    }[rule]
     gain = {"forward Euler": 1.0, "backward Euler": a, "bilinear": (1 + a) / 2}[rule]
     return lambda y: signal.lfilter(gain * np.array([1.0, -1.0]), [1.0, -a], y - y[0])
 
 
 def arms_at(fs: float) -> list[Method]:
-    """A sample rate is the knob: errors in continuous time, times for each millisecond of motion."""
+    """A sample rate is the knob: errors in continuous time, times for each millisecond
+    of motion.
+    """
     t = np.arange(int(fs * SECONDS)) / fs
     y, wanted = sinusoid(t), arm_force(t)
     ladders: dict[str, Ladder] = {

@@ -1,4 +1,6 @@
-"""The 3 dB/oct filter, the differentiator, and both on white noise: errors are of responses, against the formula."""
+"""The 3 dB/oct filter, the differentiator, and both on white noise: errors are of
+responses, against the formula.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ LONG = 1 << 18  # of an impulse response: 33 s, for poles below 0.1 Hz
 F_LOW, PASSBAND, STOPBAND = 1.0, 1000.0, 1500.0
 X = np.random.default_rng(0).standard_normal(SAMPLES)
 
-# Paul Kellet's filters (musicdsp.org, 1999), poles, weights, and those of a sample and the one before; made for 44.1 kHz.
+# Paul Kellet's filters (musicdsp.org, 1999), poles, weights, and those of a sample and
+# the one before; made for 44.1 kHz.
 KELLET = {
     "refined": (
         (0.99886, 0.99332, 0.96900, 0.86650, 0.55000, -0.7616),
@@ -31,9 +34,13 @@ KELLET = {
 }
 
 
-# 3 dB/oct ------------------------------------------------------------------------------------------------------------
-def slope_error(f: Signal, low: float = F_LOW, high: float = 0.45 * FS, slope: float = -0.5) -> float:
-    """Largest deviation in dB of a gain from (frequency)^slope, when the level is chosen best."""
+# 3 dB/oct -----------------------------------------------------------------------------
+def slope_error(
+    f: Signal, low: float = F_LOW, high: float = 0.45 * FS, slope: float = -0.5
+) -> float:
+    """Largest deviation in dB of a gain from (frequency)^slope, when the level is
+    chosen best.
+    """
     at = np.fft.rfftfreq(LONG, 1 / FS)
     band = (at >= low) & (at <= high)
     gain = 20 * np.log10(np.abs(response(f, LONG)[band])) - 20 * slope * np.log10(at[band])
@@ -41,11 +48,15 @@ def slope_error(f: Signal, low: float = F_LOW, high: float = 0.45 * FS, slope: f
 
 
 def sections(poles, residues, direct: float, late: float = 0.0) -> np.ndarray:
-    """Parallel first-order filters as second-order sections, for scipy; late is the weight of the sample before."""
+    """Parallel first-order filters as second-order sections, for scipy; late is the
+    weight of the sample before.
+    """
     poles, residues = np.asarray(poles), np.asarray(residues)
     numerator = np.polymul([direct, late], np.poly(poles))
     for k in range(poles.size):
-        numerator = np.polyadd(numerator, residues[k] * np.r_[np.poly(np.delete(poles, k)), 0.0, 0.0])
+        numerator = np.polyadd(
+            numerator, residues[k] * np.r_[np.poly(np.delete(poles, k)), 0.0, 0.0]
+        )
     zeros = np.roots(numerator)
     return signal.zpk2sos(zeros, np.r_[poles, np.zeros(zeros.size - poles.size)], numerator[0])
 
@@ -55,7 +66,9 @@ def sos(coefficients: np.ndarray) -> Signal:
 
 
 def of(m: PinkDesign) -> np.ndarray:
-    """A design's modes as second-order sections; zeros as eigenvalues, or scipy would lose digits that are not its own."""
+    """A design's modes as second-order sections; zeros as eigenvalues, or scipy would
+    lose digits that are not its own.
+    """
     p, whole = 1 - m.e, m.d + m.r.sum()
     zeros = np.linalg.eigvals(np.diag(p) - m.r * p / whole).real
     return signal.zpk2sos(zeros, p, whole)
@@ -69,7 +82,10 @@ def oustaloup(order: int, low: float = 0.1, slope: float = -0.5) -> Signal:
     """2 order + 1 poles and zeros spread evenly between low and fs/2, bilinear."""
     wb, wh = 2 * np.pi * low, np.pi * FS
     k = np.arange(-order, order + 1)
-    zeros, poles = (-wb * (wh / wb) ** ((k + order + (1 + sign * slope) / 2) / (2 * order + 1)) for sign in (-1, 1))
+    zeros, poles = (
+        -wb * (wh / wb) ** ((k + order + (1 + sign * slope) / 2) / (2 * order + 1))
+        for sign in (-1, 1)
+    )
     return sos(signal.zpk2sos(*signal.bilinear_zpk(zeros, poles, wh**slope, FS)))
 
 
@@ -105,9 +121,11 @@ def pink() -> list[Method]:
     })  # fmt: skip
 
 
-# d/dt ----------------------------------------------------------------------------------------------------------------
+# d/dt ---------------------------------------------------------------------------------
 def derivative_error(f: Signal) -> float:
-    """Largest error of the gain up to the pass edge, relative to that at the edge, behind a delay of whole half samples."""
+    """Largest error of the gain up to the pass edge, relative to that at the edge,
+    behind a delay of whole half samples.
+    """
     n = 1 << 15
     at = np.fft.rfftfreq(n, 1 / FS)
     H = response(f, n, at=4096)
@@ -119,7 +137,9 @@ def derivative_error(f: Signal) -> float:
 
 
 def taps(h: np.ndarray) -> Signal:
-    return lambda x: np.convolve(x, h)[: x.size] if h.size < 64 else signal.oaconvolve(x, h)[: x.size]
+    return lambda x: (
+        np.convolve(x, h)[: x.size] if h.size < 64 else signal.oaconvolve(x, h)[: x.size]
+    )
 
 
 def windowed(n: int, window) -> np.ndarray:
@@ -138,7 +158,17 @@ def designed(tol: float) -> np.ndarray:
 
 
 def remez(n: int) -> np.ndarray:
-    return signal.remez(n, [0, PASSBAND, STOPBAND, FS / 2], [2 * np.pi, 0], type="differentiator", fs=FS, maxiter=100) * FS
+    return (
+        signal.remez(
+            n,
+            [0, PASSBAND, STOPBAND, FS / 2],
+            [2 * np.pi, 0],
+            type="differentiator",
+            fs=FS,
+            maxiter=100,
+        )
+        * FS
+    )
 
 
 def differentiators() -> list[Method]:
@@ -146,27 +176,38 @@ def differentiators() -> list[Method]:
         return differentiator(x, PASSBAND, STOPBAND, order_of(tol), tol)
 
     tols, counts = [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8], [17, 33, 65, 129]
-    return on(X, derivative_error, {
-        "stimlib differentiator, tol": (tols, own(ours, FS)),
-        "the same taps in numpy or scipy, tol": (tols, lambda tol: taps(designed(tol))),
-        "scipy remez, taps": (counts, lambda n: taps(remez(n))),
-        "Hamming window, taps": (counts, lambda n: taps(windowed(n, "hamming"))),
-        "Kaiser window, beta 8, taps": (counts, lambda n: taps(windowed(n, ("kaiser", 8.0)))),
-        "Savitzky-Golay of order 4, window": ([5, 9, 21], lambda n: taps(signal.savgol_coeffs(n, 4, deriv=1, delta=1 / FS))),
-        "difference to the last sample": ([2], lambda _: taps(FS * np.array([1.0, -1.0]))),
-        "central difference": ([3], lambda _: taps(FS / 2 * np.array([1.0, 0.0, -1.0]))),
-    })  # fmt: skip
+    return on(
+        X,
+        derivative_error,
+        {
+            "stimlib differentiator, tol": (tols, own(ours, FS)),
+            "the same taps in numpy or scipy, tol": (tols, lambda tol: taps(designed(tol))),
+            "scipy remez, taps": (counts, lambda n: taps(remez(n))),
+            "Hamming window, taps": (counts, lambda n: taps(windowed(n, "hamming"))),
+            "Kaiser window, beta 8, taps": (counts, lambda n: taps(windowed(n, ("kaiser", 8.0)))),
+            "Savitzky-Golay of order 4, window": (
+                [5, 9, 21],
+                lambda n: taps(signal.savgol_coeffs(n, 4, deriv=1, delta=1 / FS)),
+            ),
+            "difference to the last sample": ([2], lambda _: taps(FS * np.array([1.0, -1.0]))),
+            "central difference": ([3], lambda _: taps(FS / 2 * np.array([1.0, 0.0, -1.0]))),
+        },
+    )
 
 
-# White, pink, d/dt ---------------------------------------------------------------------------------------------------
+# White, pink, d/dt --------------------------------------------------------------------
 def chain() -> list[Method]:
-    """Noise whose density rises 3 dB/oct from 10 Hz to 1 kHz; a rung is both tolerances, in dB."""
+    """Noise whose density rises 3 dB/oct from 10 Hz to 1 kHz; a rung is both
+    tolerances, in dB.
+    """
     low, db = 10.0, 8.7
     rng = np.random.Generator(np.random.PCG64(1))
     error = partial(slope_error, low=low, high=PASSBAND, slope=0.5)
 
     def both(x, tol):
-        return differentiator(pinking(x, low, tol), PASSBAND, STOPBAND, order_of(tol / db), tol / db)
+        return differentiator(
+            pinking(x, low, tol), PASSBAND, STOPBAND, order_of(tol / db), tol / db
+        )
 
     def peer(name: str, knob: str, pink: np.ndarray, h: np.ndarray) -> Method:
         def f(x: np.ndarray) -> np.ndarray:
@@ -181,17 +222,34 @@ def chain() -> list[Method]:
         same = "the same design: PCG64, sosfilt, oaconvolve, dB"
         found.append(peer(same, f"{tol:g}", of(pink_modes(FS, low, tol)), designed(tol / db)))
     refined = sections(*KELLET["refined"])
-    for knob, h in (("central difference", FS / 2 * np.array([1.0, 0.0, -1.0])), ("remez, 129 taps", remez(129))):
+    for knob, h in (
+        ("central difference", FS / 2 * np.array([1.0, 0.0, -1.0])),
+        ("remez, 129 taps", remez(129)),
+    ):
         found.append(peer("PCG64, Kellet refined", knob, refined, h))
     return found
 
 
 PROBLEMS = (
-    Problem("pink", "3 dB/oct filter, 1 Hz to 3.6 kHz at 8 kHz", "largest deviation from 3 dB/oct, dB", SAMPLES, pink),
     Problem(
-        "differentiator", "d/dt up to 1 kHz at 8 kHz", "largest error up to 1 kHz, of the gain there", SAMPLES, differentiators
+        "pink",
+        "3 dB/oct filter, 1 Hz to 3.6 kHz at 8 kHz",
+        "largest deviation from 3 dB/oct, dB",
+        SAMPLES,
+        pink,
     ),
     Problem(
-        "chain", "white noise, 3 dB/oct, d/dt: 10 Hz to 1 kHz at 8 kHz", "largest deviation from +3 dB/oct, dB", SAMPLES, chain
+        "differentiator",
+        "d/dt up to 1 kHz at 8 kHz",
+        "largest error up to 1 kHz, of the gain there",
+        SAMPLES,
+        differentiators,
+    ),
+    Problem(
+        "chain",
+        "white noise, 3 dB/oct, d/dt: 10 Hz to 1 kHz at 8 kHz",
+        "largest deviation from +3 dB/oct, dB",
+        SAMPLES,
+        chain,
     ),  # fmt: skip
 )

@@ -1,6 +1,7 @@
 """What is at a place under a moving finger: ribs, roughness, maps, measured textures.
 
-Against closed forms in long double, and against the same surfaces written again for the verifier.
+Against closed forms in long double, and against the same surfaces written again for the
+verifier.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ T = np.arange(SAMPLES) / FS
 X = 0.005 - 0.005 * np.cos(2 * np.pi * 1.7 * T + 0.1)  # m, up to 7 um a sample
 BEFORE = np.r_[X[:1], X[:-1]]
 
-# Ribs ----------------------------------------------------------------------------------------------------------------
-RIBS = np.array([(1e-3, 1.0, 0.0), (2e-5, 0.5, 1.0)])  # m, depth, rad: coarse, and up to 0.33 of fine ones in a sample
+# Ribs ---------------------------------------------------------------------------------
+# m, depth, rad: coarse, and up to 0.33 of fine ones in a sample
+RIBS = np.array([(1e-3, 1.0, 0.0), (2e-5, 0.5, 1.0)])
 
 
 def ribs(x: np.ndarray) -> np.ndarray:
@@ -46,7 +48,7 @@ def over_ribs() -> list[Method]:
     })  # fmt: skip
 
 
-# Roughness -----------------------------------------------------------------------------------------------------------
+# Roughness ----------------------------------------------------------------------------
 SHORTEST = 2e-5  # m
 
 
@@ -81,14 +83,19 @@ def over_roughness() -> list[Method]:
     })  # fmt: skip
 
 
-# A map ---------------------------------------------------------------------------------------------------------------
+# A map --------------------------------------------------------------------------------
 SIDE = 0.04  # m
-PLACES = SIDE / 2 + 0.019 * np.array([np.sin(2 * np.pi * 1.3 * T), np.sin(2 * np.pi * 1.7 * T + 1.0)])
+PLACES = SIDE / 2 + 0.019 * np.array(
+    [np.sin(2 * np.pi * 1.3 * T), np.sin(2 * np.pi * 1.7 * T + 1.0)]
+)
 
 
 def lumps(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Stiffness of a soft object with two nodules, in N/m."""
-    far = [((x - a) ** 2 + (y - b) ** 2) / (2 * r**2) for a, b, r in ((0.012, 0.015, 0.004), (0.027, 0.022, 0.006))]
+    far = [
+        ((x - a) ** 2 + (y - b) ** 2) / (2 * r**2)
+        for a, b, r in ((0.012, 0.015, 0.004), (0.027, 0.022, 0.006))
+    ]
     return 300.0 + 500.0 * np.exp(-far[0]) + 200.0 * np.exp(-far[1])
 
 
@@ -100,7 +107,9 @@ def maps() -> list[Method]:
         return at, lumps(at[:, None], at[None])
 
     def ours(kind: str):
-        return own(lambda x, y, n: lut2(x, y, table(n)[1], SIDE / (n - 1), kind=kind).value, FS, ("m", "m"))  # type: ignore[attr-defined]
+        return own(
+            lambda x, y, n: lut2(x, y, table(n)[1], SIDE / (n - 1), kind=kind).value, FS, ("m", "m")
+        )  # type: ignore[attr-defined]
 
     def spline(n: int) -> Signal:
         at, z = table(n)
@@ -116,7 +125,9 @@ def maps() -> list[Method]:
         def make(n: int) -> Signal:
             z = table(n)[1]
             c = ndimage.spline_filter(z, order, mode="mirror") if order > 1 else z
-            return lambda x: ndimage.map_coordinates(c, x * ((n - 1) / SIDE), order=order, mode="mirror", prefilter=False)
+            return lambda x: ndimage.map_coordinates(
+                c, x * ((n - 1) / SIDE), order=order, mode="mirror", prefilter=False
+            )
 
         return make
 
@@ -130,9 +141,14 @@ def maps() -> list[Method]:
     })  # fmt: skip
 
 
-# A measured texture --------------------------------------------------------------------------------------------------
+# A measured texture -------------------------------------------------------------------
 MODEL, SEED = made_up(), 1
-STROKES = np.array([0.08 + 0.06 * np.sin(2 * np.pi * 3.0 * np.arange(4000) / 1000), 1.0 + 0.5 * np.sin(np.arange(4000) / 700)])
+STROKES = np.array(
+    [
+        0.08 + 0.06 * np.sin(2 * np.pi * 3.0 * np.arange(4000) / 1000),
+        1.0 + 0.5 * np.sin(np.arange(4000) / 700),
+    ]
+)
 
 
 def textures() -> list[Method]:
@@ -142,15 +158,26 @@ def textures() -> list[Method]:
     top = np.array([MODEL.speed.max(), MODEL.force.max()])
 
     def renewed(every: int) -> Signal:
-        """Models between the measured ones are made every so many samples, and each is a filter of scipy until the next."""
+        """Models between the measured ones are made every so many samples, and each is
+        a filter of scipy until the next.
+        """
 
         def run(x: np.ndarray) -> np.ndarray:
             corners, w = laws.texture_weights(
-                x.T[::every] / top, np.stack([MODEL.speed, MODEL.force], axis=1) / top, MODEL.triangles.astype(int)
+                x.T[::every] / top,
+                np.stack([MODEL.speed, MODEL.force], axis=1) / top,
+                MODEL.triangles.astype(int),
             )
-            mean = [np.einsum("nk,nk...->n...", w, v[corners]) for v in (MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain)]
+            mean = [
+                np.einsum("nk,nk...->n...", w, v[corners])
+                for v in (MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain)
+            ]
             ar, ma = (np.insert(laws.from_line_spectrum(v), 0, 1.0, axis=1) for v in mean[:2])
-            size, zi, y = mean[3] * np.sqrt(mean[2]), np.zeros(max(ar.shape[1], ma.shape[1]) - 1), np.empty(x.shape[1])
+            size, zi, y = (
+                mean[3] * np.sqrt(mean[2]),
+                np.zeros(max(ar.shape[1], ma.shape[1]) - 1),
+                np.empty(x.shape[1]),
+            )
             for k in range(len(ar)):
                 at = slice(k * every, (k + 1) * every)
                 y[at], zi = signal.lfilter(ma[k], ar[k], size[k] * noise[at], zi=zi)
@@ -158,16 +185,37 @@ def textures() -> list[Method]:
 
         return run
 
-    return on(STROKES, lambda f: apart(f(STROKES), wanted), {
-        "stimlib texture": ([""], own(lambda v, f, _: texture(v, f, MODEL, SEED), 1000.0, ("m/s", "N"))),
-        "scipy lfilter, renewed every n samples": ([1, 3, 10, 30, 100], renewed),
-    })  # fmt: skip
+    return on(
+        STROKES,
+        lambda f: apart(f(STROKES), wanted),
+        {
+            "stimlib texture": (
+                [""],
+                own(lambda v, f, _: texture(v, f, MODEL, SEED), 1000.0, ("m/s", "N")),
+            ),
+            "scipy lfilter, renewed every n samples": ([1, 3, 10, 30, 100], renewed),
+        },
+    )
 
 
 MEAN = "largest error to the mean over the movement, of its maximum"
 PROBLEMS = (
-    Problem("grating", "ribs under a finger, up to 0.33 fine ones in a sample", MEAN, SAMPLES, over_ribs),
+    Problem(
+        "grating", "ribs under a finger, up to 0.33 fine ones in a sample", MEAN, SAMPLES, over_ribs
+    ),
     Problem("roughness", "noise over place under a finger", MEAN, SAMPLES, over_roughness),
-    Problem("map", "a map of stiffness, 4 by 4 cm", "largest error to the smooth map, of its maximum", SAMPLES, maps),
-    Problem("texture", "a measured texture at 1 kHz, stroked", "largest error, of the maximum", STROKES.shape[1], textures),
-)  # fmt: skip
+    Problem(
+        "map",
+        "a map of stiffness, 4 by 4 cm",
+        "largest error to the smooth map, of its maximum",
+        SAMPLES,
+        maps,
+    ),
+    Problem(
+        "texture",
+        "a measured texture at 1 kHz, stroked",
+        "largest error, of the maximum",
+        STROKES.shape[1],
+        textures,
+    ),
+)

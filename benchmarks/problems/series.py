@@ -1,6 +1,8 @@
-"""Springs, dampers and springpots in series, and arms beside each other: against closed forms in continuous time.
+"""Springs, dampers and springpots in series, and arms beside each other: against closed
+forms in continuous time.
 
-The drive is a smooth push of parabolas, of which every one of them makes a power of time or a Mittag-Leffler function.
+The drive is a smooth push of parabolas, of which every one of them makes a power of
+time or a Mittag-Leffler function.
 """
 
 from __future__ import annotations
@@ -14,7 +16,12 @@ from precision import Ladder, Method, Problem, Signal, apart, on, own
 from scipy import signal
 from scipy.special import erfcx
 
-from stimlib.blocks import compliance, compliance_generalized_kelvin_voigt, generalized_maxwell, springpot_series
+from stimlib.blocks import (
+    compliance,
+    compliance_generalized_kelvin_voigt,
+    generalized_maxwell,
+    springpot_series,
+)
 
 SECONDS, RATES = 2.0, (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0)
 ALPHA = 0.5
@@ -22,7 +29,9 @@ ERROR = "largest error to the formula in continuous time, of its maximum"
 
 
 def pushed(t: np.ndarray, answer: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """The answer to a push from 0 to 1/2 within a second, which then stays, from that to t^2."""
+    """The answer to a push from 0 to 1/2 within a second, which then stays, from that
+    to t^2.
+    """
     return answer(t) - 2 * answer(np.maximum(t - 0.5, 0)) + answer(np.maximum(t - 1, 0))
 
 
@@ -51,44 +60,64 @@ def first_order(parts: list[tuple[float, float, float, float]], rule: str, fs: f
 
 
 def rules(parts: list[tuple[float, float, float, float]], fs: float) -> dict[str, Ladder]:
-    return {f"{rule} in scipy lfilter, fs": ([fs], partial(first_order, parts, rule)) for rule in ("backward Euler", "bilinear")}
+    return {
+        f"{rule} in scipy lfilter, fs": ([fs], partial(first_order, parts, rule))
+        for rule in ("backward Euler", "bilinear")
+    }
 
 
-# Eight arms beside a spring ------------------------------------------------------------------------------------------
+# Eight arms beside a spring -----------------------------------------------------------
 ARMS = [(50.0 / (k + 1), tau) for k, tau in enumerate(np.geomspace(1e-3, 3.0, 8).tolist())]
 
 
 def relaxation(fs: float, t: np.ndarray) -> list[Method]:
     y = push(t)
-    wanted = pushed(t, lambda t: 100.0 * t * t + sum(k * (t * t - lagging(t, tau)) for k, tau in ARMS))
+    wanted = pushed(
+        t, lambda t: 100.0 * t * t + sum(k * (t * t - lagging(t, tau)) for k, tau in ARMS)
+    )
     parts = [(0.0, 100.0, 0.0, 1.0), *((k * tau, 0.0, tau, 1.0) for k, tau in ARMS)]
-    ladders = {"stimlib generalized_maxwell, fs": ([fs], own(lambda y, _: generalized_maxwell(y, 100.0, ARMS), fs, "m"))}
+    ladders = {
+        "stimlib generalized_maxwell, fs": (
+            [fs],
+            own(lambda y, _: generalized_maxwell(y, 100.0, ARMS), fs, "m"),
+        )
+    }
     return on(y, lambda f: apart(f(y), wanted), ladders | rules(parts, fs))
 
 
-# A chain of Kelvin-Voigt elements, a spring and a damper -------------------------------------------------------------
+# A chain of Kelvin-Voigt elements, a spring and a damper ------------------------------
 CHAIN, K0, B = [(100.0, 0.005), (200.0, 0.1), (80.0, 1.0)], 1000.0, 300.0
 
 
 def creep(fs: float, t: np.ndarray) -> list[Method]:
     f = push(t)
-    wanted = pushed(t, lambda t: t * t / K0 + t**3 / (3 * B) + sum(lagging(t, tau) / k for k, tau in CHAIN))
-    parts = [(0.0, 1 / K0, 0.0, 1.0), (0.0, 1 / B, 1.0, 0.0), *((0.0, 1 / k, tau, 1.0) for k, tau in CHAIN)]
+    wanted = pushed(
+        t, lambda t: t * t / K0 + t**3 / (3 * B) + sum(lagging(t, tau) / k for k, tau in CHAIN)
+    )
+    parts = [
+        (0.0, 1 / K0, 0.0, 1.0),
+        (0.0, 1 / B, 1.0, 0.0),
+        *((0.0, 1 / k, tau, 1.0) for k, tau in CHAIN),
+    ]
 
     def chain(f, _):
         return compliance_generalized_kelvin_voigt(f, CHAIN, k0=K0, b=B)
 
     return on(
-        f, lambda g: apart(g(f), wanted), {"stimlib Kelvin-Voigt chain, fs": ([fs], own(chain, fs, "N"))} | rules(parts, fs)
+        f,
+        lambda g: apart(g(f), wanted),
+        {"stimlib Kelvin-Voigt chain, fs": ([fs], own(chain, fs, "N"))} | rules(parts, fs),
     )
 
 
-# A springpot under a force -------------------------------------------------------------------------------------------
+# A springpot under a force ------------------------------------------------------------
 CHI = 100.0
 
 
 def fractional_trapezoid(fs: float) -> Signal:
-    """The fractional integral of straight lines between samples (Diethelm's product rule), by FFT of the whole file."""
+    """The fractional integral of straight lines between samples (Diethelm's product
+    rule), by FFT of the whole file.
+    """
 
     def run(f: np.ndarray) -> np.ndarray:
         j = np.arange(f.size + 1.0)
@@ -122,12 +151,14 @@ def compliances(fs: float, t: np.ndarray) -> list[Method]:
     })  # fmt: skip
 
 
-# A springpot behind a spring -----------------------------------------------------------------------------------------
+# A springpot behind a spring ----------------------------------------------------------
 K = 1000.0
 
 
 def mittag_leffler(t: np.ndarray, beta: float) -> np.ndarray:
-    """t^(beta - 1) E_{1/2, beta}(-z), z = K/CHI sqrt(t), of beta = 1, 3/2, 2, ..: from E_{1/2, 1} = exp(z^2) erfc(z) up."""
+    """t^(beta - 1) E_{1/2, beta}(-z), z = K/CHI sqrt(t), of beta = 1, 3/2, 2, ..: from
+    E_{1/2, 1} = exp(z^2) erfc(z) up.
+    """
     z, b = K / CHI * np.sqrt(t), 1.0
     found = erfcx(z)
     while b < beta:
@@ -138,7 +169,9 @@ def mittag_leffler(t: np.ndarray, beta: float) -> np.ndarray:
 
 
 def kernel(fs: float) -> Signal:
-    """Relaxation of the arm, its mean over each sample known in closed form, by FFT of the whole file."""
+    """Relaxation of the arm, its mean over each sample known in closed form, by FFT of
+    the whole file.
+    """
 
     def run(y: np.ndarray) -> np.ndarray:
         t = np.arange(y.size + 1) / fs
@@ -149,7 +182,9 @@ def kernel(fs: float) -> Signal:
 
 
 def prony(arms: int, fs: float) -> Signal:
-    """The relaxation fitted by exponentials, run as filters of scipy: what is done where there is no springpot."""
+    """The relaxation fitted by exponentials, run as filters of scipy: what is done
+    where there is no springpot.
+    """
     t, tau = np.geomspace(1e-4, 10.0, 400), np.geomspace(1e-5, 30.0, arms)
     k, *_ = np.linalg.lstsq(np.exp(-t[:, None] / tau), K * mittag_leffler(t, 1.0), rcond=None)
     return first_order([(v * a, 0.0, a, 1.0) for v, a in zip(k, tau, strict=True)], "bilinear", fs)

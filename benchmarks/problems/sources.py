@@ -1,4 +1,6 @@
-"""What sounds by itself: waves, sweeps, pulses and recordings, against Fourier series and formulas in long double."""
+"""What sounds by itself: waves, sweeps, pulses and recordings, against Fourier series
+and formulas in long double.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,16 @@ FS, SAMPLES = 8000.0, 1 << 16
 LD = np.longdouble
 PI = 4 * np.arctan(LD(1))
 
-# A sawtooth ----------------------------------------------------------------------------------------------------------
-FREQ, FELT = 201, 1000  # Hz: a whole number without a common factor with fs, and the end of what a finger feels
+# A sawtooth ---------------------------------------------------------------------------
+# Hz: a whole number without a common factor with fs, and the end of what a finger feels
+FREQ, FELT = 201, 1000
 SECOND = np.arange(8000)
 
 
 def aliases(f: Signal) -> float:
-    """Largest line below 1 kHz that is no harmonic, over the first harmonic: of one second each line is one bin."""
+    """Largest line below 1 kHz that is no harmonic, over the first harmonic: of one
+    second each line is one bin.
+    """
     lines = np.abs(np.fft.rfft(f(np.zeros(8000))[:8000]))[:FELT]
     others = np.arange(FELT) % FREQ != 0
     return float(lines[others].max() / lines[FREQ])
@@ -32,7 +37,9 @@ def turns(n: np.ndarray) -> np.ndarray:
 
 
 def polyblep(x: np.ndarray) -> np.ndarray:
-    """The jump gets the step response of a linear interpolator (Valimaki and Huovilainen 2007)."""
+    """The jump gets the step response of a linear interpolator (Valimaki and
+    Huovilainen 2007).
+    """
     p, d = turns(np.arange(x.size)), FREQ / FS
     y, after, before = 2.0 * p - 1.0, p < d, p > 1 - d
     a, b = p[after] / d, (p[before] - 1) / d
@@ -42,7 +49,9 @@ def polyblep(x: np.ndarray) -> np.ndarray:
 
 
 def parabolic(x: np.ndarray) -> np.ndarray:
-    """Differences of the wave's integral (differentiated parabolic waveform, Valimaki 2005)."""
+    """Differences of the wave's integral (differentiated parabolic waveform, Valimaki
+    2005).
+    """
     return np.diff((2 * turns(np.arange(-1, x.size)) - 1) ** 2) * FS / (4 * FREQ)
 
 
@@ -50,7 +59,9 @@ def oversampled(n: int) -> Signal:
     """Made at n times the rate and brought down by scipy's filter."""
 
     def run(x: np.ndarray) -> np.ndarray:
-        return signal.resample_poly(2 * turns(np.arange(-200 * n, (x.size + 200) * n) / n) - 1, 1, n)[200 : 200 + x.size]
+        return signal.resample_poly(
+            2 * turns(np.arange(-200 * n, (x.size + 200) * n) / n) - 1, 1, n
+        )[200 : 200 + x.size]
 
     return run
 
@@ -64,17 +75,27 @@ def additive(x: np.ndarray) -> np.ndarray:
 
 
 def sawtooth() -> list[Method]:
-    return on(np.zeros(SAMPLES), aliases, {
-        "stimlib oscillator, by area": ([FREQ], own(lambda freq: oscillator(freq, "sawtooth"), FS, ())),
-        "points, scipy sawtooth": ([FREQ], always(lambda x: signal.sawtooth(2 * np.pi * FREQ / FS * np.arange(x.size)))),
-        "polyBLEP in numpy": ([FREQ], always(polyblep)),
-        "parabolic (DPW) in numpy": ([FREQ], always(parabolic)),
-        "points at n times the rate, scipy resample_poly, n": ([2, 4, 8, 16], oversampled),
-        "sum of harmonics in numpy": ([FREQ], always(additive)),
-    })  # fmt: skip
+    return on(
+        np.zeros(SAMPLES),
+        aliases,
+        {
+            "stimlib oscillator, by area": (
+                [FREQ],
+                own(lambda freq: oscillator(freq, "sawtooth"), FS, ()),
+            ),
+            "points, scipy sawtooth": (
+                [FREQ],
+                always(lambda x: signal.sawtooth(2 * np.pi * FREQ / FS * np.arange(x.size))),
+            ),
+            "polyBLEP in numpy": ([FREQ], always(polyblep)),
+            "parabolic (DPW) in numpy": ([FREQ], always(parabolic)),
+            "points at n times the rate, scipy resample_poly, n": ([2, 4, 8, 16], oversampled),
+            "sum of harmonics in numpy": ([FREQ], always(additive)),
+        },
+    )
 
 
-# A sweep -------------------------------------------------------------------------------------------------------------
+# A sweep ------------------------------------------------------------------------------
 F0, F1, LASTS = 10.0, 1000.0, SAMPLES / FS
 
 
@@ -100,7 +121,9 @@ def added_up(kind: str) -> Signal:
 
 def by_scipy(kind: str, number: type) -> Signal:
     method = {"linear": "linear", "exponential": "logarithmic"}[kind]
-    return lambda x: signal.chirp((np.arange(x.size) / FS).astype(number), F0, LASTS, F1, method, phi=-90)
+    return lambda x: signal.chirp(
+        (np.arange(x.size) / FS).astype(number), F0, LASTS, F1, method, phi=-90
+    )
 
 
 def sweep_error(wanted: np.ndarray, f: Signal) -> float:
@@ -121,7 +144,7 @@ def sweeps() -> list[Method]:
     return found
 
 
-# Pulses --------------------------------------------------------------------------------------------------------------
+# Pulses -------------------------------------------------------------------------------
 RATE = 157.9  # Hz
 
 
@@ -158,9 +181,16 @@ def pulses() -> list[Method]:
     return [m for fs in (1000.0, 2000.0, 4000.0, 8000.0, 16000.0, 48000.0) for m in pulses_at(fs)]
 
 
-# A recording ---------------------------------------------------------------------------------------------------------
+# A recording --------------------------------------------------------------------------
 RECORDED, UP = 1000.0, 8
-TONES = [(1.0, 20.3, 0.2), (0.8, 97.7, 1.3), (0.5, 251.1, 2.1), (0.3, 333.9, 0.4), (0.2, 418.3, 1.9)]  # Hz, rad
+# Hz, rad
+TONES = [
+    (1.0, 20.3, 0.2),
+    (0.8, 97.7, 1.3),
+    (0.5, 251.1, 2.1),
+    (0.3, 333.9, 0.4),
+    (0.2, 418.3, 1.9),
+]
 
 
 def vibration(t: np.ndarray) -> np.ndarray:
@@ -181,21 +211,55 @@ def recordings() -> list[Method]:
         h = signal.firwin(2 * reach * UP + 1, 1 / UP, window=("kaiser", 8.0))
         return lambda t: signal.resample_poly(taken, UP, 1, window=h)[: t.size]
 
-    return on(t, error, {
-        "stimlib playback, made when it is compiled": ([""], own(lambda _: playback(taken, RECORDED), FS, ())),
-        "stimlib playback at a time that is a signal": ([""], own(lambda t, _: playback(taken, RECORDED, at=t), FS, "s")),
-        "scipy resample_poly, samples to each side": ([5, 10, 20, 40, 80], windowed),
-        "scipy resample, whole file": ([""], always(lambda t: signal.resample(taken, t.size))),
-        "scipy CubicSpline": ([""], always(interpolate.CubicSpline(known, taken))),
-        "numpy interp": ([""], always(lambda t: np.interp(t, known, taken))),
-    })  # fmt: skip
+    return on(
+        t,
+        error,
+        {
+            "stimlib playback, made when it is compiled": (
+                [""],
+                own(lambda _: playback(taken, RECORDED), FS, ()),
+            ),
+            "stimlib playback at a time that is a signal": (
+                [""],
+                own(lambda t, _: playback(taken, RECORDED, at=t), FS, "s"),
+            ),
+            "scipy resample_poly, samples to each side": ([5, 10, 20, 40, 80], windowed),
+            "scipy resample, whole file": ([""], always(lambda t: signal.resample(taken, t.size))),
+            "scipy CubicSpline": ([""], always(interpolate.CubicSpline(known, taken))),
+            "numpy interp": ([""], always(lambda t: np.interp(t, known, taken))),
+        },
+    )
 
 
 PROBLEMS = (
-    Problem("sawtooth", "a sawtooth of 201 Hz at 8 kHz", "largest alias below 1 kHz, of the first harmonic", SAMPLES, sawtooth),
-    Problem("chirp", "sweeps from 10 Hz to 1 kHz in 8 s, at 8 kHz", "largest error", SAMPLES, sweeps, asked=True),
-    Problem("pulses", "pulses of 157.9 Hz for 8 s", "largest error of an event's time, s", 8000, pulses, "a millisecond"),
     Problem(
-        "playback", "a recording of 1 kHz with content to 418 Hz, at 8 kHz", "largest error, of the maximum", 1 << 14, recordings
+        "sawtooth",
+        "a sawtooth of 201 Hz at 8 kHz",
+        "largest alias below 1 kHz, of the first harmonic",
+        SAMPLES,
+        sawtooth,
+    ),
+    Problem(
+        "chirp",
+        "sweeps from 10 Hz to 1 kHz in 8 s, at 8 kHz",
+        "largest error",
+        SAMPLES,
+        sweeps,
+        asked=True,
+    ),
+    Problem(
+        "pulses",
+        "pulses of 157.9 Hz for 8 s",
+        "largest error of an event's time, s",
+        8000,
+        pulses,
+        "a millisecond",
+    ),
+    Problem(
+        "playback",
+        "a recording of 1 kHz with content to 418 Hz, at 8 kHz",
+        "largest error, of the maximum",
+        1 << 14,
+        recordings,
     ),
 )

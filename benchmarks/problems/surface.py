@@ -1,4 +1,6 @@
-"""Bumps under a moving finger, and a table of displacements: against closed forms in long double."""
+"""Bumps under a moving finger, and a table of displacements: against closed forms in
+long double.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ LD = np.longdouble
 
 
 def stroke(t: np.ndarray) -> np.ndarray:
-    """Where the finger is, in bumps: to and fro over 18 of them, up to 0.14 a sample."""
+    """Where the finger is, in bumps: to and fro over 18 of them, up to 0.14 a
+    sample.
+    """
     return 9.0 - 9.0 * np.cos(2 * np.pi * 20.0 * t)
 
 
@@ -26,9 +30,11 @@ U = stroke(T)
 CHUNK = 256  # samples of numpy's that stay in the cache
 
 
-# Bumps ---------------------------------------------------------------------------------------------------------------
+# Bumps --------------------------------------------------------------------------------
 def mean_of_sine(u: np.ndarray) -> np.ndarray:
-    """Mean of the sine bump over each movement, by its integral in long double; where the finger stands, the bump itself."""
+    """Mean of the sine bump over each movement, by its integral in long double; where
+    the finger stands, the bump itself.
+    """
     d = LD(DUTY)
     pi = LD(4) * np.arctan(LD(1))
     top = np.cos(pi * d)
@@ -36,13 +42,17 @@ def mean_of_sine(u: np.ndarray) -> np.ndarray:
     def integral(u: np.ndarray) -> np.ndarray:
         whole = np.floor(u)
         z = np.minimum(u - whole, d) / d  # along the ridge
-        part = d * (np.sin(2 * pi * d * (z - LD(0.5))) + np.sin(pi * d)) / (2 * pi * d) - top * d * z
+        part = (
+            d * (np.sin(2 * pi * d * (z - LD(0.5))) + np.sin(pi * d)) / (2 * pi * d) - top * d * z
+        )
         ridge = d * (2 * np.sin(pi * d) / (2 * pi * d) - top)
         return (whole * ridge + part) / (1 - top)
 
     x = u.astype(LD)
     step = np.diff(x)
-    return np.where(np.abs(step) > 1e-9, np.diff(integral(x)) / np.where(step == 0, LD(1), step), np.nan).astype(float)
+    return np.where(
+        np.abs(step) > 1e-9, np.diff(integral(x)) / np.where(step == 0, LD(1), step), np.nan
+    ).astype(float)
 
 
 def envelope(u: np.ndarray) -> np.ndarray:
@@ -59,7 +69,9 @@ def averaged(f: Signal, n: int) -> Signal:
     def run(u: np.ndarray) -> np.ndarray:
         last = np.r_[u[0], u[:-1]]
         parts = [slice(k, k + CHUNK) for k in range(0, u.size, CHUNK)]
-        return np.concatenate([f(last[k, None] + (u[k] - last[k])[:, None] * part).mean(axis=1) for k in parts])
+        return np.concatenate(
+            [f(last[k, None] + (u[k] - last[k])[:, None] * part).mean(axis=1) for k in parts]
+        )
 
     return run
 
@@ -83,9 +95,11 @@ def bumps() -> list[Method]:
     })  # fmt: skip
 
 
-# A table -------------------------------------------------------------------------------------------------------------
+# A table ------------------------------------------------------------------------------
 def profile(x: np.ndarray) -> np.ndarray:
-    """Displacement of a plate's mode along it, over its mean, as an equalisation table holds it."""
+    """Displacement of a plate's mode along it, over its mean, as an equalisation table
+    holds it.
+    """
     return 1.0 + 0.6 * np.sin(np.pi * x / 0.1) ** 2 + 0.1 * np.sin(5 * np.pi * x / 0.1)
 
 
@@ -105,14 +119,27 @@ def table() -> list[Method]:
     def ours(kind: str):
         return own(lambda x, n: lut(x, knots(n), profile(knots(n)), kind), FS)
 
-    return on(PLACES, error, {
-        "stimlib lut linear, knots": (knobs, ours("linear")),
-        "stimlib lut pchip, knots": (knobs, ours("pchip")),
-        "stimlib lut cubic, knots": (knobs, ours("cubic")),
-        "numpy interp, knots": (knobs, lambda n: lambda x: np.interp(x, knots(n), profile(knots(n)))),
-        "scipy PchipInterpolator, knots": (knobs, lambda n: interpolate.PchipInterpolator(knots(n), profile(knots(n)))),
-        "scipy CubicSpline, knots": (knobs, lambda n: interpolate.CubicSpline(knots(n), profile(knots(n)))),
-    })  # fmt: skip
+    return on(
+        PLACES,
+        error,
+        {
+            "stimlib lut linear, knots": (knobs, ours("linear")),
+            "stimlib lut pchip, knots": (knobs, ours("pchip")),
+            "stimlib lut cubic, knots": (knobs, ours("cubic")),
+            "numpy interp, knots": (
+                knobs,
+                lambda n: lambda x: np.interp(x, knots(n), profile(knots(n))),
+            ),
+            "scipy PchipInterpolator, knots": (
+                knobs,
+                lambda n: interpolate.PchipInterpolator(knots(n), profile(knots(n))),
+            ),
+            "scipy CubicSpline, knots": (
+                knobs,
+                lambda n: interpolate.CubicSpline(knots(n), profile(knots(n))),
+            ),
+        },
+    )
 
 
 PROBLEMS = (
@@ -124,6 +151,10 @@ PROBLEMS = (
         bumps,
     ),  # fmt: skip
     Problem(
-        "table", "a table of displacements over 10 cm", "largest error to the smooth profile, of its maximum", SAMPLES, table
+        "table",
+        "a table of displacements over 10 cm",
+        "largest error to the smooth profile, of its maximum",
+        SAMPLES,
+        table,
     ),
 )

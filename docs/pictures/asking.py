@@ -1,4 +1,6 @@
-"""What `stimlib experiment run --page` shows: python docs/pictures/asking.py writes it beside itself. It needs Chromium."""
+"""What `stimlib experiment run --page` shows: python docs/pictures/asking.py writes it
+beside itself. It needs Chromium.
+"""
 
 import sys
 import tempfile

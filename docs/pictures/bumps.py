@@ -1,4 +1,6 @@
-"""Figure 4.1 of the touch-screen thesis, redrawn from renderings: python docs/pictures/bumps.py writes bumps.svg beside it."""
+"""Figure 4.1 of the touch-screen thesis, redrawn from renderings: python
+docs/pictures/bumps.py writes bumps.svg beside it.
+"""
 
 from pathlib import Path
 
@@ -30,7 +32,10 @@ def picture():
     """The text of the file."""
     width, height = LEFT + 3 * (WIDTH + GAP), TOP + 3 * (HEIGHT + GAP) + 26
     out = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="12">',
+        (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}"'
+            ' font-family="sans-serif" font-size="12">'
+        ),
         f'<rect width="{width}" height="{height}" fill="white"/>',
     ]
     for row, waveform in enumerate(WAVEFORMS):
@@ -43,8 +48,12 @@ def picture():
             envelope = rendered(waveform, duty, freq=0.0, phase=np.pi / 2, rectify=None)
             out.append(f'<path d="M{left},{top}v{HEIGHT}h{WIDTH}" fill="none" stroke="#999"/>')
             for (u, y), style in ((rendered(waveform, duty), "#1f5fa8"), (envelope, "#c0392b")):
-                out.append(f'<polyline points="{path(u, y, left, top)}" fill="none" stroke="{style}"/>')
-    note = f"Two of {NB} bumps on 0.1 m, as a finger at {SPEED:g} m/s meets them; red: the envelope."
+                out.append(
+                    f'<polyline points="{path(u, y, left, top)}" fill="none" stroke="{style}"/>'
+                )
+    note = (
+        f"Two of {NB} bumps on 0.1 m, as a finger at {SPEED:g} m/s meets them; red: the envelope."
+    )
     out.append(f'<text x="{LEFT}" y="{height - 10}">{note}</text>')
     return "\n".join([*out, "</svg>"]) + "\n"
 

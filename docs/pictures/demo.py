@@ -1,4 +1,6 @@
-"""What `stimlib demo` renders, in one picture: python docs/pictures/demo.py writes docs/pictures/demo.svg."""
+"""What `stimlib demo` renders, in one picture: python docs/pictures/demo.py writes
+docs/pictures/demo.svg.
+"""
 
 from pathlib import Path
 

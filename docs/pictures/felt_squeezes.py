@@ -1,4 +1,6 @@
-"""The picture of examples/felt_squeezes.py: python docs/pictures/felt_squeezes.py writes felt_squeezes.png beside it."""
+"""The picture of examples/felt_squeezes.py: python docs/pictures/felt_squeezes.py
+writes felt_squeezes.png beside it.
+"""
 
 import runpy
 import sys

@@ -1,4 +1,6 @@
-"""What `stimlib live` shows: python docs/pictures/live.py [SCENE ..] writes pictures beside itself. It needs Chromium."""
+"""What `stimlib live` shows: python docs/pictures/live.py [SCENE ..] writes pictures
+beside itself. It needs Chromium.
+"""
 
 import math
 import sys
@@ -47,7 +49,10 @@ def pictured(browser, name, path, theme="light", **more):
         page.until("!document.querySelector('#run').disabled")
         page.js("document.querySelector('#run').click()")
         page.until("document.querySelector('#run').textContent === 'Stop'")
-        page.size(WIDE, math.ceil(page.js("document.querySelector('main').getBoundingClientRect().bottom")))
+        page.size(
+            WIDE,
+            math.ceil(page.js("document.querySelector('main').getBoundingClientRect().bottom")),
+        )
         best = math.inf
         for _ in range(TIMES):
             if (gap := page.js(MOVE % HANDS[name])) < best:

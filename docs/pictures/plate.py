@@ -1,4 +1,6 @@
-"""The pictures of the page on plates: python docs/pictures/plate.py writes plate_* beside it."""
+"""The pictures of the page on plates: python docs/pictures/plate.py writes plate_*
+beside it.
+"""
 
 from pathlib import Path
 
@@ -27,7 +29,9 @@ def modes() -> Figure:
 
 
 def envelopes() -> Figure:
-    """20 bumps a second: wanted, and what the plate gives before and after the swap; the voltages."""
+    """20 bumps a second: wanted, and what the plate gives before and after the swap;
+    the voltages.
+    """
     figure = Figure((8.5, 3), layout="constrained")
     left, right = figure.subplots(1, 2)
     u = np.arange(2048) / 2048 * 50
@@ -43,10 +47,15 @@ def envelopes() -> Figure:
 
 
 def residuals() -> Figure:
-    """The model from table 2.1, over what is printed in table 2.2 and measured in figure 2.6."""
+    """The model from table 2.1, over what is printed in table 2.2 and measured in
+    figure 2.6.
+    """
     figure = Figure((8.5, 3), layout="constrained")
     axes = figure.subplots()
-    rows = {f"{name} edges clamped, printed": (Plate.paper(name), want) for name, want in PRINTED.items()}
+    rows = {
+        f"{name} edges clamped, printed": (Plate.paper(name), want)
+        for name, want in PRINTED.items()
+    }
     rows |= {
         "measured": (Plate.paper(), MEASURED),
         "measured, frame and stiffness fitted": (Plate.paper(measured=True), MEASURED),
@@ -63,5 +72,7 @@ def residuals() -> Figure:
 
 if __name__ == "__main__":
     for make in (envelopes, residuals):
-        make().savefig(Path(__file__).with_name(f"plate_{make.__name__}.svg"), metadata={"Date": None})
+        make().savefig(
+            Path(__file__).with_name(f"plate_{make.__name__}.svg"), metadata={"Date": None}
+        )
     modes().savefig(Path(__file__).with_name("plate_modes.png"), dpi=90)

@@ -1,4 +1,5 @@
-"""A recorded pen over the block with three nodules: python docs/pictures/soft_surface.py [FOLDER] writes pictures beside itself.
+"""A recorded pen over the block with three nodules: python
+docs/pictures/soft_surface.py [FOLDER] writes pictures beside itself.
 
 FOLDER is pen-pressure of the recordings, by default beside the repository.
 """
@@ -18,10 +19,16 @@ MAP = block(turn=1.66)  # so that the loops come near all three
 
 
 def hand(folder):
-    """The loops enlarged to the surface, 8 mm inside its edges; the pen's levels to 0.95 of the range."""
+    """The loops enlarged to the surface, 8 mm inside its edges; the pen's levels to
+    0.95 of the range.
+    """
     return recording(
         Path(folder) / "pen_loops.csv",
-        {"x": "(x_raw - 4034)*3.404e-6 + 0.008", "y": "(y_raw - 2860)*8.184e-6 + 0.008", "press": "pressure_raw/23825"},
+        {
+            "x": "(x_raw - 4034)*3.404e-6 + 0.008",
+            "y": "(y_raw - 2860)*8.184e-6 + 0.008",
+            "press": "pressure_raw/23825",
+        },
         reports="on_change",
         max_speed={"press": None},  # which is no movement
     )

@@ -1,5 +1,5 @@
-"""Pictures of the springpot: python docs/pictures/springpot.py writes springpot_*.svg beside itself and prints
-what reference/blocks/fractional.rst has.
+"""Pictures of the springpot: python docs/pictures/springpot.py writes springpot_*.svg
+beside itself and prints what reference/blocks/fractional.rst has.
 
 Everything is rendered by stimlib.
 """
@@ -42,10 +42,12 @@ def save(fig, name):
 
 
 def dots(ax, t, law, color, every=100, first=25):
-    ax.plot(t[first::every], law[first::every], "o", color=color, ms=4.5, mfc="white", mew=1.1, zorder=3)
+    ax.plot(
+        t[first::every], law[first::every], "o", color=color, ms=4.5, mfc="white", mew=1.1, zorder=3
+    )
 
 
-# Figure 3.3 ----------------------------------------------------------------------------------------------------------
+# Figure 3.3 ---------------------------------------------------------------------------
 def history(alpha=0.5):
     """Full sum, the thesis' two methods of 100 points, and ours."""
     chi, t = equal_force(300.0, 0.0, alpha, W), np.arange(3 * FS) / FS
@@ -72,11 +74,15 @@ def history(alpha=0.5):
         for name, color, style, how in methods:
             f = run(springpot(Y, chi, alpha, **how), y)
             error = np.abs(f - full).astype(float) / float(np.abs(full).max())
-            below.semilogy(t[::3], np.where(error > 0, error, np.nan)[::3], color=color, lw=0.9, label=name)
+            below.semilogy(
+                t[::3], np.where(error > 0, error, np.nan)[::3], color=color, lw=0.9, label=name
+            )
             print(f"{title}: {name}: {error.max():.2g}")
             if how.get("tol", 1e-10) == 1e-10:
                 middle.plot(t, f, style, color=color, lw=1.6)
-        below.set(ylim=(1e-18, 10), yticks=10.0 ** np.arange(-18, 1, 3), xlabel="time / s", xlim=(0, 3))
+        below.set(
+            ylim=(1e-18, 10), yticks=10.0 ** np.arange(-18, 1, 3), xlabel="time / s", xlim=(0, 3)
+        )
     for row, name in zip(rows, ("y / mm", "force / N", "error / largest force"), strict=True):
         row[0].set_ylabel(name)
         for ax in row:
@@ -86,9 +92,11 @@ def history(alpha=0.5):
     save(fig, "history")
 
 
-# Figure 1.1 ----------------------------------------------------------------------------------------------------------
+# Figure 1.1 ---------------------------------------------------------------------------
 def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=1.0):
-    """Ramps and holds on springs and dashpots, and steps of force: blocks as lines, the continuous law as dots."""
+    """Ramps and holds on springs and dashpots, and steps of force: blocks as lines, the
+    continuous law as dots.
+    """
     fig = Figure(figsize=(11, 6.8), layout="constrained")
     (a, b1, b2), (c, d, e) = fig.subplots(2, 3)
     start, n = 0.2, 2 * FS
@@ -100,16 +108,28 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
         rows = (
             ("spring", SPRING, spring(Y, k), k * y),
             ("dashpot", DASHPOT, springpot(Y, b, 1.0), b * v * ((on > 0) & (off == 0))),
-            ("Maxwell arm", ARM, maxwell(Y, k, tau=tau), k * v * tau * (np.exp(-off / tau) - np.exp(-on / tau))),
-            (f"springpot, alpha = {alpha:g}", POT, springpot(Y, chi, alpha, scheme="l1"),
-             chi * v / gamma(2 - alpha) * (on ** (1 - alpha) - off ** (1 - alpha))),
-        )  # fmt: skip
+            (
+                "Maxwell arm",
+                ARM,
+                maxwell(Y, k, tau=tau),
+                k * v * tau * (np.exp(-off / tau) - np.exp(-on / tau)),
+            ),
+            (
+                f"springpot, alpha = {alpha:g}",
+                POT,
+                springpot(Y, chi, alpha, scheme="l1"),
+                chi * v / gamma(2 - alpha) * (on ** (1 - alpha) - off ** (1 - alpha)),
+            ),
+        )
         for name, color, block, law in rows:
             f = run(block, y)
             ax.plot(t, f, style, color=color, lw=1.3)
             dots(ax, t, law, color)
             far = np.minimum(abs(t - start), abs(t - start - rise)) > 0.01
-            print(f"ramp of {rise:g} s: {name}: off the law by {np.abs(f - law)[far].max() / np.abs(law).max():.1g}")
+            print(
+                f"ramp of {rise:g} s: {name}: off the law by"
+                f" {np.abs(f - law)[far].max() / np.abs(law).max():.1g}"
+            )
         ax.set(title=f"force, pressed in {rise:g} s", ylabel="force / N", ylim=(-0.05, 1.45))
     a.set(title="stress relaxation: what is done", ylabel="displacement / mm")
     a.legend(loc="lower right")
@@ -127,7 +147,10 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
     )
     for name, color, block, what in rows:
         late = 0.0 if block is None else 0.5 / FS  # a step takes one sample
-        on, off = (np.where(t < at, 0, creep_compliance(np.maximum(t - at + late, 0), **what)) for at in (start, end))
+        on, off = (
+            np.where(t < at, 0, creep_compliance(np.maximum(t - at + late, 0), **what))
+            for at in (start, end)
+        )
         law = force * (on - off)
         if block is None:
             creep = law
@@ -137,14 +160,20 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
             got = run(block, f)
             d.plot(t, 1e3 * got, color=color, lw=1.3, label=name)
             far = np.minimum(abs(t - start), abs(t - end)) > 0.01
-            print(f"creep: {name}: off the law by {np.abs(got - law)[far].max() / np.abs(law).max():.1g}")
+            print(
+                f"creep: {name}: off the law by"
+                f" {np.abs(got - law)[far].max() / np.abs(law).max():.1g}"
+            )
         dots(d, t, 1e3 * law, color, 200, 50)
     back = run(springpot(Y, chi, alpha, scheme="l1"), creep)
     e.plot(t, back, color=POT, lw=1.3)
     dots(e, t, f, POT, 200, 50)
     far = np.minimum(abs(t - start), abs(t - end))
     off = np.abs(back - f)[far > 0.02].max()
-    print(f"force of the springpot along its creep: off by {off:.1g} N beyond 20 ms, at most {back.max():.3g} N")
+    print(
+        f"force of the springpot along its creep: off by {off:.1g} N beyond 20 ms, at most"
+        f" {back.max():.3g} N"
+    )
     c.set(title="creep: what is done", ylabel="force / N")
     d.set(title="displacement", ylabel="displacement / mm", ylim=(-1, 52))
     e.set(title="force of a springpot moved like that", ylabel="force / N", ylim=(-0.35, 1.45))
@@ -157,9 +186,11 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
     save(fig, "relaxation")
 
 
-# Figures 2.4 and 2.5 -------------------------------------------------------------------------------------------------
+# Figures 2.4 and 2.5 ------------------------------------------------------------------
 def stiffness(chi0=300.0, depth=0.01):
-    """Forces of equal size at 1 Hz, k_C in polar coordinates, storage and loss, phase."""
+    """Forces of equal size at 1 Hz, k_C in polar coordinates, storage and loss,
+    phase.
+    """
     fig = Figure(figsize=(11, 7.6), layout="constrained")
     grid = fig.add_gridspec(2, 2)
     wave, polar = fig.add_subplot(grid[0, 0]), fig.add_subplot(grid[0, 1], projection="polar")
@@ -183,14 +214,29 @@ def stiffness(chi0=300.0, depth=0.01):
             polar.plot(k.phase, k.magnitude, mark, color=color, ms=6, clip_on=False, zorder=3)
         polar.plot([0, alpha * np.pi / 2], [0, chi * (2 * W) ** alpha], color=color, lw=1)
         at = np.searchsorted(few, 100.0)
-        print(f"alpha {alpha:g}: at {few[at]:.0f} Hz phase {np.degrees(np.angle(sampled[at])):.1f} deg, |k| off by "
-              f"{abs(abs(sampled[at]) / springpot_stiffness(chi, alpha, W * few[at]).magnitude - 1):.2g}")  # fmt: skip
-    wave.set(title="force of equal size at 1 Hz", xlabel="time / s", ylabel="force / N", xlim=(0, 3), ylim=(-3.6, 5.6))
+        print(
+            f"alpha {alpha:g}: at {few[at]:.0f} Hz phase {np.degrees(np.angle(sampled[at])):.1f}"
+            " deg, |k| off by "
+            f"{abs(abs(sampled[at]) / springpot_stiffness(chi, alpha, W * few[at]).magnitude - 1):.2g}"
+        )
+    wave.set(
+        title="force of equal size at 1 Hz",
+        xlabel="time / s",
+        ylabel="force / N",
+        xlim=(0, 3),
+        ylim=(-3.6, 5.6),
+    )
     wave.legend(loc="upper center", ncols=3, fontsize=8)
     polar.set(thetamin=0, thetamax=90, rmax=620, rticks=[150, 300, 450, 600])
     polar.set_title("k_C at 0.5 (▾), 1 (●) and 2 Hz (▴); along: N/m", pad=12)
-    size.set(title="storage (line) and loss (dashed) / N/m", xlabel="frequency / Hz", ylim=(20, 2e5))
-    phase.set(title="phase of the force / degrees; dots: block at 1 kHz", xlabel="frequency / Hz", yticks=np.linspace(0, 90, 5))
+    size.set(
+        title="storage (line) and loss (dashed) / N/m", xlabel="frequency / Hz", ylim=(20, 2e5)
+    )
+    phase.set(
+        title="phase of the force / degrees; dots: block at 1 kHz",
+        xlabel="frequency / Hz",
+        yticks=np.linspace(0, 90, 5),
+    )
     for ax in (wave, size, phase):
         ax.grid(alpha=0.3)
     save(fig, "stiffness")

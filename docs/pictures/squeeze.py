@@ -1,4 +1,6 @@
-"""Figure 4 of the UGrip paper, redrawn from a rendering: python docs/pictures/squeeze.py writes docs/pictures/squeeze.svg."""
+"""Figure 4 of the UGrip paper, redrawn from a rendering: python
+docs/pictures/squeeze.py writes docs/pictures/squeeze.svg.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""A measured texture under a tool: python docs/pictures/texture.py writes texture.png beside it."""
+"""A measured texture under a tool: python docs/pictures/texture.py writes texture.png
+beside it.
+"""
 
 from pathlib import Path
 
@@ -27,13 +29,17 @@ def picture() -> Figure:
     axes["a"].plot(t, made["acceleration"], lw=0.4)
     axes["a"].set(xlabel="time / s", ylabel="acceleration / m/s²")
     for v, f in STEADY:
-        y = stimlib.compile(stimlib.Scene({"a": texture(v, f, made_up(), seed=1)}), 8000).process(np.empty((0, 480_000)))[0]
+        y = stimlib.compile(stimlib.Scene({"a": texture(v, f, made_up(), seed=1)}), 8000).process(
+            np.empty((0, 480_000))
+        )[0]
         hz, psd = welch(y, 8000, nperseg=4096)
         lines = axes["psd"].semilogy(hz, psd, lw=0.8, label=f"60 s at {1e3 * v:g} mm/s and {f:g} N")
         own = np.arange(1.0, 500.0)
         axes["psd"].semilogy(own, made_up().psd(own, v, f), "--", color="k", lw=1)
         lines[0].set_alpha(0.8)
-    axes["psd"].set(xlim=(0, 700), ylim=(1e-7, 1e-1), xlabel="frequency / Hz", ylabel="PSD / (m/s²)²/Hz")
+    axes["psd"].set(
+        xlim=(0, 700), ylim=(1e-7, 1e-1), xlabel="frequency / Hz", ylabel="PSD / (m/s²)²/Hz"
+    )
     axes["psd"].legend(fontsize=8)
     for ax in axes.values():
         ax.grid(alpha=0.3)

@@ -1,4 +1,6 @@
-"""What the tutorial's programs draw: python docs/pictures/tutorial.py writes tutorial_*.png beside itself."""
+"""What the tutorial's programs draw: python docs/pictures/tutorial.py writes
+tutorial_*.png beside itself.
+"""
 
 import runpy
 from pathlib import Path

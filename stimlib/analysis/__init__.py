@@ -1,1 +1,3 @@
-"""Looking at signals and scenes: spectra, cues, the AM model, graphs, pictures, copies for ears."""
+"""Looking at signals and scenes: spectra, cues, the AM model, graphs, pictures, copies
+for ears.
+"""

@@ -1,8 +1,10 @@
-"""Spectrum and RMS of amplitude-modulated bumps at constant speed: closed forms, written on their own.
+"""Spectrum and RMS of amplitude-modulated bumps at constant speed: closed forms,
+written on their own.
 
-A stimulus is y(t) = A e(u) c(t): e is a unipolar envelope of period 1 in u = u0 + rate t, with bumps met at ``rate`` (speed
-over wavelength); c is a carrier, rectified or not.  Both are Fourier series, so y has lines at all n rate + m freq.
-Averaged over the carrier's phase, the mean square of y is A^2 times those of e and c.
+A stimulus is y(t) = A e(u) c(t): e is a unipolar envelope of period 1 in u = u0 + rate
+t, with bumps met at ``rate`` (speed over wavelength); c is a carrier, rectified or not.
+Both are Fourier series, so y has lines at all n rate + m freq. Averaged over the
+carrier's phase, the mean square of y is A^2 times those of e and c.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
     if not 0 < duty <= 1:
         raise BadValue(f"duty = {duty!r} must be above 0 and at most 1")
     n = np.asarray(n, float)
-    middle = duty * np.exp(-1j * np.pi * n * duty)  # of waves that are even about the middle of the ridge
+    # of waves that are even about the middle of the ridge
+    middle = duty * np.exp(-1j * np.pi * n * duty)
     if waveform == "square":
         return middle * np.sinc(n * duty)
     if waveform == "half_sine":
@@ -68,7 +71,8 @@ def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> 
         Of sin(phase).
     m : ndarray of whole numbers, any shape
     sampled : float
-        freq/fs of the area-sampled carrier: line m is higher by sinc(m freq/fs)/sinc(freq/fs); 0 for the ideal one.
+        freq/fs of the area-sampled carrier: line m is higher by sinc(m
+        freq/fs)/sinc(freq/fs); 0 for the ideal one.
 
     Returns
     -------
@@ -125,13 +129,17 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
     if a > 2:
         top = a * (2 + math.cos(a)) - 3 * math.sin(a)
     else:
-        top = sum((-1) ** k * a ** (2 * k + 1) * (2 * k - 2) / math.factorial(2 * k + 1) for k in range(2, 14))
+        top = sum(
+            (-1) ** k * a ** (2 * k + 1) * (2 * k - 2) / math.factorial(2 * k + 1)
+            for k in range(2, 14)
+        )
     return top / (16 * math.pi * math.sin(a / 4) ** 4)
 
 
 @public
 def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None = "half") -> float:
-    """RMS of the stimulus over one bump, averaged over the carrier's phase: A sqrt(<e^2> <c^2>).
+    """RMS of the stimulus over one bump, averaged over the carrier's phase: A
+    sqrt(<e^2> <c^2>).
 
     Parameters
     ----------
@@ -157,14 +165,23 @@ def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None 
     """
     if rectify not in (None, "half", "full"):
         raise BadValue(f"rectify = {rectify!r}; choose None, 'half' or 'full'")
-    return amplitude * math.sqrt(envelope_mean_square(waveform, duty) * (0.25 if rectify == "half" else 0.5))
+    return amplitude * math.sqrt(
+        envelope_mean_square(waveform, duty) * (0.25 if rectify == "half" else 0.5)
+    )
 
 
 @public
 def sampled_rms(
-    waveform: str, duty: float, amplitude: float, rate: float, freq: float, fs: float, rectify: str | None = "half"
+    waveform: str,
+    duty: float,
+    amplitude: float,
+    rate: float,
+    freq: float,
+    fs: float,
+    rectify: str | None = "half",
 ) -> float:
-    """The same of what is rendered at a sample rate: both factors are means over one sample period.
+    """The same of what is rendered at a sample rate: both factors are means over one
+    sample period.
 
     Parameters
     ----------
@@ -178,12 +195,15 @@ def sampled_rms(
     Returns
     -------
     float
-        Exact as long as rate, freq and fs have no common period (a line then meets an alias of another).
+        Exact as long as rate, freq and fs have no common period (a line then meets an
+        alias of another).
 
     Examples
     --------
     >>> from stimlib.analysis.am import rms, sampled_rms
-    >>> round(sampled_rms("square", 0.2, 1.0, 18.0, 158.0, 8000.0) / rms("square", 0.2), 5)
+    >>> round(
+    ...     sampled_rms("square", 0.2, 1.0, 18.0, 158.0, 8000.0) / rms("square", 0.2), 5
+    ... )
     0.99813
     """
     if not rate > 0:
@@ -193,14 +213,20 @@ def sampled_rms(
     square = envelope_series(waveform, duty, np.zeros(1)).real[0] ** 2 + 2 * e.sum()
     m = np.arange(1, 4000)
     c = abs(carrier_series(rectify, m, freq / fs)) ** 2
-    return amplitude * math.sqrt(square * (abs(carrier_series(rectify, np.zeros(1), freq / fs)[0]) ** 2 + 2 * c.sum()))
+    return amplitude * math.sqrt(
+        square * (abs(carrier_series(rectify, np.zeros(1), freq / fs)[0]) ** 2 + 2 * c.sum())
+    )
 
 
-def meeting(waveform: str, duty: float, rate: float, freq: float, fs: float, seconds: float) -> float:
-    """Largest relative error of ``rms`` over so many whole bumps, from lines of envelope and carrier that are near each other.
+def meeting(
+    waveform: str, duty: float, rate: float, freq: float, fs: float, seconds: float
+) -> float:
+    """Largest relative error of ``rms`` over so many whole bumps, from lines of
+    envelope and carrier that are near each other.
 
-    The mean of e^2 c^2 over T has, besides the product of the means, all pairs of lines n rate + m freq times
-    sinc((n rate + m freq) T); of samples, with the nearest alias of that frequency.
+    The mean of e^2 c^2 over T has, besides the product of the means, all pairs of lines
+    n rate + m freq times sinc((n rate + m freq) T); of samples, with the nearest alias
+    of that frequency.
 
     Parameters
     ----------
@@ -214,7 +240,10 @@ def meeting(waveform: str, duty: float, rate: float, freq: float, fs: float, sec
     Examples
     --------
     >>> from stimlib.analysis.am import meeting
-    >>> meeting("square", 0.5, 10.0, 158.0, 8000.0, 1.0) < 1e-3, meeting("square", 0.5, 10.0, 5.0, 8000.0, 1.0) > 0.1
+    >>> (
+    ...     meeting("square", 0.5, 10.0, 158.0, 8000.0, 1.0) < 1e-3,
+    ...     meeting("square", 0.5, 10.0, 5.0, 8000.0, 1.0) > 0.1,
+    ... )
     (True, True)
     """
     n, m = np.arange(-400, 401), np.arange(-24, 25)
@@ -229,7 +258,8 @@ class Lines(NamedTuple):
     """Lines of a spectrum, by rising frequency."""
 
     f: np.ndarray  # Hz
-    amplitude: np.ndarray  # complex: line k is Re(amplitude exp(2 pi i f t)); its size is the peak value
+    # complex: line k is Re(amplitude exp(2 pi i f t)); its size is the peak value
+    amplitude: np.ndarray
 
 
 @public
@@ -258,16 +288,16 @@ def line_spectrum(
     top : float
         Highest frequency in Hz.
     fs : float, optional
-        Lines of what is rendered at this rate: envelope and carrier averaged over a sample period (aliases are not
-        included).
+        Lines of what is rendered at this rate: envelope and carrier averaged over a
+        sample period (aliases are not included).
     u0, phase : float
         Spatial phase and carrier phase (rad) at t = 0.
 
     Returns
     -------
     Lines
-        Lines closer than 1e-9 of ``top`` are one.  Terms of either series that reach back from more than 40 carrier
-        harmonics away are left out.
+        Lines closer than 1e-9 of ``top`` are one.  Terms of either series that reach
+        back from more than 40 carrier harmonics away are left out.
 
     Raises
     ------

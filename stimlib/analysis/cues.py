@@ -1,4 +1,6 @@
-"""The physical cues of an interaction: what a participant could have gone by, from recorded displacement and force."""
+"""The physical cues of an interaction: what a participant could have gone by, from
+recorded displacement and force.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ WINDOWS = ("hann", "none")
 
 
 class Cues(NamedTuple):
-    """Physical interaction parameters, in the order of the paper's two lists; see ``cues``."""
+    """Physical interaction parameters, in the order of the paper's two lists; see
+    ``cues``.
+    """
 
     frequency: float  # Hz, of the dominant component of y
     k_S: float  # N/m
@@ -40,7 +44,12 @@ class Cues(NamedTuple):
 
 @public
 def cues(
-    y: ArrayLike, f: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1, window: str = "hann"
+    y: ArrayLike,
+    f: ArrayLike,
+    fs: float,
+    v: ArrayLike | None = None,
+    prominence: float = 0.1,
+    window: str = "hann",
 ) -> Cues:
     """Physical interaction cues from a recording.
 
@@ -53,49 +62,60 @@ def cues(
     fs : float
         Sample rate in Hz.
     v : array_like, shape (n,), optional
-        Velocity in m/s.  Default: central differences of y; a displacement with steps or noise should be smoothed before,
-        or its velocity given here.
+        Velocity in m/s.  Default: central differences of y; a displacement with steps
+        or noise should be smoothed before, or its velocity given here.
     prominence : float
-        A maximum counts as a peak when it rises above its surroundings by this part of its signal's range.
+        A maximum counts as a peak when it rises above its surroundings by this part of
+        its signal's range.
     window : {"hann", "none"}
-        How samples weigh in the component's amplitudes.  "none" is the paper's way: of a whole number of periods it gives
-        the bin of a DFT.
+        How samples weigh in the component's amplitudes.  "none" is the paper's way: of
+        a whole number of periods it gives the bin of a DFT.
 
     Returns
     -------
     Cues
-        Of the component of y and f at the frequency of the most dominant component of y, its phase referred to y:
+        Of the component of y and f at the frequency of the most dominant component of
+        y, its phase referred to y:
 
         - ``frequency``: of that component, in Hz
-        - ``k_S``, ``k_L``: real (storage) and imaginary (loss) part of the complex stiffness f/y, N/m
-        - ``loss_factor``: k_L/k_S, the usual definition; ``eta_as_printed``: k_S/k_L, as the paper prints it
-        - ``b_L``: imaginary part of the force over the magnitude of the velocity, k_L/w, N s/m.  The paper calls it the
-          imaginary part of the mechanical impedance; that has displacement as the reference of phase.  In the usual
+        - ``k_S``, ``k_L``: real (storage) and imaginary (loss) part of the complex
+          stiffness f/y, N/m
+        - ``loss_factor``: k_L/k_S, the usual definition; ``eta_as_printed``: k_S/k_L,
+          as the paper prints it
+        - ``b_L``: imaginary part of the force over the magnitude of the velocity,
+          k_L/w, N s/m.  The paper calls it the imaginary part of the mechanical
+          impedance; that has displacement as the reference of phase.  In the usual
           convention f/v it is the real part
         - ``phi``: phase by which force leads displacement, rad
 
         Of the record:
 
-        - ``W``: positive part of the work done by the participant, the integral of max(f v, 0), J
-        - ``f_max``, ``f_mean``: largest and mean of the force peaks, N; ``y_max``, ``y_mean``, m, and ``v_max``,
-          ``v_mean``, m/s, in the same way.  Peaks are maxima; nan where there is none
+        - ``W``: positive part of the work done by the participant, the integral of
+          max(f v, 0), J
+        - ``f_max``, ``f_mean``: largest and mean of the force peaks, N; ``y_max``,
+          ``y_mean``, m, and ``v_max``, ``v_mean``, m/s, in the same way.  Peaks are
+          maxima; nan where there is none
         - ``k_I``: first force peak over the displacement at that sample, N/m
-        - ``k_fit``, ``b_fit``: slope of the line through 0 fitted to force over displacement (N/m), over velocity (N s/m)
+        - ``k_fit``, ``b_fit``: slope of the line through 0 fitted to force over
+          displacement (N/m), over velocity (N s/m)
 
     Raises
     ------
     BadValue
-        Records of unequal length, not one-dimensional, not finite, of fewer than 8 samples; no movement; fewer than two
-        periods of the dominant component; fs not above 0; prominence not in 0 .. 1; an unknown window.
+        Records of unequal length, not one-dimensional, not finite, of fewer than 8
+        samples; no movement; fewer than two periods of the dominant component; fs not
+        above 0; prominence not in 0 .. 1; an unknown window.
 
     Notes
     -----
-    A record rarely holds a whole number of periods, and the bins of a DFT would then leak.  The largest bin only starts
-    the search: the frequency is that of the sinusoid plus constant which fits y best, and the amplitudes of y and f are
-    those of the best fit at that frequency, both by least squares under the window.  This is exact, to rounding, for a
-    sinusoid plus constant of any length from two periods on.  The windows differ in what else is in the record.  Hann's
-    weighs the ends little, where a springpot's force has not yet forgotten that the movement began, and suppresses other
-    components; "none" takes all samples alike, as the DFT of the paper.
+    A record rarely holds a whole number of periods, and the bins of a DFT would then
+    leak.  The largest bin only starts the search: the frequency is that of the sinusoid
+    plus constant which fits y best, and the amplitudes of y and f are those of the best
+    fit at that frequency, both by least squares under the window.  This is exact, to
+    rounding, for a sinusoid plus constant of any length from two periods on.  The
+    windows differ in what else is in the record.  Hann's weighs the ends little, where
+    a springpot's force has not yet forgotten that the movement began, and suppresses
+    other components; "none" takes all samples alike, as the DFT of the paper.
 
     References
     ----------
@@ -107,7 +127,9 @@ def cues(
     >>> from stimlib.analysis.cues import cues
     >>> t = np.arange(5432) / 1000
     >>> y = 0.01 + 0.01 * np.sin(2 * np.pi * t)
-    >>> f = 300 * y + 5 * 0.01 * 2 * np.pi * np.cos(2 * np.pi * t)  # a spring and a damper
+    >>> f = 300 * y + 5 * 0.01 * 2 * np.pi * np.cos(
+    ...     2 * np.pi * t
+    ... )  # a spring and a damper
     >>> c = cues(y, f, fs=1000)
     >>> round(c.k_S, 6), round(c.b_L, 6), round(c.loss_factor, 6)
     (300.0, 5.0, 0.10472)
@@ -117,9 +139,14 @@ def cues(
 
 @public
 def cues_of(
-    y: ArrayLike, fs: float, v: ArrayLike | None = None, prominence: float = 0.1, window: str = "hann"
+    y: ArrayLike,
+    fs: float,
+    v: ArrayLike | None = None,
+    prominence: float = 0.1,
+    window: str = "hann",
 ) -> Callable[[ArrayLike], Cues]:
-    """``cues`` of one displacement and any number of forces: what depends on the displacement alone is done once.
+    """``cues`` of one displacement and any number of forces: what depends on the
+    displacement alone is done once.
 
     Parameters
     ----------
@@ -129,12 +156,14 @@ def cues_of(
     Returns
     -------
     callable
-        Of a force in N, shape (n,): its ``Cues``.  It takes a twentieth of the time of ``cues``, and gives the same bits.
+        Of a force in N, shape (n,): its ``Cues``.  It takes a twentieth of the time of
+        ``cues``, and gives the same bits.
 
     Raises
     ------
     BadValue
-        As ``cues``, which raises what is wrong with the displacement before what is wrong with the force.
+        As ``cues``, which raises what is wrong with the displacement before what is
+        wrong with the force.
 
     Examples
     --------
@@ -163,8 +192,8 @@ def cues_of(
     periods = w * pos.size / (2 * math.pi * fs)
     if periods < PERIODS * (1 - 1e-6):
         raise BadValue(
-            f"cues: the record holds {periods:.2f} periods of its dominant component, {w / (2 * math.pi):.3g} Hz; "
-            f"at least {PERIODS} are needed"
+            f"cues: the record holds {periods:.2f} periods of its dominant component,"
+            f" {w / (2 * math.pi):.3g} Hz; at least {PERIODS} are needed"
         )
     fit = _fit(w / fs, weights)
     moved = _amplitude(fit, pos)
@@ -177,7 +206,11 @@ def cues_of(
             raise BadValue(f"cues: y has {pos.size} samples and f has {force.size}")
         k = _amplitude(fit, force) / moved
         first = _peaks(force, prominence)[:1]
-        (f_max, f_mean), (y_max, y_mean), (v_max, v_mean) = _mean_of(force, prominence), y_peaks, v_peaks
+        (f_max, f_mean), (y_max, y_mean), (v_max, v_mean) = (
+            _mean_of(force, prominence),
+            y_peaks,
+            v_peaks,
+        )
         return Cues(
             frequency=w / (2 * math.pi),
             k_S=k.real,
@@ -224,16 +257,20 @@ def _window(n: int) -> np.ndarray:
 
 
 def _waves(angle: float, window: np.ndarray) -> np.ndarray:
-    """cos, sin and 1 at so many rad per sample, from the middle of the record, under the root of the window."""
+    """cos, sin and 1 at so many rad per sample, from the middle of the record, under
+    the root of the window.
+    """
     n = window.size
     phase = angle * (np.arange(n) - (n - 1) / 2)
     return np.stack([np.cos(phase), np.sin(phase), np.ones(n)], axis=1) * np.sqrt(window)[:, None]
 
 
 def _fit(angle: float, window: np.ndarray) -> np.ndarray:
-    """Rows whose products with a record sum to cos and sin of its best fit at so many rad per sample, shape (2, n).
+    """Rows whose products with a record sum to cos and sin of its best fit at so many
+    rad per sample, shape (2, n).
 
-    Sums in numpy's own order, not a library's: the same bits whatever the number of threads.
+    Sums in numpy's own order, not a library's: the same bits whatever the number of
+    threads.
     """
     return np.linalg.pinv(_waves(angle, window))[:2] * np.sqrt(window)
 
@@ -245,7 +282,9 @@ def _amplitude(fit: np.ndarray, record: np.ndarray) -> complex:
 
 
 def _frequency(y: np.ndarray, fs: float, window: np.ndarray) -> float:
-    """w in rad/s of the sinusoid plus constant that fits best, by Gauss and Newton from the largest bin of a DFT."""
+    """w in rad/s of the sinusoid plus constant that fits best, by Gauss and Newton from
+    the largest bin of a DFT.
+    """
     n = y.size
     z = (y - np.sum(window * y) / np.sum(window)) / np.ptp(y)
     size = 8 << (n - 1).bit_length()
@@ -260,7 +299,10 @@ def _frequency(y: np.ndarray, fs: float, window: np.ndarray) -> float:
         a, b, _ = np.linalg.lstsq(waves, target, rcond=None)[0]
         slope = (b * waves[:, 0] - a * waves[:, 1]) * sample * bin_
         step = np.linalg.lstsq(np.column_stack([waves, slope]), target, rcond=None)[0][3]
-        before, angle = angle, float(np.clip(angle + step * bin_, start - 0.5 * bin_, start + 0.5 * bin_))
+        before, angle = (
+            angle,
+            float(np.clip(angle + step * bin_, start - 0.5 * bin_, start + 0.5 * bin_)),
+        )
         if abs(angle - before) <= 1e-13 * bin_:
             break
     return angle * fs

@@ -1,4 +1,6 @@
-"""A picture of what a processor runs: blocks left to right, one colour per clock, a shaded box for each ``enabled``."""
+"""A picture of what a processor runs: blocks left to right, one colour per clock, a
+shaded box for each ``enabled``.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,20 @@ from ..core import regular
 from ..core.graph import Guard, Input
 from ..core.program import PARAMS, ROOT, Instance, Program
 from ..errors import BadValue, public, shown
-from .layout import LINE, MARGIN, PAD, SMALL, STRIP, TITLE, WIRE, Box, Layout, Level, names_of, width_of
+from .layout import (
+    LINE,
+    MARGIN,
+    PAD,
+    SMALL,
+    STRIP,
+    TITLE,
+    WIRE,
+    Box,
+    Layout,
+    Level,
+    names_of,
+    width_of,
+)
 
 if TYPE_CHECKING:
     from ..core.scene import Scene
@@ -49,11 +64,12 @@ def draw(scene: Scene | Processor) -> Drawing: ...
 def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None: ...
 @public
 def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -> Drawing | None:
-    """Draw a scene, or what a processor runs, into an SVG, PNG or PDF file or for a notebook.
+    """Draw a scene, or what a processor runs, into an SVG, PNG or PDF file or for a
+    notebook.
 
-    The picture shows the program after rewriting: equal parts once, numbers folded, one shaded box per ``enabled`` or
-    ``segment``.  A
-    number stands inside the block that uses it.  The unit of a signal stands where it leaves its block.  The bytes of the
+    The picture shows the program after rewriting: equal parts once, numbers folded, one
+    shaded box per ``enabled`` or ``segment``.  A number stands inside the block that
+    uses it.  The unit of a signal stands where it leaves its block.  The bytes of the
     file depend on the scene and on the version of matplotlib only.
 
     Parameters
@@ -70,7 +86,8 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
     Raises
     ------
     BadValue
-        Not a scene, another suffix, or more than 200 blocks: read ``print(proc.plan)`` instead.
+        Not a scene, another suffix, or more than 200 blocks: read ``print(proc.plan)``
+        instead.
     SinkError
         The file cannot be written.
 
@@ -90,10 +107,14 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
     """
     suffix = ".svg" if path is None else Path(path).suffix.lower()
     if path is not None and suffix not in FORMATS:
-        raise BadValue(f"draw: the suffix of {Path(path).name!r} must be one of {', '.join(FORMATS)}")
+        raise BadValue(
+            f"draw: the suffix of {Path(path).name!r} must be one of {', '.join(FORMATS)}"
+        )
     program = getattr(scene, "program", None)
     if not isinstance(program, Program):
-        raise BadValue(f"draw: expected a scene or a processor, got {type(scene).__name__} {scene!r}")
+        raise BadValue(
+            f"draw: expected a scene or a processor, got {type(scene).__name__} {scene!r}"
+        )
     blocks = sum(q.kind == "block" for q in program.instances)
     if blocks > MOST:
         raise BadValue(
@@ -108,7 +129,8 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
 
 
 def html_of(scene: Scene) -> str:
-    """What a notebook shows of a scene: its text, and its graph where a picture can show that.
+    """What a notebook shows of a scene: its text, and its graph where a picture can
+    show that.
 
     Parameters
     ----------
@@ -131,7 +153,10 @@ def html_of(scene: Scene) -> str:
         svg = draw(scene).svg
     except BadValue as e:  # too large
         return f"{text}<p>{html.escape(str(e))}</p>"
-    return f'{text}<img alt="the graph" src="data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}">'
+    return (
+        f'{text}<img alt="the graph"'
+        f' src="data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}">'
+    )
 
 
 def _render(layout: Layout, suffix: str) -> bytes:
@@ -140,7 +165,9 @@ def _render(layout: Layout, suffix: str) -> bytes:
     from matplotlib.figure import Figure
 
     plain = {k: v for k, v in dict.items(matplotlib.rcParamsDefault) if not k.startswith("backend")}
-    with matplotlib.rc_context({**plain, "svg.hashsalt": "stimlib", "font.family": ["DejaVu Sans"]}):
+    with matplotlib.rc_context(
+        {**plain, "svg.hashsalt": "stimlib", "font.family": ["DejaVu Sans"]}
+    ):
         width = max(layout.x[-1] + layout.wide[-1] + MARGIN, 3.0)
         height = layout.top.height + 2 * MARGIN + 0.3
         figure = Figure(figsize=(width, height), dpi=150)
@@ -171,7 +198,9 @@ class Ink:
             x += 0.55 + width_of(word, SMALL)
 
     def level(self, level: Level, ground: str = "white", given: tuple[int, ...] = ()) -> None:
-        """Everything on a clock, over a colour; what is given out has its unit outside."""
+        """Everything on a clock, over a colour; what is given out has its unit
+        outside.
+        """
         p = self.layout
         for b in level.boxes:
             if b.inner:
@@ -196,7 +225,9 @@ class Ink:
         p, clock = self.layout, b.inner.clock
         left, right = p.x[b.first] - PAD, p.right(b) + PAD
         self.rectangle(left, p.y[b], right - left, b.height, _colour(clock), PALE, 1, ls="--")
-        self.word(left + 0.1, p.y[b] + STRIP / 2 + 0.01, p.program.clocks[clock], SMALL, INK, "left")
+        self.word(
+            left + 0.1, p.y[b] + STRIP / 2 + 0.01, p.program.clocks[clock], SMALL, INK, "left"
+        )
 
     def block(self, b: Box) -> None:
         p, q = self.layout, self.instances[b.number]
@@ -207,7 +238,14 @@ class Ink:
         self.rectangle(x, p.y[b], b.width, b.height, fill, INK, 3, lw=1.4 if end else 0.8)
         for j, line in enumerate(lines):
             y = p.y[b] + b.height / 2 + LINE * (j - (len(lines) - 1) / 2)
-            self.word(x + b.width / 2, y, line, TITLE if j == 0 else SMALL, INK if j == 0 else PALE, "center")
+            self.word(
+                x + b.width / 2,
+                y,
+                line,
+                TITLE if j == 0 else SMALL,
+                INK if j == 0 else PALE,
+                "center",
+            )
 
     def connect(self, level: Level, b: Box, ground: str) -> None:
         """What comes into a box."""
@@ -236,13 +274,19 @@ class Ink:
         """Where the last curve to a column begins: at the source, or on its wire."""
         p = self.layout
         wire = self.wire(a, column)
-        return p.out(p.box[a]) if wire is None else (p.x[column - 1] + p.wide[column - 1], p.y[wire] + WIRE / 2)
+        return (
+            p.out(p.box[a])
+            if wire is None
+            else (p.x[column - 1] + p.wide[column - 1], p.y[wire] + WIRE / 2)
+        )
 
     def wire(self, a: int, column: int) -> Box | None:
         return self.layout.wires[a] if column > self.layout.box[a].last + 1 else None
 
     def link(self, a: int, to: tuple[float, float], column: int) -> None:
-        """A connection to a place at the left of a column, or (an enabled's output) at its right edge."""
+        """A connection to a place at the left of a column, or (an enabled's output) at
+        its right edge.
+        """
         p = self.layout
         box, wire = p.box[a], self.wire(a, column)
         start = p.out(box)
@@ -253,9 +297,11 @@ class Ink:
         points += [(min(to[0], p.x[column]) if column < len(p.x) else to[0], to[1]), to]
         self.curve(points)
 
-    # Shapes ----------------------------------------------------------------------------------------------------------
+    # Shapes ---------------------------------------------------------------------------
     def curve(self, points: list[tuple[float, float]], head: bool = True) -> None:
-        """Straight, curved, straight, ..: curves over gaps, straight lines inside columns."""
+        """Straight, curved, straight, ..: curves over gaps, straight lines inside
+        columns.
+        """
         from matplotlib.patches import PathPatch, Polygon
         from matplotlib.path import Path as Line
 
@@ -270,25 +316,52 @@ class Ink:
                 at += [(middle, y), (middle, v), (u, v)]
                 codes += [Line.CURVE4] * 3
             x, y = u, v
-        self.axes.add_patch(PathPatch(Line(at, codes), fill=False, ec=INK, lw=0.8, zorder=2, capstyle="round"))
+        self.axes.add_patch(
+            PathPatch(Line(at, codes), fill=False, ec=INK, lw=0.8, zorder=2, capstyle="round")
+        )
         if head:
-            self.axes.add_patch(Polygon([(x, y), (x - 0.07, y - 0.032), (x - 0.07, y + 0.032)], fc=INK, ec="none", zorder=4))
+            self.axes.add_patch(
+                Polygon(
+                    [(x, y), (x - 0.07, y - 0.032), (x - 0.07, y + 0.032)],
+                    fc=INK,
+                    ec="none",
+                    zorder=4,
+                )
+            )
 
-    def rectangle(self, x: float, y: float, w: float, h: float, fill: str, edge: str, z: int, **line: Any) -> None:
+    def rectangle(
+        self, x: float, y: float, w: float, h: float, fill: str, edge: str, z: int, **line: Any
+    ) -> None:
         from matplotlib.patches import FancyBboxPatch
 
         style = f"round,pad=0,rounding_size={min(0.07, h / 2)}"
         line = {"lw": 0.8, **line}
-        self.axes.add_patch(FancyBboxPatch((x, y), w, h, boxstyle=style, fc=fill, ec=edge, zorder=z, **line))
+        self.axes.add_patch(
+            FancyBboxPatch((x, y), w, h, boxstyle=style, fc=fill, ec=edge, zorder=z, **line)
+        )
 
-    def word(self, x: float, y: float, text: str, size: float, colour: str, side: str, halo: str = "") -> None:
+    def word(
+        self, x: float, y: float, text: str, size: float, colour: str, side: str, halo: str = ""
+    ) -> None:
         from matplotlib.patheffects import withStroke
 
         if text:
             effects = [withStroke(linewidth=2, foreground=halo)] if halo else []
-            look = {"size": size, "color": colour, "ha": side, "va": "center_baseline", "path_effects": effects}
+            look = {
+                "size": size,
+                "color": colour,
+                "ha": side,
+                "va": "center_baseline",
+                "path_effects": effects,
+            }
             self.axes.text(x, y, text, zorder=5, parse_math=False, **look)
 
 
 def _colour(clock: int) -> str:
-    return LIVE if clock == PARAMS else SAMPLE if clock == ROOT else ENABLED[(clock - ROOT - 1) % len(ENABLED)]
+    return (
+        LIVE
+        if clock == PARAMS
+        else SAMPLE
+        if clock == ROOT
+        else ENABLED[(clock - ROOT - 1) % len(ENABLED)]
+    )

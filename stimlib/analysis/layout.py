@@ -1,8 +1,10 @@
-"""Where everything goes in the picture of a graph: columns, rows, wires and words, in inches.
+"""Where everything goes in the picture of a graph: columns, rows, wires and words, in
+inches.
 
-The columns come from the longest path.  Inside, everything is a rectangle over a span of columns: a block takes one, an
-``enabled`` box as many as it is deep, and a connection that skips columns is a wire as long as the columns it crosses.
-So no line runs across a block, and the curves need only the gaps between columns.
+The columns come from the longest path.  Inside, everything is a rectangle over a span
+of columns: a block takes one, an ``enabled`` box as many as it is deep, and a
+connection that skips columns is a wire as long as the columns it crosses. So no line
+runs across a block, and the curves need only the gaps between columns.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ LINE, MARGIN, GAP, SPACE, WIRE, PAD, STRIP = 0.13, 0.25, 0.42, 0.13, 0.16, 0.13,
 
 @dc.dataclass(eq=False)
 class Box:
-    """A rectangle over the columns first .. last: a block, a wire, or an ``enabled`` with what is in it."""
+    """A rectangle over the columns first .. last: a block, a wire, or an ``enabled``
+    with what is in it.
+    """
 
     number: int  # of the instance; of the close for an enabled; of the source for a wire
     height: float
@@ -70,7 +74,11 @@ class Layout:
 
     def sources(self, i: int) -> tuple[int, ...]:
         """What is connected to an instance (numbers stand inside it)."""
-        return self.signals(self.program.instances[i].args) if self.shut.get(i, i) == i else (self.shut[i],)
+        return (
+            self.signals(self.program.instances[i].args)
+            if self.shut.get(i, i) == i
+            else (self.shut[i],)
+        )
 
     def gate(self, box: Box) -> tuple[int, ...]:
         """What decides whether an enabled runs."""
@@ -82,12 +90,16 @@ class Layout:
     def signals(self, args: tuple[int, ...]) -> tuple[int, ...]:
         return tuple(a for a in args if self.program.instances[a].kind not in ("const", "open"))
 
-    # Columns ---------------------------------------------------------------------------------------------------------
+    # Columns --------------------------------------------------------------------------
     def level(self, clock: int) -> Level:
         """Boxes of a clock with their sizes, inner ones first."""
         out = Level(clock)
         for i, q in enumerate(self.program.instances):
-            if q.clock != clock and not (clock == ROOT and q.clock == PARAMS) or q.kind in ("const", "open"):
+            if (
+                q.clock != clock
+                and not (clock == ROOT and q.clock == PARAMS)
+                or q.kind in ("const", "open")
+            ):
                 continue
             if self.shut.get(i) == i:
                 inner = self.level(self.program.instances[q.args[0]].child)
@@ -104,7 +116,9 @@ class Layout:
         return out
 
     def columns(self, level: Level, start: int) -> None:
-        """Longest path from the left; what no Input reaches moves right, next to its user."""
+        """Longest path from the left; what no Input reaches moves right, next to its
+        user.
+        """
         at: dict[Box, int] = {}
         after: dict[Box, list[int]] = {}
         owner = {b.number: b for b in level.boxes}
@@ -129,7 +143,9 @@ class Layout:
             self.shift(b, by)
 
     def needs(self, box: Box) -> list[tuple[int, int]]:
-        """(instance, column) of everything that comes into a box, also of parameters for what is inside."""
+        """(instance, column) of everything that comes into a box, also of parameters
+        for what is inside.
+        """
         if not box.inner:
             return [(a, box.first) for a in self.sources(box.number)]
         own = {b.number for b in box.inner.boxes}
@@ -139,16 +155,25 @@ class Layout:
             + [(a, box.last + 1) for a in self.sources(box.number) if a not in own]
         )
 
-    # Rows ------------------------------------------------------------------------------------------------------------
+    # Rows -----------------------------------------------------------------------------
     def pack(self, level: Level) -> None:
-        """Heights: barycentres, and a skyline that keeps rectangles apart; the best of some rounds."""
+        """Heights: barycentres, and a skyline that keeps rectangles apart; the best of
+        some rounds.
+        """
         owner = {b.number: b for b in level.boxes}
-        ends = [(owner[a], box, column) for box in level.boxes for a, column in self.needs(box) if a in owner]
+        ends = [
+            (owner[a], box, column)
+            for box in level.boxes
+            for a, column in self.needs(box)
+            if a in owner
+        ]
         far: dict[Box, int] = {}
         for a, _, column in ends:
             if column > a.last + 1:
                 far[a] = max(far.get(a, 0), column - 1)
-        level.wires = {a.number: Box(a.number, WIRE, first=a.last + 1, last=last) for a, last in far.items()}
+        level.wires = {
+            a.number: Box(a.number, WIRE, first=a.last + 1, last=last) for a, last in far.items()
+        }
         self.wires |= level.wires
         links = [(a, level.wires[a.number]) for a in far]
         links += [(level.wires[a.number] if column > a.last + 1 else a, b) for a, b, column in ends]
@@ -161,13 +186,17 @@ class Layout:
         best, kept = np.inf, {b: 0.0 for b in boxes}
         wish: dict[Box, float] = {}
         for turn in range(60):
-            order = sorted(boxes, key=lambda b: (wish.get(b, 0.0), rank[b]) if wish else (rank[b], 0.0))
+            order = sorted(
+                boxes, key=lambda b: (wish.get(b, 0.0), rank[b]) if wish else (rank[b], 0.0)
+            )
             wanted = {b: wish[b] - b.height / 2 for b in boxes} if wish else {b: 0.0 for b in boxes}
             down, up = _skyline(order, wanted, 1.0), _skyline(order[::-1], wanted, -1.0)
             y = {b: (down[b] + up[b]) / 2 for b in boxes}
             cost = sum(abs(y[a] + a.height / 2 - y[b] - b.height / 2) for a, b in links)
             cost += 0.2 * _crossings(links, y)
-            cost += 0.3 * (max((y[b] + b.height for b in boxes), default=0.0) - min(y.values(), default=0.0))
+            cost += 0.3 * (
+                max((y[b] + b.height for b in boxes), default=0.0) - min(y.values(), default=0.0)
+            )
             if cost < best - 1e-9:
                 best, kept = cost, y
             middle = {b: y[b] + b.height / 2 for b in boxes}
@@ -181,17 +210,21 @@ class Layout:
             b.y = kept[b] - low
         level.height = max((b.y + b.height for b in boxes), default=0.15)
 
-    # Places ----------------------------------------------------------------------------------------------------------
+    # Places ---------------------------------------------------------------------------
     def place(self) -> None:
         """Columns to x, rows to y."""
         wide, crossed = [0.3] * self.top.columns, [GAP] * (self.top.columns + 1)
         for b in self.box.values():
             if not b.inner:
                 wide[b.first] = max(wide[b.first], b.width)
-                crossed[b.first + 1] = max(crossed[b.first + 1], GAP + 0.7 * width_of(self.unit(b.number), SMALL))
+                crossed[b.first + 1] = max(
+                    crossed[b.first + 1], GAP + 0.7 * width_of(self.unit(b.number), SMALL)
+                )
             else:
                 crossed[b.first] = max(crossed[b.first], GAP + PAD)
-                crossed[b.last + 1] = max(crossed[b.last + 1], GAP + PAD + width_of(self.unit(b.number), SMALL))
+                crossed[b.last + 1] = max(
+                    crossed[b.last + 1], GAP + PAD + width_of(self.unit(b.number), SMALL)
+                )
         self.x = [MARGIN + sum(wide[:c]) + sum(crossed[1 : c + 1]) for c in range(self.top.columns)]
         self.wide = wide
         self.y: dict[Box, float] = {}
@@ -221,7 +254,7 @@ class Layout:
             return self.out(inner)[1]
         return self.y[box] + STRIP + (box.height - STRIP) / 2
 
-    # Words -----------------------------------------------------------------------------------------------------------
+    # Words ----------------------------------------------------------------------------
     def unit(self, i: int) -> str:
         b = self.program.instances[i].block
         return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
@@ -230,7 +263,9 @@ class Layout:
         """Lines in a box: what it is, and its numbers."""
         q = self.program.instances[i]
         b = q.block
-        args = [(n, self.program.instances[a].block) for n, a in zip(names_of(b), q.args, strict=True)]
+        args = [
+            (n, self.program.instances[a].block) for n, a in zip(names_of(b), q.args, strict=True)
+        ]
         numbers = [_number(n, a) for n, a in args if isinstance(a, Const)]
         if isinstance(b, Guard):
             return [self.names.get(i, "output"), *numbers]
@@ -244,18 +279,25 @@ class Layout:
         if isinstance(b, Param):
             return [b.name, f"{b.value:g} {self.unit(i)}".strip()]
         if b.sign:
-            if numbers and isinstance(b, Mul | Add):  # the order does not matter, so the field's name does not
+            # the order does not matter, so the field's name does not
+            if numbers and isinstance(b, Mul | Add):
                 numbers = [n.split(" = ")[1] for n in numbers]
                 return [" ".join([b.sign, *numbers])]
             return [b.sign, *numbers]
-        fields = [f.name for f in dc.fields(b) if f.name not in signals(type(b)) and not f.name.endswith("unit")]  # type: ignore[arg-type]
+        fields = [
+            f.name
+            for f in dc.fields(b)
+            if f.name not in signals(type(b)) and not f.name.endswith("unit")
+        ]  # type: ignore[arg-type]
         data = [(n, getattr(b, n)) for n in fields]
         lines = numbers + [_field(n, v) for n, v in data if v is not None and v is not False]
         return [type(b).__name__, *lines[:4], *(["\u2026"] if len(lines) > 4 else [])]
 
     def ordered(self, i: int) -> bool:
         """Whether it matters which signal comes in where."""
-        return len(self.sources(i)) > 1 and not isinstance(self.program.instances[i].block, Add | Mul)
+        return len(self.sources(i)) > 1 and not isinstance(
+            self.program.instances[i].block, Add | Mul
+        )
 
 
 def names_of(b: Block) -> tuple[str, ...]:
@@ -276,7 +318,9 @@ def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:
 
 
 def _skyline(order: list[Box], wanted: dict[Box, float], way: float) -> dict[Box, float]:
-    """Tops of boxes put down one after the other (way 1) or up (way -1), as near to where they want to be as they can."""
+    """Tops of boxes put down one after the other (way 1) or up (way -1), as near to
+    where they want to be as they can.
+    """
     edge: dict[int, float] = {}
     y = {}
     for b in order:
@@ -307,4 +351,9 @@ def width_of(text: str, size: float) -> float:
     FontProperties = package("matplotlib.font_manager", "a picture of a graph").FontProperties
     from matplotlib.textpath import TextPath
 
-    return TextPath((0, 0), text, size=size, prop=FontProperties("DejaVu Sans")).get_extents().width / 72 if text else 0.0
+    return (
+        TextPath((0, 0), text, size=size, prop=FontProperties("DejaVu Sans")).get_extents().width
+        / 72
+        if text
+        else 0.0
+    )

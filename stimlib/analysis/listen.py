@@ -1,4 +1,6 @@
-"""Copies for ears: what vibrates in an output, without the slow force that it rides on, at a level that can be heard."""
+"""Copies for ears: what vibrates in an output, without the slow force that it rides on,
+at a level that can be heard.
+"""
 
 from __future__ import annotations
 
@@ -21,26 +23,31 @@ FADE = 0.01  # s at both ends, or they would click
 
 @public
 def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
-    """What a signal has above a frequency, without delay: the signal less a penalised spline through it.
+    """What a signal has above a frequency, without delay: the signal less a penalised
+    spline through it.
 
-    Between its ends this is a Butterworth high-pass of order 4, forwards and backwards. At the ends nothing is assumed of
-    what lies beyond, so that a force that ends on its way leaves nothing. In the first and last half period of the cutoff
-    slow and fast cannot be told apart: a tone of 4 times the cutoff is wrong there by up to 0.65 of its amplitude in the
-    very last sample, and by 0.1 from a quarter period on.
+    Between its ends this is a Butterworth high-pass of order 4, forwards and backwards.
+    At the ends nothing is assumed of what lies beyond, so that a force that ends on its
+    way leaves nothing. In the first and last half period of the cutoff slow and fast
+    cannot be told apart: a tone of 4 times the cutoff is wrong there by up to 0.65 of
+    its amplitude in the very last sample, and by 0.1 from a quarter period on.
 
-    The corners of a smooth force are not slow. Where the third derivative jumps by J they leave up to 0.14 J/(2 pi cutoff)**3:
-    above 40 Hz 0.8 mN of a minimum-jerk squeeze of 20 mm in 0.3 s on 2000 N/m, beside a vibration of 140 mN (0.6 %);
-    above 20 Hz it is 6 mN. Of a pulse that never falls below 0, as a bump's half waves, the mean is slow.
+    The corners of a smooth force are not slow. Where the third derivative jumps by J
+    they leave up to 0.14 J/(2 pi cutoff)**3: above 40 Hz 0.8 mN of a minimum-jerk
+    squeeze of 20 mm in 0.3 s on 2000 N/m, beside a vibration of 140 mN (0.6 %); above
+    20 Hz it is 6 mN. Of a pulse that never falls below 0, as a bump's half waves, the
+    mean is slow.
 
     Parameters
     ----------
     y : array_like, shape (n,)
-        A signal, in any unit. One shorter than 2/3 period of the cutoff has no slow part but a straight line.
+        A signal, in any unit. One shorter than 2/3 period of the cutoff has no slow
+        part but a straight line.
     fs : float
         Sample rate in Hz.
     cutoff : float
-        In Hz; the amplitude there is halved, and falls by 48 dB per octave below.  By default 40 Hz, where flutter ends and
-        vibration begins (Talbot et al. 1968).
+        In Hz; the amplitude there is halved, and falls by 48 dB per octave below.  By
+        default 40 Hz, where flutter ends and vibration begins (Talbot et al. 1968).
 
     Returns
     -------
@@ -54,9 +61,9 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
 
     References
     ----------
-    P. H. C. Eilers and B. D. Marx, "Flexible smoothing with B-splines and penalties", Statist. Sci. 11 (1996).
-    W. H. Talbot, I. Darian-Smith, H. H. Kornhuber and V. B. Mountcastle, "The sense of flutter-vibration", J. Neurophysiol. 31
-    (1968).
+    P. H. C. Eilers and B. D. Marx, "Flexible smoothing with B-splines and penalties",
+    Statist. Sci. 11 (1996). W. H. Talbot, I. Darian-Smith, H. H. Kornhuber and V. B.
+    Mountcastle, "The sense of flutter-vibration", J. Neurophysiol. 31 (1968).
 
     Examples
     --------
@@ -81,7 +88,8 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     spline = np.ones(1)
     for _ in range(6):  # of degree 5
         spline = np.convolve(spline, np.ones(step) / step)
-    pairs = [spline[: spline.size - d] * spline[d:] for d in range(0, spline.size, step)]  # of splines d samples apart
+    # of splines d samples apart
+    pairs = [spline[: spline.size - d] * spline[d:] for d in range(0, spline.size, step)]
     scale = np.abs(y).max() or 1.0  # sums of huge numbers are finite
     want = upfirdn(spline, y / scale, down=step)
     w = 2 * np.pi * cutoff * step / fs
@@ -92,16 +100,22 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     for d, pair in enumerate(pairs):
         matrix[d, : want.size - d] += upfirdn(pair, np.ones(y.size), down=step)
     for d in range(ORDER + 1):
-        matrix[d, : want.size - d] += penalty * np.convolve(np.ones(want.size - ORDER), a[: a.size - d] * a[d:])
+        matrix[d, : want.size - d] += penalty * np.convolve(
+            np.ones(want.size - ORDER), a[: a.size - d] * a[d:]
+        )
     c = solveh_banded(matrix, want, lower=True, check_finite=False)
     return y - scale * upfirdn(spline, c, up=step)[spline.size - 1 :][: y.size]
 
 
 @public
-def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: float = CUTOFF) -> FileReport:
-    """Write a copy of one output for ears: the slow part removed, its peak at -6 dBFS, faded at both ends.
+def listen(
+    rendering: Rendering, output: str, path: str | os.PathLike, cutoff: float = CUTOFF
+) -> FileReport:
+    """Write a copy of one output for ears: the slow part removed, its peak at -6 dBFS,
+    faded at both ends.
 
-    It is for listening only: levels of two copies cannot be compared, and no device should be given one.
+    It is for listening only: levels of two copies cannot be compared, and no device
+    should be given one.
 
     Parameters
     ----------
@@ -109,7 +123,8 @@ def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: f
     output : str
         Name of the output.
     path : path
-        A format that holds floats, such as NAME-listen.wav; the sidecar has the amplification.
+        A format that holds floats, such as NAME-listen.wav; the sidecar has the
+        amplification.
     cutoff : float
         In Hz, see ``vibration``.
 
@@ -123,7 +138,8 @@ def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: f
     UnknownName
         No such output.
     BadValue
-        The output has nothing above the cutoff, or the cutoff is not between 0 and fs/2.
+        The output has nothing above the cutoff, or the cutoff is not between 0 and
+        fs/2.
     SinkError
         The place cannot be written, or fs is not a whole number.
 
@@ -132,20 +148,30 @@ def listen(rendering: Rendering, output: str, path: str | os.PathLike, cutoff: f
     >>> import tempfile, stimlib
     >>> from stimlib.analysis.listen import listen
     >>> from stimlib.motion.generators import minimum_jerk
-    >>> squeezed = stimlib.render(stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}, fs=8000, seconds=1.0)
+    >>> squeezed = stimlib.render(
+    ...     stimlib.scenes.squeeze(fingers=1),
+    ...     {"x1": minimum_jerk()},
+    ...     fs=8000,
+    ...     seconds=1.0,
+    ... )
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     copy = listen(squeezed, "force1", folder + "/squeeze-listen.wav")
-    >>> print(f"{copy.peak['force1 above 40 Hz']:.2f} N of {squeezed['force1'].max():.0f} N")
+    >>> print(
+    ...     f"{copy.peak['force1 above 40 Hz']:.2f} N of {squeezed['force1'].max():.0f} N"
+    ... )
     0.14 N of 40 N
     """
     whole = rendering[output]
     y = vibration(whole, rendering.fs, cutoff)
-    ends = np.minimum(np.arange(1, y.size + 1), np.arange(y.size, 0, -1)) / max(1.0, FADE * rendering.fs)
+    ends = np.minimum(np.arange(1, y.size + 1), np.arange(y.size, 0, -1)) / max(
+        1.0, FADE * rendering.fs
+    )
     y *= np.minimum(ends, 1.0)
     top = float(np.abs(y).max())
     if top <= 1e-12 * np.abs(whole).max():  # what rounding leaves of a force that does not vibrate
         raise BadValue(
-            f"output {output} has nothing above {cutoff:g} Hz to listen to: give a lower cutoff, or look at its picture"
+            f"output {output} has nothing above {cutoff:g} Hz to listen to: give a lower cutoff, or"
+            " look at its picture"
         )
     scale = top / PEAK
     unit = str(rendering.scene.outputs[output].dim)

@@ -1,4 +1,6 @@
-"""How much damping a device needs so that a rendered stiffness gives no energy: the bound of sampled data."""
+"""How much damping a device needs so that a rendered stiffness gives no energy: the
+bound of sampled data.
+"""
 
 from __future__ import annotations
 
@@ -16,22 +18,29 @@ ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  #
 
 
 @public
-def needed_damping(response: Callable[[np.ndarray], np.ndarray], fs: float, delay: float = 0.0) -> float:
-    """Damping that a device needs of its own so that a rendered force over position, held between samples, gives no energy.
+def needed_damping(
+    response: Callable[[np.ndarray], np.ndarray], fs: float, delay: float = 0.0
+) -> float:
+    """Damping that a device needs of its own so that a rendered force over position,
+    held between samples, gives no energy.
 
-    b > T/2 max_w Re{(1 - exp(-j w T)) H(w) exp(-j w delay)}/(1 - cos w T), 0 < w T <= pi, T = 1/fs.
+    b > T/2 max_w Re{(1 - exp(-j w T)) H(w) exp(-j w delay)}/(1 - cos w T), 0 < w T <=
+    pi, T = 1/fs.
 
-    A spring and a difference as damper, K + B (1 - 1/z)/T, need K T/2 + \\|B\\|; a spring whose force is late by d, K (T/2 + d).
+    A spring and a difference as damper, K + B (1 - 1/z)/T, need K T/2 + \\|B\\|; a
+    spring whose force is late by d, K (T/2 + d).
 
     Parameters
     ----------
     response : callable
         Complex force per position, in N/m, at an array of frequencies in Hz, such as
-        ``lambda f: proc.response("force", "x", f)``. It has the half sample of a mean over the way, and all latencies of blocks.
+        ``lambda f: proc.response("force", "x", f)``. It has the half sample of a mean
+        over the way, and all latencies of blocks.
     fs : float
         Sample rate in Hz.
     delay : float
-        From the sensor to the actuator, in s, beyond the hold of a sample: of the device's buffers and its wires.
+        From the sensor to the actuator, in s, beyond the hold of a sample: of the
+        device's buffers and its wires.
 
     Returns
     -------
@@ -41,24 +50,31 @@ def needed_damping(response: Callable[[np.ndarray], np.ndarray], fs: float, dela
     Raises
     ------
     BadValue
-        fs not above 0, a delay below 0, a response that is not finite at some frequency.
+        fs not above 0, a delay below 0, a response that is not finite at some
+        frequency.
 
     Notes
     -----
-    It is the largest of 4400 angles, w T from 1e-4 to pi.  Necessary and sufficient for one degree of freedom, a device that is
-    an inertia with a damper, and any hand; enough also for a wall that the hand touches and leaves.
+    It is the largest of 4400 angles, w T from 1e-4 to pi.  Necessary and sufficient for
+    one degree of freedom, a device that is an inertia with a damper, and any hand;
+    enough also for a wall that the hand touches and leaves.
 
     References
     ----------
-    Colgate and Schenkel, "Passivity of a class of sampled-data systems: application to haptic interfaces", J. Robotic Systems 14
-    (1997): b > K T/2 + \\|B\\|, and its general form.
+    Colgate and Schenkel, "Passivity of a class of sampled-data systems: application to
+    haptic interfaces", J. Robotic Systems 14 (1997): b > K T/2 + \\|B\\|, and its
+    general form.
 
     Examples
     --------
     >>> import stimlib
     >>> from stimlib.analysis.passivity import needed_damping
     >>> from stimlib.blocks import spring
-    >>> proc = stimlib.compile(stimlib.Scene({"force": spring(stimlib.Input("x", "m"), 1000.0)}), fs=1000, target="python")
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"force": spring(stimlib.Input("x", "m"), 1000.0)}),
+    ...     fs=1000,
+    ...     target="python",
+    ... )
     >>> def force_per_position(f):
     ...     return proc.response("force", "x", f)
     >>> for delay in (0.0, 0.003):
@@ -73,16 +89,20 @@ def needed_damping(response: Callable[[np.ndarray], np.ndarray], fs: float, dela
     f = ANGLES * fs / (2 * np.pi)
     H = np.asarray(response(f), complex) * np.exp(-1j * ANGLES * fs * delay)
     if not np.isfinite(H).all():
-        raise BadValue(f"needed_damping: the response is not finite at {f[np.argmin(np.isfinite(H))]:g} Hz")
+        raise BadValue(
+            f"needed_damping: the response is not finite at {f[np.argmin(np.isfinite(H))]:g} Hz"
+        )
     real = (backward(np.exp(1j * ANGLES)) * H).real
     return max(0.0, float(np.max(real / (2 * np.sin(ANGLES / 2) ** 2)) / (2 * fs)))
 
 
 @public
 def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], float]:
-    """`needed_damping` of each output over each input of a scene that is a force over its position, where it can be told.
+    """`needed_damping` of each output over each input of a scene that is a force over
+    its position, where it can be told.
 
-    What is linear counts as it is; walls, detents, buttons and friction as stiff as they can be; parameters as they stand.
+    What is linear counts as it is; walls, detents, buttons and friction as stiff as
+    they can be; parameters as they stand.
 
     Parameters
     ----------
@@ -93,7 +113,8 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
     Returns
     -------
     dict of (output, input) to float
-        In N s/m, of a torque over an angle N m s; pairs that need none, and those that cannot be told, are left out.
+        In N s/m, of a torque over an angle N m s; pairs that need none, and those that
+        cannot be told, are left out.
 
     Examples
     --------
@@ -111,7 +132,9 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
                 continue
 
             def of(f: np.ndarray, output: str = output, name: str = name) -> np.ndarray:
-                return response(proc.program, proc.design, proc.fs, proc.params, output, name, f, steepest=True)
+                return response(
+                    proc.program, proc.design, proc.fs, proc.params, output, name, f, steepest=True
+                )
 
             try:
                 found[output, name] = needed_damping(of, proc.fs, delay)

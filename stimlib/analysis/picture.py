@@ -1,4 +1,5 @@
-"""A rendering at a glance: its signals over time, and of each output the vibration, the course over position, the spectrum.
+"""A rendering at a glance: its signals over time, and of each output the vibration, the
+course over position, the spectrum.
 
 Nothing hides anything else: signals share a panel only where they are the same samples.
 """
@@ -36,7 +37,9 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 class Against(NamedTuple):
-    """A spectrum, and what a law predicts; arrays of shape (n,), PSD in the unit's square per Hz."""
+    """A spectrum, and what a law predicts; arrays of shape (n,), PSD in the unit's
+    square per Hz.
+    """
 
     title: str
     unit: str
@@ -72,15 +75,23 @@ class Signals(NamedTuple):
 
     def position(self, output: str) -> str | None:
         """The input in m that an output follows, the first where there are several."""
-        found = {b.name for b in reach([self.scene.outputs[output]]) if isinstance(b, Input) and str(b.dim) == "m"}
+        found = {
+            b.name
+            for b in reach([self.scene.outputs[output]])
+            if isinstance(b, Input) and str(b.dim) == "m"
+        }
         return next((n for n in self.scene.inputs if n in found), None)
 
 
 @public
-def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str, Against] | None = None) -> None:
-    """Draw a rendering: each signal over time; of each output its vibration in close-up, its course over position, its spectrum.
+def picture(
+    rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str, Against] | None = None
+) -> None:
+    """Draw a rendering: each signal over time; of each output its vibration in
+    close-up, its course over position, its spectrum.
 
-    Vibration is what ``stimlib.analysis.listen.vibration`` leaves. A spectrum ends 12 decades below its top.
+    Vibration is what ``stimlib.analysis.listen.vibration`` leaves. A spectrum ends 12
+    decades below its top.
 
     Parameters
     ----------
@@ -88,7 +99,8 @@ def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str,
     path : str or Path
         PNG, SVG or PDF, by its suffix.
     spectra : dict of str to Against, optional
-        By output: the spectrum that is drawn instead, with its law and band; ``stimlib.verify(..).spectra()`` has them.
+        By output: the spectrum that is drawn instead, with its law and band;
+        ``stimlib.verify(..).spectra()`` has them.
 
     Raises
     ------
@@ -100,7 +112,12 @@ def picture(rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str,
     >>> import pathlib, tempfile, stimlib
     >>> from stimlib.analysis.picture import picture
     >>> from stimlib.motion.generators import minimum_jerk
-    >>> squeezed = stimlib.render(stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}, fs=8000, seconds=1.0)
+    >>> squeezed = stimlib.render(
+    ...     stimlib.scenes.squeeze(fingers=1),
+    ...     {"x1": minimum_jerk()},
+    ...     fs=8000,
+    ...     seconds=1.0,
+    ... )
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "squeeze.png"
     >>> picture(squeezed, path)
     >>> path.stat().st_size > 10000
@@ -117,7 +134,9 @@ def save(drawn: Figure, path: str | os.PathLike) -> None:
     regular.publish(path, data.getvalue())
 
 
-def check_place(path: str | os.PathLike, what: str = "picture", formats: Sequence[str] = FORMATS) -> None:
+def check_place(
+    path: str | os.PathLike, what: str = "picture", formats: Sequence[str] = FORMATS
+) -> None:
     """Raise what ``picture`` would of a path, before there is anything to draw.
 
     Parameters
@@ -143,13 +162,19 @@ def check_place(path: str | os.PathLike, what: str = "picture", formats: Sequenc
     if os.path.isdir(path):
         raise SinkError(f"cannot write the {what} {path}: it is a folder")
     if Path(path).suffix.lower() not in formats:
-        raise SinkError(f"cannot write the {what} {path}: its name must end in one of {', '.join(formats)}")
+        raise SinkError(
+            f"cannot write the {what} {path}: its name must end in one of {', '.join(formats)}"
+        )
     if not Path(path).absolute().parent.is_dir():
-        raise SinkError(f"cannot write the {what} {path}: the folder {Path(path).parent} is not there; make it first")
+        raise SinkError(
+            f"cannot write the {what} {path}: the folder {Path(path).parent} is not there; make it"
+            " first"
+        )
 
 
 def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -> Figure:
-    """The picture as a figure that is yours to change, which pyplot does not know; ``Rendering.plot`` is this.
+    """The picture as a figure that is yours to change, which pyplot does not know;
+    ``Rendering.plot`` is this.
 
     Parameters
     ----------
@@ -166,14 +191,21 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     >>> import stimlib
     >>> from stimlib.analysis.picture import figure
     >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
-    >>> figure(stimlib.render(scene, {"x": abs}, fs=1000, seconds=1.0)).axes[0].get_ylabel()
+    >>> figure(stimlib.render(scene, {"x": abs}, fs=1000, seconds=1.0)).axes[
+    ...     0
+    ... ].get_ylabel()
     'x'
     """
     Figure = package("matplotlib.figure", "a picture").Figure
     n = rendering.y.shape[1]
     t = rendering.t
-    inputs = {name: np.asarray(m(t) if callable(m) else m, np.float64)[:n] for name, m in rendering.motion.items()}
-    s = Signals(rendering.scene, rendering.fs, inputs, {name: rendering[name] for name in rendering.outputs})
+    inputs = {
+        name: np.asarray(m(t) if callable(m) else m, np.float64)[:n]
+        for name, m in rendering.motion.items()
+    }
+    s = Signals(
+        rendering.scene, rendering.fs, inputs, {name: rendering[name] for name in rendering.outputs}
+    )
     above, below = heights(s)
     fig: Any = Figure(figsize=(12, above + below), layout="constrained")
     top, bottom = fig.subfigures(2, 1, height_ratios=(above, below))
@@ -183,7 +215,8 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
 
 
 def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
-    """What a notebook shows of a rendering: its text, and the picture of its first seconds.
+    """What a notebook shows of a rendering: its text, and the picture of its first
+    seconds.
 
     Parameters
     ----------
@@ -210,7 +243,8 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     figure(dc.replace(rendering, y=rendering.y[:, :first])).savefig(data, dpi=80, format="png")
     text = html.escape(shown(f"{rendering!r}{cut}"))
     return (
-        f'<pre>{text}</pre><img alt="inputs, outputs, spectra" src="data:image/png;base64,{b64encode(data.getvalue()).decode()}">'
+        f'<pre>{text}</pre><img alt="inputs, outputs, spectra"'
+        f' src="data:image/png;base64,{b64encode(data.getvalue()).decode()}">'
     )
 
 
@@ -224,7 +258,10 @@ def rows_of(s: Signals) -> list[Row]:
     groups: dict[tuple[str, bytes], list[str]] = {}
     for name, y in s.inputs.items():
         groups.setdefault((str(s.scene.inputs[name].dim), y.tobytes()), []).append(name)
-    rows = [Row(" = ".join(names), unit, s.inputs[names[0]], "C0") for (unit, _), names in groups.items()]
+    rows = [
+        Row(" = ".join(names), unit, s.inputs[names[0]], "C0")
+        for (unit, _), names in groups.items()
+    ]
     return [*rows, *(Row(name, s.unit(name), y, "C1") for name, y in s.outputs.items())][:MOST]
 
 
@@ -238,11 +275,15 @@ def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
 
 
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
-    """A row for each output: the vibration where it is largest, the course over position if it follows one, the spectrum."""
+    """A row for each output: the vibration where it is largest, the course over
+    position if it follows one, the spectrum.
+    """
     names = list(islice(s.outputs, MOST))
     for row, name in zip(fig.subfigures(len(names), 1, squeeze=False)[:, 0], names, strict=True):
         source = s.position(name)
-        left, *middle, right = row.subplots(1, 2 if source is None else 3, gridspec_kw={"wspace": 0.06})
+        left, *middle, right = row.subplots(
+            1, 2 if source is None else 3, gridspec_kw={"wspace": 0.06}
+        )
         _vibration(left, s, name)
         if source is not None:
             _over_position(middle[0], s, name, source)
@@ -250,7 +291,9 @@ def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
-    """A curve as its smallest and largest value in each of POINTS stretches: nothing that sticks out is lost."""
+    """A curve as its smallest and largest value in each of POINTS stretches: nothing
+    that sticks out is lost.
+    """
     if y.size > 2 * POINTS:
         step = -(-y.size // POINTS)
         starts = np.arange(0, y.size, step)
@@ -275,7 +318,8 @@ def _vibration(ax: Any, s: Signals, name: str) -> None:
     y = s.outputs[name]
     fast = vibration(y, s.fs) if s.fs > 2 * CUTOFF else y
     half = max(1, round(CLOSEUP * s.fs / 2))
-    edge = half + round(s.fs / CUTOFF / 2)  # within half a period of the ends slow and fast are not told apart
+    # within half a period of the ends slow and fast are not told apart
+    edge = half + round(s.fs / CUTOFF / 2)
     edge = edge if y.size > 2 * edge else 0
     at = edge + int(np.abs(fast[edge : y.size - edge]).argmax())
     part = slice(max(0, at - half), at + half)
@@ -288,12 +332,14 @@ def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
     x, y = s.inputs[source], s.outputs[name]
     back = round(0.01 * s.fs) + 1  # 10 ms: the codes of an encoder go to and fro
     inward = x > np.r_[np.full(min(back, x.size), x[0]), x[:-back]]
-    some = slice(None, None, -(-x.size // 6000))  # equally spaced: the way there and back are seen, not each sample
+    # equally spaced: the way there and back are seen, not each sample
+    some = slice(None, None, -(-x.size // 6000))
     for mask, label, style in (
         (~inward, "back, or held", {"lw": 3, "color": "0.75"}),
         (inward, "forwards", {"lw": 0.8, "color": "C3"}),
     ):
-        ax.plot(x[some], np.where(mask, y, np.nan)[some], **style, label=label)  # the wider one below shows on both sides
+        # the wider one below shows on both sides
+        ax.plot(x[some], np.where(mask, y, np.nan)[some], **style, label=label)
     _axes(ax, name, s.unit(name), position=True)
     ax.set(xlabel=shown(source), title=f"over position, {source}")
     _legend(ax)
@@ -301,7 +347,14 @@ def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
 
 def _legend(ax: Any) -> None:
     """Between panel and title: it hides nothing."""
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 0.98), ncols=3, frameon=False, fontsize="small", columnspacing=1)
+    ax.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 0.98),
+        ncols=3,
+        frameon=False,
+        fontsize="small",
+        columnspacing=1,
+    )
     ax.set_title(ax.get_title(), pad=20)
 
 
@@ -319,12 +372,17 @@ def _density(ax: Any, s: Signals, name: str) -> None:
 
 
 def against(ax: Any, a: Against) -> None:
-    """A spectrum, the law's, and the band between which a correct rendering lies; in the legend where it can be seen."""
+    """A spectrum, the law's, and the band between which a correct rendering lies; in
+    the legend where it can be seen.
+    """
     bands = a.f.size < 100
     bottom = max(1e-30, FLOOR * a.law.max(), 0.3 * min(a.low.min(), a.measured.min()))
     decades = np.log10(np.maximum([a.low, a.high, a.measured], bottom))
-    seen = (decades[1] - decades[0] > 0.03 * np.ptp(decades)).mean() > 0.02  # wider than the lines, at some frequencies
-    ax.fill_between(a.f, np.maximum(a.low, 1e-30), a.high, color="0.85", label="correct" if seen else None)
+    # wider than the lines, at some frequencies
+    seen = (decades[1] - decades[0] > 0.03 * np.ptp(decades)).mean() > 0.02
+    ax.fill_between(
+        a.f, np.maximum(a.low, 1e-30), a.high, color="0.85", label="correct" if seen else None
+    )
     ax.loglog(
         a.f,
         a.measured,

@@ -1,8 +1,11 @@
-"""Is this noise that of the model?  Tests on the whitened periodogram of a stationary stream.
+"""Is this noise that of the model?  Tests on the whitened periodogram of a stationary
+stream.
 
-One Hann taper, every third bin: W_k = I_k / E[I_k] are independent Exp(1) if the model holds.  Sums over third octaves are
-then Gamma distributed, exactly; weighted sums, with at most four Legendre polynomials in log f as weights, see level, slope and
-curvature.  Their tails are not those of a normal distribution, by a factor of hundreds at 1e-6, so they are computed.
+One Hann taper, every third bin: W_k = I_k / E[I_k] are independent Exp(1) if the model
+holds.  Sums over third octaves are then Gamma distributed, exactly; weighted sums, with
+at most four Legendre polynomials in log f as weights, see level, slope and curvature.
+Their tails are not those of a normal distribution, by a factor of hundreds at 1e-6, so
+they are computed.
 """
 
 from __future__ import annotations
@@ -12,7 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-OVERSAMPLE, REACH = 4, 15  # the taper's kernel: points per bin, points to each side (less than the lowest bin used)
+# the taper's kernel: points per bin, points to each side (less than the lowest bin
+# used)
+OVERSAMPLE, REACH = 4, 15
 FEWEST_BINS = 8
 
 
@@ -36,7 +41,8 @@ class Spectrum(NamedTuple):
 
 
 def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
-    """Every third bin of f_low .. f_high (Hz) of n samples, from the fourth on: those whose periodogram is independent.
+    """Every third bin of f_low .. f_high (Hz) of n samples, from the fourth on: those
+    whose periodogram is independent.
 
     Examples
     --------
@@ -44,11 +50,16 @@ def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
     >>> bins(1000, 1000.0, 10.0, 20.0)
     array([10, 13, 16, 19])
     """
-    return np.arange(max(4, int(np.ceil(f_low * n / fs))), min(n // 2, int(f_high * n / fs)) + 1)[::3]
+    return np.arange(max(4, int(np.ceil(f_low * n / fs))), min(n // 2, int(f_high * n / fs)) + 1)[
+        ::3
+    ]
 
 
-def whitened(x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray], f_low: float, f_high: float):
-    """Frequencies (Hz) and W = periodogram / its expectation, every third bin of f_low .. f_high.
+def whitened(
+    x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray], f_low: float, f_high: float
+):
+    """Frequencies (Hz) and W = periodogram / its expectation, every third bin of f_low
+    .. f_high.
 
     Parameters
     ----------
@@ -69,18 +80,27 @@ def whitened(x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray]
     taper = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
     X = np.fft.rfft(x * taper)
     k = bins(n, fs, f_low, f_high)
-    # E|X_k|^2 = (fs/2) sum of the PSD over the taper's kernel, which is known at fractions of a bin
+    # E|X_k|^2 = (fs/2) sum of the PSD over the taper's kernel, which is known at
+    # fractions of a bin
     m = np.arange(-REACH, REACH + 1) / OVERSAMPLE
     kernel = (np.sinc(m) / (1 - np.where(np.abs(m) == 1, 0.0, m) ** 2)) ** 2
     kernel[np.abs(m) == 1] = 0.25
     kernel /= kernel.sum()
-    expected = sum(w * model((k + d) * fs / n) for w, d in zip(kernel, m, strict=True)) * fs / 2 * np.sum(taper**2)
+    expected = (
+        sum(w * model((k + d) * fs / n) for w, d in zip(kernel, m, strict=True))
+        * fs
+        / 2
+        * np.sum(taper**2)
+    )
     z = X[k] / np.sqrt(expected)
     return k * fs / n, np.abs(z) ** 2, z
 
 
-def test_spectrum(x: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float) -> Spectrum | None:
-    """Both tests of one stream against a one-sided PSD; None when it is too short for one band of eight bins.
+def test_spectrum(
+    x: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float
+) -> Spectrum | None:
+    """Both tests of one stream against a one-sided PSD; None when it is too short for
+    one band of eight bins.
 
     Parameters
     ----------
@@ -94,7 +114,8 @@ def test_spectrum(x: np.ndarray, fs: float, model: Callable, f_low: float, f_hig
 
 
 def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """The bins of each third octave, and weights of unit size, shape (terms, n), that see level, slope, curvature ..
+    """The bins of each third octave, and weights of unit size, shape (terms, n), that
+    see level, slope, curvature ..
 
     Examples
     --------
@@ -142,7 +163,8 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
 
 
 def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
-    """Two-sided p of sum a (W - 1) where the W are independent Exp(1): the saddlepoint formula of Lugannani and Rice.
+    """Two-sided p of sum a (W - 1) where the W are independent Exp(1): the saddlepoint
+    formula of Lugannani and Rice.
 
     Parameters
     ----------
@@ -162,11 +184,13 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     a = a / np.sqrt(a @ a)
     a = a * np.sign(a @ (W - 1))
     s = float(a @ (W - 1))
-    return float(min(1.0, 2 * (stats.norm.sf(s) if s < 2 else tail(a, s))))  # below there is no doubt about it
+    # below there is no doubt about it
+    return float(min(1.0, 2 * (stats.norm.sf(s) if s < 2 else tail(a, s))))
 
 
 def tail(c: np.ndarray, s: float) -> float:
-    """P(sum c (E - 1) > s) where the E are independent Exp(1): the saddlepoint formula of Lugannani and Rice (1980).
+    """P(sum c (E - 1) > s) where the E are independent Exp(1): the saddlepoint formula
+    of Lugannani and Rice (1980).
 
     Parameters
     ----------
@@ -180,7 +204,10 @@ def tail(c: np.ndarray, s: float) -> float:
     >>> from scipy import stats
     >>> from stimlib.analysis.spectra import tail
     >>> c = np.ones(100)  # their sum is Gamma distributed
-    >>> [bool(abs(tail(c, s) / stats.gamma.sf(100 + s, 100) - 1) < 1e-3) for s in (60.0, 5.0, -16.0)]
+    >>> [
+    ...     bool(abs(tail(c, s) / stats.gamma.sf(100 + s, 100) - 1) < 1e-3)
+    ...     for s in (60.0, 5.0, -16.0)
+    ... ]
     [True, True, True]
     """
     from scipy import optimize, stats
@@ -223,8 +250,12 @@ def _at_least(parts: list[np.ndarray], size: int) -> list[np.ndarray]:
     return joined
 
 
-def correlation(x: np.ndarray, y: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float) -> tuple[float, float]:
-    """Correlation coefficient of two streams, whitened by the model, and its two-sided p under independence."""
+def correlation(
+    x: np.ndarray, y: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float
+) -> tuple[float, float]:
+    """Correlation coefficient of two streams, whitened by the model, and its two-sided
+    p under independence.
+    """
     n = min(x.size, y.size)
     _, _, a = whitened(x[:n], fs, model, f_low, f_high)
     _, _, b = whitened(y[:n], fs, model, f_low, f_high)
@@ -238,4 +269,5 @@ def correlated_p(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     from scipy import stats
 
     c = float(np.mean((a * b.conj()).real))
-    return c, float(2 * stats.norm.sf(abs(c) * a.size / np.sqrt(np.sum(np.abs(b) ** 2) / 2)))  # normal for any given b
+    # normal for any given b
+    return c, float(2 * stats.norm.sf(abs(c) * a.size / np.sqrt(np.sum(np.abs(b) ** 2) / 2)))

@@ -1,4 +1,6 @@
-"""An avatar that lags behind a pen where a soft object becomes harder, and the vibration in its place."""
+"""An avatar that lags behind a pen where a soft object becomes harder, and the
+vibration in its place.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +70,9 @@ def before(i, n, size):
 
 @dataclass(frozen=True, eq=False)
 class DelayAvatar(Block):
-    """The device's place at a time u: a rise of the force at u stops u; then u runs faster until it has caught up."""
+    """The device's place at a time u: a rise of the force at u stops u; then u runs
+    faster until it has caught up.
+    """
 
     px: Block
     py: Block
@@ -88,9 +92,20 @@ class DelayAvatar(Block):
         return avatar_units(u)
 
     def design(self, fs):
-        limits.check("state_bytes", 24 * self.most * fs, f"delay_avatar: bytes of its history at fs = {fs:g} Hz")
+        limits.check(
+            "state_bytes",
+            24 * self.most * fs,
+            f"delay_avatar: bytes of its history at fs = {fs:g} Hz",
+        )
         n = int(self.most * fs) + 2
-        p = StreamParams(fs, self.per_newton * fs, self.notice * (1 - WIDER), self.catch_up, self.most * fs, float(n))
+        p = StreamParams(
+            fs,
+            self.per_newton * fs,
+            self.notice * (1 - WIDER),
+            self.catch_up,
+            self.most * fs,
+            float(n),
+        )
         lines = np.zeros(n), np.zeros(n), np.zeros(n)
         return p, StreamState(*lines, np.uint64(0), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -100,13 +115,15 @@ class DelayAvatar(Block):
         at = where(s.at + ONE < size, s.at + ONE, NONE)
         i = np.int64(at)
         s.xs[i], s.ys[i], s.forces[i] = px, py, force
-        runs = where(contact > 0.0, where(s.cold > 0.0, 0.0, 1.0), 0.0) > 0.0  # as it did at the last sample
+        # as it did at the last sample
+        runs = where(contact > 0.0, where(s.cold > 0.0, 0.0, 1.0), 0.0) > 0.0
         owed, lag = where(runs, s.owed, 0.0), where(runs, s.lag, 0.0)
         stop = where(owed < 1.0, owed, 1.0)
         behind = lag + stop
         made_up = p.catch_up * (1.0 - stop)
         lag = where(made_up < behind, behind - made_up, 0.0)
-        lag = where(lag > 0.0, where(lag < p.most, lag, p.most), 0.0)  # a state may come from anywhere
+        # a state may come from anywhere
+        lag = where(lag > 0.0, where(lag < p.most, lag, p.most), 0.0)
         whole = floor(lag)
         a, w = before(as_float(at), whole, p.size), lag - whole
         b = before(a, 1.0, p.size)
@@ -114,11 +131,22 @@ class DelayAvatar(Block):
         low = where(runs, s.low, f)
         rise = where(f - low >= p.notice, f - low, 0.0)
         room = p.most - lag - (owed - stop)
-        wait = where(rise > 0.0, where(p.per_newton * rise < room, p.per_newton * rise, where(room > 0.0, room, 0.0)), 0.0)
+        wait = where(
+            rise > 0.0,
+            where(p.per_newton * rise < room, p.per_newton * rise, where(room > 0.0, room, 0.0)),
+            0.0,
+        )
         on = contact > 0.0
-        x, y, lag, wait = where(on, x, s.x), where(on, y, s.y), where(on, lag, 0.0), where(on, wait, 0.0)
+        x, y, lag, wait = (
+            where(on, x, s.x),
+            where(on, y, s.y),
+            where(on, lag, 0.0),
+            where(on, wait, 0.0),
+        )
         low = where(rise > 0.0, f, where(f < low, f, low))
-        after = StreamState(s.xs, s.ys, s.forces, at, lag, owed - stop + wait, low, x, y, where(on, 0.0, 1.0))
+        after = StreamState(
+            s.xs, s.ys, s.forces, at, lag, owed - stop + wait, low, x, y, where(on, 0.0, 1.0)
+        )
         return (x, y, lag / p.fs, wait / p.fs), after
 
 
@@ -140,7 +168,9 @@ class FrameState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrameAvatar(Block):
-    """Eq. (3) to the letter: the avatar stands where the device was as the frame began; a rise lengthens the frame."""
+    """Eq. (3) to the letter: the avatar stands where the device was as the frame began;
+    a rise lengthens the frame.
+    """
 
     px: Block
     py: Block
@@ -170,7 +200,9 @@ class FrameAvatar(Block):
         wait = where(begins, where(rise >= p.notice, p.per_newton * rise, 0.0), 0.0)
         x, y, f = where(begins, px, s.x), where(begins, py, s.y), where(begins, force, s.force)
         since = where(begins, 0.0, where(on, s.since + 1.0, 0.0))
-        left = where(s.left > -0.5, s.left, -0.5) + where(begins, (p.frame + wait) * p.fs, 0.0) - 1.0
+        left = (
+            where(s.left > -0.5, s.left, -0.5) + where(begins, (p.frame + wait) * p.fs, 0.0) - 1.0
+        )
         after = FrameState(x, y, f, where(on, left, 0.0), since, where(on, 0.0, 1.0))
         return (x, y, since / p.fs, wait), after
 
@@ -188,23 +220,28 @@ def delay_avatar(
     most: float = 0.3,
     frame: float = FRAME,
 ) -> Any:
-    """An avatar that stands still for t_d = m (rise of the tangential force), eq. (3), as a pen comes to a harder place.
+    """An avatar that stands still for t_d = m (rise of the tangential force), eq. (3),
+    as a pen comes to a harder place.
 
-    ``streaming``, ours, means the same at every sample rate: rises add up since the last stop, or since the lowest force after
-    it; once they reach ``notice`` the avatar stands for m times their sum, then follows ``1 + catch_up`` times as fast as the
-    device moved until it has caught up.  So it never jumps.  ``frames``: eq. (3) once per frame; the delay lengthens the frame,
-    then the avatar jumps to the contact point.
+    ``streaming``, ours, means the same at every sample rate: rises add up since the
+    last stop, or since the lowest force after it; once they reach ``notice`` the avatar
+    stands for m times their sum, then follows ``1 + catch_up`` times as fast as the
+    device moved until it has caught up.  So it never jumps.  ``frames``: eq. (3) once
+    per frame; the delay lengthens the frame, then the avatar jumps to the contact
+    point.
 
     Parameters
     ----------
     x, y : Block
         Place of the device in m.
     force : Block
-        Tangential force at that place in N, such as 0.4 N times the stiffness level; the streaming law takes it at the time
-        that the avatar shows, so it is that where the avatar is.
+        Tangential force at that place in N, such as 0.4 N times the stiffness level;
+        the streaming law takes it at the time that the avatar shows, so it is that
+        where the avatar is.
     law : {"streaming", "frames"}
     contact : Block
-        Where it is not above 0 the avatar stands (at 0 before the first contact); at re-contact it starts at the device's place.
+        Where it is not above 0 the avatar stands (at 0 before the first contact); at
+        re-contact it starts at the device's place.
     per_newton : float
         m in s/N: 50 ms per 0.1 N.
     notice : float
@@ -217,7 +254,8 @@ def delay_avatar(
     Returns
     -------
     Block
-        With the outputs ``x`` and ``y`` in m, ``lag`` in s, and ``wait``: events, the length in s of each stop where it is found.
+        With the outputs ``x`` and ``y`` in m, ``lag`` in s, and ``wait``: events, the
+        length in s of each stop where it is found.
 
     Raises
     ------
@@ -232,8 +270,8 @@ def delay_avatar(
 
     References
     ----------
-    Li et al. (2016), eq. (3): m = 50/0.1 = 500 in ms/N; 0.1 N is read as the threshold below which there is no delay.  When a lag
-    ends is open there.
+    Li et al. (2016), eq. (3): m = 50/0.1 = 500 in ms/N; 0.1 N is read as the threshold
+    below which there is no delay.  When a lag ends is open there.
 
     Examples
     --------
@@ -292,7 +330,8 @@ class Vibration(Block):
 
 @public
 def vibration(wait: Block | float, factor: float = 1.0) -> Block:
-    """Drive of a vibration motor: 1 for ``factor`` times the length of each stop of an avatar, in whole ms, else 0.
+    """Drive of a vibration motor: 1 for ``factor`` times the length of each stop of an
+    avatar, in whole ms, else 0.
 
     Parameters
     ----------
@@ -310,7 +349,8 @@ def vibration(wait: Block | float, factor: float = 1.0) -> Block:
 
     Notes
     -----
-    What is asked for while the motor runs is added to what is left, as the stops of the avatar add up.
+    What is asked for while the motor runs is added to what is left, as the stops of the
+    avatar add up.
 
     References
     ----------
@@ -320,7 +360,9 @@ def vibration(wait: Block | float, factor: float = 1.0) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import vibration
-    >>> proc = stimlib.compile(stimlib.Scene({"drive": vibration(stimlib.Input("wait", "s"))}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"drive": vibration(stimlib.Input("wait", "s"))}), fs=1000
+    ... )
     >>> proc.process(np.array([[0.0, 0.0029, 0.0, 0.0, 0.0]]))
     array([[0., 1., 1., 1., 0.]])
     """

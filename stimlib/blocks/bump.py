@@ -1,6 +1,8 @@
-"""Envelopes tied to the finger's place: bumps, each sampled by area, a sample being the mean over the movement of one period.
+"""Envelopes tied to the finger's place: bumps, each sampled by area, a sample being the
+mean over the movement of one period.
 
-Only sums and products are used, no mathematical library, so that the bits are the same on every machine.
+Only sums and products are used, no mathematical library, so that the bits are the same
+on every machine.
 """
 
 from __future__ import annotations
@@ -22,31 +24,49 @@ SAMPLINGS = ("area", "point")
 LEAST = 1e-6
 """Smallest duty of a parameter."""
 
-# sin(pi x)/x in x^2 for |x| <= 1/2;  (1 - sin(pi x)/(pi x))/x^2 in x^2 for |x| <= 1: relative errors below 1e-16
+# sin(pi x)/x in x^2 for |x| <= 1/2;  (1 - sin(pi x)/(pi x))/x^2 in x^2 for |x| <= 1:
+# relative errors below 1e-16
 P0, P1, P2, P3 = 3.141592653589793, -5.167712780049969, 2.5501640398773007, -0.5992645293189447
-P4, P5, P6, P7 = 0.0821458865731029, -0.007370430505916944, 0.0004662998161898394, -2.1903497074626018e-05
+P4, P5, P6, P7 = (
+    0.0821458865731029,
+    -0.007370430505916944,
+    0.0004662998161898394,
+    -2.1903497074626018e-05,
+)
 P8 = 7.697826768224191e-07
 G0, G1, G2, G3 = 1.6449340668482264, -0.8117424252833536, 0.19075182412208397, -0.026147847817651126
-G4, G5, G6, G7 = 0.002346081035426408, -0.000148428792893624, 6.975873261074044e-06, -2.531209900320938e-07
+G4, G5, G6, G7 = (
+    0.002346081035426408,
+    -0.000148428792893624,
+    6.975873261074044e-06,
+    -2.531209900320938e-07,
+)
 G8, G9, G10 = 7.303807539233181e-09, -1.709751764178703e-10, 3.058160916927997e-12
 
 
 def sinpi(x):
     """sin(pi x) for |x| <= 1/2."""
     z = x * x
-    return x * fma(fma(fma(fma(fma(fma(fma(fma(P8, z, P7), z, P6), z, P5), z, P4), z, P3), z, P2), z, P1), z, P0)
+    return x * fma(
+        fma(fma(fma(fma(fma(fma(fma(P8, z, P7), z, P6), z, P5), z, P4), z, P3), z, P2), z, P1),
+        z,
+        P0,
+    )
 
 
 def gap(x):
-    """1 - sin(pi x)/(pi x) for |x| <= 1: what averaging over x half periods takes from a sinusoid."""
+    """1 - sin(pi x)/(pi x) for |x| <= 1: what averaging over x half periods takes from
+    a sinusoid.
+    """
     z = x * x
     q = fma(fma(fma(fma(fma(G10, z, G9), z, G8), z, G7), z, G6), z, G5)
     return z * fma(fma(fma(fma(fma(q, z, G4), z, G3), z, G2), z, G1), z, G0)
 
 
-# Envelopes -----------------------------------------------------------------------------------------------------------
-# A place on a ridge is its part z of 0..1.  The mean of each envelope over z from a to b is written without a division by
-# b - a and without a difference of nearly equal numbers; the mean over any movement follows from it.
+# Envelopes ----------------------------------------------------------------------------
+# A place on a ridge is its part z of 0..1.  The mean of each envelope over z from a to
+# b is written without a division by b - a and without a difference of nearly equal
+# numbers; the mean over any movement follows from it.
 def cell(u):
     """(whole number, rest in 0..1 and below 1) of a spatial phase."""
     k = floor(u)
@@ -70,7 +90,9 @@ def bounded(y):
 
 
 def average(k0, w0, k1, w1, du, d, a, b, mean, whole):
-    """Mean of the envelope over a movement du, from its mean between a and b of a ridge and over a whole ridge."""
+    """Mean of the envelope over a movement du, from its mean between a and b of a ridge
+    and over a whole ridge.
+    """
     part = d * fma(k1 - k0, whole, (b - a) * mean) / du
     y = where(du == 0.0, 0.0 * d, part)
     return bounded(where(k0 == k1, where(w0 < d, where(w1 < d, mean, y), y), y))
@@ -90,7 +112,9 @@ def regular(duty):
 
 
 def cells(first, u, d, k, w):
-    """Cells of where the movement began and of all samples; how many of these are on the same ridge or in the same groove."""
+    """Cells of where the movement began and of all samples; how many of these are on
+    the same ridge or in the same groove.
+    """
     k[0], w[0] = cell(first)
     k1, w1, together, place, ridge = k[1:], w[1:], NONE, k[0], where(w[0] < d, ONE, NONE)
     for i in range(u.size):
@@ -108,8 +132,9 @@ class BumpState(NamedTuple):
 class Bump(Block, abstract=True):
     """The mean of a unipolar envelope e(u) of period 1 over u[n-1] .. u[n].
 
-    e is a function of z = frac(u)/duty on the ridge, frac(u) < duty, and 0 in the groove.  Each tile has a fast way for
-    what is usual, one duty, and within it for tiles on one ridge or in one groove.
+    e is a function of z = frac(u)/duty on the ridge, frac(u) < duty, and 0 in the
+    groove.  Each tile has a fast way for what is usual, one duty, and within it for
+    tiles on one ridge or in one groove.
     """
 
     u: Block
@@ -120,7 +145,9 @@ class Bump(Block, abstract=True):
 
     def check(self):
         if self.sampling not in SAMPLINGS:
-            raise BadValue(f"bump: sampling = {self.sampling!r}; choose one of {', '.join(SAMPLINGS)}")
+            raise BadValue(
+                f"bump: sampling = {self.sampling!r}; choose one of {', '.join(SAMPLINGS)}"
+            )
         d = self.duty
         if isinstance(d, (Const, Param)) and not 0 < d.value <= 1:
             raise BadValue(f"bump: duty = {d.value!r} must be above 0 and at most 1")
@@ -129,7 +156,9 @@ class Bump(Block, abstract=True):
         for name, v in zip(("u", "duty"), u, strict=False):
             if v != un.ONE:
                 hint = ": divide the position by the wavelength" if name == "u" else ""
-                raise UnitError(f"bump: {name} = {getattr(self, name)!r} [{v}] must have no unit{hint}")
+                raise UnitError(
+                    f"bump: {name} = {getattr(self, name)!r} [{v}] must have no unit{hint}"
+                )
         return un.ONE
 
     def delay(self, p):
@@ -299,7 +328,8 @@ def sine_sample(p, last, cold, u, duty):
 class SineBump(Bump):
     """e = 1 - (sin(pi k (z - 1/2))/sin(pi k/2))^2;  sine: k = duty;  half_sine: k = 1/2, e = sin(pi z).
 
-    That is (cos t - cos(pi k))/(1 - cos(pi k)), t = 2 pi k (z - 1/2): the top of a cosine.
+    That is (cos t - cos(pi k))/(1 - cos(pi k)), t = 2 pi k (z - 1/2): the top of a
+    cosine.
     """
 
     waveform: str
@@ -361,19 +391,25 @@ def on_piece(p, i, q):
 
 
 def table_mean(p, a, b):
-    """Mean over a to b, whichever is larger: the rest of one piece, whole pieces, a part of the last."""
+    """Mean over a to b, whichever is larger: the rest of one piece, whole pieces, a
+    part of the last.
+    """
     low, high = where(a < b, a, b), where(a < b, b, a)
     i, j = piece(p, low), piece(p, high)
     x, y = fma(low, p.pieces, -i), fma(high, p.pieces, -j)
     first = (1.0 - x) * (0.5 * (on_piece(p, i, x) + p.values[U(i) + ONE]))
     last = y * (0.5 * (p.values[U(j)] + on_piece(p, j, y)))
     between = p.sums[U(j)] - p.sums[U(i) + ONE]
-    return where(i == j, on_piece(p, i, 0.5 * (x + y)), (first + between + last) / ((high - low) * p.pieces))
+    return where(
+        i == j, on_piece(p, i, 0.5 * (x + y)), (first + between + last) / ((high - low) * p.pieces)
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class TableBump(Bump):
-    """e = straight lines between values that are spread evenly over the ridge, z = 0 .. 1."""
+    """e = straight lines between values that are spread evenly over the ridge, z = 0 ..
+    1.
+    """
 
     values: np.ndarray
 
@@ -381,14 +417,22 @@ class TableBump(Bump):
         Bump.check(self)
         v = self.values
         if np.ndim(v) != 1 or len(v) < 2:
-            raise BadValue(f"bump: a waveform given as a table needs one row of at least 2 values, got shape {np.shape(v)}")
+            raise BadValue(
+                "bump: a waveform given as a table needs one row of at least 2 values, got shape"
+                f" {np.shape(v)}"
+            )
         if not ((np.asarray(v) >= 0) & (np.asarray(v) <= 1)).all():
-            raise BadValue("bump: the values of a waveform must lie in 0 .. 1; multiply the bump by its amplitude")
+            raise BadValue(
+                "bump: the values of a waveform must lie in 0 .. 1; multiply the bump by its"
+                " amplitude"
+            )
 
     def design(self, fs):
         v = np.array(self.values)
         sums = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
-        return TableBumpParams(self.area, v, sums, float(v.size - 1), sums[-1] / (v.size - 1)), BumpState(0.0, 1.0)
+        return TableBumpParams(
+            self.area, v, sums, float(v.size - 1), sums[-1] / (v.size - 1)
+        ), BumpState(0.0, 1.0)
 
     @staticmethod
     def step(p, s, u, duty):
@@ -402,7 +446,11 @@ class TableBump(Bump):
 
 @public
 def bump(
-    u: Block | float, waveform="square", duty: Block | float = 0.5, sampling: str = "area", contact: Block | float = 1.0
+    u: Block | float,
+    waveform="square",
+    duty: Block | float = 0.5,
+    sampling: str = "area",
+    contact: Block | float = 1.0,
 ) -> Block:
     """Bumps on a surface: a unipolar envelope, 0 .. 1, tied to the place of the finger.
 
@@ -410,13 +458,16 @@ def bump(
 
     * ``"square"``: 1;
     * ``"sawtooth"``: w/duty, a ramp from 0 to 1;
-    * ``"sine"``: (cos t - cos(pi duty))/(1 - cos(pi duty)), t = 2 pi (w - duty/2): the top of a cosine, 0 at both ends;
+    * ``"sine"``: (cos t - cos(pi duty))/(1 - cos(pi duty)), t = 2 pi (w - duty/2): the
+      top of a cosine, 0 at both ends;
     * ``"half_sine"``: sin(pi w/duty);
-    * a table: straight lines between its values, which are spread evenly over the ridge;
+    * a table: straight lines between its values, which are spread evenly over the
+      ridge;
 
-    and 0 in the groove.  With area sampling, y[n] is the exact mean of e over u[n-1] .. u[n], however far that is and in
-    whichever direction; so over any movement the sum of y[n] (u[n] - u[n-1]) is the integral of e.  It lies half a sample
-    back.  Where the finger stands, y[n] = e(u[n]).
+    and 0 in the groove.  With area sampling, y[n] is the exact mean of e over u[n-1] ..
+    u[n], however far that is and in whichever direction; so over any movement the sum
+    of y[n] (u[n] - u[n-1]) is the integral of e.  It lies half a sample back.  Where
+    the finger stands, y[n] = e(u[n]).
 
     Parameters
     ----------
@@ -425,12 +476,13 @@ def bump(
     waveform : {"square", "sine", "sawtooth", "half_sine"} or array_like, shape (m,)
         A table has m >= 2 values in 0 .. 1.
     duty : float or Block
-        Part of the period that is ridge, above 0, at most 1.  Any is held to 1e-6 or more, a parameter or signal to 1 or less.
+        Part of the period that is ridge, above 0, at most 1.  Any is held to 1e-6 or
+        more, a parameter or signal to 1 or less.
     sampling : {"area", "point"}
         "point" takes e(u[n]), with its aliases, for comparison.
     contact : Block
-        Where it is not above 0 the output is 0 and u is not looked at.  At re-contact, as at the first sample,
-        u[n-1] = u[n]: the way between plays no bumps.
+        Where it is not above 0 the output is 0 and u is not looked at.  At re-contact,
+        as at the first sample, u[n-1] = u[n]: the way between plays no bumps.
 
     Returns
     -------
@@ -446,7 +498,8 @@ def bump(
 
     References
     ----------
-    The touch-screen thesis, chapter 3 (unipolar waves, duty cycle, number of bumps) and figure 4.1.
+    The touch-screen thesis, chapter 3 (unipolar waves, duty cycle, number of bumps) and
+    figure 4.1.
 
     Examples
     --------
@@ -454,7 +507,10 @@ def bump(
     >>> from stimlib.blocks import bump
     >>> u = np.array([[0.0, 0.2, 0.4, 0.6, 1.6, 1.6, 1.2]])
     >>> for waveform in ("square", [0.0, 1.0]):
-    ...     proc = stimlib.compile(stimlib.Scene({"e": bump(stimlib.Input("u"), waveform, duty=0.5)}), fs=1000)
+    ...     proc = stimlib.compile(
+    ...         stimlib.Scene({"e": bump(stimlib.Input("u"), waveform, duty=0.5)}),
+    ...         fs=1000,
+    ...     )
     ...     print(proc.process(u).round(6))
     [[1.   1.   1.   0.5  0.5  0.   0.75]]
     [[0.     0.2    0.6    0.45   0.25   0.     0.525]]
@@ -463,7 +519,10 @@ def bump(
     if not isinstance(waveform, str):
         return TableBump(u, duty, contact, sampling, waveform)
     if waveform not in WAVEFORMS:
-        raise BadValue(f"bump: waveform {waveform!r}; choose one of {', '.join(WAVEFORMS)}, or give a table of values")
+        raise BadValue(
+            f"bump: waveform {waveform!r}; choose one of {', '.join(WAVEFORMS)}, or give a table of"
+            " values"
+        )
     if waveform in ("square", "sawtooth"):
         return LinearBump(u, duty, contact, sampling, waveform)
     return SineBump(u, duty, contact, sampling, waveform)

@@ -1,6 +1,8 @@
-"""The carrier that envelopes modulate, sampled by area: a sample is the mean over one sample period.
+"""The carrier that envelopes modulate, sampled by area: a sample is the mean over one
+sample period.
 
-Only sums and products are used, no mathematical library, so that the bits are the same on every machine.
+Only sums and products are used, no mathematical library, so that the bits are the same
+on every machine.
 """
 
 from __future__ import annotations
@@ -52,7 +54,9 @@ def phase_word(phase: float) -> np.uint64:
 
 
 def increment(p, f):
-    """Turns per sample in 2^-64, to the nearest whole number; f is held in 0 .. fs/2 (0 for nan)."""
+    """Turns per sample in 2^-64, to the nearest whole number; f is held in 0 .. fs/2 (0
+    for nan).
+    """
     g = where(f > 0.0, where(f < p.top, f, p.top), 0.0)
     main = g * p.high
     whole = floor(main)
@@ -61,13 +65,17 @@ def increment(p, f):
 
 
 def fold(phase):
-    """Height t in -1/2 .. 1/2 above the zero crossing next to a phase: sin(phase) = sin(pi t)."""
+    """Height t in -1/2 .. 1/2 above the zero crossing next to a phase: sin(phase) =
+    sin(pi t).
+    """
     x = as_float((phase + QUARTER) >> SHIFT_11) * HALF_TURN
     return where(x < 0.5, 2.0 * x - 0.5, 1.5 - 2.0 * x)
 
 
 def lobe(t, q, r):
-    """The positive half wave; a sample of half width q over a zero crossing gets its part of the area; r = 1/sin(pi q)."""
+    """The positive half wave; a sample of half width q over a zero crossing gets its
+    part of the area; r = 1/sin(pi q).
+    """
     s = sinpi(where(t >= q, t, 0.5 * (t + q)))
     return where(t >= q, s, where(t > -q, s * s * r, 0.0))
 
@@ -80,7 +88,9 @@ def rectified(mode, t, q, r):
 
 @dataclass(frozen=True, eq=False)
 class Carrier(Block):
-    """sin of a phase that is counted in 2^-64 turns, rectified by area; 0 off contact, where the phase goes on."""
+    """sin of a phase that is counted in 2^-64 turns, rectified by area; 0 off contact,
+    where the phase goes on.
+    """
 
     freq: Block
     contact: Block
@@ -106,7 +116,9 @@ class Carrier(Block):
         if isinstance(self.freq, (Const, Param)):
             below_half(self._made_by, fs, freq=self.freq.value)
         wait = lead(fs) if self.autonomous else 0
-        p = CarrierParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(RECTIFY.index(self.rectify)))
+        p = CarrierParams(
+            *two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(RECTIFY.index(self.rectify))
+        )
         return p, CarrierState(phase_word(self.phase), U(wait))
 
     @staticmethod
@@ -143,7 +155,9 @@ class Carrier(Block):
                     y[i] = where(contact[i] > 0.0, lobe(fold(phase + U(i) * inc), q, r), 0.0)
             else:
                 for i in range(y.size):
-                    y[i] = where(contact[i] > 0.0, rectified(p.mode, fold(phase + U(i) * inc), q, r), 0.0)
+                    y[i] = where(
+                        contact[i] > 0.0, rectified(p.mode, fold(phase + U(i) * inc), q, r), 0.0
+                    )
             if bad != 0.0:
                 for i in range(y.size):
                     y[i] = where(contact[i] > 0.0, bad, 0.0)
@@ -156,22 +170,34 @@ class Carrier(Block):
             phase, wait = where(early, phase, phase + steps[i]), where(early, wait - ONE, NONE)
         for i in range(y.size):
             q = as_float(steps[i]) * WORD
-            z = where(f[i] - f[i] == 0.0, rectified(p.mode, fold(phases[i]), q, 1.0 / sinpi(q)), f[i] - f[i])
+            z = where(
+                f[i] - f[i] == 0.0,
+                rectified(p.mode, fold(phases[i]), q, 1.0 / sinpi(q)),
+                f[i] - f[i],
+            )
             y[i] = where(contact[i] > 0.0, z, 0.0)
         return CarrierState(phase, wait)
 
 
 @public
-def carrier(freq: Block | float, rectify: str | None = None, phase: float = 0.0, contact: Block | float = 1.0) -> Block:
+def carrier(
+    freq: Block | float,
+    rectify: str | None = None,
+    phase: float = 0.0,
+    contact: Block | float = 1.0,
+) -> Block:
     """A sinusoid of unit amplitude whose phase is exact for days.
 
-    The phase is counted in 2^-64 turns; its error grows by at most 2^-65 turns a sample, 1.2e-10 rad in 24 h at 8 kHz.
-    Sample n is taken at the phase that the frequencies of samples 0 .. n-1 lead to, so a live frequency makes no jump.
+    The phase is counted in 2^-64 turns; its error grows by at most 2^-65 turns a
+    sample, 1.2e-10 rad in 24 h at 8 kHz. Sample n is taken at the phase that the
+    frequencies of samples 0 .. n-1 lead to, so a live frequency makes no jump.
 
-    Rectified, each sample is the mean of the rectified sinusoid over the sample period around it, divided by
-    sin(x)/x, x = pi freq/fs, which such a mean takes from a sinusoid of this frequency.  So every sample but the two at the
-    zero crossings is the sinusoid's own, the line at ``freq`` has its amplitude, 1/2, and aliases are far lower than
-    those of max(0, sin).  The constant part is higher than 1/pi by x^2/6: 0.06 % for 158 Hz at 8 kHz.
+    Rectified, each sample is the mean of the rectified sinusoid over the sample period
+    around it, divided by sin(x)/x, x = pi freq/fs, which such a mean takes from a
+    sinusoid of this frequency.  So every sample but the two at the zero crossings is
+    the sinusoid's own, the line at ``freq`` has its amplitude, 1/2, and aliases are far
+    lower than those of max(0, sin).  The constant part is higher than 1/pi by x^2/6:
+    0.06 % for 158 Hz at 8 kHz.
 
     Parameters
     ----------
@@ -182,7 +208,8 @@ def carrier(freq: Block | float, rectify: str | None = None, phase: float = 0.0,
     phase : float
         At sample 0, in rad.
     contact : Block
-        Where it is not above 0 the output is 0 and nothing is computed; the phase goes on.
+        Where it is not above 0 the output is 0 and nothing is computed; the phase goes
+        on.
 
     Returns
     -------
@@ -198,19 +225,21 @@ def carrier(freq: Block | float, rectify: str | None = None, phase: float = 0.0,
 
     Notes
     -----
-    ``contact`` skips the work and keeps the phase tied to time.  Inside ``enabled``, on the other hand, the phase stands still
-    while the block is off, like all state there.
+    ``contact`` skips the work and keeps the phase tied to time.  Inside ``enabled``, on
+    the other hand, the phase stands still while the block is off, like all state there.
 
     References
     ----------
-    The touch-screen thesis, chapter 3: vibration at the plate's first resonance, 158 Hz, of which "we only consider the positive
-    parts".
+    The touch-screen thesis, chapter 3: vibration at the plate's first resonance, 158
+    Hz, of which "we only consider the positive parts".
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import carrier
-    >>> scene = stimlib.Scene({"c": carrier(1000.0), "half": carrier(1000.0, rectify="half")})
+    >>> scene = stimlib.Scene(
+    ...     {"c": carrier(1000.0), "half": carrier(1000.0, rectify="half")}
+    ... )
     >>> stimlib.compile(scene, fs=8000).process(np.empty((0, 6))).round(4) + 0.0
     array([[ 0.    ,  0.7071,  1.    ,  0.7071,  0.    , -0.7071],
            [ 0.0995,  0.7071,  1.    ,  0.7071,  0.0995,  0.    ]])

@@ -1,4 +1,6 @@
-"""What depends on the time alone: nothing adds up, so it is as exact after a day as at first."""
+"""What depends on the time alone: nothing adds up, so it is as exact after a day as at
+first.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +87,9 @@ class Every(Event):
 
     def design(self, fs):
         if self.period * fs < 1:
-            raise BadValue(f"every: period = {self.period:g} s is less than a sample at fs = {fs:g} Hz")
+            raise BadValue(
+                f"every: period = {self.period:g} s is less than a sample at fs = {fs:g} Hz"
+            )
         return EveryParams(fs, self.period * fs), ()
 
     @staticmethod
@@ -97,7 +101,8 @@ class Every(Event):
 
 @public
 def every(period: float) -> Block:
-    """An event again and again, from sample 0 on, each at the sample nearest to its time.
+    """An event again and again, from sample 0 on, each at the sample nearest to its
+    time.
 
     Parameters
     ----------
@@ -118,7 +123,9 @@ def every(period: float) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import every
-    >>> stimlib.compile(stimlib.Scene({"y": every(0.0025)}), fs=1000).process(np.empty((0, 9)))
+    >>> stimlib.compile(stimlib.Scene({"y": every(0.0025)}), fs=1000).process(
+    ...     np.empty((0, 9))
+    ... )
     array([[1., 0., 0., 1., 0., 1., 0., 0., 1.]])
     """
     return Every(Time(), period)
@@ -139,7 +146,9 @@ class At(Event):
 
     def check(self):
         if self.times.ndim != 1 or not self.times.size or not (self.times >= 0).all():
-            raise BadValue(f"at: times must be one row of numbers, each 0 or above, got {self.times!r:.200}")
+            raise BadValue(
+                f"at: times must be one row of numbers, each 0 or above, got {self.times!r:.200}"
+            )
         limits.check("table_knots", self.times.size, "at: times")
 
     def units(self, *u):
@@ -179,7 +188,9 @@ def at(times) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import at
-    >>> stimlib.compile(stimlib.Scene({"y": at([0.0, 0.003])}), fs=1000).process(np.empty((0, 5)))
+    >>> stimlib.compile(stimlib.Scene({"y": at([0.0, 0.003])}), fs=1000).process(
+    ...     np.empty((0, 5))
+    ... )
     array([[1., 0., 0., 1., 0.]])
     """
     return At(Time(), np.atleast_1d(times))
@@ -196,7 +207,9 @@ class TimelineParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Timeline(Block):
-    """Values at times, and what is between them: of a piece from a to b, with z from 0 to 1, a + (b - a) w(z)."""
+    """Values at times, and what is between them: of a piece from a to b, with z from 0
+    to 1, a + (b - a) w(z).
+    """
 
     t: Block
     times: np.ndarray
@@ -216,7 +229,8 @@ class Timeline(Block):
         return unit(self.unit)
 
     def design(self, fs):
-        times, values = (np.concatenate([v[:1], v, v[-1:]]) for v in (self.times, self.values))  # held at both ends
+        # held at both ends
+        times, values = (np.concatenate([v[:1], v, v[-1:]]) for v in (self.times, self.values))
         return TimelineParams(times, values, float(TIMELINES.index(self.kind))), ()
 
     @staticmethod
@@ -237,10 +251,11 @@ def timeline(points, kind: str = "linear", unit: str = "") -> Block:
     Parameters
     ----------
     points : sequence of (float, float)
-        Time in s and value, times rising; two points at one time are a jump.  Before the first and after the last the value is
-        held.
+        Time in s and value, times rising; two points at one time are a jump.  Before
+        the first and after the last the value is held.
     kind : {"linear", "step", "cosine"}
-        Between two points: a straight line, the earlier value, or half a period of a cosine.
+        Between two points: a straight line, the earlier value, or half a period of a
+        cosine.
     unit : str
         Of the values.
 
@@ -264,5 +279,8 @@ def timeline(points, kind: str = "linear", unit: str = "") -> Block:
     try:
         times, values = zip(*points, strict=True)
     except (TypeError, ValueError):
-        raise BadValue(f"timeline: points must be pairs (time, value), such as zip(times, values), got {points!r:.180}") from None
+        raise BadValue(
+            "timeline: points must be pairs (time, value), such as zip(times, values), got"
+            f" {points!r:.180}"
+        ) from None
     return Timeline(Time(), np.array(times), np.array(values), kind, unit)

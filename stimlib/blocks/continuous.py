@@ -1,4 +1,6 @@
-"""What the models are before anything is sampled: stiffness at a frequency, relaxation, creep."""
+"""What the models are before anything is sampled: stiffness at a frequency, relaxation,
+creep.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,11 @@ def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
     --------
     >>> from stimlib.blocks import springpot_stiffness
     >>> k = springpot_stiffness(300.0, 0.5, 4.0)
-    >>> float(k.magnitude), float(k.phase).__round__(6), bool(abs(k.storage - k.loss) < 1e-9)
+    >>> (
+    ...     float(k.magnitude),
+    ...     float(k.phase).__round__(6),
+    ...     bool(abs(k.storage - k.loss) < 1e-9),
+    ... )
     (600.0, 0.785398, True)
     """
     _orders("springpot_stiffness", alpha=alpha)
@@ -62,12 +68,15 @@ def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
     size = chi * w**alpha
     across, along = math.sin(alpha * math.pi / 2), math.sin((1 - alpha) * math.pi / 2)
     storage, loss = size * along, size * across
-    return Stiffness(storage + 1j * loss, storage, loss, size, np.full(w.shape, alpha * math.pi / 2))
+    return Stiffness(
+        storage + 1j * loss, storage, loss, size, np.full(w.shape, alpha * math.pi / 2)
+    )
 
 
 @public
 def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.pi) -> float:
-    """chi_2 of a springpot of order alpha2 that answers as strongly as (chi1, alpha1) at the frequency w.
+    """chi_2 of a springpot of order alpha2 that answers as strongly as (chi1, alpha1)
+    at the frequency w.
 
     Parameters
     ----------
@@ -120,7 +129,8 @@ def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
     Returns
     -------
     Stiffness
-        Named arrays of the shape of w: complex, storage, loss and magnitude in N/m, phase in rad.
+        Named arrays of the shape of w: complex, storage, loss and magnitude in N/m,
+        phase in rad.
 
     Raises
     ------
@@ -150,9 +160,13 @@ def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
 
 @public
 def relaxation_modulus(
-    t: ArrayLike, k0: float = 0.0, arms: Sequence[tuple[float, float]] = (), springpot: tuple[float, float] | None = None
+    t: ArrayLike,
+    k0: float = 0.0,
+    arms: Sequence[tuple[float, float]] = (),
+    springpot: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Force over displacement after a step: k0 + sum k_i exp(-t/tau_i) + chi t^-alpha/Gamma(1 - alpha).
+    """Force over displacement after a step: k0 + sum k_i exp(-t/tau_i) + chi
+    t^-alpha/Gamma(1 - alpha).
 
     Parameters
     ----------
@@ -210,7 +224,8 @@ def creep_compliance(
     b: float | None = None,
     springpot: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Displacement over force after a step: 1/k0 + t/b + sum (1 - exp(-t/tau_i))/k_i + t^alpha/(chi Gamma(1 + alpha)).
+    """Displacement over force after a step: 1/k0 + t/b + sum (1 - exp(-t/tau_i))/k_i +
+    t^alpha/(chi Gamma(1 + alpha)).
 
     Parameters
     ----------

@@ -1,8 +1,11 @@
-"""Creep: force in, displacement out, of springs and dampers in series (``relaxation`` has the equations) and of the springpot.
+"""Creep: force in, displacement out, of springs and dampers in series (``relaxation``
+has the equations) and of the springpot.
 
-All share one convention of time: a sample of the output is the displacement at that sample, under a force that is straight
-between samples.  Before the first sample there is no force, so the first value is reached from 0 within one sample.  The
-chains, and the springpot with ``scheme="l1"``, are exact for that force; ``scheme="gl"`` comes near it as 1/fs.
+All share one convention of time: a sample of the output is the displacement at that
+sample, under a force that is straight between samples.  Before the first sample there
+is no force, so the first value is reached from 0 within one sample.  The chains, and
+the springpot with ``scheme="l1"``, are exact for that force; ``scheme="gl"`` comes near
+it as 1/fs.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ from .running import Integrate
 from .springpot import coefficient
 
 
-# Springs and dampers -------------------------------------------------------------------------------------------------
+# Springs and dampers ------------------------------------------------------------------
 class ChainParams(NamedTuple):
     e: np.ndarray  # leaks; padded with ones
     r: np.ndarray  # e g/k; padded with zeros
@@ -45,7 +48,8 @@ class ChainState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KelvinChain(Block):
-    """Elements in series: y = j0 f + sum_i j_i (f lagging by tau_i) + fluidity Int f dt.
+    """Elements in series: y = j0 f + sum_i j_i (f lagging by tau_i) + fluidity Int f
+    dt.
 
     q_i += f[n-1] - e_i q_i;  y = (j0 + sum_i j_i h_i) f[n] + sum_i j_i e_i g_i q_i; the integral is an element with e = 0.
     """
@@ -59,7 +63,10 @@ class KelvinChain(Block):
     def check(self):
         check_lists(self, self.j, "j")
         if self.j0 < 0 or self.fluidity < 0:
-            raise BadValue(f"KelvinChain: j0 = {self.j0:g} and fluidity = {self.fluidity:g} must not be below 0")
+            raise BadValue(
+                f"KelvinChain: j0 = {self.j0:g} and fluidity = {self.fluidity:g} must not be"
+                " below 0"
+            )
 
     def design(self, fs):
         s = [sampled(1 / tau / fs) for tau in self.tau.tolist()]
@@ -67,7 +74,9 @@ class KelvinChain(Block):
         flow = [self.fluidity / fs] if self.fluidity > 0 else []
         e = padded([v.e for v in s] + [0.0 for _ in flow], 1.0)
         r = padded([c * v.e * v.g for c, v in zip(j, s, strict=True)] + flow)
-        d = math.fsum([self.j0, *(c * v.h for c, v in zip(j, s, strict=True)), *(v / 2 for v in flow)])
+        d = math.fsum(
+            [self.j0, *(c * v.h for c, v in zip(j, s, strict=True)), *(v / 2 for v in flow)]
+        )
         return ChainParams(e, r, d), ChainState(np.zeros(e.size), np.zeros(e.size), 0.0)
 
     def laws(self, fs):
@@ -92,22 +101,27 @@ class KelvinChain(Block):
     def transfer(p, z):
         z = z[..., None]
         below = backward(z) + p.e / z
-        below = np.where(abs(below) < 1e-280, 1e-280, below)  # the integral at 0 Hz: beyond all numbers of physics
+        # the integral at 0 Hz: beyond all numbers of physics
+        below = np.where(abs(below) < 1e-280, 1e-280, below)
         return p.d + np.sum(p.r / z / below, axis=-1)
 
 
 @public
-def compliance_maxwell(f: Block, k: Block | float, b: float | None = None, *, tau: float | None = None) -> Block:
+def compliance_maxwell(
+    f: Block, k: Block | float, b: float | None = None, *, tau: float | None = None
+) -> Block:
     """Return the displacement of a Maxwell arm under a force: y = f/k + (1/b) Int f dt.
 
-    It flows for as long as the force acts, so there is no steady start: before the first sample there is no force.
+    It flows for as long as the force acts, so there is no steady start: before the
+    first sample there is no force.
 
     Parameters
     ----------
     f : Block
         Force in N.
     k : float or Block
-        Stiffness in N/m; live when it is a ``Param``, which needs ``tau`` and scales b with it.
+        Stiffness in N/m; live when it is a ``Param``, which needs ``tau`` and scales b
+        with it.
     b : float
         Damping in N s/m.
     tau : float
@@ -133,8 +147,12 @@ def compliance_maxwell(f: Block, k: Block | float, b: float | None = None, *, ta
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks.creep import compliance_maxwell
-    >>> scene = stimlib.Scene({"y": compliance_maxwell(stimlib.Input("f", "N"), k=100.0, b=50.0)})
-    >>> y = stimlib.compile(scene, fs=1000).process(np.r_[0.0, np.ones(1000)][None])[0]  # 1 N for 1 s
+    >>> scene = stimlib.Scene(
+    ...     {"y": compliance_maxwell(stimlib.Input("f", "N"), k=100.0, b=50.0)}
+    ... )
+    >>> y = stimlib.compile(scene, fs=1000).process(np.r_[0.0, np.ones(1000)][None])[
+    ...     0
+    ... ]  # 1 N for 1 s
     >>> float(y[-1].round(6))  # 1/100 + 0.9995/50
     0.02999
     """
@@ -144,9 +162,15 @@ def compliance_maxwell(f: Block, k: Block | float, b: float | None = None, *, ta
 
 @public
 def compliance_kelvin_voigt(
-    f: Block, k: Block | float, b: float | None = None, *, tau: float | None = None, onset: str = "step"
+    f: Block,
+    k: Block | float,
+    b: float | None = None,
+    *,
+    tau: float | None = None,
+    onset: str = "step",
 ) -> Block:
-    """Return the displacement of a spring and a damper side by side under a force: k y + b y' = f.
+    """Return the displacement of a spring and a damper side by side under a force: k y
+    + b y' = f.
 
     It creeps towards f/k.
 
@@ -155,7 +179,8 @@ def compliance_kelvin_voigt(
     f, k, b, tau
         As for ``compliance_maxwell``.
     onset : {"step", "steady"}
-        Whether there was no force before the first sample, or it has always been as it is there, and y at f/k.
+        Whether there was no force before the first sample, or it has always been as it
+        is there, and y at f/k.
 
     Returns
     -------
@@ -169,21 +194,32 @@ def compliance_kelvin_voigt(
 
     References
     ----------
-    Çaldıran's thesis, section 1.1.2 and fig. 1.1b: the dual of relaxation; Kelvin-Voigt element, k_C = k + i w b.
+    Çaldıran's thesis, section 1.1.2 and fig. 1.1b: the dual of relaxation; Kelvin-Voigt
+    element, k_C = k + i w b.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks.creep import compliance_kelvin_voigt
-    >>> scene = stimlib.Scene({"y": compliance_kelvin_voigt(stimlib.Input("f", "N"), k=100.0, b=10.0)})
+    >>> scene = stimlib.Scene(
+    ...     {"y": compliance_kelvin_voigt(stimlib.Input("f", "N"), k=100.0, b=10.0)}
+    ... )
     >>> t = np.arange(1001) / 1000
-    >>> y = stimlib.compile(scene, fs=1000).process(np.minimum(t, 0.5)[None])[0]  # 1 N/s for half a second
+    >>> y = stimlib.compile(scene, fs=1000).process(np.minimum(t, 0.5)[None])[
+    ...     0
+    ... ]  # 1 N/s for half a second
     >>> exact = (t - 0.1 * -np.expm1(-t / 0.1)) / 100
     >>> bool(np.allclose(y[:501], exact[:501], rtol=1e-13))
     True
     """
     tau = time_constant("compliance_kelvin_voigt", k, b, tau)
-    y = begun("compliance_kelvin_voigt", f, onset, lambda g: KelvinChain(g, 0.0, [1.0], [tau], 0.0), lambda y: 1.0)  # type: ignore[arg-type]
+    y = begun(
+        "compliance_kelvin_voigt",
+        f,
+        onset,
+        lambda g: KelvinChain(g, 0.0, [1.0], [tau], 0.0),
+        lambda y: 1.0,
+    )  # type: ignore[arg-type]
     return _over(y, k, f)
 
 
@@ -196,7 +232,8 @@ def compliance_generalized_kelvin_voigt(
     b: float | None = None,
     onset: str = "step",
 ) -> Block:
-    """Return the displacement of a chain under a force: Kelvin-Voigt elements, and a spring and a damper if given.
+    """Return the displacement of a chain under a force: Kelvin-Voigt elements, and a
+    spring and a damper if given.
 
     The dual of ``generalized_maxwell``; all elements run as one bank.
 
@@ -211,8 +248,9 @@ def compliance_generalized_kelvin_voigt(
     b : float, optional
         Damping in N s/m of a damper in the chain, which flows for ever.
     onset : {"step", "steady"}
-        Whether there was no force before the first sample, or it has always been as it is there.  With a damper
-        there is no steady start: under a constant force it has flowed without end.
+        Whether there was no force before the first sample, or it has always been as it
+        is there.  With a damper there is no steady start: under a constant force it has
+        flowed without end.
 
     Returns
     -------
@@ -234,13 +272,19 @@ def compliance_generalized_kelvin_voigt(
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks.creep import compliance_generalized_kelvin_voigt
-    >>> chain = compliance_generalized_kelvin_voigt(stimlib.Input("f", "N"), [(100.0, 0.1), (200.0, 1.0)], k0=1000.0)
-    >>> y = stimlib.compile(stimlib.Scene({"y": chain}), fs=1000).process(np.ones((1, 20000)))[0]
+    >>> chain = compliance_generalized_kelvin_voigt(
+    ...     stimlib.Input("f", "N"), [(100.0, 0.1), (200.0, 1.0)], k0=1000.0
+    ... )
+    >>> y = stimlib.compile(stimlib.Scene({"y": chain}), fs=1000).process(
+    ...     np.ones((1, 20000))
+    ... )[0]
     >>> float(y[-1].round(9))  # 1/100 + 1/200 + 1/1000
     0.016
     """
     if not elements and k0 is None and b is None:
-        raise BadValue("compliance_generalized_kelvin_voigt: nothing in the chain; give elements, k0 or b")
+        raise BadValue(
+            "compliance_generalized_kelvin_voigt: nothing in the chain; give elements, k0 or b"
+        )
     k = [plain("compliance_generalized_kelvin_voigt", "k", e[0]) for e in elements]
     direct = 0.0 if k0 is None else 1 / plain("compliance_generalized_kelvin_voigt", "k0", k0)
     flow = 0.0 if b is None else 1 / plain("compliance_generalized_kelvin_voigt", "b", b)
@@ -260,33 +304,41 @@ def _over(y: Block, k, f) -> Block:
     out = y / with_unit(k, "N/m")
     if out.dim != unit("m"):
         raise UnitError(
-            f"compliance: {as_block(f)!r} [{y.dim}] over a stiffness is [{out.dim}], not a length; give f in N, k in N/m"
+            f"compliance: {as_block(f)!r} [{y.dim}] over a stiffness is [{out.dim}], not a length;"
+            " give f in N, k in N/m"
         )
     return out
 
 
-# The springpot -------------------------------------------------------------------------------------------------------
+# The springpot ------------------------------------------------------------------------
 @public
 def compliance(
-    f: Block, chi: Block | float, alpha: float, scheme: str = "gl", tol: float = 1e-10, horizon: float = 86400.0
+    f: Block,
+    chi: Block | float,
+    alpha: float,
+    scheme: str = "gl",
+    tol: float = 1e-10,
+    horizon: float = 86400.0,
 ) -> Block:
-    """Return the displacement of a springpot under a force, y = I^alpha f / chi: the dual of ``springpot``.
+    """Return the displacement of a springpot under a force, y = I^alpha f / chi: the
+    dual of ``springpot``.
 
-    Before the first sample there is no force.  There is no steady start, as a constant force has no steady displacement:
-    it creeps for ever.
+    Before the first sample there is no force.  There is no steady start, as a constant
+    force has no steady displacement: it creeps for ever.
 
     Parameters
     ----------
     f : Block
         Force in N.
     chi : float or Block
-        Coefficient in N s^alpha/m, as a plain number above 0; live when it is a signal (at 0 the output's guard closes).
+        Coefficient in N s^alpha/m, as a plain number above 0; live when it is a signal
+        (at 0 the output's guard closes).
     alpha : float
         Order from 0 (spring, y = f/chi) to 1 (dashpot, y = integral of f/chi).
     scheme : {"gl", "l1"}
-        "l1" is exact for forces that are straight between samples, as the other blocks of creep are; recommended.
-        "gl" is the inverse of the springpot's "gl": it has the weights of Gruenwald and Letnikov, and is early
-        by alpha/2 samples.
+        "l1" is exact for forces that are straight between samples, as the other blocks
+        of creep are; recommended. "gl" is the inverse of the springpot's "gl": it has
+        the weights of Gruenwald and Letnikov, and is early by alpha/2 samples.
     tol, horizon : float
         See ``springpot``; the bound is on the sum over |f|/fs.
 
@@ -304,17 +356,19 @@ def compliance(
 
     Notes
     -----
-    With "l1", y[n] = sum_j w_j f[n-j]/(chi fs^alpha), w_0 = 1/Gamma(2 + alpha) and, behind it,
-    w_j = ((j + 1)^(1 + alpha) - 2 j^(1 + alpha) + (j - 1)^(1 + alpha))/Gamma(2 + alpha).  With "gl" it is the derivative of
-    order 1 - alpha of the running integral of f.  So is "l1", with weights of its own.
+    With "l1", y[n] = sum_j w_j f[n-j]/(chi fs^alpha), w_0 = 1/Gamma(2 + alpha) and,
+    behind it, w_j = ((j + 1)^(1 + alpha) - 2 j^(1 + alpha) + (j - 1)^(1 +
+    alpha))/Gamma(2 + alpha).  With "gl" it is the derivative of order 1 - alpha of the
+    running integral of f.  So is "l1", with weights of its own.
 
-    The running integral grows without end under a lasting force; its rounding adds an error of about
-    2^-53 (t fs)^(1 - alpha) of y: 2e-13 after an hour at 1 kHz for alpha = 0.5, 2e-10 for alpha = 0.05.
+    The running integral grows without end under a lasting force; its rounding adds an
+    error of about 2^-53 (t fs)^(1 - alpha) of y: 2e-13 after an hour at 1 kHz for alpha
+    = 0.5, 2e-10 for alpha = 0.05.
 
     References
     ----------
-    Çaldıran's thesis, figure 1.1b (creep).  Diethelm, Ford and Freed (2004), Numerical Algorithms 36:31: the product
-    trapezoidal rule, which "l1" is.
+    Çaldıran's thesis, figure 1.1b (creep).  Diethelm, Ford and Freed (2004), Numerical
+    Algorithms 36:31: the product trapezoidal rule, which "l1" is.
 
     Examples
     --------
@@ -322,7 +376,10 @@ def compliance(
     >>> from math import gamma
     >>> from stimlib.blocks import compliance
     >>> f = stimlib.Input("f", "N")
-    >>> proc = stimlib.compile(stimlib.Scene({"y": compliance(f, chi=100.0, alpha=0.5, scheme="l1")}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": compliance(f, chi=100.0, alpha=0.5, scheme="l1")}),
+    ...     fs=1000,
+    ... )
     >>> t = np.arange(1000) / 1000
     >>> y = proc.process(t[None])[0]  # 1 N/s
     >>> bool(np.allclose(y, t**1.5 / (100 * gamma(2.5)), rtol=1e-9))
@@ -348,5 +405,13 @@ def compliance(
         y = KelvinChain(number, 0.0, [], [], 1.0)  # type: ignore[arg-type]
     else:
         total = Integrate(number, 0.0, held=True) / constant(1.0, "s")
-        y = Springpot(total, as_block(1.0), 1.0 - alpha, {"l1": soe.STRAIGHT}.get(scheme, scheme), tol, horizon, "step")
+        y = Springpot(
+            total,
+            as_block(1.0),
+            1.0 - alpha,
+            {"l1": soe.STRAIGHT}.get(scheme, scheme),
+            tol,
+            horizon,
+            "step",
+        )
     return metre * y / gain

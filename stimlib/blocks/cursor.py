@@ -13,11 +13,15 @@ from ..errors import BadValue, public
 from .stiffness import Levels, as_levels, check_places, grid, level, levels_of
 
 FRAME = 0.03
-"""Of the program of Li et al. (2016), in s: "the frame interval for this program is 30 ms"."""
+"""Of the program of Li et al. (2016), in s: "the frame interval for this program is 30
+ms".
+"""
 
 
 EQUAL = 1e-9
-"""Largest difference of levels that counts as none: a spline through equal levels has them to rounding."""
+"""Largest difference of levels that counts as none: a spline through equal levels has
+them to rounding.
+"""
 
 
 class CursorState(NamedTuple):
@@ -29,12 +33,16 @@ class CursorState(NamedTuple):
 
 
 def ratio(S):
-    """Way of the cursor over way of the device where the level is S: (1.1 - S)/(1.1 (1 + S))."""
+    """Way of the cursor over way of the device where the level is S: (1.1 - S)/(1.1 (1
+    + S)).
+    """
     return (1.1 - S) / (1.1 * (1.0 + S))
 
 
 def midpoint_ratio(p, x, y, dx, dy):
-    """c = ratio(S(x + c dx/2, y + c dy/2)), by Newton's method from the place itself; c is between ratio(1) and 1."""
+    """c = ratio(S(x + c dx/2, y + c dy/2)), by Newton's method from the place itself; c
+    is between ratio(1) and 1.
+    """
     c = ratio(level(p, x, y)[0])
     for _ in range(5):
         S, sx, sy = level(p, x + 0.5 * c * dx, y + 0.5 * c * dy)
@@ -46,7 +54,9 @@ def midpoint_ratio(p, x, y, dx, dy):
 
 @dataclass(frozen=True, eq=False)
 class Cursor(Block):
-    """dx = c dp with c = ratio(S) half-way between the old place and the new one: what is symmetric in time retraces its path."""
+    """dx = c dp with c = ratio(S) half-way between the old place and the new one: what
+    is symmetric in time retraces its path.
+    """
 
     px: Block
     py: Block
@@ -109,7 +119,9 @@ def next_speed(speed, last, S):
 
 @dataclass(frozen=True, eq=False)
 class CursorFrames(Block):
-    """Eq. (1) once per frame: the level at the cursor, the speed, then a step of speed times the device's way."""
+    """Eq. (1) once per frame: the level at the cursor, the speed, then a step of speed
+    times the device's way.
+    """
 
     px: Block
     py: Block
@@ -126,7 +138,10 @@ class CursorFrames(Block):
         levels_of(self)
         positive(self, "frame", "slowest")
         if not self.slowest <= 1 <= self.fastest:
-            raise BadValue(f"cursor: the speed begins at 1, which is not within bounds = ({self.slowest:g}, {self.fastest:g})")
+            raise BadValue(
+                f"cursor: the speed begins at 1, which is not within bounds = ({self.slowest:g},"
+                f" {self.fastest:g})"
+            )
 
     def units(self, *u):
         check_places("cursor", *u[:2])
@@ -172,19 +187,21 @@ def cursor(
 ) -> Any:
     """A cursor that moves less than the device (a mouse) where the object is harder.
 
-    ``reversible``, ours: dx = g(S) dp with g(S) = (1.1 - S)/(1.1 (1 + S)), eq. (1)'s step from 0 to S without its jump of 1.1, S
-    half-way between the old place of the cursor and the new one.  ``frames``: eq. (1) to the letter, once per frame.
+    ``reversible``, ours: dx = g(S) dp with g(S) = (1.1 - S)/(1.1 (1 + S)), eq. (1)'s
+    step from 0 to S without its jump of 1.1, S half-way between the old place of the
+    cursor and the new one.  ``frames``: eq. (1) to the letter, once per frame.
 
     Parameters
     ----------
     x, y : Block
-        Place of the device in m, of which only differences count; it is also where the cursor starts.
+        Place of the device in m, of which only differences count; it is also where the
+        cursor starts.
     S : Levels
         See ``stiffness_map``.
     law : {"reversible", "frames"}
     contact : Block
-        Where it is not above 0 the cursor stands still (at 0 before the first contact).  At re-contact it starts at the
-        device's place, ``frames`` with speed 1 again.
+        Where it is not above 0 the cursor stands still (at 0 before the first contact).
+        At re-contact it starts at the device's place, ``frames`` with speed 1 again.
     frame : float
         Of ``frames``, in s.
     bounds : (float, float)
@@ -204,14 +221,17 @@ def cursor(
 
     Notes
     -----
-    Movement h of the device per sample errs, at the place X, by h^2 g(X) times the integral of (g'^2/12 - g g''/24)/g over the
-    path, at most by that of the absolute value: 34 um for h = 1 mm over a bump exp(-x^2/2 s^2) of s = 5 mm.  A path that is
-    retraced leads back, to rounding, at any sample rate, as long as h times the steepest slope of g is below 1: h = 5 mm over the
-    largest nodule.  A closed loop does not, so this is for relative devices; a pen uses ``delay_avatar``.
+    Movement h of the device per sample errs, at the place X, by h^2 g(X) times the
+    integral of (g'^2/12 - g g''/24)/g over the path, at most by that of the absolute
+    value: 34 um for h = 1 mm over a bump exp(-x^2/2 s^2) of s = 5 mm.  A path that is
+    retraced leads back, to rounding, at any sample rate, as long as h times the
+    steepest slope of g is below 1: h = 5 mm over the largest nodule.  A closed loop
+    does not, so this is for relative devices; a pen uses ``delay_avatar``.
 
     References
     ----------
-    Li et al. (2016), eq. (1).  Unit, start and bounds of CursorSpeed are open there; it is read as a ratio that starts at 1.
+    Li et al. (2016), eq. (1).  Unit, start and bounds of CursorSpeed are open there; it
+    is read as a ratio that starts at 1.
 
     Examples
     --------
@@ -220,7 +240,9 @@ def cursor(
     >>> ramp = [[0, 1], [0, 1]], 0.01, 0.01  # S = x / 10 mm
     >>> place = cursor(stimlib.Input("x", "m"), stimlib.constant(0.0, "m"), ramp)
     >>> proc = stimlib.compile(stimlib.Scene({"x": place.x}), fs=1000)
-    >>> (1000 * proc.process(np.array([[0.0, 0.001, 0.002, 0.004, 0.002, 0.001]]))[0]).round(4)
+    >>> (
+    ...     1000 * proc.process(np.array([[0.0, 0.001, 0.002, 0.004, 0.002, 0.001]]))[0]
+    ... ).round(4)
     array([0.    , 0.9164, 1.6958, 2.9732, 1.6958, 0.9164])
     """
     signals = as_block(x), as_block(y), as_block(contact)
@@ -228,6 +250,9 @@ def cursor(
         return Cursor(*signals, *as_levels("cursor", S))
     if law == "frames":
         if not isinstance(bounds, tuple) or len(bounds) != 2:
-            raise BadValue(f"cursor: bounds = {bounds!r:.100} must be the slowest and the fastest, such as (0.05, 2.0)")
+            raise BadValue(
+                f"cursor: bounds = {bounds!r:.100} must be the slowest and the fastest, such as"
+                " (0.05, 2.0)"
+            )
         return CursorFrames(*signals, *as_levels("cursor", S), frame, *bounds)
     raise BadValue(f"cursor: law = {law!r}; choose one of reversible, frames")

@@ -45,11 +45,15 @@ class Delay(Block):
         limits.check("state_bytes", 8 * length, f"delay: bytes of its samples at fs = {fs:g} Hz")
         n = round(length)
         if n < 1:
-            raise BadValue(f"delay: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz")
+            raise BadValue(
+                f"delay: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
+            )
         return DelayParams(float(n)), DelayState(np.zeros(n), np.uint64(0))
 
     def laws(self, fs):
-        return (responses.delay(round(self.seconds * fs) if self.samples is None else self.samples),)
+        return (
+            responses.delay(round(self.seconds * fs) if self.samples is None else self.samples),
+        )
 
     @staticmethod
     def step(p, s, x):
@@ -72,7 +76,12 @@ class Delay(Block):
 
 
 @public
-def delay(x: Block | float, samples: float | None = None, seconds: float | None = None, onset: str = "step") -> Block:
+def delay(
+    x: Block | float,
+    samples: float | None = None,
+    seconds: float | None = None,
+    onset: str = "step",
+) -> Block:
     """Delay a signal by a whole number of samples.
 
     Parameters
@@ -94,10 +103,15 @@ def delay(x: Block | float, samples: float | None = None, seconds: float | None 
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import delay
-    >>> proc = stimlib.compile(stimlib.Scene({"y": delay(stimlib.Input("x"), samples=2)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": delay(stimlib.Input("x"), samples=2)}), fs=1000
+    ... )
     >>> proc.process(np.array([[1.0, 2.0, 3.0]]))
     array([[0., 0., 1.]])
     """
     if isinstance(samples, float):
-        raise BadValue(f"delay: samples = {samples!r} must be a whole number; a time is delay(x, seconds={samples!r})")
+        raise BadValue(
+            f"delay: samples = {samples!r} must be a whole number; a time is delay(x,"
+            f" seconds={samples!r})"
+        )
     return begun("delay", x, onset, lambda u: Delay(u, samples, seconds), lambda y: 1.0)

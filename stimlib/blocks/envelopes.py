@@ -37,12 +37,16 @@ def opened(p, s, event):
     edge = where(t < p.n - t, t, p.n - t) / p.ramp
     v = sinpi(0.5 * where(edge > 0.0, where(edge < 1.0, edge, 1.0), 0.0))
     runs = where(as_float(k) < p.n, 1.0, 0.0)
-    return where(runs > 0.0, height * (v * v), 0.0), BurstState(where(runs > 0.0, k + ONE, k), height)
+    return where(runs > 0.0, height * (v * v), 0.0), BurstState(
+        where(runs > 0.0, k + ONE, k), height
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Burst(Block):
-    """height sin^2(pi/2 min(t, n - t, ramp)/ramp) with t = k + 1/2 for its sample k: as long before the middle as after."""
+    """height sin^2(pi/2 min(t, n - t, ramp)/ramp) with t = k + 1/2 for its sample k: as
+    long before the middle as after.
+    """
 
     event: Block
     duration: float
@@ -52,13 +56,17 @@ class Burst(Block):
         positive(self, "duration")
         if not 0 <= self.ramp <= self.duration / 2:
             raise BadValue(
-                f"burst: ramp = {self.ramp:g} s must be from 0 to half of duration = {self.duration:g} s: one ramp at each end"
+                f"burst: ramp = {self.ramp:g} s must be from 0 to half of duration ="
+                f" {self.duration:g} s: one ramp at each end"
             )
 
     def design(self, fs):
         n = round(self.duration * fs)
         if n < 1:
-            raise BadValue(f"burst: duration = {self.duration:g} s is less than half a sample at fs = {fs:g} Hz")
+            raise BadValue(
+                f"burst: duration = {self.duration:g} s is less than half a sample at fs ="
+                f" {fs:g} Hz"
+            )
         return BurstParams(float(n), min(max(0.5, self.ramp * fs), n / 2)), BurstState(U(n), 0.0)
 
     @staticmethod
@@ -77,45 +85,55 @@ class Burst(Block):
 
 @public
 def burst(start: Block | float, duration: float, ramp: float = 0.0) -> Block:
-    """An envelope that is open for a while after each event, with ramps of a raised cosine: times a signal, a burst of it.
+    """An envelope that is open for a while after each event, with ramps of a raised
+    cosine: times a signal, a burst of it.
 
     Parameters
     ----------
     start : Block or float
-        An event, whose height is that of the envelope; or a time in s, for one burst.  An event within a burst restarts it.
+        An event, whose height is that of the envelope; or a time in s, for one burst.
+        An event within a burst restarts it.
     duration : float
-        From the start of the first ramp to the end of the last, in s, rounded to whole samples.
+        From the start of the first ramp to the end of the last, in s, rounded to whole
+        samples.
     ramp : float
         Length of each ramp in s, at most half the duration.
 
     Returns
     -------
     Block
-        In the unit of start.  Its sum is that of a rectangle as long as duration - ramp.
+        In the unit of start.  Its sum is that of a rectangle as long as duration -
+        ramp.
 
     Raises
     ------
     BadValue
-        A duration not above 0, a ramp that does not fit into it, what is known to be no event; at compile time, a duration of
-        less than half a sample.
+        A duration not above 0, a ramp that does not fit into it, what is known to be no
+        event; at compile time, a duration of less than half a sample.
 
     Notes
     -----
-    The ramps are read in the middle of each sample: k samples after the start, at fs = 1/h, the first ramp is
-    (1 - cos(pi (k + 1/2) h/ramp))/2, so no sample of the burst is 0.
+    The ramps are read in the middle of each sample: k samples after the start, at fs =
+    1/h, the first ramp is (1 - cos(pi (k + 1/2) h/ramp))/2, so no sample of the burst
+    is 0.
 
-    What a burst multiplies does not begin with it: the phase of ``oscillator(180)`` counts from sample 0.  For one that rises
-    through 0 where a burst at t0 begins, give ``oscillator(180, phase=-2 * pi * 180 * t0)``.
+    What a burst multiplies does not begin with it: the phase of ``oscillator(180)``
+    counts from sample 0.  For one that rises through 0 where a burst at t0 begins, give
+    ``oscillator(180, phase=-2 * pi * 180 * t0)``.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import burst
-    >>> proc = stimlib.compile(stimlib.Scene({"y": burst(0.001, duration=0.005, ramp=0.002)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": burst(0.001, duration=0.005, ramp=0.002)}), fs=1000
+    ... )
     >>> proc.process(np.empty((0, 7))).round(3)
     array([[0.   , 0.146, 0.854, 1.   , 0.854, 0.146, 0.   ]])
     """
-    return Burst(as_event("burst", start if isinstance(start, Block) else at(start)), duration, ramp)
+    return Burst(
+        as_event("burst", start if isinstance(start, Block) else at(start)), duration, ramp
+    )
 
 
 CURVE = 1.5
@@ -151,7 +169,9 @@ def followed(p, s, gate):
 
 @dataclass(frozen=True, eq=False)
 class Envelope(Block):
-    """y += g (target - y) with the g and target of its stage; a gate that opens starts the attack from where y is."""
+    """y += g (target - y) with the g and target of its stage; a gate that opens starts
+    the attack from where y is.
+    """
 
     gate: Block
     attack: float
@@ -169,9 +189,12 @@ class Envelope(Block):
 
     def design(self, fs):
         rise, fall, release = (
-            -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0 for t in (self.attack / CURVE, self.decay, self.release)
+            -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
+            for t in (self.attack / CURVE, self.decay, self.release)
         )
-        return EnvelopeParams(rise, -1 / math.expm1(-CURVE), fall, self.sustain, release), EnvelopeState(0.0, 0.0)
+        return EnvelopeParams(
+            rise, -1 / math.expm1(-CURVE), fall, self.sustain, release
+        ), EnvelopeState(0.0, 0.0)
 
     @staticmethod
     def step(p, s, gate):
@@ -183,7 +206,8 @@ class Envelope(Block):
         for i in range(y.size):
             stays = stays + where(gate[i] > 0.0, ONE - closed, closed)
         level, after = followed(p, s, gate[0])
-        if stays == U(y.size) and after.y == s.y and after.stage == s.stage:  # at rest, or at the sustain level
+        # at rest, or at the sustain level
+        if stays == U(y.size) and after.y == s.y and after.stage == s.stage:
             y[:] = level
             return s
         for i in range(y.size):
@@ -193,18 +217,25 @@ class Envelope(Block):
 
 @public
 def envelope(
-    gate: Block | float, attack: float = 0.005, decay: float = 0.05, sustain: float = 1.0, release: float = 0.05
+    gate: Block | float,
+    attack: float = 0.005,
+    decay: float = 0.05,
+    sustain: float = 1.0,
+    release: float = 0.05,
 ) -> Block:
-    """Attack, decay, sustain, release: how strong something is while a gate is open, and after.
+    """Attack, decay, sustain, release: how strong something is while a gate is open,
+    and after.
 
     Parameters
     ----------
     gate : Block
-        Open where it is above 0.  One that opens again starts a new attack from where the envelope is.
+        Open where it is above 0.  One that opens again starts a new attack from where
+        the envelope is.
     attack : float
         Time to 1 in s, along an exponential.
     decay, release : float
-        Time constants in s of the way to the sustain level, and to 0 after the gate closes.
+        Time constants in s of the way to the sustain level, and to 0 after the gate
+        closes.
     sustain : float
         Level while the gate stays open.
 
@@ -222,7 +253,9 @@ def envelope(
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import envelope
-    >>> shape = envelope(stimlib.Input("gate"), attack=0.002, decay=0.001, sustain=0.5, release=0.001)
+    >>> shape = envelope(
+    ...     stimlib.Input("gate"), attack=0.002, decay=0.001, sustain=0.5, release=0.001
+    ... )
     >>> proc = stimlib.compile(stimlib.Scene({"y": shape}), fs=1000)
     >>> proc.process(np.array([[1.0, 1.0, 1.0, 1.0, 0.0, 0.0]])).round(3)
     array([[0.679, 1.   , 0.684, 0.568, 0.209, 0.077]])

@@ -1,4 +1,6 @@
-"""Equal displacement everywhere on a surface that vibrates more in its middle than at its edges."""
+"""Equal displacement everywhere on a surface that vibrates more in its middle than at
+its edges.
+"""
 
 from __future__ import annotations
 
@@ -46,12 +48,14 @@ class Midpoint(Block):
 
 
 def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
-    """Two columns of a CSV file, position and displacement; a heading and lines that start with # are skipped.
+    """Two columns of a CSV file, position and displacement; a heading and lines that
+    start with # are skipped.
 
     Raises
     ------
     BadValue
-        No file that can be read, or a larger one than ``stimlib.limits`` allow; a line that is not two numbers.
+        No file that can be read, or a larger one than ``stimlib.limits`` allow; a line
+        that is not two numbers.
     """
     file = os.fspath(path)
     rows: list[tuple[float, float]] = []
@@ -68,7 +72,9 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
             position, displacement = (float(word.strip().strip('"')) for word in row)
         except ValueError:
             if rows or heading:
-                raise BadValue(f"{file}, line {number}: expected position,displacement, got {line[:80]!r}") from None
+                raise BadValue(
+                    f"{file}, line {number}: expected position,displacement, got {line[:80]!r}"
+                ) from None
             heading = True
             continue
         rows.append((position, displacement))
@@ -81,29 +87,46 @@ def points(displacement) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(displacement, (str, os.PathLike)):
         displacement = read_profile(displacement)
     if not isinstance(displacement, (Sequence, np.ndarray)) or len(displacement) != 2:
-        raise BadValue("equalize: displacement must be (knots, displacement), or the path of a CSV file with these columns")
+        raise BadValue(
+            "equalize: displacement must be (knots, displacement), or the path of a CSV file with"
+            " these columns"
+        )
     try:
         knots, d = (np.array(v, np.float64) for v in displacement)
     except (TypeError, ValueError):
-        raise BadValue("equalize: displacement must be two rows of numbers, (knots, displacement)") from None
+        raise BadValue(
+            "equalize: displacement must be two rows of numbers, (knots, displacement)"
+        ) from None
     limits.check("table_knots", knots.size, "equalize: knots")
     if knots.ndim != 1 or knots.shape != d.shape or knots.size < 2:
-        raise BadValue(f"equalize: need as many displacements as knots, at least 2; got {knots.shape} and {d.shape}")
+        raise BadValue(
+            f"equalize: need as many displacements as knots, at least 2; got {knots.shape} and"
+            f" {d.shape}"
+        )
     for name, v in (("knot", knots), ("displacement", d)):
         if not np.isfinite(v).all():
             raise BadValue(f"equalize: {name} {int(np.argmin(np.isfinite(v)))} is not finite")
     if not (np.diff(knots) > 0).all():
-        raise BadValue(f"equalize: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not")
+        raise BadValue(
+            f"equalize: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not"
+        )
     if not (d > 0).all():
         at = int(np.argmin(d > 0))
-        raise BadValue(f"equalize: displacement {at} = {d[at]:g} must be above 0: no voltage moves a node of the mode")
+        raise BadValue(
+            f"equalize: displacement {at} = {d[at]:g} must be above 0: no voltage moves a node of"
+            " the mode"
+        )
     return knots, d
 
 
 def smallest(table, knots: np.ndarray) -> float:
-    """Lowest value of a table between its knots, by its own step at 65 places of each piece."""
+    """Lowest value of a table between its knots, by its own step at 65 places of each
+    piece.
+    """
     p, _ = table.design(1.0)
-    places = np.concatenate([np.linspace(a, b, 65) for a, b in zip(knots[:-1], knots[1:], strict=True)])
+    places = np.concatenate(
+        [np.linspace(a, b, 65) for a, b in zip(knots[:-1], knots[1:], strict=True)]
+    )
     return float(min(table.step(p, (), x)[0] for x in places))
 
 
@@ -120,35 +143,44 @@ def equalize(
     kind: str | Callable | None = None,
     outside: str = "hold",
 ) -> Block:
-    """A voltage that gives, at every place, the displacement of the place that moves most.
+    """A voltage that gives, at every place, the displacement of the place that moves
+    most.
 
-    y = signal d_max/d(x): the measured displacements are interpolated and the result is inverted (interpolating the gains
-    instead is an order of magnitude worse), in the middle between x[n-1] and x[n], where an area-sampled envelope lies.
-    Five points of a clamped beam's mode, 1.84 times higher in the middle, give an amplitude constant to 0.04 % with a
-    polynomial, 0.4 % with a cubic spline, 1.8 % with pchip, 3.3 % with straight lines.
+    y = signal d_max/d(x): the measured displacements are interpolated and the result is
+    inverted (interpolating the gains instead is an order of magnitude worse), in the
+    middle between x[n-1] and x[n], where an area-sampled envelope lies. Five points of
+    a clamped beam's mode, 1.84 times higher in the middle, give an amplitude constant
+    to 0.04 % with a polynomial, 0.4 % with a cubic spline, 1.8 % with pchip, 3.3 % with
+    straight lines.
 
     Parameters
     ----------
     x : Block
         Position, usually in m.
     displacement : (knots, displacement) or path
-        Two rows of one length, positions in the unit of x, rising, and displacement amplitudes at equal voltage, above 0, in
-        any unit; or the path of a CSV file with these two columns, which is read now.
+        Two rows of one length, positions in the unit of x, rising, and displacement
+        amplitudes at equal voltage, above 0, in any unit; or the path of a CSV file
+        with these two columns, which is read now.
     limit : float or Block, optional
-        Largest absolute value of the result, in the unit of ``signal``: what the amplifier can give.
+        Largest absolute value of the result, in the unit of ``signal``: what the
+        amplifier can give.
     headroom : {"clip", "scale"}
-        What happens where the limit is passed.  "clip": the samples beyond it are held there; count them in a recording,
-        ``np.sum(np.abs(y) >= limit)``, a block cannot know.  "scale": the whole stimulus is reduced by
-        min(1, limit/(peak largest gain)), everywhere and all the time, so that it is never passed.
+        What happens where the limit is passed.  "clip": the samples beyond it are held
+        there; count them in a recording, ``np.sum(np.abs(y) >= limit)``, a block cannot
+        know.  "scale": the whole stimulus is reduced by min(1, limit/(peak largest
+        gain)), everywhere and all the time, so that it is never passed.
     signal : float or Block
         What is equalised.  Default 1: the result is the gain.
     peak : float or Block, optional
-        Largest absolute value of ``signal``, live or not; needed for "scale" unless the signal is a number.
+        Largest absolute value of ``signal``, live or not; needed for "scale" unless the
+        signal is a number.
     contact : Block
         At re-contact x[n-1] = x[n].
     kind : {"linear", "pchip", "cubic", "polynomial"} or callable, optional
-        Interpolation; default: one polynomial for up to 6 knots, a cubic spline beyond.  A function makes a finer table out of
-        knots and displacements, which a cubic spline interpolates: ``stimlib.plate.mode_fit`` fits the shape of a plate's mode.
+        Interpolation; default: one polynomial for up to 6 knots, a cubic spline beyond.
+        A function makes a finer table out of knots and displacements, which a cubic
+        spline interpolates: ``stimlib.plate.mode_fit`` fits the shape of a plate's
+        mode.
     outside : {"hold", "zero", "error"}
         Beyond the first and last knot: their gain; silence; or a fault.
 
@@ -160,15 +192,16 @@ def equalize(
     Raises
     ------
     BadValue
-        A profile that is not finite, not rising, not above 0 at a knot or between them; a file that cannot be read; a limit
-        not above 0; an unknown policy; "scale" without a limit or a peak.
+        A profile that is not finite, not rising, not above 0 at a knot or between them;
+        a file that cannot be read; a limit not above 0; an unknown policy; "scale"
+        without a limit or a peak.
     UnitError
         A limit or peak in another unit than the signal.
 
     References
     ----------
-    The touch-screen thesis, section 4.2 and figure 4.2: "we increase all the displacements along the horizontal axis to the max
-    value".
+    The touch-screen thesis, section 4.2 and figure 4.2: "we increase all the
+    displacements along the horizontal axis to the max value".
 
     Examples
     --------
@@ -188,7 +221,8 @@ def equalize(
         kind = "cubic"
     elif kind not in (None, *KINDS):
         raise BadValue(
-            f"equalize: kind = {kind!r}; choose one of {', '.join(KINDS)}, or a function, such as stimlib.plate.mode_fit(model)"
+            f"equalize: kind = {kind!r}; choose one of {', '.join(KINDS)}, or a function, such as"
+            " stimlib.plate.mode_fit(model)"
         )
     kind = kind or ("polynomial" if knots.size <= 6 else "cubic")
     x, y, contact = as_block(x), as_block(signal), as_block(contact)
@@ -196,15 +230,25 @@ def equalize(
     table = lut(middle, knots, d, kind, "error" if outside == "error" else "hold")
     lowest = smallest(table, knots)
     if not lowest > 0:
-        raise BadValue(f"equalize: between its knots the {kind} displacement falls to {lowest:g}; measure more points")
+        raise BadValue(
+            f"equalize: between its knots the {kind} displacement falls to {lowest:g}; measure more"
+            " points"
+        )
     if isinstance(y, Const) and peak is None:
         peak = Const(abs(y.value), y.unit)
     y = y * (float(d.max()) / table)
     if outside == "zero":
-        low, high = (Const(float(v), "" if str(x.dim) == "1" else str(x.dim)) for v in knots[[0, -1]])
+        low, high = (
+            Const(float(v), "" if str(x.dim) == "1" else str(x.dim)) for v in knots[[0, -1]]
+        )
         y = y * (middle >= low) * (middle <= high)
     if limit is not None:
-        return within(y, limit, headroom, None if peak is None else with_unit(peak, str(y.dim)) * (float(d.max()) / lowest))
+        return within(
+            y,
+            limit,
+            headroom,
+            None if peak is None else with_unit(peak, str(y.dim)) * (float(d.max()) / lowest),
+        )
     if headroom != "clip":
         raise BadValue(
             f"equalize: headroom = {headroom!r} needs a limit"
@@ -215,7 +259,9 @@ def equalize(
 
 
 def within(y: Block, limit, headroom: str, peak=None) -> Block:
-    """y held within -limit .. limit: clipped, or first scaled by limit/peak where the peak is larger."""
+    """y held within -limit .. limit: clipped, or first scaled by limit/peak where the
+    peak is larger.
+    """
     if headroom not in HEADROOM:
         raise BadValue(f"headroom = {headroom!r}; choose one of {', '.join(HEADROOM)}")
     top = with_unit(limit, str(y.dim))

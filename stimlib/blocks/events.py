@@ -1,4 +1,6 @@
-"""Events: signals that are 0 except at the sample where something happens; the height is its strength."""
+"""Events: signals that are 0 except at the sample where something happens; the height
+is its strength.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Abs, Block, Compare, Const, Div, Mul, Neg, Param, as_block, positive, same_unit
+from ..core.graph import (
+    NONE,
+    ONE,
+    Abs,
+    Block,
+    Compare,
+    Const,
+    Div,
+    Mul,
+    Neg,
+    Param,
+    as_block,
+    positive,
+    same_unit,
+)
 from ..core.maths import floor, where
 from ..errors import BadValue, public
 from .gate import Gate
@@ -22,7 +38,9 @@ class Event(Block, abstract=True):
 
 
 def is_event(b: Block) -> bool:
-    """Whether a signal is known to be an event: a block that makes them, or one of those scaled."""
+    """Whether a signal is known to be an event: a block that makes them, or one of
+    those scaled.
+    """
     todo, seen = [b], {id(b)}
     while todo:
         b = todo.pop()
@@ -39,12 +57,17 @@ def as_event(name: str, v) -> Block:
     """A signal that may be an event; BadValue where it is known to last."""
     b = as_block(v)
     if isinstance(b, (Const, Param, Compare, Gate, Count, SampleAndHold)):
-        raise BadValue(f"{name}: {b!r} is no event, it lasts; use rising(..) of it, or every(..), at(..) or crossing(..)")
+        raise BadValue(
+            f"{name}: {b!r} is no event, it lasts; use rising(..) of it, or every(..), at(..) or"
+            " crossing(..)"
+        )
     return b
 
 
 def as_signal(name: str, v, remedy: str) -> Block:
-    """A signal that lasts; BadValue, with a remedy, where it is known to be an event."""
+    """A signal that lasts; BadValue, with a remedy, where it is known to be an
+    event.
+    """
     b = as_block(v)
     if is_event(b):
         raise BadValue(f"{name}: {b!r} is an event, of one sample; {remedy}")
@@ -57,14 +80,16 @@ def in_unit_of(x: Block, v) -> Block:
 
 
 def happens(event):
-    """At how many samples something happens: a tile that finds none may leave its state as it is."""
+    """At how many samples something happens: a tile that finds none may leave its state
+    as it is.
+    """
     n = NONE
     for i in range(event.size):
         n = n + where(event[i] == 0.0, NONE, ONE)
     return n
 
 
-# Where they come from --------------------------------------------------------------------------------------------------
+# Where they come from -----------------------------------------------------------------
 class EdgeParams(NamedTuple):
     sign: float  # 1: rising, -1: falling
 
@@ -121,7 +146,8 @@ def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
     Parameters
     ----------
     x : Block
-        A gate, a comparison or any signal; noise near the threshold makes many events: see ``hysteresis`` and ``once_within``.
+        A gate, a comparison or any signal; noise near the threshold makes many events:
+        see ``hysteresis`` and ``once_within``.
     threshold : float or Block
         In the unit of x.
 
@@ -142,7 +168,9 @@ def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import falling, rising
     >>> x = stimlib.Input("x")
-    >>> proc = stimlib.compile(stimlib.Scene({"up": rising(x, 0.5), "down": falling(x, 0.5)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"up": rising(x, 0.5), "down": falling(x, 0.5)}), fs=1000
+    ... )
     >>> proc.process(np.array([[0.0, 1.0, 1.0, 0.5, 0.7]]))
     array([[0., 1., 0., 0., 1.],
            [0., 0., 0., 1., 0.]])
@@ -198,7 +226,8 @@ def crossed(p, s, x):
     held = where(s.cell < low, low, where(s.cell > high, high, s.cell))
     cell = where(good > 0.0, where(s.cold > 0.0, floor(u), held), s.cell)
     n = where(s.cold > 0.0, 0.0, cell - s.cell)
-    # the lines passed lie, in the mean, at the middle of both cells; which part of the sample was gone there
+    # the lines passed lie, in the mean, at the middle of both cells; which part of the
+    # sample was gone there
     line = 0.5 * (s.cell + cell + 1.0) + where(n > 0.0, p.half, -p.half)
     part = (line - s.last) / where(u == s.last, 1.0, u - s.last)
     later = p.split * n * where(part > 0.0, where(part < 1.0, part, 1.0), 0.0)
@@ -208,7 +237,8 @@ def crossed(p, s, x):
 
 @dataclass(frozen=True, eq=False)
 class Crossing(Event):
-    """The cell between two lines is held within floor(u - h/2) .. floor(u + h/2), u = x/spacing: a play between place and cell.
+    """The cell between two lines is held within floor(u - h/2) .. floor(u + h/2), u =
+    x/spacing: a play between place and cell.
 
     The event is how many cells it has moved.
     """
@@ -243,7 +273,9 @@ class Crossing(Event):
         stays = NONE
         for i in range(y.size):
             u = x[i] / p.spacing
-            stays = stays + where(floor(u - p.half) <= s.cell, where(floor(u + p.half) >= s.cell, ONE, NONE), NONE)
+            stays = stays + where(
+                floor(u - p.half) <= s.cell, where(floor(u + p.half) >= s.cell, ONE, NONE), NONE
+            )
         if stays == U(y.size) and s.carry == 0.0 and s.cold == 0.0:
             y[:] = 0.0
             return CrossingState(s.cell, x[y.size - 1] / p.spacing, 0.0, 0.0)
@@ -253,8 +285,11 @@ class Crossing(Event):
 
 
 @public
-def crossing(x: Block | float, spacing: float, hysteresis: float = 0.0, split: bool = False) -> Block:
-    """An event at every line that a position passes: lines at the multiples of a spacing.
+def crossing(
+    x: Block | float, spacing: float, hysteresis: float = 0.0, split: bool = False
+) -> Block:
+    """An event at every line that a position passes: lines at the multiples of a
+    spacing.
 
     Parameters
     ----------
@@ -262,16 +297,19 @@ def crossing(x: Block | float, spacing: float, hysteresis: float = 0.0, split: b
     spacing : float
         Distance of the lines, in the unit of x.
     hysteresis : float
-        How far x must come back over a line to pass it again, in the unit of x: twice the step of an encoder, and a position
-        that toggles between two codes passes a line once.
+        How far x must come back over a line to pass it again, in the unit of x: twice
+        the step of an encoder, and a position that toggles between two codes passes a
+        line once.
     split : bool
-        Share each event between two samples, so that their mean is the time of the passage, one sample later.  A texture of
-        rings then has 26 dB less noise between its lines; what counts, holds or restarts wants whole events.
+        Share each event between two samples, so that their mean is the time of the
+        passage, one sample later.  A texture of rings then has 26 dB less noise between
+        its lines; what counts, holds or restarts wants whole events.
 
     Returns
     -------
     Block
-        The number of lines passed in this sample, negative on the way back; 0 at the first.
+        The number of lines passed in this sample, negative on the way back; 0 at the
+        first.
 
     Raises
     ------
@@ -282,14 +320,19 @@ def crossing(x: Block | float, spacing: float, hysteresis: float = 0.0, split: b
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import crossing
-    >>> proc = stimlib.compile(stimlib.Scene({"y": crossing(stimlib.Input("x", "m"), 0.005, hysteresis=1e-4)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene(
+    ...         {"y": crossing(stimlib.Input("x", "m"), 0.005, hysteresis=1e-4)}
+    ...     ),
+    ...     fs=1000,
+    ... )
     >>> proc.process(np.array([[0.0, 0.004, 0.0051, 0.00499, 0.0121, 0.0049]])) + 0.0
     array([[ 0.,  0.,  1.,  0.,  1., -2.]])
     """
     return Crossing(as_signal("crossing", x, "give a position"), spacing, hysteresis, split)
 
 
-# What is done with them ------------------------------------------------------------------------------------------------
+# What is done with them ---------------------------------------------------------------
 class Total(NamedTuple):
     y: float
 
@@ -331,7 +374,9 @@ def count(event: Block | float) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import count, rising
-    >>> proc = stimlib.compile(stimlib.Scene({"y": count(rising(stimlib.Input("x")))}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": count(rising(stimlib.Input("x")))}), fs=1000
+    ... )
     >>> proc.process(np.array([[0.0, 1.0, 0.0, 1.0, 1.0]]))
     array([[0., 1., 1., 2., 2.]])
     """
@@ -379,7 +424,9 @@ def sample_and_hold(x: Block | float, event: Block | float) -> Block:
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import rising, sample_and_hold
     >>> x, button = stimlib.Input("x"), stimlib.Input("button")
-    >>> proc = stimlib.compile(stimlib.Scene({"y": sample_and_hold(x, rising(button))}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": sample_and_hold(x, rising(button))}), fs=1000
+    ... )
     >>> proc.process(np.array([[1.0, 2.0, 3.0, 4.0], [0.0, 1.0, 0.0, 1.0]]))
     array([[0., 2., 2., 4.]])
     """
@@ -403,7 +450,9 @@ def passed(p, s, event):
 
 @dataclass(frozen=True, eq=False)
 class OnceWithin(Event):
-    """An event passes, and then none for n - 1 samples; what comes then is lost and does not prolong it."""
+    """An event passes, and then none for n - 1 samples; what comes then is lost and
+    does not prolong it.
+    """
 
     event: Block
     refractory: float
@@ -453,7 +502,9 @@ def once_within(event: Block | float, refractory: float) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import once_within
-    >>> proc = stimlib.compile(stimlib.Scene({"y": once_within(stimlib.Input("event"), 0.003)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": once_within(stimlib.Input("event"), 0.003)}), fs=1000
+    ... )
     >>> proc.process(np.array([[1.0, 2.0, 0.0, 3.0, 4.0]]))
     array([[1., 0., 0., 3., 0.]])
     """

@@ -30,7 +30,9 @@ class FirState(NamedTuple):
 
 
 SPAN = 448
-"""So many samples, at least, are taken in before the last ones are moved back to the beginning."""
+"""So many samples, at least, are taken in before the last ones are moved back to the
+beginning.
+"""
 
 
 class Fir(Block, abstract=True):
@@ -86,7 +88,10 @@ class Taps(Fir):
 
     def check(self):
         if np.ndim(self.taps) != 1 or np.size(self.taps) == 0 or not np.any(self.taps):
-            raise BadValue(f"fir: taps must be one row with at least one nonzero, got shape {np.shape(self.taps)}")
+            raise BadValue(
+                "fir: taps must be one row with at least one nonzero, got shape"
+                f" {np.shape(self.taps)}"
+            )
 
     def units(self, *u):
         return u[0] * unit(self.gain_unit)
@@ -120,7 +125,9 @@ def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import fir
-    >>> proc = stimlib.compile(stimlib.Scene({"y": fir(stimlib.Input("x"), [0.5, 0.5])}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": fir(stimlib.Input("x"), [0.5, 0.5])}), fs=1000
+    ... )
     >>> proc.process(np.array([[1.0, 1.0, 3.0]]))
     array([[0.5, 1. , 2. ]])
     """
@@ -129,7 +136,9 @@ def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
 
 @dataclass(frozen=True, eq=False)
 class Differentiator(Fir):
-    """D(f) = i 2 pi f up to the pass edge, 0 from the stop edge on; linear phase, delay order/2 samples."""
+    """D(f) = i 2 pi f up to the pass edge, 0 from the stop edge on; linear phase, delay
+    order/2 samples.
+    """
 
     x: Block
     passband: float | None = None
@@ -138,7 +147,10 @@ class Differentiator(Fir):
     tol: float = 1e-6
 
     def check(self):
-        positive(self, *(n for n in ("passband", "stopband", "order", "tol") if getattr(self, n) is not None))
+        positive(
+            self,
+            *(n for n in ("passband", "stopband", "order", "tol") if getattr(self, n) is not None),
+        )
 
     def units(self, *u):
         return u[0] * RATE
@@ -147,11 +159,17 @@ class Differentiator(Fir):
         order = 2 * round(64 * fs / 8000) if self.order is None else self.order
         passband = 0.45 * fs if self.passband is None else self.passband
         if passband < 1e-9 * fs:
-            raise BadValue(f"differentiator: nothing passes to {passband:g} Hz at fs = {fs:g} Hz; give a larger passband")
-        if passband >= fs / 2:
-            good = (p for p in fs / 2 ** np.arange(3.0, 9) if self._taps(fs, p, order).error <= self.tol)
             raise BadValue(
-                f"differentiator: a pass band to {passband:g} Hz does not fit below fs/2 = {fs / 2:g} Hz; give a smaller passband"
+                f"differentiator: nothing passes to {passband:g} Hz at fs = {fs:g} Hz; give a"
+                " larger passband"
+            )
+        if passband >= fs / 2:
+            good = (
+                p for p in fs / 2 ** np.arange(3.0, 9) if self._taps(fs, p, order).error <= self.tol
+            )
+            raise BadValue(
+                f"differentiator: a pass band to {passband:g} Hz does not fit below fs/2 ="
+                f" {fs / 2:g} Hz; give a smaller passband"
                 + next((f", such as {p:g}" for p in good), "")
             )
         d = self._taps(fs, passband, order)
@@ -159,8 +177,9 @@ class Differentiator(Fir):
             with asked_by("differentiator"):
                 need = differentiator_order(fs, passband, self._stop(fs, passband), self.tol)
             raise BadValue(
-                f"differentiator: order {order} at fs = {fs:g} Hz has a relative error of {d.error:.1e} up to {passband:g} Hz, "
-                f"above tol = {self.tol:g}; use order={need}, or tol={d.error:.1g}"
+                f"differentiator: order {order} at fs = {fs:g} Hz has a relative error of"
+                f" {d.error:.1e} up to {passband:g} Hz, above tol = {self.tol:g}; use order={need},"
+                f" or tol={d.error:.1g}"
             )
         return line(d.taps)
 
@@ -168,10 +187,14 @@ class Differentiator(Fir):
         return (responses.differentiator(self.passband, self.order, self.tol),)
 
     def _stop(self, fs, passband):
-        """Stop edge for this pass edge, which may be another than that asked for; None where nothing is left to be stopped."""
+        """Stop edge for this pass edge, which may be another than that asked for; None
+        where nothing is left to be stopped.
+        """
         if self.passband is None:
             return None if self.stopband is None or self.stopband > fs / 2 else self.stopband
-        stopband = 1.5 * passband if self.stopband is None else self.stopband + (passband - self.passband)
+        stopband = (
+            1.5 * passband if self.stopband is None else self.stopband + (passband - self.passband)
+        )
         return stopband if stopband <= fs / 2 else None
 
     def _taps(self, fs, passband, order):
@@ -191,7 +214,8 @@ def differentiator(
     tol: float = 1e-6,
     onset: str = "step",
 ) -> Block:
-    """Differentiate in a band by a FIR filter with linear phase (type III, near-minimax).
+    """Differentiate in a band by a FIR filter with linear phase (type III,
+    near-minimax).
 
     Parameters
     ----------
@@ -199,15 +223,17 @@ def differentiator(
     passband : float, optional
         Upper edge of the pass band in Hz.  Default: 0.45 fs, without a stop band.
     stopband : float, optional
-        Lower edge of the stop band in Hz; there is none where this is above fs/2.  Default: 1.5 passband where a passband is
-        given.
+        Lower edge of the stop band in Hz; there is none where this is above fs/2.
+        Default: 1.5 passband where a passband is given.
     order : int, optional
         Even.  Default 2 round(64 fs / 8000): order 128 at 8 kHz, as in the paper.
     tol : float
-        Largest relative error in the pass band; an order that cannot meet it is an error.
+        Largest relative error in the pass band; an order that cannot meet it is an
+        error.
     onset : {"step", "steady"}
-        Whether x was 0 before the first sample, or has always been as it is there: "steady" for a position, which
-        would else begin with the velocity of a jump from 0.
+        Whether x was 0 before the first sample, or has always been as it is there:
+        "steady" for a position, which would else begin with the velocity of a jump from
+        0.
 
     Returns
     -------
@@ -217,19 +243,25 @@ def differentiator(
     Raises
     ------
     BadValue
-        An unknown onset; at compile time, a pass band that does not fit below fs/2, or an order too low for tol (the
-        message names the order needed).
+        An unknown onset; at compile time, a pass band that does not fit below fs/2, or
+        an order too low for tol (the message names the order needed).
 
     References
     ----------
-    The UGrip paper, section 1.1: "D(s) is band limited to limit gain and prevent aliasing ... a FIR filter of order 128".
+    The UGrip paper, section 1.1: "D(s) is band limited to limit gain and prevent
+    aliasing ... a FIR filter of order 128".
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import differentiator
-    >>> proc = stimlib.compile(stimlib.Scene({"v": differentiator(stimlib.Input("x"), passband=1000)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"v": differentiator(stimlib.Input("x"), passband=1000)}),
+    ...     fs=8000,
+    ... )
     >>> abs(proc.response("v", "x", np.array([100.0])) / (2 * np.pi * 100)).round(5)
     array([1.])
     """
-    return begun("differentiator", x, onset, lambda u: Differentiator(u, passband, stopband, order, tol))
+    return begun(
+        "differentiator", x, onset, lambda u: Differentiator(u, passband, stopband, order, tol)
+    )

@@ -1,8 +1,10 @@
-"""The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha = 1), with all of its history.
+"""The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha =
+1), with all of its history.
 
-The order acts on the differences d[n] = y[n] - y[n-1]: f[n] = chi h^-alpha sum_j v_j d[n-j].  The newest eight weights are
-taps, the others exponential modes (``stimlib.design.exponentials``), so a sample costs the same in the first second and after
-hours.
+The order acts on the differences d[n] = y[n] - y[n-1]: f[n] = chi h^-alpha sum_j v_j
+d[n-j].  The newest eight weights are taps, the others exponential modes
+(``stimlib.design.exponentials``), so a sample costs the same in the first second and
+after hours.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ COEFFICIENTS = soe.DEGREE + 1
 DIFFERENCES, SUMS, WORK = 80, 160, 224
 
 
-# Shared by all -------------------------------------------------------------------------------------------------------
+# Shared by all ------------------------------------------------------------------------
 def origin(cold, last, x):
     """Position before x: at the first sample x itself, or 0 if the onset is a step."""
     return where(cold > 0.0, where(cold > 1.0, 0.0, x), last)
@@ -93,7 +95,9 @@ class SpringpotState(NamedTuple):
 
 
 def first_state(onset: str, modes: int = 0, fine: int = 0) -> SpringpotState:
-    return SpringpotState(np.zeros(9), np.zeros(eights(modes)), np.zeros(eights(fine)), 0.0, ONSETS[onset])
+    return SpringpotState(
+        np.zeros(9), np.zeros(eights(modes)), np.zeros(eights(fine)), 0.0, ONSETS[onset]
+    )
 
 
 def leaks(r: soe.Rates) -> np.ndarray:
@@ -102,7 +106,9 @@ def leaks(r: soe.Rates) -> np.ndarray:
 
 
 def transfer(p, alpha, scale, taps, constant, r, z):
-    """Response of the sum, from differences on; 0 Hz is what is left of a movement after an endless hold."""
+    """Response of the sum, from differences on; 0 Hz is what is left of a movement
+    after an endless hold.
+    """
     zi = 1 / z
     if alpha == 0:
         return np.ones_like(z)
@@ -134,15 +140,15 @@ def check_fields(b, schemes: tuple[str, ...] = soe.SCHEMES) -> None:
         raise BadValue(f"springpot: alpha = {b.order:g} must be from 0 (spring) to 1 (dashpot)")
 
 
-# A fixed order -------------------------------------------------------------------------------------------------------
+# A fixed order ------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Springpot(Block):
     """D^alpha y of a fixed order, for chi = 1.
 
     f[n] = fs^alpha (sum_{j<8} v_j d[n-j] + c (y[n-8] - y[-1]) + sum_k r_k b_k),  b_k += d[n-8] - e_k b_k.
 
-    With the scheme "straight", y is the running sum of a force that is straight between samples, and what comes out is
-    that force's fractional integral: see ``compliance``.
+    With the scheme "straight", y is the running sum of a force that is straight between
+    samples, and what comes out is that force's fractional integral: see ``compliance``.
     """
 
     y: Block
@@ -163,11 +169,21 @@ class Springpot(Block):
     def design(self, fs):
         if self.order in (0.0, 1.0):
             none = np.zeros(0)
-            return SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs), first_state(self.onset)
+            return SpringpotParams(none, none, none, 0.0, 1.0, self.order, fs), first_state(
+                self.onset
+            )
         rates = soe.rates(self.tol, self.horizon * fs, self.scheme)
         w = soe.weights(rates, self.scheme, self.order)
         e = leaks(rates)
-        p = SpringpotParams(e, padded(w.modes), w.taps[::-1].copy(), w.constant, math.pow(fs, self.order), self.order, fs)
+        p = SpringpotParams(
+            e,
+            padded(w.modes),
+            w.taps[::-1].copy(),
+            w.constant,
+            math.pow(fs, self.order),
+            self.order,
+            fs,
+        )
         return p, first_state(self.onset, rates.s.size, rates.fine)
 
     def laws(self, fs):
@@ -194,10 +210,12 @@ class Springpot(Block):
         return transfer(p, p.alpha, p.scale, p.taps, p.constant, p.r, z)
 
 
-# A live order --------------------------------------------------------------------------------------------------------
+# A live order -------------------------------------------------------------------------
 class LiveParams(NamedTuple):
     e: np.ndarray
-    a: np.ndarray  # weight of mode k: g a exp(alpha L); the first is the mode that never decays, then as e
+    # weight of mode k: g a exp(alpha L); the first is the mode that never decays, then
+    # as e
+    a: np.ndarray
     high: np.ndarray  # L in two words
     rest: np.ndarray
     poly: np.ndarray
@@ -245,7 +263,9 @@ def reweigh(p, alpha, r, taps):
     gain = sin(PI * where(alpha > 0.5, left, alpha)) / PI
     m = np.int64(p.nodes)
     for k in range(1, m):
-        r[k - 1] = left * chebyshev(p.poly, k * n, n, t) * (p.a[k] * power(alpha, p.high[k], p.rest[k]))
+        r[k - 1] = (
+            left * chebyshev(p.poly, k * n, n, t) * (p.a[k] * power(alpha, p.high[k], p.rest[k]))
+        )
     for k in range(m, p.a.size):
         r[k - 1] = gain * (p.a[k] * power(alpha, p.high[k], p.rest[k]))
     for j in range(taps.size - 1):
@@ -262,7 +282,9 @@ def live_orders(tol: float, samples: float, scheme: str) -> tuple[soe.Rates, soe
 
 @dataclass(frozen=True, eq=False)
 class SpringpotLive(Block):
-    """``Springpot`` with the order as a signal: modes do not depend on it, weights are made anew where it changes."""
+    """``Springpot`` with the order as a signal: modes do not depend on it, weights are
+    made anew where it changes.
+    """
 
     y: Block
     alpha: Block
@@ -278,12 +300,16 @@ class SpringpotLive(Block):
 
     def units(self, *u):
         if u[1] != un.ONE:
-            raise UnitError(f"springpot: the order alpha {self.alpha!r} is in {u[1]}, it must be without unit")
+            raise UnitError(
+                f"springpot: the order alpha {self.alpha!r} is in {u[1]}, it must be without unit"
+            )
         return force_unit("springpot", u[0])
 
     def fixed(self, *values):
         alpha, contact = values
-        return Springpot(self.y, as_block(contact), alpha, self.scheme, self.tol, self.horizon, self.onset)
+        return Springpot(
+            self.y, as_block(contact), alpha, self.scheme, self.tol, self.horizon, self.onset
+        )
 
     def design(self, fs):
         rates, live = live_orders(self.tol, self.horizon * fs, self.scheme)
@@ -292,7 +318,9 @@ class SpringpotLive(Block):
         a, longs, shorts = (padded(v, n=n) for v in (live.a, live.high, live.low))
         p = LiveParams(e, a, longs, shorts, live.poly, float(len(rates.x)), high, rest, fs)
         s = first_state(self.onset, rates.s.size, rates.fine)
-        return p, LiveState(s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, s.first, s.cold)
+        return p, LiveState(
+            s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, s.first, s.cold
+        )
 
     @staticmethod
     def work(p):
@@ -320,7 +348,7 @@ class SpringpotLive(Block):
         return LiveState(s.line, s.q, s.low, s.r, s.taps, constant, scale, alpha, first, 0.0)
 
 
-# The certificate -----------------------------------------------------------------------------------------------------
+# The certificate ----------------------------------------------------------------------
 class PathState(NamedTuple):
     length: float
     last: float
@@ -357,7 +385,9 @@ def bounds_of_orders(tol: float, samples: float) -> tuple[np.ndarray, np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Accuracy(Table):
-    """e(alpha) of ``soe.bound``: the error of a springpot over what the same movement without any way back would make."""
+    """e(alpha) of ``soe.bound``: the error of a springpot over what the same movement
+    without any way back would make.
+    """
 
     alpha: Block
     tol: float
@@ -372,7 +402,8 @@ class Accuracy(Table):
 
     def design(self, fs):
         knots, bounds = bounds_of_orders(self.tol, self.horizon * fs)
-        margin = 1.02 + 2 * self.tol  # straight lines between knots; the sum of moduli is made with the same modes
+        # straight lines between knots; the sum of moduli is made with the same modes
+        margin = 1.02 + 2 * self.tol
         values = margin * bounds
         c = np.zeros((4, knots.size - 1))
         c[2], c[3] = np.diff(values) / np.diff(knots), values[:-1]

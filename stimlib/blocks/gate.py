@@ -31,11 +31,13 @@ class Gate(Block, abstract=True):
 
     @staticmethod
     def tile(p, s, x, y):
-        g, above_on, above_off = where(s.g > 0.0, 1.0, 0.0), NONE, NONE  # a state may come from anywhere
+        # a state may come from anywhere
+        g, above_on, above_off = where(s.g > 0.0, 1.0, 0.0), NONE, NONE
         for i in range(y.size):
             above_on = above_on + where(x[i] > p.on, ONE, NONE)
             above_off = above_off + where(x[i] > p.off, ONE, NONE)
-        if (g > 0.0 and above_off == np.uint64(y.size)) or (g == 0.0 and above_on == NONE):  # nothing changes
+        # nothing changes
+        if (g > 0.0 and above_off == np.uint64(y.size)) or (g == 0.0 and above_on == NONE):
             for i in range(y.size):
                 y[i] = g
             return GateState(g)
@@ -63,13 +65,15 @@ class Hysteresis(Gate):
 
 @public
 def hysteresis(x: Block | float, on: float, off: float) -> Block:
-    """A gate that noise does not make chatter (a Schmitt trigger): it opens above one threshold and closes at another.
+    """A gate that noise does not make chatter (a Schmitt trigger): it opens above one
+    threshold and closes at another.
 
     Parameters
     ----------
     x : Block
     on, off : float
-        In the unit of x: open from where x rises above ``on`` until it falls to ``off`` or below.
+        In the unit of x: open from where x rises above ``on`` until it falls to ``off``
+        or below.
 
     Returns
     -------
@@ -85,7 +89,10 @@ def hysteresis(x: Block | float, on: float, off: float) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import hysteresis
-    >>> proc = stimlib.compile(stimlib.Scene({"g": hysteresis(stimlib.Input("x"), on=1.0, off=-1.0)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"g": hysteresis(stimlib.Input("x"), on=1.0, off=-1.0)}),
+    ...     fs=1000,
+    ... )
     >>> proc.process(np.array([[0.0, 2.0, 0.5, -0.5, -1.0, 0.5]]))
     array([[0., 1., 1., 1., 0., 0.]])
     """
@@ -106,9 +113,14 @@ class Loading(Gate):
         if (self.on is None) != (self.off is None):
             raise BadValue("loading: give both thresholds, on and off, or none")
         if self.on is not None and self.off is not None and not 0 < self.off < self.on:
-            raise BadValue(f"loading: thresholds must be 0 < off < on, got off = {self.off}, on = {self.on}")
+            raise BadValue(
+                f"loading: thresholds must be 0 < off < on, got off = {self.off}, on = {self.on}"
+            )
         if self.on is None and not isinstance(self.v, Velocity):
-            raise BadValue(f"loading: thresholds follow from the filter of velocity(x, cutoff); for {self.v!r} give on and off")
+            raise BadValue(
+                f"loading: thresholds follow from the filter of velocity(x, cutoff); for {self.v!r}"
+                " give on and off"
+            )
 
     def design(self, fs):
         on, off = self.on, self.off
@@ -120,16 +132,20 @@ class Loading(Gate):
 
 
 @public
-def loading(v: Block, on: float | None = None, off: float | None = None, resolution: float = 1e-6) -> Block:
-    """1 during loading (compression increasing), else 0, with two thresholds on the velocity.
+def loading(
+    v: Block, on: float | None = None, off: float | None = None, resolution: float = 1e-6
+) -> Block:
+    """1 during loading (compression increasing), else 0, with two thresholds on the
+    velocity.
 
     Parameters
     ----------
     v : Block
         Velocity, positive in the direction of compression.
     on, off : float, optional
-        The gate opens above ``on`` and closes at ``off``, in the unit of v.  Default: from the encoder's resolution q and
-        the impulse response h of ``velocity``: off = 2 q max|h|, on = 2 off, so that a held position that toggles between
+        The gate opens above ``on`` and closes at ``off``, in the unit of v.  Default:
+        from the encoder's resolution q and the impulse response h of ``velocity``: off
+        = 2 q max|h|, on = 2 off, so that a held position that toggles between
         neighbouring codes stays silent.
     resolution : float
         Encoder step q in the unit of position; used only for the default.
@@ -146,13 +162,17 @@ def loading(v: Block, on: float | None = None, off: float | None = None, resolut
 
     References
     ----------
-    The UGrip paper, eq. (2): "nonzero only during loading"; section 2.1: encoder resolution 1 um.
+    The UGrip paper, eq. (2): "nonzero only during loading"; section 2.1: encoder
+    resolution 1 um.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import loading
-    >>> proc = stimlib.compile(stimlib.Scene({"g": loading(stimlib.Input("v", "m/s"), on=0.2, off=0.1)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"g": loading(stimlib.Input("v", "m/s"), on=0.2, off=0.1)}),
+    ...     fs=1000,
+    ... )
     >>> proc.process(np.array([[0.15, 0.25, 0.15, 0.05]]))
     array([[0., 1., 1., 0.]])
     """

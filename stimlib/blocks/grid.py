@@ -29,7 +29,9 @@ class GridParams(NamedTuple):
 
 
 def piece(v, origin, per, n):
-    """(number of the piece, part of it, derivative of both): a place beyond the grid is held at its edge."""
+    """(number of the piece, part of it, derivative of both): a place beyond the grid is
+    held at its edge.
+    """
     t = (v - origin) * per
     held = where(t > 0.0, where(t < n, t, n), 0.0)
     i = floor(held)
@@ -44,7 +46,9 @@ def spoiled(x, y):
 
 @dataclass(frozen=True, eq=False)
 class Grid(Block, abstract=True):
-    """A function of two places and its gradient, from points (origin + i spacing, origin + j spacing)."""
+    """A function of two places and its gradient, from points (origin + i spacing,
+    origin + j spacing).
+    """
 
     x: Block
     y: Block
@@ -57,12 +61,15 @@ class Grid(Block, abstract=True):
     def check(self):
         if np.ndim(self.table) != 2 or min(self.table.shape) < 2:
             raise BadValue(
-                f"lut2: table must have rows for x and columns for y, at least 2 of each; got shape {self.table.shape}"
+                "lut2: table must have rows for x and columns for y, at least 2 of each; got shape"
+                f" {self.table.shape}"
             )
         limits.check("map_points", self.table.size, "lut2: points")
         for name, v in (("spacing", self.spacing), ("origin", self.origin)):
             if v.shape != (2,):
-                raise BadValue(f"lut2: {name} must be a number, or two, of x and of y; got shape {v.shape}")
+                raise BadValue(
+                    f"lut2: {name} must be a number, or two, of x and of y; got shape {v.shape}"
+                )
         if not (self.spacing > 0).all():
             raise BadValue(f"lut2: spacing = {self.spacing.min():g} must be above 0")
 
@@ -77,8 +84,12 @@ class Grid(Block, abstract=True):
             steepest = 4 * np.abs(c).max() * max(1.0, *per)
         pieces = np.array(self.table.shape, float) - 1
         if not np.isfinite(steepest):
-            raise BadValue("lut2: values too large, or spacing too small, for numbers; check the units")
-        return GridParams(c.ravel().copy(), float(c.shape[1]), *map(float, (*self.origin, *per, *pieces)))
+            raise BadValue(
+                "lut2: values too large, or spacing too small, for numbers; check the units"
+            )
+        return GridParams(
+            c.ravel().copy(), float(c.shape[1]), *map(float, (*self.origin, *per, *pieces))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +107,22 @@ class LinearGrid(Grid):
         c00, c01 = p.c[U(k)], p.c[U(k + 1.0)]
         rise, over = p.c[U(k + p.width)] - c00, p.c[U(k + p.width + 1.0)] - c01
         low, high, bad = c00 + a * rise, c01 + a * over, spoiled(x, y)
-        return (low + b * (high - low) + bad, (rise + b * (over - rise)) * dx + bad, (high - low) * dy + bad), s
+        return (
+            low + b * (high - low) + bad,
+            (rise + b * (over - rise)) * dx + bad,
+            (high - low) * dy + bad,
+        ), s
 
 
 def spline(a, b, c, d, t):
     """A uniform cubic B-spline with these coefficients at t of 0 .. 1."""
     q = 1.0 - t
-    return (a * (q * q * q) + b * (4.0 - 3.0 * t * t * (1.0 + q)) + c * (4.0 - 3.0 * q * q * (1.0 + t)) + d * (t * t * t)) * (
-        1 / 6
-    )
+    return (
+        a * (q * q * q)
+        + b * (4.0 - 3.0 * t * t * (1.0 + q))
+        + c * (4.0 - 3.0 * q * q * (1.0 + t))
+        + d * (t * t * t)
+    ) * (1 / 6)
 
 
 def spline_slope(a, b, c, d, t):
@@ -128,7 +146,12 @@ def bicubic(p, x, y):
     i, a, dx = piece(x, p.x0, p.px, p.nx)
     j, b, dy = piece(y, p.y0, p.py, p.ny)
     k, m, bad = i * p.width + j, p.width, spoiled(x, y)
-    c0, c1, c2, c3 = along(p, k, b), along(p, k + m, b), along(p, k + 2.0 * m, b), along(p, k + 3.0 * m, b)
+    c0, c1, c2, c3 = (
+        along(p, k, b),
+        along(p, k + m, b),
+        along(p, k + 2.0 * m, b),
+        along(p, k + 3.0 * m, b),
+    )
     d0, d1 = slope_along(p, k, b), slope_along(p, k + m, b)
     d2, d3 = slope_along(p, k + 2.0 * m, b), slope_along(p, k + 3.0 * m, b)
     value, tilt = spline(c0, c1, c2, c3, a), spline(d0, d1, d2, d3, a)
@@ -136,7 +159,9 @@ def bicubic(p, x, y):
 
 
 def spline_coefficients(v: np.ndarray) -> np.ndarray:
-    """Along the first axis, of the cubic spline through values 1 apart (not-a-knot): c = v - v''/6, and one more at each end."""
+    """Along the first axis, of the cubic spline through values 1 apart (not-a-knot): c
+    = v - v''/6, and one more at each end.
+    """
     from scipy.interpolate import CubicSpline
 
     n = np.arange(len(v))
@@ -147,7 +172,9 @@ def spline_coefficients(v: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class CubicGrid(Grid):
-    """Bicubic: sum_ij c_ij B(x - i) B(y - j), through all points, with continuous curvature."""
+    """Bicubic: sum_ij c_ij B(x - i) B(y - j), through all points, with continuous
+    curvature.
+    """
 
     def design(self, fs):
         try:
@@ -163,18 +190,30 @@ class CubicGrid(Grid):
 
 
 def plain(name: str, v, *axes: Block) -> np.ndarray:
-    """Numbers of x and of y, from one or two numbers or constants, these in the unit of their axis."""
+    """Numbers of x and of y, from one or two numbers or constants, these in the unit of
+    their axis.
+    """
     given = v if isinstance(v, (list, tuple, np.ndarray)) else (v, v)
     if len(given) != len(axes):
         raise BadValue(f"lut2: {name} must be a number, or two, of x and of y; got {v!r:.200}")
     for one, axis in zip(given, axes, strict=True):
         if isinstance(one, Const) and one.unit and one.dim != axis.dim:
-            raise UnitError(f"lut2: {name} = {one!r} [{one.dim}] must be in the unit of {axis!r} [{axis.dim}]")
+            raise UnitError(
+                f"lut2: {name} = {one!r} [{one.dim}] must be in the unit of {axis!r} [{axis.dim}]"
+            )
     return np.array([one.value if isinstance(one, Const) else one for one in given])
 
 
 @public
-def lut2(x: Block | float, y: Block | float, table, spacing, origin=0.0, kind: str = "linear", unit: str = "") -> Grid:
+def lut2(
+    x: Block | float,
+    y: Block | float,
+    table,
+    spacing,
+    origin=0.0,
+    kind: str = "linear",
+    unit: str = "",
+) -> Grid:
     """A function of two places given by a regular grid of points, and its gradient.
 
     Parameters
@@ -182,47 +221,63 @@ def lut2(x: Block | float, y: Block | float, table, spacing, origin=0.0, kind: s
     x, y : Block
         Places, usually in m.
     table : array_like, shape (n, m)
-        Values in ``unit``: ``table[i, j]`` at x = origin + i spacing, y = origin + j spacing; at least 2 each way.
+        Values in ``unit``: ``table[i, j]`` at x = origin + i spacing, y = origin + j
+        spacing; at least 2 each way.
     spacing, origin : number or (number, number)
-        Of the points; one for both ways, or that of x and that of y, in their units: plain, or ``constant(1e-3, "m")``.
+        Of the points; one for both ways, or that of x and that of y, in their units:
+        plain, or ``constant(1e-3, "m")``.
     kind : {"linear", "cubic"}
-        Straight lines along x and y (the slope jumps from piece to piece); a bicubic spline through all points, whose slope
-        and curvature have no jumps, and which may overshoot beside an edge.
+        Straight lines along x and y (the slope jumps from piece to piece); a bicubic
+        spline through all points, whose slope and curvature have no jumps, and which
+        may overshoot beside an edge.
     unit : str
         Of the values.
 
     Returns
     -------
     Block
-        With the outputs ``value``, in ``unit``, and ``slope_x`` and ``slope_y``, the derivatives along x and y, in ``unit``
-        per unit of x and y.  What nobody listens to is not computed.  Beyond its edges the map is held: the value is that
-        of the nearest place on the edge, the slope across it 0.
+        With the outputs ``value``, in ``unit``, and ``slope_x`` and ``slope_y``, the
+        derivatives along x and y, in ``unit`` per unit of x and y.  What nobody listens
+        to is not computed.  Beyond its edges the map is held: the value is that of the
+        nearest place on the edge, the slope across it 0.
 
     Raises
     ------
     BadValue
-        A table that is not two-dimensional, less than 2 points each way, more points than ``stimlib.limits.map_points``,
-        values that are not finite, a spacing not above 0, an unknown kind.
+        A table that is not two-dimensional, less than 2 points each way, more points
+        than ``stimlib.limits.map_points``, values that are not finite, a spacing not
+        above 0, an unknown kind.
     UnitError
         A spacing or origin in another unit than its place.
 
     References
     ----------
-    de Boor, "Bicubic spline interpolation", J. Mathematics and Physics 41, 1962; Unser 1999 (uniform B-splines).
+    de Boor, "Bicubic spline interpolation", J. Mathematics and Physics 41, 1962; Unser
+    1999 (uniform B-splines).
 
     Examples
     --------
-    The stiffness of a soft object with a hard lump at 10 mm, 10 mm, and how it rises along x:
+    The stiffness of a soft object with a hard lump at 10 mm, 10 mm, and how it rises
+    along x:
 
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import constant, lut2
     >>> far = np.hypot(*np.meshgrid(np.arange(21) - 10, np.arange(21) - 10))  # mm
     >>> x, y = stimlib.Input("x", "m"), stimlib.Input("y", "m")
-    >>> S = lut2(x, y, 300 + 500 * np.exp(-(far**2) / 18), constant(1e-3, "m"), kind="cubic", unit="N/m")
+    >>> S = lut2(
+    ...     x,
+    ...     y,
+    ...     300 + 500 * np.exp(-(far**2) / 18),
+    ...     constant(1e-3, "m"),
+    ...     kind="cubic",
+    ...     unit="N/m",
+    ... )
     >>> scene = stimlib.Scene({"S": S.value, "rise": S.slope_x})
     >>> scene
     Scene(x [m], y [m] -> S [N/m], rise [Pa])
-    >>> stimlib.compile(scene, fs=1000).process(np.array([[0.01, 0.0085], [0.01, 0.01]])).round()
+    >>> stimlib.compile(scene, fs=1000).process(
+    ...     np.array([[0.01, 0.0085], [0.01, 0.01]])
+    ... ).round()
     array([[  800.,   741.],
            [    0., 73567.]])
     """

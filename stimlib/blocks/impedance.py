@@ -39,7 +39,9 @@ class VelocityState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Velocity(Block):
-    """d = (x[n] - x[n-1]) fs;  a += g (d - a);  b += g (a - b);  g = 1 - exp(-2 pi cutoff / fs)."""
+    """d = (x[n] - x[n-1]) fs;  a += g (d - a);  b += g (a - b);  g = 1 - exp(-2 pi
+    cutoff / fs).
+    """
 
     x: Block
     cutoff: float
@@ -54,7 +56,9 @@ class Velocity(Block):
 
     def design(self, fs):
         if self.cutoff >= fs / 2:
-            raise BadValue(f"velocity: cutoff = {self.cutoff:g} Hz does not fit below fs/2 = {fs / 2:g} Hz")
+            raise BadValue(
+                f"velocity: cutoff = {self.cutoff:g} Hz does not fit below fs/2 = {fs / 2:g} Hz"
+            )
         return VelocityParams(pole_gain(self.cutoff, fs), fs), VelocityState(0.0, 0.0, 0.0, 1.0)
 
     def laws(self, fs):
@@ -62,7 +66,8 @@ class Velocity(Block):
 
     @staticmethod
     def step(p, s, x):
-        d = where(s.cold > 0.0, 0.0, ((x - s.last) + TINY) * p.fs)  # TINY here also keeps a denormal step from the product
+        # TINY here also keeps a denormal step from the product
+        d = where(s.cold > 0.0, 0.0, ((x - s.last) + TINY) * p.fs)
         a = fma(p.g, d - s.a, s.a)
         b = fma(p.g, a - s.b, s.b)
         return flush(b), VelocityState(x, a, b, 0.0)
@@ -81,7 +86,8 @@ class Velocity(Block):
 def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> Block:
     """Estimate the rate of change through two poles.
 
-    It always begins steady: 0 on the first sample, as if x had always been as it is there.
+    It always begins steady: 0 on the first sample, as if x had always been as it is
+    there.
 
     Parameters
     ----------
@@ -89,7 +95,8 @@ def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> B
     cutoff : float
         Of each pole, in Hz.  Latency 1/(pi cutoff) seconds: 3.2 ms at 100 Hz.
     contact : Block
-        Where it is not above 0 the velocity is 0; at re-contact it starts anew, so a jump of position makes none.
+        Where it is not above 0 the velocity is 0; at re-contact it starts anew, so a
+        jump of position makes none.
 
     Returns
     -------
@@ -109,7 +116,9 @@ def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> B
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import velocity
-    >>> proc = stimlib.compile(stimlib.Scene({"v": velocity(stimlib.Input("x", "m"))}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"v": velocity(stimlib.Input("x", "m"))}), fs=8000
+    ... )
     >>> proc.process(0.1 * np.arange(8000)[None] / 8000)[0, -1].round(6)
     np.float64(0.1)
     """
@@ -125,7 +134,8 @@ class Sampled(NamedTuple):
 
 
 def sampled(a: float) -> Sampled:
-    """Return e = 1 - exp(-a), g = e/a and h = 1 - g, for a = 1/(tau fs) from 0 on, without cancellation.
+    """Return e = 1 - exp(-a), g = e/a and h = 1 - g, for a = 1/(tau fs) from 0 on,
+    without cancellation.
 
     Parameters
     ----------
@@ -183,7 +193,8 @@ class Lag(Block, abstract=True):
 
 @dataclass(frozen=True, eq=False)
 class FirstOrder(Lag):
-    """tau y' + y = x, exact for inputs that are straight between samples: see ``sampled`` for e and h, T = 1/fs.
+    """tau y' + y = x, exact for inputs that are straight between samples: see
+    ``sampled`` for e and h, T = 1/fs.
 
     y[n] = (1 - e) y[n-1] + h x[n] + (e - h) x[n-1].
     """
@@ -206,7 +217,8 @@ class FirstOrder(Lag):
 def first_order(x: Block, tau: float, onset: str = "step") -> Block:
     """Follow a signal with a first-order lag, 1/(1 + s tau).
 
-    With a gain it is the first-order impedance Z(s) = b/(1 + s tau) of a velocity: ``b * first_order(v, tau)``.
+    With a gain it is the first-order impedance Z(s) = b/(1 + s tau) of a velocity: ``b
+    * first_order(v, tau)``.
 
     Parameters
     ----------
@@ -228,13 +240,16 @@ def first_order(x: Block, tau: float, onset: str = "step") -> Block:
 
     References
     ----------
-    The UGrip paper, section 1.1: the impedances Z_c(s), Z_n(s) may be any linear dynamics of v.
+    The UGrip paper, section 1.1: the impedances Z_c(s), Z_n(s) may be any linear
+    dynamics of v.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import first_order
-    >>> proc = stimlib.compile(stimlib.Scene({"y": first_order(stimlib.Input("x"), tau=0.1)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": first_order(stimlib.Input("x"), tau=0.1)}), fs=1000
+    ... )
     >>> y = proc.process(np.arange(2000.0)[None] / 1000)  # a ramp lags by tau
     >>> (1.999 - y[0, -1]).round(9)
     np.float64(0.1)
@@ -243,14 +258,17 @@ def first_order(x: Block, tau: float, onset: str = "step") -> Block:
 
 
 def with_unit(v, text: str) -> Block:
-    """A number gets the unit; a signal must have it (in the sum it would fail with a less helpful word)."""
+    """A number gets the unit; a signal must have it (in the sum it would fail with a
+    less helpful word).
+    """
     b = as_block(v)
     return constant(b.value, text) if isinstance(b, Const) and b.dim == un.ONE else b
 
 
 @public
 def spring(x: Block, k: Block | float) -> Block:
-    """Linear spring, F = k x: the constitutive impedance Z_c(s) = k/s of the UGrip paper.
+    """Linear spring, F = k x: the constitutive impedance Z_c(s) = k/s of the UGrip
+    paper.
 
     Parameters
     ----------
@@ -283,17 +301,22 @@ def spring(x: Block, k: Block | float) -> Block:
     x = as_block(x)
     force = with_unit(k, "N/m") * x
     if force.dim != unit("N"):
-        raise un.UnitError(f"spring: k [{as_block(k).dim}] times {x!r} [{x.dim}] is [{force.dim}], not a force")
+        raise un.UnitError(
+            f"spring: k [{as_block(k).dim}] times {x!r} [{x.dim}] is [{force.dim}], not a force"
+        )
     return force
 
 
 @public
-def kelvin_voigt(x: Block, k: Block | float, b: Block | float, cutoff: float | None = None) -> Block:
+def kelvin_voigt(
+    x: Block, k: Block | float, b: Block | float, cutoff: float | None = None
+) -> Block:
     """Return the force of a spring and a damper side by side, F = k x + b v.
 
-    It is the mean force over the last sample, exact for motion that is straight between samples: k + i w b, half a
-    sample late, of which k is less by (w/fs)^2/8 of itself and b by (w/fs)^2/24.  At 20 Hz and 1 kHz that is 0.2 % and
-    0.07 %.  It begins steady: the first position is where x has always been.
+    It is the mean force over the last sample, exact for motion that is straight between
+    samples: k + i w b, half a sample late, of which k is less by (w/fs)^2/8 of itself
+    and b by (w/fs)^2/24.  At 20 Hz and 1 kHz that is 0.2 % and 0.07 %.  It begins
+    steady: the first position is where x has always been.
 
     Parameters
     ----------
@@ -304,8 +327,9 @@ def kelvin_voigt(x: Block, k: Block | float, b: Block | float, cutoff: float | N
     b : float or Block
         Damping in N s/m.
     cutoff : float, optional
-        Filter the damper's velocity by two poles of so many Hz, see ``velocity``, and take the spring's force at the sample.
-        Its price is a damper that lags: see the notes.
+        Filter the damper's velocity by two poles of so many Hz, see ``velocity``, and
+        take the spring's force at the sample. Its price is a damper that lags: see the
+        notes.
 
     Returns
     -------
@@ -321,14 +345,17 @@ def kelvin_voigt(x: Block, k: Block | float, b: Block | float, cutoff: float | N
 
     Notes
     -----
-    A position in steps q, as encoders give it, becomes a force in steps b q fs for one sample: with b = 2 N s/m and 1 um
-    that is 2 mN at 1 kHz, 16 mN at 8 kHz, and 20 mN for 10 um at 1 kHz.  Where it is felt or heard, give a cutoff: one of
-    c Hz leaves steps of about b q 2.3 c, 0.5 mN of the 2 mN for 100 Hz at 1 kHz.  Such a damper lags by 1/(pi c) seconds, and
-    so adds b w^2/(pi c) to the stiffness: with 100 Hz at 8 kHz, of an element whose two parts are equal, 10 % at 5 Hz and
-    36 % at 20 Hz.  For reports that come slower than samples, use ``track`` before.
+    A position in steps q, as encoders give it, becomes a force in steps b q fs for one
+    sample: with b = 2 N s/m and 1 um that is 2 mN at 1 kHz, 16 mN at 8 kHz, and 20 mN
+    for 10 um at 1 kHz.  Where it is felt or heard, give a cutoff: one of c Hz leaves
+    steps of about b q 2.3 c, 0.5 mN of the 2 mN for 100 Hz at 1 kHz.  Such a damper
+    lags by 1/(pi c) seconds, and so adds b w^2/(pi c) to the stiffness: with 100 Hz at
+    8 kHz, of an element whose two parts are equal, 10 % at 5 Hz and 36 % at 20 Hz.  For
+    reports that come slower than samples, use ``track`` before.
 
-    A device that gets this force needs a damping of its own of b, or k/fs - b where that is more, to stay passive: see
-    ``stimlib.analysis.passivity.needed_damping``.  A cutoff lowers it.
+    A device that gets this force needs a damping of its own of b, or k/fs - b where
+    that is more, to stay passive: see ``stimlib.analysis.passivity.needed_damping``.  A
+    cutoff lowers it.
 
     References
     ----------
@@ -339,18 +366,23 @@ def kelvin_voigt(x: Block, k: Block | float, b: Block | float, cutoff: float | N
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import kelvin_voigt
     >>> scene = stimlib.Scene({"F": kelvin_voigt(stimlib.Input("x", "m"), 500.0, 2.0)})
-    >>> stimlib.compile(scene, fs=1000).process(np.array([[0.01, 0.01, 0.0101, 0.0102]])).round(3)
+    >>> stimlib.compile(scene, fs=1000).process(
+    ...     np.array([[0.01, 0.01, 0.0101, 0.0102]])
+    ... ).round(3)
     array([[5.   , 5.   , 5.225, 5.275]])
     """
     x, b = as_block(x), with_unit(b, "N*s/m")
     if cutoff is not None:
         return spring(x, k) + b * velocity(x, cutoff)
-    damper = Springpot(x, as_block(1.0), 1.0, "l1", 1e-10, 86400.0, "steady")  # of order 1: a dashpot of 1 N s/m
+    # of order 1: a dashpot of 1 N s/m
+    damper = Springpot(x, as_block(1.0), 1.0, "l1", 1e-10, 86400.0, "steady")
     return spring(fir(x, [0.5, 0.5], onset="steady"), k) + b / constant(1.0, "N*s/m") * damper
 
 
 def step_peak(cutoff: float, fs: float) -> float:
-    """Largest velocity that a step of 1 in position makes: max of fs g^2 (n+1) (1-g)^n, in 1/s."""
+    """Largest velocity that a step of 1 in position makes: max of fs g^2 (n+1) (1-g)^n,
+    in 1/s.
+    """
     g = pole_gain(cutoff, fs)
     if g < 1e-9:
         return fs * g / math.e

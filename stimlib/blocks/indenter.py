@@ -1,4 +1,6 @@
-"""A finger or pen on a soft surface: how hard it presses, how deep it goes, and how far the surface goes down around it."""
+"""A finger or pen on a soft surface: how hard it presses, how deep it goes, and how far
+the surface goes down around it.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,17 @@ from .stiffness import check_places
 
 @public
 def press(level: Block | float, contact: Block | None = None) -> Block:
-    """Normal force of a pen from the force level that the tablet reports: f = 0.1008 exp(4.2081 level) N.
+    """Normal force of a pen from the force level that the tablet reports: f = 0.1008
+    exp(4.2081 level) N.
 
     Parameters
     ----------
     level : Block
-        0 to 1, above which it counts as 1: the exponential would make 30 kN of a tablet that is scaled wrongly by three.
+        0 to 1, above which it counts as 1: the exponential would make 30 kN of a tablet
+        that is scaled wrongly by three.
     contact : Block, optional
-        Where it is not above 0 the force is 0; by default that is where the level is not.  The formula is never 0; ours.
+        Where it is not above 0 the force is 0; by default that is where the level is
+        not.  The formula is never 0; ours.
 
     Returns
     -------
@@ -44,19 +49,29 @@ def press(level: Block | float, contact: Block | None = None) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import press
-    >>> proc = stimlib.compile(stimlib.Scene({"f": press(stimlib.Input("level"))}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"f": press(stimlib.Input("level"))}), fs=1000
+    ... )
     >>> proc.process(np.array([[0.0, 0.25, 0.5, 1.0, 3.0]])).round(4)
     array([[0.    , 0.2886, 0.8265, 6.7767, 6.7767]])
     """
     level = as_block(level)
-    return where(level if contact is None else contact, constant(0.1008, "N") * exp(4.2081 * minimum(level, 1.0)), 0.0)
+    return where(
+        level if contact is None else contact,
+        constant(0.1008, "N") * exp(4.2081 * minimum(level, 1.0)),
+        0.0,
+    )
 
 
 @public
-def indentation(force: Block | float, S, softest: float = 400.0, hardest: float = 1200.0, deepest: float = 0.015) -> Block:
-    """Depth of an indenter under a force, d = f/k with k from ``softest`` at S = 0 to ``hardest`` at S = 1, at most ``deepest``.
+def indentation(
+    force: Block | float, S, softest: float = 400.0, hardest: float = 1200.0, deepest: float = 0.015
+) -> Block:
+    """Depth of an indenter under a force, d = f/k with k from ``softest`` at S = 0 to
+    ``hardest`` at S = 1, at most ``deepest``.
 
-    The law and its numbers are ours; the source says that depth follows from pressure and stiffness.
+    The law and its numbers are ours; the source says that depth follows from pressure
+    and stiffness.
 
     Parameters
     ----------
@@ -90,7 +105,9 @@ def indentation(force: Block | float, S, softest: float = 400.0, hardest: float 
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import indentation
     >>> d = indentation(stimlib.constant(1.0, "N"), stimlib.Input("S"))
-    >>> 1000 * stimlib.compile(stimlib.Scene({"d": d}), fs=1000).process(np.array([[0.0, 0.5, 1.0]])).round(7)
+    >>> 1000 * stimlib.compile(stimlib.Scene({"d": d}), fs=1000).process(
+    ...     np.array([[0.0, 0.5, 1.0]])
+    ... ).round(7)
     array([[2.5   , 1.25  , 0.8333]])
     """
     for name, v in (("softest", softest), ("hardest", hardest), ("deepest", deepest)):
@@ -101,8 +118,11 @@ def indentation(force: Block | float, S, softest: float = 400.0, hardest: float 
 
 
 @public
-def triangle(x: Block | float, y: Block | float, side: float = 0.02, turn: float = 0.0) -> list[tuple[Block, Block]]:
-    """Places of three indenters on a rigid triangle whose barycentre follows the hand.  Each takes a third of the force.
+def triangle(
+    x: Block | float, y: Block | float, side: float = 0.02, turn: float = 0.0
+) -> list[tuple[Block, Block]]:
+    """Places of three indenters on a rigid triangle whose barycentre follows the hand.
+    Each takes a third of the force.
 
     Parameters
     ----------
@@ -133,7 +153,9 @@ def triangle(x: Block | float, y: Block | float, side: float = 0.02, turn: float
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import triangle
-    >>> (x1, y1), (x2, y2), _ = triangle(stimlib.Input("x", "m"), stimlib.Input("y", "m"))
+    >>> (x1, y1), (x2, y2), _ = triangle(
+    ...     stimlib.Input("x", "m"), stimlib.Input("y", "m")
+    ... )
     >>> proc = stimlib.compile(stimlib.Scene({"y1": y1, "x2": x2, "y2": y2}), fs=1000)
     >>> (1000 * proc.process(np.array([[0.03], [0.03]]))[:, 0]).round(4)
     array([41.547 , 20.    , 24.2265])
@@ -142,9 +164,14 @@ def triangle(x: Block | float, y: Block | float, side: float = 0.02, turn: float
         raise BadValue(f"triangle: side = {side!r} must be above 0")
     x, y = as_block(x), as_block(y)
     check_places("triangle", x.dim, y.dim)
-    angles = [design_value("triangle: turn", "float", turn) + math.pi / 2 + i * 2 * math.pi / 3 for i in range(3)]
+    angles = [
+        design_value("triangle: turn", "float", turn) + math.pi / 2 + i * 2 * math.pi / 3
+        for i in range(3)
+    ]
     arm = side / math.sqrt(3)
-    return [(x + constant(arm * math.cos(a), "m"), y + constant(arm * math.sin(a), "m")) for a in angles]
+    return [
+        (x + constant(arm * math.cos(a), "m"), y + constant(arm * math.sin(a), "m")) for a in angles
+    ]
 
 
 class DentParams(NamedTuple):
@@ -153,7 +180,9 @@ class DentParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dent(Map):
-    """How far a surface is down at a distance from a ball of radius r that is depth deep."""
+    """How far a surface is down at a distance from a ball of radius r that is depth
+    deep.
+    """
 
     distance: Block
     depth: Block
@@ -188,10 +217,12 @@ def above_zero(x):
 
 @public
 def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "mean") -> Block:
-    """How far a surface is down at some distance from one or more indenters: four ranges of depth with their own neighbourhoods.
+    """How far a surface is down at some distance from one or more indenters: four
+    ranges of depth with their own neighbourhoods.
 
-    Up to (2 - sqrt 3) r/2 only the centre moves; up to r the cap of the ball; up to 2 r also a skirt from the ball's rim to 2 r;
-    deeper, the skirt reaches as far as the indenter is deep, so that it never is steeper than 45 degrees.
+    Up to (2 - sqrt 3) r/2 only the centre moves; up to r the cap of the ball; up to 2 r
+    also a skirt from the ball's rim to 2 r; deeper, the skirt reaches as far as the
+    indenter is deep, so that it never is steeper than 45 degrees.
 
     Parameters
     ----------
@@ -202,7 +233,8 @@ def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "m
     radius : float
         r in m.
     join : {"mean", "deepest"}
-        Where neighbourhoods overlap: the mean of those that reach there (the source), or the deepest, which does not tear.
+        Where neighbourhoods overlap: the mean of those that reach there (the source),
+        or the deepest, which does not tear.
 
     Returns
     -------
@@ -218,9 +250,10 @@ def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "m
 
     Notes
     -----
-    On a grid of r/2 the heights are continuous where the ranges meet, for (2 - sqrt 3) r/2 is how deep a ball reaches nodes r/2
-    away.  The borders and the mean are the source's, the heights are ours.  Where three indenters of 15 mm overlap, the mean has
-    steps of 7.6 mm between nodes 1 mm apart, the deepest 3.0 mm.
+    On a grid of r/2 the heights are continuous where the ranges meet, for (2 - sqrt 3)
+    r/2 is how deep a ball reaches nodes r/2 away.  The borders and the mean are the
+    source's, the heights are ours.  Where three indenters of 15 mm overlap, the mean
+    has steps of 7.6 mm between nodes 1 mm apart, the deepest 3.0 mm.
 
     References
     ----------
@@ -232,7 +265,9 @@ def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "m
     >>> from stimlib.blocks import deformation
     >>> down = deformation(stimlib.Input("rho", "m"), stimlib.constant(0.0075, "m"))
     >>> rho = np.array([[0, 0.0025, 0.005, 0.0075, 0.01]])
-    >>> 1000 * stimlib.compile(stimlib.Scene({"down": down}), fs=1000).process(rho).round(6)
+    >>> 1000 * stimlib.compile(stimlib.Scene({"down": down}), fs=1000).process(
+    ...     rho
+    ... ).round(6)
     array([[7.5 , 6.83, 2.5 , 1.25, 0.  ]])
     """
     several = isinstance(distance, Sequence), isinstance(depth, Sequence)

@@ -75,7 +75,10 @@ class _Transcendental(Map, abstract=True):
 
     def units(self, *u):
         if u[0] != un.ONE:
-            raise UnitError(f"{type(self).__name__.lower()} of {self.children[0]!r} [{u[0]}]: the argument must have no unit")
+            raise UnitError(
+                f"{type(self).__name__.lower()} of {self.children[0]!r} [{u[0]}]: the argument must"
+                " have no unit"
+            )
         return un.ONE
 
 
@@ -126,7 +129,9 @@ class Tanh(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Nonzero(Map):
-    """1 where x is not 0 (as nan), else 0: ``A * enabled(noise, by=nonzero(A))`` does no work while A is 0."""
+    """1 where x is not 0 (as nan), else 0: ``A * enabled(noise, by=nonzero(A))`` does
+    no work while A is 0.
+    """
 
     x: Block
 
@@ -189,19 +194,27 @@ def clip(x: Block | float, low: Block | float, high: Block | float) -> Block:
     held = Minimum(Maximum(as_block(x), as_block(low)), as_block(high))
     least, most = as_block(low), as_block(high)
     if isinstance(least, Const) and isinstance(most, Const) and least.value > most.value:
-        raise BadValue(f"clip: low = {least.value:g} must not be above high = {most.value:g}; give the lower limit first")
+        raise BadValue(
+            f"clip: low = {least.value:g} must not be above high = {most.value:g}; give the lower"
+            " limit first"
+        )
     return held
 
 
 def _function(cls: type[Map]) -> Callable[..., Block]:
-    """The function that makes a block of a class, with the class's name and docstring."""
+    """The function that makes a block of a class, with the class's name and
+    docstring.
+    """
     name, signals = cls.__name__.lower(), ("Input('x')", "Const(0.5)")[: len(fields(cls))]  # type: ignore[arg-type]
 
     def make(*signals: Block | float, **named: Block | float) -> Block:
         return cls(*signals, **named)
 
     make.__name__ = make.__qualname__ = name
-    arguments = [Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD, annotation=Block | float) for f in fields(cls)]  # type: ignore[arg-type]
+    arguments = [
+        Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD, annotation=Block | float)
+        for f in fields(cls)
+    ]  # type: ignore[arg-type]
     make.__signature__ = Signature(arguments)  # type: ignore[attr-defined]
     make.__doc__ = f"""{cls.__doc__}
 

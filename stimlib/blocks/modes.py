@@ -1,7 +1,9 @@
-"""Banks of first-order modes: recursive LTI filters in parallel form, and pink noise made with one.
+"""Banks of first-order modes: recursive LTI filters in parallel form, and pink noise
+made with one.
 
-The parallel form is exact to 1e-13 where multiplied-out sections lose 3-4 digits, and every mode is independent of the others.
-A pole near 1 keeps its leak 1 - p to 2^-53/(1 - p): far better than a spectrum needs.
+The parallel form is exact to 1e-13 where multiplied-out sections lose 3-4 digits, and
+every mode is independent of the others. A pole near 1 keeps its leak 1 - p to 2^-53/(1
+- p): far better than a spectrum needs.
 """
 
 from __future__ import annotations
@@ -80,7 +82,8 @@ class Pinking(Modes):
 
 @public
 def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
-    """Run the 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs; before the first sample x was 0.
+    """Run the 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs; before the first
+    sample x was 0.
 
     Parameters
     ----------
@@ -98,7 +101,8 @@ def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
     Raises
     ------
     BadValue
-        f_low or tol_db not above 0; at compile time, a band or a tolerance that cannot be met.
+        f_low or tol_db not above 0; at compile time, a band or a tolerance that cannot
+        be met.
 
     References
     ----------
@@ -108,7 +112,9 @@ def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import pinking
-    >>> proc = stimlib.compile(stimlib.Scene({"p": pinking(stimlib.Input("n"))}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"p": pinking(stimlib.Input("n"))}), fs=8000
+    ... )
     >>> h = abs(proc.response("p", "n", np.array([10.0, 20.0])))
     >>> (20 * np.log10(h[0] / h[1])).round(1)
     np.float64(3.0)
@@ -118,7 +124,9 @@ def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class PinkNoise(Modes):
-    """White noise through the 3 dB/oct filter, started in its stationary state: S(f) = psd_1hz / f."""
+    """White noise through the 3 dB/oct filter, started in its stationary state: S(f) =
+    psd_1hz / f.
+    """
 
     white: Block
     psd_1hz: float
@@ -150,9 +158,15 @@ class PinkNoise(Modes):
 
 @public
 def pink_noise(
-    psd_1hz: float, seed: int, stream: int = 0, f_low: float = 1.0, tol_db: float = 0.01, shared: bool = False
+    psd_1hz: float,
+    seed: int,
+    stream: int = 0,
+    f_low: float = 1.0,
+    tol_db: float = 0.01,
+    shared: bool = False,
 ) -> Block:
-    """Pink noise with one-sided PSD S(f) = psd_1hz / f units^2/Hz, stationary from the first sample on.
+    """Pink noise with one-sided PSD S(f) = psd_1hz / f units^2/Hz, stationary from the
+    first sample on.
 
     Parameters
     ----------
@@ -175,7 +189,8 @@ def pink_noise(
     Raises
     ------
     BadValue
-        psd_1hz, f_low or tol_db not above 0; at compile time, a band or a tolerance that cannot be met.
+        psd_1hz, f_low or tol_db not above 0; at compile time, a band or a tolerance
+        that cannot be met.
 
     References
     ----------
@@ -185,7 +200,9 @@ def pink_noise(
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import pink_noise
-    >>> proc = stimlib.compile(stimlib.Scene({"p": pink_noise(psd_1hz=1.0, seed=3)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"p": pink_noise(psd_1hz=1.0, seed=3)}), fs=8000
+    ... )
     >>> proc.process(np.empty((0, 4))).shape
     (1, 4)
     """

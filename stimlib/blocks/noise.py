@@ -1,7 +1,7 @@
 """White noise as a function of (key, sample index): Philox4x32-10 and Box-Muller.
 
-Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (counter-based generators and
-known-answer vectors); Box and Muller 1958.
+Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC
+2011 (counter-based generators and known-answer vectors); Box and Muller 1958.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ TWO = U(2)
 
 
 def philox(c0, c1, c2, c3, k0, k1):
-    """Philox4x32-10 of a 128-bit counter and a 64-bit key, all as 32-bit words held in uint64."""
+    """Philox4x32-10 of a 128-bit counter and a 64-bit key, all as 32-bit words held in
+    uint64.
+    """
     for _ in range(10):
         a, b = FACTOR_0 * c0, FACTOR_1 * c2
         c0, c1, c2, c3 = (b >> HALF_WORD) ^ c1 ^ k0, b & LOW, (a >> HALF_WORD) ^ c3 ^ k1, a & LOW
@@ -38,8 +40,15 @@ def pair_of_words(key, m):
     return c0 | (c1 << HALF_WORD), c2 | (c3 << HALF_WORD)
 
 
-# log((1+t)/(1-t))/t in t^2 for |t| < 0.1716;  cos(2 pi v), sin(2 pi v)/v in v^2 for |v| < 1/8: errors below 5e-17
-L0, L1, L2, L3, L4 = 2.0, 0.6666666666666666, 0.40000000000007496, 0.28571428568817636, 0.22222222677146836
+# log((1+t)/(1-t))/t in t^2 for |t| < 0.1716;  cos(2 pi v), sin(2 pi v)/v in v^2 for |v|
+# < 1/8: errors below 5e-17
+L0, L1, L2, L3, L4 = (
+    2.0,
+    0.6666666666666666,
+    0.40000000000007496,
+    0.28571428568817636,
+    0.22222222677146836,
+)
 L5, L6, L7, L8 = 0.18181773720945538, 0.15387161664597038, 0.13248746535494305, 0.1326225363958399
 C1, C2, C3, C4 = -19.739208802178716, 64.93939402266795, -85.45681720652271, 60.244641328867296
 C5, C6, C7 = -26.426250908622137, 7.903091687751697, -1.6968494702918826
@@ -59,12 +68,18 @@ def radius(a):
     e = as_float(z >> EXPONENT) - where(above, 1022.0, 1023.0)
     t = (m - 1.0) / (m + 1.0)
     w = t * t
-    q = fma(fma(fma(fma(fma(fma(fma(fma(L8, w, L7), w, L6), w, L5), w, L4), w, L3), w, L2), w, L1), w, L0)
+    q = fma(
+        fma(fma(fma(fma(fma(fma(fma(L8, w, L7), w, L6), w, L5), w, L4), w, L3), w, L2), w, L1),
+        w,
+        L0,
+    )
     return sqrt(-2.0 * fma(e, LN_2, q * t))
 
 
 def turn(b):
-    """(cos, sin) of b 2^-64 turns, up to a constant angle: quarter turns from two bits, the rest from 51."""
+    """(cos, sin) of b 2^-64 turns, up to a constant angle: quarter turns from two bits,
+    the rest from 51.
+    """
     quarter = b >> SHIFT_62
     v = (as_float((b >> SHIFT_11) & BITS_51) - 1125899906842624.0) * 1.1102230246251565e-16
     x = v * v
@@ -84,7 +99,9 @@ def deviates(key, m):
 
 
 def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
-    """64-bit key of one use of one source in one run: Philox of (seed, stream, use) under the run's seed."""
+    """64-bit key of one use of one source in one run: Philox of (seed, stream, use)
+    under the run's seed.
+    """
     words32 = (seed & 0xFFFFFFFF, seed >> 32, stream, use, run_seed & 0xFFFFFFFF, run_seed >> 32)
     with np.errstate(over="ignore"):
         c = philox(*(U(v) for v in words32))
@@ -106,7 +123,9 @@ class WhiteState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class White(Block):
-    """y[n] ~ N(0, 1), independent: deviates 2m and 2m+1 are the two Box-Muller deviates of Philox block m."""
+    """y[n] ~ N(0, 1), independent: deviates 2m and 2m+1 are the two Box-Muller deviates
+    of Philox block m.
+    """
 
     seed: int
     stream: int = 0
@@ -116,7 +135,9 @@ class White(Block):
         for name, top in (("seed", 2**64), ("stream", 2**32)):
             v = getattr(self, name)
             if not isinstance(v, int) or isinstance(v, bool) or not 0 <= v < top:
-                raise BadValue(f"white_noise: {name} = {v!r} must be a whole number from 0 to {top - 1}")
+                raise BadValue(
+                    f"white_noise: {name} = {v!r} must be a whole number from 0 to {top - 1}"
+                )
 
     @property
     def noise_key(self) -> tuple[int, int]:

@@ -1,7 +1,9 @@
-"""What was before the first sample: 0, so that it is a step, or a signal that has always been as it is there.
+"""What was before the first sample: 0, so that it is a step, or a signal that has
+always been as it is there.
 
-A linear block begins steady by one mechanism, whatever its state is: it is given what x moves away from its first value, and its
-answer to that value, which is its gain at 0 Hz, is added.
+A linear block begins steady by one mechanism, whatever its state is: it is given what x
+moves away from its first value, and its answer to that value, which is its gain at 0
+Hz, is added.
 """
 
 from __future__ import annotations
@@ -51,7 +53,13 @@ def check_onset(name: str, onset: str) -> None:
         raise BadValue(f"{name}: onset = {onset!r}; choose one of {', '.join(ONSETS)}")
 
 
-def begun(name: str, x: Any, onset: str, make: Callable[[Block], Block], gain: Callable[[Any], float] = lambda y: 0.0) -> Block:
+def begun(
+    name: str,
+    x: Any,
+    onset: str,
+    make: Callable[[Block], Block],
+    gain: Callable[[Any], float] = lambda y: 0.0,
+) -> Block:
     """Return make(x), a linear block, as its onset says.
 
     Parameters
@@ -63,7 +71,8 @@ def begun(name: str, x: Any, onset: str, make: Callable[[Block], Block], gain: C
     make : callable
         From a signal to the block.
     gain : callable
-        From the block to its gain at 0 Hz; infinite where it answers a constant without end.
+        From the block to its gain at 0 Hz; infinite where it answers a constant without
+        end.
 
     Raises
     ------
@@ -75,8 +84,16 @@ def begun(name: str, x: Any, onset: str, make: Callable[[Block], Block], gain: C
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks.delay import Delay
     >>> from stimlib.blocks.onset import begun
-    >>> y = begun("delay", stimlib.Input("x"), "steady", lambda x: Delay(x, 1, None), lambda y: 1.0)
-    >>> stimlib.compile(stimlib.Scene({"y": y}), fs=1000).process(np.array([[3.0, 4.0, 5.0]]))
+    >>> y = begun(
+    ...     "delay",
+    ...     stimlib.Input("x"),
+    ...     "steady",
+    ...     lambda x: Delay(x, 1, None),
+    ...     lambda y: 1.0,
+    ... )
+    >>> stimlib.compile(stimlib.Scene({"y": y}), fs=1000).process(
+    ...     np.array([[3.0, 4.0, 5.0]])
+    ... )
     array([[3., 3., 4.]])
     """
     check_onset(name, onset)
@@ -87,5 +104,8 @@ def begun(name: str, x: Any, onset: str, make: Callable[[Block], Block], gain: C
     y = make(x - first)
     g = gain(y)
     if not math.isfinite(g):
-        raise BadValue(f"{name}: it answers a constant without end, so it has no steady start; use onset='step'")
+        raise BadValue(
+            f"{name}: it answers a constant without end, so it has no steady start; use"
+            " onset='step'"
+        )
     return y + first * constant(g, str(y.dim / x.dim)) if g else y

@@ -1,4 +1,6 @@
-"""Oscillators and pulse trains whose frequency may move: a phase is counted in 2^-64 turns, so it keeps its digits for days."""
+"""Oscillators and pulse trains whose frequency may move: a phase is counted in 2^-64
+turns, so it keeps its digits for days.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ class OscillatorState(NamedTuple):
 
 
 def check_freq(name: str, f: Block) -> None:
-    """Raise BadValue where a number is not above 0, UnitError where a frequency is not in Hz."""
+    """Raise BadValue where a number is not above 0, UnitError where a frequency is not
+    in Hz.
+    """
     if isinstance(f, (Const, Param)) and not f.value >= 0:
         raise BadValue(f"{name} = {f.value:g} Hz must be 0 or above")
     in_unit(name, f, f.dim, "Hz")
@@ -54,12 +58,18 @@ def part(start, inc, d):
     end, rest = start + inc, d - start
     first = where(start < d, where(rest < inc, rest, inc), NONE)
     again = where(end < start, where(end < d, end, d), NONE)
-    return where(inc > NONE, as_float(first + again) / as_float(where(inc > NONE, inc, ONE)), where(start < d, 1.0, 0.0))
+    return where(
+        inc > NONE,
+        as_float(first + again) / as_float(where(inc > NONE, inc, ONE)),
+        where(start < d, 1.0, 0.0),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Oscillator(Block):
-    """Mean of a wave over the sample period around each sample; its phase is counted in 2^-64 turns."""
+    """Mean of a wave over the sample period around each sample; its phase is counted in
+    2^-64 turns.
+    """
 
     freq: Block
     duty: Block
@@ -68,7 +78,10 @@ class Oscillator(Block):
 
     def check(self):
         if self.waveform not in WAVEFORMS:
-            raise BadValue(f"oscillator: waveform = {self.waveform!r}; choose one of sine, {', '.join(WAVEFORMS)}")
+            raise BadValue(
+                f"oscillator: waveform = {self.waveform!r}; choose one of sine,"
+                f" {', '.join(WAVEFORMS)}"
+            )
         check_freq("oscillator: freq", self.freq)
         if isinstance(self.duty, (Const, Param)) and not 0 < self.duty.value < 1:
             raise BadValue(f"oscillator: duty = {self.duty.value:g} must be above 0 and below 1")
@@ -82,7 +95,11 @@ class Oscillator(Block):
         if isinstance(self.freq, (Const, Param)):
             below_half("oscillator", fs, freq=self.freq.value)
         wait = lead(fs) if self.autonomous else 0
-        p = OscillatorParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(WAVEFORMS.index(self.waveform)))
+        p = OscillatorParams(
+            *two_words(Fraction(2**64) / Fraction(fs)),
+            fs / 2,
+            float(WAVEFORMS.index(self.waveform)),
+        )
         return p, OscillatorState(phase_word(self.phase), U(wait))
 
     @staticmethod
@@ -95,31 +112,40 @@ class Oscillator(Block):
         cut = where(over > 0.0, 4.0 * over * over / where(q > 0.0, q, 1.0), 0.0)
         triangle = 2.0 * t - where(t < 0.0, -cut, cut)
         end = begin + inc
-        beyond = where(end < begin, as_float(end) / as_float(where(inc > NONE, inc, ONE)), 0.0)  # part after the jump
+        # part after the jump
+        beyond = where(end < begin, as_float(end) / as_float(where(inc > NONE, inc, ONE)), 0.0)
         sawtooth = fma(2.0 * WORD, as_float(begin), q - 1.0) - 2.0 * beyond
         pulse = part(begin, inc, word(duty))
         y = where(
-            p.waveform == 0.0, triangle, where(p.waveform == 1.0, sawtooth, where(p.waveform == 2.0, 2.0 * pulse - 1.0, pulse))
+            p.waveform == 0.0,
+            triangle,
+            where(p.waveform == 1.0, sawtooth, where(p.waveform == 2.0, 2.0 * pulse - 1.0, pulse)),
         )
         wrong = (f + duty) - (f + duty)
         early = s.wait > NONE
-        after = OscillatorState(where(early, s.phase, s.phase + inc), where(early, s.wait - ONE, NONE))
+        after = OscillatorState(
+            where(early, s.phase, s.phase + inc), where(early, s.wait - ONE, NONE)
+        )
         return where(wrong == 0.0, y, wrong), after
 
 
 @public
-def oscillator(freq: Block | float, waveform: str = "sine", duty: Block | float = 0.5, phase: float = 0.0) -> Block:
+def oscillator(
+    freq: Block | float, waveform: str = "sine", duty: Block | float = 0.5, phase: float = 0.0
+) -> Block:
     """A periodic wave whose phase is exact for days, between -1 and 1.
 
-    All but the sine are sampled by area: a sample is the mean over the sample period around it.  Of a sawtooth of 200 Hz at 8 kHz
-    that takes 4 dB from the worst alias, and 17 dB from the worst below 1 kHz.  A sine has none.
+    All but the sine are sampled by area: a sample is the mean over the sample period
+    around it.  Of a sawtooth of 200 Hz at 8 kHz that takes 4 dB from the worst alias,
+    and 17 dB from the worst below 1 kHz.  A sine has none.
 
     Parameters
     ----------
     freq : float or Block
         In Hz; a signal is held in 0 .. fs/2.
     waveform : {"sine", "triangle", "square", "sawtooth", "pulse"}
-        "square" is 1 for the part ``duty`` of each period and then -1, "pulse" 1 and then 0; "sawtooth" rises from -1 to 1.
+        "square" is 1 for the part ``duty`` of each period and then -1, "pulse" 1 and
+        then 0; "sawtooth" rises from -1 to 1.
     duty : float or Block
         Of square and pulse.
     phase : float
@@ -133,27 +159,35 @@ def oscillator(freq: Block | float, waveform: str = "sine", duty: Block | float 
     Raises
     ------
     BadValue
-        An unknown waveform, a frequency below 0, a duty not between 0 and 1; at compile time, a frequency not below fs/2.
+        An unknown waveform, a frequency below 0, a duty not between 0 and 1; at compile
+        time, a frequency not below fs/2.
     UnitError
         A frequency that is not in Hz, or a duty with a unit.
 
     Notes
     -----
-    The error of the phase grows by at most 2^-65 turns a sample: 1.2e-10 rad in 24 h at 8 kHz.  For a sine's rectified forms see
-    ``carrier``, for envelopes tied to a place ``bump``.
+    The error of the phase grows by at most 2^-65 turns a sample: 1.2e-10 rad in 24 h at
+    8 kHz.  For a sine's rectified forms see ``carrier``, for envelopes tied to a place
+    ``bump``.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import oscillator
-    >>> scene = stimlib.Scene({w: oscillator(200, w) for w in ("triangle", "sawtooth", "square")})
+    >>> scene = stimlib.Scene(
+    ...     {w: oscillator(200, w) for w in ("triangle", "sawtooth", "square")}
+    ... )
     >>> stimlib.compile(scene, fs=1000).process(np.empty((0, 5))).round(3) + 0.0
     array([[ 0.  ,  0.75,  0.4 , -0.4 , -0.75],
            [ 0.  , -0.6 , -0.2 ,  0.2 ,  0.6 ],
            [ 0.  ,  1.  ,  1.  , -1.  , -1.  ]])
     """
     freq = with_unit(freq, "Hz")
-    return carrier(freq, phase=phase) if waveform == "sine" else Oscillator(freq, as_block(duty), waveform, phase)
+    return (
+        carrier(freq, phase=phase)
+        if waveform == "sine"
+        else Oscillator(freq, as_block(duty), waveform, phase)
+    )
 
 
 class TrainParams(NamedTuple):
@@ -170,7 +204,9 @@ class TrainState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PulseTrain(Event):
-    """One event a period, at the phase 1/2 + jitter, which is read where the period begins: the order is kept, none is lost."""
+    """One event a period, at the phase 1/2 + jitter, which is read where the period
+    begins: the order is kept, none is lost.
+    """
 
     rate: Block
     jitter: Block
@@ -180,7 +216,10 @@ class PulseTrain(Event):
 
     def units(self, *u):
         if u[1] != un.ONE:
-            raise UnitError(f"pulse_train: jitter {self.jitter!r} [{u[1]}] must have no unit: it is a part of a period")
+            raise UnitError(
+                f"pulse_train: jitter {self.jitter!r} [{u[1]}] must have no unit: it is a part of a"
+                " period"
+            )
         return un.ONE
 
     def design(self, fs):
@@ -208,10 +247,12 @@ def pulse_train(rate: Block | float, jitter: Block | float = 0.0) -> Block:
     Parameters
     ----------
     rate : float or Block
-        In Hz; a signal is held in 0 .. fs/2.  The first event is half a period after sample 0.
+        In Hz; a signal is held in 0 .. fs/2.  The first event is half a period after
+        sample 0.
     jitter : float or Block
-        Which part of a period an event is late, from -1/2 to 1/2 (held there); read once for each, where its period begins.
-        ``0.1 * white_noise(seed=1)`` makes it irregular without a drift.
+        Which part of a period an event is late, from -1/2 to 1/2 (held there); read
+        once for each, where its period begins. ``0.1 * white_noise(seed=1)`` makes it
+        irregular without a drift.
 
     Returns
     -------
@@ -227,8 +268,9 @@ def pulse_train(rate: Block | float, jitter: Block | float = 0.0) -> Block:
 
     Notes
     -----
-    An event may fall on a sample to the last digit: of 90 Hz at 8000 Hz every ninth one does.  Whether it is of that sample or
-    of the one before, processor and interpreter decide by whole numbers; on JAX, whose compiler rounds as it likes, it may be
+    An event may fall on a sample to the last digit: of 90 Hz at 8000 Hz every ninth one
+    does.  Whether it is of that sample or of the one before, processor and interpreter
+    decide by whole numbers; on JAX, whose compiler rounds as it likes, it may be
     either.
 
     Examples

@@ -1,6 +1,8 @@
-"""Surfaces: what is felt at a place, the same whenever a finger comes there, each sample the mean over its movement.
+"""Surfaces: what is felt at a place, the same whenever a finger comes there, each
+sample the mean over its movement.
 
-Only sums, products and square roots are used, no mathematical library, so that the bits are the same on every machine.
+Only sums, products and square roots are used, no mathematical library, so that the bits
+are the same on every machine.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ SURFACE = 3  # what a key is used for: 0 white noise, 1 its stationary start, 2 
 SLOPES = 0.5, 4.0
 MOST = 1e9  # longest by shortest wavelength: 33 octaves
 
-# Noise over place ----------------------------------------------------------------------------------------------------
+# Noise over place ---------------------------------------------------------------------
 FIELD, SHIFT_16, SHIFT_32, SHIFT_48 = U(0xFFFF), U(16), U(32), U(48)
 MIDDLE, DEVIATION = 131070.0, math.sqrt(3 / (65536**2 - 1))
 FAR = 2.0**50  # cells from 0: beyond, a place is held
@@ -34,7 +36,9 @@ WINDOW = 72.0  # lattice values that are made at once: 64 samples of less than a
 
 
 def sum_of_fields(v):
-    """Sum of the four 16-bit fields of a word, of mean 0 and variance 1: exact, nearly normal, within 3.46."""
+    """Sum of the four 16-bit fields of a word, of mean 0 and variance 1: exact, nearly
+    normal, within 3.46.
+    """
     s = (v & FIELD) + ((v >> SHIFT_16) & FIELD) + ((v >> SHIFT_32) & FIELD) + (v >> SHIFT_48)
     return (as_float(s) - MIDDLE) * DEVIATION
 
@@ -46,14 +50,23 @@ def lattice(key, m):
 
 
 def spline_mean(n0, n1, n2, a, b):
-    """Mean of a quadratic B-spline over a .. b of one cell, 0 .. 1: its value in the middle, and curvature (b - a)^2/24."""
+    """Mean of a quadratic B-spline over a .. b of one cell, 0 .. 1: its value in the
+    middle, and curvature (b - a)^2/24.
+    """
     t, d = 0.5 * (a + b), b - a
     q = 1.0 - t
-    return 0.5 * q * q * n0 + (0.5 + t * q) * n1 + 0.5 * t * t * n2 + (n0 - 2.0 * n1 + n2) * (d * d) * (1 / 24)
+    return (
+        0.5 * q * q * n0
+        + (0.5 + t * q) * n1
+        + 0.5 * t * t * n2
+        + (n0 - 2.0 * n1 + n2) * (d * d) * (1 / 24)
+    )
 
 
 def heard(r):
-    """Part of its power that an octave keeps where a sample passes r of its cells: all up to 2, none from 4 on."""
+    """Part of its power that an octave keeps where a sample passes r of its cells: all
+    up to 2, none from 4 on.
+    """
     t = where(r > 2.0, where(r < 4.0, 0.5 * r - 1.0, 1.0), 0.0)
     return 1.0 - t * t * (3.0 - 2.0 * t)
 
@@ -82,7 +95,9 @@ class Cell(NamedTuple):
 
 def inside(q, before, v, y):
     """y and an octave in one of whose cells the movement is."""
-    return y + q.amplitude * spline_mean(q.n0, q.n1, q.n2, before * q.scale + q.at - q.place, v * q.scale + q.at - q.place)
+    return y + q.amplitude * spline_mean(
+        q.n0, q.n1, q.n2, before * q.scale + q.at - q.place, v * q.scale + q.at - q.place
+    )
 
 
 class Octave(NamedTuple):
@@ -99,7 +114,9 @@ def near(q, before, v, n0, n1, n2, n3, y):
     lo, hi = where(a < b, a, b), where(a < b, b, a)
     f, g = floor(lo), floor(hi)
     one, r = spline_mean(n0, n1, n2, lo - f, hi - f), where(f == g, 1.0, hi - lo)
-    two = (f + 1.0 - lo) * spline_mean(n0, n1, n2, lo - f, 1.0) + (hi - g) * spline_mean(n1, n2, n3, 0.0, hi - g)
+    two = (f + 1.0 - lo) * spline_mean(n0, n1, n2, lo - f, 1.0) + (hi - g) * spline_mean(
+        n1, n2, n3, 0.0, hi - g
+    )
     return y + q.amplitude * where(f == g, one, two / r)
 
 
@@ -118,7 +135,9 @@ class SpatialState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SpatialNoise(Block):
-    """sum_j a_j mean of sum_m n_j[m] B(place/D_j - m) over the movement, D_j = 2^j D_0; n_j[m] from Philox(key_j, m)."""
+    """sum_j a_j mean of sum_m n_j[m] B(place/D_j - m) over the movement, D_j = 2^j D_0;
+    n_j[m] from Philox(key_j, m).
+    """
 
     u: Block
     contact: Block
@@ -130,13 +149,18 @@ class SpatialNoise(Block):
 
     def check(self):
         if isinstance(self.seed, bool) or not 0 <= self.seed < 2**64:
-            raise BadValue(f"spatial_noise: seed = {self.seed!r} must be a whole number from 0 to {2**64 - 1}")
+            raise BadValue(
+                f"spatial_noise: seed = {self.seed!r} must be a whole number from 0 to {2**64 - 1}"
+            )
         if not SLOPES[0] <= self.slope <= SLOPES[1]:
-            raise BadValue(f"spatial_noise: slope = {self.slope:g} must be from {SLOPES[0]:g} to {SLOPES[1]:g}")
+            raise BadValue(
+                f"spatial_noise: slope = {self.slope:g} must be from {SLOPES[0]:g} to {SLOPES[1]:g}"
+            )
         positive(self, "shortest", "longest")
         if not self.shortest < self.longest <= MOST * self.shortest:
             raise BadValue(
-                f"spatial_noise: longest = {self.longest:g} must be above shortest = {self.shortest:g}, at most {MOST:g} times it"
+                f"spatial_noise: longest = {self.longest:g} must be above shortest ="
+                f" {self.shortest:g}, at most {MOST:g} times it"
             )
 
     def units(self, *u):
@@ -148,8 +172,12 @@ class SpatialNoise(Block):
         density = found.power * found.cells
         finer = np.concatenate([[0.0], np.cumsum(density)[:-1]]) / found.cells
         keys = np.array([noise_key(0, self.seed, 2 * j, SURFACE) for j in range(n)])
-        at = np.array([float(noise_key(0, self.seed, 2 * j + 1, SURFACE)) * 2.0**-64 for j in range(n)])
-        return SpatialParams(1 / float(found.cells[0]), keys, at, np.array(found.power), finer), SpatialState(0.0, 1.0)
+        at = np.array(
+            [float(noise_key(0, self.seed, 2 * j + 1, SURFACE)) * 2.0**-64 for j in range(n)]
+        )
+        return SpatialParams(
+            1 / float(found.cells[0]), keys, at, np.array(found.power), finer
+        ), SpatialState(0.0, 1.0)
 
     def delay(self, p):
         """A mean over the last sample period lies half a sample back."""
@@ -181,7 +209,12 @@ class SpatialNoise(Block):
             pairs(lattice, p.keys[j], U(INT(0.5 * base)), z[: INT(size)])
             if end - first == 3.0:
                 k = INT(first - base)
-                each(inside, Cell(z[k], z[k + 1], z[k + 2], first, scale, at, whole), (before, v, y), y)
+                each(
+                    inside,
+                    Cell(z[k], z[k + 1], z[k + 2], first, scale, at, whole),
+                    (before, v, y),
+                    y,
+                )
             elif fastest * scale < 0.75:
                 for i in range(n):
                     k = INT(floor(where(before[i] < v[i], before[i], v[i]) * scale + at) - base)
@@ -195,17 +228,26 @@ class SpatialNoise(Block):
                     if r < 4.0:
                         f, g = floor(lo), floor(hi)
                         if f < base or g + 3.0 > base + size:
-                            base, size = 2.0 * floor(0.5 * where(a > b, g + 4.0 - WINDOW, f)), WINDOW
+                            base, size = (
+                                2.0 * floor(0.5 * where(a > b, g + 4.0 - WINDOW, f)),
+                                WINDOW,
+                            )
                             pairs(lattice, p.keys[j], U(INT(0.5 * base)), z[: INT(size)])
                         k = INT(f - base)
                         if f == g:
                             mean = spline_mean(z[k], z[k + 1], z[k + 2], lo - f, hi - f)
                         else:
-                            area = (f + 1.0 - lo) * spline_mean(z[k], z[k + 1], z[k + 2], lo - f, 1.0)
+                            area = (f + 1.0 - lo) * spline_mean(
+                                z[k], z[k + 1], z[k + 2], lo - f, 1.0
+                            )
                             for c in range(1, INT(g - f)):
-                                area = area + spline_mean(z[k + c], z[k + c + 1], z[k + c + 2], 0.0, 1.0)
+                                area = area + spline_mean(
+                                    z[k + c], z[k + c + 1], z[k + c + 2], 0.0, 1.0
+                                )
                             k = INT(g - base)
-                            mean = (area + (hi - g) * spline_mean(z[k], z[k + 1], z[k + 2], 0.0, hi - g)) / r
+                            mean = (
+                                area + (hi - g) * spline_mean(z[k], z[k + 1], z[k + 2], 0.0, hi - g)
+                            ) / r
                         if r > 1.0:
                             y[i] = y[i] + gain(r, own, finer) * mean
                         else:
@@ -223,18 +265,22 @@ def spatial_noise(
     longest: float = 0.2,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Roughness: noise of spectrum 1/f^slope over place, the same at the same place however the finger comes there.
+    """Roughness: noise of spectrum 1/f^slope over place, the same at the same place
+    however the finger comes there.
 
-    Its one-sided spectrum over place is C f^-slope, f in cycles per unit of u, from 1/longest to 1/shortest; C makes the power
-    between them 1.  It is a sum of octaves: each is a quadratic B-spline over lattice values of its own, numbered and made
-    by Philox from seed, octave and number, at any place and in any order.  So the surface has no period and needs no table; it
-    ends where 2^50 of the finest cells do (4e9 m), and is held there.
-    The sum is within 0.05 dB of the law for slope 1, 0.1 dB for 2, 0.25 dB for 3 and 0.35 dB for 4.
+    Its one-sided spectrum over place is C f^-slope, f in cycles per unit of u, from
+    1/longest to 1/shortest; C makes the power between them 1.  It is a sum of octaves:
+    each is a quadratic B-spline over lattice values of its own, numbered and made by
+    Philox from seed, octave and number, at any place and in any order.  So the surface
+    has no period and needs no table; it ends where 2^50 of the finest cells do (4e9 m),
+    and is held there. The sum is within 0.05 dB of the law for slope 1, 0.1 dB for 2,
+    0.25 dB for 3 and 0.35 dB for 4.
 
-    y[n] is the mean over u[n-1] .. u[n] and a function of these two places alone.  An octave of which a sample passes 2
-    to 4 cells is faded out, as it would be heard as white noise only, and the next has that noise in its place.  So at a
-    constant speed the spectrum is that of the law times sinc(f du)^2, within 0.5 dB, up to 0.35 cycles a sample.  The mean lies
-    half a sample back.
+    y[n] is the mean over u[n-1] .. u[n] and a function of these two places alone.  An
+    octave of which a sample passes 2 to 4 cells is faded out, as it would be heard as
+    white noise only, and the next has that noise in its place.  So at a constant speed
+    the spectrum is that of the law times sinc(f du)^2, within 0.5 dB, up to 0.35 cycles
+    a sample.  The mean lies half a sample back.
 
     Parameters
     ----------
@@ -243,27 +289,32 @@ def spatial_noise(
     slope : float
         0.5 to 4; 1 is pink, 2 that of a random walk.
     seed : int
-        Name of the surface, 0 to 2^64 - 1.  Not the run's seed: a surface stays what it is in every run, and two
-        fingers over one seed touch one surface.
+        Name of the surface, 0 to 2^64 - 1.  Not the run's seed: a surface stays what it
+        is in every run, and two fingers over one seed touch one surface.
     shortest, longest : float
-        Wavelengths between which the law holds, in the unit of u; outside, the spectrum falls and levels off.
+        Wavelengths between which the law holds, in the unit of u; outside, the spectrum
+        falls and levels off.
     contact : Block
-        Where it is not above 0 the output is 0; at re-contact the first sample is the value at its place.
+        Where it is not above 0 the output is 0; at re-contact the first sample is the
+        value at its place.
 
     Returns
     -------
     Block
-        Without unit, of variance 1 (a little more, with what lies outside the two wavelengths).
+        Without unit, of variance 1 (a little more, with what lies outside the two
+        wavelengths).
 
     Raises
     ------
     BadValue
-        A slope or seed out of range; wavelengths not above 0, or the longest not above the shortest or 1e9 times it.
+        A slope or seed out of range; wavelengths not above 0, or the longest not above
+        the shortest or 1e9 times it.
 
     References
     ----------
-    Salmon, Moraes, Dror and Shaw 2011 (Philox); Perlin, "An image synthesizer", SIGGRAPH 1985 (octaves of lattice noise); Unser
-    1999 (B-splines); for spectra of rough surfaces: Persson et al., J. Phys.: Condens. Matter 17, R1, 2005.
+    Salmon, Moraes, Dror and Shaw 2011 (Philox); Perlin, "An image synthesizer",
+    SIGGRAPH 1985 (octaves of lattice noise); Unser 1999 (B-splines); for spectra of
+    rough surfaces: Persson et al., J. Phys.: Condens. Matter 17, R1, 2005.
 
     Examples
     --------
@@ -271,7 +322,12 @@ def spatial_noise(
 
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import spatial_noise
-    >>> proc = stimlib.compile(stimlib.Scene({"y": spatial_noise(stimlib.Input("x", "m"), slope=1.0, seed=4)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene(
+    ...         {"y": spatial_noise(stimlib.Input("x", "m"), slope=1.0, seed=4)}
+    ...     ),
+    ...     fs=8000,
+    ... )
     >>> y = proc.process(np.array([[0.01, 0.02, 0.02, 0.03, 0.02, 0.02]]))[0]
     >>> bool(y[2] == y[5] != 0)
     True
@@ -279,7 +335,7 @@ def spatial_noise(
     return SpatialNoise(as_block(u), as_block(contact), slope, seed, shortest, longest)
 
 
-# Gratings ------------------------------------------------------------------------------------------------------------
+# Gratings -----------------------------------------------------------------------------
 PI = math.pi
 
 
@@ -290,7 +346,9 @@ def sine_of_turns(t):
 
 
 def sinc(d):
-    """sin(pi d)/(pi d) for d >= 0: what is left of a sinusoid in its mean over d periods."""
+    """sin(pi d)/(pi d) for d >= 0: what is left of a sinusoid in its mean over d
+    periods.
+    """
     near = where(d < 1.0, d, 1.0)
     return where(d < 1.0, 1.0 - gap(near), sine_of_turns(0.5 * d) / (PI * where(d < 1.0, 1.0, d)))
 
@@ -308,7 +366,9 @@ class GratingState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Grating(Block):
-    """sum of depth sin(2 pi m/wavelength + phase) sinc(d/wavelength), m the middle of a movement and d its length."""
+    """sum of depth sin(2 pi m/wavelength + phase) sinc(d/wavelength), m the middle of a
+    movement and d its length.
+    """
 
     u: Block
     contact: Block
@@ -319,7 +379,10 @@ class Grating(Block):
     def check(self):
         v = self.parts
         if v.ndim != 2 or v.shape[1] != 3 or not len(v):
-            raise BadValue(f"grating: parts must be rows of three, [(wavelength, depth, phase), ..]; got shape {v.shape}")
+            raise BadValue(
+                "grating: parts must be rows of three, [(wavelength, depth, phase), ..]; got shape"
+                f" {v.shape}"
+            )
         limits.check("table_knots", len(v), "grating: parts")
         if not (v[:, 0] > 0).all():
             at = int(np.argmin(v[:, 0] > 0))
@@ -333,7 +396,10 @@ class Grating(Block):
         with np.errstate(over="ignore"):
             p = GratingParams(depth.copy(), 1 / wavelength, phase / (2 * PI))
         if not np.isfinite(p.per).all():
-            raise BadValue(f"grating: wavelength = {wavelength.min():g} is too short for numbers; check the unit")
+            raise BadValue(
+                f"grating: wavelength = {wavelength.min():g} is too short for numbers; check the"
+                " unit"
+            )
         return p, GratingState(0.0, 1.0)
 
     def delay(self, p):
@@ -345,30 +411,35 @@ class Grating(Block):
         before = where(s.cold > 0.0, u, s.last)
         middle, way, y = 0.5 * (before + u), abs(u - before), u - u
         for i in range(p.depth.size):
-            y = y + p.depth[i] * sine_of_turns(middle * p.per[i] + p.start[i]) * sinc(way * p.per[i])
+            y = y + p.depth[i] * sine_of_turns(middle * p.per[i] + p.start[i]) * sinc(
+                way * p.per[i]
+            )
         return y, GratingState(u, 0.0)
 
 
 @public
 def grating(u: Block | float, parts, unit: str = "", contact: Block | float = 1.0) -> Block:
-    """Ribs of a surface: sinusoids over place, sum of depth sin(2 pi u/wavelength + phase).
+    """Ribs of a surface: sinusoids over place, sum of depth sin(2 pi u/wavelength +
+    phase).
 
-    Each sample is the exact mean over u[n-1] .. u[n]: the sinusoid in the middle of the movement, times
-    sin(pi d)/(pi d), d = |u[n] - u[n-1]|/wavelength.  So ribs that pass faster than half the sample rate come back as slower
-    ones, but weaker, and not at all where one passes in a sample; and over a closed way a force along u does no work.  The
-    mean lies half a sample back.
+    Each sample is the exact mean over u[n-1] .. u[n]: the sinusoid in the middle of the
+    movement, times sin(pi d)/(pi d), d = |u[n] - u[n-1]|/wavelength.  So ribs that pass
+    faster than half the sample rate come back as slower ones, but weaker, and not at
+    all where one passes in a sample; and over a closed way a force along u does no
+    work.  The mean lies half a sample back.
 
     Parameters
     ----------
     u : Block
         Position, usually in m.
     parts : array_like, shape (n, 3)
-        Rows (wavelength, depth, phase): in the unit of u, above 0; from the middle to the top, in ``unit`` (a measured
-        groove is twice as deep); at u = 0, in rad.
+        Rows (wavelength, depth, phase): in the unit of u, above 0; from the middle to
+        the top, in ``unit`` (a measured groove is twice as deep); at u = 0, in rad.
     unit : str
         Of the depths.
     contact : Block
-        Where it is not above 0 the output is 0; at re-contact the first sample is the value at its place.
+        Where it is not above 0 the output is 0; at re-contact the first sample is the
+        value at its place.
 
     Returns
     -------
@@ -378,18 +449,24 @@ def grating(u: Block | float, parts, unit: str = "", contact: Block | float = 1.
     Raises
     ------
     BadValue
-        Rows that are not three finite numbers, a wavelength not above 0, more rows than ``stimlib.limits`` allow.
+        Rows that are not three finite numbers, a wavelength not above 0, more rows than
+        ``stimlib.limits`` allow.
 
     References
     ----------
-    The mean of a sinusoid over an interval, in closed form; for gratings as stimuli: Wiertlewski, Lozada and Hayward, "The
-    spatial spectrum of tangential skin displacement can encode tactual texture", IEEE Trans. Robotics 27, 2011.
+    The mean of a sinusoid over an interval, in closed form; for gratings as stimuli:
+    Wiertlewski, Lozada and Hayward, "The spatial spectrum of tangential skin
+    displacement can encode tactual texture", IEEE Trans. Robotics 27, 2011.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import grating
-    >>> ribs = grating(stimlib.Input("x", "m"), [(2e-3, 0.2, 0.0), (0.5e-3, 0.05, np.pi / 2)], unit="N")
+    >>> ribs = grating(
+    ...     stimlib.Input("x", "m"),
+    ...     [(2e-3, 0.2, 0.0), (0.5e-3, 0.05, np.pi / 2)],
+    ...     unit="N",
+    ... )
     >>> proc = stimlib.compile(stimlib.Scene({"force": ribs}), fs=8000)
     >>> proc.process(np.array([[0.0, 0.0, 0.5e-3, 0.5e-3]])).round(4)
     array([[0.05  , 0.05  , 0.1273, 0.25  ]])

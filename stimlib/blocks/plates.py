@@ -1,4 +1,6 @@
-"""Surfaces that vibrate in modes: one mode, its shape over the places of a finger, and a drive that makes it answer faster."""
+"""Surfaces that vibrate in modes: one mode, its shape over the places of a finger, and
+a drive that makes it answer faster.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,8 @@ class ModeState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Mode(Block):
-    """q'' + (w0/Q) q' + w0^2 q = w0^2 x, exact for an x that is straight between samples.
+    """q'' + (w0/Q) q' + w0^2 q = w0^2 x, exact for an x that is straight between
+    samples.
 
     With a = w0/fs, b = 1/(2 Q), e = q - x, dx = x[n] - x[n-1]:
 
@@ -59,15 +62,21 @@ class Mode(Block):
     def check(self):
         positive(self, "freq")
         if not self.q > 0.5:
-            raise BadValue(f"mode: q = {self.q:g} must be above 0.5: below that it does not ring; take two first_order")
+            raise BadValue(
+                f"mode: q = {self.q:g} must be above 0.5: below that it does not ring; take two"
+                " first_order"
+            )
 
     def design(self, fs):
         (r,) = below_half("mode", fs, freq=self.freq)
         a, b = 2 * math.pi * r, 0.5 / self.q
         h = math.sqrt(1 - b * b)
         s = math.exp(-a * b) * math.sin(a * h) / h
-        m = 2 * math.sin(a * h / 2) ** 2 - math.expm1(-a * b) * math.cos(a * h) - b * s  # 1 - c, with its digits
-        return ModeParams(1 - m, s, 1 - m - 2 * b * s, (s + 2 * b * m) / a, m / a, m), ModeState(0.0, 0.0, 0.0)
+        # 1 - c, with its digits
+        m = 2 * math.sin(a * h / 2) ** 2 - math.expm1(-a * b) * math.cos(a * h) - b * s
+        return ModeParams(1 - m, s, 1 - m - 2 * b * s, (s + 2 * b * m) / a, m / a, m), ModeState(
+            0.0, 0.0, 0.0
+        )
 
     def laws(self, fs):
         return (responses.oscillator(self.freq, self.q),)
@@ -92,9 +101,11 @@ class Mode(Block):
 
 @public
 def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
-    """Drive one mode of something that vibrates, a mass on a spring; its gain is 1 at 0 Hz and q at its resonance.
+    """Drive one mode of something that vibrates, a mass on a spring; its gain is 1 at 0
+    Hz and q at its resonance.
 
-    Exact at every sample rate for an x that is straight between samples, as ``first_order`` is.
+    Exact at every sample rate for an x that is straight between samples, as
+    ``first_order`` is.
 
     Parameters
     ----------
@@ -102,7 +113,8 @@ def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
     freq : float
         Natural frequency in Hz.
     q : float
-        Quality, above 0.5: the gain at the resonance.  It rings with a time constant of q/(pi freq) seconds.
+        Quality, above 0.5: the gain at the resonance.  It rings with a time constant of
+        q/(pi freq) seconds.
     onset : {"step", "steady"}
         Whether x was 0 before the first sample, or has always been as it is there.
 
@@ -123,13 +135,16 @@ def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
 
     References
     ----------
-    Franklin, Powell and Workman, "Digital Control of Dynamic Systems" (1998), section 6.3: the triangle-hold equivalent.
+    Franklin, Powell and Workman, "Digital Control of Dynamic Systems" (1998), section
+    6.3: the triangle-hold equivalent.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import mode
-    >>> proc = stimlib.compile(stimlib.Scene({"y": mode(stimlib.Input("x"), 158, q=10)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": mode(stimlib.Input("x"), 158, q=10)}), fs=8000
+    ... )
     >>> abs(proc.response("y", "x", np.array([0.0, 79.0, 158.0, 316.0]))).round(3)
     array([1.   , 1.33 , 9.987, 0.331])
     """
@@ -200,8 +215,14 @@ def cell(p, a, b):
 def bicubic(p, a, b):
     """Value of a piece at a place in pieces."""
     a, b = a - p.row, b - p.column
-    one, two = fma(fma(fma(p.c, b, p.d), b, p.e), b, p.f), fma(fma(fma(p.g, b, p.h), b, p.i), b, p.j)
-    three, four = fma(fma(fma(p.k, b, p.s), b, p.m), b, p.n), fma(fma(fma(p.o, b, p.q), b, p.r), b, p.t)
+    one, two = (
+        fma(fma(fma(p.c, b, p.d), b, p.e), b, p.f),
+        fma(fma(fma(p.g, b, p.h), b, p.i), b, p.j),
+    )
+    three, four = (
+        fma(fma(fma(p.k, b, p.s), b, p.m), b, p.n),
+        fma(fma(fma(p.o, b, p.q), b, p.r), b, p.t),
+    )
     return fma(fma(fma(one, a, two), a, three), a, four)
 
 
@@ -216,20 +237,26 @@ def piece(c, cell):
 
 
 def pieces(terms: int) -> np.ndarray:
-    """Cubics through values and slopes of Legendre's polynomials at the ends of equal pieces; shape (CELLS, 4, terms)."""
+    """Cubics through values and slopes of Legendre's polynomials at the ends of equal
+    pieces; shape (CELLS, 4, terms).
+    """
     f = legendre.legvander(np.linspace(-1, 1, int(CELLS) + 1), terms - 1)
     g = (
-        legendre.legval(np.linspace(-1, 1, int(CELLS) + 1), legendre.legder(np.eye(terms))).T * (2 / CELLS)
+        legendre.legval(np.linspace(-1, 1, int(CELLS) + 1), legendre.legder(np.eye(terms))).T
+        * (2 / CELLS)
         if terms > 1
         else 0 * f
     )
     rise = np.diff(f, axis=0)
-    return np.stack([g[:-1] + g[1:] - 2 * rise, 3 * rise - 2 * g[:-1] - g[1:], g[:-1], f[:-1]], axis=1)
+    return np.stack(
+        [g[:-1] + g[1:] - 2 * rise, 3 * rise - 2 * g[:-1] - g[1:], g[:-1], f[:-1]], axis=1
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Shape(Block):
-    """phi(x, y) = sum_ij c_ij P_i(2 x/length - 1) P_j(2 y/width - 1), by pieces that are cubic in x and in y.
+    """phi(x, y) = sum_ij c_ij P_i(2 x/length - 1) P_j(2 y/width - 1), by pieces that
+    are cubic in x and in y.
 
     Beyond the edges the value there is held.
     """
@@ -243,7 +270,10 @@ class Shape(Block):
     def check(self):
         positive(self, "length", "width")
         if self.c.ndim != 2 or not 0 < max(self.c.shape) <= 64:
-            raise BadValue(f"mode_shape: c must be a matrix of at most 64 x 64 numbers, got shape {self.c.shape}")
+            raise BadValue(
+                "mode_shape: c must be a matrix of at most 64 x 64 numbers, got shape"
+                f" {self.c.shape}"
+            )
 
     def units(self, *u):
         for name, v in zip("xy", u, strict=True):
@@ -254,7 +284,12 @@ class Shape(Block):
     def design(self, fs):
         u, v = (pieces(n).reshape(-1, n) for n in self.c.shape)
         c = (u @ self.c @ v.T).reshape(int(CELLS), 4, int(CELLS), 4).transpose(0, 2, 1, 3)
-        return ShapeParams(self.length, self.width, CELLS / self.length, CELLS / self.width, c.ravel()), ()
+        return (
+            ShapeParams(
+                self.length, self.width, CELLS / self.length, CELLS / self.width, c.ravel()
+            ),
+            (),
+        )
 
     @staticmethod
     def step(p, s, x, y):
@@ -267,7 +302,9 @@ class Shape(Block):
 
     @staticmethod
     def tile(p, s, x, y, phi, w):
-        """As ``step``, from the piece of each sample on to the end: a finger stays on one for many samples."""
+        """As ``step``, from the piece of each sample on to the end: a finger stays on
+        one for many samples.
+        """
         n = phi.size
         cells, a, b = w[:n], w[64 : 64 + n], w[128 : 128 + n]
         grid = Grid(p.length, p.width, p.along, p.across)
@@ -285,12 +322,14 @@ class Shape(Block):
 
 @public
 def mode_shape(x: Block | float, y: Block | float, c, length: float, width: float) -> Block:
-    """How much of a mode is felt at a place: a function of x and y on a rectangle, given by a Legendre series.
+    """How much of a mode is felt at a place: a function of x and y on a rectangle,
+    given by a Legendre series.
 
     Parameters
     ----------
     x, y : Block
-        Place in m, from the rectangle's corner.  Beyond its edges the value there is held.
+        Place in m, from the rectangle's corner.  Beyond its edges the value there is
+        held.
     c : array_like, shape (m, n)
         Factors of P_i(2 x/length - 1) P_j(2 y/width - 1).
     length, width : float
@@ -310,32 +349,46 @@ def mode_shape(x: Block | float, y: Block | float, c, length: float, width: floa
 
     Notes
     -----
-    It is computed by 256 x 256 pieces with the right values, slopes and twists at their corners.  Of a wave of k rad along the
-    rectangle that is within (k/256)^4/384: 3e-10 for a clamped plate's first mode.  Where the edges give, a shape bends within
-    millimetres of them: there it is 7e-9 of the largest for the glass plate of the scene ``touch_screen`` (12 terms).
+    It is computed by 256 x 256 pieces with the right values, slopes and twists at their
+    corners.  Of a wave of k rad along the rectangle that is within (k/256)^4/384: 3e-10
+    for a clamped plate's first mode.  Where the edges give, a shape bends within
+    millimetres of them: there it is 7e-9 of the largest for the glass plate of the
+    scene ``touch_screen`` (12 terms).
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import mode_shape
     >>> x, y = stimlib.Input("x", "m"), stimlib.Input("y", "m")
-    >>> scene = stimlib.Scene({"phi": mode_shape(x, y, [[0.0], [1.0]], 0.2, 0.1)})  # from -1 to 1 along x
-    >>> stimlib.compile(scene, fs=8000).process(np.array([[0.0, 0.05, 0.2], [0.05, 0.05, 0.05]]))
+    >>> scene = stimlib.Scene(
+    ...     {"phi": mode_shape(x, y, [[0.0], [1.0]], 0.2, 0.1)}
+    ... )  # from -1 to 1 along x
+    >>> stimlib.compile(scene, fs=8000).process(
+    ...     np.array([[0.0, 0.05, 0.2], [0.05, 0.05, 0.05]])
+    ... )
     array([[-1. , -0.5,  1. ]])
     """
     return Shape(as_block(x), as_block(y), c, length, width)
 
 
 def matched(r: float, q: float) -> Quadratic:
-    """s^2 + .. in s = (z - 1)/(z + 1) whose roots are the samples' own poles of a mode, r in cycles per sample."""
+    """s^2 + .. in s = (z - 1)/(z + 1) whose roots are the samples' own poles of a mode,
+    r in cycles per sample.
+    """
     b = 0.5 / q
     root = np.tanh(math.pi * r * complex(-b, math.sqrt(1 - b * b)))
-    return Fraction(1), -2 * Fraction(root.real), Fraction(root.real) ** 2 + Fraction(root.imag) ** 2
+    return (
+        Fraction(1),
+        -2 * Fraction(root.real),
+        Fraction(root.real) ** 2 + Fraction(root.imag) ** 2,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class PoleSwap(Cascade):
-    """k (s^2 + s w0/Q + w0^2)/(s^2 + s w0 gain/Q + w0^2), k such that it is 1 at w0: zeros on the poles of a mode."""
+    """k (s^2 + s w0/Q + w0^2)/(s^2 + s w0 gain/Q + w0^2), k such that it is 1 at w0:
+    zeros on the poles of a mode.
+    """
 
     x: Block
     freq: float
@@ -346,8 +399,8 @@ class PoleSwap(Cascade):
         positive(self, "freq", "q")
         if not 1 <= self.gain < 2 * self.q:
             raise BadValue(
-                f"pole_swap: gain = {self.gain:g} must be from 1, where nothing happens, to below 2 q = {2 * self.q:g}, "
-                "where the mode would not ring at all"
+                f"pole_swap: gain = {self.gain:g} must be from 1, where nothing happens, to below 2"
+                f" q = {2 * self.q:g}, where the mode would not ring at all"
             )
 
     def design(self, fs):
@@ -363,19 +416,25 @@ class PoleSwap(Cascade):
 
 
 @public
-def pole_swap(x: Block | float, freq: float, q: float, gain: float, v_max: float | Block | None = None) -> Block:
-    """A drive that makes a resonance answer ``gain`` times as fast: the mode's poles are taken away, and wider ones put there.
+def pole_swap(
+    x: Block | float, freq: float, q: float, gain: float, v_max: float | Block | None = None
+) -> Block:
+    """A drive that makes a resonance answer ``gain`` times as fast: the mode's poles
+    are taken away, and wider ones put there.
 
-    A mode of quality q follows an envelope up to freq/(2 q), its half bandwidth: 7.9 Hz for 158 Hz and q = 10.  Behind this
-    filter it has the quality q/gain, and the same gain at its frequency.  The price is voltage: whatever changes fast is driven
-    up to ``gain`` times as hard.  ``stimlib.plate.envelope_behind`` says how much of it a stimulus takes, and what it gives.
+    A mode of quality q follows an envelope up to freq/(2 q), its half bandwidth: 7.9 Hz
+    for 158 Hz and q = 10.  Behind this filter it has the quality q/gain, and the same
+    gain at its frequency.  The price is voltage: whatever changes fast is driven up to
+    ``gain`` times as hard.  ``stimlib.plate.envelope_behind`` says how much of it a
+    stimulus takes, and what it gives.
 
     Parameters
     ----------
     x : Block
         The voltage for a slow stimulus.
     freq, q : float
-        Of the mode; measure them, ``stimlib.plate.identify``: a carrier that is 1 % off loses what q/2 % of width can.
+        Of the mode; measure them, ``stimlib.plate.identify``: a carrier that is 1 % off
+        loses what q/2 % of width can.
     gain : float
         From 1 to below 2 q.
     v_max : float or Block, optional
@@ -389,22 +448,31 @@ def pole_swap(x: Block | float, freq: float, q: float, gain: float, v_max: float
     Raises
     ------
     BadValue
-        freq or q not above 0; a gain outside its range; v_max not above 0; at compile time, freq not below fs/2.
+        freq or q not above 0; a gain outside its range; v_max not above 0; at compile
+        time, freq not below fs/2.
 
     References
     ----------
-    Zeros on lightly damped poles: Franklin, Powell and Emami-Naeini, "Feedback Control of Dynamic Systems" (2015): notch
-    compensation.
+    Zeros on lightly damped poles: Franklin, Powell and Emami-Naeini, "Feedback Control
+    of Dynamic Systems" (2015): notch compensation.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import mode, pole_swap
     >>> v = stimlib.Input("v", "V")
-    >>> scene = stimlib.Scene({"before": mode(v, 158, 10), "after": mode(pole_swap(v, 158, 10, gain=4), 158, 10)})
+    >>> scene = stimlib.Scene(
+    ...     {
+    ...         "before": mode(v, 158, 10),
+    ...         "after": mode(pole_swap(v, 158, 10, gain=4), 158, 10),
+    ...     }
+    ... )
     >>> proc = stimlib.compile(scene, fs=8000)
     >>> f = np.array([138.0, 158.0, 178.0])  # side bands of 20 bumps/s
-    >>> [(abs(proc.response(name, "v", f)) / 10).round(2).tolist() for name in ("before", "after")]
+    >>> [
+    ...     (abs(proc.response(name, "v", f)) / 10).round(2).tolist()
+    ...     for name in ("before", "after")
+    ... ]
     [[0.4, 1.0, 0.34], [0.95, 1.0, 0.76]]
     """
     y: Block = PoleSwap(as_block(x), freq, q, gain)
@@ -417,7 +485,9 @@ def pole_swap(x: Block | float, freq: float, q: float, gain: float, v_max: float
 
 
 @public
-def amplifier(x: Block | float, gain: float = 50.0, lowest: float = -100.0, highest: float = 400.0) -> Block:
+def amplifier(
+    x: Block | float, gain: float = 50.0, lowest: float = -100.0, highest: float = 400.0
+) -> Block:
     """A voltage amplifier: gain x, held between the voltages that the patches take.
 
     Parameters
@@ -427,7 +497,8 @@ def amplifier(x: Block | float, gain: float = 50.0, lowest: float = -100.0, high
     gain : float
         Not 0.
     lowest, highest : float
-        In V at its output; the default is the range of the touch-screen thesis' patches.  ``Plate.voltages`` is that of a plate.
+        In V at its output; the default is the range of the touch-screen thesis'
+        patches.  ``Plate.voltages`` is that of a plate.
 
     Returns
     -------
@@ -443,13 +514,16 @@ def amplifier(x: Block | float, gain: float = 50.0, lowest: float = -100.0, high
 
     References
     ----------
-    The touch-screen thesis, sections 2.2 and 4.2: a driver for these patches, set to 50.
+    The touch-screen thesis, sections 2.2 and 4.2: a driver for these patches, set to
+    50.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import amplifier
-    >>> proc = stimlib.compile(stimlib.Scene({"v": amplifier(stimlib.Input("x", "V"))}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"v": amplifier(stimlib.Input("x", "V"))}), fs=8000
+    ... )
     >>> proc.process(np.array([[-4.0, 2.0, 9.0]]))
     array([[-100.,  100.,  400.]])
     """
@@ -458,7 +532,8 @@ def amplifier(x: Block | float, gain: float = 50.0, lowest: float = -100.0, high
         raise UnitError(f"amplifier: {signal!r} [{signal.dim}] must be in V")
     if not (-math.inf < lowest < highest < math.inf and gain != 0):
         raise BadValue(
-            f"amplifier: lowest = {lowest:g} V must be below highest = {highest:g} V, both be numbers, and gain not 0; what the "
-            "patches of a plate take is told by Patch(lowest=, highest=)"
+            f"amplifier: lowest = {lowest:g} V must be below highest = {highest:g} V, both be"
+            " numbers, and gain not 0; what the patches of a plate take is told by Patch(lowest=,"
+            " highest=)"
         )
     return clip(gain * signal, with_unit(lowest, "V"), with_unit(highest, "V"))

@@ -1,6 +1,8 @@
-"""Springs and dampers in series: Maxwell arms (relaxation) and, force in and displacement out, Kelvin-Voigt chains (creep).
+"""Springs and dampers in series: Maxwell arms (relaxation) and, force in and
+displacement out, Kelvin-Voigt chains (creep).
 
-All of them are exact for inputs that are straight between samples.  With T = 1/fs and a = T/tau,
+All of them are exact for inputs that are straight between samples.  With T = 1/fs and a
+= T/tau,
 
     e = 1 - exp(-a) = -expm1(-a),    g = e/a,    h = 1 - g = a/2 - a^2/6 + a^3/24 - ..    (summed where it is small)
 
@@ -9,9 +11,10 @@ are all that one time constant needs:
     Maxwell arm     f' + f/tau = k y'      q[n] = q[n-1] - e q[n-1] + (y[n] - y[n-1]),    f[n] = k g q[n]
     Kelvin-Voigt    tau y' + y = f/k       q[n] = q[n-1] - e q[n-1] + f[n-1],             y[n] = (h f[n] + e g q[n])/k
 
-No difference of large numbers is left, whatever tau is: for tau -> 0 the arm becomes e = 1, g = a (a damper b = k tau), for
-tau -> infinity e = a, g = 1 (a spring).  The leak e is stored, not the pole 1 - e, and q has two words (``maths.memory``), as a
-leak of 1e-17 a sample would be lost in one.
+No difference of large numbers is left, whatever tau is: for tau -> 0 the arm becomes e
+= 1, g = a (a damper b = k tau), for tau -> infinity e = a, g = 1 (a spring).  The leak
+e is stored, not the pole 1 - e, and q has two words (``maths.memory``), as a leak of
+1e-17 a sample would be lost in one.
 """
 
 from __future__ import annotations
@@ -44,14 +47,20 @@ SCRATCH = 512  # words that ``memory`` needs; differences stand behind them
 def check_lists(b: Any, values: np.ndarray, name: str) -> None:
     """Raise BadValue unless a block's two lists have one length and numbers above 0."""
     if values.ndim != 1 or b.tau.shape != values.shape:
-        raise BadValue(f"{name} and tau must be two lists of one length, got {values.shape} and {b.tau.shape}")
+        raise BadValue(
+            f"{name} and tau must be two lists of one length, got {values.shape} and {b.tau.shape}"
+        )
     for what, a in ((name, values), ("tau", b.tau)):
         if not np.all(a > 0):
-            raise BadValue(f"{what}[{int(np.argmin(a > 0))}] = {a[np.argmin(a > 0)]:g} must be above 0")
+            raise BadValue(
+                f"{what}[{int(np.argmin(a > 0))}] = {a[np.argmin(a > 0)]:g} must be above 0"
+            )
 
 
 def number(v) -> float | None:
-    """The value of a plain number (or a constant without unit, or in N/m); None for any other signal."""
+    """The value of a plain number (or a constant without unit, or in N/m); None for any
+    other signal.
+    """
     b = as_block(v)
     return b.value if isinstance(b, Const) and b.dim in (un.ONE, unit("N/m")) else None
 
@@ -60,16 +69,23 @@ def plain(name: str, field: str, v) -> float:
     """A number above 0; BadValue for anything else."""
     value = number(v)
     if value is None or not value > 0:
-        raise BadValue(f"{name}: {field} = {v!r} must be a plain number above 0; a live gain is multiplied")
+        raise BadValue(
+            f"{name}: {field} = {v!r} must be a plain number above 0; a live gain is multiplied"
+        )
     return value
 
 
 def time_constant(name: str, k, b, tau) -> float:
     """tau, or b/k, from arguments of which one must be there."""
     if (b is None) == (tau is None):
-        raise BadValue(f"{name}: give one of b (N s/m) and tau (s), the other follows from tau = b/k")
+        raise BadValue(
+            f"{name}: give one of b (N s/m) and tau (s), the other follows from tau = b/k"
+        )
     if number(k) is None and tau is None:
-        raise BadValue(f"{name}: with the signal {k!r} as stiffness give tau in s: a time constant cannot be live")
+        raise BadValue(
+            f"{name}: with the signal {k!r} as stiffness give tau in s: a time constant cannot be"
+            " live"
+        )
     stiffness = 1.0 if number(k) is None else plain(name, "k", k)
     return plain(name, "tau", plain(name, "b", b) / stiffness if tau is None else tau)
 
@@ -88,7 +104,9 @@ class ArmsState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MaxwellArms(Block):
-    """Maxwell arms side by side: q_i += (y[n] - y[n-1]) - e_i q_i;  f = sum_i k_i g_i q_i.  k as factors of y."""
+    """Maxwell arms side by side: q_i += (y[n] - y[n-1]) - e_i q_i;  f = sum_i k_i g_i
+    q_i.  k as factors of y.
+    """
 
     y: Block
     contact: Block
@@ -105,7 +123,9 @@ class MaxwellArms(Block):
         s = [sampled(1 / tau / fs) for tau in self.tau.tolist()]
         e = padded([v.e for v in s], 1.0)
         r = padded([k * v.g for k, v in zip(self.k.tolist(), s, strict=True)])
-        return ArmsParams(e, r), ArmsState(np.zeros(e.size), np.zeros(e.size), 0.0, ONSETS[self.onset])
+        return ArmsParams(e, r), ArmsState(
+            np.zeros(e.size), np.zeros(e.size), 0.0, ONSETS[self.onset]
+        )
 
     def laws(self, fs):
         return (responses.arms(self.k, self.tau),)
@@ -132,12 +152,19 @@ class MaxwellArms(Block):
         return np.sum(p.r * np.where(spring, 1.0, d / np.where(spring, 1.0, below)), axis=-1)
 
     def delay(self, p):
-        """Behind the continuous arms at low frequencies: 0 for slow ones (springs), half a sample for fast ones (dampers)."""
+        """Behind the continuous arms at low frequencies: 0 for slow ones (springs),
+        half a sample for fast ones (dampers).
+        """
         live = p.r[: self.k.size] > 0
         k, a = self.k[live], p.e[: live.size][live] * self.k[live] / p.r[: live.size][live]
         if not np.all(a > 0) or not a.size:
             return 0.0
-        late = np.array([v / 12 if v < 1e-2 else 0.5 + 1 / math.expm1(v) - 1 / v if v < 700 else 0.5 - 1 / v for v in a])
+        late = np.array(
+            [
+                v / 12 if v < 1e-2 else 0.5 + 1 / math.expm1(v) - 1 / v if v < 700 else 0.5 - 1 / v
+                for v in a
+            ]
+        )
         damping = k * (a.min() / a)  # b = k tau, up to a factor
         return float(np.sum(damping * late) / np.sum(damping))
 
@@ -152,10 +179,11 @@ def maxwell(
     onset: str = "steady",
     contact: Block | float | None = None,
 ) -> Block:
-    """Maxwell arm, a spring and a damper in series: f'/k + f/b = y'.  The force of a held position decays with tau = b/k.
+    """Maxwell arm, a spring and a damper in series: f'/k + f/b = y'.  The force of a
+    held position decays with tau = b/k.
 
-    Exact for positions that are straight between samples, for any tau: much faster than a sample it is a damper, much slower
-    than the recording it is a spring.
+    Exact for positions that are straight between samples, for any tau: much faster than
+    a sample it is a damper, much slower than the recording it is a spring.
 
     Parameters
     ----------
@@ -168,9 +196,11 @@ def maxwell(
     tau : float
         Time constant b/k in s, in place of b.
     onset : {"steady", "step"}
-        Whether the first position is where y has always been, or is reached from 0 in one sample.
+        Whether the first position is where y has always been, or is reached from 0 in
+        one sample.
     contact : Block, optional
-        Where it is not above 0 the force is 0; at re-contact the arm starts anew, at rest.
+        Where it is not above 0 the force is 0; at re-contact the arm starts anew, at
+        rest.
 
     Returns
     -------
@@ -180,7 +210,8 @@ def maxwell(
     Raises
     ------
     BadValue
-        k, b or tau not above 0; both or neither of b and tau; a live k without tau; an unknown onset.
+        k, b or tau not above 0; both or neither of b and tau; a live k without tau; an
+        unknown onset.
     UnitError
         If the result is not a force.
 
@@ -192,13 +223,17 @@ def maxwell(
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks.relaxation import maxwell
-    >>> scene = stimlib.Scene({"f": maxwell(stimlib.Input("y", "m"), k=200.0, b=20.0)})  # tau = 0.1 s
+    >>> scene = stimlib.Scene(
+    ...     {"f": maxwell(stimlib.Input("y", "m"), k=200.0, b=20.0)}
+    ... )  # tau = 0.1 s
     >>> t = np.arange(1000) / 1000
     >>> f = stimlib.compile(scene, fs=1000).process(0.05 * t[None])[0]  # 0.05 m/s
     >>> bool(np.allclose(f, 20.0 * 0.05 * -np.expm1(-t / 0.1), rtol=1e-13))
     True
     """
-    return generalized_maxwell(y, 0.0, [(k, time_constant("maxwell", k, b, tau))], onset=onset, contact=contact)
+    return generalized_maxwell(
+        y, 0.0, [(k, time_constant("maxwell", k, b, tau))], onset=onset, contact=contact
+    )
 
 
 @public
@@ -210,7 +245,8 @@ def generalized_maxwell(
     onset: str = "steady",
     contact: Block | float | None = None,
 ) -> Block:
-    """A spring and any number of Maxwell arms side by side.  All arms with plain numbers run as one bank.
+    """A spring and any number of Maxwell arms side by side.  All arms with plain
+    numbers run as one bank.
 
     Parameters
     ----------
@@ -219,12 +255,14 @@ def generalized_maxwell(
     k0 : float or Block
         Stiffness in N/m of the spring, what remains when all arms have relaxed.
     arms : sequence of (k, tau)
-        Stiffness in N/m (a number, or a Block such as a ``Param``) and time constant in s of each arm.
+        Stiffness in N/m (a number, or a Block such as a ``Param``) and time constant in
+        s of each arm.
     onset : {"steady", "step"}
-        Whether the first position is where y has always been, so that the arms have relaxed there, or is reached from 0 in
-        one sample.
+        Whether the first position is where y has always been, so that the arms have
+        relaxed there, or is reached from 0 in one sample.
     contact : Block, optional
-        Where it is not above 0 the force is 0; at re-contact the arms start anew, at rest.
+        Where it is not above 0 the force is 0; at re-contact the arms start anew, at
+        rest.
 
     Returns
     -------
@@ -248,21 +286,31 @@ def generalized_maxwell(
     >>> from stimlib.blocks.relaxation import generalized_maxwell
     >>> y = stimlib.Input("y", "m")
     >>> soft = generalized_maxwell(y, 100.0, [(50.0, 0.01), (30.0, 1.0)])
-    >>> f = stimlib.compile(stimlib.Scene({"f": soft}), fs=1000).process(np.array([[0.0] + [0.01] * 9999]))[0]
+    >>> f = stimlib.compile(stimlib.Scene({"f": soft}), fs=1000).process(
+    ...     np.array([[0.0] + [0.01] * 9999])
+    ... )[0]
     >>> f[[1, 100, -1]].round(3)
     array([1.776, 1.272, 1.   ])
     """
     y, arms = as_block(y), [(k, tau) for k, tau in arms]
     touch = as_block(1.0 if contact is None else contact)
     if not arms:
-        raise BadValue("generalized_maxwell: arms must be at least one pair (stiffness in N/m, time constant in s)")
+        raise BadValue(
+            "generalized_maxwell: arms must be at least one pair (stiffness in N/m, time constant"
+            " in s)"
+        )
     fixed = [(number(k), tau) for k, tau in arms if number(k) is not None]
     live = [(k, tau) for k, tau in arms if number(k) is None]
-    parts: list[tuple[Any, Any, Any]] = [(constant(1.0, "N/m"), [k for k, _ in fixed], [t for _, t in fixed])] if fixed else []
+    parts: list[tuple[Any, Any, Any]] = (
+        [(constant(1.0, "N/m"), [k for k, _ in fixed], [t for _, t in fixed])] if fixed else []
+    )
     parts += [(as_block(k), [1.0], [tau]) for k, tau in live]
     force = reduce(add, (gain * MaxwellArms(y, touch, k, tau, onset) for gain, k, tau in parts))
     if force.dim != unit("N"):
-        raise UnitError(f"maxwell: a stiffness times {y!r} [{y.dim}] is [{force.dim}], not a force; give y in m and k in N/m")
+        raise UnitError(
+            f"maxwell: a stiffness times {y!r} [{y.dim}] is [{force.dim}], not a force; give y in m"
+            " and k in N/m"
+        )
     if isinstance(k0, (int, float)) and k0 < 0:
         raise BadValue(f"generalized_maxwell: k0 = {k0:g} must not be below 0")
     if number(k0) == 0:
@@ -273,7 +321,13 @@ def generalized_maxwell(
 
 @public
 def standard_linear_solid(
-    y: Block, k0: Block | float, k1: Block | float, tau: float, *, onset: str = "steady", contact: Block | float | None = None
+    y: Block,
+    k0: Block | float,
+    k1: Block | float,
+    tau: float,
+    *,
+    onset: str = "steady",
+    contact: Block | float | None = None,
 ) -> Block:
     """A spring beside one Maxwell arm: stiffness k0 + k1 at first, k0 in the end.
 
@@ -308,7 +362,11 @@ def standard_linear_solid(
     --------
     >>> from stimlib import Input, Param
     >>> from stimlib.blocks.relaxation import standard_linear_solid
-    >>> str(standard_linear_solid(Input("y", "m"), Param("k0", 100.0, "N/m"), 300.0, tau=0.2).dim)
+    >>> str(
+    ...     standard_linear_solid(
+    ...         Input("y", "m"), Param("k0", 100.0, "N/m"), 300.0, tau=0.2
+    ...     ).dim
+    ... )
     'N'
     """
     return generalized_maxwell(y, k0, [(k1, tau)], onset=onset, contact=contact)

@@ -22,9 +22,11 @@ from .onset import begun
 
 @dataclass(frozen=True, eq=False)
 class Integrate(Lag):
-    """y' = x - leak y, exact for inputs that are straight between samples: a lag over its leak (see ``FirstOrder``).
+    """y' = x - leak y, exact for inputs that are straight between samples: a lag over
+    its leak (see ``FirstOrder``).
 
-    Without a leak it is the trapezoidal rule; held until the next sample, y[n] = y[n-1] + x[n]/fs.
+    Without a leak it is the trapezoidal rule; held until the next sample, y[n] = y[n-1]
+    + x[n]/fs.
     """
 
     x: Block
@@ -34,14 +36,23 @@ class Integrate(Lag):
 
     def check(self):
         if not self.leak >= 0 or (self.leak and self.held):
-            raise BadValue(f"integrate: leak = {self.leak:g} 1/s must be 0 or above, and 0 for a sum of samples")
+            raise BadValue(
+                f"integrate: leak = {self.leak:g} 1/s must be 0 or above, and 0 for a sum of"
+                " samples"
+            )
 
     def units(self, *u):
         return u[0] * unit("s")
 
     def design(self, fs):
         e, _, h = sampled(self.leak / fs)
-        now, before = (h / self.leak, (e - h) / self.leak) if self.leak else (1 / fs, 0.0) if self.held else (0.5 / fs, 0.5 / fs)
+        now, before = (
+            (h / self.leak, (e - h) / self.leak)
+            if self.leak
+            else (1 / fs, 0.0)
+            if self.held
+            else (0.5 / fs, 0.5 / fs)
+        )
         return LagParams(e, now, before), LagState(0.0, 0.0, 0.0)
 
     def laws(self, fs):
@@ -50,7 +61,8 @@ class Integrate(Lag):
 
 @public
 def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block:
-    """Integrate over time, exactly for a signal that is straight between its samples, from sample 0 on.
+    """Integrate over time, exactly for a signal that is straight between its samples,
+    from sample 0 on.
 
     The sum has a second word, so after hours it is as exact as at first.
 
@@ -60,8 +72,9 @@ def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block
     leak : float
         In 1/s: the integral forgets as exp(-leak t), and a constant ends at x/leak.
     onset : {"step", "steady"}
-        Whether x was 0 before sample 0, also where no input reaches it, or has always been as it is there.
-        Without a leak there is no steady start: the integral of a constant never ends.
+        Whether x was 0 before sample 0, also where no input reaches it, or has always
+        been as it is there. Without a leak there is no steady start: the integral of a
+        constant never ends.
 
     Returns
     -------
@@ -71,22 +84,32 @@ def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block
     Raises
     ------
     BadValue
-        A leak below 0; a steady start without a leak; an event, which ``count`` adds up.
+        A leak below 0; a steady start without a leak; an event, which ``count`` adds
+        up.
 
     References
     ----------
-    Oppenheim and Schafer, "Discrete-Time Signal Processing" (2010), section 7.2; ramp invariance in place of impulse invariance.
+    Oppenheim and Schafer, "Discrete-Time Signal Processing" (2010), section 7.2; ramp
+    invariance in place of impulse invariance.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import integrate
-    >>> proc = stimlib.compile(stimlib.Scene({"x": integrate(stimlib.Input("v", "m/s"))}), fs=4)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"x": integrate(stimlib.Input("v", "m/s"))}), fs=4
+    ... )
     >>> proc.process(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]])), proc.units["x"]
     (array([[0.   , 0.125, 0.5  , 1.125, 2.   ]]), 'm')
     """
     x = as_signal("integrate", x, "add them up with count(..)")
-    return begun("integrate", x, onset, lambda u: Integrate(u, leak), lambda y: 1 / leak if leak else math.inf)
+    return begun(
+        "integrate",
+        x,
+        onset,
+        lambda u: Integrate(u, leak),
+        lambda y: 1 / leak if leak else math.inf,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +120,16 @@ class MovingAverage(Fir):
     seconds: float
 
     def design(self, fs):
-        limits.check("state_bytes", 64 * self.seconds * fs, f"moving_average: bytes of its samples at fs = {fs:g} Hz")
+        limits.check(
+            "state_bytes",
+            64 * self.seconds * fs,
+            f"moving_average: bytes of its samples at fs = {fs:g} Hz",
+        )
         n = round(self.seconds * fs)
         if n < 1:
-            raise BadValue(f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz")
+            raise BadValue(
+                f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
+            )
         return line(np.full(n, 1 / n))
 
     def laws(self, fs):
@@ -111,8 +140,9 @@ class MovingAverage(Fir):
 def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
     """Average over the last seconds, rounded to whole samples.
 
-    It is a FIR filter with equal taps: nothing adds up over time, and its cost grows with the number of samples (30 ns for 800).
-    ``integrate`` with a leak or ``lowpass`` cost the same for any time.
+    It is a FIR filter with equal taps: nothing adds up over time, and its cost grows
+    with the number of samples (30 ns for 800). ``integrate`` with a leak or ``lowpass``
+    cost the same for any time.
 
     Parameters
     ----------
@@ -135,7 +165,9 @@ def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Blo
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import moving_average
-    >>> proc = stimlib.compile(stimlib.Scene({"y": moving_average(stimlib.Input("x"), 0.004)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": moving_average(stimlib.Input("x"), 0.004)}), fs=1000
+    ... )
     >>> proc.process(np.array([[4.0, 4.0, 4.0, 4.0, 4.0, 0.0]]))
     array([[1., 2., 3., 4., 4., 3.]])
     """
@@ -153,7 +185,9 @@ class FollowerState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Follower(Block):
-    """y += g (|x| - y), g = 1 - exp(-1/(T fs)) with T the attack where |x| is above y, else the release."""
+    """y += g (|x| - y), g = 1 - exp(-1/(T fs)) with T the attack where |x| is above y,
+    else the release.
+    """
 
     x: Block
     attack: float
@@ -162,10 +196,15 @@ class Follower(Block):
     def check(self):
         for name in ("attack", "release"):
             if not getattr(self, name) >= 0:
-                raise BadValue(f"envelope_follower: {name} = {getattr(self, name):g} s must be 0 or above")
+                raise BadValue(
+                    f"envelope_follower: {name} = {getattr(self, name):g} s must be 0 or above"
+                )
 
     def design(self, fs):
-        up, down = (-math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0 for t in (self.attack, self.release))
+        up, down = (
+            -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
+            for t in (self.attack, self.release)
+        )
         return FollowerParams(up, down), FollowerState(0.0)
 
     @staticmethod
@@ -177,7 +216,8 @@ class Follower(Block):
 
 @public
 def envelope_follower(x: Block | float, attack: float = 0.001, release: float = 0.05) -> Block:
-    """Level of a vibration: it rises to \\|x\\| with one time constant and falls with another.
+    """Level of a vibration: it rises to \\|x\\| with one time constant and falls with
+    another.
 
     Parameters
     ----------
@@ -199,7 +239,12 @@ def envelope_follower(x: Block | float, attack: float = 0.001, release: float = 
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import envelope_follower
-    >>> proc = stimlib.compile(stimlib.Scene({"y": envelope_follower(stimlib.Input("x"), attack=0, release=0.01)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene(
+    ...         {"y": envelope_follower(stimlib.Input("x"), attack=0, release=0.01)}
+    ...     ),
+    ...     fs=1000,
+    ... )
     >>> proc.process(np.array([[0.0, -2.0, 0.0, 1.0]])).round(3)
     array([[0.   , 2.   , 1.81 , 1.733]])
     """

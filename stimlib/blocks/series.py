@@ -1,4 +1,6 @@
-"""A springpot in series with a spring or a dashpot: one force, two displacements that add up."""
+"""A springpot in series with a spring or a dashpot: one force, two displacements that
+add up.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +43,12 @@ class SeriesState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Series(Block):
-    """f = chi D^alpha z = k (y - z), or b d(y - z)/dt, with the springpot's z found anew at every sample.
+    """f = chi D^alpha z = k (y - z), or b d(y - z)/dt, with the springpot's z found
+    anew at every sample.
 
-    With u = y[n] - z[n-1] (spring) or y[n] - y[n-1] (dashpot), g = k or b fs, S = chi fs^alpha, and R what the springpot
-    remembers without its newest step d = z[n] - z[n-1]:  g (u - d) = S (v_0 d + R), so d = (g u - S R)/(g + S v_0).
+    With u = y[n] - z[n-1] (spring) or y[n] - y[n-1] (dashpot), g = k or b fs, S = chi
+    fs^alpha, and R what the springpot remembers without its newest step d = z[n] -
+    z[n-1]:  g (u - d) = S (v_0 d + R), so d = (g u - S R)/(g + S v_0).
     """
 
     y: Block
@@ -63,22 +67,45 @@ class Series(Block):
         check_fields(self)
         if self.order in (0.0, 1.0):
             raise BadValue(
-                f"series: alpha = {self.order:g} is a spring or a dashpot; use maxwell(y, k, b), spring or kelvin_voigt"
+                f"series: alpha = {self.order:g} is a spring or a dashpot; use maxwell(y, k, b),"
+                " spring or kelvin_voigt"
             )
 
     def units(self, *u: un.Unit) -> un.Unit:
         return force_unit("series", u[0])
 
     def design(self, fs):
-        p, s = Springpot(self.y, self.contact, self.order, self.scheme, self.tol, self.horizon, "steady").design(fs)
+        p, s = Springpot(
+            self.y, self.contact, self.order, self.scheme, self.tol, self.horizon, "steady"
+        ).design(fs)
         other = self.other * (fs if self.dashpot else 1.0)
-        numbers = (self.chi * math.pow(fs, self.order), p.taps[7], other, float(self.dashpot), self.order, fs)
-        return SeriesParams(p.e, p.r, p.taps, p.constant, *numbers), SeriesState(s.line, s.q, s.low, 0.0, 0.0, 1.0)
+        numbers = (
+            self.chi * math.pow(fs, self.order),
+            p.taps[7],
+            other,
+            float(self.dashpot),
+            self.order,
+            fs,
+        )
+        return SeriesParams(p.e, p.r, p.taps, p.constant, *numbers), SeriesState(
+            s.line, s.q, s.low, 0.0, 0.0, 1.0
+        )
 
     def laws(self, fs):
         if self.horizon * fs < responses.SHORTEST:
             return ()
-        return (responses.series(self.chi, self.order, self.other, self.dashpot, self.scheme, self.tol, self.horizon, fs),)
+        return (
+            responses.series(
+                self.chi,
+                self.order,
+                self.other,
+                self.dashpot,
+                self.scheme,
+                self.tol,
+                self.horizon,
+                fs,
+            ),
+        )
 
     @staticmethod
     def work(p):
@@ -124,12 +151,14 @@ def springpot_series(
     horizon: float = 86400.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Force of a springpot in series with a spring (the fractional Maxwell arm) or with a dashpot.
+    """Force of a springpot in series with a spring (the fractional Maxwell arm) or with
+    a dashpot.
 
     Parameters
     ----------
     y : Block
-        Displacement over both elements, in m; it always begins steady: relaxed at the first sample, wherever that is.
+        Displacement over both elements, in m; it always begins steady: relaxed at the
+        first sample, wherever that is.
     chi : float
         Springpot, N s^alpha/m, above 0.
     alpha : float
@@ -153,24 +182,32 @@ def springpot_series(
 
     Notes
     -----
-    The inner displacement is found implicitly at every sample, so every k, b and chi is stable.  Under a prescribed force no such
-    block is needed: displacements in series add, ``f / k + compliance(f, chi, alpha)``.
+    The inner displacement is found implicitly at every sample, so every k, b and chi is
+    stable.  Under a prescribed force no such block is needed: displacements in series
+    add, ``f / k + compliance(f, chi, alpha)``.
 
     References
     ----------
-    Çaldıran's thesis, section 2.2; the relaxation of spring and springpot is k E_alpha(-(k/chi) t^alpha).
+    Çaldıran's thesis, section 2.2; the relaxation of spring and springpot is k
+    E_alpha(-(k/chi) t^alpha).
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import springpot_series
     >>> arm = springpot_series(stimlib.Input("y", "m"), chi=100.0, alpha=0.5, k=1000.0)
-    >>> f = stimlib.compile(stimlib.Scene({"f": arm}), fs=8000).process(np.r_[0.0, np.full(7999, 0.01)][None])[0]
-    >>> bool(9.0 < f[1] < 10.0) and bool(f[-1] < 1.0)  # the spring gives way to the springpot
+    >>> f = stimlib.compile(stimlib.Scene({"f": arm}), fs=8000).process(
+    ...     np.r_[0.0, np.full(7999, 0.01)][None]
+    ... )[0]
+    >>> bool(9.0 < f[1] < 10.0) and bool(
+    ...     f[-1] < 1.0
+    ... )  # the spring gives way to the springpot
     True
     """
     if (k is None) == (b is None):
         raise BadValue("springpot_series: give either k (a spring) or b (a dashpot)")
     other = k if k is not None else b
     assert other is not None
-    return Series(as_block(y), as_block(contact), other, b is not None, chi, alpha, scheme, tol, horizon)
+    return Series(
+        as_block(y), as_block(contact), other, b is not None, chi, alpha, scheme, tol, horizon
+    )

@@ -1,9 +1,12 @@
-"""Dry friction from positions alone: each sample is the mean force over the straight way since the last one.
+"""Dry friction from positions alone: each sample is the mean force over the straight
+way since the last one.
 
-A surface is a spring of stiffness k whose deflection z is held within c = limit/k.  Every step begins alike: where the stiffness
-has changed, z keeps its force on a rise and its place on a fall; then z is held within c, which may have fallen.  Both only lose
-energy.  The laws differ in how z follows the way, and each is solved exactly for a straight one.  So the work of any motion,
-sum F dx, is at least the energy k z^2/2 that is stored.
+A surface is a spring of stiffness k whose deflection z is held within c = limit/k.
+Every step begins alike: where the stiffness has changed, z keeps its force on a rise
+and its place on a fall; then z is held within c, which may have fallen.  Both only lose
+energy.  The laws differ in how z follows the way, and each is solved exactly for a
+straight one.  So the work of any motion, sum F dx, is at least the energy k z^2/2 that
+is stored.
 """
 
 from __future__ import annotations
@@ -23,14 +26,18 @@ FARTHEST = 1e100  # m before anything slips: a spring without any stiffness
 
 
 def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") -> Block:
-    """A number gets the unit; of a number or a parameter, what is negative (or 0, if that means nothing) is refused."""
+    """A number gets the unit; of a number or a parameter, what is negative (or 0, if
+    that means nothing) is refused.
+    """
     b = with_unit(v, text)
     if isinstance(b, (Const, Param)) and not (b.value >= 0 if zero else b.value > 0):
-        raise BadValue(f"{who}: {name} = {b.value:g} must be {'0 or above' if zero else 'above 0'}{why}")
+        raise BadValue(
+            f"{who}: {name} = {b.value:g} must be {'0 or above' if zero else 'above 0'}{why}"
+        )
     return b
 
 
-# What all laws begin with --------------------------------------------------------------------------------------------
+# What all laws begin with -------------------------------------------------------------
 class FrictionState(NamedTuple):
     last: float  # x
     z: float  # deflection
@@ -59,18 +66,24 @@ def sign(x):
 
 
 def deflection(limit, k):
-    """c, where a spring of stiffness k has the force limit: finite, however soft it is."""
+    """c, where a spring of stiffness k has the force limit: finite, however soft it
+    is.
+    """
     c = held(limit) / k
     return where(k > 0.0, where(c > FARTHEST, FARTHEST, c), where(k == k, 0.0, k))
 
 
 def softened(z, before, k):
-    """z min(1, before/k): the deflection when the stiffness becomes k, so that energy never grows."""
+    """z min(1, before/k): the deflection when the stiffness becomes k, so that energy
+    never grows.
+    """
     return where(before < k, z * over(before, k), z)
 
 
 def over(a, b):
-    """a/b, but a where b is 0, which is not used: a division by 0 that is not used makes a derivative nan all the same."""
+    """a/b, but a where b is 0, which is not used: a division by 0 that is not used
+    makes a derivative nan all the same.
+    """
     return a / where(b == 0.0, 1.0, b)
 
 
@@ -82,7 +95,9 @@ def relax(a):
 
 
 def averaging(fs, z, k, b=0.0):
-    """Response of a spring k whose force is the mean over a sample, and a damper b beside it."""
+    """Response of a spring k whose force is the mean over a sample, and a damper b
+    beside it.
+    """
     d = backward(z)
     return k * (1.0 - 0.5 * d) + b * fs * d
 
@@ -100,9 +115,9 @@ class Friction(Block, abstract=True):
     def units(self, *u):
         if u[0] * u[2] != u[1]:
             raise UnitError(
-                f"friction: stiffness [{u[2]}] times x [{u[0]}] is [{u[0] * u[2]}], and mu times normal [{u[1]}]: they must be "
-                "one unit; plain numbers are N/m and N, so over this x give a stiffness such as "
-                f"constant(1000.0, '{u[1] / u[0]}')"
+                f"friction: stiffness [{u[2]}] times x [{u[0]}] is [{u[0] * u[2]}], and mu times"
+                f" normal [{u[1]}]: they must be one unit; plain numbers are N/m and N, so over"
+                f" this x give a stiffness such as constant(1000.0, '{u[1] / u[0]}')"
             )
         return u[1]
 
@@ -120,7 +135,7 @@ class Friction(Block, abstract=True):
         return averaging(fs, z, value[2]) * H[0] + (0.0 if H[1] is None else H[1])
 
 
-# The laws ------------------------------------------------------------------------------------------------------------
+# The laws -----------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Coulomb(Friction):
     """dz = dx while |z| < c."""
@@ -143,14 +158,17 @@ class ElasticParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ElastoPlastic(Friction):
-    """dz = dx while z is elastic, s z < b = elastic c; then dz = (1 - (s z - b)/(c - b)) dx, s the direction of dx."""
+    """dz = dx while z is elastic, s z < b = elastic c; then dz = (1 - (s z - b)/(c -
+    b)) dx, s the direction of dx.
+    """
 
     elastic: float
 
     def check(self):
         if not 0 <= self.elastic < 1:
             raise BadValue(
-                f"friction: elastic = {self.elastic:g} must be 0 or above and below 1; a spring up to the limit is law='coulomb'"
+                f"friction: elastic = {self.elastic:g} must be 0 or above and below 1; a spring up"
+                " to the limit is law='coulomb'"
             )
 
     def design(self, fs):
@@ -188,7 +206,9 @@ class Dahl(Friction):
     def step(p, s, x, limit, stiffness):
         k = held(stiffness)
         c = deflection(limit, k)
-        after, mean = drawn(within(softened(s.z, s.k, k), c), c, where(s.cold > 0.0, 0.0, x - s.last))
+        after, mean = drawn(
+            within(softened(s.z, s.k, k), c), c, where(s.cold > 0.0, 0.0, x - s.last)
+        )
         return k * mean, FrictionState(x, after, k, 0.0)
 
 
@@ -199,7 +219,9 @@ class LuGreParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LuGre(Block):
-    """Dahl's law with a limit g(v), F = k z + damping dz/dt + viscosity v; z is held within the static limit."""
+    """Dahl's law with a limit g(v), F = k z + damping dz/dt + viscosity v; z is held
+    within the static limit.
+    """
 
     x: Block
     limit: Block  # g(v)
@@ -213,7 +235,9 @@ class LuGre(Block):
     def check(self):
         for name in ("damping", "viscosity"):
             if not getattr(self, name) >= 0:
-                raise BadValue(f"friction: {name} = {getattr(self, name):g} N s/m must be 0 or above")
+                raise BadValue(
+                    f"friction: {name} = {getattr(self, name):g} N s/m must be 0 or above"
+                )
 
     def units(self, *u):
         same = Friction.units(self, u[0], u[1], u[3])  # type: ignore[arg-type]
@@ -222,7 +246,9 @@ class LuGre(Block):
         return same
 
     def design(self, fs):
-        return LuGreParams(self.damping * fs, self.viscosity * fs), FrictionState(0.0, 0.0, 0.0, 1.0)
+        return LuGreParams(self.damping * fs, self.viscosity * fs), FrictionState(
+            0.0, 0.0, 0.0, 1.0
+        )
 
     def delay(self, p):
         """A mean over the last sample period lies half a sample back."""
@@ -232,7 +258,9 @@ class LuGre(Block):
         """Where it sticks; and what a limit that depends on the speed adds."""
         if H[0] is None or value[3] is None:
             return None
-        return averaging(fs, z, value[3], self.damping + self.viscosity) * H[0] + (0.0 if H[1] is None else H[1])
+        return averaging(fs, z, value[3], self.damping + self.viscosity) * H[0] + (
+            0.0 if H[1] is None else H[1]
+        )
 
     @staticmethod
     def step(p, s, x, limit, static, stiffness):
@@ -242,10 +270,12 @@ class LuGre(Block):
         c = deflection(limit, k)
         after, mean = drawn(z, c, dx)
         after, mean = where(c > 0.0, after, 0.0 * c), where(c > 0.0, mean, 0.0 * c)
-        return k * mean + p.damping * (after - z) + p.viscosity * dx, FrictionState(x, after, k, 0.0)
+        return k * mean + p.damping * (after - z) + p.viscosity * dx, FrictionState(
+            x, after, k, 0.0
+        )
 
 
-# Around the laws -----------------------------------------------------------------------------------------------------
+# Around the laws ----------------------------------------------------------------------
 class StribeckParams(NamedTuple):
     rise: float
     per: float  # fs/speed
@@ -277,10 +307,14 @@ class Stribeck(Block):
         return StribeckParams(self.rise, min(fs / self.speed, 1e300)), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """A damper below 0: the curve falls fastest, by rise sqrt(2/e)/speed of the limit, at speed/sqrt(2)."""
+        """A damper below 0: the curve falls fastest, by rise sqrt(2/e)/speed of the
+        limit, at speed/sqrt(2).
+        """
         if H[0] is None or value[1] is None:
             return None
-        return averaging(fs, z, 0.0, -value[1] * self.rise * math.sqrt(2 / math.e) / self.speed) * H[0]
+        return (
+            averaging(fs, z, 0.0, -value[1] * self.rise * math.sqrt(2 / math.e) / self.speed) * H[0]
+        )
 
     @staticmethod
     def step(p, s, x, limit):
@@ -294,17 +328,22 @@ class StickSlipParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StickSlip(Friction):
-    """dz = dx up to |z| = c, from where it falls to left c: a sawtooth over the way, with any number of slips in a sample.
+    """dz = dx up to |z| = c, from where it falls to left c: a sawtooth over the way,
+    with any number of slips in a sample.
 
-    A slip takes q = c - left c.  The area under the sawtooth is that of the way up to c, of whole teeth, each q long with a mean
-    of c - q/2, and of the rest, which begins at left c: none is below 0, so nothing cancels, however many slips there are.
+    A slip takes q = c - left c.  The area under the sawtooth is that of the way up to
+    c, of whole teeth, each q long with a mean of c - q/2, and of the rest, which begins
+    at left c: none is below 0, so nothing cancels, however many slips there are.
     """
 
     left: float
 
     def check(self):
         if not 0 <= self.left < 1:
-            raise BadValue(f"stick_slip: left = {self.left:g} must be 0 or above and below 1: a slip makes the force smaller")
+            raise BadValue(
+                f"stick_slip: left = {self.left:g} must be 0 or above and below 1: a slip makes the"
+                " force smaller"
+            )
 
     def design(self, fs):
         return StickSlipParams(self.left), FrictionState(0.0, 0.0, 0.0, 1.0)
@@ -319,7 +358,8 @@ class StickSlip(Friction):
         t = z + dx
         more = abs(t) - c
         sticks = where(q > TINY, 1.0, 0.0)
-        teeth = where(more > 0.0, floor(over(more, q)) * q, 0.0)  # whole ones, between the first slip and the last
+        # whole ones, between the first slip and the last
+        teeth = where(more > 0.0, floor(over(more, q)) * q, 0.0)
         rest = between(more - teeth, 0.0, q)
         area = 0.5 * (c - z) * (c + z) + teeth * (c - 0.5 * q) + rest * (c - q + 0.5 * rest)
         mean = where(more > 0.0, sign(t) * over(area, abs(dx)), z + 0.5 * dx)
@@ -344,17 +384,23 @@ def friction(
     passive: bool = True,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Dry friction that sticks, from the position alone: the mean force over the straight way since the last sample.
+    """Dry friction that sticks, from the position alone: the mean force over the
+    straight way since the last sample.
 
-    A spring of the given stiffness between finger and surface has the deflection z. It slips at c = mu normal/stiffness. With s
-    the direction of dx, b = elastic c:
+    A spring of the given stiffness between finger and surface has the deflection z. It
+    slips at c = mu normal/stiffness. With s the direction of dx, b = elastic c:
 
-    * ``"coulomb"``: dz = dx while \\|z\\| < c (a Prandtl element, a god object on a line);
-    * ``"elastoplastic"``: dz = dx while s z < b, then dz = (1 - (s z - b)/(c - b)) dx. Below b it is a spring, so nothing drifts;
-    * ``"dahl"``: dz = (1 - s z/c) dx. It **drifts** under vibration that never reaches c;
-    * ``"lugre"``: Dahl's with c(v) of Stribeck's curve, and F = stiffness z + damping dz/dt + viscosity v. It drifts too.
+    * ``"coulomb"``: dz = dx while \\|z\\| < c (a Prandtl element, a god object on a
+      line);
+    * ``"elastoplastic"``: dz = dx while s z < b, then dz = (1 - (s z - b)/(c - b)) dx.
+      Below b it is a spring, so nothing drifts;
+    * ``"dahl"``: dz = (1 - s z/c) dx. It **drifts** under vibration that never reaches
+      c;
+    * ``"lugre"``: Dahl's with c(v) of Stribeck's curve, and F = stiffness z + damping
+      dz/dt + viscosity v. It drifts too.
 
-    Where ``static`` is given, mu counts as mu + (static - mu) exp(-(v/speed)^2), v the mean speed of the sample: more while slow.
+    Where ``static`` is given, mu counts as mu + (static - mu) exp(-(v/speed)^2), v the
+    mean speed of the sample: more while slow.
 
     Parameters
     ----------
@@ -369,72 +415,95 @@ def friction(
     law : {"elastoplastic", "coulomb", "dahl", "lugre"}
         The last two are for those who reproduce a paper.
     elastic : float
-        Part b/c of the way to the limit that is a spring, for ``"elastoplastic"``; 0 or above, below 1.
+        Part b/c of the way to the limit that is a spring, for ``"elastoplastic"``; 0 or
+        above, below 1.
     static : float, optional
-        Coefficient at rest, not below mu, which must be a number then; usually 1.2 to 1.5 times mu.
+        Coefficient at rest, not below mu, which must be a number then; usually 1.2 to
+        1.5 times mu.
     speed : float
         Stribeck's speed in m/s, usually 5 to 50 mm/s.
     damping, viscosity : float
         In N s/m, for ``"lugre"``.
     passive : bool
-        Refuse what may give energy: LuGre takes no more than it got only if viscosity >= damping (static/mu - 1).  False, to
-        reproduce a paper whose numbers break it.
+        Refuse what may give energy: LuGre takes no more than it got only if viscosity
+        >= damping (static/mu - 1).  False, to reproduce a paper whose numbers break it.
     contact : Block
-        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as at the first sample, z = 0.
+        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as
+        at the first sample, z = 0.
 
     Returns
     -------
     Block
-        Force of the hand on the surface in N, in the direction of the movement: sum F dx is the work taken from the hand.
+        Force of the hand on the surface in N, in the direction of the movement: sum F
+        dx is the work taken from the hand.
 
     Raises
     ------
     BadValue
-        A normal force, mu, damping or viscosity below 0; stiffness or speed not above 0; elastic outside [0, 1); static below mu,
-        or with a mu that is a signal; damping or viscosity for another law; an unknown law; a LuGre that is not passive.
+        A normal force, mu, damping or viscosity below 0; stiffness or speed not above
+        0; elastic outside [0, 1); static below mu, or with a mu that is a signal;
+        damping or viscosity for another law; an unknown law; a LuGre that is not
+        passive.
     UnitError
-        Units that do not fit: stiffness times x is the unit of mu times normal. So torques over angles are fine.
+        Units that do not fit: stiffness times x is the unit of mu times normal. So
+        torques over angles are fine.
 
     Notes
     -----
-    Passive: over any motion, and for signals normal, mu and stiffness that change as they like, sum F dx >= stiffness z^2/2 up to
-    rounding. Where the stiffness rises, z falls so that the force stays; else a stiffness that follows the normal force, as that
-    of fingers does, gives energy. That holds for the force at the time of the movement; a device that is a sample late needs
-    damping: see ``stimlib.analysis.passivity.needed_damping``.
+    Passive: over any motion, and for signals normal, mu and stiffness that change as
+    they like, sum F dx >= stiffness z^2/2 up to rounding. Where the stiffness rises, z
+    falls so that the force stays; else a stiffness that follows the normal force, as
+    that of fingers does, gives energy. That holds for the force at the time of the
+    movement; a device that is a sample late needs damping: see
+    ``stimlib.analysis.passivity.needed_damping``.
 
     References
     ----------
-    Dahl, "A solid friction model", Aerospace Corp. TOR-158 (1968). Canudas de Wit, Olsson, Åström and Lischinsky, "A new model
-    for control of systems with friction", IEEE Trans. Autom. Control 40 (1995), eqs. 1 to 4. Dupont, Hayward, Armstrong and
-    Altpeter, "Single state elastoplastic friction models", IEEE Trans. Autom. Control 47 (2002); its sine is a straight line
-    here, which has a solution. Hayward and Armstrong, "A new computational model of friction applied to haptic rendering" (2000):
-    friction from positions.
+    Dahl, "A solid friction model", Aerospace Corp. TOR-158 (1968). Canudas de Wit,
+    Olsson, Åström and Lischinsky, "A new model for control of systems with friction",
+    IEEE Trans. Autom. Control 40 (1995), eqs. 1 to 4. Dupont, Hayward, Armstrong and
+    Altpeter, "Single state elastoplastic friction models", IEEE Trans. Autom. Control
+    47 (2002); its sine is a straight line here, which has a solution. Hayward and
+    Armstrong, "A new computational model of friction applied to haptic rendering"
+    (2000): friction from positions.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import friction
     >>> x = stimlib.Input("x", "m")
-    >>> proc = stimlib.compile(stimlib.Scene({"F": friction(x, normal=1.0, mu=0.5, stiffness=1000.0, law="coulomb")}), fs=1000)
-    >>> proc.process(1e-3 * np.array([[0.0, 0.2, 0.4, 1.0, 2.0, 1.9]])).round(3)  # 0.5 mm stick
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene(
+    ...         {"F": friction(x, normal=1.0, mu=0.5, stiffness=1000.0, law="coulomb")}
+    ...     ),
+    ...     fs=1000,
+    ... )
+    >>> proc.process(1e-3 * np.array([[0.0, 0.2, 0.4, 1.0, 2.0, 1.9]])).round(
+    ...     3
+    ... )  # 0.5 mm stick
     array([[0.   , 0.1  , 0.3  , 0.492, 0.5  , 0.45 ]])
     """
     if law not in LAWS:
         raise BadValue(f"friction: law = {law!r}; choose one of {', '.join(LAWS)}")
     if law != "lugre" and (damping or viscosity):
         raise BadValue(
-            "friction: damping and viscosity belong to law='lugre'; for another, add constant(b, 'N*s/m') * velocity(x)"
+            "friction: damping and viscosity belong to law='lugre'; for another, add constant(b,"
+            " 'N*s/m') * velocity(x)"
         )
     x, contact = as_block(x), as_block(contact)
     normal = amount("friction", "normal", normal, "N", why=": it presses the surfaces together")
-    mu, k = amount("friction", "mu", mu, ""), amount("friction", "stiffness", stiffness, "N/m", zero=False)
+    mu, k = (
+        amount("friction", "mu", mu, ""),
+        amount("friction", "stiffness", stiffness, "N/m", zero=False),
+    )
     limit = most = mu * normal
     if static is not None:
         ratio = _ratio(mu, static)
         if law == "lugre" and passive and viscosity < damping * (ratio - 1):
             raise BadValue(
-                f"friction: this LuGre gives energy at some speeds: viscosity = {viscosity:g} must be at least damping "
-                f"(static/mu - 1) = {damping * (ratio - 1):g} N s/m; or say passive=False, to reproduce a paper"
+                f"friction: this LuGre gives energy at some speeds: viscosity = {viscosity:g} must"
+                f" be at least damping (static/mu - 1) = {damping * (ratio - 1):g} N s/m; or say"
+                " passive=False, to reproduce a paper"
             )
         most, limit = ratio * limit, Stribeck(x, limit, contact, ratio - 1, speed)
     if law == "lugre":
@@ -447,9 +516,14 @@ def friction(
 def _ratio(mu: Block, static: float) -> float:
     """static/mu."""
     if not isinstance(mu, Const):
-        raise BadValue("friction: static stands beside a mu that is a number; multiply normal by a signal instead of mu")
+        raise BadValue(
+            "friction: static stands beside a mu that is a number; multiply normal by a signal"
+            " instead of mu"
+        )
     if not static >= mu.value > 0:
-        raise BadValue(f"friction: static = {static!r} must be at least mu = {mu.value:g}, and mu above 0")
+        raise BadValue(
+            f"friction: static = {static!r} must be at least mu = {mu.value:g}, and mu above 0"
+        )
     return static / mu.value
 
 
@@ -462,10 +536,12 @@ def stick_slip(
     stiffness: Block | float = 1000.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Sticks like a spring up to static normal, then slips to a part of it, again and again: a sawtooth of force over place.
+    """Sticks like a spring up to static normal, then slips to a part of it, again and
+    again: a sawtooth of force over place.
 
-    The teeth are (static - kinetic) normal/stiffness apart, whatever the speed; at speed v that is a vibration with v over
-    that frequency. Each sample is the exact mean over its way, with any number of slips.
+    The teeth are (static - kinetic) normal/stiffness apart, whatever the speed; at
+    speed v that is a vibration with v over that frequency. Each sample is the exact
+    mean over its way, with any number of slips.
 
     Parameters
     ----------
@@ -478,7 +554,8 @@ def stick_slip(
     stiffness : float or Block
         In N/m. A signal below 0 counts as 0: no friction.
     contact : Block
-        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as at the first sample, nothing is strained.
+        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as
+        at the first sample, nothing is strained.
 
     Returns
     -------
@@ -494,20 +571,34 @@ def stick_slip(
 
     Notes
     -----
-    Passive, as ``friction``: every slip loses (static^2 - kinetic^2) normal^2/(2 stiffness).
+    Passive, as ``friction``: every slip loses (static^2 - kinetic^2) normal^2/(2
+    stiffness).
 
     References
     ----------
-    Our own; the sawtooth of Hayward and Armstrong, "A new computational model of friction applied to haptic rendering" (2000),
-    with the slip at its place inside the sample.
+    Our own; the sawtooth of Hayward and Armstrong, "A new computational model of
+    friction applied to haptic rendering" (2000), with the slip at its place inside the
+    sample.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import stick_slip
-    >>> scene = stimlib.Scene({"F": stick_slip(stimlib.Input("x", "m"), normal=1.0, static=0.8, kinetic=0.4, stiffness=1000.0)})
+    >>> scene = stimlib.Scene(
+    ...     {
+    ...         "F": stick_slip(
+    ...             stimlib.Input("x", "m"),
+    ...             normal=1.0,
+    ...             static=0.8,
+    ...             kinetic=0.4,
+    ...             stiffness=1000.0,
+    ...         )
+    ...     }
+    ... )
     >>> proc = stimlib.compile(scene, fs=1000)
-    >>> proc.process(1e-3 * np.array([[0.0, 0.4, 0.8, 1.0, 1.2, 5.2]])).round(3)  # teeth of 0.4 mm
+    >>> proc.process(1e-3 * np.array([[0.0, 0.4, 0.8, 1.0, 1.2, 5.2]])).round(
+    ...     3
+    ... )  # teeth of 0.4 mm
     array([[0. , 0.2, 0.6, 0.5, 0.7, 0.6]])
     """
     normal = amount("stick_slip", "normal", normal, "N", why=": it presses the surfaces together")

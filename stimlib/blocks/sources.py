@@ -107,18 +107,22 @@ def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
     Raises
     ------
     BadValue
-        A number not above 0, an unknown kind; at compile time, a frequency not below fs/2.
+        A number not above 0, an unknown kind; at compile time, a frequency not below
+        fs/2.
 
     Notes
     -----
-    Its phase is computed from the sample's index, nothing adds up: a linear sweep is exact to 1e-15 turns for days (with JAX, and
-    an exponential one anywhere, to 1e-15 of its turns).
+    Its phase is computed from the sample's index, nothing adds up: a linear sweep is
+    exact to 1e-15 turns for days (with JAX, and an exponential one anywhere, to 1e-15
+    of its turns).
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import chirp
-    >>> proc = stimlib.compile(stimlib.Scene({"y": chirp(10, 50, seconds=1.0)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": chirp(10, 50, seconds=1.0)}), fs=1000
+    ... )
     >>> y = proc.process(np.empty((0, 1001)))[0]
     >>> np.sum(np.diff(np.sign(y[1:-1])) != 0), y[-1]  # half periods: 2 x 30 Hz
     (np.int64(60), np.float64(0.0))
@@ -144,15 +148,26 @@ class Playback(Block):
 
     def check(self):
         if self.samples.ndim != 1 or not self.samples.size:
-            raise BadValue(f"playback: samples must be one row of numbers, got shape {self.samples.shape}")
+            raise BadValue(
+                f"playback: samples must be one row of numbers, got shape {self.samples.shape}"
+            )
         positive(self, "rate")
 
     def units(self, *u):
         return unit(self.unit)
 
     def design(self, fs):
-        limits.check("state_bytes", 8 * self.samples.size * fs / self.rate, f"playback: bytes of its samples at fs = {fs:g} Hz")
-        return PlaybackParams(fs, resampled(self.samples, self.rate, fs, name="playback"), float(self.loop)), ()
+        limits.check(
+            "state_bytes",
+            8 * self.samples.size * fs / self.rate,
+            f"playback: bytes of its samples at fs = {fs:g} Hz",
+        )
+        return (
+            PlaybackParams(
+                fs, resampled(self.samples, self.rate, fs, name="playback"), float(self.loop)
+            ),
+            (),
+        )
 
     @staticmethod
     def step(p, s, t):
@@ -164,8 +179,11 @@ class Playback(Block):
 
 
 OVER = 8
-"""Samples of a table between two of a recording: six of them in a row carry a polynomial that is exact to 1e-5."""
-BEFORE, AFTER = 2, 4  # the samples of the table that are read before its beginning, and from its end on
+"""Samples of a table between two of a recording: six of them in a row carry a
+polynomial that is exact to 1e-5.
+"""
+# the samples of the table that are read before its beginning, and from its end on
+BEFORE, AFTER = 2, 4
 
 
 class ScannedParams(NamedTuple):
@@ -178,13 +196,19 @@ class ScannedParams(NamedTuple):
 def between(x, k, d):
     """The polynomial through x[k] .. x[k + 5], at k + 2 + d (Lagrange)."""
     a, b, e, f, g = d + 2.0, d + 1.0, d - 1.0, d - 2.0, d - 3.0
-    outer = d * e * (b * f * (a * x[k + 5] - g * x[k]) / 120.0 + a * g * (f * x[k + 1] - b * x[k + 4]) / 24.0)
+    outer = (
+        d
+        * e
+        * (b * f * (a * x[k + 5] - g * x[k]) / 120.0 + a * g * (f * x[k + 1] - b * x[k + 4]) / 24.0)
+    )
     return outer + a * b * f * g * (d * x[k + 3] - e * x[k + 2]) / 12.0
 
 
 @dataclass(frozen=True, eq=False)
 class Scanned(Block):
-    """The recording at the time t, which is a signal: between the samples of a table at 8 times its rate."""
+    """The recording at the time t, which is a signal: between the samples of a table at
+    8 times its rate.
+    """
 
     t: Block
     samples: np.ndarray
@@ -203,11 +227,20 @@ class Scanned(Block):
         n, more = self.samples.size, 1
         if self.loop:  # so far does the window reach
             wide = HALF * max(1.0, self.rate / fs)
-            what = f"playback: operations for {n} samples in a loop at rate = {self.rate:g} Hz, for fs = {fs:g} Hz"
-            limits.check("design_work", 16 * wide * (n + 2 * wide), f"{what} (resample them before, or raise fs)")
+            what = (
+                f"playback: operations for {n} samples in a loop at rate = {self.rate:g} Hz, for fs"
+                f" = {fs:g} Hz"
+            )
+            limits.check(
+                "design_work",
+                16 * wide * (n + 2 * wide),
+                f"{what} (resample them before, or raise fs)",
+            )
             more = math.ceil(wide) + 1
         x = np.pad(self.samples, more, "wrap" if self.loop else "constant")
-        table = resampled(x, self.rate, OVER * self.rate, fs, "playback")[OVER * more - BEFORE : OVER * (more + n) + AFTER]
+        table = resampled(x, self.rate, OVER * self.rate, fs, "playback")[
+            OVER * more - BEFORE : OVER * (more + n) + AFTER
+        ]
         return ScannedParams(OVER * self.rate, table, float(OVER * n), float(self.loop)), ()
 
     @staticmethod
@@ -216,22 +249,28 @@ class Scanned(Block):
         whole = floor(u)
         k = where(p.loop > 0.0, whole - p.size * floor(whole / p.size), whole)
         inside = where(k >= 0.0, where(k < p.size, 1.0, 0.0), 0.0)
-        y = between(p.samples, INT(where(inside > 0.0, k, 0.0)), where(inside > 0.0, u - whole, 0.0))
+        y = between(
+            p.samples, INT(where(inside > 0.0, k, 0.0)), where(inside > 0.0, u - whole, 0.0)
+        )
         return where(t - t == 0.0, where(inside > 0.0, y, 0.0), t - t), s
 
 
 @public
-def playback(samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None) -> Block:
-    """A recording, from sample 0 on or as fast as you like; at another sample rate it is interpolated with a band limit.
+def playback(
+    samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None
+) -> Block:
+    """A recording, from sample 0 on or as fast as you like; at another sample rate it
+    is interpolated with a band limit.
 
-    What is below 0.45 of the lower of both rates is kept to 1e-5, what is above 0.55 of it is gone.  ``grain`` plays a recording
-    at each event.
+    What is below 0.45 of the lower of both rates is kept to 1e-5, what is above 0.55 of
+    it is gone.  ``grain`` plays a recording at each event.
 
     Parameters
     ----------
     samples : array_like, shape (n,)
-        Numbers; of a sound file, a column of what ``soundfile.read`` gives.  Whole numbers of PCM, as of
-        ``scipy.io.wavfile``, are taken as they are: divide 16 bits by 32768.
+        Numbers; of a sound file, a column of what ``soundfile.read`` gives.  Whole
+        numbers of PCM, as of ``scipy.io.wavfile``, are taken as they are: divide 16
+        bits by 32768.
     rate : float
         Their sample rate in Hz.
     loop : bool
@@ -239,9 +278,10 @@ def playback(samples, rate: float, loop: bool = False, unit: str = "", at: Block
     unit : str
         Of the samples.
     at : Block, optional
-        Which time of the recording is heard, in s, from 0 to n/rate; by default the time since sample 0.  ``integrate(speed)``
-        plays at a speed that moves, 1 for that of the recording and below 0 for backwards; ``x / constant(0.1, "m/s")`` plays a
-        texture along a place x that was recorded at 0.1 m/s.
+        Which time of the recording is heard, in s, from 0 to n/rate; by default the
+        time since sample 0.  ``integrate(speed)`` plays at a speed that moves, 1 for
+        that of the recording and below 0 for backwards; ``x / constant(0.1, "m/s")``
+        plays a texture along a place x that was recorded at 0.1 m/s.
 
     Returns
     -------
@@ -257,33 +297,52 @@ def playback(samples, rate: float, loop: bool = False, unit: str = "", at: Block
 
     Notes
     -----
-    With ``at`` the recording lies in a table at 8 times its rate, between whose samples a polynomial of degree 5 runs: that adds
-    1e-5 to the error.  It holds at every speed up to 1.  At a speed v above 1 what lies beyond fs/(2 v) comes back as an alias:
+    With ``at`` the recording lies in a table at 8 times its rate, between whose samples
+    a polynomial of degree 5 runs: that adds 1e-5 to the error.  It holds at every speed
+    up to 1.  At a speed v above 1 what lies beyond fs/(2 v) comes back as an alias:
     take it out of the samples first.  A loop is n/rate seconds long, not rounded.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import playback
-    >>> proc = stimlib.compile(stimlib.Scene({"y": playback([1.0, 2.0, 3.0], rate=1000, loop=True)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": playback([1.0, 2.0, 3.0], rate=1000, loop=True)}),
+    ...     fs=1000,
+    ... )
     >>> proc.process(np.empty((0, 5)))
     array([[1., 2., 3., 1., 2.]])
 
     A texture that was recorded at 0.1 m/s, along a finger's way:
 
     >>> from stimlib import Input, constant
-    >>> finger = playback([1.0, 2.0, 3.0], rate=1000, loop=True, at=Input("x", "m") / constant(0.1, "m/s"))
-    >>> stimlib.compile(stimlib.Scene({"y": finger}), fs=1000).process(np.array([[0.0, 1e-4, 2e-4, 4e-4, 0.0]])).round(4)
+    >>> finger = playback(
+    ...     [1.0, 2.0, 3.0],
+    ...     rate=1000,
+    ...     loop=True,
+    ...     at=Input("x", "m") / constant(0.1, "m/s"),
+    ... )
+    >>> stimlib.compile(stimlib.Scene({"y": finger}), fs=1000).process(
+    ...     np.array([[0.0, 1e-4, 2e-4, 4e-4, 0.0]])
+    ... ).round(4)
     array([[1., 2., 3., 2., 1.]])
     """
     if at is None:
         return Playback(Time(), samples, rate, loop, unit)
-    return Scanned(as_signal("playback: at", at, "give a time, such as integrate(speed)"), samples, rate, loop, unit)
+    return Scanned(
+        as_signal("playback: at", at, "give a time, such as integrate(speed)"),
+        samples,
+        rate,
+        loop,
+        unit,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class BandNoise(Cascade):
-    """White noise, whose one-sided PSD is 2/fs, through Butterworth's band-pass and sqrt(psd fs/2)."""
+    """White noise, whose one-sided PSD is 2/fs, through Butterworth's band-pass and
+    sqrt(psd fs/2).
+    """
 
     white: Block
     low: float
@@ -296,7 +355,9 @@ class BandNoise(Cascade):
         self._filter()
 
     def _filter(self) -> Filter:
-        return Filter(self.white, "bandpass", self.low, self.high, self.order, "butterworth", 1.0, 60.0)
+        return Filter(
+            self.white, "bandpass", self.low, self.high, self.order, "butterworth", 1.0, 60.0
+        )
 
     def design(self, fs):
         p, s = self._filter().design(fs)
@@ -309,7 +370,15 @@ class BandNoise(Cascade):
 
 
 @public
-def band_noise(low: float, high: float, psd: float, seed: int, stream: int = 0, order: int = 4, shared: bool = False) -> Block:
+def band_noise(
+    low: float,
+    high: float,
+    psd: float,
+    seed: int,
+    stream: int = 0,
+    order: int = 4,
+    shared: bool = False,
+) -> Block:
     """Noise between two frequencies, with a level that no sample rate changes.
 
     Parameters
@@ -317,7 +386,8 @@ def band_noise(low: float, high: float, psd: float, seed: int, stream: int = 0, 
     low, high : float
         Edges in Hz, where the PSD is half.
     psd : float
-        One-sided power spectral density between them, in units^2/Hz: its mean square is nearly psd (high - low).
+        One-sided power spectral density between them, in units^2/Hz: its mean square is
+        nearly psd (high - low).
     seed, stream : int
         Key of its white noise.
     order : int
@@ -328,7 +398,8 @@ def band_noise(low: float, high: float, psd: float, seed: int, stream: int = 0, 
     Returns
     -------
     Block
-        Without unit.  It begins at rest 32 ms before sample 0, and has its level after some 1/(high - low) seconds.
+        Without unit.  It begins at rest 32 ms before sample 0, and has its level after
+        some 1/(high - low) seconds.
 
     Raises
     ------
@@ -339,7 +410,9 @@ def band_noise(low: float, high: float, psd: float, seed: int, stream: int = 0, 
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import band_noise
-    >>> proc = stimlib.compile(stimlib.Scene({"y": band_noise(100, 300, psd=1e-2, seed=1)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": band_noise(100, 300, psd=1e-2, seed=1)}), fs=8000
+    ... )
     >>> y = proc.process(np.empty((0, 80000)))[0]
     >>> bool(abs(np.mean(y**2) / (1e-2 * 200) - 1) < 0.1)
     True

@@ -18,10 +18,14 @@ METRE = unit("m")
 
 
 class Levels(NamedTuple):
-    """Stiffness levels of a rectangle: 0 as soft as the object, 1 the hardest; ``stimlib.soft`` makes them."""
+    """Stiffness levels of a rectangle: 0 as soft as the object, 1 the hardest;
+    ``stimlib.soft`` makes them.
+    """
 
     levels: np.ndarray
-    """Shape (rows, columns), 0 to 1; the first row is at y = 0, the first column at x = 0."""
+    """Shape (rows, columns), 0 to 1; the first row is at y = 0, the first column at x
+    = 0.
+    """
     width: float
     """In m, from the first column to the last."""
     height: float
@@ -36,11 +40,15 @@ def spacing(S: Levels) -> tuple[float, float]:
 
 def grid(S: Levels) -> GridParams:
     """The numbers of the spline that ``stiffness_map`` reads."""
-    return CubicGrid(constant(0.0), constant(0.0), S.levels.T, np.array(spacing(S)), np.zeros(2), "").design(1.0)[0]
+    return CubicGrid(
+        constant(0.0), constant(0.0), S.levels.T, np.array(spacing(S)), np.zeros(2), ""
+    ).design(1.0)[0]
 
 
 def level(p, x, y):
-    """S, dS/dx, dS/dy at a place, in 1 and 1/m; where S is held at 0 or 1 it has no slope."""
+    """S, dS/dx, dS/dy at a place, in 1 and 1/m; where S is held at 0 or 1 it has no
+    slope.
+    """
     S, sx, sy = bicubic(p, x, y)
     free = where(S > 0.0, where(S < 1.0, 1.0, 0.0), 0.0)
     return where(S < 0.0, 0.0, where(S > 1.0, 1.0, S)), free * sx, free * sy
@@ -53,10 +61,15 @@ def table_of(name: str, levels: Any, width: float, height: float) -> Levels:
         if not design_value(f"{name}: {what}", "float", v) > 0:
             raise BadValue(f"{name}: {what} = {v!r} m must be above 0")
     if table.ndim != 2 or min(table.shape) < 2:
-        raise BadValue(f"{name}: levels must have two rows and columns at least; got the shape {table.shape}")
+        raise BadValue(
+            f"{name}: levels must have two rows and columns at least; got the shape {table.shape}"
+        )
     bounds.limits.check("map_points", table.size, f"{name}: levels of a stiffness map")
     if not (table.min() >= 0 and table.max() <= 1):
-        raise BadValue(f"{name}: levels must be 0 to 1, as S in eq. (1); got {table.min():g} to {table.max():g}")
+        raise BadValue(
+            f"{name}: levels must be 0 to 1, as S in eq. (1); got {table.min():g} to"
+            f" {table.max():g}"
+        )
     return Levels(table, float(width), float(height))
 
 
@@ -64,7 +77,8 @@ def as_levels(name: str, S: Any) -> Levels:
     """A map that somebody gives; BadValue if it is none."""
     if not isinstance(S, tuple) or len(S) != 3:
         raise BadValue(
-            f"{name}: a map is (levels, width, height), not {type(S).__name__}; stimlib.soft.array makes one of levels"
+            f"{name}: a map is (levels, width, height), not {type(S).__name__}; stimlib.soft.array"
+            " makes one of levels"
         )
     return table_of(name, *S)
 
@@ -82,15 +96,16 @@ def check_places(name: str, *u: Any) -> None:
 
 @public
 def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
-    """Stiffness level of a soft object at a place: a cubic spline through a table, held at its edges and between 0 and 1.
+    """Stiffness level of a soft object at a place: a cubic spline through a table, held
+    at its edges and between 0 and 1.
 
     Parameters
     ----------
     x, y : Block
         Place in m, from the object's corner.
     S : Levels
-        ``(levels, width, height)``: shape (rows, columns), 0 to 1, and the size in m; ``stimlib.soft`` makes them of nodules,
-        pictures and arrays.
+        ``(levels, width, height)``: shape (rows, columns), 0 to 1, and the size in m;
+        ``stimlib.soft`` makes them of nodules, pictures and arrays.
 
     Returns
     -------
@@ -100,26 +115,34 @@ def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
     Raises
     ------
     BadValue
-        Levels outside 0 to 1 or not finite, fewer than two rows or columns, a size not above 0; more levels than
-        ``limits.map_points``.
+        Levels outside 0 to 1 or not finite, fewer than two rows or columns, a size not
+        above 0; more levels than ``limits.map_points``.
     UnitError
         Places that are not in m.
 
     Notes
     -----
-    It is ``lut2`` with ``kind="cubic"``, and ``clip``: between levels that jump the spline swings, and is cut at 0 and 1.
+    It is ``lut2`` with ``kind="cubic"``, and ``clip``: between levels that jump the
+    spline swings, and is cut at 0 and 1.
 
     References
     ----------
-    Li et al. (2016), "Single-point pseudo-haptic interaction": "a predefined 2D stiffness distribution". Theirs was measured and
-    is not published; how the levels between are found, they do not say.
+    Li et al. (2016), "Single-point pseudo-haptic interaction": "a predefined 2D
+    stiffness distribution". Theirs was measured and is not published; how the levels
+    between are found, they do not say.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import stiffness_map
-    >>> S = stiffness_map(stimlib.Input("x", "m"), stimlib.Input("y", "m"), ([[0, 0.5, 1], [0, 0.5, 1]], 0.02, 0.01))
-    >>> stimlib.compile(stimlib.Scene({"S": S}), fs=1000).process(np.array([[0.0, 0.005, 0.02, 0.03], [0, 0, 0, 0]]))
+    >>> S = stiffness_map(
+    ...     stimlib.Input("x", "m"),
+    ...     stimlib.Input("y", "m"),
+    ...     ([[0, 0.5, 1], [0, 0.5, 1]], 0.02, 0.01),
+    ... )
+    >>> stimlib.compile(stimlib.Scene({"S": S}), fs=1000).process(
+    ...     np.array([[0.0, 0.005, 0.02, 0.03], [0, 0, 0, 0]])
+    ... )
     array([[0.  , 0.25, 1.  , 1.  ]])
     """
     S = as_levels("stiffness_map", S)

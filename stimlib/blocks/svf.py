@@ -1,4 +1,6 @@
-"""Resonances of one section: fixed ones, and one whose frequency and quality are signals."""
+"""Resonances of one section: fixed ones, and one whose frequency and quality are
+signals.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ MODES = {"lowpass": (0, 0, 1), "bandpass": (0, 1, 0), "highpass": (1, 0, 0), "no
 
 
 def section(g: float, b: float, mode: str) -> CascadeParams:
-    """Return the parameters of what passes over s^2 + s b + g^2, s = (z - 1)/(z + 1)."""
+    """Return the parameters of what passes over s^2 + s b + g^2, s = (z - 1)/(z +
+    1).
+    """
     bottom = Fraction(1), Fraction(b), Fraction(g) ** 2
     top = [m * v for m, v in zip(MODES[mode], bottom, strict=True)]
     return cascade(sections([(top, bottom)]), 0.0)[0]
@@ -35,7 +39,8 @@ def section(g: float, b: float, mode: str) -> CascadeParams:
 
 @dataclass(frozen=True, eq=False)
 class Resonator(Cascade):
-    """One section with g = tan(pi freq/fs) and b = (1 + g^2) tan(pi freq/(q fs)): see ``section``.
+    """One section with g = tan(pi freq/fs) and b = (1 + g^2) tan(pi freq/(q fs)): see
+    ``section``.
 
     The two frequencies where its gain is -3 dB are then exactly freq/q apart.
     """
@@ -70,8 +75,8 @@ def resonator(x: Block | float, freq: float, q: float, onset: str = "step") -> B
     freq : float
         Hz.
     q : float
-        Quality: freq over the width, the distance of the two frequencies where the gain is -3 dB.  The width is
-        exact at every sample rate; it must be below fs/2.
+        Quality: freq over the width, the distance of the two frequencies where the gain
+        is -3 dB.  The width is exact at every sample rate; it must be below fs/2.
     onset : {"step", "steady"}
         Whether x was 0 before the first sample, or has always been as it is there.
 
@@ -92,22 +97,27 @@ def resonator(x: Block | float, freq: float, q: float, onset: str = "step") -> B
 
     Notes
     -----
-    With W = pi freq/(q fs), the response is 1/(1 + i X), X = (cos w0 - cos w)/(sin w tan W), w = 2 pi f/fs.
+    With W = pi freq/(q fs), the response is 1/(1 + i X), X = (cos w0 - cos w)/(sin w
+    tan W), w = 2 pi f/fs.
 
-    It rings with a time constant of 1/(fs artanh(tan W)) seconds.  That is q/(pi freq), less a part of 2 W^2/3 where W is
-    small: 7e-6 of it for 158 Hz, q = 20 at 8 kHz, and 1 % where the width is fs/26.  No filter of this form
-    has both the width and the ring of the analogue one: a wide resonance near fs/2 rings shorter, and from a
-    width of fs/4 on not at all.
+    It rings with a time constant of 1/(fs artanh(tan W)) seconds.  That is q/(pi freq),
+    less a part of 2 W^2/3 where W is small: 7e-6 of it for 158 Hz, q = 20 at 8 kHz, and
+    1 % where the width is fs/26.  No filter of this form has both the width and the
+    ring of the analogue one: a wide resonance near fs/2 rings shorter, and from a width
+    of fs/4 on not at all.
 
     References
     ----------
-    Orfanidis, "Introduction to Signal Processing" (1996), section 11.3: peaking and notch filters of a given width.
+    Orfanidis, "Introduction to Signal Processing" (1996), section 11.3: peaking and
+    notch filters of a given width.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import resonator
-    >>> proc = stimlib.compile(stimlib.Scene({"y": resonator(stimlib.Input("x"), 158, q=20)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": resonator(stimlib.Input("x"), 158, q=20)}), fs=8000
+    ... )
     >>> abs(proc.response("y", "x", np.array([79.0, 158, 162]))).round(3)
     array([0.033, 1.   , 0.707])
     """
@@ -124,8 +134,8 @@ def notch(x: Block | float, freq: float, q: float, onset: str = "step") -> Block
     freq : float
         What is taken away, in Hz.
     q : float
-        freq over the width, the distance of the two frequencies where the gain is -3 dB.  The width is exact at
-        every sample rate; it must be below fs/2.
+        freq over the width, the distance of the two frequencies where the gain is -3
+        dB.  The width is exact at every sample rate; it must be below fs/2.
     onset : {"step", "steady"}
         Whether x was 0 before the first sample, or has always been as it is there.
 
@@ -147,7 +157,9 @@ def notch(x: Block | float, freq: float, q: float, onset: str = "step") -> Block
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import notch
-    >>> proc = stimlib.compile(stimlib.Scene({"y": notch(stimlib.Input("x"), 50, q=10)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": notch(stimlib.Input("x"), 50, q=10)}), fs=8000
+    ... )
     >>> abs(proc.response("y", "x", np.array([5.0, 50, 500]))).round(3)
     array([1., 0., 1.])
     """
@@ -197,13 +209,17 @@ def turned(p, t, s, x):
     band = s.s1 + fma(t.a, h, -t.c * s.s1)
     high = fma(-t.k, band, x - low)
     y = flush(fma(p.high, high, fma(p.band * t.k, band, p.low * low)))
-    s1, s2 = s.s1 + fma(2.0 * t.a, h, fma(-2.0 * t.c, s.s1, TINY)), s.s2 + fma(2.0 * t.d, h, 2.0 * t.a * s.s1)
+    s1, s2 = (
+        s.s1 + fma(2.0 * t.a, h, fma(-2.0 * t.c, s.s1, TINY)),
+        s.s2 + fma(2.0 * t.d, h, 2.0 * t.a * s.s1),
+    )
     return where(t.wrong == 0.0, y, t.wrong), SvfState(s1, s2)
 
 
 @dataclass(frozen=True, eq=False)
 class Svf(Block):
-    """``section`` of this sample's g = tan(pi cutoff/fs) = s/c and b = k g, k = 1/q, with D = c^2 (1 + k g + g^2) = 1 + k s c:
+    """``section`` of this sample's g = tan(pi cutoff/fs) = s/c and b = k g, k = 1/q,
+    with D = c^2 (1 + k g + g^2) = 1 + k s c:
 
     h = x - s2;  band = s1 + (s c h - s (s + k c) s1)/D;  low = s2 + (s^2 h + s c s1)/D;  high = x - k band - low;
     s1 -> 2 band - s1;  s2 -> 2 low - s2.
@@ -256,11 +272,17 @@ class Svf(Block):
 
 @public
 def svf(
-    x: Block | float, cutoff: Block | float, q: Block | float = 0.5**0.5, mode: str = "lowpass", onset: str = "step"
+    x: Block | float,
+    cutoff: Block | float,
+    q: Block | float = 0.5**0.5,
+    mode: str = "lowpass",
+    onset: str = "step",
 ) -> Block:
-    """Filter with two poles whose frequency and quality may move at every sample, without a click.
+    """Filter with two poles whose frequency and quality may move at every sample,
+    without a click.
 
-    It cannot blow up: with no input, s1^2 + s2^2 never grows, however cutoff and q move.  See the notes.
+    It cannot blow up: with no input, s1^2 + s2^2 never grows, however cutoff and q
+    move.  See the notes.
 
     Parameters
     ----------
@@ -268,7 +290,8 @@ def svf(
     cutoff : float or Block
         Hz; a signal is held in 0 .. fs/2.
     q : float or Block
-        Quality; 0.707 is Butterworth's filter.  A signal is held at 0.001 and above.  It promises no width: see the notes.
+        Quality; 0.707 is Butterworth's filter.  A signal is held at 0.001 and above.
+        It promises no width: see the notes.
     mode : {"lowpass", "bandpass", "highpass", "notch"}
         What passes; the gain at the cutoff is q, 1, q and 0.
     onset : {"step", "steady"}
@@ -282,23 +305,27 @@ def svf(
     Raises
     ------
     BadValue
-        An unknown mode; a number or parameter not above 0; at compile time, a cutoff not below fs/2.
+        An unknown mode; a number or parameter not above 0; at compile time, a cutoff
+        not below fs/2.
     UnitError
         A cutoff that is not in Hz, or a q with a unit.
 
     Notes
     -----
-    The response is that of the analogue filter at i tan(pi f/fs)/tan(pi cutoff/fs).  So the cutoff is where it should be, and
-    widths shrink towards fs/2: of a quality q, 5 % below cutoff/q for 700 Hz at 8 kHz, 36 % for 250 Hz at 1 kHz, 77 % for 400
-    Hz at 1 kHz.  ``resonator`` and ``notch`` keep their width.
+    The response is that of the analogue filter at i tan(pi f/fs)/tan(pi cutoff/fs).  So
+    the cutoff is where it should be, and widths shrink towards fs/2: of a quality q, 5
+    % below cutoff/q for 700 Hz at 8 kHz, 36 % for 250 Hz at 1 kHz, 77 % for 400 Hz at 1
+    kHz.  ``resonator`` and ``notch`` keep their width.
 
-    One sample is Cayley's step of s' = M s with M = ((-k, -1), (1, 0)) g.  From s' . s = -k g s1^2 <= 0 follows that the new
-    state is at most as long as the old one, for every g and every k >= 0.  The coefficients of other forms of the filter are
-    states of another filter as soon as the cutoff moves, and energy comes out of that change.
+    One sample is Cayley's step of s' = M s with M = ((-k, -1), (1, 0)) g.  From s' . s
+    = -k g s1^2 <= 0 follows that the new state is at most as long as the old one, for
+    every g and every k >= 0.  The coefficients of other forms of the filter are states
+    of another filter as soon as the cutoff moves, and energy comes out of that change.
 
     References
     ----------
-    Zavalishin, "The Art of VA Filter Design" (2012), chapter 4; sines in place of the tangent, so fs/2 is no pole.
+    Zavalishin, "The Art of VA Filter Design" (2012), chapter 4; sines in place of the
+    tangent, so fs/2 is no pole.
 
     Examples
     --------

@@ -69,7 +69,10 @@ class Lut(Table):
                 else:
                     from scipy import interpolate
 
-                    make = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[self.kind]
+                    make = {
+                        "pchip": interpolate.PchipInterpolator,
+                        "cubic": interpolate.CubicSpline,
+                    }[self.kind]
                     c[:] = make(self.knots, self.values).c
             except (ValueError, RuntimeWarning):  # slopes that are not finite
                 c[:] = np.inf
@@ -79,7 +82,8 @@ class Lut(Table):
 
 
 class PolynomialParams(NamedTuple):
-    knots: np.ndarray  # the ends first, then each as far as possible from those before: that rounds least
+    # the ends first, then each as far as possible from those before: that rounds least
+    knots: np.ndarray
     c: np.ndarray  # divided differences
     outside: float
     keep: float
@@ -87,7 +91,9 @@ class PolynomialParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Polynomial(Block):
-    """One polynomial through all knots in Newton's form, c0 + (x - knot0) (c1 + (x - knot1) (c2 + ..))."""
+    """One polynomial through all knots in Newton's form, c0 + (x - knot0) (c1 + (x -
+    knot1) (c2 + ..)).
+    """
 
     x: Block
     knots: np.ndarray
@@ -140,7 +146,9 @@ class Polynomial(Block):
             for i in range(y.size):
                 y[i] = fma(w[i] - knot, y[i], c)
         for i in range(y.size):
-            y[i] = where(w[i] == x[i], y[i], where(p.keep > 0.0, y[i], where(x[i] == x[i], p.outside, x[i])))
+            y[i] = where(
+                w[i] == x[i], y[i], where(p.keep > 0.0, y[i], where(x[i] == x[i], p.outside, x[i]))
+            )
         return s
 
 
@@ -148,18 +156,31 @@ def check_points(b: Lut | Polynomial) -> None:
     """Raise BadValue where knots, values or policies make no sense."""
     knots, values = b.knots, b.values
     if np.ndim(knots) != 1 or np.shape(knots) != np.shape(values) or len(knots) < 2:
-        raise BadValue(f"lut: knots and values must be rows of one length, at least 2; got {np.shape(knots)}, {np.shape(values)}")
+        raise BadValue(
+            f"lut: knots and values must be rows of one length, at least 2; got {np.shape(knots)},"
+            f" {np.shape(values)}"
+        )
     if not (np.diff(knots) > 0).all():
-        raise BadValue(f"lut: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not")
-    for v, known, name in ((getattr(b, "kind", KINDS[0]), KINDS, "kind"), (b.outside, OUTSIDE, "outside")):
+        raise BadValue(
+            f"lut: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not"
+        )
+    for v, known, name in (
+        (getattr(b, "kind", KINDS[0]), KINDS, "kind"),
+        (b.outside, OUTSIDE, "outside"),
+    ):
         if v not in known:
             raise BadValue(f"lut: {name} = {v!r}; choose one of {', '.join(known)}")
     if isinstance(b, Polynomial) and len(knots) > MOST:
-        raise BadValue(f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or use kind='cubic'")
+        raise BadValue(
+            f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or"
+            " use kind='cubic'"
+        )
 
 
 @public
-def lut(x: Block | float, knots, values, kind: str = "linear", outside: str = "hold", unit: str = "") -> Block:
+def lut(
+    x: Block | float, knots, values, kind: str = "linear", outside: str = "hold", unit: str = ""
+) -> Block:
     """A function of x given by points.
 
     Parameters
@@ -170,28 +191,34 @@ def lut(x: Block | float, knots, values, kind: str = "linear", outside: str = "h
     values : array_like, shape (m,), or callable
         In ``unit``; a callable is sampled at the knots now.
     kind : {"linear", "pchip", "cubic", "polynomial"}
-        Straight lines; a monotone cubic; a cubic spline; one polynomial through all knots, of which there are at most 8.
+        Straight lines; a monotone cubic; a cubic spline; one polynomial through all
+        knots, of which there are at most 8.
     outside : {"hold", "zero", "error"}
-        What happens beyond the first and last knot; "error" gives nan, which the output's guard stops as a fault.
+        What happens beyond the first and last knot; "error" gives nan, which the
+        output's guard stops as a fault.
     unit : str
         Unit of the values.
 
     Raises
     ------
     BadValue
-        Knots that do not rise, lengths that differ, numbers that are not finite, an unknown kind or policy, a polynomial
-        through more than 8 knots.
+        Knots that do not rise, lengths that differ, numbers that are not finite, an
+        unknown kind or policy, a polynomial through more than 8 knots.
 
     References
     ----------
-    The UGrip paper, section 2.1: the geometry factor Gamma(x) of the voice coils is such a table.  The touch-screen
-    thesis, section 4.2: "a simple look-up table and a polynomial interpolation function".
+    The UGrip paper, section 2.1: the geometry factor Gamma(x) of the voice coils is
+    such a table.  The touch-screen thesis, section 4.2: "a simple look-up table and a
+    polynomial interpolation function".
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import lut
-    >>> proc = stimlib.compile(stimlib.Scene({"y": lut(stimlib.Input("x"), [0, 1, 2], [0, 10, 0])}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": lut(stimlib.Input("x"), [0, 1, 2], [0, 10, 0])}),
+    ...     fs=1000,
+    ... )
     >>> proc.process(np.array([[0.5, 1.0, 1.75, 9.0]]))
     array([[ 5. , 10. ,  2.5,  0. ]])
     """

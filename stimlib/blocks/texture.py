@@ -1,7 +1,9 @@
-"""Measured textures: vibration of a surface by the speed and the force of what strokes it.
+"""Measured textures: vibration of a surface by the speed and the force of what strokes
+it.
 
-Sources: Romano and Kuchenbecker, IEEE Trans. Haptics 5 (2012); Culbertson, Unwin and Kuchenbecker, IEEE Trans. Haptics 7 (2014);
-the models themselves are in ``stimlib.design.texture``.
+Sources: Romano and Kuchenbecker, IEEE Trans. Haptics 5 (2012); Culbertson, Unwin and
+Kuchenbecker, IEEE Trans. Haptics 7 (2014); the models themselves are in
+``stimlib.design.texture``.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ class TextureParams(NamedTuple):
     rows: np.ndarray  # of the interpolator, one for each of these
     per_speed: float  # 1/largest
     per_force: float
-    ax: np.ndarray  # weight of the first corner of each triangle: ax x + ay z + a, x and z from 0 to 1
+    # weight of the first corner of each triangle: ax x + ay z + a, x and z from 0 to 1
+    ax: np.ndarray
     ay: np.ndarray
     a: np.ndarray
     bx: np.ndarray  # of the second
@@ -82,7 +85,11 @@ def least(q, ax, ay, a, bx, by, b):
 
 def inside(one, two):
     """The three weights, those below 0 as 0; they add up to 1."""
-    a, b, c = where(one > 0.0, one, 0.0), where(two > 0.0, two, 0.0), where(1.0 - one - two > 0.0, 1.0 - one - two, 0.0)
+    a, b, c = (
+        where(one > 0.0, one, 0.0),
+        where(two > 0.0, two, 0.0),
+        where(1.0 - one - two > 0.0, 1.0 - one - two, 0.0),
+    )
     whole = a + b + c
     return Weights(a / whole, b / whole, c / whole)
 
@@ -98,7 +105,8 @@ def cosine(w, a, b, c):
 
 
 def product(c, first, n, f):
-    """f[1 + j], j = 0 .. n: of the product of 1 - 2 c[k] z + z^2 over k = first, first + 2, .., n of them; f[0] is 0.
+    """f[1 + j], j = 0 .. n: of the product of 1 - 2 c[k] z + z^2 over k = first, first
+    + 2, .., n of them; f[0] is 0.
 
     It has the degree 2 n and is symmetric, so half of it is enough.
     """
@@ -111,10 +119,11 @@ def product(c, first, n, f):
 
 
 def predictor(c, p, f, g, a):
-    """a[0] .. a[p - 1], the coefficients of z^-1 to z^-p of (P + Q)/2, from the cosines of p line spectral frequencies.
+    """a[0] .. a[p - 1], the coefficients of z^-1 to z^-p of (P + Q)/2, from the cosines
+    of p line spectral frequencies.
 
-    P is the product over the 1st, 3rd, .. and Q that over the others.  Where p is even they have the factors 1 + z and 1 - z;
-    where it is odd, Q alone has one, 1 - z^2.
+    P is the product over the 1st, 3rd, .. and Q that over the others.  Where p is even
+    they have the factors 1 + z and 1 - z; where it is odd, Q alone has one, 1 - z^2.
     """
     n, m = (p + 1) >> 1, p >> 1
     product(c, 0, n, f)
@@ -130,7 +139,9 @@ def predictor(c, p, f, g, a):
 
 @dataclass(frozen=True, eq=False)
 class Texture(Block):
-    """y = v + sum b v[-k] - sum a y[-k] at the model's rate, v = gain sqrt(variance) white, and 12 taps to that of the clock."""
+    """y = v + sum b v[-k] - sum a y[-k] at the model's rate, v = gain sqrt(variance)
+    white, and 12 taps to that of the clock.
+    """
 
     white: Block
     speed: Block
@@ -147,18 +158,29 @@ class Texture(Block):
     @property
     def model(self) -> TextureModel:
         """The model that it renders."""
-        numbers = self.speeds, self.forces, self.triangles, self.lsf, self.ma, self.variance, self.gain
+        numbers = (
+            self.speeds,
+            self.forces,
+            self.triangles,
+            self.lsf,
+            self.ma,
+            self.variance,
+            self.gain,
+        )
         return TextureModel(*numbers, self.rate)
 
     def check(self):
         self.model.planes()
         if isinstance(self.force, Const) and self.force.value < 0:
             raise BadValue(
-                f"texture: force = {self.force.value:g} N presses away from the surface; give a normal force of 0 or above"
+                f"texture: force = {self.force.value:g} N presses away from the surface; give a"
+                " normal force of 0 or above"
             )
 
     def units(self, *u):
-        for name, given, wanted in zip(("white", "speed", "force"), u, ("", "m/s", "N"), strict=True):
+        for name, given, wanted in zip(
+            ("white", "speed", "force"), u, ("", "m/s", "N"), strict=True
+        ):
             if given != unit(wanted):
                 raise UnitError(f"texture: {name} is [{given}] and must be [{unit(wanted)}]")
         return unit("m/s^2")
@@ -167,15 +189,32 @@ class Texture(Block):
         every = round(fs / self.rate)
         if every < 1 or every * self.rate != fs:
             near = max(every, 1) * self.rate
-            raise BadValue(f"texture: fs = {fs:g} Hz must be a whole multiple of the model's {self.rate:g} Hz: take {near:g} Hz")
+            raise BadValue(
+                f"texture: fs = {fs:g} Hz must be a whole multiple of the model's {self.rate:g} Hz:"
+                f" take {near:g} Hz"
+            )
         planes, corners = self.model.planes()
         (ax, ay, a), (bx, by, b) = np.ascontiguousarray(planes.transpose(1, 2, 0)[:2])
         sizes = self.lsf.shape[1], self.ma.shape[1]
         lsf = np.concatenate([self.lsf, self.ma], axis=1).ravel() / math.pi
         p = TextureParams(
-            float(every), upsampler(every).ravel(), 1 / float(self.speeds.max()), 1 / float(self.forces.max()),
-            ax, ay, a, bx, by, b, corners.ravel().astype(float), lsf, float(sizes[0]), float(sizes[1]), self.variance, self.gain,
-        )  # fmt: skip
+            float(every),
+            upsampler(every).ravel(),
+            1 / float(self.speeds.max()),
+            1 / float(self.forces.max()),
+            ax,
+            ay,
+            a,
+            bx,
+            by,
+            b,
+            corners.ravel().astype(float),
+            lsf,
+            float(sizes[0]),
+            float(sizes[1]),
+            self.variance,
+            self.gain,
+        )
         return p, TextureState(np.zeros(max(sizes[1], 1)), np.zeros(sizes[0]), np.zeros(TAPS), 0.0)
 
     def delay(self, p):
@@ -190,7 +229,13 @@ class Texture(Block):
         poles, zeros = INT(p.poles), INT(p.zeros)
         both = poles + zeros
         size, rest = both + 4, w[p.a.size :]
-        fit, c, ab, f, g = w[: p.a.size], rest[:both], rest[size : size + both], rest[2 * size :], rest[3 * size :]
+        fit, c, ab, f, g = (
+            w[: p.a.size],
+            rest[:both],
+            rest[size : size + both],
+            rest[2 * size :],
+            rest[3 * size :],
+        )
         a, b = ab[:poles], ab[poles:]
         n = where(s.n >= 0.0, where(s.n < p.every, floor(s.n), 0.0), 0.0)
         for i in range(y.size):
@@ -201,9 +246,24 @@ class Texture(Block):
                 for k in range(1, fit.size):
                     if fit[k] > fit[t]:
                         t = k
-                q = inside(weight(at, p.ax[t], p.ay[t], p.a[t]), weight(at, p.bx[t], p.by[t], p.b[t]))
-                k0, k1, k2 = INT(p.corners[3 * t]), INT(p.corners[3 * t + 1]), INT(p.corners[3 * t + 2])
-                each(cosine, q, (p.lsf[k0 * both :][:both], p.lsf[k1 * both :][:both], p.lsf[k2 * both :][:both]), c)
+                q = inside(
+                    weight(at, p.ax[t], p.ay[t], p.a[t]), weight(at, p.bx[t], p.by[t], p.b[t])
+                )
+                k0, k1, k2 = (
+                    INT(p.corners[3 * t]),
+                    INT(p.corners[3 * t + 1]),
+                    INT(p.corners[3 * t + 2]),
+                )
+                each(
+                    cosine,
+                    q,
+                    (
+                        p.lsf[k0 * both :][:both],
+                        p.lsf[k1 * both :][:both],
+                        p.lsf[k2 * both :][:both],
+                    ),
+                    c,
+                )
                 predictor(c[:poles], poles, f, g, a)
                 predictor(c[poles:], zeros, f, g, b)
                 variance = mean(q, p.variance[k0], p.variance[k1], p.variance[k2])
@@ -231,24 +291,34 @@ class Texture(Block):
 
 @public
 def texture(
-    speed: Block | float, force: Block | float, model: TextureModel, seed: int, stream: int = 0, shared: bool = False
+    speed: Block | float,
+    force: Block | float,
+    model: TextureModel,
+    seed: int,
+    stream: int = 0,
+    shared: bool = False,
 ) -> Block:
     """Vibration of a measured surface, as an accelerometer on the tool felt it.
 
-    At each sample of the model's own clock, of 1 ms as a rule, the triangle that holds speed and force is found, the line
-    spectral frequencies, gain and variance of its corners are weighted, and the ARMA model that they make takes one step.  It is
-    stable at every place, because frequencies that rise at the corners rise between them.  What drives the model is scaled
-    before it is remembered, so a change of the place makes no click.  Between those samples a sinc of 12 taps interpolates,
-    flat within 1 % in power up to 0.356 of the model's rate.
+    At each sample of the model's own clock, of 1 ms as a rule, the triangle that holds
+    speed and force is found, the line spectral frequencies, gain and variance of its
+    corners are weighted, and the ARMA model that they make takes one step.  It is
+    stable at every place, because frequencies that rise at the corners rise between
+    them.  What drives the model is scaled before it is remembered, so a change of the
+    place makes no click.  Between those samples a sinc of 12 taps interpolates, flat
+    within 1 % in power up to 0.356 of the model's rate.
 
     Parameters
     ----------
     speed : Block or float
-        Along the surface in m/s; its sign does not count.  From 0 to the lowest speed of the model the variance falls to 0.
+        Along the surface in m/s; its sign does not count.  From 0 to the lowest speed
+        of the model the variance falls to 0.
     force : Block or float
-        Normal force in N.  Where it is 0 or below, or nan, as where the speed is, there is no vibration.
+        Normal force in N.  Where it is 0 or below, or nan, as where the speed is, there
+        is no vibration.
     model : TextureModel
-        From ``load_texture`` or ``stimlib.fitting.texture.fit_texture``.  Beyond its largest speed and force it is as there.
+        From ``load_texture`` or ``stimlib.fitting.texture.fit_texture``.  Beyond its
+        largest speed and force it is as there.
     seed, stream : int
         Key of its white noise, of which the samples at the model's clock count.
     shared : bool
@@ -257,13 +327,14 @@ def texture(
     Returns
     -------
     Block
-        Acceleration in m/s^2, 6 samples of the model late (6 ms); at the model's own rate at once.
+        Acceleration in m/s^2, 6 samples of the model late (6 ms); at the model's own
+        rate at once.
 
     Raises
     ------
     BadValue
-        A model that is none; a force that is a number below 0; at compile time, a sample rate that is no whole multiple of the
-        model's.
+        A model that is none; a force that is a number below 0; at compile time, a
+        sample rate that is no whole multiple of the model's.
     UnitError
         A speed that is not in m/s, a force that is not in N.
 
@@ -276,13 +347,29 @@ def texture(
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import texture
     >>> from stimlib.design.texture import made_up
-    >>> scene = stimlib.Scene({"a": texture(stimlib.Input("v", "m/s"), 1.0, made_up(), seed=1)})
+    >>> scene = stimlib.Scene(
+    ...     {"a": texture(stimlib.Input("v", "m/s"), 1.0, made_up(), seed=1)}
+    ... )
     >>> proc = stimlib.compile(scene, fs=8000)
-    >>> [round(float(proc.process(np.full((1, 16000), v)).std()), 1) for v in (0.01, 0.1)]  # faster is stronger
+    >>> [
+    ...     round(float(proc.process(np.full((1, 16000), v)).std()), 1)
+    ...     for v in (0.01, 0.1)
+    ... ]  # faster is stronger
     [0.4, 1.1]
     """
     if not isinstance(model, TextureModel):
-        raise BadValue(f"texture: model = {model!r:.80} is no TextureModel; load_texture(path) and fit_texture give one")
+        raise BadValue(
+            f"texture: model = {model!r:.80} is no TextureModel; load_texture(path) and fit_texture"
+            " give one"
+        )
     white, v, N = white_noise(seed, stream, shared), with_unit(speed, "m/s"), with_unit(force, "N")
-    numbers = model.speed, model.force, model.triangles, model.lsf, model.ma, model.variance, model.gain
+    numbers = (
+        model.speed,
+        model.force,
+        model.triangles,
+        model.lsf,
+        model.ma,
+        model.variance,
+        model.gain,
+    )
     return Texture(white, v, N, *numbers, model.rate)

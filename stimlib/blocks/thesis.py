@@ -1,4 +1,6 @@
-"""The thesis' own methods for a springpot: a history that is thinned out, and one that is cut off."""
+"""The thesis' own methods for a springpot: a history that is thinned out, and one that
+is cut off.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,9 @@ class DownsampledState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Downsampled(Method):
-    """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k, with the step m/fs."""
+    """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k,
+    with the step m/fs.
+    """
 
     horizon: float
     onset: str
@@ -66,10 +70,13 @@ class Downsampled(Method):
         n = self.horizon * fs
         if n > LONGEST:
             raise BadValue(
-                f"springpot: gl-downsampled keeps the whole history, {n:.9g} samples for horizon = {self.horizon:g} s at "
-                f"{fs:g} Hz; give the longest contact as horizon, at most {LONGEST / fs:.6g}"
+                f"springpot: gl-downsampled keeps the whole history, {n:.9g} samples for horizon ="
+                f" {self.horizon:g} s at {fs:g} Hz; give the longest contact as horizon, at most"
+                f" {LONGEST / fs:.6g}"
             )
-        p = DownsampledParams(binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order)
+        p = DownsampledParams(
+            binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order
+        )
         return p, DownsampledState(np.zeros(max(math.ceil(n), 1)), 0.0, 0.0, ONSETS[self.onset])
 
     @staticmethod
@@ -115,9 +122,17 @@ class ShortMemory(Method):
     resettable = True
 
     def design(self, fs):
-        limits.check("state_bytes", 8 * self.seconds * fs, f"gl-short-memory: bytes of its samples at fs = {fs:g} Hz")
-        taps = padded(math.pow(fs, self.order) * binomials(self.order, max(1, round(self.seconds * fs))))[::-1].copy()
-        return ShortMemoryParams(taps), ShortMemoryState(np.zeros(taps.size - 1), 0.0, ONSETS[self.onset])
+        limits.check(
+            "state_bytes",
+            8 * self.seconds * fs,
+            f"gl-short-memory: bytes of its samples at fs = {fs:g} Hz",
+        )
+        taps = padded(
+            math.pow(fs, self.order) * binomials(self.order, max(1, round(self.seconds * fs)))
+        )[::-1].copy()
+        return ShortMemoryParams(taps), ShortMemoryState(
+            np.zeros(taps.size - 1), 0.0, ONSETS[self.onset]
+        )
 
     def laws(self, fs):
         return (responses.short_memory(self.order, self.seconds, fs),)

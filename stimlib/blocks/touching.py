@@ -1,7 +1,9 @@
-"""Walls, detents and buttons from positions alone: each sample is the mean force over the straight way since the last one.
+"""Walls, detents and buttons from positions alone: each sample is the mean force over
+the straight way since the last one.
 
-A mean over the way has the work of the force itself, so nothing is conserved or lost but what the force over place says.
-Only sums and products are used, no mathematical library.
+A mean over the way has the work of the force itself, so nothing is conserved or lost
+but what the force over place says. Only sums and products are used, no mathematical
+library.
 """
 
 from __future__ import annotations
@@ -32,21 +34,27 @@ class Over(Block, abstract=True):
 
 
 def not_too_small(owner: Block, *names: str) -> None:
-    """Raise BadValue unless these lengths, and one over them, are numbers above zero."""
+    """Raise BadValue unless these lengths, and one over them, are numbers above
+    zero.
+    """
     positive(owner, *names)
     for name in names:
         if not math.isfinite(1 / getattr(owner, name)):
-            raise BadValue(f"{name} = {getattr(owner, name):g} is too small to divide by; check the unit")
+            raise BadValue(
+                f"{name} = {getattr(owner, name):g} is too small to divide by; check the unit"
+            )
 
 
-# Walls ---------------------------------------------------------------------------------------------------------------
+# Walls --------------------------------------------------------------------------------
 class WallParams(NamedTuple):
     fs: float
 
 
 @dataclass(frozen=True, eq=False)
 class Wall(Over):
-    """F(p) = max(0, K p + b v) for p = x - at > 0, K = k max(0, 1 + c v), v the mean speed: the mean over the way of p."""
+    """F(p) = max(0, K p + b v) for p = x - at > 0, K = k max(0, 1 + c v), v the mean
+    speed: the mean over the way of p.
+    """
 
     x: Block
     k: Block
@@ -59,8 +67,9 @@ class Wall(Over):
         force = u[1] * u[0]
         if u[2] * u[0] / unit("s") != force or u[3] != u[0] or u[4] * u[0] != unit("s"):
             raise UnitError(
-                f"wall: k [{u[1]}] times x [{u[0]}] is [{force}], so b must be [{force / u[0] * unit('s')}], not [{u[2]}], "
-                f"at [{u[0]}], not [{u[3]}], and hunt_crossley [{unit('s') / u[0]}], not [{u[4]}]"
+                f"wall: k [{u[1]}] times x [{u[0]}] is [{force}], so b must be"
+                f" [{force / u[0] * unit('s')}], not [{u[2]}], at [{u[0]}], not [{u[3]}], and"
+                f" hunt_crossley [{unit('s') / u[0]}], not [{u[4]}]"
             )
         return force
 
@@ -68,7 +77,9 @@ class Wall(Over):
         return WallParams(fs), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """In contact; how much a damping that grows with the depth is cannot be told."""
+        """In contact; how much a damping that grows with the depth is cannot be
+        told.
+        """
         if H[0] is None or None in value[1:3] or value[4] != 0:
             return None
         return averaging(fs, z, *value[1:3]) * H[0]
@@ -80,7 +91,8 @@ class Wall(Over):
         low, high = where(before < now, before, now), where(before < now, now, before)
         v = p.fs * (now - before)
         K, w = held(k) * held(1.0 + held(c) * v), held(b) * v
-        free = where(w < 0.0, -w / K, 0.0)  # how deep the damper still takes the spring away, when it leaves
+        # how deep the damper still takes the spring away, when it leaves
+        free = where(w < 0.0, -w / K, 0.0)
         a = where(low > free, low, free)
         part = where(high > low, (high - a) / (high - low), 1.0)
         y = part * (0.5 * K * (a + high) + w)
@@ -98,27 +110,33 @@ def wall(
 ) -> Block:
     """A wall beyond a place: a spring and a damper that push, and never pull.
 
-    With p = x - at and v its speed, F = max(0, k p (1 + c v) + b v) where p > 0, else 0; each sample is the exact mean over its
-    way, also where contact begins or ends inside it.
+    With p = x - at and v its speed, F = max(0, k p (1 + c v) + b v) where p > 0, else
+    0; each sample is the exact mean over its way, also where contact begins or ends
+    inside it.
 
     Parameters
     ----------
     x : Block
-        Position in m; the wall is above ``at``. For one below use ``-wall(-x, k, b, -at)``.
+        Position in m; the wall is above ``at``. For one below use ``-wall(-x, k, b,
+        -at)``.
     k, b : float or Block
-        Stiffness in N/m, damping in N s/m. A signal below 0 counts as 0. The damper makes a step of force at contact.
+        Stiffness in N/m, damping in N s/m. A signal below 0 counts as 0. The damper
+        makes a step of force at contact.
     at : float or Block
         Place in m.
     hunt_crossley : float or Block
-        Damping c in s/m that grows with the depth, without a step at contact: about 1.5 (1 - e)/v for a restitution e of
-        an impact at the speed v.  1 + c v counts as 0 where it is below.
+        Damping c in s/m that grows with the depth, without a step at contact: about 1.5
+        (1 - e)/v for a restitution e of an impact at the speed v.  1 + c v counts as 0
+        where it is below.
     contact : Block
-        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as at the first sample, v = 0.
+        Where it is not above 0 the force is 0 and x is not looked at. At re-contact, as
+        at the first sample, v = 0.
 
     Returns
     -------
     Block
-        Force of the hand on the wall in N, 0 or above: sum F dx is the work taken from the hand.
+        Force of the hand on the wall in N, 0 or above: sum F dx is the work taken from
+        the hand.
 
     Raises
     ------
@@ -131,19 +149,26 @@ def wall(
     -----
     Passive while k and ``at`` stand still: sum F dx >= k p^2/2.
     A k that rises in contact gives energy, and so does a wall that moves.
-    A device that is late needs damping of its own, k T/2 + b and more: ``stimlib.analysis.passivity.needed_damping``.
+    A device that is late needs damping of its own, k T/2 + b and more:
+    ``stimlib.analysis.passivity.needed_damping``.
 
     References
     ----------
-    Colgate and Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14 (1997): the virtual wall.
-    Hunt and Crossley, "Coefficient of restitution interpreted as damping in vibroimpact", J. Applied Mechanics 42 (1975).
+    Colgate and Schenkel, "Passivity of a class of sampled-data systems", J. Robotic
+    Systems 14 (1997): the virtual wall. Hunt and Crossley, "Coefficient of restitution
+    interpreted as damping in vibroimpact", J. Applied Mechanics 42 (1975).
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import wall
-    >>> proc = stimlib.compile(stimlib.Scene({"F": wall(stimlib.Input("x", "m"), k=1000.0, b=2.0)}), fs=1000)
-    >>> proc.process(1e-3 * np.array([[-1.0, 1.0, 2.0, 2.0, -2.0]])).round(3)  # half of the second sample touches
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"F": wall(stimlib.Input("x", "m"), k=1000.0, b=2.0)}),
+    ...     fs=1000,
+    ... )
+    >>> proc.process(1e-3 * np.array([[-1.0, 1.0, 2.0, 2.0, -2.0]])).round(
+    ...     3
+    ... )  # half of the second sample touches
     array([[0.  , 2.25, 3.5 , 2.  , 0.  ]])
     """
     k, b = amount("wall", "k", k, "N/m"), amount("wall", "b", b, "N*s/m")
@@ -151,7 +176,7 @@ def wall(
     return Wall(as_block(x), k, b, with_unit(at, "m"), c, as_block(contact))
 
 
-# Detents -------------------------------------------------------------------------------------------------------------
+# Detents ------------------------------------------------------------------------------
 class DetentParams(NamedTuple):
     per: float  # 1/spacing
 
@@ -165,12 +190,16 @@ def sine_of_half_turns(h):
 def averaged(d):
     """sin(pi d)/(pi d)."""
     near = abs(d) < 1.0
-    return where(near, 1.0 - gap(where(near, d, 0.0)), sine_of_half_turns(d) / (PI * where(near, 1.0, d)))
+    return where(
+        near, 1.0 - gap(where(near, d, 0.0)), sine_of_half_turns(d) / (PI * where(near, 1.0, d))
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Detents(Over):
-    """Mean of depth sin(2 pi x/spacing) from x0 to x1: depth sin(pi (x0 + x1)/spacing) sinc((x1 - x0)/spacing)."""
+    """Mean of depth sin(2 pi x/spacing) from x0 to x1: depth sin(pi (x0 + x1)/spacing)
+    sinc((x1 - x0)/spacing).
+    """
 
     x: Block
     depth: Block
@@ -188,7 +217,11 @@ class Detents(Over):
 
     def steepest(self, fs, z, H, value):
         """At rest."""
-        return None if H[0] is None or value[1] is None else averaging(fs, z, 2 * PI * value[1] / self.spacing) * H[0]
+        return (
+            None
+            if H[0] is None or value[1] is None
+            else averaging(fs, z, 2 * PI * value[1] / self.spacing) * H[0]
+        )
 
     @staticmethod
     def step(p, s, x, depth):
@@ -197,11 +230,15 @@ class Detents(Over):
 
 
 @public
-def detents(x: Block, spacing: float, depth: Block | float = 1.0, contact: Block | float = 1.0) -> Block:
-    """Detents, regular places into which a hand is drawn: F = depth sin(2 pi x/spacing).
+def detents(
+    x: Block, spacing: float, depth: Block | float = 1.0, contact: Block | float = 1.0
+) -> Block:
+    """Detents, regular places into which a hand is drawn: F = depth sin(2 pi
+    x/spacing).
 
-    It rests at the multiples of the spacing. Each sample is the exact mean over its way, however far that is, so the detents
-    neither give nor take work on the way from rest to rest, and none is missed by a fast hand.
+    It rests at the multiples of the spacing. Each sample is the exact mean over its
+    way, however far that is, so the detents neither give nor take work on the way from
+    rest to rest, and none is missed by a fast hand.
 
     Parameters
     ----------
@@ -212,12 +249,14 @@ def detents(x: Block, spacing: float, depth: Block | float = 1.0, contact: Block
     depth : float or Block
         Largest force in N, or signal of any unit, such as N m of a knob.
     contact : Block
-        Where it is not above 0 the force is 0 and x is not looked at. At re-contact the way between counts nothing.
+        Where it is not above 0 the force is 0 and x is not looked at. At re-contact the
+        way between counts nothing.
 
     Returns
     -------
     Block
-        Force of the hand in the unit of depth: sum F dx is the work taken from the hand.
+        Force of the hand in the unit of depth: sum F dx is the work taken from the
+        hand.
 
     Raises
     ------
@@ -226,8 +265,10 @@ def detents(x: Block, spacing: float, depth: Block | float = 1.0, contact: Block
 
     Notes
     -----
-    Conserves energy while depth stands still: over any closed way sum F dx = 0 up to rounding.  Its stiffness is 2 pi
-    depth/spacing at rest: ``stimlib.analysis.passivity.needed_damping``.  Friction is added with ``+ friction(..)``.
+    Conserves energy while depth stands still: over any closed way sum F dx = 0 up to
+    rounding.  Its stiffness is 2 pi depth/spacing at rest:
+    ``stimlib.analysis.passivity.needed_damping``.  Friction is added with ``+
+    friction(..)``.
 
     References
     ----------
@@ -246,7 +287,7 @@ def detents(x: Block, spacing: float, depth: Block | float = 1.0, contact: Block
     return Detents(as_block(x), amount("detents", "depth", depth, "N"), as_block(contact), spacing)
 
 
-# Buttons -------------------------------------------------------------------------------------------------------------
+# Buttons ------------------------------------------------------------------------------
 class ButtonParams(NamedTuple):
     at: float
     back: float
@@ -261,7 +302,9 @@ class ButtonState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Button(Over):
-    """F = peak (max(0, x)/at - drop q): q is 1 from the snap at x >= at until x < back, and 0 else; its mean over the way."""
+    """F = peak (max(0, x)/at - drop q): q is 1 from the snap at x >= at until x < back,
+    and 0 else; its mean over the way.
+    """
 
     x: Block
     peak: Block
@@ -274,11 +317,14 @@ class Button(Over):
     def check(self):
         not_too_small(self, "at", "back")
         if not 0 <= self.drop < 1:
-            raise BadValue(f"button: drop = {self.drop:g} must be 0 or above and below 1, a part of the peak force")
+            raise BadValue(
+                f"button: drop = {self.drop:g} must be 0 or above and below 1, a part of the peak"
+                " force"
+            )
         if not self.drop * self.at <= self.back <= self.at:
             raise BadValue(
-                f"button: back = {self.back:g} must lie in drop at = {self.drop * self.at:g} .. at = {self.at:g}: "
-                "beyond it gives energy, and before it pulls the finger"
+                f"button: back = {self.back:g} must lie in drop at = {self.drop * self.at:g} .. at"
+                f" = {self.at:g}: beyond it gives energy, and before it pulls the finger"
             )
 
     def units(self, *u):
@@ -289,7 +335,11 @@ class Button(Over):
 
     def steepest(self, fs, z, H, value):
         """Along its lines; the snap only takes energy."""
-        return None if H[0] is None or value[1] is None else (averaging(fs, z, value[1] / self.at) * H[0], 0.0 * H[0])
+        return (
+            None
+            if H[0] is None or value[1] is None
+            else (averaging(fs, z, value[1] / self.at) * H[0], 0.0 * H[0])
+        )
 
     @staticmethod
     def step(p, s, x, peak):
@@ -299,10 +349,15 @@ class Button(Over):
         way = x - last
         low, high = where(way < 0.0, x, last), where(way < 0.0, last, x)
         snap = where(now > was, p.at, p.back)
-        part = (high - snap) / where(way == 0.0, 1.0, high - low)  # of the way beyond the snap, which is pressed
+        # of the way beyond the snap, which is pressed
+        part = (high - snap) / where(way == 0.0, 1.0, high - low)
         share = where(now == was, now, where(way == 0.0, now, part))
         rest = where(low > 0.0, low, 0.0)
-        pushed = where(high > 0.0, 0.5 * (rest + high) * where(high > low, (high - rest) / (high - low), 1.0), high - high)
+        pushed = where(
+            high > 0.0,
+            0.5 * (rest + high) * where(high > low, (high - rest) / (high - low), 1.0),
+            high - high,
+        )
         return (peak * (pushed / p.at - p.drop * share), now), ButtonState(x, now, 0.0)
 
 
@@ -315,11 +370,14 @@ def button(
     back: float | None = None,
     contact: Block | float = 1.0,
 ) -> Any:
-    """A button with a snap: its force rises along a line, falls at the snap, goes on, and comes back later on the way up.
+    """A button with a snap: its force rises along a line, falls at the snap, goes on,
+    and comes back later on the way up.
 
-    F = peak (x/at - drop q) for x > 0: q becomes 1 where x reaches ``at``, with the force at its peak, and 0 again where x falls
-    below ``back``. Each sample is the exact mean over its way, with the snap at its place inside the sample. The bottom is a
-    ``wall``; what is heard or felt at the snap, a ``ring`` of ``rising(button.pressed)``.
+    F = peak (x/at - drop q) for x > 0: q becomes 1 where x reaches ``at``, with the
+    force at its peak, and 0 again where x falls below ``back``. Each sample is the
+    exact mean over its way, with the snap at its place inside the sample. The bottom is
+    a ``wall``; what is heard or felt at the snap, a ``ring`` of
+    ``rising(button.pressed)``.
 
     Parameters
     ----------
@@ -330,15 +388,17 @@ def button(
     drop : float
         Part of the peak by which the force falls, 0 .. 1.
     at, back : float
-        Travel in m of the snap, and of the way back; back = 0.8 at by default, between drop at and at.
+        Travel in m of the snap, and of the way back; back = 0.8 at by default, between
+        drop at and at.
     contact : Block
-        Where it is not above 0 force and pressed are 0 and x is not looked at; at re-contact, as at the first sample, the button
-        is pressed if x >= at.
+        Where it is not above 0 force and pressed are 0 and x is not looked at; at
+        re-contact, as at the first sample, the button is pressed if x >= at.
 
     Returns
     -------
     Block
-        Two signals: ``.force`` of the hand in N, 0 or above, and ``.pressed``, 1 behind the snap, else 0.
+        Two signals: ``.force`` of the hand in N, 0 or above, and ``.pressed``, 1 behind
+        the snap, else 0.
 
     Raises
     ------
@@ -358,10 +418,14 @@ def button(
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import button
     >>> key = button(stimlib.Input("x", "m"), peak=2.0, drop=0.5, at=1e-3)
-    >>> proc = stimlib.compile(stimlib.Scene({"F": key.force, "pressed": key.pressed}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"F": key.force, "pressed": key.pressed}), fs=1000
+    ... )
     >>> proc.process(1e-3 * np.array([[0.0, 0.5, 1.5, 1.5, 0.9, 0.7]])).round(3) + 0.0
     array([[0. , 0.5, 1.5, 2. , 1.4, 1.1],
            [0. , 0. , 1. , 1. , 1. , 0. ]])
     """
     peak = amount("button", "peak", peak, "N")
-    return Button(as_block(x), peak, as_block(contact), at, 0.8 * at if back is None else back, drop)
+    return Button(
+        as_block(x), peak, as_block(contact), at, 0.8 * at if back is None else back, drop
+    )

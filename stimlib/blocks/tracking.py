@@ -1,4 +1,6 @@
-"""Following motion that arrives slowly: reports of 60 to 250 Hz, with jitter, held in between."""
+"""Following motion that arrives slowly: reports of 60 to 250 Hz, with jitter, held in
+between.
+"""
 
 from __future__ import annotations
 
@@ -51,14 +53,17 @@ def follow(p, s, x, contact):
 
 @dataclass(frozen=True, eq=False)
 class Tracker(Block, abstract=True):
-    """H(s) = w^2/(s + w)^2 of an input held between samples, in terms of e = x - y and h = v/fs.
+    """H(s) = w^2/(s + w)^2 of an input held between samples, in terms of e = x - y and
+    h = v/fs.
 
-    With q = w/fs, g = 1 - exp(-q), and e already increased by the change of x in this sample:
+    With q = w/fs, g = 1 - exp(-q), and e already increased by the change of x in this
+    sample:
 
     u = q e - h;  e -> (1 - g)(e + u);  h -> (1 - g)(h + q u);  y = x - e.
 
-    These are the exact solutions of y'' = w^2 (x - y) - 2 w y' at the end of the sample.  Only differences of x enter e
-    and h, so nothing of a held position is left in them, however small q is.
+    These are the exact solutions of y'' = w^2 (x - y) - 2 w y' at the end of the
+    sample.  Only differences of x enter e and h, so nothing of a held position is left
+    in them, however small q is.
     """
 
     x: Block
@@ -71,7 +76,9 @@ class Tracker(Block, abstract=True):
 
     def design(self, fs):
         if self.bandwidth >= fs / 2:
-            raise BadValue(f"track: bandwidth = {self.bandwidth:g} Hz does not fit below fs/2 = {fs / 2:g} Hz")
+            raise BadValue(
+                f"track: bandwidth = {self.bandwidth:g} Hz does not fit below fs/2 = {fs / 2:g} Hz"
+            )
         q = 2 * math.pi * self.bandwidth / fs
         jump = math.inf if self.max_jump is None else float(self.max_jump)
         return TrackParams(q, -math.expm1(-q), fs, jump), TrackState(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -84,7 +91,9 @@ def response(p, z):
 
 
 def lag(p):
-    """Group delay of the position at 0 Hz in samples: 2/q - 1/2, and terms of the order of q."""
+    """Group delay of the position at 0 Hz in samples: 2/q - 1/2, and terms of the order
+    of q.
+    """
     return (1 - p.g) * (2 + (p.q - p.g) / p.g) / p.g
 
 
@@ -132,29 +141,35 @@ class TrackVelocity(Tracker):
 
 
 @public
-def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05) -> Block:
+def track(
+    x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05
+) -> Block:
     """Position that follows slow, jittered reports smoothly and causally.
 
-    A critically damped second order, H(s) = w^2/(s + w)^2 with w = 2 pi bandwidth, discretised exactly for an input that is
-    held between samples: y[n] is what the continuous filter reaches after x[n] has been held for one sample.  The gain at
-    0 Hz is exactly 1 and a step does not overshoot.
+    A critically damped second order, H(s) = w^2/(s + w)^2 with w = 2 pi bandwidth,
+    discretised exactly for an input that is held between samples: y[n] is what the
+    continuous filter reaches after x[n] has been held for one sample.  The gain at 0 Hz
+    is exactly 1 and a step does not overshoot.
 
     Parameters
     ----------
     x : Block
         Position, usually in m, held between reports.
     bandwidth : float
-        Frequency of both poles in Hz; the gain there is 1/2.  Latency 2/w = 1/(pi bandwidth) seconds (less half a
-        sample): 16 ms at 20 Hz.  Regular reports at r Hz leave a ripple of at most 3.3 (bandwidth/r)^2 of the velocity: 7 %
-        for 70 Hz and 10 Hz, 8 % for 125 Hz and 20 Hz.
+        Frequency of both poles in Hz; the gain there is 1/2.  Latency 2/w = 1/(pi
+        bandwidth) seconds (less half a sample): 16 ms at 20 Hz.  Regular reports at r
+        Hz leave a ripple of at most 3.3 (bandwidth/r)^2 of the velocity: 7 % for 70 Hz
+        and 10 Hz, 8 % for 125 Hz and 20 Hz.
     contact : Block
-        Where it is not above 0 the output holds its value (0 before the first contact) and x is not looked at.  At
-        re-contact the tracker starts at the new position with velocity 0, so the way between invents no movement.
+        Where it is not above 0 the output holds its value (0 before the first contact)
+        and x is not looked at.  At re-contact the tracker starts at the new position
+        with velocity 0, so the way between invents no movement.
     max_jump : float, optional
-        In the unit of x.  A change of x from one sample to the next that is larger restarts the tracker there with velocity
-        0: a fault of the device invents no movement either.  As reports are held, a whole report's movement arrives in
-        one sample: choose the highest speed times the longest normal gap.  The default 0.05 is 1 m/s for 50 ms.  None:
-        never.
+        In the unit of x.  A change of x from one sample to the next that is larger
+        restarts the tracker there with velocity 0: a fault of the device invents no
+        movement either.  As reports are held, a whole report's movement arrives in one
+        sample: choose the highest speed times the longest normal gap.  The default 0.05
+        is 1 m/s for 50 ms.  None: never.
 
     Returns
     -------
@@ -179,18 +194,24 @@ def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_j
 
     References
     ----------
-    The touch-screen thesis, chapter 3, eq. (17): bumps are tied to the finger's position, which an infrared frame acquires.
-    The filter is our own choice, the papers give none.
+    The touch-screen thesis, chapter 3, eq. (17): bumps are tied to the finger's
+    position, which an infrared frame acquires. The filter is our own choice, the papers
+    give none.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import track
-    >>> proc = stimlib.compile(stimlib.Scene({"y": track(stimlib.Input("x", "m"), bandwidth=20.0)}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": track(stimlib.Input("x", "m"), bandwidth=20.0)}),
+    ...     fs=8000,
+    ... )
     >>> t = np.arange(8000) / 8000
     >>> reports = 0.1 * np.floor(t * 100) / 100  # 0.1 m/s, a report every 10 ms
     >>> y = proc.process(reports[None])[0]
-    >>> bool(np.abs(np.diff(y)).max() * 8000 < 0.12)  # the reports themselves jump by 8 m/s
+    >>> bool(
+    ...     np.abs(np.diff(y)).max() * 8000 < 0.12
+    ... )  # the reports themselves jump by 8 m/s
     True
     >>> round(proc.latency["y", "x"][0] / 8000, 4)
     0.0159
@@ -199,11 +220,14 @@ def track(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_j
 
 
 @public
-def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05) -> Block:
+def track_velocity(
+    x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05
+) -> Block:
     """Rate of change of ``track`` with the same arguments.
 
-    v[n] = (y[n] - y[n-1]) fs, computed without that difference: the sum of v/fs is the tracked position, so a stimulus that
-    takes position and rate from one tracker sees one movement.
+    v[n] = (y[n] - y[n-1]) fs, computed without that difference: the sum of v/fs is the
+    tracked position, so a stimulus that takes position and rate from one tracker sees
+    one movement.
 
     Parameters
     ----------
@@ -233,7 +257,9 @@ def track_velocity(x: Block, bandwidth: float = 20.0, contact: Block | float = 1
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import track_velocity
-    >>> proc = stimlib.compile(stimlib.Scene({"v": track_velocity(stimlib.Input("x", "m"))}), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"v": track_velocity(stimlib.Input("x", "m"))}), fs=8000
+    ... )
     >>> proc.process(0.1 * np.arange(8000)[None] / 8000)[0, -1].round(9)
     np.float64(0.1)
     """

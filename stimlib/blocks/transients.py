@@ -47,7 +47,9 @@ def turn(p, freq, decay):
     r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
     rho = exp(-p.per / where(decay > p.per, decay, p.per))
     si, co = sinpi(r), sinpi(0.5 - r)
-    return Turn(fma(2.0 * rho * si, si, 1.0 - rho), 2.0 * rho * si * co, (freq + decay) - (freq + decay))
+    return Turn(
+        fma(2.0 * rho * si, si, 1.0 - rho), 2.0 * rho * si * co, (freq + decay) - (freq + decay)
+    )
 
 
 def turned(p, t, s, event):
@@ -58,13 +60,18 @@ def turned(p, t, s, event):
 
 
 def rests(s, event):
-    """1 where nothing sounds and nothing happens: then the state stays as it is, and the output is 0."""
-    return where(event == 0.0, where(abs(s.re) <= SILENT, where(abs(s.im) <= SILENT, 1.0, 0.0), 0.0), 0.0)
+    """1 where nothing sounds and nothing happens: then the state stays as it is, and
+    the output is 0.
+    """
+    return where(
+        event == 0.0, where(abs(s.re) <= SILENT, where(abs(s.im) <= SILENT, 1.0, 0.0), 0.0), 0.0
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Ring(Block):
-    """q[n] = p q[n-1] + event, p = exp(-1/(decay fs)) exp(2 pi i freq/fs); y is the imaginary part of q, or the real one.
+    """q[n] = p q[n-1] + event, p = exp(-1/(decay fs)) exp(2 pi i freq/fs); y is the
+    imaginary part of q, or the real one.
 
     A turn by p makes no q longer, so frequency and decay may move at every sample.
     """
@@ -99,7 +106,8 @@ class Ring(Block):
     def through(self, p, fs, z, H, value):
         if value[1] is None or value[2] is None or H[0] is None:
             return None
-        turned = [np.expm1(-1 / (value[2] * fs) + s * 2j * np.pi * value[1] / fs) for s in (1, -1)]  # p - 1, and its conjugate
+        # p - 1, and its conjugate
+        turned = [np.expm1(-1 / (value[2] * fs) + s * 2j * np.pi * value[1] / fs) for s in (1, -1)]
         one, other = (1 / (backward(z) - q / z) for q in turned)
         return H[0] * ((one - other) / 2j if self.onset == "sine" else (one + other) / 2)
 
@@ -107,7 +115,9 @@ class Ring(Block):
     def step(p, s, event, freq, decay):
         y, after = turned(p, turn(p, freq, decay), s, event)
         rest = rests(s, event)
-        return where(rest > 0.0, 0.0, y), RingState(where(rest > 0.0, s.re, after.re), where(rest > 0.0, s.im, after.im))
+        return where(rest > 0.0, 0.0, y), RingState(
+            where(rest > 0.0, s.re, after.re), where(rest > 0.0, s.im, after.im)
+        )
 
     @staticmethod
     def tile(p, s, event, freq, decay, y):
@@ -126,8 +136,11 @@ class Ring(Block):
 
 
 @public
-def ring(event: Block | float, freq: Block | float, decay: Block | float, onset: str = "sine") -> Block:
-    """A decaying sinusoid at each event, any number at once: a click, a tap, a struck mode.
+def ring(
+    event: Block | float, freq: Block | float, decay: Block | float, onset: str = "sine"
+) -> Block:
+    """A decaying sinusoid at each event, any number at once: a click, a tap, a struck
+    mode.
 
     Parameters
     ----------
@@ -136,9 +149,11 @@ def ring(event: Block | float, freq: Block | float, decay: Block | float, onset:
     freq : float or Block
         In Hz; a signal is held in 0 .. fs/2.
     decay : float or Block
-        Time constant in s: after it 1/e is left.  A signal is held at one sample and above.
+        Time constant in s: after it 1/e is left.  A signal is held at one sample and
+        above.
     onset : {"sine", "cosine"}
-        From 0, or with the event's full height at once, which at low sample rates has 18 dB more aliases.
+        From 0, or with the event's full height at once, which at low sample rates has
+        18 dB more aliases.
 
     Returns
     -------
@@ -148,19 +163,23 @@ def ring(event: Block | float, freq: Block | float, decay: Block | float, onset:
     Raises
     ------
     BadValue
-        A number not above 0, an unknown onset, what is known to be no event; at compile time, a frequency not below fs/2.
+        A number not above 0, an unknown onset, what is known to be no event; at compile
+        time, a frequency not below fs/2.
     UnitError
         A frequency that is not in Hz, or a decay that is not in s.
 
     References
     ----------
-    Okamura, Cutkosky and Dennerlein, "Reality-based models for vibration feedback in virtual environments" (2001), eq. (1).
+    Okamura, Cutkosky and Dennerlein, "Reality-based models for vibration feedback in
+    virtual environments" (2001), eq. (1).
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import at, ring
-    >>> proc = stimlib.compile(stimlib.Scene({"y": ring(at(0.0), freq=250, decay=0.002)}), fs=1000)
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": ring(at(0.0), freq=250, decay=0.002)}), fs=1000
+    ... )
     >>> proc.process(np.empty((0, 5))).round(3) + 0.0
     array([[ 0.   ,  0.607,  0.   , -0.223,  0.   ]])
     """
@@ -185,7 +204,9 @@ def add(height, shape, line):
 
 @dataclass(frozen=True, eq=False)
 class Grain(Block):
-    """y[n] = sum of event[k] shape[n - k], in the order of the events; in silence nothing is computed."""
+    """y[n] = sum of event[k] shape[n - k], in the order of the events; in silence
+    nothing is computed.
+    """
 
     event: Block
     samples: np.ndarray
@@ -194,14 +215,20 @@ class Grain(Block):
 
     def check(self):
         if self.samples.ndim != 1 or not self.samples.size:
-            raise BadValue(f"grain: samples must be one row of numbers, got shape {self.samples.shape}")
+            raise BadValue(
+                f"grain: samples must be one row of numbers, got shape {self.samples.shape}"
+            )
         positive(self, "rate")
 
     def units(self, *u):
         return u[0] * unit(self.unit)
 
     def design(self, fs):
-        limits.check("state_bytes", 16 * self.samples.size * fs / self.rate, f"grain: bytes of its samples at fs = {fs:g} Hz")
+        limits.check(
+            "state_bytes",
+            16 * self.samples.size * fs / self.rate,
+            f"grain: bytes of its samples at fs = {fs:g} Hz",
+        )
         shape = resampled(self.samples, self.rate, fs, name="grain")
         return GrainParams(shape), GrainState(np.zeros(shape.size), NONE, NONE)
 
@@ -247,7 +274,8 @@ def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
         Its height is a factor.
     samples : array_like, shape (n,)
     rate : float
-        Sample rate of the samples in Hz; at another one they are interpolated with a band limit, to 1e-5.
+        Sample rate of the samples in Hz; at another one they are interpolated with a
+        band limit, to 1e-5.
     unit : str
         Of the samples.
 
@@ -259,7 +287,8 @@ def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
     Raises
     ------
     BadValue
-        No samples, or none that are finite; a rate not above 0; what is known to be no event.
+        No samples, or none that are finite; a rate not above 0; what is known to be no
+        event.
 
     Examples
     --------

@@ -1,4 +1,6 @@
-"""Do two targets agree?  JAX against the compiled processor, decision by decision and sample by sample."""
+"""Do two targets agree?  JAX against the compiled processor, decision by decision and
+sample by sample.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ class Agreement:
     Attributes
     ----------
     error : dict of str to float
-        Per output, the largest difference over the largest absolute value, given the processor's decisions.
+        Per output, the largest difference over the largest absolute value, given the
+        processor's decisions.
     alone : dict of str to float
         The same with JAX's own decisions.
     decisions : int
@@ -43,7 +46,10 @@ class Agreement:
 
     def __str__(self):
         errors = ", ".join(f"{name} {v:.1e}" for name, v in self.error.items())
-        return f"{errors} of max given the same gates; {self.differences} of {self.decisions} decisions differ"
+        return (
+            f"{errors} of max given the same gates; {self.differences} of {self.decisions}"
+            " decisions differ"
+        )
 
 
 @public
@@ -59,8 +65,9 @@ def agreement(
 ) -> Agreement:
     """Compare the JAX target with the compiled processor over one run.
 
-    Gates are edges: where two roundings fall on different sides of one, signals differ by whole steps.  So decisions are counted
-    on their own, and the signals are compared given the processor's.
+    Gates are edges: where two roundings fall on different sides of one, signals differ
+    by whole steps.  So decisions are counted on their own, and the signals are compared
+    given the processor's.
 
     Parameters
     ----------
@@ -84,7 +91,8 @@ def agreement(
     Raises
     ------
     BadValue, UnknownName
-        Inputs missing, too short or not finite; parameters that the scene does not have; a run without samples.
+        Inputs missing, too short or not finite; parameters that the scene does not
+        have; a run without samples.
 
     Examples
     --------
@@ -92,7 +100,9 @@ def agreement(
     >>> from stimlib import Input, Scene, constant
     >>> x = Input("x", "m")
     >>> wall = constant(2000.0, "N/m") * x * (x > constant(0.005, "m"))
-    >>> a = agreement(Scene({"force": wall}), {"x": 0.01 * np.cos(np.arange(4000) / 400)}, fs=8000)
+    >>> a = agreement(
+    ...     Scene({"force": wall}), {"x": 0.01 * np.cos(np.arange(4000) / 400)}, fs=8000
+    ... )
     >>> a.worst < 1e-12, a.differences
     (True, 0)
     """
@@ -104,10 +114,21 @@ def agreement(
     proc = Processor(Scene({**scene.outputs, **probes}), fs, seed=seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
-    size = n if n is not None else min((length(v) or 0 for v in motion.values() if not callable(v)), default=0)
+    size = (
+        n
+        if n is not None
+        else min((length(v) or 0 for v in motion.values() if not callable(v)), default=0)
+    )
     if size < 1:
-        raise BadValue("agreement: nothing tells how long the run is, or it has no sample: give n, at least 1")
-    x = positions(sources_of({i: motion[i] for i in proc.inputs if i in motion}, proc.inputs, size), 0, size, proc.fs)
+        raise BadValue(
+            "agreement: nothing tells how long the run is, or it has no sample: give n, at least 1"
+        )
+    x = positions(
+        sources_of({i: motion[i] for i in proc.inputs if i in motion}, proc.inputs, size),
+        0,
+        size,
+        proc.fs,
+    )
     y = dict(zip(proc.outputs, proc.process(x), strict=True))
     gates = {g: y[p] > 0 for g, p in zip(f.gates, probes, strict=True)}
     rows = dict(zip(proc.inputs, x, strict=True))

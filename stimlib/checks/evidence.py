@@ -1,4 +1,6 @@
-"""What the checks of one verification look at: the delivered samples, a re-render, and the noise seen inside it."""
+"""What the checks of one verification look at: the delivered samples, a re-render, and
+the noise seen inside it.
+"""
 
 from __future__ import annotations
 
@@ -84,49 +86,75 @@ class Evidence:
     sidecar: dict[str, Any] | None
     motion: dict[str, Any]
     taps: list[Tap] = field(default_factory=list)
-    whites: dict[str, np.ndarray] = field(default_factory=dict)  # sources outside any gate, each on its clock
+    # sources outside any gate, each on its clock
+    whites: dict[str, np.ndarray] = field(default_factory=dict)
     fingers: dict[str, laws.Finger] = field(default_factory=dict)
     curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
-    closeup: slice = field(default_factory=lambda: slice(None))  # the samples in which these are best seen
+    # the samples in which these are best seen
+    closeup: slice = field(default_factory=lambda: slice(None))
     wanted: dict[str, Callable[[], tuple[np.ndarray, float]]] = field(default_factory=dict)
-    """By output, what a law gives for every sample, and how far from it a correct rendering may be."""
-    numbers: list[str] = field(default_factory=list)  # that stand in the graph alone, as the law reads them
+    """By output, what a law gives for every sample, and how far from it a correct
+    rendering may be.
+    """
+    # that stand in the graph alone, as the law reads them
+    numbers: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
     held: list[Any] = field(default_factory=list)  # ``local.Held`` of each block
-    changes: list[Change] = field(default_factory=list)  # of parameters, also those made before sample 0
+    # of parameters, also those made before sample 0
+    changes: list[Change] = field(default_factory=list)
     path: Path | None = None  # of the file
     told: Any = None  # the fault that a rendering in memory tells
     session: bool = False  # delivered through a safety stage, which checks/session.py compares
 
     @property
     def share(self) -> float:
-        """False alarm probability of each statistical check: spectra, pairs of them, slopes."""
+        """False alarm probability of each statistical check: spectra, pairs of them,
+        slopes.
+        """
         streams = sum(t.model is not None and t.stream.size > FEWEST for t in self.taps)
         return ALARM / max(1, streams * (streams + 1) // 2 + len(self.taps))
 
 
-def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike) -> Evidence:
+def gather(
+    scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike
+) -> Evidence:
     sidecar = None
     if isinstance(rendering, Rendering):
         fs, seed, params, shown = rendering.fs, rendering.seed, dict(rendering.params), rendering.y
         source = "rendering in memory"
         if rendering.scene.hash != scene.hash:
             raise BadValue("the rendering is of another scene")
-        if rendering.outputs != tuple(scene.outputs) or shown.shape[:1] != (len(scene.outputs),) or shown.dtype != np.float64:
-            raise BadValue(f"the rendering has not the scene's outputs, {', '.join(scene.outputs)}, one float64 row for each")
+        if (
+            rendering.outputs != tuple(scene.outputs)
+            or shown.shape[:1] != (len(scene.outputs),)
+            or shown.dtype != np.float64
+        ):
+            raise BadValue(
+                f"the rendering has not the scene's outputs, {', '.join(scene.outputs)}, one"
+                " float64 row for each"
+            )
     else:
         shown, sidecar = read(rendering)
         fs, seed, params = sidecar["fs"], sidecar["seed"], dict(sidecar["params"])
         source = Path(rendering).name
         if sidecar["scene_hash"] != scene.hash:
             raise BadValue(
-                f"{rendering} was rendered from another scene (hash {sidecar['scene_hash'][:12]}, this one {scene.hash[:12]}); "
-                "give the same scene with the same numbers, or render again"
+                f"{rendering} was rendered from another scene (hash {sidecar['scene_hash'][:12]},"
+                f" this one {scene.hash[:12]}); give the same scene with the same numbers, or"
+                " render again"
             )
     if sidecar is not None and sidecar["index"]:
-        raise BadValue(f"{rendering} goes on from an earlier sample of its processor; verify files that begin at sample 0")
-    if sidecar is not None and (late := [change["at"] for change in sidecar["log"] if change["at"]]):
-        raise BadValue(f"{rendering} begins at sample 0, and its sidecar tells of a change at sample {late[0]}: it was edited")
+        raise BadValue(
+            f"{rendering} goes on from an earlier sample of its processor; verify files that begin"
+            " at sample 0"
+        )
+    if sidecar is not None and (
+        late := [change["at"] for change in sidecar["log"] if change["at"]]
+    ):
+        raise BadValue(
+            f"{rendering} begins at sample 0, and its sidecar tells of a change at sample"
+            f" {late[0]}: it was edited"
+        )
     proc = compile(scene, fs, seed=seed)
     if sidecar is None:
         changes = [Change(0, name, value, 0.0) for name, value in params.items()]
@@ -141,7 +169,19 @@ def gather(scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str |
     augmented, found = with_taps(scene, fs)
     watch = compile(augmented, fs, seed=seed)
     seen = samples(watch, x, frames, changes)
-    e = Evidence(scene, proc, fs, seed, params, x, seen[: len(scene.outputs)].copy(), shown, source, sidecar, dict(motion))
+    e = Evidence(
+        scene,
+        proc,
+        fs,
+        seed,
+        params,
+        x,
+        seen[: len(scene.outputs)].copy(),
+        shown,
+        source,
+        sidecar,
+        dict(motion),
+    )
     e.changes = changes
     e.path = None if sidecar is None else Path(rendering)  # type: ignore[arg-type]
     e.told = rendering.fault if isinstance(rendering, Rendering) else None
@@ -153,7 +193,8 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
     """Keep the noises among what an augmented scene gave."""
     n = len(e.scene.outputs)
     for k, (output, block, model, low, high, run, seed) in enumerate(found):
-        gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0  # a copy, or all that was seen would be kept
+        # a copy, or all that was seen would be kept
+        gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0
         its = e.seed if seed is None else seed
         e.taps.append(Tap(block, output, gated[gate], gated, gate, model, low, high, run, its))
     free = seen[n + 2 * len(found) :]
@@ -167,20 +208,32 @@ def last_of(changes: Iterable[Change]) -> list[Change]:
 
 
 def at_first(proc: Processor, changes: list[Change]) -> dict[str, float]:
-    """The parameters of a new processor at its first sample: those that a change sets at once, and where ramps begin."""
-    return dict(proc.params) | {c.name: c.value for c in changes if c.at == 0 and c.ramp * proc.fs <= 1}
+    """The parameters of a new processor at its first sample: those that a change sets
+    at once, and where ramps begin.
+    """
+    return dict(proc.params) | {
+        c.name: c.value for c in changes if c.at == 0 and c.ramp * proc.fs <= 1
+    }
 
 
 def with_taps(scene: Scene, fs: float):
-    """The scene with every gated noise, its gate, and every source outside gates as outputs (no bit of the others changes)."""
+    """The scene with every gated noise, its gate, and every source outside gates as
+    outputs (no bit of the others changes).
+    """
     more, seen = [], set()
     found: list[tuple] = []
     for name, b, around in placed(scene):
-        if isinstance(b, Enabled) and (id(b), run_of(around)) not in seen and any(c.noise_key for c in reach([b.block])):
+        if (
+            isinstance(b, Enabled)
+            and (id(b), run_of(around)) not in seen
+            and any(c.noise_key for c in reach([b.block]))
+        ):
             seen.add((id(b), run_of(around)))
             more += [within(b, around), within(b.by, around)]
             seed = next((s.seed for s in around if s.seed is not None), None)
-            found.append((name, b, *(noise_model(b.block, fs) or (None, 0.0, 0.0)), run_of(around), seed))
+            found.append(
+                (name, b, *(noise_model(b.block, fs) or (None, 0.0, 0.0)), run_of(around), seed)
+            )
     for both in free_noises(scene).values():
         more += both
     names = (f"tap{k}" for k in range(1 << 62) if f"tap{k}" not in scene.outputs)
@@ -188,7 +241,9 @@ def with_taps(scene: Scene, fs: float):
 
 
 def placed(scene: Scene) -> Iterator[tuple[str, Block, tuple[Segment, ...]]]:
-    """Blocks outside of any ``enabled``: an output, one of its blocks, and the segments that it runs in, from the inside."""
+    """Blocks outside of any ``enabled``: an output, one of its blocks, and the segments
+    that it runs in, from the inside.
+    """
     for name, root in scene.outputs.items():
         todo: list[tuple[Block, tuple[Segment, ...]]] = [(root, ())]
         while todo:
@@ -208,7 +263,10 @@ def within(b: Block, around: Iterable[Segment]) -> Block:
 def free_noises(scene: Scene) -> dict[str, tuple[Block, Block]]:
     """White noises outside of gates, as a program names them, and 1 where they run."""
     return {
-        "white({}, {})".format(*b.noise_key) + run_of(around): (within(b, around), within(constant(1.0), around))
+        "white({}, {})".format(*b.noise_key) + run_of(around): (
+            within(b, around),
+            within(constant(1.0), around),
+        )
         for _, b, around in placed(scene)
         if isinstance(b, White)
     }
@@ -220,7 +278,9 @@ def run_of(around: Sequence[Segment]) -> str:
 
 
 def noise_model(root: Block, fs: float):
-    """(PSD, f_low, f_high) of a chain of known linear blocks on white noise, by their physical laws; else None."""
+    """(PSD, f_low, f_high) of a chain of known linear blocks on white noise, by their
+    physical laws; else None.
+    """
     chain: list[Law] = []
     b = root
     while not isinstance(b, White):
@@ -235,7 +295,11 @@ def noise_model(root: Block, fs: float):
             return 2 / fs * np.prod([np.abs(r.law(f, fs)) ** 2 for r in chain], axis=0)
 
     bands = [r.f(fs) for r in chain]
-    return psd, max((f[0] for f in bands if f[0] > 1), default=1.0), min((f[-1] for f in bands), default=fs / 2)
+    return (
+        psd,
+        max((f[0] for f in bands if f[0] > 1), default=1.0),
+        min((f[-1] for f in bands), default=fs / 2),
+    )
 
 
 def ramped(first: float, changes: Sequence[Change], fs: float, n: int) -> np.ndarray:
@@ -249,13 +313,14 @@ def ramped(first: float, changes: Sequence[Change], fs: float, n: int) -> np.nda
     return y
 
 
-# What a law sees -----------------------------------------------------------------------------------------------------
+# What a law sees ----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A part of a scene as its law sees it, in the law's own names: what was asked for, what went in, and what came out.
+    """A part of a scene as its law sees it, in the law's own names: what was asked for,
+    what went in, and what came out.
 
-    Of an interval of a trial these are its own samples, as they were before its window.  Where the window is 0 they are nan, and
-    nothing is compared.
+    Of an interval of a trial these are its own samples, as they were before its window.
+    Where the window is 0 they are nan, and nothing is compared.
     """
 
     e: Evidence
@@ -284,9 +349,15 @@ class Asked:
 
     @property
     def slack(self) -> float:
-        """What the window's own rounding may change, as a part of a value: its time is rounded, and its ramps are steep."""
+        """What the window's own rounding may change, as a part of a value: its time is
+        rounded, and its ramps are steep.
+        """
         span = self.part.span
-        return 0.0 if span is None or not span.ramp else 4.0 * 2.0**-53 * (span.start + span.duration) / span.ramp
+        return (
+            0.0
+            if span is None or not span.ramp
+            else 4.0 * 2.0**-53 * (span.start + span.duration) / span.ramp
+        )
 
     def live(self, name: str) -> np.ndarray:
         """A parameter at every sample, its ramps written again as straight lines."""
@@ -295,13 +366,19 @@ class Asked:
         return ramped(self.e.params[name], changes, self.fs, self.e.x.shape[1])[self.at]
 
     def held(self, name: str, low: float, high: float) -> np.ndarray:
-        """A live parameter within the range in which the block of the scene holds it."""
+        """A live parameter within the range in which the block of the scene holds
+        it.
+        """
         return np.clip(self.live(name), low, high)
 
     def rounding(self, *names: str) -> float:
-        """What the ramps of these parameters lose at most, each step of one being rounded: in parts of their largest value."""
+        """What the ramps of these parameters lose at most, each step of one being
+        rounded: in parts of their largest value.
+        """
         called = {self.part.inputs.get(n, n) for n in names}
-        return 2.0**-52 * max((c.ramp * self.fs for c in self.e.changes if c.name in called), default=0.0)
+        return 2.0**-52 * max(
+            (c.ramp * self.fs for c in self.e.changes if c.name in called), default=0.0
+        )
 
     def output(self, name: str) -> str:
         """What the scene calls an output."""
@@ -317,37 +394,71 @@ class Asked:
 
     def far(self, difference: np.ndarray) -> float:
         """The largest of a difference, as it was displayed; nan where it is."""
-        return float(np.max(np.where(self.window > 0, np.abs(difference) * self.window, 0.0), initial=0.0))
+        return float(
+            np.max(np.where(self.window > 0, np.abs(difference) * self.window, 0.0), initial=0.0)
+        )
 
     def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: float) -> None:
         """Keep what an output should be, a row or what makes it, for pictures."""
         if self.part.span is None:
             self.e.wanted[self.output(name)] = lambda: (want() if callable(want) else want, tol)
 
-    def near(self, name: str, want: np.ndarray, tol: float, text: str, least: float = 1e-300, group: str = "d") -> Check:
-        """An output against what it should be, in parts of its largest value, or of ``least`` where that is larger."""
+    def near(
+        self,
+        name: str,
+        want: np.ndarray,
+        tol: float,
+        text: str,
+        least: float = 1e-300,
+        group: str = "d",
+    ) -> Check:
+        """An output against what it should be, in parts of its largest value, or of
+        ``least`` where that is larger.
+        """
         top = max(float(np.abs(np.where(self.window > 0, want, 0.0)).max(initial=0.0)), least)
         self.expect(name, want, tol * top)
-        return Check(group, f"{self.title(name)}: {text}", self.apart(name, want) / top, tol + self.slack, "of its largest value")
+        return Check(
+            group,
+            f"{self.title(name)}: {text}",
+            self.apart(name, want) / top,
+            tol + self.slack,
+            "of its largest value",
+        )
 
     def begins(self, values: Mapping[str, float]) -> Check:
-        """Parameters of the scene have the values that were asked for, where nobody sets them."""
+        """Parameters of the scene have the values that were asked for, where nobody
+        sets them.
+        """
         found = {n: self.e.scene.params[self.part.inputs.get(n, n)].value for n in values}
         wrong = [f"{n} = {found[n]:g} for {v:g}" for n, v in values.items() if found[n] != v]
         title = "parameters" + (f" of {self.part.name}" if self.part.name else "")
-        return Check("d", f"{title}: as they were asked for", len(wrong), 0, ", ".join(wrong) or "numbers that differ")
+        return Check(
+            "d",
+            f"{title}: as they were asked for",
+            len(wrong),
+            0,
+            ", ".join(wrong) or "numbers that differ",
+        )
 
     def silent(self, name: str, off: np.ndarray) -> Check:
         """An output is exactly 0 at these samples."""
         unit = self.e.scene.outputs[self.output(name)].dim
-        return Check("e", f"{self.title(name)}: none off contact", self.far(self.y[name] * off), 0.0, str(unit))
+        return Check(
+            "e",
+            f"{self.title(name)}: none off contact",
+            self.far(self.y[name] * off),
+            0.0,
+            str(unit),
+        )
 
     def say(self, text: str) -> None:
         """A line about the numbers that were asked for."""
         self.e.numbers.append(f"{self.part.name}: {text}" if self.part.name else text)
 
     def render(self, block: Block, n: int | None = None) -> np.ndarray:
-        """The samples of a block that the law makes of what was asked for, on the inputs by the law's names."""
+        """The samples of a block that the law makes of what was asked for, on the
+        inputs by the law's names.
+        """
         n = self.n if n is None else n
         proc = compile(Scene({"y": block}), self.fs, seed=self.seed)
         x = np.array([self.x[name][:n] for name in proc.inputs]).reshape(len(proc.inputs), n)
@@ -371,9 +482,16 @@ def asked(e: Evidence, part: Part) -> Asked:
         inside = np.clip(np.minimum(t, long - t) / ramp if ramp else t * 0 + 1, 0, 1)
         window = (np.sin(np.pi * inside / 2) ** 2).astype(float)
     rows = dict(zip(e.proc.inputs, e.x, strict=True)), dict(zip(e.scene.outputs, e.y, strict=True))
-    x = {own: rows[0][name][at] for own, name in (part.inputs or {n: n for n in rows[0]}).items() if name not in e.params}
+    x = {
+        own: rows[0][name][at]
+        for own, name in (part.inputs or {n: n for n in rows[0]}).items()
+        if name not in e.params
+    }
     y = {own: rows[1][name][at] for own, name in (part.outputs or {n: n for n in rows[1]}).items()}
     with np.errstate(divide="ignore", invalid="ignore"):
-        y = {own: np.where(window > 0, row / window, np.nan) if part.span else row for own, row in y.items()}
+        y = {
+            own: np.where(window > 0, row / window, np.nan) if part.span else row
+            for own, row in y.items()
+        }
     seed = e.seed if part.span is None or part.span.seed is None else part.span.seed
     return Asked(e, part, part.given or {}, x, y, at, window, seed)

@@ -1,4 +1,6 @@
-"""The pictures of a verification: signals, what the law made of them, and each spectrum with its band."""
+"""The pictures of a verification: signals, what the law made of them, and each spectrum
+with its band.
+"""
 
 from __future__ import annotations
 
@@ -27,20 +29,29 @@ def figures(e: Evidence) -> Iterator[tuple[str, str]]:
         dict(list(zip(e.scene.outputs, e.shown, strict=True))[:OUTPUTS]),
     )
     above, below = heights(s)
-    some = f", the first {OUTPUTS} of {len(e.scene.outputs)} outputs" if len(e.scene.outputs) > OUTPUTS else ""
+    some = (
+        f", the first {OUTPUTS} of {len(e.scene.outputs)} outputs"
+        if len(e.scene.outputs) > OUTPUTS
+        else ""
+    )
     yield f"Signals over time{some}", svg(lambda fig: over_time(fig, rows_of(s), e.fs), (12, above))
     yield (
         "Each output close by: vibration, over position, spectrum",
         svg(lambda fig: close_by(fig, s, spectra_of(e)), (12, below)),
     )
     if e.fingers:
-        yield "Vibration, rate and gate (the UGrip paper, figure 4)", svg(lambda fig: _fingers(fig, e), (12, 5))
+        yield (
+            "Vibration, rate and gate (the UGrip paper, figure 4)",
+            svg(lambda fig: _fingers(fig, e), (12, 5)),
+        )
     if e.curves:
         yield "What the law is made of", svg(lambda fig: _curves(fig, s, e), (12, 6))
 
 
 def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
-    """A figure of so many inches as SVG, the same text on every run; ``draw`` gets the empty figure."""
+    """A figure of so many inches as SVG, the same text on every run; ``draw`` gets the
+    empty figure.
+    """
     mpl = package("matplotlib", "a picture")
     from matplotlib.figure import Figure
 
@@ -70,7 +81,9 @@ def _fingers(fig, e):
 
 
 def _curves(fig, s, e):
-    """The motion, what was delivered, and what the law made of it, where it is best seen."""
+    """The motion, what was delivered, and what the law made of it, where it is best
+    seen.
+    """
     rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
     start = e.closeup.start or 0
     over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, start)
@@ -92,13 +105,18 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
         size = min(8192, y.size)
         with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
             f, (measured, model) = welch(np.array([y, want]), e.fs, nperseg=size, detrend=False)
-            # of so much at every sample, with a sign that alternates: no other difference has a higher line under the Hann window
+            # of so much at every sample, with a sign that alternates: no other
+            # difference has a higher line under the Hann window
             most = np.sqrt(np.square(apart) * size / 1.5 / e.fs)
             low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
         if not np.isfinite([measured, high]).all():
             continue
         unit = str(e.scene.outputs[name].dim)
-        found[name] = Against(f"spectrum of {name}, and of its law", unit, *(a[1:] for a in (f, measured, model, low, high)))
+        found[name] = Against(
+            f"spectrum of {name}, and of its law",
+            unit,
+            *(a[1:] for a in (f, measured, model, low, high)),
+        )
     return found
 
 
@@ -113,4 +131,12 @@ def _of_noise(tap: Tap) -> Against:
     p = 1e-6 / (len(s.bands) + 1) / 2
     low, high = stats.gamma.ppf(p, bins) / bins, stats.gamma.isf(p, bins) / bins
     title = f"noise in {tap.output} before gate and rate"
-    return Against(title, "1/s", centre, level * np.array([b.ratio for b in s.bands]), level, level * low, level * high)
+    return Against(
+        title,
+        "1/s",
+        centre,
+        level * np.array([b.ratio for b in s.bands]),
+        level,
+        level * low,
+        level * high,
+    )

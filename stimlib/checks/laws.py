@@ -1,7 +1,9 @@
-"""Laws of whole signals, written here from the papers and on their own: nothing of a block's design or step is used.
+"""Laws of whole signals, written here from the papers and on their own: nothing of a
+block's design or step is used.
 
-The generator of noise, the squeezed finger, the springpot's sum, bumps and their carrier; ``scenes`` puts them together.
-Frequency responses are in ``stimlib.design.responses``.
+The generator of noise, the squeezed finger, the springpot's sum, bumps and their
+carrier; ``scenes`` puts them together. Frequency responses are in
+``stimlib.design.responses``.
 """
 
 from __future__ import annotations
@@ -11,12 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-# Noise: the published generator once more, over any whole numbers ------------------------------------------------------
+# Noise: the published generator once more, over any whole numbers ---------------------
 LOW = (1 << 32) - 1
 
 
 def philox(counter: tuple[Any, Any, Any, Any], key: tuple[Any, Any]) -> tuple[Any, Any, Any, Any]:
-    """Philox4x32-10 (Salmon et al. 2011) of 32-bit words, which are whole numbers or arrays of uint64.
+    """Philox4x32-10 (Salmon et al. 2011) of 32-bit words, which are whole numbers or
+    arrays of uint64.
 
     Examples
     --------
@@ -34,7 +37,8 @@ def philox(counter: tuple[Any, Any, Any, Any], key: tuple[Any, Any]) -> tuple[An
 
 
 def white(run_seed: int, seed: int, stream: int, first: int, n: int, use: int = 0) -> np.ndarray:
-    """Samples first .. first + n - 1 of white_noise(seed, stream) in a run, by the mathematical library; first is even.
+    """Samples first .. first + n - 1 of white_noise(seed, stream) in a run, by the
+    mathematical library; first is even.
 
     Those of the use 1 are the deviates of stationary starts.
 
@@ -58,15 +62,21 @@ def white(run_seed: int, seed: int, stream: int, first: int, n: int, use: int = 
     return y[:n]
 
 
-# Textures ----------------------------------------------------------------------------------------------------------------
-def texture_weights(at: np.ndarray, places: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (n, 3) and their weights at places (n, 2): areas of the triangles that a place makes with two corners.
+# Textures -----------------------------------------------------------------------------
+def texture_weights(
+    at: np.ndarray, places: np.ndarray, triangles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (n, 3) and their weights at places (n, 2): areas of the triangles that a
+    place makes with two corners.
 
-    Where it is in no triangle, that in which its smallest weight is largest, and weights below 0 as 0.
+    Where it is in no triangle, that in which its smallest weight is largest, and
+    weights below 0 as 0.
     """
 
     def area(a, b, c):
-        return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (c[..., 0] - a[..., 0]) * (b[..., 1] - a[..., 1])
+        return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (c[..., 0] - a[..., 0]) * (
+            b[..., 1] - a[..., 1]
+        )
 
     a, b, c = (places[triangles[:, k]] for k in range(3))
     whole = area(a, b, c)
@@ -84,7 +94,9 @@ def texture_weights(at: np.ndarray, places: np.ndarray, triangles: np.ndarray) -
 
 
 def from_line_spectrum(lsf: np.ndarray) -> np.ndarray:
-    """Coefficients (n, p) behind the 1 of polynomials from their line spectral frequencies (n, p), all roots multiplied out."""
+    """Coefficients (n, p) behind the 1 of polynomials from their line spectral
+    frequencies (n, p), all roots multiplied out.
+    """
     n, p = lsf.shape
     halves = []
     for first, sign in ((0, 1.0), (1, -1.0)):
@@ -99,8 +111,11 @@ def from_line_spectrum(lsf: np.ndarray) -> np.ndarray:
     return (halves[0] + halves[1])[:, 1 : p + 1] / 2
 
 
-def texture(model: Any, speed: np.ndarray, force: np.ndarray, noise: np.ndarray, every: int) -> np.ndarray:
-    """Acceleration of a measured texture: y = v + sum b v[-k] - sum a y[-k] at each ``every``-th sample, and a sinc between them.
+def texture(
+    model: Any, speed: np.ndarray, force: np.ndarray, noise: np.ndarray, every: int
+) -> np.ndarray:
+    """Acceleration of a measured texture: y = v + sum b v[-k] - sum a y[-k] at each
+    ``every``-th sample, and a sinc between them.
 
     Parameters
     ----------
@@ -114,8 +129,13 @@ def texture(model: Any, speed: np.ndarray, force: np.ndarray, noise: np.ndarray,
     from scipy.signal.windows import kaiser
 
     top = np.array([model.speed.max(), model.force.max()])
-    at = np.nan_to_num(np.clip(np.stack([np.abs(speed[::every]), force[::every]], axis=1), 0, top)) / top
-    corners, w = texture_weights(at, np.stack([model.speed, model.force], axis=1) / top, model.triangles.astype(int))
+    at = (
+        np.nan_to_num(np.clip(np.stack([np.abs(speed[::every]), force[::every]], axis=1), 0, top))
+        / top
+    )
+    corners, w = texture_weights(
+        at, np.stack([model.speed, model.force], axis=1) / top, model.triangles.astype(int)
+    )
 
     def mean(v):
         return np.einsum("nk,nk...->n...", w, v[corners])
@@ -133,9 +153,11 @@ def texture(model: Any, speed: np.ndarray, force: np.ndarray, noise: np.ndarray,
     return upfirdn((taps / taps.sum(axis=0)).ravel(), y[p:], every)[: speed.size]
 
 
-# Scenes ----------------------------------------------------------------------------------------------------------------
+# Scenes -------------------------------------------------------------------------------
 class Finger(NamedTuple):
-    """The squeeze law of one finger, computed from scratch: all arrays have one value per sample."""
+    """The squeeze law of one finger, computed from scratch: all arrays have one value
+    per sample.
+    """
 
     mean: np.ndarray  # k x
     v: np.ndarray
@@ -144,9 +166,18 @@ class Finger(NamedTuple):
 
 
 def squeeze_finger(
-    x: np.ndarray, noise: np.ndarray, contact: np.ndarray, fs: float, k: Any, A: Any, cutoff: float, on: float, off: float
+    x: np.ndarray,
+    noise: np.ndarray,
+    contact: np.ndarray,
+    fs: float,
+    k: Any,
+    A: Any,
+    cutoff: float,
+    on: float,
+    off: float,
 ) -> Finger:
-    """The UGrip paper, eq. (2) and section 2.1, for one finger's position and (gated) noise.
+    """The UGrip paper, eq. (2) and section 2.1, for one finger's position and (gated)
+    noise.
 
     Parameters
     ----------
@@ -170,7 +201,8 @@ def squeeze_finger(
         rate = np.diff(x[a:b], prepend=x[a]) * fs
         v[a:b] = lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate)
     n = np.arange(x.size)
-    opened = np.maximum.accumulate(np.where(v > on, n, -1))  # open since it was last above on, unless it was not above off since
+    # open since it was last above on, unless it was not above off since
+    opened = np.maximum.accumulate(np.where(v > on, n, -1))
     closed = np.maximum.accumulate(np.where(v > off, -1, n))
     gate = opened > closed
     tau = 1 / 8000
@@ -179,7 +211,9 @@ def squeeze_finger(
 
 
 def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float, float]:
-    """(on, off): off = 2 q max|h|, h the velocity after a step of one encoder code q; on = 2 off."""
+    """(on, off): off = 2 q max|h|, h the velocity after a step of one encoder code q;
+    on = 2 off.
+    """
     from scipy.signal import lfilter
 
     pole = math.exp(-2 * math.pi * cutoff / fs)
@@ -192,29 +226,40 @@ def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float,
 FEW = 4096  # weights that are a product of as many factors
 
 
-# Springpot ---------------------------------------------------------------------------------------------------------------
+# Springpot ----------------------------------------------------------------------------
 def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
-    """v_0 .. v_{n-1} of the sum over first differences, in extended precision: Gruenwald-Letnikov or L1.
+    """v_0 .. v_{n-1} of the sum over first differences, in extended precision:
+    Gruenwald-Letnikov or L1.
 
-    "straight" takes differences of the sum of a force that is straight between samples: second differences of j^(2 - alpha).
+    "straight" takes differences of the sum of a force that is straight between samples:
+    second differences of j^(2 - alpha).
     """
     j, a = np.arange(1, max(n, FEW), dtype=np.longdouble), np.longdouble(alpha)
     v = np.cumprod(np.r_[np.longdouble(1), (j[: FEW - 1] - a) / j[: FEW - 1]])
     rho = (1 - a) / 2  # Gamma(j + 1 - alpha)/Gamma(j + 1) by its series
     w = j[FEW - 2 :] + rho
-    far = w**-a * (1 - a * (a + 1) * rho / 12 * (1 - (a + 2) * (a + 3) * (5 * rho + 1) / 120 / w**2) / w**2)
+    far = w**-a * (
+        1 - a * (a + 1) * rho / 12 * (1 - (a + 2) * (a + 3) * (5 * rho + 1) / 120 / w**2) / w**2
+    )
     g = v[-1] / far[0]  # 1/Gamma(1 - alpha)
     if scheme == "gl" or alpha == 1:
         return np.r_[v, g * far[1:]][:n]
     if scheme == "l1":
-        return g / (1 - a) * np.r_[np.longdouble(1), j ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j))][:n]
+        return (
+            g
+            / (1 - a)
+            * np.r_[np.longdouble(1), j ** (1 - a) * np.expm1((1 - a) * np.log1p(1 / j))][:n]
+        )
     with np.errstate(divide="ignore"):
         second = np.expm1((2 - a) * np.log1p(1 / j)) + np.expm1((2 - a) * np.log1p(-1 / j))
     return g / (1 - a) / (2 - a) * np.r_[np.longdouble(1), j ** (2 - a) * second][:n]
 
 
-def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """D^alpha y at some samples by the full sum of Çaldıran's thesis, eq. (3.1), from rest; and the same sum of absolute values.
+def springpot_sum(
+    y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """D^alpha y at some samples by the full sum of Çaldıran's thesis, eq. (3.1), from
+    rest; and the same sum of absolute values.
 
     The order is that of the sample, as if it had been so from the start.
     """
@@ -230,8 +275,11 @@ def springpot_sum(y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: 
     return sums[:, 0], sums[:, 1]
 
 
-def springpot_convolution(y: np.ndarray, fs: float, scheme: str, alpha: float) -> tuple[np.ndarray, np.ndarray]:
-    """The same two sums at every sample, by Fourier transforms in double precision: to some 1e-14 of the largest.
+def springpot_convolution(
+    y: np.ndarray, fs: float, scheme: str, alpha: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same two sums at every sample, by Fourier transforms in double precision: to
+    some 1e-14 of the largest.
 
     Examples
     --------
@@ -239,7 +287,10 @@ def springpot_convolution(y: np.ndarray, fs: float, scheme: str, alpha: float) -
     >>> from stimlib.checks.laws import springpot_convolution, springpot_sum
     >>> y = np.sin(np.arange(100) / 10)
     >>> force, _ = springpot_sum(y, 1000.0, "gl", np.full(100, 0.5), np.arange(100))
-    >>> bool(abs(springpot_convolution(y, 1000.0, "gl", 0.5)[0] - force).max() < 1e-13 * abs(force).max())
+    >>> bool(
+    ...     abs(springpot_convolution(y, 1000.0, "gl", 0.5)[0] - force).max()
+    ...     < 1e-13 * abs(force).max()
+    ... )
     True
     """
     from scipy.signal import fftconvolve
@@ -249,7 +300,7 @@ def springpot_convolution(y: np.ndarray, fs: float, scheme: str, alpha: float) -
     return fftconvolve(v, d)[: y.size], fftconvolve(np.abs(v), np.abs(d))[: y.size]
 
 
-# Bumps -------------------------------------------------------------------------------------------------------------------
+# Bumps --------------------------------------------------------------------------------
 def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
     """Integral of the envelope from 0 to w, 0 <= w <= 1."""
     s = np.minimum(w, d)
@@ -260,16 +311,24 @@ def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
     if waveform == "half_sine":
         return d / np.pi * (1 - np.cos(np.pi * s / d))
     pi = np.longdouble(math.pi)
-    return ((np.sin(2 * pi * (s - d / 2)) + np.sin(pi * d)) / (2 * pi) - np.cos(pi * d) * s) / (1 - np.cos(pi * d))
+    return ((np.sin(2 * pi * (s - d / 2)) + np.sin(pi * d)) / (2 * pi) - np.cos(pi * d) * s) / (
+        1 - np.cos(pi * d)
+    )
 
 
 def ridge_sum(waveform: str, u: Any, d: Any) -> Any:
     """Integral of the envelope from 0 to u."""
-    return np.floor(u) * _ridge_integral(waveform, np.longdouble(1), d) + _ridge_integral(waveform, u - np.floor(u), d)
+    return np.floor(u) * _ridge_integral(waveform, np.longdouble(1), d) + _ridge_integral(
+        waveform, u - np.floor(u), d
+    )
 
 
-def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.ndarray) -> np.ndarray:
-    """Mean of the unipolar wave over u[n-1] .. u[n], of the duty of sample n (touch-screen thesis, figure 4.1); 0 off contact."""
+def bump_envelope(
+    u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.ndarray
+) -> np.ndarray:
+    """Mean of the unipolar wave over u[n-1] .. u[n], of the duty of sample n
+    (touch-screen thesis, figure 4.1); 0 off contact.
+    """
     u, d = u.astype(np.longdouble), duty.astype(np.longdouble)
     touching = contact > 0
     before = np.r_[u[:1], u[:-1]]
@@ -277,20 +336,26 @@ def bump_envelope(u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.nd
     before[first] = u[first]
     du = u - before
 
-    same = (np.floor(u) == np.floor(before)) & ((u - np.floor(u) < d) == (before - np.floor(before) < d))
+    same = (np.floor(u) == np.floor(before)) & (
+        (u - np.floor(u) < d) == (before - np.floor(before) < d)
+    )
     same |= waveform in ("sine", "half_sine")  # they have no edges
-    still = (np.abs(du) < 1e-8) & same  # the value there: a difference of integrals would have no digits left
+    # the value there: a difference of integrals would have no digits left
+    still = (np.abs(du) < 1e-8) & same
     low = np.where(still, u, before)
     low = low - np.floor(low)  # places within a period have all their digits
     tiny = np.longdouble(1e-9)
-    ahead = (low + tiny > 1) | ((low < d) & (low + tiny > d))  # an edge is so near that a small step goes the other way
+    # an edge is so near that a small step goes the other way
+    ahead = (low + tiny > 1) | ((low < d) & (low + tiny > d))
     step = np.where(still, np.where(ahead, -tiny, tiny), du)
     e = (ridge_sum(waveform, low + step, d) - ridge_sum(waveform, low, d)) / step
     return np.where(touching, e, 0).astype(float)
 
 
 def bump_loss(u: np.ndarray, contact: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """What a mean over a small movement across an edge loses at most: its two integrals are rounded, and their difference not."""
+    """What a mean over a small movement across an edge loses at most: its two integrals
+    are rounded, and their difference not.
+    """
     touching, before = contact > 0, np.r_[u[:1], u[:-1]]
     way = np.where(touching & np.r_[False, touching[:-1]], np.abs(u - before), 0.0)
     cells = np.floor(before), np.floor(u)
@@ -299,8 +364,12 @@ def bump_loss(u: np.ndarray, contact: np.ndarray, duty: np.ndarray) -> np.ndarra
     return np.minimum(lost, 1.0)  # an envelope is between 0 and 1
 
 
-def profile_gain(x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.ndarray, kind: str) -> tuple[np.ndarray, float]:
-    """d_max/d between the last two places (touch-screen thesis, section 4.2), and the largest gain between the knots."""
+def profile_gain(
+    x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.ndarray, kind: str
+) -> tuple[np.ndarray, float]:
+    """d_max/d between the last two places (touch-screen thesis, section 4.2), and the
+    largest gain between the knots.
+    """
     from scipy import interpolate
 
     make = {
@@ -314,12 +383,18 @@ def profile_gain(x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.nd
     before = np.r_[x[:1], x[:-1]]
     first = touching & ~np.r_[False, touching[:-1]]
     before[first] = x[first]
-    places = np.concatenate([np.linspace(a, b, 65) for a, b in zip(knots[:-1], knots[1:], strict=True)])
-    return d.max() / curve(np.clip((before + x) / 2, knots[0], knots[-1])), float(d.max() / curve(places).min())
+    places = np.concatenate(
+        [np.linspace(a, b, 65) for a, b in zip(knots[:-1], knots[1:], strict=True)]
+    )
+    return d.max() / curve(np.clip((before + x) / 2, knots[0], knots[-1])), float(
+        d.max() / curve(places).min()
+    )
 
 
 def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
-    """A sinusoid at turns t, of step turns for each sample; rectified, its mean over the sample period around each sample."""
+    """A sinusoid at turns t, of step turns for each sample; rectified, its mean over
+    the sample period around each sample.
+    """
     pi = np.longdouble(math.pi) + np.longdouble(1.2246467991473532e-16)
     t = t - np.floor(t + 0.25)  # the nearest half wave is 0 .. 1/2
     if rectify is None:
@@ -330,15 +405,20 @@ def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
         inside = (t >= step / 2) & (
             t <= 0.5 - step / 2
         )  # the mean, set right at its frequency, is the sinusoid's own value there
-        # over an edge: the integral of sin(2 pi t) from low to high is sin(pi (low + high)) sin(pi (high - low))/pi
+        # over an edge: the integral of sin(2 pi t) from low to high is sin(pi (low +
+        # high)) sin(pi (high - low))/pi
         size = np.where(step > 0, np.sin(pi * step), 1)
         part = np.sin(pi * (low + high)) * np.sin(pi * np.maximum(high - low, 0)) / size
         return np.where(inside, np.sin(2 * pi * t), part)
 
-    return (half(t) if rectify == "half" else half(t) + half(t + 0.5 - np.floor(t + 0.75))).astype(float)
+    return (half(t) if rectify == "half" else half(t) + half(t + 0.5 - np.floor(t + 0.75))).astype(
+        float
+    )
 
 
 def carrier_half(freq: np.ndarray, fs: float) -> np.ndarray:
-    """Positive half wave of a sinusoid with a frequency for each sample: means over the sample period, set right at freq (Hz)."""
+    """Positive half wave of a sinusoid with a frequency for each sample: means over the
+    sample period, set right at freq (Hz).
+    """
     step = freq.astype(np.longdouble) / np.longdouble(fs)
     return carried(np.cumsum(step) - step, step, "half")

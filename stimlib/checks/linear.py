@@ -1,7 +1,9 @@
-"""Linear blocks once more: the response of each to one sample in closed form, and its rows as sums over what came in.
+"""Linear blocks once more: the response of each to one sample in closed form, and its
+rows as sums over what came in.
 
-Nothing of a recursion is run.  A response is taps, or a sum of modes r exp(n L) in extended precision, whose poles come from
-their formulas (of pinking, whose poles are fitted, from the design: the law of its spectrum holds them).
+Nothing of a recursion is run.  A response is taps, or a sum of modes r exp(n L) in
+extended precision, whose poles come from their formulas (of pinking, whose poles are
+fitted, from the design: the law of its spectrum holds them).
 """
 
 from __future__ import annotations
@@ -35,11 +37,13 @@ class Modes(NamedTuple):
     def response(self, n: int) -> Row:
         """h[0] .. h[n - 1]; powers as products of those of 64 samples and of one."""
         n = min(n, int(min(n, GONE / max(-float(self.L.real.max(initial=-LONG(1e9))), 1e-9))) + 2)
-        far, near = (np.exp(np.multiply.outer(k, self.L)) for k in (np.arange(0, n, 64), np.arange(64)))
+        far, near = (
+            np.exp(np.multiply.outer(k, self.L)) for k in (np.arange(0, n, 64), np.arange(64))
+        )
         return np.r_[self.direct, ((far * self.r) @ near.T).real.ravel()][:n]
 
 
-# Poles and zeros of the four families ----------------------------------------------------------------------------------
+# Poles and zeros of the four families -------------------------------------------------
 def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row, Row, Any]:
     """Zeros, poles and gain of the low-pass whose edge is 1."""
     e = np.sqrt(np.expm1(LONG(ripple) * np.log(LONG(10)) / 10))
@@ -47,15 +51,30 @@ def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row
     if kind == "butterworth":
         poles = np.exp(1j * (turns + PI / 2))
     elif kind == "chebyshev1":
-        poles = -np.sinh(np.arcsinh(1 / e) / n) * np.sin(turns) + 1j * np.cosh(np.arcsinh(1 / e) / n) * np.cos(turns)
+        poles = -np.sinh(np.arcsinh(1 / e) / n) * np.sin(turns) + 1j * np.cosh(
+            np.arcsinh(1 / e) / n
+        ) * np.cos(turns)
     elif kind == "bessel":
-        f = np.array([math.factorial(n + k) / (2**k * math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)], LONG)
-        edge = brentq(lambda w: abs(np.polyval(f, 1j * w) / f[-1]) ** 2 - 2, 0.5 * math.sqrt(n), math.sqrt(2 * n), xtol=1e-16)
+        f = np.array(
+            [
+                math.factorial(n + k) / (2**k * math.factorial(k) * math.factorial(n - k))
+                for k in range(n + 1)
+            ],
+            LONG,
+        )
+        edge = brentq(
+            lambda w: abs(np.polyval(f, 1j * w) / f[-1]) ** 2 - 2,
+            0.5 * math.sqrt(n),
+            math.sqrt(2 * n),
+            xtol=1e-16,
+        )
         poles = np.roots(f.astype(float)).astype(COMPLEX)
         for _ in range(6):  # Newton's method doubles the digits
             poles = poles - np.polyval(f, poles) / np.polyval(np.polyder(f), poles)
         poles = poles / edge
-    else:  # theta functions of the nome q, which the order takes to the root (Orfanidis 2006, Lecture Notes on Elliptic Filters)
+    # theta functions of the nome q, which the order takes to the root (Orfanidis 2006,
+    # Lecture Notes on Elliptic Filters)
+    else:
         m1 = float(e * e / np.expm1(LONG(attenuation) * np.log(LONG(10)) / 10))
         q = np.exp(-PI * LONG(special.ellipkm1(m1)) / special.ellipk(m1) / n)
         j = np.arange(40)
@@ -88,7 +107,11 @@ def analogue(band: str, edges: tuple[float, ...], *family: Any) -> tuple[Row, Ro
         return np.r_[w[0] * zeros, more], w[0] * poles, gain
     width, middle = w[1] - w[0], w[0] * w[1]
     if band == "bandpass":
-        return np.r_[_two(width * zeros, middle), more], _two(width * poles, middle), gain * width**more.size
+        return (
+            np.r_[_two(width * zeros, middle), more],
+            _two(width * poles, middle),
+            gain * width**more.size,
+        )
     return np.r_[_two(width * zeros, middle), _two(more, middle)], _two(width * poles, middle), gain
 
 
@@ -100,19 +123,25 @@ def _two(b: Row, c: Any) -> Row:
 
 
 def digital(zeros: Row, poles: Row, gain: Any) -> Modes:
-    """Modes of what has these zeros, poles and gain in s; z - z' is 2 (s - s')/((1 - s)(1 - s'))."""
+    """Modes of what has these zeros, poles and gain in s; z - z' is 2 (s - s')/((1 -
+    s)(1 - s')).
+    """
     direct = gain * np.prod(1 - zeros) / np.prod(1 - poles)
     r = direct * np.ones(poles.size, COMPLEX)
     for j, p in enumerate(poles):
         rest = np.delete(poles, j)
-        r[j] *= np.prod(2 * (p - zeros) / (1 - p) / (1 - zeros)) * (2 / (1 - p)) ** (poles.size - zeros.size)
+        r[j] *= np.prod(2 * (p - zeros) / (1 - p) / (1 - zeros)) * (2 / (1 - p)) ** (
+            poles.size - zeros.size
+        )
         r[j] /= np.prod(2 * (p - rest) / (1 - p) / (1 - rest))
     return Modes(direct.real, r, 2 * np.arctanh(poles))
 
 
-# The response of each class ----------------------------------------------------------------------------------------------
+# The response of each class -----------------------------------------------------------
 RESPONSES: dict[str, Callable[[Any, float], Modes | Callable[[int], Row]]] = {}
-"""By the name of a class: its modes, or a function that gives the first n samples of its response."""
+"""By the name of a class: its modes, or a function that gives the first n samples of
+its response.
+"""
 
 
 def response(*names: str) -> Callable:
@@ -131,9 +160,15 @@ def taps(h: Any) -> Callable[[int], Row]:
 
 
 def straight(L: Any, size: Any) -> tuple[Any, Row, Row]:
-    """Of the sum of size/(s - L fs) of inputs straight between samples: h[0], r and L; sinh keeps its digits."""
+    """Of the sum of size/(s - L fs) of inputs straight between samples: h[0], r and L;
+    sinh keeps its digits.
+    """
     L = np.asarray(L, COMPLEX)
-    first = np.where(np.abs(L) < 1e-4, 0.5 + L / 6 + L**2 / 24 + L**3 / 120, (np.expm1(L) - L) / np.where(L == 0, 1, L) ** 2)
+    first = np.where(
+        np.abs(L) < 1e-4,
+        0.5 + L / 6 + L**2 / 24 + L**3 / 120,
+        (np.expm1(L) - L) / np.where(L == 0, 1, L) ** 2,
+    )
     kernel = np.where(L == 0, 1, (np.expm1(L) / np.where(L == 0, 1, L)) ** 2)
     return np.sum(size * first).real, size * kernel, L
 
@@ -199,7 +234,9 @@ def _arms(b, fs):
 @response("KelvinChain")
 def _chain(b, fs):
     a = np.r_[1 / (np.asarray(b.tau, LONG) * LONG(fs)), [0.0] * (b.fluidity > 0)]
-    direct, r, L = straight(-a, np.r_[b.j * a[: b.j.size], [b.fluidity / LONG(fs)] * (b.fluidity > 0)])
+    direct, r, L = straight(
+        -a, np.r_[b.j * a[: b.j.size], [b.fluidity / LONG(fs)] * (b.fluidity > 0)]
+    )
     return Modes(b.j0 + direct, r, L)
 
 
@@ -207,7 +244,11 @@ def _chain(b, fs):
 def _pink(b, fs):  # poles and weights are a best fit, which (a2) holds
     p = b.design(fs)[0]
     some = p.r != 0
-    return Modes(p.d + p.r.sum(), p.r[some] * p.p[some], np.log(np.where(p.p[some] == 0, 1e-300, p.p[some]).astype(COMPLEX)))
+    return Modes(
+        p.d + p.r.sum(),
+        p.r[some] * p.p[some],
+        np.log(np.where(p.p[some] == 0, 1e-300, p.p[some]).astype(COMPLEX)),
+    )
 
 
 @response("Filter")
@@ -218,7 +259,9 @@ def _filter(b, fs):
 
 @response("BandNoise")
 def _band_noise(b, fs):
-    zeros, poles, gain = analogue("bandpass", (b.low / LONG(fs), b.high / LONG(fs)), "butterworth", b.order, 1.0, 60.0)
+    zeros, poles, gain = analogue(
+        "bandpass", (b.low / LONG(fs), b.high / LONG(fs)), "butterworth", b.order, 1.0, 60.0
+    )
     return digital(zeros, poles, gain * np.sqrt(b.psd * LONG(fs) / 2))
 
 
@@ -235,7 +278,10 @@ def _resonator(b, fs):
 def _pole_swap(b, fs):
     r = b.freq / LONG(fs)
     narrow, wide = LONG(b.q), b.q / LONG(b.gain)
-    turns = [2 * PI * r * (-0.5 / q + np.array([1j, -1j]) * np.sqrt(COMPLEX(1 - 0.25 / q**2))) for q in (narrow, wide)]
+    turns = [
+        2 * PI * r * (-0.5 / q + np.array([1j, -1j]) * np.sqrt(COMPLEX(1 - 0.25 / q**2)))
+        for q in (narrow, wide)
+    ]
     zeros, poles = (np.tanh(turn / 2) for turn in turns)
     s = 1j * np.tan(PI * r)
     size = np.abs(np.prod(s - poles) / np.prod(s - zeros))
@@ -244,15 +290,22 @@ def _pole_swap(b, fs):
 
 @response("Sos")
 def _sos(b, fs):
-    return lambda n: sosfilt((b.rows / b.rows[:, 3:4]).astype(LONG), np.r_[LONG(1), np.zeros(n - 1, LONG)])
+    return lambda n: sosfilt(
+        (b.rows / b.rows[:, 3:4]).astype(LONG), np.r_[LONG(1), np.zeros(n - 1, LONG)]
+    )
 
 
 @response("Series")
 def _series(b, fs):
-    """f = g (y - z), f = S z with both as power series of 1/z: g S/(g + S); the reciprocal by Newton's method."""
+    """f = g (y - z), f = S z with both as power series of 1/z: g S/(g + S); the
+    reciprocal by Newton's method.
+    """
 
     def first(n: int) -> Row:
-        S = np.diff(laws.springpot_weights(b.scheme, b.order, n) * b.chi * LONG(fs) ** LONG(b.order), prepend=LONG(0))
+        S = np.diff(
+            laws.springpot_weights(b.scheme, b.order, n) * b.chi * LONG(fs) ** LONG(b.order),
+            prepend=LONG(0),
+        )
         g = np.zeros(n, LONG)
         g[:2] = (b.other * fs, -b.other * fs)[:n] if b.dashpot else (b.other, 0.0)[:n]
         size = g[0] + S[0]
@@ -266,7 +319,7 @@ def _series(b, fs):
     return first
 
 
-# The laws ----------------------------------------------------------------------------------------------------------------
+# The laws -----------------------------------------------------------------------------
 FREE = 1e-12  # of the largest row: what is left beside a state that is not known
 SHORT = 512  # samples of a response that are summed one by one
 START = 1e-5  # of a state that is drawn: what its factor may lose
@@ -284,7 +337,9 @@ def summed(h: Row, x: Row) -> Row:
 
 
 def settled(b: Any, fs: float, x: Rows) -> float:
-    """Samples after which all of a response has been seen; of modes what went before is found."""
+    """Samples after which all of a response has been seen; of modes what went before is
+    found.
+    """
     made = _made(b, fs)
     if isinstance(made, Modes) or type(b).resettable:
         return 1
@@ -301,21 +356,28 @@ def _linear(b, fs, x, y):
         h = made.response(way.size) if isinstance(made, Modes) else made(way.size)
         want[s] = summed(h, way)
         loss = rounding(b, 3e-15 if callable(made) and h.size <= SHORT else 1e-13)
-        tol[s] = float(np.abs(h).sum()) * (loss * np.abs(way).max() + 2.0**-50 * np.abs(x[0][s]).max()) + 1e-300
+        tol[s] = (
+            float(np.abs(h).sum()) * (loss * np.abs(way).max() + 2.0**-50 * np.abs(x[0][s]).max())
+            + 1e-300
+        )
         if not isinstance(made, Modes):
             tol[s] = np.inf if type(b).resettable and not (x.rest or s.start) else tol[s]
         elif s.start == 0 and (not x.rest or type(b).__name__ == "PinkNoise"):
             before = free(made.L, y[s] - want[s])
             if x.rest:
                 began = stationary(b, made, fs, x.seed, y[s].size)
-                before = before if np.abs(before - began).max() < START * np.abs(began).max() else began
+                before = (
+                    before if np.abs(before - began).max() < START * np.abs(began).max() else began
+                )
             want[s] += before
             tol[s] += FREE * np.abs(y[s]).max()
     return want, tol
 
 
 def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
-    """What pink noise has left of what was before: a state q of the covariance 1/(1 - p p'), drawn by the published generator."""
+    """What pink noise has left of what was before: a state q of the covariance 1/(1 - p
+    p'), drawn by the published generator.
+    """
     if not isinstance(b.white, White):
         return np.zeros(n)
     p = np.exp(made.L).real
@@ -330,8 +392,14 @@ def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
 
 
 def free(L: Row, rest: Row) -> Row:
-    """The part of a row that decays by these modes from whatever there was: the nearest at some samples, most of them early."""
-    at = np.unique(np.r_[np.arange(min(64, rest.size)), np.geomspace(1, rest.size, 16 * L.size).astype(int) - 1])
+    """The part of a row that decays by these modes from whatever there was: the nearest
+    at some samples, most of them early.
+    """
+    at = np.unique(
+        np.r_[
+            np.arange(min(64, rest.size)), np.geomspace(1, rest.size, 16 * L.size).astype(int) - 1
+        ]
+    )
     L = L[L.imag >= -1e-12 * np.abs(L)]
 
     def columns(n: Row) -> Row:
@@ -347,7 +415,9 @@ def rounding(b: Any, least: float) -> float:
     """What a step may lose, as a part of the largest sum that there can be."""
     wide = b.high / b.low if getattr(b, "band", "") == "bandstop" else 0.0
     narrow = b.high / (b.high - b.low) if getattr(b, "high", None) else 0.0
-    return least * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (type(b).__name__ == "Series")
+    return least * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (
+        type(b).__name__ == "Series"
+    )
 
 
 def late(b: Any, fs: float) -> int:
@@ -362,7 +432,9 @@ def _delay(b, fs, x, y):
 
 @law("Track", "TrackVelocity", since=lambda b, fs, x: 65 * fs / (2 * math.pi * b.bandwidth))
 def _track(b, fs, x, y):
-    """Steps of a held input through 1 - (1 + w t) exp(-w t), from where it was caught last."""
+    """Steps of a held input through 1 - (1 + w t) exp(-w t), from where it was caught
+    last.
+    """
     place, touching = x[0], x[1] > 0
     most = math.inf if b.max_jump is None else b.max_jump
     q = 2 * PI * b.bandwidth / LONG(fs)
@@ -384,4 +456,6 @@ def _track(b, fs, x, y):
         want[a:e] = summed(h, np.diff(way, prepend=0.0)) + (0.0 if rate else place[a])
         if not rate:
             want[e : edges[k + 1]] = want[e - 1] if x.rest or a else y[e - 1]
-    return want, 1e-12 * (fs if rate else 1.0) * max(float(np.abs(place[touching]).max(initial=0.0)), 1e-300)
+    return want, 1e-12 * (fs if rate else 1.0) * max(
+        float(np.abs(place[touching]).max(initial=0.0)), 1e-300
+    )

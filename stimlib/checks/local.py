@@ -1,4 +1,6 @@
-"""Each block of a scene against a law of its own, on the signals that it really got, whatever it is composed with."""
+"""Each block of a scene against a law of its own, on the signals that it really got,
+whatever it is composed with.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,20 @@ import numpy as np
 
 from ..blocks.delay import Delay, DelayParams, DelayState
 from ..blocks.noise import White
-from ..core.graph import NONE, Block, Const, Input, Map, Param, Pick, Segment, Subsystem, reach, signals, type_name
+from ..core.graph import (
+    NONE,
+    Block,
+    Const,
+    Input,
+    Map,
+    Param,
+    Pick,
+    Segment,
+    Subsystem,
+    reach,
+    signals,
+    type_name,
+)
 from ..core.loops import Last, Loop, Tap
 from ..core.program import lead
 from ..core.scene import Scene
@@ -23,7 +38,8 @@ from . import linear as linear  # it enters its laws into those of rows
 from .evidence import Check, Evidence, ramped
 from .rows import Rows
 
-FIRST, LATER, PLACES = 1 << 13, 1 << 12, 4  # samples that are looked at: the first, and stretches that the seed places
+# samples that are looked at: the first, and stretches that the seed places
+FIRST, LATER, PLACES = 1 << 13, 1 << 12, 4
 FADED = 1e-180  # what a loop counts as 0
 GONE = 1e-18  # of the largest sample of a stretch: what may be left there of what was before
 NOISE = 1e-13  # of two computations of a normal deviate
@@ -66,12 +82,18 @@ class Part(NamedTuple):
 
     at: int  # its first sample
     n: int
-    rows: dict[int, Row]  # of each block; in the first span from before sample 0 on, where the block begins there
+    # of each block; in the first span from before sample 0 on, where the block begins
+    # there
+    rows: dict[int, Row]
     past: dict[int, int]  # ``rows.SUMS`` of the samples before
 
     def row(self, b: Block, n: int) -> Row:
         """The last n samples of a signal."""
-        return np.full(n, b.value) if isinstance(b, Const) else self.rows[id(b)][..., self.rows[id(b)].shape[-1] - n :]
+        return (
+            np.full(n, b.value)
+            if isinstance(b, Const)
+            else self.rows[id(b)][..., self.rows[id(b)].shape[-1] - n :]
+        )
 
     def early(self, b: Block, fs: float) -> int:
         """How many samples of a block's row are before sample 0."""
@@ -80,7 +102,9 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Early(Block):
-    """A signal as late as it begins before sample 0: all that came before comes first."""
+    """A signal as late as it begins before sample 0: all that came before comes
+    first.
+    """
 
     x: Block
     step = staticmethod(Delay.step)
@@ -90,12 +114,19 @@ class Early(Block):
 
 
 def blocks_held(e: Evidence) -> list[Check]:
-    """A check for each class of block; what has no law, or could not be seen, goes to ``skipped``."""
+    """A check for each class of block; what has no law, or could not be seen, goes to
+    ``skipped``.
+    """
     x = dict(zip(e.proc.inputs, e.x, strict=True))
-    found = e.held = held(Run(e.scene, e.fs, e.seed, x, n := e.x.shape[1], e.params, e.changes, spans(n, e.seed)))
+    found = e.held = held(
+        Run(e.scene, e.fs, e.seed, x, n := e.x.shape[1], e.params, e.changes, spans(n, e.seed))
+    )
     for kind in dict.fromkeys((h.kind, h.why) for h in found if h.why):
         same = [h for h in found if (h.kind, h.why) == kind]
-        e.skipped.append(f"{same[0].block!r}{same[0].where}{f' and {len(same) - 1} more' if same[1:] else ''}: {kind[1]}")
+        e.skipped.append(
+            f"{same[0].block!r}{same[0].where}{f' and {len(same) - 1} more' if same[1:] else ''}:"
+            f" {kind[1]}"
+        )
     checks = []
     for name in dict.fromkeys(_group(h.block) for h in found if not h.why):
         same = [h for h in found if not h.why and _group(h.block) == name]
@@ -107,10 +138,17 @@ def blocks_held(e: Evidence) -> list[Check]:
 
 
 def spans(n: int, seed: int) -> list[tuple[int, int]]:
-    """The stretches that are looked at: all of a short run; of a long one its beginning, and others drawn by its seed."""
+    """The stretches that are looked at: all of a short run; of a long one its
+    beginning, and others drawn by its seed.
+    """
     if n <= FIRST + PLACES * LATER:
         return [(0, n)]
-    free = np.sort(np.random.default_rng([seed, n]).integers(0, n - FIRST - PLACES * LATER + 1, PLACES)) + FIRST
+    free = (
+        np.sort(
+            np.random.default_rng([seed, n]).integers(0, n - FIRST - PLACES * LATER + 1, PLACES)
+        )
+        + FIRST
+    )
     return [(0, FIRST), *((int(a), int(a) + LATER) for a in free + LATER * np.arange(PLACES))]
 
 
@@ -118,7 +156,11 @@ def _group(b: Block) -> str:
     """What a block is listed under."""
     if isinstance(b, Input | Param):
         return "inputs and parameters"
-    return "arithmetic" if isinstance(b, Map) and type_name(type(b)) in rows.LAWS else type_name(type(b))
+    return (
+        "arithmetic"
+        if isinstance(b, Map) and type_name(type(b)) in rows.LAWS
+        else type_name(type(b))
+    )
 
 
 def held(run: Run) -> list[Held]:
@@ -132,7 +174,12 @@ def _held(run: Run) -> tuple[list[Held], list[Part]]:
     if all(isinstance(b, Const) for b in blocks):
         return [], [Part(a, z - a, {}, {}) for a, z in run.spans]
     gated: list[Any] = [b for b in blocks if isinstance(b, Subsystem)]
-    moved = [p for b in gated for p in reach([b.block]) if isinstance(p, Param) and any(p.name == c.name for c in run.changes)]
+    moved = [
+        p
+        for b in gated
+        for p in reach([b.block])
+        if isinstance(p, Param) and any(p.name == c.name for c in run.changes)
+    ]
     seen, whole = _seen(run, blocks, [b.by for b in gated if not isinstance(b.by, Const)], moved)
     found = []
     for b in blocks:
@@ -166,8 +213,11 @@ def outside(roots: Iterable[Block]) -> list[Block]:
     return [b for b in reach(list(roots)) if id(b) in found]
 
 
-def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequence[Block]) -> tuple[list[Part], dict[int, Row]]:
-    """The rows of each block in each span; and at all samples where gates were open, and the values of these parameters.
+def _seen(
+    run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequence[Block]
+) -> tuple[list[Part], dict[int, Row]]:
+    """The rows of each block in each span; and at all samples where gates were open,
+    and the values of these parameters.
 
     They end where one is not finite.
     """
@@ -193,7 +243,9 @@ def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequenc
         return np.array([run.x[name][at] for name in proc.inputs]).reshape(len(proc.inputs), b - a)
 
     moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
-    kept = [np.empty((len(place), (z if k else max(z, lag)) - a)) for k, (a, z) in enumerate(run.spans)]
+    kept = [
+        np.empty((len(place), (z if k else max(z, lag)) - a)) for k, (a, z) in enumerate(run.spans)
+    ]
     whole: dict[int, list[Row]] = {id(b): [] for b in (*gates, *params)}
     summed = {id(b): 0 for b in blocks if type_name(type(b)) in rows.SUMS}
     past: list[dict[int, int]] = [{} for _ in run.spans]
@@ -208,13 +260,18 @@ def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequenc
             whole[id(b)].append(y[place[names[id(b)][0]]].copy())
         for b in (b for b in blocks if id(b) in summed):
             first = b.children[0]
-            row = np.full(end - at, first.value) if isinstance(first, Const) else y[place[names[id(first)][0]]]
+            row = (
+                np.full(end - at, first.value)
+                if isinstance(first, Const)
+                else y[place[names[id(first)][0]]]
+            )
             step = rows.SUMS[type_name(type(b))](row, run.fs)
             for (a, _), sums in zip(run.spans, past, strict=True):
                 if at <= a < end:
                     sums[id(b)] = summed[id(b)] + int(step[: a - at].sum())
             summed[id(b)] += int(step.sum())
-    known = proc.fault[1] if proc.fault else stop  # a row that is not finite closes the guard of its output
+    # a row that is not finite closes the guard of its output
+    known = proc.fault[1] if proc.fault else stop
     seen = []
     for (a, z), out, sums in zip(run.spans, kept, past, strict=True):
         n, row_of = max(0, min(z, known) - a), {}
@@ -228,12 +285,26 @@ def _seen(run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequenc
 
 
 def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
-    """The loops that each block is in, the outermost last: it depends on their last values."""
+    """The loops that each block is in, the outermost last: it depends on their last
+    values.
+    """
     found: dict[int, list[Block]] = {}
     of = {id(b.last): b for b in blocks if isinstance(b, Loop)}
     for b in blocks:
-        below = [loop for c in b.children for loop in found[id(c)]] if not isinstance(b, Subsystem) else []
-        mine = [of[id(b)]] if isinstance(b, Last) else [b] if isinstance(b, Loop) else [b.loop] if isinstance(b, Tap) else []
+        below = (
+            [loop for c in b.children for loop in found[id(c)]]
+            if not isinstance(b, Subsystem)
+            else []
+        )
+        mine = (
+            [of[id(b)]]
+            if isinstance(b, Last)
+            else [b]
+            if isinstance(b, Loop)
+            else [b.loop]
+            if isinstance(b, Tap)
+            else []
+        )
         inner = (
             {id(loop): loop for loop in [*mine, *below]}
             if isinstance(b, Last)
@@ -255,13 +326,21 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
             want, tol = run.x[b.name][at : at + n], 0.0
         elif isinstance(b, Param):
             moves = [c for c in run.changes if c.name == b.name]
-            want = np.r_[np.full(before, b.value), ramped(run.params[b.name], moves, run.fs, part.at + part.n)[part.at :]]
+            want = np.r_[
+                np.full(before, b.value),
+                ramped(run.params[b.name], moves, run.fs, part.at + part.n)[part.at :],
+            ]
             tol = 1e-12 * float(np.abs(want).max())
         elif isinstance(b, White):
             want, tol = laws.white(run.seed, *b.noise_key, at - at % 2, n + at % 2)[at % 2 :], NOISE
         else:
             got = Rows(part.row(getattr(b, s), n) for s in signals(type(b)))
-            got.at, got.rest, got.seed, got.past = at, not part.at, run.seed, part.past.get(id(b), 0)
+            got.at, got.rest, got.seed, got.past = (
+                at,
+                not part.at,
+                run.seed,
+                part.past.get(id(b), 0),
+            )
             since = rows.since(b, run.fs, got) if part.at else 0
             if since >= n:
                 continue
@@ -287,21 +366,30 @@ def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any]
     except Exception as error:
         if type(b).law is None:
             raise
-        raise BadValue(f"{name} raises {type(error).__name__}: {error}; mend it, or state no law") from error
+        raise BadValue(
+            f"{name} raises {type(error).__name__}: {error}; mend it, or state no law"
+        ) from error
     if made is None:
         return None
     parts = made if isinstance(made, tuple) else (made, 0.0)
     if len(parts) != 2:
-        raise BadValue(f"{name} returned {len(parts)} things; return a row, or a row and a tolerance")
+        raise BadValue(
+            f"{name} returned {len(parts)} things; return a row, or a row and a tolerance"
+        )
     want, tol = parts
     if np.shape(want) != y.shape:
         shape = f"returned the shape {np.shape(want)}, where the block has {y.shape}"
         raise BadValue(f"{name} {shape}; return a row for each output")
     if type(b).law is not None:
         if np.shape(tol) not in ((), y.shape):
-            raise BadValue(f"{name} returned a tolerance of the shape {np.shape(tol)}; return a number, or a row as its output")
+            raise BadValue(
+                f"{name} returned a tolerance of the shape {np.shape(tol)}; return a number, or a"
+                " row as its output"
+            )
         if not np.all(np.asarray(tol) >= 0):
-            raise BadValue(f"{name} returned a tolerance that is not 0 or above; return such, or the row alone")
+            raise BadValue(
+                f"{name} returned a tolerance that is not 0 or above; return such, or the row alone"
+            )
     return want, tol
 
 
@@ -322,14 +410,21 @@ def _error(y: np.ndarray, want: Any, tol: Any) -> float:
 
 
 def _least(want: Any, tol: Any) -> float:
-    """The smallest part by which a row could be larger, and be refused; at least a rounding."""
+    """The smallest part by which a row could be larger, and be refused; at least a
+    rounding.
+    """
     with np.errstate(all="ignore"):
         part = np.asarray(tol) / np.abs(want)
-    return max(float(np.min(part, where=np.isfinite(want) & (np.asarray(want) != 0), initial=np.inf)), 2.0**-53)
+    return max(
+        float(np.min(part, where=np.isfinite(want) & (np.asarray(want) != 0), initial=np.inf)),
+        2.0**-53,
+    )
 
 
 def _inside(b: Any, run: Run, seen: list[Part], whole: dict[int, Row]) -> list[Held]:
-    """What a subsystem runs, rendered alone on its own clock: its samples where it runs are the same bits, elsewhere 0."""
+    """What a subsystem runs, rendered alone on its own clock: its samples where it runs
+    are the same bits, elsewhere 0.
+    """
     before = seen[0].early(b, run.fs)
     late = np.full(run.n, b.by.value > 0) if isinstance(b.by, Const) else whole[id(b.by)]
     on = np.r_[seen[0].row(b.by, seen[0].n + before)[:before] > 0, late]
@@ -347,12 +442,26 @@ def _inside(b: Any, run: Run, seen: list[Part], whole: dict[int, Row]) -> list[H
             row = whole.get(id(p), np.full(late.size if before else 1, run.params[p.name]))
             row = np.r_[np.full(before, p.value), row][at] if row.size > 1 else row
             params[p.name] = float(row[0])
-            changes += [Change(int(k), p.name, float(row[k]), 0.0) for k in np.flatnonzero(np.diff(row)) + 1]
+            changes += [
+                Change(int(k), p.name, float(row[k]), 0.0) for k in np.flatnonzero(np.diff(row)) + 1
+            ]
         scene, its = Scene({"y": b.block}), getattr(b, "seed", None)
         where = f"{run.where} in {'a segment' if isinstance(b, Segment) else 'enabled'}"
         x = {name: run.x[name][: on.size][at] for name in scene.inputs}
         changes.sort(key=lambda c: c.at)
-        found, alone = _held(Run(scene, run.fs, run.seed if its is None else its, x, total, params, changes, inside, where))
+        found, alone = _held(
+            Run(
+                scene,
+                run.fs,
+                run.seed if its is None else its,
+                x,
+                total,
+                params,
+                changes,
+                inside,
+                where,
+            )
+        )
     error, size = 0.0, 0
     for k, ((a, z), part) in enumerate(zip(ends, seen, strict=True)):
         y, want, places = part.rows[id(b)], np.zeros(z - a), np.flatnonzero(on[a:z])

@@ -1,4 +1,6 @@
-"""Which wrong numbers would the laws of a scene refuse?  Each number is changed, one at a time, and the laws are asked."""
+"""Which wrong numbers would the laws of a scene refuse?  Each number is changed, one at
+a time, and the laws are asked.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,16 @@ CHANGES: dict[str, Callable[[float], float]] = {
     "0": lambda v: 0.0,
     "1": lambda v: 1.0,
 }
-"""What is done to a number; a whole number that this leaves as it is becomes the next one."""
-REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE = "refused", "equal samples", "within tolerance", "no law", "cannot be made"
+"""What is done to a number; a whole number that this leaves as it is becomes the next
+one.
+"""
+REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE = (
+    "refused",
+    "equal samples",
+    "within tolerance",
+    "no law",
+    "cannot be made",
+)
 
 
 class Mutant(NamedTuple):
@@ -38,8 +48,9 @@ class Mutant(NamedTuple):
     value: str
     change: str  # a key of ``CHANGES``
     outcome: str
-    """"refused"; "equal samples", so nobody could notice; "within tolerance"; "no law", the output that changes has none; "cannot
-    be made", with the error that stimlib raises."""
+    """"refused"; "equal samples", so nobody could notice; "within tolerance"; "no law",
+    the output that changes has none; "cannot be made", with the error that stimlib
+    raises."""
     text: str = ""  # the check that refused it, or how near to its limit the nearest came
 
 
@@ -56,11 +67,18 @@ class Mutations:
 
     def count(self) -> dict[str, int]:
         """How many mutants there are of each outcome."""
-        return {what: sum(m.outcome == what for m in self.mutants) for what in (REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE)}
+        return {
+            what: sum(m.outcome == what for m in self.mutants)
+            for what in (REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE)
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON data."""
-        return {"passed": self.passed, "count": self.count(), "mutants": [m._asdict() for m in self.mutants]}
+        return {
+            "passed": self.passed,
+            "count": self.count(),
+            "mutants": [m._asdict() for m in self.mutants],
+        }
 
     def __repr__(self) -> str:
         return f"Mutations({', '.join(f'{n} {what}' for what, n in self.count().items())})"
@@ -69,11 +87,14 @@ class Mutations:
         from rich.table import Table
         from rich.text import Text
 
-        table = Table(title=", ".join(f"{n} {what}" for what, n in self.count().items()), title_justify="left")
+        table = Table(
+            title=", ".join(f"{n} {what}" for what, n in self.count().items()), title_justify="left"
+        )
         for column in ("number", "value", "change", "outcome", "check"):
             table.add_column(column)
         colours = {REFUSED: "green", WITHIN: "bold red", NO_LAW: "bold red"}
-        for m in sorted(self.mutants, key=lambda m: m.outcome not in (WITHIN, NO_LAW)):  # what was missed first
+        # what was missed first
+        for m in sorted(self.mutants, key=lambda m: m.outcome not in (WITHIN, NO_LAW)):
             outcome = Text(m.outcome, colours.get(m.outcome, ""))
             table.add_row(Text(shown(m.where)), m.value, m.change, outcome, Text(shown(m.text)))
         return table
@@ -88,19 +109,23 @@ def mutate(
     seed: int = 0,
     bar: bool = True,
 ) -> Mutations:
-    """Change every number of a scene, one at a time, and ask the scene's laws whether they would refuse what is rendered then.
+    """Change every number of a scene, one at a time, and ask the scene's laws whether
+    they would refuse what is rendered then.
 
-    The numbers are the fields of all blocks, the values of the parameters, and the arguments that the scene was asked for. Each
-    is taken 1.01 and 1.25 times, with the other sign, as 0 and as 1; of an array all values at once. The laws know what was asked
-    for and not the changed number. (The law of each block, the checks (f) of `verify`, takes the numbers of the block that it
-    holds, so it cannot see these mistakes: they are what the law of the scene is for.)
+    The numbers are the fields of all blocks, the values of the parameters, and the
+    arguments that the scene was asked for. Each is taken 1.01 and 1.25 times, with the
+    other sign, as 0 and as 1; of an array all values at once. The laws know what was
+    asked for and not the changed number. (The law of each block, the checks (f) of
+    `verify`, takes the numbers of the block that it holds, so it cannot see these
+    mistakes: they are what the law of the scene is for.)
 
     Parameters
     ----------
     scene : Scene
         With a law: a shipped scene, one with ``law=``, or what they were combined into.
     motion : dict of str to callable or ndarray
-        As `render` takes it. A number that this motion does not use is not tested by it.
+        As `render` takes it. A number that this motion does not use is not tested by
+        it.
     fs : float
         Hz.
     seconds : float
@@ -114,7 +139,8 @@ def mutate(
     Returns
     -------
     Mutations
-        ``mutants``, ``passed``, ``count()``; ``print`` it for a table, what was missed first.
+        ``mutants``, ``passed``, ``count()``; ``print`` it for a table, what was missed
+        first.
 
     Raises
     ------
@@ -131,9 +157,14 @@ def mutate(
     """
     right = render(scene, motion, fs, seconds, params, seed, on_fault="ignore")
     if right.fault is not None:
-        raise BadValue(f"the scene has a fault in this motion, {right.fault}; choose another motion")
+        raise BadValue(
+            f"the scene has a fault in this motion, {right.fault}; choose another motion"
+        )
     if bad := [c for c in _held(scene, motion, right) if not c.passed]:
-        raise BadValue(f"the law refuses the scene as it is: ({bad[0].group}) {bad[0].name}; correct the law or the scene first")
+        raise BadValue(
+            f"the law refuses the scene as it is: ({bad[0].group}) {bad[0].name}; correct the law"
+            " or the scene first"
+        )
     changed = list(_changed(scene))
     found = []
     with progress("changing numbers", len(changed), bar) as advance:
@@ -147,19 +178,34 @@ def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]
     """Name, value and change of each number, and what makes the scene with it."""
     from ..scenes import SHIPPED
 
-    if len(scene.parts) == 1 and (make := SHIPPED.get(scene.parts[0].law)) and not scene.parts[0].inputs:
+    if (
+        len(scene.parts) == 1
+        and (make := SHIPPED.get(scene.parts[0].law))
+        and not scene.parts[0].inputs
+    ):
         given = dict(scene.parts[0].given or {})
         for name, v in given.items():
             for change, new in _changes(v) if not isinstance(v, list) else ():
-                more = {n: g for n, g in given.items() if not isinstance(g, (dict, list))} | {name: new}
-                yield f"argument {name}", _short(v), change, partial(_asked, make, more, scene.parts)
+                more = {n: g for n, g in given.items() if not isinstance(g, (dict, list))} | {
+                    name: new
+                }
+                yield (
+                    f"argument {name}",
+                    _short(v),
+                    change,
+                    partial(_asked, make, more, scene.parts),
+                )
     data = scene.to_dict()
     for i, block in enumerate(data["blocks"]):
         for field, v in block["fields"].items():
             if field in _references(scene, block["class"]):
                 continue
             name = block["fields"].get("name")
-            where = f"parameter {name}" if block["class"] == "Param" else f"{block['class']} {i}: {field}"
+            where = (
+                f"parameter {name}"
+                if block["class"] == "Param"
+                else f"{block['class']} {i}: {field}"
+            )
             for change, new in _changes(v):
                 other = copy.deepcopy(data)
                 other["blocks"][i]["fields"][field] = new
@@ -167,7 +213,9 @@ def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]
 
 
 def _asked(make: Any, words: dict[str, Any], parts: Sequence[Part]) -> Scene:
-    """What a shipped scene is with other arguments, under the law of those that were given."""
+    """What a shipped scene is with other arguments, under the law of those that were
+    given.
+    """
     return Scene(make(**words).outputs, parts)
 
 
@@ -211,7 +259,9 @@ def _held(scene: Scene, motion: Mapping[str, Any], made: Rendering) -> list[Chec
     return [c for c in scene_law(gather(scene, motion, made)) if c.group in "cde"]
 
 
-def _outcome(make: Callable[[], Scene], motion: Mapping[str, Any], right: Rendering, params: Any, seed: int) -> tuple[str, str]:
+def _outcome(
+    make: Callable[[], Scene], motion: Mapping[str, Any], right: Rendering, params: Any, seed: int
+) -> tuple[str, str]:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
@@ -238,7 +288,11 @@ def _outcome(make: Callable[[], Scene], motion: Mapping[str, Any], right: Render
     if not checks:
         return NO_LAW, ""
     near = max((c for c in checks if c.limit), key=lambda c: c.measured / c.limit, default=None)
-    moved = [n for n, a, b in zip(right.outputs, made.y, right.y, strict=True) if not np.array_equal(a, b)]
+    moved = [
+        n
+        for n, a, b in zip(right.outputs, made.y, right.y, strict=True)
+        if not np.array_equal(a, b)
+    ]
     held = {c.name.split(":")[0] for c in checks}
     if not any(any(name.startswith(n) for name in held) for n in moved):
         return NO_LAW, f"of {', '.join(moved)}"

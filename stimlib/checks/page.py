@@ -1,4 +1,6 @@
-"""The page of a verification, for a reader who was not there: one file, without code, that nothing else is needed for."""
+"""The page of a verification, for a reader who was not there: one file, without code,
+that nothing else is needed for.
+"""
 
 from __future__ import annotations
 
@@ -38,21 +40,26 @@ h1 span{padding:0 .5rem;border-radius:.3rem}svg{width:100%;height:auto}code,pre{
 pre{white-space:pre-wrap;overflow-wrap:anywhere;font-size:12px}.small{color:#666;font-size:13px}"""
 
 
-def page(what: str, checks: list[Check], e: Evidence, certain: list[Shows], command: str | None) -> str:
+def page(
+    what: str, checks: list[Check], e: Evidence, certain: list[Shows], command: str | None
+) -> str:
     """The whole text; what comes from others is escaped."""
     good = sum(c.passed for c in checks)
-    verdict = '<span class="ok">passed</span>' if good == len(checks) else '<span class="bad">FAILED</span>'
+    verdict = (
+        '<span class="ok">passed</span>'
+        if good == len(checks)
+        else '<span class="bad">FAILED</span>'
+    )
     drawn = "".join(f"<h2>{_q(title)}</h2>{svg}" for title, svg in figures(e))
     return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_q(what)}</title><style>{STYLE}</style>'
-        f"<h1>{_q(e.source)} {verdict}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p>"
-        f"<h2>What was displayed</h2>{facts(_displayed(e))}"
-        f"<h2>Against which model</h2>{_model(checks, e)}"
-        f"<h2>With which certainty</h2>{_certainty(certain)}"
-        f"<h2>What was compared</h2>{table_of(checks)}"
-        f"<h2>Which block is held</h2>{_blocks(e)}"
-        f"<h2>Not checked</h2>{items(e.skipped)}{drawn}"
-        f"<h2>How to reproduce it</h2>{_reproduced(e, command)}</html>\n"
+        '<!doctype html><html lang="en"><meta'
+        f' charset="utf-8"><title>{_q(what)}</title><style>{STYLE}</style><h1>{_q(e.source)}'
+        f" {verdict}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p><h2>What was"
+        f" displayed</h2>{facts(_displayed(e))}<h2>Against which"
+        f" model</h2>{_model(checks, e)}<h2>With which certainty</h2>{_certainty(certain)}<h2>What"
+        f" was compared</h2>{table_of(checks)}<h2>Which block is held</h2>{_blocks(e)}<h2>Not"
+        f" checked</h2>{items(e.skipped)}{drawn}<h2>How to reproduce"
+        f" it</h2>{_reproduced(e, command)}</html>\n"
     )
 
 
@@ -81,35 +88,56 @@ def table_of(checks: list[Check]) -> str:
             mark = '<td class="ok">ok</td>' if c.passed else '<td class="bad">FAILED</td>'
             numbers = f'<td class="n">{c.measured:.3g}</td><td class="n">{c.limit:.3g}</td>'
             rows.append(f"<tr>{mark}<td>{_q(c.name)}</td>{numbers}<td>{_q(c.text)}</td></tr>")
-    head = "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
-    return f'<table>{head}{"".join(rows)}</table><p class="small">Checks of chance are given as -log10 p.</p>'
+    head = (
+        "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
+    )
+    return (
+        f'<table>{head}{"".join(rows)}</table><p class="small">Checks of chance are given as -log10'
+        " p.</p>"
+    )
 
 
 def _blocks(e: Evidence) -> str:
-    """Every block: first those that nothing holds but a re-render, then a line for each class, and all of them folded away."""
+    """Every block: first those that nothing holds but a re-render, then a line for each
+    class, and all of them folded away.
+    """
     free = [h for h in e.held if h.why]
     rest = sorted((h for h in e.held if not h.why), key=lambda h: -h.error)
-    kinds = {kind: [h for h in rest if h.kind == kind] for kind in dict.fromkeys(h.kind for h in rest)}
+    kinds = {
+        kind: [h for h in rest if h.kind == kind] for kind in dict.fromkeys(h.kind for h in rest)
+    }
     classes = "".join(
-        f'<tr><td>{_q(kind)}</td><td class="n">{len(same)}</td>{_held(same[0], min(h.least for h in same))}</tr>'
+        f"<tr><td>{_q(kind)}</td><td"
+        f' class="n">{len(same)}</td>{_held(same[0], min(h.least for h in same))}</tr>'
         for kind, same in kinds.items()
     )
-    each = "".join(f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td>{_held(h, h.least)}</tr>" for h in rest)
-    unheld = "".join(f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td><td>{_q(h.why)}</td></tr>" for h in free)
+    each = "".join(
+        f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td>{_held(h, h.least)}</tr>" for h in rest
+    )
+    unheld = "".join(
+        f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td><td>{_q(h.why)}</td></tr>" for h in free
+    )
     numbers = "<th>samples</th><th>error over tolerance</th><th>smallest error that is refused</th>"
     return (
-        f"<p>{len(rest)} blocks are held by a law of their own, on the rows that they got; {len(free)} are not"
+        f"<p>{len(rest)} blocks are held by a law of their own, on the rows that they got;"
+        f" {len(free)} are not"
         f"{':' if free else '.'}</p>{f'<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>' if free else ''}"
         f"<table><tr><th>class</th><th>blocks</th>{numbers}</tr>{classes}</table>"
-        f'<p class="small">The worst block of each class; an error is a part of the row, such as of a gain.</p>'
-        f"<details><summary>Each block</summary><table><tr><th>block</th>{numbers}</tr>{each}</table></details>"
+        f'<p class="small">The worst block of each class; an error is a part of the row, such as of'
+        f" a gain.</p>"
+        "<details><summary>Each"
+        f" block</summary><table><tr><th>block</th>{numbers}</tr>{each}</table></details>"
     )
 
 
 def _held(h: Any, least: float) -> str:
-    """Three cells: samples, error over tolerance, and the smallest error that would have been seen."""
+    """Three cells: samples, error over tolerance, and the smallest error that would
+    have been seen.
+    """
     seen = f"{least:.2g}" if np.isfinite(least) else "none, it is 0 throughout"
-    return f'<td class="n">{h.samples}</td><td class="n">{h.error:.3g}</td><td class="n">{seen}</td>'
+    return (
+        f'<td class="n">{h.samples}</td><td class="n">{h.error:.3g}</td><td class="n">{seen}</td>'
+    )
 
 
 def _displayed(e: Evidence) -> dict[str, str]:
@@ -122,10 +150,16 @@ def _displayed(e: Evidence) -> dict[str, str]:
         "seed": str(e.seed),
     }
     if later := [c for c in e.changes if c.at or c.ramp * e.fs > 1]:
-        told = [f"{c.name} to {c.value:g} at {c.at / e.fs:g} s within {c.ramp:g} s" for c in later[:20]]
-        rows["changes of parameters"] = "; ".join(told) + (f"; and {len(later) - 20} more" if len(later) > 20 else "")
+        told = [
+            f"{c.name} to {c.value:g} at {c.at / e.fs:g} s within {c.ramp:g} s" for c in later[:20]
+        ]
+        rows["changes of parameters"] = "; ".join(told) + (
+            f"; and {len(later) - 20} more" if len(later) > 20 else ""
+        )
     if e.sidecar:
-        scales = ", ".join(f"{c['name']} {c['full_scale']:g} {c['unit']}" for c in e.sidecar["channels"])
+        scales = ", ".join(
+            f"{c['name']} {c['full_scale']:g} {c['unit']}" for c in e.sidecar["channels"]
+        )
         rows["stored as"] = f"{e.sidecar['format']} {e.sidecar['subtype']}, full scale: {scales}"
     return rows
 
@@ -136,9 +170,19 @@ def _spec(m: object) -> str:
 
 def _model(checks: list[Check], e: Evidence) -> str:
     """The law of the scene in words, its numbers, and the law of each block."""
-    known = {f"{p.name}: {WORDS[p.law]}" if p.name else WORDS[p.law]: None for p in e.scene.parts if p.law in WORDS}
-    own = [f"{p.name or 'The scene'}: the law {p.law}, with {dict(p.given or {})}" for p in e.scene.parts if "." in p.law]
-    said = "; ".join([*known, *own]) or "No law of the whole scene is known; these of its blocks are."
+    known = {
+        f"{p.name}: {WORDS[p.law]}" if p.name else WORDS[p.law]: None
+        for p in e.scene.parts
+        if p.law in WORDS
+    }
+    own = [
+        f"{p.name or 'The scene'}: the law {p.law}, with {dict(p.given or {})}"
+        for p in e.scene.parts
+        if "." in p.law
+    ]
+    said = (
+        "; ".join([*known, *own]) or "No law of the whole scene is known; these of its blocks are."
+    )
     blocks = dict.fromkeys(f"{c.name.split(':')[0]}: {c.text}" for c in checks if c.group == "a2")
     return f"<p>{_q(said)}</p>{items([*e.numbers, *blocks])}"
 
@@ -148,24 +192,36 @@ def _certainty(found: list[Shows]) -> str:
     for s in found:
         none = "none, up to all of it" if s.unit == OF_IT else "none, however large"
         size = f"{s.size:.3g} {s.unit}" if s.size == s.size else none
-        rows.append(f'<tr><td>{_q(s.check)}</td><td>{_q(s.kind)}</td><td class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>')
+        rows.append(
+            f"<tr><td>{_q(s.check)}</td><td>{_q(s.kind)}</td><td"
+            f' class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>'
+        )
     asked = (
-        " The law of the scene was asked again with each of its parameters smaller: by the part that stands here, and it refuses "
-        "these samples."
+        " The law of the scene was asked again with each of its parameters smaller: by the part"
+        " that stands here, and it refuses these samples."
     )
     asked = asked if any(s.unit == OF_IT for s in found) else ""
-    head = "<tr><th>check</th><th>what is wrong</th><th>smallest that is seen</th><th>how surely</th></tr>"
+    head = (
+        "<tr><th>check</th><th>what is wrong</th><th>smallest that is seen</th><th>how"
+        " surely</th></tr>"
+    )
     return (
-        f"<p>All checks but those of chance are exact: what passes their limit is seen, always. Spectra, independence and slopes "
-        f"are of chance. Together they refuse one correct rendering in {1 / ALARM:.0f}, and an error of the size below they see "
-        f"in this recording with 95 % or more.{asked}</p><table>{head}{''.join(rows)}</table>"
+        "<p>All checks but those of chance are exact: what passes their limit is seen, always."
+        " Spectra, independence and slopes are of chance. Together they refuse one correct"
+        f" rendering in {1 / ALARM:.0f}, and an error of the size below they see in this recording"
+        f" with 95 % or more.{asked}</p><table>{head}{''.join(rows)}</table>"
     )
 
 
-# Reproduction ------------------------------------------------------------------------------------------------------------
+# Reproduction -------------------------------------------------------------------------
 def _reproduced(e: Evidence, command: str | None) -> str:
-    """What to install and to lay where, commands, hashes, versions, and the scene as a file."""
-    used = {p: version(p) for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "soundfile", "matplotlib")}
+    """What to install and to lay where, commands, hashes, versions, and the scene as a
+    file.
+    """
+    used = {
+        p: version(p)
+        for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "soundfile", "matplotlib")
+    }
     again = f"<p>Repeat the verification with <code>{_q(command)}</code>.</p>" if command else ""
     signal = _sha256(e.y.T)
     rows = {
@@ -175,12 +231,15 @@ def _reproduced(e: Evidence, command: str | None) -> str:
         **({"file hash": e.sidecar["file_sha256"]} if e.sidecar else {}),
         **{f"own blocks of {m}": d["sha256"] for m, d in definitions(e.scene).items()},
         "versions": ", ".join(f"{p} {v}" for p, v in used.items()),
-        "computer": f"Python {platform.python_version()}, {platform.system()}, {platform.machine()}",
+        "computer": (
+            f"Python {platform.python_version()}, {platform.system()}, {platform.machine()}"
+        ),
     }
     text = json.dumps(e.scene.to_dict(), separators=(",", ":"))
     return (
-        f"{_installed(used)}{_beside(e)}{again}{_program(e, signal)}<p>Hashes are SHA-256.</p>{facts(rows)}"
-        f"<details><summary>scene.json, for <code>stimlib.load</code></summary><pre>{_q(text)}</pre></details>"
+        f"{_installed(used)}{_beside(e)}{again}{_program(e, signal)}<p>Hashes are"
+        f" SHA-256.</p>{facts(rows)}<details><summary>scene.json, for"
+        f" <code>stimlib.load</code></summary><pre>{_q(text)}</pre></details>"
     )
 
 
@@ -190,27 +249,41 @@ def _installed(used: Mapping[str, str]) -> str:
     pins = " ".join(f"{p}=={v}" for p, v in used.items())
     lines = f"python -m venv proof\n. proof/bin/activate\npip install {pins}"
     windows = "on Windows the second line is <code>proof\\Scripts\\activate</code>"
-    return f"<p>Install what this page was made with, under Python {python}; {windows}:</p><pre>{_q(lines)}</pre>"
+    return (
+        f"<p>Install what this page was made with, under Python {python};"
+        f" {windows}:</p><pre>{_q(lines)}</pre>"
+    )
 
 
 def _beside(e: Evidence) -> str:
     """Which files a reader needs, beyond this page."""
     if e.session:
-        return f"<p>Keep the folder of the log, <code>{_q(e.source)}</code>, whole: each of its files is needed.</p>"
+        return (
+            f"<p>Keep the folder of the log, <code>{_q(e.source)}</code>, whole: each of its files"
+            " is needed.</p>"
+        )
     if e.path is None:
         return ""
     name, beside = _q(e.path.name), _q(sidecar_of(e.path).name)
     own = ", ".join(f"<code>{_q(m)}</code>" for m in definitions(e.scene))
-    import_ = f" Import what defines the scene's own blocks, with the hash below, by <code>--import</code>: {own}." if own else ""
+    import_ = (
+        " Import what defines the scene's own blocks, with the hash below, by"
+        f" <code>--import</code>: {own}."
+        if own
+        else ""
+    )
     return (
-        f"<p>Lay two files side by side in one folder: <code>{name}</code>, and its sidecar <code>{beside}</code>, which has "
-        "scene, parameters, seed and motion. Without its sidecar the file proves nothing. A motion that is a recording is a "
-        f"file of its own, which is looked for at the path above, or given by <code>--motion</code>.{import_}</p>"
+        f"<p>Lay two files side by side in one folder: <code>{name}</code>, and its sidecar"
+        f" <code>{beside}</code>, which has scene, parameters, seed and motion. Without its sidecar"
+        " the file proves nothing. A motion that is a recording is a file of its own, which is"
+        f" looked for at the path above, or given by <code>--motion</code>.{import_}</p>"
     )
 
 
 def _has_text(m: object) -> bool:
-    """Whether a motion is made again by its text: a function of one's own is not, nor is an array."""
+    """Whether a motion is made again by its text: a function of one's own is not, nor
+    is an array.
+    """
     text = describe(m) if callable(m) else ""
     with suppress(BadValue):
         return text.startswith("recording(") or callable(parse_motion(text))
@@ -224,17 +297,29 @@ def _importing(module: str) -> str:
 
 
 def _program(e: Evidence, signal: str) -> str:
-    """Python that makes the same samples, where neither arrays nor later changes are needed for it."""
+    """Python that makes the same samples, where neither arrays nor later changes are
+    needed for it.
+    """
     own = definitions(e.scene)
-    if "__main__" in own or any(c.at or c.ramp * e.fs > 1 for c in e.changes) or not all(map(_has_text, e.motion.values())):
-        return "<p>No text here makes the samples again: they need motion, changes of parameters and blocks as they were.</p>"
+    if (
+        "__main__" in own
+        or any(c.at or c.ramp * e.fs > 1 for c in e.changes)
+        or not all(map(_has_text, e.motion.values()))
+    ):
+        return (
+            "<p>No text here makes the samples again: they need motion, changes of parameters and"
+            " blocks as they were.</p>"
+        )
     motion = ", ".join(f"{n!r}: parse_source({describe(m)!r})" for n, m in e.motion.items())
     lines = (
         "import hashlib, stimlib",
         *(f"{_importing(m)}  # own blocks of the scene" for m in own),
         "from stimlib.motion.recorded import parse_source",
         'scene = stimlib.load("scene.json")  # the text at the end of this page',
-        f"made = stimlib.render(scene, {{{motion}}}, {e.fs!r}, {e.x.shape[1] / e.fs!r}, {e.params!r}, {e.seed})",
+        (
+            f"made = stimlib.render(scene, {{{motion}}}, {e.fs!r}, {e.x.shape[1] / e.fs!r},"
+            f" {e.params!r}, {e.seed})"
+        ),
         'print(hashlib.sha256(made.y.T.astype("<f8").tobytes()).hexdigest())',
         f"# {signal}",
     )

@@ -1,4 +1,6 @@
-"""The law of the touch screen: every stage from the finger's place to the displacement, written again."""
+"""The law of the touch screen: every stage from the finger's place to the displacement,
+written again.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +14,30 @@ TOL = 1e-6
 
 
 def swapped(v: np.ndarray, fs: float, freq: float, q: float, gain: float) -> np.ndarray:
-    """Zeros on the samples' poles of a mode, poles on those of one ``gain`` times as wide; 1 at the mode's frequency."""
+    """Zeros on the samples' poles of a mode, poles on those of one ``gain`` times as
+    wide; 1 at the mode's frequency.
+    """
     from scipy.signal import freqz, lfilter
 
     def at(q):
-        return np.poly(np.exp(2 * np.pi * freq / fs * (-0.5 / q + 1j * np.array([1, -1]) * np.sqrt(1 - 0.25 / q**2)))).real
+        return np.poly(
+            np.exp(
+                2
+                * np.pi
+                * freq
+                / fs
+                * (-0.5 / q + 1j * np.array([1, -1]) * np.sqrt(1 - 0.25 / q**2))
+            )
+        ).real
 
     b, a = at(q), at(q / gain)
     return lfilter(b / abs(freqz(b, a, [2 * np.pi * freq / fs])[1][0]), a, v)
 
 
 def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
-    """A mass on a spring, driven by straight lines between samples: scipy's triangle-hold equivalent."""
+    """A mass on a spring, driven by straight lines between samples: scipy's
+    triangle-hold equivalent.
+    """
     from scipy.signal import cont2discrete, lfilter
 
     w = 2 * np.pi * freq
@@ -41,7 +55,9 @@ def carried(freq: np.ndarray, fs: float, rectify: str | None) -> np.ndarray:
 
 
 def touch_screen(a: Asked) -> list[Check]:
-    """Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the sum over modes."""
+    """Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the
+    sum over modes.
+    """
     from scipy.signal import fftconvolve
 
     from ..plate.model import Plate
@@ -51,14 +67,25 @@ def touch_screen(a: Asked) -> list[Check]:
 
     g, x, fs, A = a.given, a.x["x"], a.fs, a.live("A")
     if not isinstance(g["waveform"], str) or g["rectify"] == "full":
-        a.e.skipped.append(f"{a.title('voltage')}: the law knows the named waveforms on a carrier that is whole or half")
+        a.e.skipped.append(
+            f"{a.title('voltage')}: the law knows the named waveforms on a carrier that is whole or"
+            " half"
+        )
         return []
     model = {**g["model"], "patches": [Patch(**p) for p in g["model"]["patches"]]}
     glass = Plate(**model)
-    resonance, origin, line, q = glass.carrier(), (glass.length - g["length"]) / 2, glass.width / 2, 1 / glass.damping
+    resonance, origin, line, q = (
+        glass.carrier(),
+        (glass.length - g["length"]) / 2,
+        glass.width / 2,
+        1 / glass.damping,
+    )
     places = g["length"] * np.linspace(0.0, 1.0, 5)  # where the thesis measures displacement
-    knots, moved = mode_fit(glass, origin, line, clamp="known")(places, np.abs(glass.shape(0, origin + places, line)))
-    u, on, duty = x * (g["bumps"] / g["length"]), (A != 0).astype(float), a.held("duty", 1e-6, 1.0)  # so rounded as in the scene
+    knots, moved = mode_fit(glass, origin, line, clamp="known")(
+        places, np.abs(glass.shape(0, origin + places, line))
+    )
+    # so rounded as in the scene
+    u, on, duty = x * (g["bumps"] / g["length"]), (A != 0).astype(float), a.held("duty", 1e-6, 1.0)
     shape = laws.bump_envelope(u, on, g["waveform"], duty)
     v = A * shape * carried(a.held("freq", 0.0, fs / 2), fs, g["rectify"])
     factor = laws.profile_gain(x, np.ones(x.size), knots, moved, "cubic")[0]
@@ -67,27 +94,47 @@ def touch_screen(a: Asked) -> list[Check]:
     low, high = glass.voltages
     v = g["gain"] * swapped(v, fs, resonance, q, g["swap"])
     a.say(f"resonance {resonance:.6g} Hz, q = {q:g}, answers {g['swap']:g} times as fast")
-    a.say(f"amplifier {g['gain']:g}, {low:g} .. {high:g} V, {int(np.sum((v < low) | (v > high)))} samples held there")
+    a.say(
+        f"amplifier {g['gain']:g}, {low:g} .. {high:g} V, {int(np.sum((v < low) | (v > high)))}"
+        " samples held there"
+    )
     v = np.clip(v, low, high)
     if lost.any():  # at most this is left of it behind the pole swap
-        lost = fftconvolve(lost, np.abs(swapped(np.eye(1, x.size)[0], fs, resonance, q, g["swap"])))[: x.size]
+        lost = fftconvolve(
+            lost, np.abs(swapped(np.eye(1, x.size)[0], fs, resonance, q, g["swap"]))
+        )[: x.size]
     top = max(float(asked.max(initial=0.0)), float(np.abs(v).max(initial=0.0)), 1e-300)
     a.expect("voltage", v, TOL * top)
     error = a.far((a.y["voltage"] - v) / (1 + lost / (TOL * top))) / top
     text = "of the largest voltage that is asked for"
-    checks = [a.begins({"freq": resonance}), Check("d", f"{a.title('voltage')}: every stage, written again", error, TOL, text)]
+    checks = [
+        a.begins({"freq": resonance}),
+        Check("d", f"{a.title('voltage')}: every stage, written again", error, TOL, text),
+    ]
     if g["finger"]:
         a.e.skipped.append(f"{a.title('displacement')}: a plate that the finger loads has no law")
         return checks
     chosen, force = driven(glass, g["modes"], None)
     w2 = glass.solved(LOOKED_AT)[0]
-    s, at = np.clip(2 * (x + origin) / glass.length - 1, -1, 1), np.full(x.size, 2 * line / glass.width - 1)
+    s, at = (
+        np.clip(2 * (x + origin) / glass.length - 1, -1, 1),
+        np.full(x.size, 2 * line / glass.width - 1),
+    )
     driving = np.where(np.isnan(a.y["voltage"]), v, a.y["voltage"])
     d, still = np.zeros(x.size), 0.0  # what the largest voltage moves at rest, somewhere
     for k in chosen:
         series, largest = series_of(glass, k)
         scale = force[k] * largest / w2[k]
-        d += scale * oscillated(driving, fs, np.sqrt(w2[k]) / (2 * np.pi), q) * legendre.legval2d(s, at, series)
+        d += (
+            scale
+            * oscillated(driving, fs, np.sqrt(w2[k]) / (2 * np.pi), q)
+            * legendre.legval2d(s, at, series)
+        )
         still += abs(scale) * top
     a.say(f"plate: {len(chosen)} modes, largest displacement {1e6 * np.abs(d).max():.4g} um")
-    return [*checks, a.near("displacement", d, TOL, "sum over the plate's modes, written again", max(still, 1e-300))]
+    return [
+        *checks,
+        a.near(
+            "displacement", d, TOL, "sum over the plate's modes, written again", max(still, 1e-300)
+        ),
+    ]

@@ -1,6 +1,8 @@
-"""How small an error would a verification have seen?  The power of its checks, for the recording that it was given.
+"""How small an error would a verification have seen?  The power of its checks, for the
+recording that it was given.
 
-A check of chance sees an error with a probability, here 95 %.  All others see what passes their limit, always.
+A check of chance sees an error with a probability, here 95 %.  All others see what
+passes their limit, always.
 """
 
 from __future__ import annotations
@@ -21,9 +23,11 @@ OF_IT = "of it"  # the unit of a part of a parameter
 
 
 class Shows(NamedTuple):
-    """The smallest error of one kind that a check sees with this probability; a size of nan: none, however large.
+    """The smallest error of one kind that a check sees with this probability; a size of
+    nan: none, however large.
 
-    Of a parameter in the law of a scene, nan is none up to the parameter itself: of a larger value nothing is said.
+    Of a parameter in the law of a scene, nan is none up to the parameter itself: of a
+    larger value nothing is said.
     """
 
     check: str
@@ -34,7 +38,8 @@ class Shows(NamedTuple):
 
 
 def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
-    """What the checks of chance, and the law of the scene, would have seen in this recording.
+    """What the checks of chance, and the law of the scene, would have seen in this
+    recording.
 
     Parameters
     ----------
@@ -53,7 +58,9 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
     >>> from stimlib.checks.power import certainty
     >>> from stimlib.motion.generators import minimum_jerk
     >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
-    >>> report = stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=2.0))
+    >>> report = stimlib.verify(
+    ...     scene, motion, stimlib.render(scene, motion, fs=8000, seconds=2.0)
+    ... )
     >>> for s in certainty(report.checks, report.evidence)[:2]:
     ...     print(f"{s.check}: {s.kind} {s.size:.2g} {s.unit}, {s.chance:.0%}")
     force1: spectrum: level 2.2 dB, 95%
@@ -63,10 +70,20 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
     for t in e.taps:
         if t.spectrum is not None:
             f = spectra.bins(t.stream.size, e.fs, t.f_low, t.f_high) * e.fs / t.stream.size
-            found += [Shows(f"{t.output}: spectrum", *row, CHANCE) for row in of_spectrum(f, e.share)]
+            found += [
+                Shows(f"{t.output}: spectrum", *row, CHANCE) for row in of_spectrum(f, e.share)
+            ]
     for a, b, _, _, size in pairs(e):
         if np.isfinite(size):
-            found.append(Shows(f"{a.output} and {b.output}: independence", "noise in common", size, "correlation", CHANCE))
+            found.append(
+                Shows(
+                    f"{a.output} and {b.output}: independence",
+                    "noise in common",
+                    size,
+                    "correlation",
+                    CHANCE,
+                )
+            )
     for c in checks:
         if c.deviation:
             found.append(Shows(c.name, "stiffness", smallest_shift(c), "N/m", CHANCE))
@@ -76,30 +93,52 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
 
 
 def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
-    """Every two noises, the band that they have in common (Hz), and the correlation that is seen there; nan where none is."""
+    """Every two noises, the band that they have in common (Hz), and the correlation
+    that is seen there; nan where none is.
+    """
     enough, found = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST], []
     for k, a in enumerate(enough):
         for b in enough[k + 1 :]:
-            n, low, high = min(a.stream.size, b.stream.size), max(a.f_low, b.f_low), min(a.f_high, b.f_high)
+            n, low, high = (
+                min(a.stream.size, b.stream.size),
+                max(a.f_low, b.f_low),
+                min(a.f_high, b.f_high),
+            )
             again = a.run != b.run and a.seed == b.seed  # the same keys in another segment
-            found.append((a, b, low, high, math.nan if again else smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)))
+            found.append(
+                (
+                    a,
+                    b,
+                    low,
+                    high,
+                    (
+                        math.nan
+                        if again
+                        else smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)
+                    ),
+                )
+            )
     return found
 
 
-# Checks of chance --------------------------------------------------------------------------------------------------------
+# Checks of chance ---------------------------------------------------------------------
 KINDS: dict[str, tuple[str, Callable[[np.ndarray, float], np.ndarray]]] = {
     "level": ("dB", lambda f, e: np.full(f.shape, 10 ** (e / 10))),
     "slope": ("dB/oct", lambda f, e: 10 ** (e * np.log2(f / np.sqrt(f[0] * f[-1])) / 10)),
     "low-pass pole": ("s", lambda f, e: 1 / (1 + (2 * np.pi * f * e) ** 2)),
     "high-pass pole": ("Hz", lambda f, e: 1 / (1 + (e / f) ** 2)),
 }
-"""Unit of an error of the spectrum, and the factor that it is on the power at f (Hz)."""
+"""Unit of an error of the spectrum, and the factor that it is on the power at f
+(Hz).
+"""
 
 
 def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
-    """Kind, size and unit of the smallest errors of a spectrum that its test surely sees: with 95 % or more.
+    """Kind, size and unit of the smallest errors of a spectrum that its test surely
+    sees: with 95 % or more.
 
-    Of all that ``spectra.judged`` looks at, the one is asked that sees an error best; what the others see comes on top.
+    Of all that ``spectra.judged`` looks at, the one is asked that sees an error best;
+    what the others see comes on top.
 
     Parameters
     ----------
@@ -112,7 +151,10 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
     --------
     >>> import numpy as np
     >>> from stimlib.checks.power import of_spectrum
-    >>> [(kind, round(size, 2)) for kind, size, _ in of_spectrum(np.arange(10.0, 1000.0), 1e-6)][:2]
+    >>> [
+    ...     (kind, round(size, 2))
+    ...     for kind, size, _ in of_spectrum(np.arange(10.0, 1000.0), 1e-6)
+    ... ][:2]
     [('level', 0.96), ('slope', 0.48)]
     """
     from scipy import stats
@@ -129,7 +171,9 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
         best = max(seen, key=lambda row: -row[1] / np.linalg.norm(row[0]))
         return spectra.tail(*best)
 
-    return [(kind, smallest(lambda e, r=r: power(r(f, e))), unit) for kind, (unit, r) in KINDS.items()]  # type: ignore[misc]
+    return [
+        (kind, smallest(lambda e, r=r: power(r(f, e))), unit) for kind, (unit, r) in KINDS.items()
+    ]  # type: ignore[misc]
 
 
 def critical(a: np.ndarray, p: float) -> float:
@@ -139,11 +183,17 @@ def critical(a: np.ndarray, p: float) -> float:
     high = 4.0
     while spectra.tail(a, high) > p:
         high *= 2
-    return float(optimize.brentq(lambda s: math.log(max(spectra.tail(a, s), 1e-300) / p), 1.0, high, xtol=1e-6))
+    return float(
+        optimize.brentq(
+            lambda s: math.log(max(spectra.tail(a, s), 1e-300) / p), 1.0, high, xtol=1e-6
+        )
+    )
 
 
 def smallest(power: Callable[[float], float]) -> float:
-    """Where a power that grows with the size of an error reaches 95 %; nan if it does nowhere below a million."""
+    """Where a power that grows with the size of an error reaches 95 %; nan if it does
+    nowhere below a million.
+    """
     from scipy import optimize
 
     low = 1e-3
@@ -157,9 +207,11 @@ def smallest(power: Callable[[float], float]) -> float:
 
 
 def smallest_share(bins: int, alarm: float) -> float:
-    """Correlation of two noises that the test of their independence sees; nan where not even equal ones are.
+    """Correlation of two noises that the test of their independence sees; nan where not
+    even equal ones are.
 
-    The other being b, with G = sum |b|^2 Gamma distributed, the statistic is normal around rho sqrt(2 G).
+    The other being b, with G = sum |b|^2 Gamma distributed, the statistic is normal
+    around rho sqrt(2 G).
 
     Examples
     --------
@@ -169,7 +221,10 @@ def smallest_share(bins: int, alarm: float) -> float:
     """
     from scipy import optimize, stats
 
-    z, size = stats.norm.isf(alarm / 2), np.sqrt(2 * stats.gamma.isf((np.arange(400) + 0.5) / 400, bins))
+    z, size = (
+        stats.norm.isf(alarm / 2),
+        np.sqrt(2 * stats.gamma.isf((np.arange(400) + 0.5) / 400, bins)),
+    )
 
     def lacks(rho: float) -> float:
         return float(np.mean(stats.norm.sf((z - rho * size) / math.sqrt(1 - rho * rho)))) - CHANCE
@@ -185,11 +240,13 @@ def smallest_shift(c: Check) -> float:
     return float(c.limit + stats.norm.isf(1 - CHANCE) * c.deviation)
 
 
-# The law of a scene ------------------------------------------------------------------------------------------------------
+# The law of a scene -------------------------------------------------------------------
 def of_parameters(e: Evidence) -> list[Shows]:
-    """For each parameter the smallest change for which the law of the scene, told the other value, refuses these samples.
+    """For each parameter the smallest change for which the law of the scene, told the
+    other value, refuses these samples.
 
-    It is looked for by asking the law again, so it holds for this recording.  A parameter that is 0 has none.
+    It is looked for by asking the law again, so it holds for this recording.  A
+    parameter that is 0 has none.
     """
     if not e.scene.parts:
         return []
@@ -198,7 +255,9 @@ def of_parameters(e: Evidence) -> list[Shows]:
 
 
 def _departure(e: Evidence, name: str) -> float:
-    """The measure of a law grows with the change, so a ratio leads to the limit; what is given back was refused."""
+    """The measure of a law grows with the change, so a ratio leads to the limit; what
+    is given back was refused.
+    """
     change, best = 1e-3, math.nan
     for _ in range(8):
         over = _refused(e, name, change)
@@ -213,14 +272,19 @@ def _departure(e: Evidence, name: str) -> float:
 
 
 def _refused(e: Evidence, name: str, change: float) -> float:
-    """How many times its limit the law of the scene measures, if a parameter was smaller by this part."""
+    """How many times its limit the law of the scene measures, if a parameter was
+    smaller by this part.
+    """
     factor = 1 - change
     changes = [c._replace(value=c.value * factor) if c.name == name else c for c in e.changes]
     told = dc.replace(
         e,
         params=e.params | {name: e.params[name] * factor},
         changes=changes,
-        **{field: type(getattr(e, field))() for field in ("fingers", "curves", "wanted", "numbers", "skipped")},
+        **{
+            field: type(getattr(e, field))()
+            for field in ("fingers", "curves", "wanted", "numbers", "skipped")
+        },
     )
     with np.errstate(all="ignore"):
         checks = scene_law(told)

@@ -24,7 +24,8 @@ PAGES = (".html", ".htm")  # a page must not take the place of the sound file or
 class Report:
     """Every check of one verification, and what it was about.
 
-    ``passed`` is True when all checks held.  ``print`` gives a table, ``to_html`` a page.
+    ``passed`` is True when all checks held.  ``print`` gives a table, ``to_html`` a
+    page.
     """
 
     checks: list[Check]
@@ -36,20 +37,24 @@ class Report:
         return all(c.passed for c in self.checks)
 
     def spectra(self) -> dict[str, Against]:
-        """Spectra of the outputs whose law is known, with it and the band around it: for ``stimlib.analysis.picture``.
+        """Spectra of the outputs whose law is known, with it and the band around it:
+        for ``stimlib.analysis.picture``.
 
         Returns
         -------
         dict of str to Against
-            By output.  Of a squeeze the noise before gate and rate, in third octaves; else of the output and of its law, and how
-            far apart the limits of the check let them be.
+            By output.  Of a squeeze the noise before gate and rate, in third octaves;
+            else of the output and of its law, and how far apart the limits of the check
+            let them be.
 
         Examples
         --------
         >>> import stimlib
         >>> from stimlib.motion.generators import constant_speed
         >>> scene, motion = stimlib.scenes.bumps(), {"x": constant_speed(0.02, 0.1)}
-        >>> spectra = stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)).spectra()
+        >>> spectra = stimlib.verify(
+        ...     scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)
+        ... ).spectra()
         >>> a = spectra["voltage"]
         >>> bool((a.low <= a.measured).all() and (a.measured <= a.high).all())
         True
@@ -57,20 +62,24 @@ class Report:
         return spectra_of(self.evidence)
 
     def certainty(self) -> list[Shows]:
-        """The smallest errors that this verification would have seen, in this recording, and how surely.
+        """The smallest errors that this verification would have seen, in this
+        recording, and how surely.
 
         Returns
         -------
         list of Shows
-            Of every check of chance with 95 %, and of the parameters in the law of the scene.  The law is asked anew some times
-            for each parameter, so it takes about as long as the verification.
+            Of every check of chance with 95 %, and of the parameters in the law of the
+            scene.  The law is asked anew some times for each parameter, so it takes
+            about as long as the verification.
 
         Examples
         --------
         >>> import stimlib
         >>> from stimlib.motion.generators import sinusoid
         >>> scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
-        >>> report = stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0))
+        >>> report = stimlib.verify(
+        ...     scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)
+        ... )
         >>> for s in report.certainty():
         ...     print(f"{s.kind}: {s.size:.1g} {s.unit}")
         A: 1e-06 of it
@@ -94,7 +103,10 @@ class Report:
         from rich.table import Table
         from rich.text import Text
 
-        table = Table(title=Text(f"{self.what()}: {'passed' if self.passed else 'FAILED'}"), title_justify="left")
+        table = Table(
+            title=Text(f"{self.what()}: {'passed' if self.passed else 'FAILED'}"),
+            title_justify="left",
+        )
         for column in ("", "check", "measured", "limit", "what it compares"):
             table.add_column(column, justify="right" if column in ("measured", "limit") else "left")
         for c in self.checks:
@@ -122,29 +134,52 @@ class Report:
         Examples
         --------
         >>> import numpy as np, stimlib
-        >>> scene, motion = stimlib.Scene({"y": 2 * stimlib.Input("x")}), {"x": np.ones(100)}
-        >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=1000)).to_dict()["checks"][0]
+        >>> scene, motion = (
+        ...     stimlib.Scene({"y": 2 * stimlib.Input("x")}),
+        ...     {"x": np.ones(100)},
+        ... )
+        >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=1000)).to_dict()[
+        ...     "checks"
+        ... ][0]
         {'group': 'b', 'name': 'random cuts, other outputs added', 'passed': True, 'measured': 0.0, 'limit': 0.0, 'text': ...}
         """
         e = self.evidence
 
         def row(c: Check) -> dict[str, Any]:
-            measured, limit = (v if math.isfinite(v) else None for v in (float(c.measured), float(c.limit)))
-            told = {"group": c.group, "name": c.name, "passed": bool(c.passed), "measured": measured, "limit": limit}
+            measured, limit = (
+                v if math.isfinite(v) else None for v in (float(c.measured), float(c.limit))
+            )
+            told = {
+                "group": c.group,
+                "name": c.name,
+                "passed": bool(c.passed),
+                "measured": measured,
+                "limit": limit,
+            }
             return told | {"text": c.text}
 
-        about = {"source": e.source, "fs": e.fs, "seconds": e.x.shape[1] / e.fs, "seed": e.seed, "scene_hash": e.scene.hash}
+        about = {
+            "source": e.source,
+            "fs": e.fs,
+            "seconds": e.x.shape[1] / e.fs,
+            "seed": e.seed,
+            "scene_hash": e.scene.hash,
+        }
         checks = [row(c) for c in self.checks]
         blocks = [
             {"block": f"{h.block!r}{h.where}", "class": h.kind, "samples": h.samples, "why": h.why}
-            | {name: v if math.isfinite(v) else None for name, v in (("error", h.error), ("smallest", h.least))}
+            | {
+                name: v if math.isfinite(v) else None
+                for name, v in (("error", h.error), ("smallest", h.least))
+            }
             for h in sorted(e.held, key=lambda h: not h.why)
         ]
         more = {"numbers": list(e.numbers), "skipped": list(e.skipped), "blocks": blocks}
         return {"passed": self.passed, **about, "checks": checks, **more}
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
-        """Write one self-contained page: no scripts, no other files, the same bytes for the same evidence.
+        """Write one self-contained page: no scripts, no other files, the same bytes for
+        the same evidence.
 
         Parameters
         ----------
@@ -158,4 +193,6 @@ class Report:
             The file cannot be written, or has another suffix than .html or .htm.
         """
         check_place(path, "page", PAGES)
-        regular.publish(path, page(self.what(), self.checks, self.evidence, self.certainty(), command))
+        regular.publish(
+            path, page(self.what(), self.checks, self.evidence, self.certainty(), command)
+        )

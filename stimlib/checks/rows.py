@@ -1,9 +1,12 @@
-"""What each block makes of its input rows, written again in plain numpy: nothing of a block's design or step is used.
+"""What each block makes of its input rows, written again in plain numpy: nothing of a
+block's design or step is used.
 
-``LAWS`` has a function for each class; ``linear`` adds those of linear blocks.  It takes the block, the sample rate in Hz, the
-rows of its input signals and the row that was seen, from where the block began (``Rows.rest``) or from any later sample on.  It
-returns the row that this should be, and how far from it a correct one may be; or None where the law does not cover the block's
-numbers.  A block of several outputs has several rows.  Most laws use what was seen only where a rounding decides, or for the
+``LAWS`` has a function for each class; ``linear`` adds those of linear blocks.  It
+takes the block, the sample rate in Hz, the rows of its input signals and the row that
+was seen, from where the block began (``Rows.rest``) or from any later sample on.  It
+returns the row that this should be, and how far from it a correct one may be; or None
+where the law does not cover the block's numbers.  A block of several outputs has
+several rows.  Most laws use what was seen only where a rounding decides, or for the
 sample before.
 """
 
@@ -39,8 +42,12 @@ ULP = 2.0**-52
 TIE = 1e-9  # of a place: so near to an edge either side is right
 
 
-def law(*names: str, since: Callable[[Any, float, Rows], float] | float = math.inf) -> Callable[[Law], Law]:
-    """Enter a law for the classes of these names, and how many samples it must have seen of a block that began before them."""
+def law(
+    *names: str, since: Callable[[Any, float, Rows], float] | float = math.inf
+) -> Callable[[Law], Law]:
+    """Enter a law for the classes of these names, and how many samples it must have
+    seen of a block that began before them.
+    """
 
     def enter(f: Law) -> Law:
         LAWS.update(dict.fromkeys(names, f))
@@ -51,7 +58,9 @@ def law(*names: str, since: Callable[[Any, float, Rows], float] | float = math.i
 
 
 def since(b: Any, fs: float, x: Rows) -> int:
-    """The first sample that a law says something of, where its block began before; never is 2^62."""
+    """The first sample that a law says something of, where its block began before;
+    never is 2^62.
+    """
     first = SINCE.get(type(b).__name__, math.inf)
     with np.errstate(all="ignore"):
         n = first(b, fs, x) if callable(first) else first
@@ -66,7 +75,9 @@ def near(want: Row, tol: float = 1e-12) -> tuple[Row, float]:
 def touched(contact: Row) -> Iterator[slice]:
     """Each stretch of contact."""
     on = np.r_[False, contact > 0, False]
-    for a, b in zip(np.flatnonzero(on[1:] & ~on[:-1]), np.flatnonzero(on[:-1] & ~on[1:]), strict=True):
+    for a, b in zip(
+        np.flatnonzero(on[1:] & ~on[:-1]), np.flatnonzero(on[:-1] & ~on[1:]), strict=True
+    ):
         yield slice(a, b)
 
 
@@ -75,7 +86,7 @@ def before(x: Row, contact: Row) -> Row:
     return touch.ways(x, contact)[0]
 
 
-# Arithmetic ------------------------------------------------------------------------------------------------------------
+# Arithmetic ---------------------------------------------------------------------------
 def _maps(exact: dict[str, Callable], rounded: dict[str, Callable]) -> None:
     def of(f: Callable, ulps: float) -> Law:
         return lambda b, fs, x, y: (w := np.asarray(f(*x), float), ulps * (ULP * np.abs(w) + 5e-17))
@@ -87,15 +98,29 @@ def _maps(exact: dict[str, Callable], rounded: dict[str, Callable]) -> None:
 
 _maps(
     {
-        "Add": np.add, "Sub": np.subtract, "Mul": np.multiply, "Div": np.divide, "Neg": np.negative, "Abs": np.abs,
-        "Greater": np.greater, "AtLeast": np.greater_equal, "Equal": np.equal, "NotEqual": np.not_equal,
-        "Maximum": np.maximum, "Minimum": np.minimum, "Sqrt": np.sqrt, "Nonzero": lambda x: x != 0,
-        "Where": lambda c, a, b: np.where(c > 0, a, b), "NotBelowZero": lambda x: np.where(x < 0, np.nan, x),
-        "ForceLimit": lambda x, peak: np.where(np.isfinite(x), np.minimum(np.maximum(x, -peak), peak), x),
+        "Add": np.add,
+        "Sub": np.subtract,
+        "Mul": np.multiply,
+        "Div": np.divide,
+        "Neg": np.negative,
+        "Abs": np.abs,
+        "Greater": np.greater,
+        "AtLeast": np.greater_equal,
+        "Equal": np.equal,
+        "NotEqual": np.not_equal,
+        "Maximum": np.maximum,
+        "Minimum": np.minimum,
+        "Sqrt": np.sqrt,
+        "Nonzero": lambda x: x != 0,
+        "Where": lambda c, a, b: np.where(c > 0, a, b),
+        "NotBelowZero": lambda x: np.where(x < 0, np.nan, x),
+        "ForceLimit": lambda x, peak: np.where(
+            np.isfinite(x), np.minimum(np.maximum(x, -peak), peak), x
+        ),
         "Tally": lambda x, before: x,
     },
     {"Exp": np.exp, "Log": np.log, "Sin": np.sin, "Cos": np.cos, "Tanh": np.tanh},
-)  # fmt: skip
+)
 
 
 @law("Dent", since=0)
@@ -115,7 +140,7 @@ def _first(b, fs, x, y):
     return np.full(y.size, x[0][0] if x.rest else y[0]), 0.0
 
 
-# Limits ------------------------------------------------------------------------------------------------------------------
+# Limits -------------------------------------------------------------------------------
 @law("StaticLimit", since=lambda b, fs, x: FADED * b.tau * fs)
 def _static_limit(b, fs, x, y):
     from scipy.signal import lfilter
@@ -136,11 +161,13 @@ def _slew_limit(b, fs, x, y):
 @law("Follower", since=1)
 def _follower(b, fs, x, y):
     last = np.r_[0.0, y[:-1]]
-    up, down = (1.0 if t * fs <= 1e-3 else 1 - math.exp(-1 / (t * fs)) for t in (b.attack, b.release))
+    up, down = (
+        1.0 if t * fs <= 1e-3 else 1 - math.exp(-1 / (t * fs)) for t in (b.attack, b.release)
+    )
     return near(last + np.where(np.abs(x[0]) > last, up, down) * (np.abs(x[0]) - last), 1e-14)
 
 
-# Time ------------------------------------------------------------------------------------------------------------------
+# Time ---------------------------------------------------------------------------------
 def sample_of(t: Row, fs: float) -> Row:
     """The sample at each time."""
     return np.rint(t * fs).astype(np.int64)
@@ -167,7 +194,11 @@ def _every(b, fs, x, y):
 @law("At", since=0)
 def _at(b, fs, x, y):
     at = np.floor(b.times * fs + 0.5)
-    return np.sum(at[:, None] == sample_of(x[0], fs), axis=0) if at.size < 1000 else np.isin(sample_of(x[0], fs), at), 0.0
+    return (
+        np.sum(at[:, None] == sample_of(x[0], fs), axis=0)
+        if at.size < 1000
+        else np.isin(sample_of(x[0], fs), at)
+    ), 0.0
 
 
 @law("Timeline", since=0)
@@ -186,19 +217,25 @@ def _chirp(b, fs, x, y):
     t, f0, f1 = n / np.longdouble(fs), np.longdouble(b.f0), np.longdouble(b.f1)
     linear = b.kind == "linear" or b.f0 == b.f1
     c = 0 if linear else np.log(f1 / f0) / np.longdouble(b.seconds)
-    turns = f0 * t + (f1 - f0) / (2 * np.longdouble(b.seconds)) * t * t if linear else f0 * np.expm1(c * t) / c
+    turns = (
+        f0 * t + (f1 - f0) / (2 * np.longdouble(b.seconds)) * t * t
+        if linear
+        else f0 * np.expm1(c * t) / c
+    )
     want = np.sin(2 * np.longdouble(np.pi) * (turns - np.floor(turns))).astype(float)
     return np.where((n >= 0) & (n < b.seconds * fs), want, 0), 1e-12 if linear else 1e-8
 
 
 @law("Scanned", since=0)
 def _scanned(b, fs, x, y):
-    table, n = b.design(fs)[0].samples, 8 * b.samples.size  # ``resampled`` again; two samples before its first
+    # ``resampled`` again; two samples before its first
+    table, n = b.design(fs)[0].samples, 8 * b.samples.size
     u = x[0] * (8 * b.rate)
     k = np.floor(u)
     inside = b.loop | ((k >= 0) & (k < n))
     j = np.arange(6.0)
-    weights = [np.prod([(u - k + 2 - m) / (i - m) for m in j if m != i], axis=0) for i in j]  # Lagrange's
+    # Lagrange's
+    weights = [np.prod([(u - k + 2 - m) / (i - m) for m in j if m != i], axis=0) for i in j]
     first = np.where(inside, k % n, 0).astype(int)
     want = np.sum([w * table[first + i] for i, w in enumerate(weights)], axis=0)
     return near(np.where(inside, want, 0), 1e-9)
@@ -213,7 +250,7 @@ def _playback(b, fs, x, y):
     return near(np.where(inside, table[n % table.size], 0), 1e-13)
 
 
-# Events ----------------------------------------------------------------------------------------------------------------
+# Events -------------------------------------------------------------------------------
 @law("Edge", since=1)
 def _edge(b, fs, x, y):
     above = x[0] > x[1]
@@ -227,7 +264,8 @@ def _crossing(b, fs, x, y):
     for n in range(1, u.size):
         to = min(max(cell, math.floor(u[n] - half)), math.floor(u[n] + half))
         moved, want[n] = to - cell, carry
-        line = (cell + to + 1) / 2 + math.copysign(half, moved)  # the middle of the lines that it has passed
+        # the middle of the lines that it has passed
+        line = (cell + to + 1) / 2 + math.copysign(half, moved)
         part = (line - u[n - 1]) / (u[n] - u[n - 1]) if moved and u[n] != u[n - 1] else 0.0
         carry = moved * min(max(part, 0.0), 1.0) * b.split
         want[n] += moved - carry
@@ -249,7 +287,8 @@ def _sample_and_hold(b, fs, x, y):
 @law("OnceWithin", since=1)
 def _once_within(b, fs, x, y):
     want, wait = np.zeros(y.size), max(1, round(min(b.refractory * fs, 2.0**62)))
-    free = 0 if x.rest else int(np.argmax(np.r_[y != 0, True]))  # the first that was let through is known to be
+    # the first that was let through is known to be
+    free = 0 if x.rest else int(np.argmax(np.r_[y != 0, True]))
     for n in np.flatnonzero(x[0]):
         if n >= free:
             want[n], free = x[0][n], n + wait
@@ -269,7 +308,10 @@ def _gate(b, fs, x, y):
 @law("PulseTrain")
 def _pulse_train(b, fs, x, y):
     turn = 1 << 64
-    steps = {f: int(Fraction(min(max(f, 0.0), fs / 2)) / Fraction(fs) * turn + Fraction(1, 2)) for f in set(x[0].tolist())}
+    steps = {
+        f: int(Fraction(min(max(f, 0.0), fs / 2)) / Fraction(fs) * turn + Fraction(1, 2))
+        for f in set(x[0].tolist())
+    }
     want, phase, mark = np.zeros(y.size), 0, turn // 2
     for n, (f, jitter) in enumerate(zip(x[0].tolist(), x[1].tolist(), strict=True)):
         after = phase + (steps[f] if x.at + n >= 0 else 0)
@@ -297,7 +339,8 @@ def _burst(b, fs, x, y):
 @law("Envelope", since=1)
 def _envelope(b, fs, x, y):
     want, last, stage = np.zeros(y.size), 0.0 if x.rest else y[0], "release"
-    tol = np.where(x.rest | (np.cumsum(x[0] <= 0) > 0), 1e-9, np.inf)  # in which stage it is, it says where it is released
+    # in which stage it is, it says where it is released
+    tol = np.where(x.rest | (np.cumsum(x[0] <= 0) > 0), 1e-9, np.inf)
     level = {"attack": 1 / (1 - math.exp(-1.5)), "decay": b.sustain, "release": 0.0}
     keep = {"attack": b.attack / 1.5, "decay": b.decay, "release": b.release}
     keep = {name: math.exp(-1 / (t * fs)) if t * fs > 1e-3 else 0.0 for name, t in keep.items()}
@@ -325,10 +368,12 @@ def _vibration(b, fs, x, y):
     return soft.motor(x[0], fs, b.factor), 0.0
 
 
-# Waves ---------------------------------------------------------------------------------------------------------------------
+# Waves --------------------------------------------------------------------------------
 def turning(freq: Row, fs: float) -> Row:
     """Turns that each sample takes, in 2^-64: a sum of them loses nothing."""
-    return np.rint(np.clip(np.nan_to_num(freq), 0, fs / 2).astype(np.longdouble) / np.longdouble(fs) * 2.0**64).astype(np.uint64)
+    return np.rint(
+        np.clip(np.nan_to_num(freq), 0, fs / 2).astype(np.longdouble) / np.longdouble(fs) * 2.0**64
+    ).astype(np.uint64)
 
 
 SUMS = {"Carrier": turning, "Oscillator": turning}
@@ -336,7 +381,9 @@ SUMS = {"Carrier": turning, "Oscillator": turning}
 
 
 def turns_of(x: Rows, fs: float, phase: float) -> tuple[Row, Row]:
-    """Turns at each sample, which count from sample 0 on, and those that each sample takes."""
+    """Turns at each sample, which count from sample 0 on, and those that each sample
+    takes.
+    """
     step = turning(x[0], fs)
     counted = np.where(np.arange(x.at, x.at + step.size) < 0, np.uint64(0), step)
     t = (np.cumsum(counted) - counted + np.uint64(x.past % 2**64)).astype(np.longdouble) / 2.0**64
@@ -357,7 +404,10 @@ WAVES: dict[str, tuple[Callable, Callable]] = {  # of turns 0 .. 1: the wave, it
         lambda u, d: np.where((v := (u + 0.25) % 1) < 0.5, 2 * v * v - v, 3 * v - 2 * v * v - 1),
     ),
     "sawtooth": (lambda u, d: 2 * (u % 1) - 1, lambda u, d: (u % 1) ** 2 - u % 1),
-    "square": (lambda u, d: np.where(u % 1 < d, 1, -1), lambda u, d: 2 * (np.floor(u) * d + np.minimum(u % 1, d)) - u),
+    "square": (
+        lambda u, d: np.where(u % 1 < d, 1, -1),
+        lambda u, d: 2 * (np.floor(u) * d + np.minimum(u % 1, d)) - u,
+    ),
     "pulse": (lambda u, d: u % 1 < d, lambda u, d: np.floor(u) * d + np.minimum(u % 1, d)),
 }
 
@@ -369,25 +419,34 @@ def _oscillator(b, fs, x, y):
     d = np.clip(x[1], 0, 1).astype(np.longdouble)
     still = step == 0
     mean = (integral(t + step / 2, d) - integral(t - step / 2, d)) / np.where(still, 1, step)
-    return np.where(still, wave(t, d), mean).astype(float), (1e-11 + 1e-18 / np.where(still, 1, step)).astype(float)
+    return np.where(still, wave(t, d), mean).astype(float), (
+        1e-11 + 1e-18 / np.where(still, 1, step)
+    ).astype(float)
 
 
-# Places ------------------------------------------------------------------------------------------------------------------
+# Places -------------------------------------------------------------------------------
 @law("LinearBump", "SineBump", since=1)
 def _bump(b, fs, x, y):
     d = np.clip(x[1], 1e-6, 1)
     last = before(x[0], x[2]) if b.sampling == "area" else x[0]
     (a, u), way = ((v - np.floor(v) for v in (last, x[0])), np.abs(x[0] - last))
-    still = (way < 1e-5 * d) & (np.floor(last) == np.floor(x[0])) & ((a < d) == (u < d))  # the value in the middle is the mean
+    # the value in the middle is the mean
+    still = (way < 1e-5 * d) & (np.floor(last) == np.floor(x[0])) & ((a < d) == (u < d))
     z, k = np.where(still, (a + u) / 2, u) / d, np.pi * d
     wave = {
         "square": np.ones(z.size), "sawtooth": z, "half_sine": np.sin(np.pi * z),
         "sine": 2 * np.sin(k * z) * np.sin(k * (1 - z)) / (1 - np.cos(k)),
     }[b.waveform]  # fmt: skip
-    ends = [laws.ridge_sum(b.waveform, v.astype(np.longdouble), d.astype(np.longdouble)) for v in (last, x[0])]
+    ends = [
+        laws.ridge_sum(b.waveform, v.astype(np.longdouble), d.astype(np.longdouble))
+        for v in (last, x[0])
+    ]
     mean = (ends[1] - ends[0]) / np.where(still, 1, x[0].astype(np.longdouble) - last)
     want = np.where(still, np.where(z < 1, wave, 0), mean.astype(float))
-    lost = np.where(still, 1e-18 / d**2, (4e-16 + 4e-19 * np.abs(x[0])) / np.where(still, 1, d * way))  # the block's, and this
+    # the block's, and this
+    lost = np.where(
+        still, 1e-18 / d**2, (4e-16 + 4e-19 * np.abs(x[0])) / np.where(still, 1, d * way)
+    )
     edge = np.minimum(np.abs(z - 1), np.minimum(u, 1 - u) / d) < TIE
     return np.where(x[2] > 0, want, 0), np.where(still & edge, np.inf, 1e-9 + lost)
 
@@ -396,13 +455,18 @@ def _bump(b, fs, x, y):
 def _table_bump(b, fs, x, y):
     u, d, contact = x[0].astype(np.longdouble), np.clip(x[1], 1e-6, 1), x[2]
     v = np.array(b.values)
-    knots, sums = np.linspace(0, 1, v.size), np.r_[0.0, np.cumsum((v[1:] + v[:-1]) / 2)] / (v.size - 1)
+    knots, sums = (
+        np.linspace(0, 1, v.size),
+        np.r_[0.0, np.cumsum((v[1:] + v[:-1]) / 2)] / (v.size - 1),
+    )
 
     def integral(u: Row) -> Row:
         z = np.minimum((u - np.floor(u)) / d, 1)
         k = np.minimum((z * (v.size - 1)).astype(int), v.size - 2)
         r = z - knots[k]
-        return d * (np.floor(u) * sums[-1] + sums[k] + r * (v[k] + r * (v[k + 1] - v[k]) * (v.size - 1) / 2))
+        return d * (
+            np.floor(u) * sums[-1] + sums[k] + r * (v[k] + r * (v[k + 1] - v[k]) * (v.size - 1) / 2)
+        )
 
     last = before(u, contact) if b.sampling == "area" else u
     way = u - last
@@ -410,7 +474,9 @@ def _table_bump(b, fs, x, y):
     point = np.where(z < 1, np.interp(z.astype(float), knots, v), 0)
     still = np.abs(way) < 1e-9
     edge = still & (np.minimum(np.abs(z - 1), np.abs(u - np.rint(u))) < 1e-8)
-    want = np.where(still, point, (integral(u) - integral(last)) / np.where(still, 1, way)).astype(float)
+    want = np.where(still, point, (integral(u) - integral(last)) / np.where(still, 1, way)).astype(
+        float
+    )
     size = max(float(np.abs(v).max()), 1e-300)
     return np.where(contact > 0, want, 0), np.where(edge, np.inf, 1e-7 * size / np.minimum(d, 1))
 
@@ -426,7 +492,10 @@ def _grating(b, fs, x, y):
 @law("SpatialNoise", since=1)
 def _spatial_noise(b, fs, x, y):
     u, contact = x
-    return np.where(contact > 0, surfaces.roughness(before(u, contact), u, b), 0), 3e-11 + 2.0**-40 * np.abs(u) / b.shortest
+    return (
+        np.where(contact > 0, surfaces.roughness(before(u, contact), u, b), 0),
+        3e-11 + 2.0**-40 * np.abs(u) / b.shortest,
+    )
 
 
 @law("Midpoint", since=1)
@@ -439,7 +508,9 @@ def _path_length(b, fs, x, y):
     want = np.zeros(y.size)
     for k, s in enumerate(touched(x[1])):
         first = 0.0 if b.onset == "step" and k == 0 and x.rest else x[0][s.start]
-        want[s] = np.cumsum(np.abs(np.diff(x[0][s], prepend=first))) + (0.0 if x.rest or s.start else y[0])
+        want[s] = np.cumsum(np.abs(np.diff(x[0][s], prepend=first))) + (
+            0.0 if x.rest or s.start else y[0]
+        )
     return near(want, 1e-15 * y.size)
 
 
@@ -463,20 +534,32 @@ def _button(b, fs, x, y):
     return np.array([force, pressed]), np.array([[near(force, 1e-9)[1]], [0.0]])
 
 
-# Friction ----------------------------------------------------------------------------------------------------------------
+# Friction -----------------------------------------------------------------------------
 def _dragged(
-    x: Row, k: Row, contact: Row, most: Row, slide: Callable[[int, float, float, float], tuple[float, float]], start: float
+    x: Row,
+    k: Row,
+    contact: Row,
+    most: Row,
+    slide: Callable[[int, float, float, float], tuple[float, float]],
+    start: float,
 ) -> Row:
-    """Force of a spring whose deflection is held within most/k; slide gives it at the end of a way, and in the mean.
+    """Force of a spring whose deflection is held within most/k; slide gives it at the
+    end of a way, and in the mean.
 
     At a first sample the deflection is 0, and start where that is sample 0.
     """
     k, want = np.maximum(k, 0), np.zeros(x.size)
     top = np.where(k > 0, np.minimum(np.maximum(most, 0) / np.where(k > 0, k, 1), 1e150), 0)
-    kept = np.r_[0.0, np.where(k[1:] > 0, np.minimum(1, k[:-1] / np.where(k[1:] > 0, k[1:], 1)), 1)]  # of a stiffness that grows
+    # of a stiffness that grows
+    kept = np.r_[0.0, np.where(k[1:] > 0, np.minimum(1, k[:-1] / np.where(k[1:] > 0, k[1:], 1)), 1)]
     for part in touched(contact):
-        z, ways = start if part.start == 0 else 0.0, np.diff(x[part], prepend=x[part.start]).tolist()
-        for n, (way, c, keep) in enumerate(zip(ways, top[part].tolist(), kept[part].tolist(), strict=True), part.start):
+        z, ways = (
+            start if part.start == 0 else 0.0,
+            np.diff(x[part], prepend=x[part.start]).tolist(),
+        )
+        for n, (way, c, keep) in enumerate(
+            zip(ways, top[part].tolist(), kept[part].tolist(), strict=True), part.start
+        ):
             z = z * keep if n > part.start else z
             z = c if z > c else -c if z < -c else z
             if way < 0:
@@ -488,7 +571,9 @@ def _dragged(
 
 
 def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
-    """A force that begins at rest; or, where it began before, so far as both ends of what is possible lead to the same."""
+    """A force that begins at rest; or, where it began before, so far as both ends of
+    what is possible lead to the same.
+    """
     if rest:
         return near(force(0.0), 1e-9)
     want, tol = near(force(1e200), 1e-9)
@@ -515,7 +600,10 @@ def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, floa
 
 @law("Dahl", since=1)
 def _dahl(b, fs, x, y):
-    return forgotten(lambda z: _dragged(x[0], x[2], x[3], x[1], lambda n, z, a, c: _exponential(z, c, c, a), z), x.rest)
+    return forgotten(
+        lambda z: _dragged(x[0], x[2], x[3], x[1], lambda n, z, a, c: _exponential(z, c, c, a), z),
+        x.rest,
+    )
 
 
 @law("ElastoPlastic", since=1)
@@ -553,7 +641,10 @@ def _lugre(b, fs, x, y):
 @law("Stribeck", since=1)
 def _stribeck(b, fs, x, y):
     v = (x[0] - before(x[0], x[2])) * fs / b.speed
-    return near(np.where(x[2] > 0, x[1] * (1 + b.rise * np.exp(-(np.minimum(np.abs(v), 1e150) ** 2))), 0), 1e-9)
+    return near(
+        np.where(x[2] > 0, x[1] * (1 + b.rise * np.exp(-(np.minimum(np.abs(v), 1e150) ** 2))), 0),
+        1e-9,
+    )
 
 
 @law("StickSlip")
@@ -565,7 +656,7 @@ def _stick_slip(b, fs, x, y):
     return want, touch.TOL * max(float(np.abs(want).max()), touch.LEAST)
 
 
-# Tables ------------------------------------------------------------------------------------------------------------------
+# Tables -------------------------------------------------------------------------------
 @law("Lut", "Polynomial", since=0)
 def _table(b, fs, x, y):
     from scipy import interpolate
@@ -577,11 +668,18 @@ def _table(b, fs, x, y):
         want = np.interp(at, b.knots, b.values)
     elif kind == "polynomial":  # Lagrange's formula
         k, u = b.knots.astype(np.longdouble), at.astype(np.longdouble)
-        parts = [np.prod([(u - k[j]) / (k[i] - k[j]) for j in range(k.size) if j != i], axis=0) for i in range(k.size)]
+        parts = [
+            np.prod([(u - k[j]) / (k[i] - k[j]) for j in range(k.size) if j != i], axis=0)
+            for i in range(k.size)
+        ]
         want = (b.values @ np.array(parts)).astype(float)
     else:
-        want = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[kind](b.knots, b.values)(at)
-    want = np.where((at == x[0]) | (b.outside == "hold"), want, 0.0 if b.outside == "zero" else np.nan)
+        want = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[kind](
+            b.knots, b.values
+        )(at)
+    want = np.where(
+        (at == x[0]) | (b.outside == "hold"), want, 0.0 if b.outside == "zero" else np.nan
+    )
     return want, 1e-13 * (np.abs(b.values).max() / 3 + np.abs(want)) + 1e-300
 
 
@@ -597,7 +695,10 @@ def _grid(b, fs, x, y):
     if degree == 3:
         slopes = [f.ev(px, py, 1, 0), f.ev(px, py, 0, 1)]
     else:  # straight within a piece
-        u, v = (np.minimum(np.floor((p - s[0]) / d), s.size - 2) for p, s, d in ((px, i, dx), (py, j, dy)))
+        u, v = (
+            np.minimum(np.floor((p - s[0]) / d), s.size - 2)
+            for p, s, d in ((px, i, dx), (py, j, dy))
+        )
         slopes = [
             (f.ev(i[0] + (u + 1) * dx, py) - f.ev(i[0] + u * dx, py)) / dx,
             (f.ev(px, j[0] + (v + 1) * dy) - f.ev(px, j[0] + v * dy)) / dy,
@@ -607,7 +708,8 @@ def _grid(b, fs, x, y):
     want[2, (x[1] < j[0]) | (x[1] > j[-1])] = 0
     size = max(float(np.abs(b.table).max()), 1e-300)
     u, v = (x[0] - x0) / dx, (x[1] - y0) / dy
-    joint = np.minimum(np.abs(u - np.rint(u)), np.abs(v - np.rint(v))) < TIE  # slopes of the two sides differ
+    # slopes of the two sides differ
+    joint = np.minimum(np.abs(u - np.rint(u)), np.abs(v - np.rint(v))) < TIE
     tol = np.full((3, y.shape[1]), 1e-9 * size)
     tol[1:] /= np.array([[dx], [dy]])
     tol[1:, joint] = np.inf
@@ -616,7 +718,8 @@ def _grid(b, fs, x, y):
 
 @law("Accuracy", since=0)
 def _accuracy(b, fs, x, y):
-    from ..blocks.fractional import bounds_of_orders  # what they are worth, tests/blocks/test_fractional.py says
+    # what they are worth, tests/blocks/test_fractional.py says
+    from ..blocks.fractional import bounds_of_orders
 
     knots, bounds = bounds_of_orders(b.tol, b.horizon * fs)
     return near(np.interp(x[0], knots, (1.02 + 2 * b.tol) * bounds), 1e-9)
@@ -635,7 +738,7 @@ def _shape(b, fs, x, y):
     return legendre.legval2d(u, v, b.c), 1e-6 * float(np.abs(b.c).sum())
 
 
-# Filters of live numbers -------------------------------------------------------------------------------------------------
+# Filters of live numbers --------------------------------------------------------------
 def _svf_rings(b: Any, fs: float, x: Rows) -> float:
     slowest = float(np.minimum(x[1], fs / 2 - x[1]).min())
     wide = max(0.5, float(x[2].max()), 1 / max(float(x[2].min()), 1e-3))
@@ -644,7 +747,12 @@ def _svf_rings(b: Any, fs: float, x: Rows) -> float:
 
 @law("Svf", since=_svf_rings)
 def _svf(b, fs, x, y):
-    high, band, low = {"lowpass": (0, 0, 1), "bandpass": (0, 1, 0), "highpass": (1, 0, 0), "notch": (1, 0, 1)}[b.mode]
+    high, band, low = {
+        "lowpass": (0, 0, 1),
+        "bandpass": (0, 1, 0),
+        "highpass": (1, 0, 0),
+        "notch": (1, 0, 1),
+    }[b.mode]
     g = np.tan(np.pi * np.clip(x[1] / fs, 0, 0.5)).tolist()
     k = (1 / np.maximum(x[2], 1e-3)).tolist()
     want, s1, s2 = np.zeros(y.size), 0.0, 0.0
@@ -660,11 +768,12 @@ def _svf(b, fs, x, y):
 @law("Texture")
 def _texture(b, fs, x, y):
     want = laws.texture(b.model, x[1], x[2], x[0], round(fs / b.rate))
-    most = float(np.max(b.model.gain * np.sqrt(b.model.variance)))  # of which the roundings are, also where it rests
+    # of which the roundings are, also where it rests
+    most = float(np.max(b.model.gain * np.sqrt(b.model.variance)))
     return want, 1e-7 * max(float(np.abs(want).max(initial=0.0)), most)
 
 
-# Orders --------------------------------------------------------------------------------------------------------------------
+# Orders -------------------------------------------------------------------------------
 POINTS = 64  # at which a sum over the whole history is made
 
 
@@ -676,7 +785,8 @@ def _springpot(b, fs, x, y):
         way = np.r_[0.0, x[0][s]] if step else x[0][s]
         force, size = laws.springpot_convolution(way, fs, b.scheme, b.order)
         want[s], tol[s] = force[int(step) :], (b.tol + 1e-12) * size.max() + 1e-300
-        tol[s] = np.inf if not x.rest and s.start == 0 else tol[s]  # of a contact that began before nothing is said
+        # of a contact that began before nothing is said
+        tol[s] = np.inf if not x.rest and s.start == 0 else tol[s]
         tol[s.start + int(b.horizon * fs) : s.stop] = np.inf  # beyond it nothing is said
     return want, tol
 
@@ -693,7 +803,10 @@ def _springpot_live(b, fs, x, y):
         at = np.unique(np.linspace(step, way.size - 1, POINTS).astype(int))
         at = at[(order[at] >= 0) & (order[at] <= 1)]
         force, size = laws.springpot_sum(way, fs, b.scheme, order, at)
-        want[s.start + at - step], tol[s.start + at - step] = force, (b.tol + 1e-12) * np.maximum(size, 1e-300)
+        want[s.start + at - step], tol[s.start + at - step] = (
+            force,
+            (b.tol + 1e-12) * np.maximum(size, 1e-300),
+        )
     return want, tol
 
 
@@ -719,11 +832,14 @@ def _downsampled(b, fs, x, y):
 
 @law("Velocity", since=lambda b, fs, x: 1.3 * FADED * fs / (2 * math.pi * b.cutoff) + 1)
 def _velocity(b, fs, x, y):
-    lost = 2.0**-50 / math.expm1(-2 * math.pi * b.cutoff / fs) ** 2  # of digits, by two poles so near to 1
-    return near(laws.squeeze_finger(x[0], 0 * x[0], x[1], fs, 0.0, 0.0, b.cutoff, 1.0, 0.0).v, 1e-11 + lost)
+    # of digits, by two poles so near to 1
+    lost = 2.0**-50 / math.expm1(-2 * math.pi * b.cutoff / fs) ** 2
+    return near(
+        laws.squeeze_finger(x[0], 0 * x[0], x[1], fs, 0.0, 0.0, b.cutoff, 1.0, 0.0).v, 1e-11 + lost
+    )
 
 
-# Soft objects --------------------------------------------------------------------------------------------------------------
+# Soft objects -------------------------------------------------------------------------
 @law("Cursor", since=1)
 def _cursor(b, fs, x, y):
     S, on, hand = soft.levels(*soft.table_of(b)), x[2] > 0, np.array(x[:2])
@@ -736,7 +852,9 @@ def _cursor(b, fs, x, y):
     table, width, height = soft.table_of(b)
     piece = min(v / max(n - 1, 1) for v, n in zip((height, width), table.shape, strict=True))
     far = np.hypot(*way)  # beyond a piece of the map five steps of Newton's method may be too few
-    return want, np.where(on & ((far > piece) | (far * soft.steepest(S, last, way) > 0.5)), np.inf, 1e-9 * scale)
+    return want, np.where(
+        on & ((far > piece) | (far * soft.steepest(S, last, way) > 0.5)), np.inf, 1e-9 * scale
+    )
 
 
 @law("CursorFrames")

@@ -1,7 +1,9 @@
-"""The physical laws of whole scenes, each computed from the motion, the live parameters and what the scene was asked for.
+"""The physical laws of whole scenes, each computed from the motion, the live parameters
+and what the scene was asked for.
 
-``SCENES`` has them by the name that a scene carries.  None of them looks into the graph under test: a number that a scene's
-function got wrong is then seen.  Where a law needs a noise, or a wait that a rounding decides, it makes the block of its own.
+``SCENES`` has them by the name that a scene carries.  None of them looks into the graph
+under test: a number that a scene's function got wrong is then seen.  Where a law needs
+a noise, or a wait that a rounding decides, it makes the block of its own.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ from . import laws, soft, surfaces, touch
 from .evidence import Asked, Check, Evidence, asked, noise_model
 from .plates import touch_screen
 
-TEXTURE = 1e-7  # relative: at speed 0 and force 0 the variance is a rounding, of which the square root is taken
+# relative: at speed 0 and force 0 the variance is a rounding, of which the square root
+# is taken
+TEXTURE = 1e-7
 OWN_TOL = 1e-9  # of the largest value, where a law of a user's own states none
 STARTS = {"bumps": {"A": "amplitude"}, "touch_screen": {"A": "amplitude"}}
 """Arguments that set a parameter of another name."""
@@ -38,10 +42,17 @@ def scene_law(e: Evidence) -> list[Check]:
         called = f"{part.name}: the law" if part.name else "the law"
         law = SCENES.get(part.law, own_law if known(part.law) else None)
         if law is None:
-            where = "import its module first (--import FILE.py)" if "." in part.law else "no shipped scene has it; update stimlib"
+            where = (
+                "import its module first (--import FILE.py)"
+                if "." in part.law
+                else "no shipped scene has it; update stimlib"
+            )
             e.skipped.append(f"{called} {part.law!r} is not known here: {where}")
         elif part.given is None:
-            e.skipped.append(f"{called} {part.law!r} needs what the scene was asked for, which was not kept before stimlib 0.2")
+            e.skipped.append(
+                f"{called} {part.law!r} needs what the scene was asked for, which was not kept"
+                " before stimlib 0.2"
+            )
         else:
             checks += _checks_of(e, part, law)
     return checks
@@ -55,30 +66,63 @@ def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
             return []
         known = dict.fromkeys(part.inputs or e.scene.params)
         named = {n: STARTS.get(part.law, {}).get(n, n) for n in known}
-        begins = {n: a.given[key] for n, key in named.items() if key in a.given and part.inputs.get(n, n) in e.scene.params}
+        begins = {
+            n: a.given[key]
+            for n, key in named.items()
+            if key in a.given and part.inputs.get(n, n) in e.scene.params
+        }
         return [*([a.begins(begins)] if begins else []), *law(a)]
-    except Exception as error:  # whatever a user's law raises, and what a file may say that nobody was asked for
+    # whatever a user's law raises, and what a file may say that nobody was asked for
+    except Exception as error:
         if part.law in OWN:
             raises = "" if isinstance(error, BadValue) else f" raises {type(error).__name__}"
             raise BadValue(f"the law {part.law}{raises}: {error}") from error
         why = f"not what the law {part.law!r} is for ({error or type(error).__name__})"
-        return [Check("d", f"{part.name}: shape of the scene" if part.name else "shape of the scene", 1, 0, why)]
+        return [
+            Check(
+                "d",
+                f"{part.name}: shape of the scene" if part.name else "shape of the scene",
+                1,
+                0,
+                why,
+            )
+        ]
 
 
 def own_law(a: Asked) -> list[Check]:
-    """A user's own: what a function of inputs, parameters and sample rate says that the outputs are."""
-    p = {own: a.live(own) for own in a.part.inputs or a.e.params if a.part.inputs.get(own, own) in a.e.params}
+    """A user's own: what a function of inputs, parameters and sample rate says that the
+    outputs are.
+    """
+    p = {
+        own: a.live(own)
+        for own in a.part.inputs or a.e.params
+        if a.part.inputs.get(own, own) in a.e.params
+    }
     x = {own: row.view() for own, row in a.x.items()}
     for row in x.values():
         row.flags.writeable = False  # the law of another output, and the figures, have the same row
-    wanted = OWN[a.part.law][0](x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p}))
-    if not isinstance(wanted, dict) or not wanted or (unknown := [name for name in wanted if name not in a.y]):
-        got = f"the outputs {', '.join(unknown)}" if isinstance(wanted, dict) and wanted else repr(wanted)[:80]
-        raise BadValue(f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}")
+    wanted = OWN[a.part.law][0](
+        x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p})
+    )
+    if (
+        not isinstance(wanted, dict)
+        or not wanted
+        or (unknown := [name for name in wanted if name not in a.y])
+    ):
+        got = (
+            f"the outputs {', '.join(unknown)}"
+            if isinstance(wanted, dict) and wanted
+            else repr(wanted)[:80]
+        )
+        raise BadValue(
+            f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}"
+        )
     checks = []
     for name, made in wanted.items():
         if isinstance(made, tuple) and len(made) != 2:
-            raise BadValue(f"{name} is a tuple of {len(made)}; return a row, or a row and its tolerance")
+            raise BadValue(
+                f"{name} is a tuple of {len(made)}; return a row, or a row and its tolerance"
+            )
         values, stated = made if isinstance(made, tuple) else (made, None)
         if np.iscomplexobj(values):
             raise BadValue(f"{name} has complex values; return real ones")
@@ -86,34 +130,51 @@ def own_law(a: Asked) -> list[Check]:
         if row.shape != a.y[name].shape:
             raise BadValue(f"{name} has the shape {row.shape}; return {a.n} samples")
         if not np.isfinite(row).all():
-            raise BadValue(f"{name} has values that are not finite, which hold nothing; return finite ones")
+            raise BadValue(
+                f"{name} has values that are not finite, which hold nothing; return finite ones"
+            )
         top = float(np.abs(row).max(initial=0.0)) or 1e-300
         limit: Any = OWN_TOL * top if stated is None else stated
         if not (isinstance(limit, Real) and 0 <= float(limit) < math.inf):
-            raise BadValue(f"{name} has the tolerance {limit!r:.40}; return one finite number from 0 on for all samples")
+            raise BadValue(
+                f"{name} has the tolerance {limit!r:.40}; return one finite number from 0 on for"
+                " all samples"
+            )
         tol = float(limit)
         a.expect(name, row, tol)
         text = "the law that came with the scene"
-        checks.append(Check("d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol + a.slack * top, text))
+        checks.append(
+            Check(
+                "d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol + a.slack * top, text
+            )
+        )
     return checks
 
 
-# The papers' -------------------------------------------------------------------------------------------------------------
+# The papers' --------------------------------------------------------------------------
 PEAK, STATIC, TAU = 100.0, 37.0, 10.0
-"""What the motors of the UGrip paper bear, in N (section 2.1), and the time over which a static force counts, in s."""
+"""What the motors of the UGrip paper bear, in N (section 2.1), and the time over which
+a static force counts, in s.
+"""
 
 
 def _squeeze(a: Asked) -> list[Check]:
-    """F = k x + A (k tau v)(tau dp/dt) g for each finger, from motion, numbers and seed."""
+    """F = k x + A (k tau v)(tau dp/dt) g for each finger, from motion, numbers and
+    seed.
+    """
     from scipy.interpolate import PchipInterpolator
 
     from ..blocks import differentiator, pink_noise
     from ..blocks.actuator import PLACEHOLDER_GAMMA
 
     n = range(1, a.given["fingers"] + 1)
-    outputs = [f"force{i}" for i in n] + [f"current{i}" for i in n if a.given["motor_constant"] is not None]
+    outputs = [f"force{i}" for i in n] + [
+        f"current{i}" for i in n if a.given["motor_constant"] is not None
+    ]
     if set(outputs) != set(a.y):
-        raise SceneError(f"it has the outputs {', '.join(a.y)}, and {', '.join(outputs)} were asked for")
+        raise SceneError(
+            f"it has the outputs {', '.join(a.y)}, and {', '.join(outputs)} were asked for"
+        )
     checks, g, k, A = [], a.given, a.live("k"), a.live("A") * a.live("level")
     on, off = laws.gate_thresholds(g["resolution"], g["cutoff"], a.fs)
     for i in n:
@@ -130,33 +191,79 @@ def _squeeze(a: Asked) -> list[Check]:
         acted = bool((want != finger.force).any())
         slack = 2.0**-50 * TAU * a.fs * acted + a.slack  # a mean over tau, by two recursions
         a.say(
-            f"{a.title(name)}: velocity through {g['cutoff']:g} Hz, gate opens at {on:.4g} and closes at {off:.4g} m/s"
-            f"{f', held to {PEAK:g} N peak and {STATIC:g} N static' if g['limits'] else ''}"
+            f"{a.title(name)}: velocity through {g['cutoff']:g} Hz, gate opens at {on:.4g} and"
+            f" closes at {off:.4g}"
+            f" m/s{f', held to {PEAK:g} N peak and {STATIC:g} N static' if g['limits'] else ''}"
         )
         scale = max(np.abs(finger.force).max(), 1e-300)
         quiet = a.far(np.where(runs, 0, a.y[name] - want)) / scale
         steps = a.rounding("k")
         limit = 1e-14 + steps + slack
-        checks.append(Check("d", f"{a.title(name)}: mean part is k x", quiet, limit, "where the gate is closed, relative"))
+        checks.append(
+            Check(
+                "d",
+                f"{a.title(name)}: mean part is k x",
+                quiet,
+                limit,
+                "where the gate is closed, relative",
+            )
+        )
         vibration = np.abs(finger.force - finger.mean).max()
-        limit = 1e-9 + (4e-16 + steps + slack) * scale / vibration if vibration > 0 else 1e-14 + steps + slack
+        limit = (
+            1e-9 + (4e-16 + steps + slack) * scale / vibration
+            if vibration > 0
+            else 1e-14 + steps + slack
+        )
         error = a.apart(name, want) / (vibration or scale)
-        checks.append(Check("d", f"{a.title(name)}: vibration law", error, float(limit), "A k tau v tau dp/dt, relative"))
+        checks.append(
+            Check(
+                "d",
+                f"{a.title(name)}: vibration law",
+                error,
+                float(limit),
+                "A k tau v tau dp/dt, relative",
+            )
+        )
         if g["motor_constant"] is not None:
-            gamma = PchipInterpolator(*PLACEHOLDER_GAMMA)(np.clip(x, PLACEHOLDER_GAMMA.x[0], PLACEHOLDER_GAMMA.x[-1]))
-            checks.append(a.near(f"current{i}", want / (g["motor_constant"] * gamma), 1e-8, "I = F/(n B Gamma)", 1e-12))
+            gamma = PchipInterpolator(*PLACEHOLDER_GAMMA)(
+                np.clip(x, PLACEHOLDER_GAMMA.x[0], PLACEHOLDER_GAMMA.x[-1])
+            )
+            checks.append(
+                a.near(
+                    f"current{i}",
+                    want / (g["motor_constant"] * gamma),
+                    1e-8,
+                    "I = F/(n B Gamma)",
+                    1e-12,
+                )
+            )
         if acted:
-            a.e.skipped.append(f"{a.title(name)}: it was limited, so the force over position has no one slope")
+            a.e.skipped.append(
+                f"{a.title(name)}: it was limited, so the force over position has no one slope"
+            )
         elif np.ptp(k) > 0:
-            a.e.skipped.append(f"{a.title(name)}: k was changed, so the force over position has no one slope")
+            a.e.skipped.append(
+                f"{a.title(name)}: k was changed, so the force over position has no one slope"
+            )
         elif a.part.span is None:
             model = noise_model(source, a.fs)
-            checks += _slope(a, name, x, float(k[0]), A * float(k[0]) * finger.v / 8000**2, noise, runs, model and model[0])
+            checks += _slope(
+                a,
+                name,
+                x,
+                float(k[0]),
+                A * float(k[0]) * finger.v / 8000**2,
+                noise,
+                runs,
+                model and model[0],
+            )
     return checks
 
 
 def _held(force: np.ndarray, y: np.ndarray, fs: float) -> np.ndarray:
-    """What the motors' limits make of a force; the gain of the static one follows from the output's own past."""
+    """What the motors' limits make of a force; the gain of the static one follows from
+    the output's own past.
+    """
     from scipy.signal import lfilter
 
     force = np.clip(force, -PEAK, PEAK)
@@ -166,11 +273,20 @@ def _held(force: np.ndarray, y: np.ndarray, fs: float) -> np.ndarray:
 
 
 def _slope(
-    a: Asked, name: str, x: np.ndarray, k: float, gain: np.ndarray, noise: np.ndarray, gate: np.ndarray, model: Any
+    a: Asked,
+    name: str,
+    x: np.ndarray,
+    k: float,
+    gain: np.ndarray,
+    noise: np.ndarray,
+    gate: np.ndarray,
+    model: Any,
 ) -> list[Check]:
-    """Stiffness recovered from delivered force over position, where it cannot have been clipped.
+    """Stiffness recovered from delivered force over position, where it cannot have been
+    clipped.
 
-    What the noise adds to the slope is a weighted sum of a process whose spectrum is known, so its deviation is too.
+    What the noise adds to the slope is a weighted sum of a process whose spectrum is
+    known, so its deviation is too.
     """
     from scipy import stats
 
@@ -184,7 +300,8 @@ def _slope(
             whole = np.abs(k * x) + np.abs(gain * noise).max(initial=0.0) < (1 - 2.0**-22) * top
             step = np.full(x.size, 2.0**-23 * top)
     u = (x - x[whole].mean() if whole.any() else x) * whole
-    u = (u - u[whole].mean() if whole.any() else u) * whole  # of a held hand the first mean is a rounding away
+    # of a held hand the first mean is a rounding away
+    u = (u - u[whole].mean() if whole.any() else u) * whole
     power = float(u @ u)
     lost = float(np.abs(u) @ step) / power if power > 0 else np.inf
     if lost > 1e-3 * abs(k):
@@ -199,23 +316,41 @@ def _slope(
     sigmas = float(stats.norm.isf(e.share / 2))
     text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
     limit = sigmas * deviation + lost + 1e-12 * abs(k)
-    return [Check("d", f"{a.title(name)}: slope of force over position", abs(slope - k), limit, text, deviation)]
+    return [
+        Check(
+            "d",
+            f"{a.title(name)}: slope of force over position",
+            abs(slope - k),
+            limit,
+            text,
+            deviation,
+        )
+    ]
 
 
 def _viscoelastic(a: Asked) -> list[Check]:
-    """The springpot's force at some samples against the full sum over the history, in extended precision."""
+    """The springpot's force at some samples against the full sum over the history, in
+    extended precision.
+    """
     from ..blocks import springpot
 
     g, y, n, touching = a.given, a.x["y"], a.n, a.contact > 0
     chi = g["chi_0"] / g["w"] ** g["alpha"]
     gain = a.live("firmness") * chi
     at_1_hz = chi * (2 * np.pi) ** g["alpha"]
-    a.say(f"chi = {chi:.6g}, alpha = {g['alpha']:.6g}: as strong at 1 Hz as {at_1_hz:.4g} N/m, for firmness 1")
+    a.say(
+        f"chi = {chi:.6g}, alpha = {g['alpha']:.6g}: as strong at 1 Hz as {at_1_hz:.4g} N/m, for"
+        " firmness 1"
+    )
     contact = Input("contact") if "contact" in a.x else None
     horizon = 60.0 if g["scheme"] == "gl-downsampled" else 86400.0
-    block = springpot(Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact)
+    block = springpot(
+        Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact
+    )
     steps = a.rounding("firmness")
-    same = a.near("force", a.live("firmness") * a.render(block), 1e-14 + steps, "springpot of these numbers")
+    same = a.near(
+        "force", a.live("firmness") * a.render(block), 1e-14 + steps, "springpot of these numbers"
+    )
     name, silent = a.title("force"), a.silent("force", ~touching)
     if g["scheme"] not in ("gl", "l1"):
         a.e.skipped.append(f"{name}: only the full sum's own schemes, gl and l1, have a law")
@@ -227,9 +362,9 @@ def _viscoelastic(a: Asked) -> list[Check]:
         at = np.unique(np.linspace(0, j - i - 1, max(2, round(64 * (j - i) / n))).astype(int))
         force, size = laws.springpot_sum(y[i:j], a.fs, g["scheme"], order[i:j], at)
         k = gain[i:j][at]
-        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (1e-15 + steps + a.slack) * np.abs(k) * np.abs(
-            force
-        )
+        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (
+            1e-15 + steps + a.slack
+        ) * np.abs(k) * np.abs(force)
         over[i:j][at] = (a.y["force"][i:j][at] - k * force) / np.maximum(bound, 1e-300)
 
     def everywhere() -> np.ndarray:
@@ -238,7 +373,8 @@ def _viscoelastic(a: Asked) -> list[Check]:
             want[i:j] = laws.springpot_convolution(y[i:j], a.fs, g["scheme"], g["alpha"])[0]
         return gain * want
 
-    # the sum of the absolute values of its terms is at most that over all steps of the position
+    # the sum of the absolute values of its terms is at most that over all steps of the
+    # position
     most = float(2 * a.fs ** g["alpha"] * np.abs(np.diff(y, prepend=0.0)).sum())
     a.expect("force", everywhere, float(np.abs(gain).max(initial=0.0) * (tol + 1e-13) * most))
     text = f"tol = {tol:g}, alpha = {g['alpha']:g}, {g['scheme']}: error over its certificate"
@@ -246,9 +382,11 @@ def _viscoelastic(a: Asked) -> list[Check]:
 
 
 def _bumps(a: Asked) -> list[Check]:
-    """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant speed also the spectral model.
+    """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant
+    speed also the spectral model.
 
-    Equalised, it is that times d_max/d between the last two places; limited, it is scaled, or clipped, or both.
+    Equalised, it is that times d_max/d between the last two places; limited, it is
+    scaled, or clipped, or both.
     """
     from ..analysis import am
 
@@ -259,17 +397,30 @@ def _bumps(a: Asked) -> list[Check]:
     if g["sampling"] != "area":
         a.e.skipped.append(f"{name}: the law covers bumps that are sampled by their area")
         return []
-    A, duty, freq, gain = a.live("A"), a.held("duty", 1e-6, 1.0), a.held("freq", 0.0, a.fs / 2), g["gain"]
-    contact, u = a.contact * (A != 0), a.x["x"] * (g["bumps"] / g["length"])  # so rounded as in the scene: at an edge that counts
-    shape, step = laws.bump_envelope(u, contact, g["waveform"], duty), freq.astype(np.longdouble) / np.longdouble(a.fs)
-    wave = laws.carried(np.cumsum(step) - step + g["phase"] / (2 * np.longdouble(np.pi)), step, g["rectify"])
+    A, duty, freq, gain = (
+        a.live("A"),
+        a.held("duty", 1e-6, 1.0),
+        a.held("freq", 0.0, a.fs / 2),
+        g["gain"],
+    )
+    # so rounded as in the scene: at an edge that counts
+    contact, u = a.contact * (A != 0), a.x["x"] * (g["bumps"] / g["length"])
+    shape, step = (
+        laws.bump_envelope(u, contact, g["waveform"], duty),
+        freq.astype(np.longdouble) / np.longdouble(a.fs),
+    )
+    wave = laws.carried(
+        np.cumsum(step) - step + g["phase"] / (2 * np.longdouble(np.pi)), step, g["rectify"]
+    )
     if a.part.span is None:
         a.e.curves |= {"envelope": shape, "carrier": wave}
         edges = np.flatnonzero(np.diff(np.floor(u))) + 1
         whole_bumps = ((i, j) for i, j in pairwise(edges) if np.ptp(u[i:j]) > 0.9)
         a.e.closeup = slice(*next(whole_bumps, (0, n)))
     want, highest = gain * A * shape * wave, gain * np.abs(A)
-    a.say(f"amplifier {gain:g}, wavelength {1000 * g['length'] / g['bumps']:.4g} mm, {g['waveform']}")
+    a.say(
+        f"amplifier {gain:g}, wavelength {1000 * g['length'] / g['bumps']:.4g} mm, {g['waveform']}"
+    )
     if g["displacement"] is not None:
         knots, d = np.array(g["displacement"])
         kind = "polynomial" if knots.size <= 6 else "cubic"
@@ -286,41 +437,90 @@ def _bumps(a: Asked) -> list[Check]:
     a.expect("voltage", want, 1e-6 * top)
     lost = laws.bump_loss(u, contact, duty) * highest / top
     error = a.far((a.y["voltage"] - want) / (1 + lost / 1e-6)) / top
-    checks = [Check("d", f"{name}: envelope times carrier", error, 1e-6, "of the peak voltage, written again")]
+    checks = [
+        Check(
+            "d",
+            f"{name}: envelope times carrier",
+            error,
+            1e-6,
+            "of the peak voltage, written again",
+        )
+    ]
     checks.append(a.silent("voltage", contact <= 0))
-    speed, still = np.diff(u) * a.fs, np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and (a.window == 1).all()
-    steady = still and g["rectify"] == "half" and g["limit"] is None and g["displacement"] is None and contact.all()
-    if steady and n > 2 and speed[0] and np.ptp(speed) < 1e-6 * abs(speed[0]) and abs(u[-1] - u[0]) >= 1:
+    speed, still = (
+        np.diff(u) * a.fs,
+        np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and (a.window == 1).all(),
+    )
+    steady = (
+        still
+        and g["rectify"] == "half"
+        and g["limit"] is None
+        and g["displacement"] is None
+        and contact.all()
+    )
+    if (
+        steady
+        and n > 2
+        and speed[0]
+        and np.ptp(speed) < 1e-6 * abs(speed[0])
+        and abs(u[-1] - u[0]) >= 1
+    ):
         whole = int(abs(u[-1] - u[0]))
         y = a.y["voltage"][1 : 1 + round(whole / abs(speed[0]) * a.fs)] / top
         model = am.sampled_rms(g["waveform"], duty[0], 1.0, abs(speed[0]), freq[0], a.fs)
-        limit = 0.005 + am.meeting(g["waveform"], duty[0], abs(speed[0]), freq[0], a.fs, whole / abs(speed[0]))
+        limit = 0.005 + am.meeting(
+            g["waveform"], duty[0], abs(speed[0]), freq[0], a.fs, whole / abs(speed[0])
+        )
         if limit > 0.2:
-            a.e.skipped.append(f"{name}: rms of the line spectrum: bumps and carrier meet, so it depends on their phases")
+            a.e.skipped.append(
+                f"{name}: rms of the line spectrum: bumps and carrier meet, so it depends on their"
+                " phases"
+            )
         else:
             text = f"{whole} bumps at {abs(speed[0]):.3g}/s; lines that meet may add the rest"
             rms = float(np.sqrt(np.mean(y**2)))
-            checks.append(Check("d", f"{name}: rms of the line spectrum", abs(rms / model - 1), limit, text))
+            checks.append(
+                Check("d", f"{name}: rms of the line spectrum", abs(rms / model - 1), limit, text)
+            )
     return checks
 
 
 def _texture(a: Asked) -> list[Check]:
-    """The acceleration of a measured texture, written again; where speed and force stand still, also its spectrum."""
+    """The acceleration of a measured texture, written again; where speed and force
+    stand still, also its spectrum.
+    """
     from ..design.texture import TextureModel
 
     g, n, name = a.given, a.n, a.title("acceleration")
     model = TextureModel(**g["model"])
     every = round(a.fs / model.rate)
-    speed = laws.squeeze_finger(a.x["x"], np.zeros(n), a.contact, a.fs, 0.0, 0.0, g["cutoff"], 1.0, 0.0).v
+    speed = laws.squeeze_finger(
+        a.x["x"], np.zeros(n), a.contact, a.fs, 0.0, 0.0, g["cutoff"], 1.0, 0.0
+    ).v
     force = a.x["force"] * a.contact
-    want = a.live("level") * laws.texture(model, speed, force, laws.white(a.seed, g["seed"], 0, 0, n), every)
-    a.say(f"{len(model.speed)} models of order {model.lsf.shape[1]}, {model.ma.shape[1]}, at {model.rate:g} Hz")
-    most = float(np.abs(a.live("level")).max() * np.max(model.gain * np.sqrt(model.variance)))  # of which the roundings are
-    checks = [a.near("acceleration", want, TEXTURE, "the models' recursion, written again", max(most, 1e-300))]
+    want = a.live("level") * laws.texture(
+        model, speed, force, laws.white(a.seed, g["seed"], 0, 0, n), every
+    )
+    a.say(
+        f"{len(model.speed)} models of order {model.lsf.shape[1]}, {model.ma.shape[1]}, at"
+        f" {model.rate:g} Hz"
+    )
+    # of which the roundings are
+    most = float(np.abs(a.live("level")).max() * np.max(model.gain * np.sqrt(model.variance)))
+    checks = [
+        a.near(
+            "acceleration", want, TEXTURE, "the models' recursion, written again", max(most, 1e-300)
+        )
+    ]
     steady = slice(n // 4 // every * every, None, every)
     v, N = abs(speed[steady]), force[steady]
     flat = (a.window == 1).all() and not np.ptp(a.live("level"))
-    if np.ptp(v) > 1e-3 * v.mean() or np.ptp(N) > 1e-3 * N.mean() or not flat or not want[steady].any():
+    if (
+        np.ptp(v) > 1e-3 * v.mean()
+        or np.ptp(N) > 1e-3 * N.mean()
+        or not flat
+        or not want[steady].any()
+    ):
         a.e.skipped.append(f"{name}: speed and force move, so it has no one spectrum")
         return checks
     gain = a.live("level")[0]
@@ -337,31 +537,62 @@ def _texture(a: Asked) -> list[Check]:
 
 
 WORDS = {
-    "squeeze": "F = k x + A level (k tau v)(tau dp/dt) while the object is being loaded, else F = k x; x is the position, v its "
-    "velocity, p pink noise, tau = 1/8000 s (the UGrip paper, eq. (2) and section 2.1)",
-    "viscoelastic": "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as the full sum over "
-    "its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))",
-    "bumps": "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of which the part duty is "
-    "ridge, c the positive half waves of a carrier of freq (the touch-screen thesis, eqs. (16) and (17), section 4.2)",
-    "texture": "a(t) = level times what the models' recursion (AR and MA, of the three models around speed and force) makes of "
-    "white noise, brought to the rate by a windowed sinc (Culbertson, Unwin and Kuchenbecker 2014)",
-    "grating": "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean over the movement of a "
-    "sample; n is noise over place with a spectrum of 1/f^slope (after Wiertlewski, Lozada and Hayward 2011)",
-    "click": "F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq t), each a mean over the "
-    "movement of a sample; q is 1 from x >= at until x < back, t the time since q rose (our own)",
-    "detents": "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement of a sample (our own)",
-    "friction": "F is that of a spring that a finger drags: it slips at static normal and sticks again at kinetic normal, a mean "
-    "over the movement of a sample (our own)",
-    "wall": "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v its velocity (Colgate and "
-    "Schenkel 1997)",
-    "impact": "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its velocity (after "
-    "Okamura, Dennerlein and Howe 1998)",
-    "soft_surface": "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for each newton the "
-    "tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008 exp(4.2081 pressure) N; S is the level of the map there "
-    "(the pseudo-haptics paper, eqs. (1) to (3), and readings of our own)",
-    "touch_screen": "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement fitted over places; "
-    "the displacement is the sum over the plate's modes of shape(x, y) times the mode's answer to V (the touch-screen thesis, "
-    "chapters 2 to 4)",
+    "squeeze": (
+        "F = k x + A level (k tau v)(tau dp/dt) while the object is being loaded, else F = k x; x"
+        " is the position, v its velocity, p pink noise, tau = 1/8000 s (the UGrip paper, eq. (2)"
+        " and section 2.1)"
+    ),
+    "viscoelastic": (
+        "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as"
+        " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"
+    ),
+    "bumps": (
+        "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of"
+        " which the part duty is ridge, c the positive half waves of a carrier of freq (the"
+        " touch-screen thesis, eqs. (16) and (17), section 4.2)"
+    ),
+    "texture": (
+        "a(t) = level times what the models' recursion (AR and MA, of the three models around speed"
+        " and force) makes of white noise, brought to the rate by a windowed sinc (Culbertson,"
+        " Unwin and Kuchenbecker 2014)"
+    ),
+    "grating": (
+        "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean"
+        " over the movement of a sample; n is noise over place with a spectrum of 1/f^slope (after"
+        " Wiertlewski, Lozada and Hayward 2011)"
+    ),
+    "click": (
+        "F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq"
+        " t), each a mean over the movement of a sample; q is 1 from x >= at until x < back, t the"
+        " time since q rose (our own)"
+    ),
+    "detents": (
+        "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement"
+        " of a sample (our own)"
+    ),
+    "friction": (
+        "F is that of a spring that a finger drags: it slips at static normal and sticks again at"
+        " kinetic normal, a mean over the movement of a sample (our own)"
+    ),
+    "wall": (
+        "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v"
+        " its velocity (Colgate and Schenkel 1997)"
+    ),
+    "impact": (
+        "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its"
+        " velocity (after Okamura, Dennerlein and Howe 1998)"
+    ),
+    "soft_surface": (
+        "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for"
+        " each newton the tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008"
+        " exp(4.2081 pressure) N; S is the level of the map there (the pseudo-haptics paper, eqs."
+        " (1) to (3), and readings of our own)"
+    ),
+    "touch_screen": (
+        "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement"
+        " fitted over places; the displacement is the sum over the plate's modes of shape(x, y)"
+        " times the mode's answer to V (the touch-screen thesis, chapters 2 to 4)"
+    ),
 }
 """Each law for a reader who has the paper beside it."""
 Law = Callable[[Asked], list[Check]]
@@ -382,7 +613,9 @@ SCENES: dict[str, Law] = {
 
 
 def motor_limits(e: Evidence) -> list[Check]:
-    """Peak and running mean square of outputs that a force limit stands on, computed again from the samples."""
+    """Peak and running mean square of outputs that a force limit stands on, computed
+    again from the samples.
+    """
     from scipy.signal import lfilter
 
     from ..blocks.actuator import ForceLimit, StaticLimit
@@ -392,8 +625,20 @@ def motor_limits(e: Evidence) -> list[Check]:
         if isinstance(b, StaticLimit):
             a = -np.expm1(-1 / (b.tau * e.fs))
             mean = float(lfilter([a], [1, a - 1], y**2).max(initial=0.0))
-            checks.append(Check("e", f"{name}: static limit", mean, b.limit**2 * (1 + 1e-12), "largest running mean square, N^2"))
+            checks.append(
+                Check(
+                    "e",
+                    f"{name}: static limit",
+                    mean,
+                    b.limit**2 * (1 + 1e-12),
+                    "largest running mean square, N^2",
+                )
+            )
             b = b.x
         if isinstance(b, ForceLimit) and isinstance(b.peak, Const):
-            checks.append(Check("e", f"{name}: peak limit", float(np.abs(y).max(initial=0.0)), b.peak.value, "N"))
+            checks.append(
+                Check(
+                    "e", f"{name}: peak limit", float(np.abs(y).max(initial=0.0)), b.peak.value, "N"
+                )
+            )
     return checks

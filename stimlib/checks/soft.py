@@ -1,4 +1,6 @@
-"""The laws of soft surfaces, written here on their own: the map by FITPACK's spline, the avatars step by step."""
+"""The laws of soft surfaces, written here on their own: the map by FITPACK's spline,
+the avatars step by step.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ Row = NDArray[np.float64]
 SOFTEST, HARDEST, DEEPEST = 400.0, 1200.0, 0.015
 """What ``soft_surface`` gives way, in N/m at the levels 0 and 1, and in m at most."""
 FRAME, SPEEDS = 0.03, (0.05, 2.0)
-"""Of eq. (1) to the letter: a frame in s, and between which speeds the cursor is held."""
+"""Of eq. (1) to the letter: a frame in s, and between which speeds the cursor is
+held.
+"""
 TIE = 1e-6  # samples: so near to a frame's beginning, what was seen says whether it has begun
 
 
@@ -54,7 +58,8 @@ def starts(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def reversible(
     S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.bool_], piece: float = math.inf
 ) -> tuple[float, int]:
-    """Largest error of dx = g(S(middle)) dp, over the largest dp, and of starts and stands; and steps too long to judge.
+    """Largest error of dx = g(S(middle)) dp, over the largest dp, and of starts and
+    stands; and steps too long to judge.
 
     Beyond a piece of the map, in m, five steps of Newton's method may be too few.
     """
@@ -72,15 +77,32 @@ def reversible(
 
 
 def steepest(S: Callable, place: Row, way: Row) -> Row:
-    """The steepest slope of the ratio along each way: beyond its inverse there may be several middles."""
+    """The steepest slope of the ratio along each way: beyond its inverse there may be
+    several middles.
+    """
     h = 1e-6  # in m
     along = way / np.maximum(np.hypot(*way), 1e-300)
-    ends = [speed_ratio(S(*(place + k * way + s * h * along))) for k in (0, 0.5, 1) for s in (-1, 1)]
-    return np.max([np.abs(b - a) / (2 * h) for a, b in zip(ends[::2], ends[1::2], strict=True)], axis=0, initial=0.0)
+    ends = [
+        speed_ratio(S(*(place + k * way + s * h * along))) for k in (0, 0.5, 1) for s in (-1, 1)
+    ]
+    return np.max(
+        [np.abs(b - a) / (2 * h) for a, b in zip(ends[::2], ends[1::2], strict=True)],
+        axis=0,
+        initial=0.0,
+    )
 
 
-def by_frames(S: Callable, seen: Row, hand: Row, on: NDArray[np.bool_], frame: float, bounds: tuple[float, float]) -> Row:
-    """Eq. (1) to the letter: where the cursor must be, shape (2, n), each step from where it was seen; frame is in samples."""
+def by_frames(
+    S: Callable,
+    seen: Row,
+    hand: Row,
+    on: NDArray[np.bool_],
+    frame: float,
+    bounds: tuple[float, float],
+) -> Row:
+    """Eq. (1) to the letter: where the cursor must be, shape (2, n), each step from
+    where it was seen; frame is in samples.
+    """
     out, here, last_hand = seen[:, [0, *range(on.size - 1)]], np.zeros(2), np.zeros(2)
     due, speed, last = 0.0, 1.0, 0.0
     for n in np.flatnonzero(on):
@@ -92,7 +114,9 @@ def by_frames(S: Callable, seen: Row, hand: Row, on: NDArray[np.bool_], frame: f
             level = float(S(*here))
             change = abs(level - last)
             if change > 1e-9:  # the levels' rounding is no step
-                speed = speed * (1.1 - level) / (1 + change) if level > last else speed / (1.1 - change)
+                speed = (
+                    speed * (1.1 - level) / (1 + change) if level > last else speed / (1.1 - change)
+                )
             speed = min(max(speed, bounds[0]), bounds[1])
             out[:, n] = here + speed * (hand[:, n] - last_hand)
             last_hand, last, due = hand[:, n], level, max(due, n - 0.5) + frame
@@ -101,10 +125,14 @@ def by_frames(S: Callable, seen: Row, hand: Row, on: NDArray[np.bool_], frame: f
     return out
 
 
-def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any) -> tuple[Row, Row, Row]:
-    """Eq. (3), streaming: of x, y and force, and the waits that were seen, the avatar's places (2, n), the waits due, the lag.
+def delayed(
+    rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any
+) -> tuple[Row, Row, Row]:
+    """Eq. (3), streaming: of x, y and force, and the waits that were seen, the avatar's
+    places (2, n), the waits due, the lag.
 
-    What stops it next depends on when it stopped before, so a rounding grows from stop to stop: each is held against those seen.
+    What stops it next depends on when it stopped before, so a rounding grows from stop
+    to stop: each is held against those seen.
     """
     x, y, f = (r.tolist() for r in rows)
     n, most = len(x), b.most * fs
@@ -123,7 +151,9 @@ def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b
             force = f[i] + w * (f[j] - f[i])
             low = force if first else low
             rise = force - low
-            asked = max(0.0, min(b.per_newton * rise * fs, most - lag - owed)) / fs if rise > 0 else 0.0
+            asked = (
+                max(0.0, min(b.per_newton * rise * fs, most - lag - owed)) / fs if rise > 0 else 0.0
+            )
             near = abs(rise - b.notice) <= 1e-8 * (b.notice + abs(force))  # either will do
             stops = waits[k] > 0 if near else rise > b.notice
             due[k] = asked if stops else 0.0
@@ -135,9 +165,16 @@ def delayed(rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b
 
 
 def delayed_by_frames(
-    rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any, seen: Row | None = None
+    rows: Iterable[Row],
+    waits: Row,
+    on: NDArray[np.bool_],
+    fs: float,
+    b: Any,
+    seen: Row | None = None,
 ) -> tuple[Row, Row, Row]:
-    """Eq. (3) to the letter; see ``delayed``.  The lag that was seen says whether a frame has begun where a rounding decides."""
+    """Eq. (3) to the letter; see ``delayed``.  The lag that was seen says whether a
+    frame has begun where a rounding decides.
+    """
     x, y, f = rows
     out, due, late = np.zeros((2, x.size)), np.zeros(x.size), np.zeros(x.size)
     ends, last, here, began = 0.0, 0.0, (0.0, 0.0), 0
@@ -165,13 +202,17 @@ def motor(waits: Row, fs: float, factor: float) -> Row:
 
 
 def soft_surface(a: Asked) -> list[Check]:
-    """Avatars, depths, force and drive of ``soft_surface``, from the inputs and what was asked for."""
+    """Avatars, depths, force and drive of ``soft_surface``, from the inputs and what
+    was asked for.
+    """
     g, hand, pen = a.given, np.array([a.x["x"], a.x["y"]]), a.given["device"] == "pen"
     on = a.x["contact"] > 0 if "contact" in a.x else a.x["press"] > 0 if pen else np.ones(a.n, bool)
     table, (width, height) = np.array(g["S"][0]), g["S"][1:]
     a.say(f"{table.shape[1]} x {table.shape[0]} levels over {1e3 * width:g} x {1e3 * height:g} mm")
     S = levels(table, width, height)
-    force = np.where(on, 0.1008 * np.exp(4.2081 * np.minimum(a.x["press"], 1.0)) if pen else a.live("push"), 0.0)
+    force = np.where(
+        on, 0.1008 * np.exp(4.2081 * np.minimum(a.x["press"], 1.0)) if pen else a.live("push"), 0.0
+    )
     several = g["mode"] == "multipoint"
     checks = [a.near("force", force, 1e-12, "eq. (2)" if pen else "the mouse pushes as it is told")]
     checks += _triangle(a, hand) if several else _avatar(a, S, hand, on)
@@ -190,7 +231,10 @@ def _triangle(a: Asked, hand: Row) -> list[Check]:
     checks = []
     for i in range(3):
         turn = math.pi / 2 + 2 * math.pi * i / 3
-        for name, row, way in ((f"x{i + 1}", hand[0], math.cos(turn)), (f"y{i + 1}", hand[1], math.sin(turn))):
+        for name, row, way in (
+            (f"x{i + 1}", hand[0], math.cos(turn)),
+            (f"y{i + 1}", hand[1], math.sin(turn)),
+        ):
             checks.append(a.near(name, row + arm * way, 1e-12, "of a triangle about the hand"))
     return checks
 
@@ -204,24 +248,38 @@ def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Che
         if g["mode"] != "vibration":
             places, text = lagging, "the hand of some time ago"
     elif g["mode"] != "deformation":
-        seen = np.where(a.window > 0, [a.y["x1"], a.y["y1"]], hand * on)  # a window hides the first sample alone
+        # a window hides the first sample alone
+        seen = np.where(a.window > 0, [a.y["x1"], a.y["y1"]], hand * on)
         if not g["frames"]:
             rows, columns = np.shape(g["S"][0])
             piece = min(g["S"][1] / max(columns - 1, 1), g["S"][2] / max(rows - 1, 1))
             error, long = reversible(S, seen[0], seen[1], hand[0], hand[1], on, piece)
             if long:
-                a.e.skipped.append(f"{a.title('x1')}: {long} steps of the hand are too long for one middle")
+                a.e.skipped.append(
+                    f"{a.title('x1')}: {long} steps of the hand are too long for one middle"
+                )
             return [
-                Check("d", f"{a.title('x1')}, y1: steps of the reversible cursor", error, 1e-9 + a.slack, "of the largest step")
+                Check(
+                    "d",
+                    f"{a.title('x1')}, y1: steps of the reversible cursor",
+                    error,
+                    1e-9 + a.slack,
+                    "of the largest step",
+                )
             ]
         places, text = by_frames(S, seen, hand, on, FRAME * a.fs, SPEEDS), "eq. (1), frame by frame"
-    return [*checks, *(a.near(name, row, 1e-9, text) for name, row in zip(("x1", "y1"), places, strict=True))]
+    return [
+        *checks,
+        *(a.near(name, row, 1e-9, text) for name, row in zip(("x1", "y1"), places, strict=True)),
+    ]
 
 
 def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row, list[Check]]:
-    """Places of an avatar that waits, and whether it waits, or the motor vibrates, for as long as eq. (3) says.
+    """Places of an avatar that waits, and whether it waits, or the motor vibrates, for
+    as long as eq. (3) says.
 
-    A rounding in a wait grows from one to the next, so the waits are those of the block that the law makes of what was asked for.
+    A rounding in a wait grows from one to the next, so the waits are those of the block
+    that the law makes of what was asked for.
     """
     from ..blocks import delay_avatar, stiffness_map
     from ..blocks.stiffness import Levels
@@ -235,8 +293,18 @@ def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row
     waits, block = a.render(avatar.wait), getattr(avatar, "block", avatar)
     law = delayed_by_frames if g["frames"] else delayed
     places, due, _ = law((*hand, tangent * S(*hand)), waits, on, a.fs, block)
-    checks = [Check("d", "waits of the avatar", float(np.abs(waits - due).max()), 1e-9, "s, eq. (3)")]
+    checks = [
+        Check("d", "waits of the avatar", float(np.abs(waits - due).max()), 1e-9, "s, eq. (3)")
+    ]
     if g["mode"] == "vibration":
         wrong = a.far(motor(waits, a.fs, 1.0) - a.y["vibration"])
-        checks.append(Check("e", f"{a.title('vibration')}: as long as the delays", wrong, a.slack, "1 where a sample is wrong"))
+        checks.append(
+            Check(
+                "e",
+                f"{a.title('vibration')}: as long as the delays",
+                wrong,
+                a.slack,
+                "1 where a sample is wrong",
+            )
+        )
     return places, checks

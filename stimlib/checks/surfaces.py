@@ -1,4 +1,6 @@
-"""Surfaces written a second time: gratings in extended precision, noise over place by Gauss's rule in each of its cells."""
+"""Surfaces written a second time: gratings in extended precision, noise over place by
+Gauss's rule in each of its cells.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,22 @@ PI = np.longdouble("3.14159265358979323846264338327950288")
 
 
 def movements(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where each sample's movement began, at the first of a contact where it is; and whether in contact."""
+    """Where each sample's movement began, at the first of a contact where it is; and
+    whether in contact.
+    """
     on = contact > 0
     return np.where(on & ~np.r_[False, on[:-1]], x, np.r_[x[:1], x[:-1]]), on
 
 
 def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Mean of sum depth sin(2 pi x/wavelength + phase) over each movement, in extended precision."""
-    a, b, total = before.astype(np.longdouble), x.astype(np.longdouble), np.zeros(x.size, np.longdouble)
+    """Mean of sum depth sin(2 pi x/wavelength + phase) over each movement, in extended
+    precision.
+    """
+    a, b, total = (
+        before.astype(np.longdouble),
+        x.astype(np.longdouble),
+        np.zeros(x.size, np.longdouble),
+    )
     for wavelength, depth, phase in parts.astype(np.longdouble):
         half = PI * (b - a) / wavelength
         size = np.where(half == 0, 1, np.sin(half) / np.where(half == 0, 1, half))
@@ -42,7 +52,9 @@ class Roughness(NamedTuple):
 
 
 def roughness(before: np.ndarray, x: np.ndarray, b: Any) -> np.ndarray:
-    """Mean of noise over place over each movement: Gauss's rule of two points is exact in each cell of its splines."""
+    """Mean of noise over place over each movement: Gauss's rule of two points is exact
+    in each cell of its splines.
+    """
     found = octaves(b.slope, 1 / b.longest, 1 / b.shortest)
     total, lost = np.zeros(x.size), 0.0
     for j, (cell, own) in enumerate(zip(found.cells, found.power, strict=True)):
@@ -56,7 +68,9 @@ def roughness(before: np.ndarray, x: np.ndarray, b: Any) -> np.ndarray:
 
 
 def _spline(key: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Mean of a random quadratic spline between two places less than four of its cells apart."""
+    """Mean of a random quadratic spline between two places less than four of its cells
+    apart.
+    """
     first = np.floor(low)
     cells, place = np.unique(first.astype(np.int64), return_inverse=True)
     z = _lattice(key, cells[:, None] + np.arange(7))[place].T
@@ -66,12 +80,18 @@ def _spline(key: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         part = np.where(way > 0, (b - a) / np.where(way > 0, way, 1), k == 0)
         for point in (-1, 1):
             t = (a + b) / 2 - first - k + point * (b - a) / math.sqrt(12)
-            mean += part / 2 * (z[k] * (1 - t) ** 2 / 2 + z[k + 1] * (0.5 + t - t**2) + z[k + 2] * t**2 / 2)
+            mean += (
+                part
+                / 2
+                * (z[k] * (1 - t) ** 2 / 2 + z[k + 1] * (0.5 + t - t**2) + z[k + 2] * t**2 / 2)
+            )
     return mean
 
 
 def _faded(r: np.ndarray) -> np.ndarray:
-    """What is left of an octave of which a movement passes r cells: from all at 2 to nothing at 4, a cubic."""
+    """What is left of an octave of which a movement passes r cells: from all at 2 to
+    nothing at 4, a cubic.
+    """
     t = np.clip((r - 2) / 2, 0, 1)
     return 1 - 3 * t**2 + 2 * t**3
 
@@ -83,7 +103,9 @@ def _word(seed: int, stream: int) -> int:
 
 
 def _lattice(key: int, m: np.ndarray) -> np.ndarray:
-    """Lattice values: each half of a Philox block is a sum of four uniform numbers of 16 bits."""
+    """Lattice values: each half of a Philox block is a sum of four uniform numbers of
+    16 bits.
+    """
     pair = (m >> 1).astype(np.uint64)
     w = philox((pair & LOW, pair >> 32, 0, 0), (key & LOW, key >> 32))
     a, b = (np.where(m % 2, w[i + 2], w[i]) for i in (0, 1))
@@ -92,15 +114,24 @@ def _lattice(key: int, m: np.ndarray) -> np.ndarray:
 
 
 def grating(a: Asked) -> list[Check]:
-    """The scene: a sum of parameters times gratings and noise over place, each computed again from the movement alone."""
+    """The scene: a sum of parameters times gratings and noise over place, each computed
+    again from the movement alone.
+    """
     g, x, n = a.given, a.x["x"], a.n
     before, on = movements(x, a.contact)
-    ribs = [(a.live(depth), g[wavelength]) for depth, wavelength in (("depth", "coarse"), ("fine_depth", "fine"))]
+    ribs = [
+        (a.live(depth), g[wavelength])
+        for depth, wavelength in (("depth", "coarse"), ("fine_depth", "fine"))
+    ]
     rough = Roughness(g["slope"], g["longest"], g["shortest"], g["seed"])
     a.say("gratings: " + ", ".join(f"{1000 * wavelength:.4g} mm" for _, wavelength in ribs))
-    a.say(f"roughness: 1/f^{rough.slope:g} over {rough.shortest:g} to {rough.longest:g} m, seed {rough.seed}")
+    a.say(
+        f"roughness: 1/f^{rough.slope:g} over {rough.shortest:g} to {rough.longest:g} m, seed"
+        f" {rough.seed}"
+    )
     bound = np.full(n, 1e-300)
-    for depth, wavelength in [*ribs, (a.live("roughness"), rough.shortest)]:  # a place is rounded, and so its phase
+    # a place is rounded, and so its phase
+    for depth, wavelength in [*ribs, (a.live("roughness"), rough.shortest)]:
         bound += np.abs(depth) * (1e-12 + 2.0**-44 * np.abs(x) / wavelength)
 
     def force(at: Any) -> np.ndarray:
@@ -114,10 +145,19 @@ def grating(a: Asked) -> list[Check]:
     want = force(at)
     error[at] = (a.y["force"][at] - want) / (bound[at] + a.slack * np.abs(want))
     a.expect("force", lambda: force(np.arange(n)), float(bound.max(initial=0.0)))
-    text = f"error over its bound, {at.size} samples: what is at a place, averaged over each movement, written again"
+    text = (
+        f"error over its bound, {at.size} samples: what is at a place, averaged over each movement,"
+        " written again"
+    )
     name = a.title("force")
     return [
-        Check("d", f"{name}: octaves of the roughness", _from_law(rough), LAW_DB, f"dB from 1/f^{rough.slope:g}"),
+        Check(
+            "d",
+            f"{name}: octaves of the roughness",
+            _from_law(rough),
+            LAW_DB,
+            f"dB from 1/f^{rough.slope:g}",
+        ),
         Check("d", f"{name}: gratings and roughness of the place", a.far(error), 1.0, text),
         a.silent("force", ~on),
     ]
@@ -125,7 +165,12 @@ def grating(a: Asked) -> list[Check]:
 
 def _from_law(b: Any) -> float:
     """Largest distance of the octaves' spectrum from C f^-slope of power 1, in dB."""
-    found, f = octaves(b.slope, 1 / b.longest, 1 / b.shortest), np.geomspace(1 / b.longest, 1 / b.shortest, 2001)
+    found, f = (
+        octaves(b.slope, 1 / b.longest, 1 / b.shortest),
+        np.geomspace(1 / b.longest, 1 / b.shortest, 2001),
+    )
     power = np.trapezoid(f ** (1 - b.slope), np.log(f))
-    made = sum(2 * a * d * np.sinc(f * d) ** 6 for a, d in zip(found.power, found.cells, strict=True))
+    made = sum(
+        2 * a * d * np.sinc(f * d) ** 6 for a, d in zip(found.power, found.cells, strict=True)
+    )
     return float(np.abs(10 * np.log10(made * power * f**b.slope)).max())

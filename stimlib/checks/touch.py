@@ -1,7 +1,9 @@
-"""The laws of the everyday scenes, each force over place written again: wall, click, detents, friction, impact.
+"""The laws of the everyday scenes, each force over place written again: wall, click,
+detents, friction, impact.
 
-A mean over a sample's way is a difference of integrals in extended precision here, a slip is found one by one, and a vibration is
-a complex recursion; nothing of a block's design or step is used.
+A mean over a sample's way is a difference of integrals in extended precision here, a
+slip is found one by one, and a vibration is a complex recursion; nothing of a block's
+design or step is used.
 """
 
 from __future__ import annotations
@@ -21,28 +23,41 @@ TOL, LEAST = 1e-6, 1e-12  # of the largest value, or of LEAST if there is nothin
 
 
 def ways(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where each sample's way began, and where there is contact, whose first sample has no way."""
+    """Where each sample's way began, and where there is contact, whose first sample has
+    no way.
+    """
     touching, last = contact > 0, np.r_[x[:1], x[:-1]]
     first = touching & ~np.r_[False, touching[:-1]]
     return np.where(first, x, last), touching
 
 
 def mean_over(
-    last: np.ndarray, x: np.ndarray, integral: Callable[[Any], Any], value: Callable[[Any], Any], straight: np.ndarray
+    last: np.ndarray,
+    x: np.ndarray,
+    integral: Callable[[Any], Any],
+    value: Callable[[Any], Any],
+    straight: np.ndarray,
 ) -> np.ndarray:
-    """Mean over last .. x of a function with a known integral; where it is straight, its value in the middle."""
+    """Mean over last .. x of a function with a known integral; where it is straight,
+    its value in the middle.
+    """
     a, b = last.astype(np.longdouble), x.astype(np.longdouble)
-    return np.where(straight, value((a + b) / 2), (integral(b) - integral(a)) / np.where(straight, 1, b - a)).astype(float)
+    return np.where(
+        straight, value((a + b) / 2), (integral(b) - integral(a)) / np.where(straight, 1, b - a)
+    ).astype(float)
 
 
 def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any) -> np.ndarray:
-    """Mean of max(0, k p + b v) where p = x - at > 0, else 0, v the mean speed of the sample.
+    """Mean of max(0, k p + b v) where p = x - at > 0, else 0, v the mean speed of the
+    sample.
 
     Examples
     --------
     >>> import numpy as np
     >>> from stimlib.checks.touch import wall
-    >>> wall(np.array([-1e-3, 1e-3, 2e-3]), np.ones(3), 1000.0, 1000.0, 2.0, 0.0).round(6)
+    >>> wall(np.array([-1e-3, 1e-3, 2e-3]), np.ones(3), 1000.0, 1000.0, 2.0, 0.0).round(
+    ...     6
+    ... )
     array([0.  , 2.25, 3.5 ])
     """
     last, touching = ways(x, contact)
@@ -63,8 +78,12 @@ def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any)
     return np.where(touching, mean_over(last, x, integral, value, straight), 0)
 
 
-def button(x: np.ndarray, contact: np.ndarray, peak: Any, drop: float, at: float, back: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean force of a button, and where it is pressed: since it was at ``at``, unless it was below ``back`` since."""
+def button(
+    x: np.ndarray, contact: np.ndarray, peak: Any, drop: float, at: float, back: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean force of a button, and where it is pressed: since it was at ``at``, unless
+    it was below ``back`` since.
+    """
     last, touching = ways(x, contact)
     n = np.arange(x.size)
     pressed = np.maximum.accumulate(np.where(touching & (x >= at), n, -1)) > np.maximum.accumulate(
@@ -72,16 +91,24 @@ def button(x: np.ndarray, contact: np.ndarray, peak: Any, drop: float, at: float
     )
     was = np.where(touching & np.r_[False, touching[:-1]], np.r_[False, pressed[:-1]], pressed)
     way = np.where(x == last, 1, np.abs(x - last))
-    share = np.where(pressed == was, pressed, (np.maximum(x, last) - np.where(pressed, at, back)) / way)
-    force = wall(x, contact, 1.0, np.asarray(peak) / at, 0.0, 0.0) - np.where(touching, peak * drop * share, 0)
+    share = np.where(
+        pressed == was, pressed, (np.maximum(x, last) - np.where(pressed, at, back)) / way
+    )
+    force = wall(x, contact, 1.0, np.asarray(peak) / at, 0.0, 0.0) - np.where(
+        touching, peak * drop * share, 0
+    )
     return force, pressed
 
 
 def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndarray:
-    """A decaying sinusoid from each event; it decays over one sample at least, as ``ring`` says."""
+    """A decaying sinusoid from each event; it decays over one sample at least, as
+    ``ring`` says.
+    """
     from scipy.signal import lfilter
 
-    return lfilter([1], [1, -np.exp(-1 / max(decay * fs, 1.0) + 2j * np.pi * freq / fs)], events).imag
+    return lfilter(
+        [1], [1, -np.exp(-1 / max(decay * fs, 1.0) + 2j * np.pi * freq / fs)], events
+    ).imag
 
 
 def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> np.ndarray:
@@ -92,7 +119,13 @@ def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> n
     def phase(q: Any) -> Any:
         return turn * (q / spacing - np.floor(q / spacing))
 
-    mean = mean_over(last, x, lambda q: -spacing / turn * np.cos(phase(q)), lambda q: np.sin(phase(q)), np.abs(x - last) < STILL)
+    mean = mean_over(
+        last,
+        x,
+        lambda q: -spacing / turn * np.cos(phase(q)),
+        lambda q: np.sin(phase(q)),
+        np.abs(x - last) < STILL,
+    )
     return np.where(touching, depth * mean, 0)
 
 
@@ -100,7 +133,9 @@ def coulomb(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray) -> 
     """Mean force of a spring that slips at a limit."""
     last, touching = ways(x, contact)
     y, z = np.zeros(x.size), 0.0
-    for n, (d, c) in enumerate(zip((x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), strict=True)):
+    for n, (d, c) in enumerate(
+        zip((x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), strict=True)
+    ):
         if not touching[n]:
             z = 0.0
             continue
@@ -113,11 +148,15 @@ def coulomb(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray) -> 
     return y
 
 
-def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, left: float, shown: np.ndarray) -> np.ndarray:
-    """Mean force of a spring that falls to a part of its limit wherever it reaches it, slip by slip.
+def stick_slip(
+    x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, left: float, shown: np.ndarray
+) -> np.ndarray:
+    """Mean force of a spring that falls to a part of its limit wherever it reaches it,
+    slip by slip.
 
-    A way that ends on the limit to rounding may have slipped or not: then what was shown next says which.  Where on a very short
-    way it slips is a matter of rounding, too: what was shown counts as far as that goes.
+    A way that ends on the limit to rounding may have slipped or not: then what was
+    shown next says which.  Where on a very short way it slips is a matter of rounding,
+    too: what was shown counts as far as that goes.
     """
     last, touching = ways(x, contact)
     d, c, y, z = (x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), np.zeros(x.size), 0.0
@@ -129,7 +168,9 @@ def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, 
             continue
         tooth = c[n] * (1 - left)
         if tie:
-            z = min((z, z + tie), key=lambda v: abs(k * _sawtooth(v, d[n], c[n], tooth)[0] - shown[n]))
+            z = min(
+                (z, z + tie), key=lambda v: abs(k * _sawtooth(v, d[n], c[n], tooth)[0] - shown[n])
+            )
         mean, z = _sawtooth(z, d[n], c[n], tooth)
         y[n], tie = k * mean, 0.0
         if d[n] and abs(shown[n] - y[n]) <= k * tooth * 2.0**-49 * abs(x[n]) / abs(d[n]):
@@ -142,7 +183,9 @@ def stick_slip(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, 
 
 
 def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]:
-    """Mean deflection over a way d from z on, falling by a tooth wherever it reaches c, and the deflection at its end."""
+    """Mean deflection over a way d from z on, falling by a tooth wherever it reaches c,
+    and the deflection at its end.
+    """
     s, a, area = (1.0 if d >= 0 else -1.0), abs(d), 0.0
     start = z = min(max(z, -c), c)
     rest = a
@@ -155,7 +198,7 @@ def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]
     return (area / a if a else start), z
 
 
-# The checks ------------------------------------------------------------------------------------------------------------
+# The checks ---------------------------------------------------------------------------
 def _held(a: Asked, name: str, what: str, parts: Iterable[np.ndarray], numbers: str) -> list[Check]:
     """An output against the sum of its parts."""
     a.say(numbers)
@@ -164,7 +207,10 @@ def _held(a: Asked, name: str, what: str, parts: Iterable[np.ndarray], numbers: 
 
 def _wall_of(a: Asked, x: np.ndarray, k: Any, b: Any, at: float) -> tuple[np.ndarray, str]:
     k, b = (np.maximum(np.broadcast_to(v, x.shape), 0) for v in (k, b))  # as the block counts them
-    return wall(x, a.contact, a.fs, k, b, at), f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at:.6g} m"
+    return (
+        wall(x, a.contact, a.fs, k, b, at),
+        f"a wall of {k[0]:.6g} N/m and {b[0]:.6g} N s/m at {at:.6g} m",
+    )
 
 
 def _vibration(a: Asked, events: np.ndarray) -> np.ndarray:
@@ -185,8 +231,17 @@ def click_law(a: Asked) -> list[Check]:
     force, pressed = button(x, a.contact, a.live("peak"), g["drop"], g["at"], g["back"])
     bottom, numbers = _wall_of(a, x, g["stiffness"], 0.0, g["travel"])
     events = np.diff(pressed.astype(float), prepend=pressed[0]) > 0
-    words = f"a snap at {1e3 * g['at']:g} mm, back at {1e3 * g['back']:g} mm, {int(events.sum())} of them; {numbers}"
-    return _held(a, "force", "button, bottom and vibration", [force, bottom, _vibration(a, events.astype(float))], words)
+    words = (
+        f"a snap at {1e3 * g['at']:g} mm, back at {1e3 * g['back']:g} mm, {int(events.sum())} of"
+        f" them; {numbers}"
+    )
+    return _held(
+        a,
+        "force",
+        "button, bottom and vibration",
+        [force, bottom, _vibration(a, events.astype(float))],
+        words,
+    )
 
 
 def detents_law(a: Asked) -> list[Check]:
@@ -200,15 +255,32 @@ def detents_law(a: Asked) -> list[Check]:
 
 def friction_law(a: Asked) -> list[Check]:
     x, g = a.x["x"], a.given
-    k, limit, left = g["stiffness"], g["static"] * np.maximum(a.live("normal"), 0), g["kinetic"] / g["static"]
-    words = f"it slips at {limit[0]:g} N, to {left * limit[0]:g} N, every {1e3 * (1 - left) * limit[0] / k:.4g} mm"
-    return _held(a, "force", "sawtooth over place", [stick_slip(x, a.contact, k, limit, left, a.y["force"])], words)
+    k, limit, left = (
+        g["stiffness"],
+        g["static"] * np.maximum(a.live("normal"), 0),
+        g["kinetic"] / g["static"],
+    )
+    words = (
+        f"it slips at {limit[0]:g} N, to {left * limit[0]:g} N, every"
+        f" {1e3 * (1 - left) * limit[0] / k:.4g} mm"
+    )
+    return _held(
+        a,
+        "force",
+        "sawtooth over place",
+        [stick_slip(x, a.contact, k, limit, left, a.y["force"])],
+        words,
+    )
 
 
 def impact_law(a: Asked) -> list[Check]:
     x, g = a.x["x"], a.given
     force, numbers = _wall_of(a, x, a.live("k"), g["b"], 0.0)
-    speed = np.maximum(laws.squeeze_finger(x, np.zeros(a.n), a.contact, a.fs, 0.0, 0.0, g["cutoff"], 1.0, 0.0).v, 0)
+    speed = np.maximum(
+        laws.squeeze_finger(x, np.zeros(a.n), a.contact, a.fs, 0.0, 0.0, g["cutoff"], 1.0, 0.0).v, 0
+    )
     events = np.r_[False, (x[1:] > 0) & ~(x[:-1] > 0)]
-    words = f"{int(events.sum())} impacts of up to {speed[events].max(initial=0.0):.3g} m/s; {numbers}"
+    words = (
+        f"{int(events.sum())} impacts of up to {speed[events].max(initial=0.0):.3g} m/s; {numbers}"
+    )
     return _held(a, "force", "wall and vibration", [force, _vibration(a, events * speed)], words)

@@ -1,4 +1,6 @@
-"""Is what was rendered what the model says?  Every check states what it compares, how far apart it was, and the limit."""
+"""Is what was rendered what the model says?  Every check states what it compares, how
+far apart it was, and the limit.
+"""
 
 from __future__ import annotations
 
@@ -36,19 +38,26 @@ STRETCH = 512  # samples that the interpreter makes again
 @overload
 def verify(scene: str | os.PathLike[str], /) -> Report: ...
 @overload
-def verify(scene: Scene | None, motion: Mapping[str, Any] | None, rendering: Rendering | str | os.PathLike[str]) -> Report: ...
+def verify(
+    scene: Scene | None,
+    motion: Mapping[str, Any] | None,
+    rendering: Rendering | str | os.PathLike[str],
+) -> Report: ...
 @public
 def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any = None) -> Report:
-    """Prove a rendering, or a file written by the file sink, against its scene and motion; or a file by what its sidecar tells.
+    """Prove a rendering, or a file written by the file sink, against its scene and
+    motion; or a file by what its sidecar tells.
 
     Parameters
     ----------
     scene : Scene or path
-        What is expected; None for that of the file's sidecar, which the report then says.  A path alone is that of the file.
+        What is expected; None for that of the file's sidecar, which the report then
+        says.  A path alone is that of the file.
     motion : dict of str to callable or ndarray, optional
-        As it was rendered.  By default, of a file, what the texts in its sidecar make again; where they do not, as of an array
-        or a function of yours, it must be given.  Of a recording the sidecar has the call and the SHA-256 of its file, which
-        must still be at its path.
+        As it was rendered.  By default, of a file, what the texts in its sidecar make
+        again; where they do not, as of an array or a function of yours, it must be
+        given.  Of a recording the sidecar has the call and the SHA-256 of its file,
+        which must still be at its path.
     rendering : Rendering or path
         What was displayed.
 
@@ -60,8 +69,9 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
     Raises
     ------
     BadValue
-        A file of another scene, sample rate or set of parameters, or made of a session's log; motion that does not fit, or that
-        cannot be made again; a scene alone.
+        A file of another scene, sample rate or set of parameters, or made of a
+        session's log; motion that does not fit, or that cannot be made again; a scene
+        alone.
     RecordingError
         The file of a recording is not there, or is another.
     SceneFileError
@@ -88,15 +98,25 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
     if rendering is None:
         scene, rendering = None, scene
     path = isinstance(rendering, str | os.PathLike)
-    if isinstance(rendering, Rendering) and isinstance(scene, Scene) and motion is None and not scene.inputs:
+    if (
+        isinstance(rendering, Rendering)
+        and isinstance(scene, Scene)
+        and motion is None
+        and not scene.inputs
+    ):
         motion = {}
     whole = isinstance(rendering, Rendering) and scene is not None and motion is not None
     if not (path or whole) or not isinstance(scene, Scene | None):
-        raise BadValue("verify: give the path of a file alone, or a scene, its motion and a rendering or the path of a file")
+        raise BadValue(
+            "verify: give the path of a file alone, or a scene, its motion and a rendering or the"
+            " path of a file"
+        )
     told = _motion_told(rendering, read(rendering)[1]) if motion is None else motion
     e = gather(scene_told(rendering) if scene is None else scene, told, rendering)
     if scene is None:
-        e.skipped.append("the scene is the sidecar's own: say which one you expect to have it compared")
+        e.skipped.append(
+            "the scene is the sidecar's own: say which one you expect to have it compared"
+        )
     groups = linear_blocks, same_samples, generator, noise, scene_law, limits_kept, blocks_held
     return Report([check for group in groups for check in group(e)], e)
 
@@ -117,20 +137,30 @@ def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
     from ..motion.recorded import parse_source
 
     if any(text.startswith("log of") for text in told["motion"].values()):
-        raise BadValue(f"{path} was made of a session's log: verify that, with stimlib verify --log")
+        raise BadValue(
+            f"{path} was made of a session's log: verify that, with stimlib verify --log"
+        )
     known: dict[str, Any] = {}
     for name, text in told["motion"].items():
         try:
             known[text] = known[text] if text in known else parse_source(text, pinned=True)
         except BadValue as e:
-            why = f"{e}; or" if text.startswith("recording(") else f"it cannot be made again from {text!r:.200}:"
-            raise type(e)(f"{path}: motion of {name}: {why} give the motion (--motion), as it was rendered") from e
+            why = (
+                f"{e}; or"
+                if text.startswith("recording(")
+                else f"it cannot be made again from {text!r:.200}:"
+            )
+            raise type(e)(
+                f"{path}: motion of {name}: {why} give the motion (--motion), as it was rendered"
+            ) from e
     return {name: known[text] for name, text in told["motion"].items()}
 
 
-# a: linear blocks --------------------------------------------------------------------------------------------------------
+# a: linear blocks ---------------------------------------------------------------------
 def linear_blocks(e: Evidence) -> list[Check]:
-    """a1: compiled impulse response against the block's own discrete response; a2: that response against the law."""
+    """a1: compiled impulse response against the block's own discrete response; a2: that
+    response against the law.
+    """
     checks, seen = [], set()
     for i, q in enumerate(e.proc.program.instances):
         b, p = q.block, e.proc.design[i][0]
@@ -144,23 +174,38 @@ def linear_blocks(e: Evidence) -> list[Check]:
         if type(b).transfer is None and type(b).law is not None:
             continue  # it is held against that, by ``blocks_held``
         if type(b).transfer is None:
-            e.skipped.append(f"{b!r}: it states no response, so nothing but its own step, run again, was compared")
+            e.skipped.append(
+                f"{b!r}: it states no response, so nothing but its own step, run again, was"
+                " compared"
+            )
             continue
         name = type(b).__name__
         f, H, h, settled = _impulse(b, p, e.fs)
         scale = np.abs(H).max() or 1.0
         if settled:
             apart = float(np.abs(h - H).max() / scale)
-            checks.append(Check("a1", f"{name}: impulse response", apart, ROUNDING, "compiled taps = discrete response"))
+            checks.append(
+                Check(
+                    "a1",
+                    f"{name}: impulse response",
+                    apart,
+                    ROUNDING,
+                    "compiled taps = discrete response",
+                )
+            )
         else:
-            e.skipped.append(f"{name}: its impulse response never settles, so it is not transformed")
+            e.skipped.append(
+                f"{name}: its impulse response never settles, so it is not transformed"
+            )
         if not b.laws(e.fs):
             e.skipped.append(f"{b!r}: no physical law is known for it")
             continue
         transfer: Any = type(b).transfer
         for law in b.laws(e.fs):
             error = law.error(partial(_response, transfer, p, e.fs), e.fs)
-            checks.append(Check("a2", f"{name}: physical law", error, law.tol * (1 + 1e-6), law.text))
+            checks.append(
+                Check("a2", f"{name}: physical law", error, law.tol * (1 + 1e-6), law.text)
+            )
     return checks
 
 
@@ -169,7 +214,9 @@ def _response(transfer: Any, p: Any, fs: float, f: np.ndarray) -> np.ndarray:
 
 
 def _impulse(b: Block, p: Any, fs: float):
-    """Some frequencies, the response that the block states there, and the transform of its compiled impulse response."""
+    """Some frequencies, the response that the block states there, and the transform of
+    its compiled impulse response.
+    """
     x = Input("x")
     kind = type(b)
     lone = dc.replace(b, **{s: x if k == 0 else Const(1.0) for k, s in enumerate(signals(kind))})  # type: ignore[type-var]
@@ -191,14 +238,17 @@ def _impulse(b: Block, p: Any, fs: float):
     bins = np.unique(np.geomspace(1, spectrum.size - 1, 600).astype(int))
     f = bins * fs / h.size
     settled = len(parts) >= least and last <= 1e-15 * peak
-    # of a tail that falls as a power of time, what is cut off is about its last sample times the length
+    # of a tail that falls as a power of time, what is cut off is about its last sample
+    # times the length
     settled = settled and last / SMALL * h.size <= 0.1 * ROUNDING * np.abs(spectrum).max()
     return f, kind.transfer(p, np.exp(2j * np.pi * f / fs)), spectrum[bins], settled  # type: ignore[misc]
 
 
-# b: the same samples again -----------------------------------------------------------------------------------------------
+# b: the same samples again ------------------------------------------------------------
 def same_samples(e: Evidence) -> list[Check]:
-    """The delivered samples against a re-render in random cuts, and a stretch against the interpreter."""
+    """The delivered samples against a re-render in random cuts, and a stretch against
+    the interpreter.
+    """
     n = e.x.shape[1]
     rng = np.random.default_rng(e.seed)
     middle = int(np.flatnonzero(e.taps[0].gate)[0]) if e.taps and e.taps[0].gate.any() else 0
@@ -213,11 +263,20 @@ def same_samples(e: Evidence) -> list[Check]:
     wrong = int(np.sum(cut.view(np.uint64) != e.y.view(np.uint64)))
     checks = [Check("b", "random cuts, other outputs added", wrong, 0, "samples whose bits differ")]
     stretch = min(n - start, STRETCH)
-    reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)  # what runs before sample 0 costs it 10 us each
+    # what runs before sample 0 costs it 10 us each
+    reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)
     reference.state = state
     y = samples(reference, e.x, start + stretch, e.changes, start)
     wrong = int(np.sum(y.view(np.uint64) != cut[:, start : start + stretch].view(np.uint64)))
-    checks.append(Check("b", f"interpreter, {stretch} samples from {start}", wrong, 0, "samples whose bits differ"))
+    checks.append(
+        Check(
+            "b",
+            f"interpreter, {stretch} samples from {start}",
+            wrong,
+            0,
+            "samples whose bits differ",
+        )
+    )
     if e.session:  # checks/session.py compares what was delivered
         return checks
     if e.sidecar is None:
@@ -225,11 +284,15 @@ def same_samples(e: Evidence) -> list[Check]:
         checks.append(Check("b", "delivered = re-render", wrong, 0, "samples whose bits differ"))
     else:
         wrong = int(np.sum(e.shown.view(np.uint64) != stored(cut, e.sidecar).view(np.uint64)))
-        checks.append(Check("b", f"file = re-render as {e.sidecar['subtype']}", wrong, 0, "samples that differ"))
+        checks.append(
+            Check(
+                "b", f"file = re-render as {e.sidecar['subtype']}", wrong, 0, "samples that differ"
+            )
+        )
     return checks
 
 
-# e: limits ---------------------------------------------------------------------------------------------------------------
+# e: limits ----------------------------------------------------------------------------
 def limits_kept(e: Evidence) -> list[Check]:
     bad = int(np.sum(~np.isfinite(e.shown)))
     checks = motor_limits(e) + [Check("e", "finite", bad, 0, "samples that are not finite")]
@@ -244,11 +307,21 @@ def limits_kept(e: Evidence) -> list[Check]:
             e.skipped.append("clip count of the sidecar: the file was recovered, nobody counted")
         else:
             apart = sum(abs(a - b) for a, b in zip(counts, clipped(e), strict=True))
-            checks.append(Check("e", "clip count of the sidecar", apart, 0, f"{sum(counts)} samples clipped"))
+            checks.append(
+                Check("e", "clip count of the sidecar", apart, 0, f"{sum(counts)} samples clipped")
+            )
         checks += [*says(e), *storage(e)]
     for info in {id(m.info): m.info for m in e.motion.values() if hasattr(m, "info")}.values():
-        found = ", ".join(f"{len(info[what])} {what}" for what in ("gaps", "lifts", "jumps") if info[what])
-        text = f"{info['reports']} reports at {info['rate']:.3g} Hz, {info['repeats']} repeats left out"
+        found = ", ".join(
+            f"{len(info[what])} {what}" for what in ("gaps", "lifts", "jumps") if info[what]
+        )
+        text = (
+            f"{info['reports']} reports at {info['rate']:.3g} Hz, {info['repeats']} repeats"
+            " left out"
+        )
         text += f", {info['silences']} silences held" if info["silences"] else ""
-        e.skipped.append(f"between the reports of {Path(info['file']).name}: {text}; {found or 'no gaps, lifts or jumps'}")
+        e.skipped.append(
+            f"between the reports of {Path(info['file']).name}: {text};"
+            f" {found or 'no gaps, lifts or jumps'}"
+        )
     return checks

@@ -1,9 +1,19 @@
 """The command line: render, play, verify, show and list scenes; run experiments.
 
-A module for each group of commands; ``app`` has what they share, ``scene`` and ``motions`` what SCENE and --motion mean.
+A module for each group of commands; ``app`` has what they share, ``scene`` and
+``motions`` what SCENE and --motion mean.
 """
 
-from . import files, sweeps, devices, live, experiments, proofs, scenes, speed  # noqa: I001  # each adds its commands, in the order of --help
+from . import (
+    files,
+    sweeps,
+    devices,
+    live,
+    experiments,
+    proofs,
+    scenes,
+    speed,
+)  # noqa: I001  # each adds its commands, in the order of --help
 from .app import app
 
 __all__ = ["app", "devices", "experiments", "files", "live", "proofs", "scenes", "speed", "sweeps"]

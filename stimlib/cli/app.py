@@ -48,7 +48,9 @@ def _in_one_line() -> Iterator[None]:
         raise typer.Exit(2) from None
 
 
-app = typer.Typer(cls=_Group, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_show_locals=False)
+app = typer.Typer(
+    cls=_Group, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_show_locals=False
+)
 errors = Console(stderr=True, emoji=False)
 
 
@@ -60,9 +62,13 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def main(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
 ):
-    """Haptic stimuli composed from small pure blocks: render, play, look at and list them."""
+    """Haptic stimuli composed from small pure blocks: render, play, look at and list
+    them.
+    """
 
 
 Command = Callable[..., Any]
@@ -76,7 +82,9 @@ def group(name: str, text: str) -> typer.Typer:
 
 
 def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Command], Command]:
-    """Make a function a subcommand: its errors in one line, and the options of these functions among its own."""
+    """Make a function a subcommand: its errors in one line, and the options of these
+    functions among its own.
+    """
 
     def made(function: Command) -> Command:
         return of.command(name)(sharing(friendly()(function), shared))
@@ -85,7 +93,9 @@ def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Co
 
 
 def sharing(function: Command, shared: dict[str, Command]) -> Command:
-    """A command with the options (keyword-only parameters) of other functions; it gets each of them with these filled in."""
+    """A command with the options (keyword-only parameters) of other functions; it gets
+    each of them with these filled in.
+    """
 
     @wraps(function)
     def run(**given: Any) -> None:
@@ -95,7 +105,9 @@ def sharing(function: Command, shared: dict[str, Command]) -> Command:
 
     takes: list[inspect.Parameter] = []
     for name, p in inspect.signature(function, eval_str=True).parameters.items():
-        takes += _options(shared[name]).values() if name in shared else [p.replace(kind=p.KEYWORD_ONLY)]
+        takes += (
+            _options(shared[name]).values() if name in shared else [p.replace(kind=p.KEYWORD_ONLY)]
+        )
     run.__signature__ = inspect.Signature(takes)  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in takes}
     del run.__wrapped__  # or its annotations are read
@@ -103,12 +115,17 @@ def sharing(function: Command, shared: dict[str, Command]) -> Command:
 
 
 def _options(f: Command) -> dict[str, inspect.Parameter]:
-    return {n: p for n, p in inspect.signature(f, eval_str=True).parameters.items() if p.kind is p.KEYWORD_ONLY}
+    return {
+        n: p
+        for n, p in inspect.signature(f, eval_str=True).parameters.items()
+        if p.kind is p.KEYWORD_ONLY
+    }
 
 
 @contextmanager
 def friendly() -> Iterator[None]:
-    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130; defects with their traceback, 3.
+    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130;
+    defects with their traceback, 3.
 
     Where the reader of a pipe went away the status is 141, as of any command.
     """
@@ -117,7 +134,11 @@ def friendly() -> Iterator[None]:
             warnings.simplefilter("default", RuntimeWarning)
             once = cache(note)  # the same words from two places are one warning
             warnings.showwarning = lambda message, *_, **__: once(str(message))
-            announce[:] = [cache(lambda text: errors.print(text, markup=False, highlight=False, soft_wrap=True))]
+            announce[:] = [
+                cache(
+                    lambda text: errors.print(text, markup=False, highlight=False, soft_wrap=True)
+                )
+            ]
             try:
                 yield
             finally:
@@ -130,18 +151,26 @@ def friendly() -> Iterator[None]:
         failed(e)
         raise typer.Exit(2) from None
     except KeyboardInterrupt as e:
-        errors.print(f"stopped; {shown(str(e) or 'nothing was left behind')}", markup=False, highlight=False, soft_wrap=True)
+        errors.print(
+            f"stopped; {shown(str(e) or 'nothing was left behind')}",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
         raise typer.Exit(130) from None
     except Exception as e:
         if isinstance(e, OSError) and e.errno in (errno.ENOSPC, errno.EIO) and e.filename is None:
             failed(f"cannot write what is printed: {e.strerror}")
             raise typer.Exit(2) from None
         errors.print(traceback.format_exc().rstrip(), markup=False, highlight=False, soft_wrap=True)
-        _line("[bold red]unexpected error:[/]", f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it")
+        _line(
+            "[bold red]unexpected error:[/]",
+            f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it",
+        )
         raise typer.Exit(3) from None
 
 
-# What is printed -----------------------------------------------------------------------------------------------------
+# What is printed ----------------------------------------------------------------------
 def failed(text: Any) -> None:
     """An error, in one line on stderr."""
     _line("[bold red]error:[/]", text)
@@ -163,7 +192,9 @@ def print_json(data: Any) -> None:
 
 
 class Output(Console):
-    """stdout; that its reader went away is told to ``friendly``, where rich would end the process with status 1."""
+    """stdout; that its reader went away is told to ``friendly``, where rich would end
+    the process with status 1.
+    """
 
     def on_broken_pipe(self) -> None:
         """Called by rich while it handles that error."""
@@ -171,7 +202,9 @@ class Output(Console):
 
 
 def print_wide(data: Any) -> None:
-    """A table or report on stdout, as wide as the terminal, or 130 characters where that is none."""
+    """A table or report on stdout, as wide as the terminal, or 130 characters where
+    that is none.
+    """
     Output(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
 
 

@@ -1,4 +1,6 @@
-"""``experiment``: run, resume, watch, simulate and analyse an experiment that a file of the user's defines."""
+"""``experiment``: run, resume, watch, simulate and analyse an experiment that a file of
+the user's defines.
+"""
 
 from __future__ import annotations
 
@@ -29,38 +31,65 @@ if TYPE_CHECKING:
 PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
 """Experiments of papers: a function of this name in stimlib.experiments.NAME."""
 
-experiment = group("experiment", "Run an experiment, go on with it, simulate it, and get its answers.")
+experiment = group(
+    "experiment", "Run an experiment, go on with it, simulate it, and get its answers."
+)
 
 Defined = Annotated[
     str,
     typer.Argument(
         metavar="FILE.py:NAME",
-        help="The experiment, or a function that makes it, in your own file, which is run; or a paper's, such as [bold]ugrip[/].",
+        help=(
+            "The experiment, or a function that makes it, in your own file, which is run; or a"
+            " paper's, such as [bold]ugrip[/]."
+        ),
         show_default=False,
     ),
 ]
 Data = Annotated[Path, typer.Option(help="Folder of all data.")]
-Participant = Annotated[str, typer.Option(help="A code such as [bold]P07[/]; names do not belong into data.", show_default=False)]
-SessionNumber = Annotated[int, typer.Option("--session", help="Number of the participant's session.")]
-Pilot = Annotated[bool, typer.Option("--pilot", help="None of the data: kept apart, and never analysed with them.")]
+Participant = Annotated[
+    str,
+    typer.Option(
+        help="A code such as [bold]P07[/]; names do not belong into data.", show_default=False
+    ),
+]
+SessionNumber = Annotated[
+    int, typer.Option("--session", help="Number of the participant's session.")
+]
+Pilot = Annotated[
+    bool,
+    typer.Option("--pilot", help="None of the data: kept apart, and never analysed with them."),
+]
 Sink = Annotated[
     str,
     typer.Option(
-        help="[bold]null[/], [bold]jack[/], [bold]portaudio[/]; [bold]offline[/] as fast as it goes; [bold]file[/] keeps sound."
+        help=(
+            "[bold]null[/], [bold]jack[/], [bold]portaudio[/]; [bold]offline[/] as fast as it goes;"
+            " [bold]file[/] keeps sound."
+        )
     ),
 ]
-Device = Annotated[str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device.")]
+Device = Annotated[
+    str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device.")
+]
 OnPage = Annotated[
     bool,
     typer.Option(
         "--page",
-        help="Answers on a page of the browser, by keys, touch or mouse; its address is printed. Needs [bold]pip install "
-        "'stimlib\\[live]'[/].",
+        help=(
+            "Answers on a page of the browser, by keys, touch or mouse; its address is printed."
+            " Needs [bold]pip install 'stimlib\\[live]'[/]."
+        ),
     ),
 ]
 Host = Annotated[
     str,
-    typer.Option(help="Address at which the page is served. Another than 127.0.0.1 lets in a tablet, and whoever has the token."),
+    typer.Option(
+        help=(
+            "Address at which the page is served. Another than 127.0.0.1 lets in a tablet, and"
+            " whoever has the token."
+        )
+    ),
 ]
 Port = Annotated[int, typer.Option(help="Of the page; 0 takes a free one.", min=0, max=65535)]
 
@@ -79,7 +108,9 @@ def experiment_of(text: str) -> Experiment:
         return getattr(importlib.import_module(f"stimlib.experiments.{text}"), text)()
     path, _, name = text.rpartition(":")
     if not path.endswith(".py"):
-        raise BadValue(f"{text!r} is no experiment: write FILE.py:NAME, or one of {', '.join(PAPERS)}")
+        raise BadValue(
+            f"{text!r} is no experiment: write FILE.py:NAME, or one of {', '.join(PAPERS)}"
+        )
     found = own_of(path, name, kind=Experiment)
     made = found() if callable(found) and not isinstance(found, Experiment) else found
     if not isinstance(made, Experiment):
@@ -101,12 +132,18 @@ def played(
     host: Host = "127.0.0.1",
     port: Port = 0,
 ) -> None:
-    """A session, answered in the terminal or on a page; what ends it early says the command that goes on."""
+    """A session, answered in the terminal or on a page; what ends it early says the
+    command that goes on.
+    """
     from ..experiments.present import FAST, SINKS, prepare
     from ..experiments.run import run
     from ..experiments.session import Session
 
-    given = {name: value for name, value in locals().items() if name in ("participant", "session", "data", "sink", "device")}
+    given = {
+        name: value
+        for name, value in locals().items()
+        if name in ("participant", "session", "data", "sink", "device")
+    }
     made = experiment_of(defined)
     if sink not in SINKS:
         raise BadValue(f"--sink {sink}: choose one of {', '.join(SINKS)}")
@@ -129,7 +166,12 @@ def played(
                         run(running, face, sink, **options)
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             given |= {"host": host, "port": port or None} if page else {}
-            words = [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
+            words = [
+                word
+                for name, value in given.items()
+                if value is not None
+                for word in (f"--{name}", str(value))
+            ]
             flags = ["--pilot"] * pilot + ["--page"] * page
             again = shlex.join(["stimlib", "experiment", "resume", defined, *words, *flags])
             kept = f"{len(running.records)} answers are kept; go on with {again}"
@@ -141,7 +183,9 @@ def played(
 
 @contextmanager
 def on_page(host: str, port: int) -> Iterator[Asking]:
-    """A server whose page is the face; the terminal has its address, and how far the session is."""
+    """A server whose page is the face; the terminal has its address, and how far the
+    session is.
+    """
     from ..live.asking import Asking
     from ..live.server import Server
 
@@ -149,7 +193,8 @@ def on_page(host: str, port: int) -> Iterator[Asking]:
     with Server(asking, host, port) as server, asking:
         if not server.private:
             note(
-                f"{host}: whoever has the address below can answer: use it in a network of your own, and end it when you are done"
+                f"{host}: whoever has the address below can answer: use it in a network of your"
+                " own, and end it when you are done"
             )
         print(f"the participant answers at {server.url}", flush=True)
         yield asking
@@ -157,9 +202,11 @@ def on_page(host: str, port: int) -> Iterator[Asking]:
 
 @command("run", experiment, play=played)
 def run_(defined: Defined, play: Any):
-    """Run a participant's session, answered by keyboard or on a page.  Each answer is on the disk before the next stimulus.
+    """Run a participant's session, answered by keyboard or on a page.  Each answer is
+    on the disk before the next stimulus.
 
-    Ctrl-C, a power cut or a full disk lose no answer: [bold]stimlib experiment resume[/] goes on.
+    Ctrl-C, a power cut or a full disk lose no answer: [bold]stimlib experiment
+    resume[/] goes on.
 
     [bold]stimlib experiment run pair.py:pair --participant P07 --sink jack[/]
     """
@@ -168,7 +215,8 @@ def run_(defined: Defined, play: Any):
 
 @command("resume", experiment, play=played)
 def resume(defined: Defined, play: Any):
-    """Go on with a session that was left, exactly where it was; a pause that is due is still due.
+    """Go on with a session that was left, exactly where it was; a pause that is due is
+    still due.
 
     [bold]stimlib experiment resume pair.py:pair --participant P07 --sink jack[/]
     """
@@ -190,10 +238,17 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
     for s in found:
         who = f"{'PILOT ' if s['pilot'] else ''}{s['participant']} session {s['session']}"
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
-        old = f" ({s['shared']} with one time for all intervals, by an older stimlib)" if s["shared"] else ""
-        print(f"{who}: {s['trials']} trials{old}, {s['training']} of them training ({conditions}); {s['replays']} replays, "
-              f"{s['unanswered']} presentations without an answer, {s['lost']} samples lost, {s['limited']} limited; "
-              f"last answer {s['last'][:19] or 'none'}")  # fmt: skip
+        old = (
+            f" ({s['shared']} with one time for all intervals, by an older stimlib)"
+            if s["shared"]
+            else ""
+        )
+        print(
+            f"{who}: {s['trials']} trials{old}, {s['training']} of them training ({conditions});"
+            f" {s['replays']} replays, {s['unanswered']} presentations without an answer,"
+            f" {s['lost']} samples lost, {s['limited']} limited; last answer"
+            f" {s['last'][:19] or 'none'}"
+        )
     if not found:
         print(f"no session of {name} in {data}")
 
@@ -203,10 +258,13 @@ def simulate(
     defined: Defined,
     participants: Annotated[int, typer.Option(help="Simulated participants, P1, P2, ..")] = 8,
     data: Data = Path("simulated"),
-    rendered: Annotated[bool, typer.Option("--rendered", help="Render every stimulus too, with its log.")] = False,
+    rendered: Annotated[
+        bool, typer.Option("--rendered", help="Render every stimulus too, with its log.")
+    ] = False,
     quiet: opt.Quiet = False,
 ):
-    """Whole sessions of the experiment's simulated observer, kept as pilots: to try a design before people come.
+    """Whole sessions of the experiment's simulated observer, kept as pilots: to try a
+    design before people come.
 
     [bold]stimlib experiment simulate pair.py:pair --participants 8[/]
     """
@@ -215,12 +273,20 @@ def simulate(
 
     made = experiment_of(defined)
     if made.observer is None:
-        raise BadValue(f"{defined}: give the experiment an observer=, a function (trial, rng) -> Answer")
-    every = [(n, number) for n in range(1, participants + 1) for number in range(1, made.sessions + 1)]
+        raise BadValue(
+            f"{defined}: give the experiment an observer=, a function (trial, rng) -> Answer"
+        )
+    every = [
+        (n, number) for n in range(1, participants + 1) for number in range(1, made.sessions + 1)
+    ]
     with progress("simulating", len(every), not quiet) as advance:
         for n, number in every:
             with Session(made, data, f"P{n}", number, pilot=True) as session:
-                run(session, Simulated(session, made.observer), "offline" if rendered else lambda trial, folder: {})
+                run(
+                    session,
+                    Simulated(session, made.observer),
+                    "offline" if rendered else lambda trial, folder: {},
+                )
             advance(1)
     if not quiet:
         print(f"{len(every)} sessions in {data / made.name}, kept as pilots")
@@ -232,9 +298,12 @@ def analyse(
     defined: Defined,
     data: Data = Path("data"),
     pilot: Pilot = False,
-    out: Annotated[Path | None, typer.Option(help="Also write all trials as a table, .csv.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Also write all trials as a table, .csv.")
+    ] = None,
 ):
-    """What the experiment's own analysis says of all sessions; without one, all trials as a table on stdout.
+    """What the experiment's own analysis says of all sessions; without one, all trials
+    as a table on stdout.
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """

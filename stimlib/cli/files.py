@@ -19,9 +19,12 @@ from .scene import SceneText, params_of, run_files, scene_of, touching
 
 @command("demo")
 def demo_(
-    folder: Annotated[Path, typer.Argument(help="Where to write it; made if missing.")] = Path("stimlib-demo"),
+    folder: Annotated[Path, typer.Argument(help="Where to write it; made if missing.")] = Path(
+        "stimlib-demo"
+    ),
 ):
-    """Render three stimuli as files, pictures, proofs and copies for ears, with a table of what to look at.  Start here.
+    """Render three stimuli as files, pictures, proofs and copies for ears, with a table
+    of what to look at.  Start here.
 
     Exit status 1 when a check fails.
 
@@ -37,25 +40,37 @@ def demo_(
         table.add_column(column, overflow="fold")
     passed = True
     errors.print(
-        "rendering, proving and drawing three stimuli; the first time also compiling, which takes a minute", soft_wrap=True
+        "rendering, proving and drawing three stimuli; the first time also compiling, which takes a"
+        " minute",
+        soft_wrap=True,
     )
     with progress("demo", len(STIMULI)) as advance:
         with closing(demo(folder)) as stimuli:
             for made in stimuli:
                 advance(1)
-                errors.print(f"{made.name}: {'passed' if made.passed else 'FAILED'}", highlight=False)
+                errors.print(
+                    f"{made.name}: {'passed' if made.passed else 'FAILED'}", highlight=False
+                )
                 for path, what, look in made.files:
-                    table.add_row(Text(shown(path)), what, look, end_section=path == made.files[-1][0])
+                    table.add_row(
+                        Text(shown(path)), what, look, end_section=path == made.files[-1][0]
+                    )
                 passed &= made.passed
     print_wide(table)
-    print(f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render --help")
+    print(
+        f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render"
+        " --help"
+    )
     end(passed)
 
 
 @command("render", motions=motions_of)
 def render_(
     scene: SceneText,
-    out: Annotated[Path, typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False),
+    ],
     motions: Any,
     seconds: opt.Length = None,
     fs: opt.Rate = 8000.0,
@@ -64,21 +79,31 @@ def render_(
     full_scale: Annotated[
         str | None,
         typer.Option(
-            help="Physical value that is stored as 1.0 (needed for FLAC; float formats store any). For different units: "
-            "a=50,b=0.1."
+            help=(
+                "Physical value that is stored as 1.0 (needed for FLAC; float formats store any)."
+                " For different units: "
+                "a=50,b=0.1."
+            )
         ),
     ] = None,
-    subtype: Annotated[str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")] = None,
+    subtype: Annotated[
+        str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")
+    ] = None,
     picture: Annotated[
-        Path | None, typer.Option(help="Also draw the first 10 s: signals, vibration, force over position, spectra.")
+        Path | None,
+        typer.Option(
+            help="Also draw the first 10 s: signals, vibration, force over position, spectra."
+        ),
     ] = None,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Render a scene into a sound file, with everything needed to repeat it in FILE.json.
+    """Render a scene into a sound file, with everything needed to repeat it in
+    FILE.json.
 
-    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5 --full-scale 50 --out squeeze.wav[/]
+    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5
+    --full-scale 50 --out squeeze.wav[/]
     """
     run_files(import_)
     from ..files import audio as file
@@ -98,7 +123,9 @@ def render_(
     for name, value in values.items():
         proc.set(name, value, ramp=0.0)
     scale = opt.of_each(full_scale, "--full-scale")
-    report = file.write(out, proc, motion, length, subtype=subtype, full_scale=scale, progress=not quiet)
+    report = file.write(
+        out, proc, motion, length, subtype=subtype, full_scale=scale, progress=not quiet
+    )
     if json_:
         print_json(asdict(report) | {"path": str(report.path), "sidecar": str(report.sidecar)})
     if not quiet:
@@ -108,7 +135,9 @@ def render_(
         one = float(scale) if isinstance(scale, str) else 0.0
         if out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * one:
             share, steps = 100 * top / one, one / 2**23
-            text = f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
+            text = (
+                f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
+            )
             note(f"{text}: write it with a full scale of about {1.01 * top:.3g}")
     if picture is not None:
         draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
@@ -117,20 +146,35 @@ def render_(
 @command("render-set", motions=motions_of)
 def render_set_(
     folder: Annotated[
-        Path, typer.Argument(help="Folder to write the files and index.json into; a set that was interrupted goes on.")
+        Path,
+        typer.Argument(
+            help=(
+                "Folder to write the files and index.json into; a set that was interrupted goes on."
+            )
+        ),
     ],
     motions: Any,
     contact: Annotated[
-        bool, typer.Option("--contact", help="The bumps rest while the finger is lifted; for recordings with lifts.")
+        bool,
+        typer.Option(
+            "--contact",
+            help="The bumps rest while the finger is lifted; for recordings with lifts.",
+        ),
     ] = False,
     seconds: opt.Length = None,
     fs: opt.Rate = 8000.0,
-    repetitions: Annotated[int, typer.Option(help="How often each stimulus is presented, in a new random order each time.")] = 4,
+    repetitions: Annotated[
+        int,
+        typer.Option(help="How often each stimulus is presented, in a new random order each time."),
+    ] = 4,
     seed: Annotated[int, typer.Option(help="Of the random order.")] = 0,
-    workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes; by default one for each core.")
+    ] = None,
     quiet: opt.Quiet = False,
 ):
-    """Render the 81 bumps of the touch-screen experiment, with an index of the order of presentation.
+    """Render the 81 bumps of the touch-screen experiment, with an index of the order of
+    presentation.
 
     The finger strokes 0.1 m at 20 mm/s, unless --motion is given.
 
@@ -139,8 +183,13 @@ def render_set_(
     from ..files.batch import render_set
     from ..scenes import bumps, bumps_set
 
-    scenes = {f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s, contact=contact) for s in bumps_set()}
-    motion, recorded = motions(next(iter(scenes.values())), ("constant_speed(0.02, 0.1)",), "add --contact")
+    scenes = {
+        f"{s.waveform}_{s.bumps:02d}_{s.duty:g}_{s.amplitude:g}V": bumps(*s, contact=contact)
+        for s in bumps_set()
+    }
+    motion, recorded = motions(
+        next(iter(scenes.values())), ("constant_speed(0.02, 0.1)",), "add --contact"
+    )
     index = render_set(
         folder,
         scenes,
@@ -159,8 +208,14 @@ def render_set_(
 
 @command("recover")
 def recover(
-    file: Annotated[Path, typer.Argument(help="The file that was to be written, without .part.", show_default=False)],
-    out: Annotated[Path | None, typer.Option(help="Where to write it instead, with the same suffix.", show_default=False)] = None,
+    file: Annotated[
+        Path,
+        typer.Argument(help="The file that was to be written, without .part.", show_default=False),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Where to write it instead, with the same suffix.", show_default=False),
+    ] = None,
 ):
     """Make a file of what a run of [bold]stimlib render[/] left when it was killed.
 

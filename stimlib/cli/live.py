@@ -24,16 +24,26 @@ def page_safety_of(
     full_scale: Annotated[
         str | None,
         typer.Option(
-            help="Physical value that is 1.0 in sound and recording, such as 50 (N); nothing goes beyond. For different units: "
-            "a=50,b=0.1. By default twice the peak of a trial.",
+            help=(
+                "Physical value that is 1.0 in sound and recording, such as 50 (N); nothing goes"
+                " beyond. For different units: "
+                "a=50,b=0.1. By default twice the peak of a trial."
+            ),
             show_default=False,
         ),
     ] = None,
     peak: Annotated[float | None, typer.Option(help="Largest force in N, of outputs in N.")] = None,
-    static: Annotated[float | None, typer.Option(help="Largest lasting force in N, of outputs in N.")] = None,
+    static: Annotated[
+        float | None, typer.Option(help="Largest lasting force in N, of outputs in N.")
+    ] = None,
     slew: Annotated[
         str | None,
-        typer.Option(help="Fastest change, in units of the outputs per second; of each output as in --full-scale."),
+        typer.Option(
+            help=(
+                "Fastest change, in units of the outputs per second; of each output as in"
+                " --full-scale."
+            )
+        ),
     ] = None,
 ) -> Any:
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
@@ -59,31 +69,55 @@ def live(
     motions: Any,
     host: Annotated[
         str,
-        typer.Option(help="Address to listen at. Another than 127.0.0.1 lets in whoever has the token and can read the network."),
+        typer.Option(
+            help=(
+                "Address to listen at. Another than 127.0.0.1 lets in whoever has the token and can"
+                " read the network."
+            )
+        ),
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 0,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address only; by default a browser opens it.")
+        bool,
+        typer.Option("--no-browser", help="Print the address only; by default a browser opens it."),
     ] = False,
     range_: Annotated[
         list[str],
-        typer.Option("--range", help="Of an input under the hand, or of a slider: [bold]x=0:0.05[/], in its unit. Repeatable."),
+        typer.Option(
+            "--range",
+            help=(
+                "Of an input under the hand, or of a slider: [bold]x=0:0.05[/], in its unit."
+                " Repeatable."
+            ),
+        ),
     ] = [],
     smooth: Annotated[
-        float, typer.Option(help="Bandwidth in Hz of what follows the pointer; less is smoother and later: 320 ms / it.")
+        float,
+        typer.Option(
+            help=(
+                "Bandwidth in Hz of what follows the pointer; less is smoother and later: 320 ms"
+                " / it."
+            )
+        ),
     ] = 40.0,
-    folder: Annotated[Path, typer.Option(help="Where recordings are put, each the log of a session.")] = Path("."),
-    block: Annotated[int | None, typer.Option(help="Samples made at once; by default 4 ms.", show_default=False)] = None,
+    folder: Annotated[
+        Path, typer.Option(help="Where recordings are put, each the log of a session.")
+    ] = Path("."),
+    block: Annotated[
+        int | None, typer.Option(help="Samples made at once; by default 4 ms.", show_default=False)
+    ] = None,
     fs: opt.Rate = 8000.0,
     set_: opt.SessionParams = [],
     seed: opt.Seed = 0,
     import_: opt.Import = [],
 ):
-    """Explore a scene in the browser: a pointer drives it, sliders set its parameters, plots and sound show what comes.
+    """Explore a scene in the browser: a pointer drives it, sliders set its parameters,
+    plots and sound show what comes.
 
-    Needs [bold]pip install 'stimlib\\[live]'[/].  Mouse, pen and touch move the first places of a scene; every input may have
-    another source, on the page or by --motion.  What is recorded is the log of a session: [bold]stimlib replay[/] makes it
-    again, [bold]stimlib verify --log[/] proves it.  Ctrl-C fades out.
+    Needs [bold]pip install 'stimlib\\[live]'[/].  Mouse, pen and touch move the first
+    places of a scene; every input may have another source, on the page or by --motion.
+    What is recorded is the log of a session: [bold]stimlib replay[/] makes it again,
+    [bold]stimlib verify --log[/] proves it.  Ctrl-C fades out.
 
     [bold]stimlib live "bumps(contact=True)"[/]
     [bold]stimlib live click_block.py:scene --range x=0:0.01[/]
@@ -117,8 +151,9 @@ def live(
     stream.warm_up()
     if not server.private:
         note(
-            f"{host}: whoever has the address below can drive the scene, and whoever can read the network can read what is sent: "
-            "use it in a network of your own, and end it when you are done"
+            f"{host}: whoever has the address below can drive the scene, and whoever can read the"
+            " network can read what is sent: use it in a network of your own, and end it when you"
+            " are done"
         )
     try:
         print(server.url, flush=True)

@@ -22,8 +22,10 @@ def motions_of(
         list[str],
         typer.Option(
             help="A recording ([bold].csv[/], [bold].npz[/]; needs --map) or a motion such as "
-            "[bold]'minimum_jerk(depth=0.02)'[/], of all inputs; or of one: [bold]'press=sinusoid(0.5, 1)'[/], "
-            "[bold]x=my.csv[/]. Repeatable: an input with a motion of its own does not take the one of all. "
+            "[bold]'minimum_jerk(depth=0.02)'[/], of all inputs; or of one:"
+            " [bold]'press=sinusoid(0.5, 1)'[/], "
+            "[bold]x=my.csv[/]. Repeatable: an input with a motion of its own does not take the one"
+            " of all. "
             "See [bold]stimlib list[/]; what a sidecar has under motion is understood too."
         ),
     ] = [],
@@ -31,44 +33,71 @@ def motions_of(
         list[str],
         typer.Option(
             "--map",
-            help="Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x serves x1, x2, .. Repeatable.",
+            help=(
+                "Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x"
+                " serves x1, x2, .. Repeatable."
+            ),
         ),
     ] = [],
     where: Annotated[
-        str | None, typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/].")
+        str | None,
+        typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/]."),
     ] = None,
     time: Annotated[
-        str, typer.Option(help="Column of the recording's time stamps, in s: [bold]t_s[/], or such as [bold]t_ms*1e-3[/].")
+        str,
+        typer.Option(
+            help=(
+                "Column of the recording's time stamps, in s: [bold]t_s[/], or such as"
+                " [bold]t_ms*1e-3[/]."
+            )
+        ),
     ] = "t_s",
     reports: Annotated[
         Literal["always", "on_change"],
-        typer.Option(help="What silence of the recording device means: [bold]always[/] (a gap) or [bold]on_change[/] (still)."),
+        typer.Option(
+            help=(
+                "What silence of the recording device means: [bold]always[/] (a gap) or"
+                " [bold]on_change[/] (still)."
+            )
+        ),
     ] = "always",
     repeats: Annotated[
         Literal["spread", "last", "mean"] | None,
         typer.Option(
-            help="What several reports with one time stamp mean: [bold]spread[/] (the clock is coarse: evenly up to the next "
-            "stamp), [bold]last[/] or [bold]mean[/]; by default they must be equal.",
+            help=(
+                "What several reports with one time stamp mean: [bold]spread[/] (the clock is"
+                " coarse: evenly up to the next "
+                "stamp), [bold]last[/] or [bold]mean[/]; by default they must be equal."
+            ),
             show_default=False,
         ),
     ] = None,
     max_speed: Annotated[
         str,
         typer.Option(
-            help="Faster than this (m/s) is a fault of the device, not movement; only inputs in metres are held to it. For other "
-            "limits, or units: [bold]x=2,press=100[/] (of each per second; the others have none)."
+            help=(
+                "Faster than this (m/s) is a fault of the device, not movement; only inputs in"
+                " metres are held to it. For other "
+                "limits, or units: [bold]x=2,press=100[/] (of each per second; the others have"
+                " none)."
+            )
         ),
     ] = "1",
     max_gap: Annotated[
         float | None,
         typer.Option(
-            help="Longest silence of the recording that is joined, in s; needed where it has more than 0.5 s from report to "
-            "report.",
+            help=(
+                "Longest silence of the recording that is joined, in s; needed where it has more"
+                " than 0.5 s from report to "
+                "report."
+            ),
             show_default=False,
         ),
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
-    """Motion of every input, or of some (``all_=False``), and its length where it is a recording."""
+    """Motion of every input, or of some (``all_=False``), and its length where it is a
+    recording.
+    """
     from ..motion.recorded import Recording, parse_source, recording, served_by
     from ..motion.text import parse_map, parse_where
 
@@ -78,7 +107,9 @@ def motions_of(
     served = {name: served_by(name, columns, inputs) for name in inputs}
     _check_map(columns, texts, served)
     if (map_ or where) and not any(map(_is_file, texts.values())):
-        raise BadValue("--map and --where are for a recording, and there is none: add --motion recording.csv")
+        raise BadValue(
+            "--map and --where are for a recording, and there is none: add --motion recording.csv"
+        )
     motions: dict[str, Any] = {}
     recordings: list[Recording] = []
     for text in dict.fromkeys(texts.values()):
@@ -88,7 +119,11 @@ def motions_of(
             used = {column: columns[column] for name in names if (column := served[name])}
             if not used:
                 raise _unmapped(text, names)
-            in_metres = [column for name, column in served.items() if column and str(scene.inputs[name].dim) == "m"]
+            in_metres = [
+                column
+                for name, column in served.items()
+                if column and str(scene.inputs[name].dim) == "m"
+            ]
             found = recording(
                 text,
                 used,
@@ -103,16 +138,23 @@ def motions_of(
             found = parse_source(text)
         if isinstance(found, Recording):
             recordings.append(found)
-            found = found.for_inputs(dict.fromkeys([*names, *(name for name in inputs if name == "contact")]), contact)
+            found = found.for_inputs(
+                dict.fromkeys([*names, *(name for name in inputs if name == "contact")]), contact
+            )
             motions |= {name: found[name] for name in names}
         else:
             motions |= dict.fromkeys(names, found)
     if "contact" in inputs and "contact" not in own and recordings:
         if len(recordings) > 1:
-            raise BadValue("contact: each recording has one; say which serves, such as --motion contact=my.csv")
+            raise BadValue(
+                "contact: each recording has one; say which serves, such as --motion contact=my.csv"
+            )
         motions["contact"] = recordings[0].contact
     if all_ and (missing := set(inputs) - set(motions)):
-        raise BadValue(f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another of stimlib list")
+        raise BadValue(
+            f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another"
+            " of stimlib list"
+        )
     return motions, max((found.duration for found in recordings), default=None)
 
 
@@ -132,38 +174,62 @@ def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, s
             own |= dict.fromkeys(names, spec)
         elif of_all:
             raise BadValue(
-                f"--motion {of_all} and {text}: both are of all inputs; say of which each is, such as {inputs[0]}={text}"
+                f"--motion {of_all} and {text}: both are of all inputs; say of which each is, such"
+                f" as {inputs[0]}={text}"
             )
         else:
             of_all = text
     return own, of_all
 
 
-def _check_map(columns: Mapping[str, str], texts: Mapping[str, str], served: Mapping[str, str | None]) -> None:
+def _check_map(
+    columns: Mapping[str, str], texts: Mapping[str, str], served: Mapping[str, str | None]
+) -> None:
     """Each --map serves an input that takes a recording."""
     for column in columns:
         names = [name for name, by in served.items() if by == column]
         if not names:
-            raise UnknownName(f"--map {column}: the scene has no input {column}; the inputs are: {', '.join(served) or 'none'}")
+            raise UnknownName(
+                f"--map {column}: the scene has no input {column}; the inputs are:"
+                f" {', '.join(served) or 'none'}"
+            )
         given = [texts[name] for name in names if name in texts]
         if given and not any(map(_is_file, given)) and any(map(_is_file, texts.values())):
-            raise BadValue(f"--map {column}: {names[0]} has a motion of its own, {given[0]}: leave out one of the two")
+            raise BadValue(
+                f"--map {column}: {names[0]} has a motion of its own, {given[0]}: leave out one of"
+                " the two"
+            )
 
 
 def _unmapped(file: str, names: Sequence[str]) -> BadValue:
-    """What is said of a recording without --map; of a file that is none, the reader of tables says it first."""
+    """What is said of a recording without --map; of a file that is none, the reader of
+    tables says it first.
+    """
     from ..motion.table import read_table
 
     there = ", ".join(read_table(file).names[:12])
-    return BadValue(f"{file}: name the column of {', '.join(names)}, such as --map 'x=force_N*5e-4'; the columns are: {there}")
+    return BadValue(
+        f"{file}: name the column of {', '.join(names)}, such as --map 'x=force_N*5e-4'; the"
+        f" columns are: {there}"
+    )
 
 
-def _max_speed(text: str, used: Sequence[str], in_metres: Sequence[str], columns: Mapping[str, str]) -> Any:
-    """The limit of a recording: a number holds what is in metres, NAME=NUMBER what it names."""
+def _max_speed(
+    text: str, used: Sequence[str], in_metres: Sequence[str], columns: Mapping[str, str]
+) -> Any:
+    """The limit of a recording: a number holds what is in metres, NAME=NUMBER what it
+    names.
+    """
     from ..motion.text import pairs
 
-    limits = pairs(text.split(","), "--max-speed", "NAME=NUMBER,NAME=NUMBER") if "=" in text else dict.fromkeys(in_metres, text)
+    limits = (
+        pairs(text.split(","), "--max-speed", "NAME=NUMBER,NAME=NUMBER")
+        if "=" in text
+        else dict.fromkeys(in_metres, text)
+    )
     if wrong := [name for name in limits if name not in columns]:
-        raise UnknownName(f"--max-speed {wrong[0]}: there is no --map {wrong[0]}; there is {', '.join(columns)}")
+        raise UnknownName(
+            f"--max-speed {wrong[0]}: there is no --map {wrong[0]}; there is {', '.join(columns)}"
+        )
     speeds = {name: number(limits[name], f"--max-speed {text}") for name in used if name in limits}
     return speeds[used[0]] if "=" not in text and len(speeds) == len(used) else speeds

@@ -12,20 +12,40 @@ DeviceRate = Annotated[float, typer.Option(help="Sample rate in Hz; it must be t
 Length = Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")]
 Seed = Annotated[int, typer.Option(help="Key of all noise.")]
 FileParams = Annotated[
-    list[str], typer.Option("--set", help="A parameter for the whole file, such as [bold]k=2000[/]; may be repeated.")
+    list[str],
+    typer.Option(
+        "--set", help="A parameter for the whole file, such as [bold]k=2000[/]; may be repeated."
+    ),
 ]
 SessionParams = Annotated[
-    list[str], typer.Option("--set", help="A parameter for the whole session, such as [bold]k=2000[/]; may be repeated.")
+    list[str],
+    typer.Option(
+        "--set", help="A parameter for the whole session, such as [bold]k=2000[/]; may be repeated."
+    ),
 ]
 Channels = Annotated[
-    int | None, typer.Option(help="Number of the device's channels; the first carry the outputs. By default one for each output.")
+    int | None,
+    typer.Option(
+        help=(
+            "Number of the device's channels; the first carry the outputs. By default one for each"
+            " output."
+        )
+    ),
 ]
 Connect = Annotated[
     list[str],
-    typer.Option(help="JACK: port for a channel instead of the physical outputs, or [bold]none[/]; repeatable."),
+    typer.Option(
+        help=(
+            "JACK: port for a channel instead of the physical outputs, or [bold]none[/];"
+            " repeatable."
+        )
+    ),
 ]
 Log = Annotated[
-    Path | None, typer.Option(help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify.")
+    Path | None,
+    typer.Option(
+        help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify."
+    ),
 ]
 Quiet = Annotated[bool, typer.Option(help="No progress bar, no report.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead, for programs.")]
@@ -34,7 +54,10 @@ Import = Annotated[
     typer.Option(
         "--import",
         metavar="FILE.py",
-        help="Your own file, with blocks that the scene has; it is run before anything is read. Repeatable.",
+        help=(
+            "Your own file, with blocks that the scene has; it is run before anything is read."
+            " Repeatable."
+        ),
     ),
 ]
 
@@ -43,4 +66,8 @@ def of_each(text: str | None, option: str) -> Any:
     """One number for all outputs, or one for each: ``a=50,b=0.1``."""
     from ..motion.text import pairs
 
-    return pairs(text.split(","), option, "OUTPUT=NUMBER,OUTPUT=NUMBER") if text and "=" in text else text
+    return (
+        pairs(text.split(","), option, "OUTPUT=NUMBER,OUTPUT=NUMBER")
+        if text and "=" in text
+        else text
+    )

@@ -1,4 +1,6 @@
-"""SCENE on the command line: a shipped scene, a function of the user's, or a saved scene."""
+"""SCENE on the command line: a shipped scene, a function of the user's, or a saved
+scene.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +40,11 @@ SceneText = Annotated[
     typer.Argument(
         autocompletion=_begun,
         metavar="SCENE",
-        help="A shipped scene ([bold]stimlib list[/]), with numbers if you like: [bold]'squeeze(fingers=1)'[/]; "
-        "[bold]path.py:name[/] (a function or scene in your own code, which is run), or a saved "
-        "[bold]path.json[/] (data; nothing in it is run).",
+        help=(
+            "A shipped scene ([bold]stimlib list[/]), with numbers if you like:"
+            " [bold]'squeeze(fingers=1)'[/]; [bold]path.py:name[/] (a function or scene in your own"
+            " code, which is run), or a saved [bold]path.json[/] (data; nothing in it is run)."
+        ),
         show_default=False,
     ),
 ]
@@ -72,11 +76,14 @@ def scene_of(text: str) -> Scene:
         from ..core.scene import load
 
         return load(text)
-    raise UnknownName(f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:name or path.json")
+    raise UnknownName(
+        f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:name or path.json"
+    )
 
 
 def maker_of(text: str) -> Scene | Callable[..., Scene]:
-    """What SCENE means to a sweep: a function is not called, because rows may have its arguments.
+    """What SCENE means to a sweep: a function is not called, because rows may have its
+    arguments.
 
     Raises
     ------
@@ -96,7 +103,8 @@ def maker_of(text: str) -> Scene | Callable[..., Scene]:
 
 
 def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
-    """A scene, function or measure of a file of the user's, as it is; the file is run, and can be imported by workers then.
+    """A scene, function or measure of a file of the user's, as it is; the file is run,
+    and can be imported by workers then.
 
     What is of that kind may be named too.
     """
@@ -108,8 +116,11 @@ def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
 _ours: set[str] = set()  # names of the modules that _own has made
 
 
-def _own(path: str, function: str | None = None, called: bool = True, kind: type | None = None) -> Any:
-    """Run a file of the user's as the module by whose name scene files know its blocks; what a function in it gives.
+def _own(
+    path: str, function: str | None = None, called: bool = True, kind: type | None = None
+) -> Any:
+    """Run a file of the user's as the module by whose name scene files know its blocks;
+    what a function in it gives.
 
     Where the file or the function raises, the error names their line.
     """
@@ -120,7 +131,10 @@ def _own(path: str, function: str | None = None, called: bool = True, kind: type
     if spec is None or spec.loader is None:
         raise SceneError(f"{path} is no file of Python: name one such as click_block.py")
     if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours:
-        raise SceneError(f"{path}: there is another module {name}, which stimlib may need: give the file another name")
+        raise SceneError(
+            f"{path}: there is another module {name}, which stimlib may need: give the file another"
+            " name"
+        )
     sys.modules[name] = module = importlib.util.module_from_spec(spec)
     _ours.add(name)
     try:
@@ -131,11 +145,17 @@ def _own(path: str, function: str | None = None, called: bool = True, kind: type
         kind = kind or Scene
         if not (callable(found) or isinstance(found, (Scene, kind))):
             of = kind.__name__.lower()
-            what = f"there is no {function!r} in it" if function else f"say which function or {of} in it"
+            what = (
+                f"there is no {function!r} in it"
+                if function
+                else f"say which function or {of} in it"
+            )
             if function in vars(module):
                 what = f"{function} is a {type(found).__name__}, no {kind.__name__}"
             there = (
-                ", ".join(n for n, v in vars(module).items() if isinstance(v, kind) or _makes(module, v))
+                ", ".join(
+                    n for n, v in vars(module).items() if isinstance(v, kind) or _makes(module, v)
+                )
                 or f"no function without arguments, and no {of}"
             )
             raise SceneError(f"{path}: {what}: write {path}:NAME; there is {there}")
@@ -143,7 +163,11 @@ def _own(path: str, function: str | None = None, called: bool = True, kind: type
             return found
         scene = found if isinstance(found, Scene) else found()
     except Exception as e:
-        at = [frame.lineno for frame in traceback.extract_tb(e.__traceback__) if frame.filename == spec.origin]
+        at = [
+            frame.lineno
+            for frame in traceback.extract_tb(e.__traceback__)
+            if frame.filename == spec.origin
+        ]
         line = at[-1] if at else e.lineno if isinstance(e, SyntaxError) else None
         if line is None and isinstance(e, StimlibError):
             raise
@@ -155,8 +179,14 @@ def _own(path: str, function: str | None = None, called: bool = True, kind: type
 
 
 def _makes(module: ModuleType, found: Any) -> bool:
-    """Whether it may make a scene: a function of a module of the user's that needs no argument."""
-    if not inspect.isfunction(found) or found.__module__ != module.__name__ or found.__name__.startswith("_"):
+    """Whether it may make a scene: a function of a module of the user's that needs no
+    argument.
+    """
+    if (
+        not inspect.isfunction(found)
+        or found.__module__ != module.__name__
+        or found.__name__.startswith("_")
+    ):
         return False
     return all(
         p.default is not p.empty or p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
@@ -179,11 +209,14 @@ def _shipped(name: str, words: str) -> Scene:
         assert isinstance(call, ast.Call) and not call.args
         chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords}
         assert None not in chosen
-    except (SyntaxError, ValueError, TypeError, AssertionError, RecursionError, MemoryError):  # as deep as the parser goes
+    # as deep as the parser goes
+    except (SyntaxError, ValueError, TypeError, AssertionError, RecursionError, MemoryError):
         raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)") from None
     known = inspect.signature(make).parameters
     if wrong := set(chosen) - set(known):
-        raise UnknownName(f"scene {name} has no {', '.join(sorted(wrong))}; it has {', '.join(known)}")
+        raise UnknownName(
+            f"scene {name} has no {', '.join(sorted(wrong))}; it has {', '.join(known)}"
+        )
     return make(**chosen)
 
 
@@ -197,7 +230,10 @@ def params_of(items: list[str]) -> dict[str, float]:
     """Parameters of --set."""
     from ..motion.text import pairs
 
-    return {name: number(text, f"--set {name}={text}") for name, text in pairs(items, "--set", "NAME=VALUE").items()}
+    return {
+        name: number(text, f"--set {name}={text}")
+        for name, text in pairs(items, "--set", "NAME=VALUE").items()
+    }
 
 
 def number(text: str, option: str) -> float:

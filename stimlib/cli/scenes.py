@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 def show(
     scene: SceneText,
     fs: opt.Rate = 8000.0,
-    draw: Annotated[Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")] = None,
+    draw: Annotated[
+        Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")
+    ] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
     import_: opt.Import = [],
     json_: opt.Json = False,
@@ -47,7 +49,12 @@ def show(
     plan, needed = proc.plan, damping_of(proc)
     if json_:
         found = [{"output": y, "input": x, "needed_damping": b} for (y, x), b in needed.items()]
-        facts = {"fs": plan.fs, "plan": [row._asdict() for row in plan.rows], "removed": plan.removed, "passivity": found}
+        facts = {
+            "fs": plan.fs,
+            "plan": [row._asdict() for row in plan.rows],
+            "removed": plan.removed,
+            "passivity": found,
+        }
         print_json(_facts(made) | facts)
     else:
         print(shown(made))
@@ -56,29 +63,41 @@ def show(
             unit = made.outputs[y].dim * core_unit("s") / made.inputs[x].dim
             print(
                 shown(
-                    f"warning: {y} over {x} is passive only in a device with damping of {b:.3g} {unit}, and more where it is late"
+                    f"warning: {y} over {x} is passive only in a device with damping of {b:.3g}"
+                    f" {unit}, and more where it is late"
                 )
             )
 
 
 @command("list")
 def list_(json_: opt.Json = False):
-    """The shipped scenes, with their parameters, and the motions that render understands."""
+    """The shipped scenes, with their parameters, and the motions that render
+    understands.
+    """
     from ..motion.generators import GENERATORS
 
     if json_:
         scenes = {name: _call(make) | _facts(make()) for name, make in shipped().items()}
-        return print_json({"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}})
+        return print_json(
+            {"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}}
+        )
     out = Output(emoji=False)
     for name, make in shipped().items():
         made = make()
-        out.print(f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True)
+        out.print(
+            f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True
+        )
         out.print(f"    {made!r}", markup=False, highlight=False, soft_wrap=True)
     out.print("[bold]motions[/]")
     for name, generator in GENERATORS.items():
         known = inspect.signature(generator).parameters.values()
-        words = ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default}" for p in known)
-        out.print(f"    [bold]{name}[/]({words})  {(inspect.getdoc(generator) or '').splitlines()[0]}", soft_wrap=True)
+        words = ", ".join(
+            p.name if p.default is p.empty else f"{p.name}={p.default}" for p in known
+        )
+        out.print(
+            f"    [bold]{name}[/]({words})  {(inspect.getdoc(generator) or '').splitlines()[0]}",
+            soft_wrap=True,
+        )
 
 
 def _facts(scene: Scene) -> dict[str, Any]:
@@ -92,7 +111,9 @@ def _facts(scene: Scene) -> dict[str, Any]:
 
 
 def _call(function: Callable[..., Any]) -> dict[str, Any]:
-    """What a function is for, and its arguments with their defaults; None where one must be given."""
+    """What a function is for, and its arguments with their defaults; None where one
+    must be given.
+    """
     known = inspect.signature(function).parameters.values()
     defaults = {p.name: None if p.default is p.empty else p.default for p in known}
     return {"what": (inspect.getdoc(function) or "").splitlines()[0], "arguments": defaults}

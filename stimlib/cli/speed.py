@@ -13,12 +13,16 @@ from .app import command, errors, print_json, print_wide
 
 @command("bench")
 def bench(
-    picture: Annotated[Path | None, typer.Option(help="Also draw it: .svg, .png or .pdf.", show_default=False)] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Also draw it: .svg, .png or .pdf.", show_default=False)
+    ] = None,
     json_: opt.Json = False,
 ):
-    """Measure how fast stimlib is on this machine, beside numpy + scipy and the limit of its core, in less than a minute.
+    """Measure how fast stimlib is on this machine, beside numpy + scipy and the limit
+    of its core, in less than a minute.
 
-    Close other programs first: they make all times longer. The first time blocks are also compiled.
+    Close other programs first: they make all times longer. The first time blocks are
+    also compiled.
 
     [bold]stimlib bench --picture speed.svg[/]
     """

@@ -22,48 +22,80 @@ def sweep_(
     axis: Annotated[
         list[str],
         typer.Option(
-            help="A column and its values: [bold]k=500:3000:11[/] (from, to, how many), [bold]A=0,1,3.4[/], "
-            "[bold]seed=0..99[/]. Repeatable: every combination is a row. A name is a parameter of the scene, an argument of its "
-            "function, or [bold]seed[/]."
+            help=(
+                "A column and its values: [bold]k=500:3000:11[/] (from, to, how many),"
+                " [bold]A=0,1,3.4[/], "
+                "[bold]seed=0..99[/]. Repeatable: every combination is a row. A name is a parameter"
+                " of the scene, an argument of its "
+                "function, or [bold]seed[/]."
+            )
         ),
     ] = [],
     rows: Annotated[
-        Path | None, typer.Option(help="Instead of axes, a table of rows: .csv or .parquet, a column for each name.")
+        Path | None,
+        typer.Option(
+            help="Instead of axes, a table of rows: .csv or .parquet, a column for each name."
+        ),
     ] = None,
     measure: Annotated[
         list[str],
         typer.Option(
-            help="What is kept of a rendering: [bold]rms[/], [bold]peak[/], [bold]'band(20, 1000)'[/], [bold]psd[/], "
-            "[bold]'cues(x1, force1)'[/], [bold]verify[/], of one output as [bold]'rms(force1)'[/]; or [bold]FILE.py:name[/], a "
-            "function of yours with @measure. Repeatable."
+            help=(
+                "What is kept of a rendering: [bold]rms[/], [bold]peak[/], [bold]'band(20,"
+                " 1000)'[/], [bold]psd[/], "
+                "[bold]'cues(x1, force1)'[/], [bold]verify[/], of one output as"
+                " [bold]'rms(force1)'[/]; or [bold]FILE.py:name[/], a "
+                "function of yours with @measure. Repeatable."
+            )
         ),
     ] = ["rms"],
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the figures, as Parquet; a sweep that was stopped goes on there.")
+        Path | None,
+        typer.Option(
+            help="Folder for the figures, as Parquet; a sweep that was stopped goes on there."
+        ),
     ] = None,
     live: Annotated[
         list[str],
-        typer.Option(help="A column that is set as a parameter and is no argument, where it could be both. Repeatable."),
+        typer.Option(
+            help=(
+                "A column that is set as a parameter and is no argument, where it could be both."
+                " Repeatable."
+            )
+        ),
     ] = [],
     seconds: opt.Length = None,
     fs: opt.Rate = 8000.0,
     scheduler: Annotated[
-        str | None, typer.Option(help="Run on a Dask cluster: the address of its scheduler, such as [bold]tcp://head:8786[/].")
+        str | None,
+        typer.Option(
+            help=(
+                "Run on a Dask cluster: the address of its scheduler, such as"
+                " [bold]tcp://head:8786[/]."
+            )
+        ),
     ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes here; by default one for each core.")] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Run rows that failed before once more.")] = False,
-    dry: Annotated[bool, typer.Option("--dry", help="Run a few rows only, and tell what all will take.")] = False,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes here; by default one for each core.")
+    ] = None,
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Run rows that failed before once more.")
+    ] = False,
+    dry: Annotated[
+        bool, typer.Option("--dry", help="Run a few rows only, and tell what all will take.")
+    ] = False,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
     """Render a scene for every row of a table or grid, and keep a few figures of each.
 
-    A row that fails keeps its error, and the others go on. Ctrl-C loses two seconds of work at most.
-    Needs the packages of the extra "sweep".
+    A row that fails keeps its error, and the others go on. Ctrl-C loses two seconds of
+    work at most. Needs the packages of the extra "sweep".
 
-    [bold]stimlib sweep "squeeze(fingers=1)" --axis k=500:3000:6 --axis A=0:4:9 --axis seed=0..9 --seconds 3
-    --motion "minimum_jerk(depth=0.02)" --measure "band(20, 1000)" --out loudness[/]
+    [bold]stimlib sweep "squeeze(fingers=1)" --axis k=500:3000:6 --axis A=0:4:9 --axis
+    seed=0..9 --seconds 3 --motion "minimum_jerk(depth=0.02)" --measure "band(20, 1000)"
+    --out loudness[/]
     """
     run_files(import_)
     from ..sweep.measures import Measure
@@ -88,7 +120,11 @@ def sweep_(
         seconds=seconds if seconds is not None else recorded or 5.0,
         live=live or None,
         out=out,
-        on=None if scheduler is None else _cluster(scheduler, [*import_, *(t.rpartition(":")[0] for t in (scene, *measure))]),
+        on=(
+            None
+            if scheduler is None
+            else _cluster(scheduler, [*import_, *(t.rpartition(":")[0] for t in (scene, *measure))])
+        ),
         workers=workers,
         retry=retry,
         dry=dry,
@@ -104,7 +140,10 @@ def sweep_(
     if facts["failed"] and not quiet:
         note(f"{facts['failed']} of {facts['rows']} rows failed; the first: {facts['first_error']}")
     if facts["faulted"] and not quiet:
-        note(f"{facts['faulted']} renderings were not finite from some sample on: see the column fault")
+        note(
+            f"{facts['faulted']} renderings were not finite from some sample on: see the column"
+            " fault"
+        )
 
 
 def _axis(text: str) -> tuple[str, list[Any]]:
@@ -143,7 +182,9 @@ def _cluster(address: str, files: list[str]) -> Any:
 
 
 def _facts(table: Any) -> dict[str, Any]:
-    """What a sweep gave, as plain data: of each figure its unit, and least, middle and largest value."""
+    """What a sweep gave, as plain data: of each figure its unit, and least, middle and
+    largest value.
+    """
     import numpy as np
 
     errors = table["error"].drop_null()
@@ -151,10 +192,21 @@ def _facts(table: Any) -> dict[str, Any]:
     for name, unit in json.loads(table.schema.metadata[b"stimlib_sweep"])["units"].items():
         values = table[name].drop_null().to_numpy()
         values = values[np.isfinite(values)]
-        numbers = (float(values.min()), float(np.median(values)), float(values.max())) if values.size else (None,) * 3
-        figures[name] = {"unit": unit} | dict(zip(("least", "median", "largest"), numbers, strict=True))
+        numbers = (
+            (float(values.min()), float(np.median(values)), float(values.max()))
+            if values.size
+            else (None,) * 3
+        )
+        figures[name] = {"unit": unit} | dict(
+            zip(("least", "median", "largest"), numbers, strict=True)
+        )
     first = errors[0].as_py() if len(errors) else None
-    counts = {"rows": table.num_rows, "failed": len(errors), "first_error": first, "faulted": len(table["fault"].drop_null())}
+    counts = {
+        "rows": table.num_rows,
+        "failed": len(errors),
+        "first_error": first,
+        "faulted": len(table["fault"].drop_null()),
+    }
     return counts | {"figures": figures}
 
 
@@ -166,6 +218,8 @@ def _shown(facts: dict[str, Any]) -> Any:
     for column in ("figure", "unit", "least", "median", "largest"):
         shape.add_column(column, justify="left" if column in ("figure", "unit") else "right")
     for name, figure in facts["figures"].items():
-        numbers = ("" if figure[k] is None else f"{figure[k]:.4g}" for k in ("least", "median", "largest"))
+        numbers = (
+            "" if figure[k] is None else f"{figure[k]:.4g}" for k in ("least", "median", "largest")
+        )
         shape.add_row(Text(shown(name)), figure["unit"], *numbers)
     return shape

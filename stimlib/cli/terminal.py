@@ -19,14 +19,16 @@ _ENDED = "the input has ended before the session"
 
 
 class Terminal(Keyed):
-    """One line for an answer, as from a file or a program; from `terminal`, one key of a terminal.
+    """One line for an answer, as from a file or a program; from `terminal`, one key of
+    a terminal.
 
     Parameters
     ----------
     fd : int
         The terminal whose keys are read; below 0, lines of stdin are.
     keys, lines : list
-        Its attributes, as of termios, while nothing is asked or a key is, and while a line is typed.
+        Its attributes, as of termios, while nothing is asked or a key is, and while a
+        line is typed.
     """
 
     def __init__(self, fd: int = -1, keys: list[Any] | None = None, lines: list[Any] | None = None):
@@ -48,7 +50,11 @@ class Terminal(Keyed):
     def read(self, prompt: Prompt) -> str:
         """A key, or a line of it."""
         keys = ", ".join(f"{key} = {says}" for key, says in prompt.keys.items() if key and says)
-        text = f"{prompt.text}: {prompt.keys['']}" if "" in prompt.keys else f"{prompt.text} {keys}".rstrip()
+        text = (
+            f"{prompt.text}: {prompt.keys['']}"
+            if "" in prompt.keys
+            else f"{prompt.text} {keys}".rstrip()
+        )
         return self._line(text) if prompt.line else self._key(text)
 
     def _key(self, text: str) -> str:
@@ -79,9 +85,11 @@ class Terminal(Keyed):
 
 @contextmanager
 def terminal() -> Iterator[Terminal]:
-    """The face at stdin.  Where that is a terminal, what is hit while nothing is asked is neither shown nor taken.
+    """The face at stdin.  Where that is a terminal, what is hit while nothing is asked
+    is neither shown nor taken.
 
-    Whatever ends it, the terminal is as it was before, and so it is while Ctrl-Z suspends the command.
+    Whatever ends it, the terminal is as it was before, and so it is while Ctrl-Z
+    suspends the command.
     """
     if not sys.stdin.isatty():
         yield Terminal()
@@ -89,7 +97,8 @@ def terminal() -> Iterator[Terminal]:
     fd = sys.stdin.fileno()
     before, keys = termios.tcgetattr(fd), termios.tcgetattr(fd)
     keys[3] &= ~(termios.ECHO | termios.ICANON)
-    for which, code in ((termios.VMIN, 1), (termios.VTIME, 0), (termios.VQUIT, b"\0")):  # Ctrl-\\ would leave it so
+    # Ctrl-\\ would leave it so
+    for which, code in ((termios.VMIN, 1), (termios.VTIME, 0), (termios.VQUIT, b"\0")):
         keys[6][which] = code
 
     def suspended(*_: Any) -> None:
@@ -111,7 +120,9 @@ def terminal() -> Iterator[Terminal]:
 
 
 def _become(fd: int, attributes: list[Any] | None) -> None:
-    """Attributes of a terminal, where there is one; what was hit before is dropped, or the shell would get it."""
+    """Attributes of a terminal, where there is one; what was hit before is dropped, or
+    the shell would get it.
+    """
     if attributes is not None:
         termios.tcflush(fd, termios.TCIFLUSH)
         termios.tcsetattr(fd, termios.TCSANOW, attributes)

@@ -1,1 +1,3 @@
-"""What everything stands on: graph, units, arithmetic, steps, program, scene, response; limits; files of others."""
+"""What everything stands on: graph, units, arithmetic, steps, program, scene, response;
+limits; files of others.
+"""

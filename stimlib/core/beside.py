@@ -1,4 +1,6 @@
-"""Work in threads beside the caller, for what lets go of the interpreter: hashes, numpy's loops, files."""
+"""Work in threads beside the caller, for what lets go of the interpreter: hashes,
+numpy's loops, files.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,12 @@ END: Any = object()
 
 @contextmanager
 def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T], None]]:
-    """Call functions with one item after another, each function in a thread of its own, while the caller makes the next item.
+    """Call functions with one item after another, each function in a thread of its own,
+    while the caller makes the next item.
 
-    When the ``with`` block ends, all items are done and the threads have ended.  Where it ends by an error, those that were given
-    before are done first; by an interrupt, those that wait are left.
+    When the ``with`` block ends, all items are done and the threads have ended.  Where
+    it ends by an error, those that were given before are done first; by an interrupt,
+    those that wait are left.
 
     Parameters
     ----------
@@ -34,20 +38,26 @@ def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T],
     Raises
     ------
     BaseException
-        What a function raises; of several errors that of the earliest item, also where the ``with`` block raises one.
+        What a function raises; of several errors that of the earliest item, also where
+        the ``with`` block raises one.
 
     Examples
     --------
     >>> from stimlib.core.beside import beside
     >>> squares, sums = [], []
-    >>> with beside(lambda x: squares.append(x * x), lambda x: sums.append(x + x)) as give:
+    >>> with beside(
+    ...     lambda x: squares.append(x * x), lambda x: sums.append(x + x)
+    ... ) as give:
     ...     for x in range(3):
     ...         give(x)
     >>> squares, sums
     ([0, 1, 4], [0, 2, 4])
     """
-    # An interrupt may come at any moment, and must leave nothing locked that a thread waits for: so no locks, futures or pools.
-    queues: list[tuple[SimpleQueue[Any], SimpleQueue[Any]]] = [(SimpleQueue(), SimpleQueue()) for _ in stages]
+    # An interrupt may come at any moment, and must leave nothing locked that a thread
+    # waits for: so no locks, futures or pools.
+    queues: list[tuple[SimpleQueue[Any], SimpleQueue[Any]]] = [
+        (SimpleQueue(), SimpleQueue()) for _ in stages
+    ]
     threads: list[tuple[SimpleQueue[Any], SimpleQueue[Any]]] = []
     given = taken = 0
     left = False

@@ -1,4 +1,6 @@
-"""What a file or a run may cost at most: stated numbers, each of which a user can raise."""
+"""What a file or a run may cost at most: stated numbers, each of which a user can
+raise.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,9 @@ VARIABLE = "STIMLIB_LIMITS"
 class Limits:
     """Largest sizes that are accepted; ``stimlib.limits`` is the one in force.
 
-    A file that comes from others must not fill the memory or the day.  What is larger than one of these numbers is refused
-    with the number's name.  Raise it for a process, ``stimlib.limits.scene_blocks = 1e6``, or from outside,
+    A file that comes from others must not fill the memory or the day.  What is larger
+    than one of these numbers is refused with the number's name.  Raise it for a
+    process, ``stimlib.limits.scene_blocks = 1e6``, or from outside,
     ``STIMLIB_LIMITS="scene_blocks=1e6 scene_bytes=1e9"``.
 
     Raises
@@ -35,11 +38,15 @@ class Limits:
     scene_bytes: float = 64_000_000
     """Size of a scene file."""
     scene_blocks: float = 100_000
-    """Blocks of a scene, in its file and after each `enabled` has got its own copies."""
+    """Blocks of a scene, in its file and after each `enabled` has got its own
+    copies.
+    """
     state_bytes: float = 4_000_000_000
     """Memory of a compiled scene: states, parameters and buffers."""
     design_work: float = 30_000_000_000
-    """Operations before sample 0, of a block's design or of all that runs early: 1e9 take about a second."""
+    """Operations before sample 0, of a block's design or of all that runs early: 1e9
+    take about a second.
+    """
     render_bytes: float = 16_000_000_000
     """Samples that `render` keeps, and those that `verify` compares."""
     recording_bytes: float = 4_000_000_000
@@ -65,25 +72,34 @@ class Limits:
     row_bytes: float = 8_000_000_000
     """Memory of a process that runs rows of a sweep."""
     lost_samples: float = 30_000_000
-    """Samples that a log may declare to be lost, all in all: they cost the log nothing, and are made again too."""
+    """Samples that a log may declare to be lost, all in all: they cost the log nothing,
+    and are made again too.
+    """
 
     def __setattr__(self, name: str, value: float) -> None:
         if name not in {f.name for f in dc.fields(self)}:
-            raise BadValue(f"limits: there is no {name!r}; there are {', '.join(f.name for f in dc.fields(self))}")
+            raise BadValue(
+                f"limits: there is no {name!r}; there are"
+                f" {', '.join(f.name for f in dc.fields(self))}"
+            )
         if isinstance(value, bool) or not isinstance(value, Real) or not value > 0:
             raise BadValue(f"limits.{name} = {value!r} must be a number above 0")
         object.__setattr__(self, name, value)
 
-    def check(self, name: str, amount: float, what: str, error: type[StimlibError] = BadValue) -> None:
-        """Raise an error of the kind that is wanted, with the remedy, where an amount is above one of the limits."""
+    def check(
+        self, name: str, amount: float, what: str, error: type[StimlibError] = BadValue
+    ) -> None:
+        """Raise an error of the kind that is wanted, with the remedy, where an amount
+        is above one of the limits.
+        """
         if _wrong:
             raise BadValue(_wrong[0])
         most = getattr(self, name)
         if amount > most:
             enough = f"{name}={_enough(amount)}"
             raise error(
-                f"{what}: {amount:.6g} is more than limits.{name} = {most:.6g}; if that is meant, set {VARIABLE}={enough} or "
-                f"stimlib.limits.{enough}"
+                f"{what}: {amount:.6g} is more than limits.{name} = {most:.6g}; if that is meant,"
+                f" set {VARIABLE}={enough} or stimlib.limits.{enough}"
             )
 
 
@@ -95,7 +111,8 @@ def _enough(amount: float) -> str:
     return f"{(math.floor(amount / unit) + 1) * unit:.2g}"
 
 
-_wrong: list[str] = []  # values of the environment that cannot be meant: an error where a limit is first needed
+# values of the environment that cannot be meant: an error where a limit is first needed
+_wrong: list[str] = []
 
 
 def _from_environment() -> Limits:
@@ -105,7 +122,11 @@ def _from_environment() -> Limits:
         try:
             setattr(limits, name, float(value))
         except ValueError as e:
-            why = e if isinstance(e, BadValue) else f"{word!r} is not NAME=NUMBER, words apart and no blanks around ="
+            why = (
+                e
+                if isinstance(e, BadValue)
+                else f"{word!r} is not NAME=NUMBER, words apart and no blanks around ="
+            )
             _wrong.append(f"{VARIABLE}: {why}")
     return limits
 

@@ -1,7 +1,9 @@
-"""What a loop runs: all nodes of a cycle as one block, whose step is composed of theirs.
+"""What a loop runs: all nodes of a cycle as one block, whose step is composed of
+theirs.
 
-A ``Cycle`` exists in programs only.  Its step is a text like any other: the interpreter, the compiler and JAX take it as they
-take the step of a class.  Where a node has a tile alone, the whole is a tile that calls it with one sample.
+A ``Cycle`` exists in programs only.  Its step is a text like any other: the
+interpreter, the compiler and JAX take it as they take the step of a class.  Where a
+node has a tile alone, the whole is a tile that calls it with one sample.
 """
 
 from __future__ import annotations
@@ -22,18 +24,23 @@ from .graph import Block, Const, Pick, Subsystem, at_rest, memo
 from .loops import Last
 
 
-# Finding them --------------------------------------------------------------------------------------------------------
-def closed(nodes: Sequence[Any], bodies: dict[int, int], roots: list[int], number: Callable[..., int]) -> list[int]:
-    """The roots of a graph without cycles: nodes (block, kids) that depend on each other have become one block.
+# Finding them -------------------------------------------------------------------------
+def closed(
+    nodes: Sequence[Any], bodies: dict[int, int], roots: list[int], number: Callable[..., int]
+) -> list[int]:
+    """The roots of a graph without cycles: nodes (block, kids) that depend on each
+    other have become one block.
 
-    bodies tells the number of the node whose last value a ``Last`` is.  number(block, kids) numbers the nodes of the new graph.
+    bodies tells the number of the node whose last value a ``Last`` is.  number(block,
+    kids) numbers the nodes of the new graph.
     """
     reached = _below(nodes, bodies, roots)
     for n in sorted(reached):
         b = nodes[n].block
         if isinstance(b, Last) and n not in bodies:
             raise SceneError(
-                f"{b!r} is used, and its loop is not: let the function given to loop return what uses it, in a tuple"
+                f"{b!r} is used, and its loop is not: let the function given to loop return what"
+                " uses it, in a tuple"
             )
     group = _groups(nodes, bodies, reached)
     together = Counter(group[n] for n in reached)
@@ -45,7 +52,9 @@ def closed(nodes: Sequence[Any], bodies: dict[int, int], roots: list[int], numbe
     inside: dict[int, list[int]] = {}
     for n in sorted(reached):
         inside.setdefault(group[n], []).append(n)
-        needs.setdefault(group[n], set()).update(group[k] for k in _kids(nodes, bodies, n) if group[k] != group[n])
+        needs.setdefault(group[n], set()).update(
+            group[k] for k in _kids(nodes, bodies, n) if group[k] != group[n]
+        )
     new: dict[int, int] = {}
     for g in graphlib.TopologicalSorter(needs).static_order():
         if not any(n in bodies for n in inside[g]):
@@ -87,17 +96,22 @@ def _groups(nodes: Sequence[Any], bodies: dict[int, int], reached: set[int]) -> 
 
 
 def _check_subsystem(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: bool, n: int) -> None:
-    """Raise SceneError where an ``enabled`` or ``segment`` is on a cycle, or runs what is outside of it."""
+    """Raise SceneError where an ``enabled`` or ``segment`` is on a cycle, or runs what
+    is outside of it.
+    """
     b = nodes[n].block
     inside = _below(nodes, {}, nodes[n].kids[:1])
     if on_cycle or any(k in bodies and bodies[k] not in inside for k in inside):
         raise SceneError(
-            f"{b!r} is inside a loop, or uses the last value of one: nobody could say what the loop hears while it is held; "
-            "enable the whole loop, or what does not use its last value, or choose with where(gate, new, last)"
+            f"{b!r} is inside a loop, or uses the last value of one: nobody could say what the loop"
+            " hears while it is held; enable the whole loop, or what does not use its last value,"
+            " or choose with where(gate, new, last)"
         )
 
 
-def _cycle(nodes: Sequence[Any], bodies: dict[int, int], inside: list[int], results: list[int]) -> tuple[Cycle, list[int]]:
+def _cycle(
+    nodes: Sequence[Any], bodies: dict[int, int], inside: list[int], results: list[int]
+) -> tuple[Cycle, list[int]]:
     """A block of these nodes, and the numbers of its signals."""
     lasts = [n for n in inside if n in bodies]
     names = {n: f"last{j}" for j, n in enumerate(lasts)}
@@ -126,12 +140,26 @@ def _cycle(nodes: Sequence[Any], bodies: dict[int, int], inside: list[int], resu
     ends = tuple(name(bodies[n]) for n in lasts)
     dims = tuple(nodes[n].block.dim for n in results)
     starts = [nodes[n].block.first for n in lasts]
-    return Cycle(members, wiring, ends, starts, constants, len(outside), [names[n] for n in results], dims), outside
+    return (
+        Cycle(
+            members,
+            wiring,
+            ends,
+            starts,
+            constants,
+            len(outside),
+            [names[n] for n in results],
+            dims,
+        ),
+        outside,
+    )
 
 
-# One block of them ---------------------------------------------------------------------------------------------------
+# One block of them --------------------------------------------------------------------
 class Cycle(Block, abstract=True):
-    """The nodes of a cycle.  It is ready, with a ``definition``, once ``design`` has run."""
+    """The nodes of a cycle.  It is ready, with a ``definition``, once ``design`` has
+    run.
+    """
 
     autonomous = begins_early = False
 
@@ -149,25 +177,44 @@ class Cycle(Block, abstract=True):
     def structure(self, numbers: Callable[[Block], Any]) -> tuple[Any, ...]:
         """What it is, given the design numbers of a block."""
         parts = [(type(m), numbers(m)) for m in self.members]
-        return (*parts, self.wiring, self.ends, repr(self.starts), repr(self.constants), self.results)
+        return (
+            *parts,
+            self.wiring,
+            self.ends,
+            repr(self.starts),
+            repr(self.constants),
+            self.results,
+        )
 
     @property
     def horizon(self) -> float | None:
         """The shortest of the members'."""
-        return min((h for m in self.members if (h := getattr(m, "horizon", None)) is not None), default=None)
+        return min(
+            (h for m in self.members if (h := getattr(m, "horizon", None)) is not None),
+            default=None,
+        )
 
     def design(self, fs):
         designs = [steps.designed(m, fs) for m in self.members]
         for m, (p, s) in zip(self.members, designs, strict=True):
             if not steps.ours(type(m)):
                 steps.rehearse(m, p, s)
-        rows = [self._member(m, args, *d) for m, args, d in zip(self.members, self.wiring, designs, strict=True)]
+        rows = [
+            self._member(m, args, *d)
+            for m, args, d in zip(self.members, self.wiring, designs, strict=True)
+        ]
         made = compose(tuple(rows), self.ends, len(self.constants), self.inputs, self.results)
         if self.made not in (None, made):
-            raise SceneError(f"{self!r}: at fs = {fs:g} Hz the design of a block in it has other fields than at another rate")
+            raise SceneError(
+                f"{self!r}: at fs = {fs:g} Hz the design of a block in it has other fields than at"
+                " another rate"
+            )
         self.made = made
         s = made.S(*self.starts, *(v for _, s in designs for v in s))
-        return made.parameters(self.constants, designs, [m.definition.work for m in self.members]), s
+        return (
+            made.parameters(self.constants, designs, [m.definition.work for m in self.members]),
+            s,
+        )
 
     def _member(self, b: Block, args: tuple[str, ...], p: Any, s: Any) -> Member:
         kind, contact = b.definition, None
@@ -176,13 +223,16 @@ class Cycle(Block, abstract=True):
             always = contact[0] == "c" and self.constants[int(contact[1:])] > 0.0
             if not always and (kind.step is None or any(isinstance(v, np.ndarray) for v in s)):
                 raise SceneError(
-                    f"{b!r} is inside a loop, where its contact must be a number: it keeps arrays, which nothing there clears; "
-                    "move it out of the loop, or multiply by the contact behind it"
+                    f"{b!r} is inside a loop, where its contact must be a number: it keeps arrays,"
+                    " which nothing there clears; move it out of the loop, or multiply by the"
+                    " contact behind it"
                 )
             contact = "" if always else contact
         f = kind.step or kind.tile
         tile, scratch = kind.step is None, kind.step is None and kind.work is not None
-        return Member(tuple(args), f, f.__code__, tile, scratch, type(p), type(s), len(b.outputs), contact)
+        return Member(
+            tuple(args), f, f.__code__, tile, scratch, type(p), type(s), len(b.outputs), contact
+        )
 
     def start(self, p, s, seed):
         values = list(self.starts)
@@ -191,12 +241,14 @@ class Cycle(Block, abstract=True):
         return type(s)(*values)
 
     def walk(self, signal: dict[str, Any], through: Callable[..., Any]) -> None:
-        """Go once along the members: signal, by name, gets what through(member, number, names of its signals) makes of them, but
-        where it has that already."""
+        """Go once along the members: signal, by name, gets what through(member, number,
+        names of its signals) makes of them, but where it has that already."""
         for k, (m, args) in enumerate(zip(self.members, self.wiring, strict=True)):
             y = None if f"v{k}_0" in signal or f"v{k}" in signal else through(m, k, args)
             if y is not None:
-                signal |= {f"v{k}_{j}": part for j, part in enumerate(y)} if m.outputs else {f"v{k}": y}
+                signal |= (
+                    {f"v{k}_{j}": part for j, part in enumerate(y)} if m.outputs else {f"v{k}": y}
+                )
 
 
 def _repr(self: Cycle) -> str:
@@ -206,7 +258,7 @@ def _repr(self: Cycle) -> str:
 Cycle.__repr__ = _repr  # type: ignore[method-assign, assignment]  # Block gives every class its own
 
 
-# Its step ------------------------------------------------------------------------------------------------------------
+# Its step -----------------------------------------------------------------------------
 class Member(NamedTuple):
     """One node of a cycle, as far as the composed step knows it."""
 
@@ -233,7 +285,8 @@ class _Names:
         self.known: dict[Any, str] = {}
 
     def __call__(self, v: Any) -> str:
-        key = (type(v), repr(v)) if isinstance(v, (int, float, np.generic)) else id(v)  # -0.0 is not 0.0
+        # -0.0 is not 0.0
+        key = (type(v), repr(v)) if isinstance(v, (int, float, np.generic)) else id(v)
         if key not in self.known:
             self.known[key] = f"_{len(self.known)}"
             self.space[self.known[key]] = v
@@ -241,8 +294,16 @@ class _Names:
 
 
 @memo
-def compose(members: tuple[Member, ...], ends: tuple[str, ...], constants: int, inputs: int, results: tuple[str, ...]) -> Any:
-    """A class with the step, or the tile, of a cycle, and the types of its parameters and state."""
+def compose(
+    members: tuple[Member, ...],
+    ends: tuple[str, ...],
+    constants: int,
+    inputs: int,
+    results: tuple[str, ...],
+) -> Any:
+    """A class with the step, or the tile, of a cycle, and the types of its parameters
+    and state.
+    """
     tiled = any(m.tile for m in members)
     names = _Names(_F=np.float64, _settle=maths.settle, _where=maths.where, _I=np.int64)
 
@@ -251,11 +312,21 @@ def compose(members: tuple[Member, ...], ends: tuple[str, ...], constants: int, 
 
     states, lines, words = _lines(members, tiled, at, names)
     own = [(k, f"m{k}_{f}") for k, m in enumerate(members) for f in _fields(m.s)]
-    p_fields = [f"c{j}" for j in range(constants)] + [f"m{k}_{f}" for k, m in enumerate(members) for f in _fields(m.p)]
+    p_fields = [f"c{j}" for j in range(constants)] + [
+        f"m{k}_{f}" for k, m in enumerate(members) for f in _fields(m.p)
+    ]
     p_fields += [f"r{k}_{f}" for k, m in enumerate(members) if m.contact for f in _fields(m.s)]
-    p_fields += [name for k, m in enumerate(members) if m.scratch for name in (f"w{k}", f"w{k}_end")] + ["words"] * tiled
-    lasts, xs, ys = ([f"{v}{j}" for j in range(n)] for v, n in (("last", len(ends)), ("x", inputs), ("y", len(results))))
-    P, S = namedtuple("LoopParams", p_fields), namedtuple("LoopState", [*lasts, *(f for _, f in own)])
+    p_fields += [
+        name for k, m in enumerate(members) if m.scratch for name in (f"w{k}", f"w{k}_end")
+    ] + ["words"] * tiled
+    lasts, xs, ys = (
+        [f"{v}{j}" for j in range(n)]
+        for v, n in (("last", len(ends)), ("x", inputs), ("y", len(results)))
+    )
+    P, S = (
+        namedtuple("LoopParams", p_fields),
+        namedtuple("LoopState", [*lasts, *(f for _, f in own)]),
+    )
     names.space["_S"] = S
     kept = [f"t{k}.{f.partition('_')[2]}" for k, f in own]
     before = [f"{v} = s.{v}" for v in lasts]
@@ -268,14 +339,22 @@ def compose(members: tuple[Member, ...], ends: tuple[str, ...], constants: int, 
         head = f"def tile({', '.join(['p', 's', *xs, *ys, 'w'])}):"
     else:
         y = ", ".join(at(r) for r in results)
-        body = [*before, *lines, f"return {f'({y})' if len(results) > 1 else y}, _S({', '.join([*settled, *kept])})"]
+        body = [
+            *before,
+            *lines,
+            f"return {f'({y})' if len(results) > 1 else y}, _S({', '.join([*settled, *kept])})",
+        ]
         head = f"def step({', '.join(['p', 's', *xs])}):"
-    f = staticmethod(_function("\n".join([head, *(f"    {line}" for line in body)]) + "\n", names.space))
+    f = staticmethod(
+        _function("\n".join([head, *(f"    {line}" for line in body)]) + "\n", names.space)
+    )
 
     def parameters(constants: list[float], designs: list[Any], works: list[Any]) -> Any:
         """Of one cycle, from those of its members."""
         values = [*constants, *(v for p, _ in designs for v in p)]
-        values += [v for m, (_, s) in zip(members, designs, strict=True) if m.contact for v in at_rest(s)]
+        values += [
+            v for m, (_, s) in zip(members, designs, strict=True) if m.contact for v in at_rest(s)
+        ]
         end = words
         for m, (p, _), work in zip(members, designs, works, strict=True):
             if m.scratch:
@@ -285,20 +364,33 @@ def compose(members: tuple[Member, ...], ends: tuple[str, ...], constants: int, 
     def parts(p: Any, s: Any) -> list[tuple[Any, Any]]:
         """Parameters and state of each member."""
         p, s = iter(p[constants:]), iter(s[len(ends) :])
-        return [tuple(t(*(next(v) for _ in _fields(t))) for t, v in ((m.p, p), (m.s, s))) for m in members]
+        return [
+            tuple(t(*(next(v) for _ in _fields(t))) for t, v in ((m.p, p), (m.s, s)))
+            for m in members
+        ]
 
     return type(
-        "Loop", (),
+        "Loop",
+        (),
         {
-            "step": None if tiled else f, "tile": f if tiled else None, "resettable": False, "S": S,
-            "work": staticmethod(lambda p: int(p.words)) if tiled else None, "outputs": tuple(ys) if len(ys) > 1 else (),
-            "parameters": staticmethod(parameters), "parts": staticmethod(parts),
+            "step": None if tiled else f,
+            "tile": f if tiled else None,
+            "resettable": False,
+            "S": S,
+            "work": staticmethod(lambda p: int(p.words)) if tiled else None,
+            "outputs": tuple(ys) if len(ys) > 1 else (),
+            "parameters": staticmethod(parameters),
+            "parts": staticmethod(parts),
         },
-    )  # fmt: skip
+    )
 
 
-def _lines(members: tuple[Member, ...], tiled: bool, at: Callable[[str], str], names: _Names) -> tuple[list[str], list[str], int]:
-    """Lines that take the members' states, those that run them for a sample, and the words that tiles among them need."""
+def _lines(
+    members: tuple[Member, ...], tiled: bool, at: Callable[[str], str], names: _Names
+) -> tuple[list[str], list[str], int]:
+    """Lines that take the members' states, those that run them for a sample, and the
+    words that tiles among them need.
+    """
     before: list[str] = []
     lines: list[str] = []
     words = 0
@@ -309,18 +401,37 @@ def _lines(members: tuple[Member, ...], tiled: bool, at: Callable[[str], str], n
             state = [f"t{k}.{f}" for f in _fields(m.s)]
         plain = not (state or _fields(m.p) or m.tile or m.outputs)
         short = _expression(m.f, args, names) if plain else None
-        lines += [f"v{k} = _F({short})"] if short else _one(k, m, state, args, m.contact and at(m.contact), words, names)
+        lines += (
+            [f"v{k} = _F({short})"]
+            if short
+            else _one(k, m, state, args, m.contact and at(m.contact), words, names)
+        )
         words += len(m.args) + max(1, m.outputs) if m.tile else 0
     return before, lines, words
 
 
-def _one(k: int, m: Member, state: list[str], args: list[str], contact: str | None, words: int, names: _Names) -> list[str]:
-    """Lines that run one member for a sample: v{k} or v{k}_0, .., and its new state t{k}."""
+def _one(
+    k: int,
+    m: Member,
+    state: list[str],
+    args: list[str],
+    contact: str | None,
+    words: int,
+    names: _Names,
+) -> list[str]:
+    """Lines that run one member for a sample: v{k} or v{k}_0, .., and its new state
+    t{k}.
+    """
     lines = []
     rest = [f"p.r{k}_{f}" for f in _fields(m.s)]
     if contact:
-        lines += [f"on{k} = {contact} > 0.0", f"cold{k} = _where({state[-1]} == 0.0, 1.0, {state[-1]})"]
-        state = [f"_where(on{k}, {v}, {r})" for v, r in zip(state[:-1], rest, strict=False)] + [state[-1]]
+        lines += [
+            f"on{k} = {contact} > 0.0",
+            f"cold{k} = _where({state[-1]} == 0.0, 1.0, {state[-1]})",
+        ]
+        state = [f"_where(on{k}, {v}, {r})" for v, r in zip(state[:-1], rest, strict=False)] + [
+            state[-1]
+        ]
     p = f"{names(m.p)}({', '.join(f'p.m{k}_{f}' for f in _fields(m.p))})" if _fields(m.p) else "()"
     s = f"{names(m.s)}({', '.join(state)})" if state else "()"
     values = [f"v{k}_{j}" for j in range(m.outputs)] or [f"v{k}"]
@@ -340,27 +451,41 @@ def _one(k: int, m: Member, state: list[str], args: list[str], contact: str | No
         if contact:
             new = [f"_where(on{k}, {v}, {r})" for v, r in zip(new, rest, strict=False)]
             lines += [f"{v} = _where(on{k}, {v}, 0.0)" for v in values]
-        lines.append(f"t{k} = {names(m.s)}({', '.join([*new, f'_where(on{k}, 0.0, cold{k})' if contact else '0.0'])})")
+        lines.append(
+            f"t{k} ="
+            f" {names(m.s)}({', '.join([*new, f'_where(on{k}, 0.0, cold{k})' if contact else '0.0'])})"
+        )
     return lines
 
 
 def _function(text: str, space: dict[str, Any]) -> Any:
-    """The function with this text, which is where Python looks for the text of any other."""
+    """The function with this text, which is where Python looks for the text of any
+    other.
+    """
     file = f"<loop {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file
-    exec(compile(text, file, "exec"), space)  # a text of this module: nothing of a scene's file is in it
+    # a text of this module: nothing of a scene's file is in it
+    exec(compile(text, file, "exec"), space)
     f = space["tile" if text.startswith("def tile") else "step"]
     steps.source(f)  # read now: anybody may empty linecache
     return f
 
 
 def _expression(f: Callable, args: list[str], names: _Names) -> str | None:
-    """What a step without memory returns, over these arguments, if it is one expression: quicker to compile than a call."""
+    """What a step without memory returns, over these arguments, if it is one
+    expression: quicker to compile than a call.
+    """
     (tree,) = ast.parse(steps.source(f)).body
     assert isinstance(tree, ast.FunctionDef)
     *first, last = tree.body
-    said = all(isinstance(v, ast.Expr) and isinstance(v.value, ast.Constant) for v in first)  # a docstring
-    if not said or tree.args.defaults or not isinstance(last, ast.Return) or not isinstance(last.value, ast.Tuple):
+    # a docstring
+    said = all(isinstance(v, ast.Expr) and isinstance(v.value, ast.Constant) for v in first)
+    if (
+        not said
+        or tree.args.defaults
+        or not isinstance(last, ast.Return)
+        or not isinstance(last.value, ast.Tuple)
+    ):
         return None
     given = dict(zip([a.arg for a in tree.args.args[2:]], args, strict=True))
     known = steps.names(f)

@@ -1,4 +1,6 @@
-"""The text that blocks and laws of a user's own were defined by: a record for the reader, which nothing runs, and its hash."""
+"""The text that blocks and laws of a user's own were defined by: a record for the
+reader, which nothing runs, and its hash.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ TEST = fields.table_of(fields.record({"sha256": fields.text, "text": fields.text
 
 @public
 def definitions(scene: Scene) -> dict[str, dict[str, str]]:
-    """The files that define a scene's own blocks and laws, as they were when Python read them.
+    """The files that define a scene's own blocks and laws, as they were when Python
+    read them.
 
     Parameters
     ----------
@@ -28,9 +31,10 @@ def definitions(scene: Scene) -> dict[str, dict[str, str]]:
     Returns
     -------
     dict of str to dict
-        By module of a class, or of one that it derives from: ``text``, its whole file or notebook cell with the helpers and
-        constants there, and its ``sha256``.
-        Nothing for blocks of stimlib, whose text follows from the version. The text is "" where Python has kept none.
+        By module of a class, or of one that it derives from: ``text``, its whole file
+        or notebook cell with the helpers and constants there, and its ``sha256``.
+        Nothing for blocks of stimlib, whose text follows from the version. The text is
+        "" where Python has kept none.
 
     Examples
     --------
@@ -43,36 +47,54 @@ def definitions(scene: Scene) -> dict[str, dict[str, str]]:
 
 
 def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
-    """The hashes that a record states, and those that it must have: of its texts, for the modules of the scene's own blocks.
+    """The hashes that a record states, and those that it must have: of its texts, for
+    the modules of the scene's own blocks.
 
-    The text of a law is there where the law was known to the program that wrote the record, which its reader need not know.
+    The text of a law is there where the law was known to the program that wrote the
+    record, which its reader need not know.
     """
-    laws = {module for module in recorded if any(part.law.startswith(f"{module}.") for part in scene.parts)}
-    needed = {module: _sha256(recorded[module]["text"] if module in recorded else "") for module in {*_blocks(scene), *laws}}
+    laws = {
+        module
+        for module in recorded
+        if any(part.law.startswith(f"{module}.") for part in scene.parts)
+    }
+    needed = {
+        module: _sha256(recorded[module]["text"] if module in recorded else "")
+        for module in {*_blocks(scene), *laws}
+    }
     return {module: d["sha256"] for module, d in recorded.items()}, needed
 
 
 def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
     """One line for each module whose text is another than the one that was recorded."""
     return [
-        f"own blocks of {module}: the file is not the one that was recorded (sha256 {now['sha256'][:12]}, and not "
-        f"{recorded[module]['sha256'][:12]}); its text is kept under definitions"
+        f"own blocks of {module}: the file is not the one that was recorded (sha256"
+        f" {now['sha256'][:12]}, and not {recorded[module]['sha256'][:12]}); its text is kept under"
+        " definitions"
         for module, now in definitions(scene).items()
         if module in recorded and recorded[module]["sha256"] != now["sha256"]
     ]
 
 
 def _own(scene: Any) -> dict[str, str]:
-    """The text of each module that is not stimlib's: of blocks, of the classes that they derive from, and of laws."""
+    """The text of each module that is not stimlib's: of blocks, of the classes that
+    they derive from, and of laws.
+    """
     laws = sorted(part.law for part in scene.parts if known(part.law))
     return {OWN[name][0].__module__: OWN[name][1] for name in laws} | _blocks(scene)
 
 
 def _blocks(scene: Any) -> dict[str, str]:
     """The same of blocks and of the classes that they derive from."""
-    kinds = {type_name(k): k for b in reach(scene.outputs.values()) for k in type(b).__mro__ if issubclass(k, Block)}
+    kinds = {
+        type_name(k): k
+        for b in reach(scene.outputs.values())
+        for k in type(b).__mro__
+        if issubclass(k, Block)
+    }
     return {kinds[name].__module__: kinds[name].source for name in sorted(kinds) if "." in name}
 
 
 def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()  # a file of others may have half a character
+    # a file of others may have half a character
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

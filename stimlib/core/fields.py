@@ -1,6 +1,8 @@
-"""JSON files of others: strict JSON, and a test for the value of every field that is used.
+"""JSON files of others: strict JSON, and a test for the value of every field that is
+used.
 
-A test is a function that returns whether a value is good; those here are combined to the description of a whole file.
+A test is a function that returns whether a value is good; those here are combined to
+the description of a whole file.
 """
 
 from __future__ import annotations
@@ -57,7 +59,8 @@ def _finite(text: str) -> float:
 
 
 def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
-    """Raise a ValueError that names the first field that is missing, or that is not what it must be.
+    """Raise a ValueError that names the first field that is missing, or that is not
+    what it must be.
 
     Examples
     --------
@@ -80,7 +83,10 @@ def between(low: float, high: float) -> Test:
 
 def whole(most: int) -> Test:
     """A whole number from 0 to most."""
-    return Test(f"a whole number from 0 to {most}", lambda v: isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= most)
+    return Test(
+        f"a whole number from 0 to {most}",
+        lambda v: isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= most,
+    )
 
 
 def one_of(*values: str) -> Test:
@@ -90,18 +96,26 @@ def one_of(*values: str) -> Test:
 
 def table_of(test: Test) -> Test:
     """A table of good values."""
-    return Test(f"a table, each value {test.wanted}", lambda v: isinstance(v, dict) and all(map(test, v.values())))
+    return Test(
+        f"a table, each value {test.wanted}",
+        lambda v: isinstance(v, dict) and all(map(test, v.values())),
+    )
 
 
 def list_of(test: Test) -> Test:
     """A list of good values."""
-    return Test(f"a list, each value {test.wanted}", lambda v: isinstance(v, list) and all(map(test, v)))
+    return Test(
+        f"a list, each value {test.wanted}", lambda v: isinstance(v, list) and all(map(test, v))
+    )
 
 
 def record(tests: Mapping[str, Test]) -> Test:
     """A table with these fields, each of them good."""
     wanted = ", ".join(f"{name} ({test.wanted})" for name, test in tests.items())
-    return Test(f"a table of {wanted}", lambda v: isinstance(v, dict) and all(n in v and t(v[n]) for n, t in tests.items()))
+    return Test(
+        f"a table of {wanted}",
+        lambda v: isinstance(v, dict) and all(n in v and t(v[n]) for n, t in tests.items()),
+    )
 
 
 def maybe(test: Test) -> Test:
@@ -112,7 +126,8 @@ def maybe(test: Test) -> Test:
 def _number(v: Any) -> bool:
     if isinstance(v, float):
         return math.isfinite(v)
-    return isinstance(v, int) and not isinstance(v, bool) and abs(v) <= 2**53  # beyond, it is no longer the same as a float
+    # beyond, it is no longer the same as a float
+    return isinstance(v, int) and not isinstance(v, bool) and abs(v) <= 2**53
 
 
 text = Test("a text", lambda v: isinstance(v, str))

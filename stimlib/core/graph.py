@@ -1,7 +1,8 @@
 """Blocks and the arithmetic that joins them: a stimulus is a graph of these.
 
-A block is a frozen dataclass.  Fields annotated ``Block`` are its input signals (numbers are accepted and become
-constants); all others are design numbers, which shape it once per sample rate in ``design(fs)``.
+A block is a frozen dataclass.  Fields annotated ``Block`` are its input signals
+(numbers are accepted and become constants); all others are design numbers, which shape
+it once per sample rate in ``design(fs)``.
 """
 
 from __future__ import annotations
@@ -38,22 +39,28 @@ registry: dict[str, type[Block]] = {}
 
 
 class Block(Refusals):
-    """Base of all blocks.  A class is abstract (``class Modes(Block, abstract=True)``) or final.
+    """Base of all blocks.  A class is abstract (``class Modes(Block, abstract=True)``)
+    or final.
 
-    A final class, or an abstract one above it (a *primitive*), owns the definition of the output, either
+    A final class, or an abstract one above it (a *primitive*), owns the definition of
+    the output, either
 
-    * ``step(p, s, *x) -> (y, s)``: one sample, straight-line Python (see ``stimlib.core.steps``), or
-    * ``tile(p, s, *x, y, w) -> s``: fills the array y from the arrays x, up to 64 samples, any cut giving the same
-      bits; ``work(p)`` words of scratch come as ``w``.
+    * ``step(p, s, *x) -> (y, s)``: one sample, straight-line Python (see
+      ``stimlib.core.steps``), or
+    * ``tile(p, s, *x, y, w) -> s``: fills the array y from the arrays x, up to 64
+      samples, any cut giving the same bits; ``work(p)`` words of scratch come as ``w``.
 
-    p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by ``design(fs) -> (p, s)``.
+    p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by
+    ``design(fs) -> (p, s)``.
 
-    A class with several ``outputs`` names them: its step returns a tuple of samples, its tile fills an array for each, its units
-    are a tuple.  ``block.name`` is the signal; the block runs once, whoever listens.
+    A class with several ``outputs`` names them: its step returns a tuple of samples,
+    its tile fills an array for each, its units are a tuple.  ``block.name`` is the
+    signal; the block runs once, whoever listens.
 
-    A ``resettable`` class runs where its last signal, ``contact``, is above 0; elsewhere its output is 0 and its state that of
-    ``design``.  Step and tile do not get this signal.  Its state ends with ``cold``: above 0 before the first sample, 1 after
-    contact, and 0 after each step or tile, whatever these return for it.
+    A ``resettable`` class runs where its last signal, ``contact``, is above 0;
+    elsewhere its output is 0 and its state that of ``design``.  Step and tile do not
+    get this signal.  Its state ends with ``cold``: above 0 before the first sample, 1
+    after contact, and 0 after each step or tile, whatever these return for it.
     """
 
     abstract: ClassVar[bool] = True
@@ -61,21 +68,30 @@ class Block(Refusals):
     resettable: ClassVar[bool] = False
     outputs: ClassVar[tuple[str, ...]] = ()  # names, where there are several
     begins_early: ClassVar[bool] = True  # before sample 0, where its signals do
-    live: ClassVar[str] = "live values are multiplied, added, or connected to a block's input"  # instead of a design number
+    # instead of a design number
+    live: ClassVar[str] = "live values are multiplied, added, or connected to a block's input"
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
-    law: ClassVar[Callable[..., Any] | None] = None  # law(fs, rows, seen) -> row, or row and tolerance: for ``verify``
-    transfer: ClassVar[Callable[..., Any] | None] = None  # transfer(p, z) -> H of an LTI block of one signal and output, |z| = 1
+    # law(fs, rows, seen) -> row, or row and tolerance: for ``verify``
+    law: ClassVar[Callable[..., Any] | None] = None
+    # transfer(p, z) -> H of an LTI block of one signal and output, |z| = 1
+    transfer: ClassVar[Callable[..., Any] | None] = None
 
     def __init_subclass__(cls, abstract: bool = False, **kw):
         super().__init_subclass__(**kw)
         for base in cls.__mro__[1:]:
             if issubclass(base, Block) and not base.abstract:
-                raise TypeError(f"{cls.__name__}: {base.__name__} is final; derive from {base.__mro__[1].__name__} instead")
+                raise TypeError(
+                    f"{cls.__name__}: {base.__name__} is final; derive from"
+                    f" {base.__mro__[1].__name__} instead"
+                )
         for name in cls.__dict__.get("outputs", ()):
             if hasattr(cls, name) or name in inspect.get_annotations(cls):
-                raise TypeError(f"{cls.__name__}: the output {name!r} has the name of something else of a block; choose another")
+                raise TypeError(
+                    f"{cls.__name__}: the output {name!r} has the name of something else of a"
+                    " block; choose another"
+                )
             setattr(cls, name, property(partial(Pick, output=name)))
         cls.abstract = abstract
         cls.__repr__ = Block.__repr__  # type: ignore[method-assign]  # or dataclass writes one that recurses
@@ -104,20 +120,27 @@ class Block(Refusals):
             object.__setattr__(self, f.name, value)
         self.check()
         kids = self.children
-        object.__setattr__(self, "autonomous", type(self).begins_early and all(c.autonomous for c in kids))
+        object.__setattr__(
+            self, "autonomous", type(self).begins_early and all(c.autonomous for c in kids)
+        )
         dim = self.units(*(c.dim for c in kids))
         dims = dim if isinstance(dim, tuple) and self.outputs else (dim,)
         if not all(isinstance(d, Unit) for d in dims) or len(dims) != max(1, len(self.outputs)):
-            several = f", one for each of {', '.join(self.outputs)} in a tuple" if self.outputs else ""
+            several = (
+                f", one for each of {', '.join(self.outputs)} in a tuple" if self.outputs else ""
+            )
             raise SceneError(
-                f"{place(cls.units)}{cls.__name__}.units: it returned {dim!r}; return that of a signal (u[0]), or one made by "
-                f"stimlib.core.units.unit, such as unit('N'){several}"
+                f"{place(cls.units)}{cls.__name__}.units: it returned {dim!r}; return that of a"
+                " signal (u[0]), or one made by stimlib.core.units.unit, such as"
+                f" unit('N'){several}"
             )
         object.__setattr__(self, "dim", dim)
 
     @property
     def definition(self) -> Any:
-        """The class that has the step or the tile, which is its own, but for what a program has put together."""
+        """The class that has the step or the tile, which is its own, but for what a
+        program has put together.
+        """
         return type(self)
 
     sign: ClassVar[str] = ""  # how pictures write it, where its name is longer
@@ -125,12 +148,14 @@ class Block(Refusals):
     autonomous: ClassVar[bool]  # no Input reaches it, and no loop: it runs before sample 0
     dim: ClassVar[Unit]  # unit of the output
 
-    # What a class may define ---------------------------------------------------------------------------------------
+    # What a class may define ----------------------------------------------------------
     def check(self) -> None:
         """Raise BadValue if a design number makes no sense."""
 
     def units(self, *u: Unit) -> Unit:
-        """Unit of the output from those of the signals: by default that of the first."""
+        """Unit of the output from those of the signals: by default that of the
+        first.
+        """
         return u[0] if u else un.ONE
 
     def design(self, fs: float) -> tuple[Any, Any]:
@@ -146,15 +171,22 @@ class Block(Refusals):
         return 0.0
 
     def fixed(self, *values: float) -> Block | None:
-        """A block with a ``transfer``, equal to this one while its signals after the first have these values."""
+        """A block with a ``transfer``, equal to this one while its signals after the
+        first have these values.
+        """
         return None
 
     def laws(self, fs: float) -> tuple[Any, ...]:
-        """What the response stands for, whatever ``design`` makes (``stimlib.design.responses``): ``verify`` compares both."""
+        """What the response stands for, whatever ``design`` makes
+        (``stimlib.design.responses``): ``verify`` compares both.
+        """
         return ()
 
-    def through(self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]) -> np.ndarray | None:
-        """Response behind this block, of signals with responses H or constant values (None: neither); None if it has none.
+    def through(
+        self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
+    ) -> np.ndarray | None:
+        """Response behind this block, of signals with responses H or constant values
+        (None: neither); None if it has none.
 
         Of several outputs it is a tuple.
         """
@@ -166,8 +198,12 @@ class Block(Refusals):
         transfer = type(b).transfer
         return None if transfer is None else transfer(p if b is self else b.design(fs)[0], z) * H[0]
 
-    def steepest(self, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]) -> np.ndarray | None:
-        """As ``through``, of the linear block that is as stiff as this one at its stiffest; None if that is not known."""
+    def steepest(
+        self, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
+    ) -> np.ndarray | None:
+        """As ``through``, of the linear block that is as stiff as this one at its
+        stiffest; None if that is not known.
+        """
         return None
 
     def memory(self, p: Any) -> int:
@@ -179,7 +215,7 @@ class Block(Refusals):
         """(seed, stream) of a source of noise: no two of a scene may have the same."""
         return None
 
-    # -------------------------------------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------
     @property
     def children(self) -> tuple[Block, ...]:
         """The input signals."""
@@ -198,7 +234,7 @@ class Block(Refusals):
                 parts.append(f"{f.name}={v!r}" if self.children else repr(v))
         return f"{type(self).__name__}({', '.join(parts)})"
 
-    # Arithmetic makes more blocks; what none of them can do is in Refusals ------------------------------------------
+    # Arithmetic makes more blocks; what none of them can do is in Refusals ------------
     # fmt: off
     def __add__(self, o): return Add(self, o)
     def __radd__(self, o): return Add(o, self)
@@ -229,7 +265,11 @@ class Block(Refusals):
         if method != "__call__" or options or f is None:
             return no_numpy(ufunc.__name__)
         blocks = [as_block(v) for v in inputs]
-        return f(blocks[0], blocks[1].value if isinstance(blocks[1], Const) else blocks[1]) if f is operator.pow else f(*blocks)
+        return (
+            f(blocks[0], blocks[1].value if isinstance(blocks[1], Const) else blocks[1])
+            if f is operator.pow
+            else f(*blocks)
+        )
 
 
 @memo
@@ -241,18 +281,30 @@ def signals(cls: type[Block]) -> tuple[str, ...]:
 
 @memo
 def type_name(cls: type[Block]) -> str:
-    """The name scene files use: the class name for our own blocks, module.name for others'."""
-    return cls.__name__ if cls.__module__.split(".")[0] == "stimlib" else f"{cls.__module__}.{cls.__qualname__}"
+    """The name scene files use: the class name for our own blocks, module.name for
+    others'.
+    """
+    return (
+        cls.__name__
+        if cls.__module__.split(".")[0] == "stimlib"
+        else f"{cls.__module__}.{cls.__qualname__}"
+    )
 
 
 def head(cls: type[Block]) -> str:
-    """Return how errors of a class begin: of stimlib's the public function that makes it says its own name."""
+    """Return how errors of a class begin: of stimlib's the public function that makes
+    it says its own name.
+    """
     return f"{cls.__name__}." if cls in (Input, Param) or "." in type_name(cls) else ""
 
 
 def undecorated(cls: type) -> SceneError:
-    """The error of a class whose fields were not made into blocks and design numbers."""
-    return SceneError(f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False), and write no __init__")
+    """The error of a class whose fields were not made into blocks and design
+    numbers.
+    """
+    return SceneError(
+        f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False), and write no __init__"
+    )
 
 
 def as_block(v: Any) -> Block:
@@ -261,7 +313,10 @@ def as_block(v: Any) -> Block:
         if not hasattr(v, "dim"):
             raise undecorated(type(v))
         if v.outputs:
-            raise SceneError(f"{v!r} has the outputs {', '.join(v.outputs)}: say which one, such as .{v.outputs[0]}")
+            raise SceneError(
+                f"{v!r} has the outputs {', '.join(v.outputs)}: say which one, such as"
+                f" .{v.outputs[0]}"
+            )
         return v
     if isinstance(v, np.ndarray) and v.ndim == 0:
         v = v[()]
@@ -274,7 +329,9 @@ def _float(v: Any, what: str) -> float:
     try:
         return float(v)
     except OverflowError:
-        raise BadValue(f"{what} is beyond what a float can hold, {sys.float_info.max:.3g}") from None
+        raise BadValue(
+            f"{what} is beyond what a float can hold, {sys.float_info.max:.3g}"
+        ) from None
 
 
 _KINDS = {
@@ -288,10 +345,13 @@ _KINDS = {
 
 
 def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -> Any:
-    """A design number as its annotation asks for: finite floats, whole numbers, text, float64 arrays that nobody can change."""
+    """A design number as its annotation asks for: finite floats, whole numbers, text,
+    float64 arrays that nobody can change.
+    """
     if isinstance(v, Block):
         raise BadValue(
-            f"{where_} is a design number (it shapes the block once per sample rate) and cannot be the signal {v!r}; "
+            f"{where_} is a design number (it shapes the block once per sample rate) and cannot be"
+            f" the signal {v!r}; "
             + (f"write the number {v.value:g}" if isinstance(v, Const) else live)
         )
     if isinstance(v, (list, tuple, np.ndarray)):
@@ -311,10 +371,16 @@ def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -
         raise BadValue(f"{where_} = {v[:40]!r}.. has {len(v)} letters; at most 200 are possible")
     if isinstance(v, float) and not math.isfinite(v):
         raise BadValue(f"{where_} = {v} is not finite")
-    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    text = (
+        annotation
+        if isinstance(annotation, str)
+        else getattr(annotation, "__name__", str(annotation))
+    )
     words = [w.strip() for w in text.split("|")]
     kinds = [k for w in words for k in _KINDS.get(w, ((object,), ""))[0]]
-    if not isinstance(v, tuple(kinds)) or (isinstance(v, bool) and bool not in kinds and object not in kinds):
+    if not isinstance(v, tuple(kinds)) or (
+        isinstance(v, bool) and bool not in kinds and object not in kinds
+    ):
         raise BadValue(f"{where_} = {v!r:.200} must be {' or '.join(_KINDS[w][1] for w in words)}")
     if not isinstance(v, int) or isinstance(v, bool):
         return v
@@ -349,10 +415,12 @@ def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
     """UnitError, with the factor that is missing, unless a signal has a unit."""
     if u != unit(wanted):
         factor = wanted if u == un.ONE else f"{wanted}/({u})"
-        raise UnitError(f"{what} {b!r} [{u}] must be in {wanted}; multiply it by a constant(.., {factor!r})")
+        raise UnitError(
+            f"{what} {b!r} [{u}] must be in {wanted}; multiply it by a constant(.., {factor!r})"
+        )
 
 
-# Leaves --------------------------------------------------------------------------------------------------------------
+# Leaves -------------------------------------------------------------------------------
 @dc.dataclass(frozen=True, eq=False)
 class Input(Block):
     """A signal from outside, such as a measured position.
@@ -394,7 +462,8 @@ class Const(Block):
 
 @public
 def constant(value: float, unit: str = "") -> Const:
-    """A number with a unit, such as the paper's sample period ``constant(1 / 8000, "s")``.
+    """A number with a unit, such as the paper's sample period ``constant(1 / 8000,
+    "s")``.
 
     Parameters
     ----------
@@ -475,11 +544,15 @@ class Param(Block):
 
 
 def check_name(what: str, name: Any, error: type[StimlibError] = BadValue) -> None:
-    """Raise unless a name has letters, digits and underscores alone, and not too many."""
+    """Raise unless a name has letters, digits and underscores alone, and not too
+    many.
+    """
     if not isinstance(name, str) or not name.replace("_", "a").isalnum():
         raise error(f"{what} name {name!r:.200} must be letters, digits and underscores")
     if len(name) > 100:
-        raise error(f"{what} name {name[:20]!r}.. has {len(name)} letters; at most 100 are possible")
+        raise error(
+            f"{what} name {name[:20]!r}.. has {len(name)} letters; at most 100 are possible"
+        )
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -502,7 +575,7 @@ class Pick(Block):
         return self.block.outputs.index(self.output)
 
 
-# Arithmetic ----------------------------------------------------------------------------------------------------------
+# Arithmetic ---------------------------------------------------------------------------
 class Map(Block, abstract=True):
     """A block without memory: the output is a function of this sample's inputs."""
 
@@ -557,7 +630,13 @@ class Mul(Map):
         return u[0] * u[1]
 
     def through(self, p, fs, z, H, value):
-        return H[0] * value[1] if value[1] is not None else H[1] * value[0] if value[0] is not None else None
+        return (
+            H[0] * value[1]
+            if value[1] is not None
+            else H[1] * value[0]
+            if value[0] is not None
+            else None
+        )
 
     @staticmethod
     def step(p, s, a, b):
@@ -670,9 +749,11 @@ class NotEqual(Compare):
         return where(a == b, 0.0, 1.0), s
 
 
-# Subsystems ----------------------------------------------------------------------------------------------------------
+# Subsystems ---------------------------------------------------------------------------
 class Subsystem(Block, abstract=True):
-    """A block on a clock of its own: its first signal runs there, its second says when."""
+    """A block on a clock of its own: its first signal runs there, its second says
+    when.
+    """
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -687,8 +768,9 @@ class Enabled(Subsystem):
         culprit = next((b for b in below if isinstance(b, Input)), None)
         if culprit is not None:
             raise SceneError(
-                f"enabled({self.block!r}) would need the input {culprit.name!r} while it is held; "
-                "enable only what no Input reaches, and multiply after the gate: x * enabled(noise, by=gate)"
+                f"enabled({self.block!r}) would need the input {culprit.name!r} while it is held;"
+                " enable only what no Input reaches, and multiply after the gate: x *"
+                " enabled(noise, by=gate)"
             )
 
 
@@ -696,8 +778,9 @@ class Enabled(Subsystem):
 def enabled(block: Block, by: Block) -> Block:
     """Run a block only at the samples where a condition holds (an *enabled subsystem*).
 
-    The block lives on its own clock, the samples with ``by > 0``; in between its state is held, nothing of it is
-    computed and the output is 0.  Each ``enabled`` owns its copy of what it runs.
+    The block lives on its own clock, the samples with ``by > 0``; in between its state
+    is held, nothing of it is computed and the output is 0.  Each ``enabled`` owns its
+    copy of what it runs.
 
     Parameters
     ----------
@@ -732,7 +815,9 @@ class IntervalState(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class Interval(Block):
-    """1 at the samples of one stretch of time, else 0; it begins at sample 0, so before that it is closed."""
+    """1 at the samples of one stretch of time, else 0; it begins at sample 0, so before
+    that it is closed.
+    """
 
     begin: float
     duration: float | None
@@ -740,7 +825,10 @@ class Interval(Block):
 
     def check(self):
         if self.begin < 0 or (self.duration is not None and self.duration <= 0):
-            raise BadValue(f"segment: start = {self.begin} s must be 0 or above, and duration = {self.duration} s above 0")
+            raise BadValue(
+                f"segment: start = {self.begin} s must be 0 or above, and duration ="
+                f" {self.duration} s above 0"
+            )
 
     def design(self, fs):
         first = math.floor(self.begin * fs + 0.5)
@@ -762,34 +850,51 @@ class Segment(Subsystem):
 
     def check(self):
         if not isinstance(self.by, Interval):
-            raise BadValue(f"a segment lasts for an Interval, not {self.by!r}; make it with segment(block, start, duration)")
+            raise BadValue(
+                f"a segment lasts for an Interval, not {self.by!r}; make it with segment(block,"
+                " start, duration)"
+            )
         if self.seed is not None and self.seed < 0:
-            raise BadValue(f"segment: seed = {self.seed} must be a whole number from 0 to 2**64 - 1")
+            raise BadValue(
+                f"segment: seed = {self.seed} must be a whole number from 0 to 2**64 - 1"
+            )
 
     @property
     def run(self) -> str:
-        """What tells the run that it is from that around it, and from others in there."""
+        """What tells the run that it is from that around it, and from others in
+        there.
+        """
         by: Any = self.by
-        return f" in segment({by.begin}, {by.duration}{'' if self.seed is None else f', seed={self.seed}'})"
+        return (
+            f" in segment({by.begin},"
+            f" {by.duration}{'' if self.seed is None else f', seed={self.seed}'})"
+        )
 
 
 @public
-def segment(block: Block, start: float, duration: float | None = None, seed: int | None = None) -> Segment:
-    """Run a block in one stretch of time only, from its own sample 0 on, as if it were rendered alone.
+def segment(
+    block: Block, start: float, duration: float | None = None, seed: int | None = None
+) -> Segment:
+    """Run a block in one stretch of time only, from its own sample 0 on, as if it were
+    rendered alone.
 
-    The block lives on its own clock, the samples of that stretch.  There its time begins at 0, its states are at rest,
-    its noises begin with the seed, and the motion of the first of these samples is the first that it sees.  Outside
-    nothing of it is computed and the output is 0.  So its samples are those of ``stimlib.render``, bit for bit.
+    The block lives on its own clock, the samples of that stretch.  There its time
+    begins at 0, its states are at rest, its noises begin with the seed, and the motion
+    of the first of these samples is the first that it sees.  Outside nothing of it is
+    computed and the output is 0.  So its samples are those of ``stimlib.render``, bit
+    for bit.
 
     Parameters
     ----------
     block : Block
     start : float
-        In s, at the nearest sample.  Inside another segment, or inside ``enabled``, it counts from the start of that.
+        In s, at the nearest sample.  Inside another segment, or inside ``enabled``, it
+        counts from the start of that.
     duration : float, optional
         In s, to the nearest number of samples; by default to the end.
     seed : int, optional
-        Key of all noise in it, as ``seed`` of ``stimlib.compile``; by default that of the run.
+        Key of all noise in it, as ``seed`` of ``stimlib.compile``; by default that of
+        the run.
 
     Returns
     -------
@@ -804,10 +909,11 @@ def segment(block: Block, start: float, duration: float | None = None, seed: int
 
     Notes
     -----
-    Segments of one start, duration and seed run together: what their blocks share runs once, as for several outputs of a
-    scene.  All others have their own copies of what they run, also of noises: with one seed they are the same samples
-    again, and with different seeds they are independent.  Parameters are those of the whole run; ``Scene.renamed`` gives
-    a stimulus its own.
+    Segments of one start, duration and seed run together: what their blocks share runs
+    once, as for several outputs of a scene.  All others have their own copies of what
+    they run, also of noises: with one seed they are the same samples again, and with
+    different seeds they are independent.  Parameters are those of the whole run;
+    ``Scene.renamed`` gives a stimulus its own.
 
     Examples
     --------
@@ -815,16 +921,22 @@ def segment(block: Block, start: float, duration: float | None = None, seed: int
 
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import elapsed, segment
-    >>> twice = [segment(elapsed() + stimlib.constant(1.0, "s"), start, 0.003) for start in (0.001, 0.005)]
-    >>> stimlib.compile(stimlib.Scene({"y": twice[0] + twice[1]}), fs=1000).process(np.empty((0, 9)))
+    >>> twice = [
+    ...     segment(elapsed() + stimlib.constant(1.0, "s"), start, 0.003)
+    ...     for start in (0.001, 0.005)
+    ... ]
+    >>> stimlib.compile(stimlib.Scene({"y": twice[0] + twice[1]}), fs=1000).process(
+    ...     np.empty((0, 9))
+    ... )
     array([[0.   , 1.   , 1.001, 1.002, 0.   , 1.   , 1.001, 1.002, 0.   ]])
     """
     return Segment(as_block(block), Interval(start, duration), seed)
 
 
-# Walking -------------------------------------------------------------------------------------------------------------
+# Walking ------------------------------------------------------------------------------
 def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
-    """Every block object the roots need, children first, each once.  No recursion: graphs may be deep.
+    """Every block object the roots need, children first, each once.  No recursion:
+    graphs may be deep.
 
     Into blocks of the class ``closed`` it does not look.
     """
@@ -854,9 +966,11 @@ class GuardState(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class Guard(Block):
-    """What stands on every output: from the first non-finite sample on, the last finite value, faded out in 20 ms.
+    """What stands on every output: from the first non-finite sample on, the last finite
+    value, faded out in 20 ms.
 
-    A device's fade has ``steps`` samples at least, where half a second has room for them.
+    A device's fade has ``steps`` samples at least, where half a second has room for
+    them.
     """
 
     x: Block
@@ -889,7 +1003,7 @@ class Guard(Block):
         return GuardState(last, left, at)
 
 
-# Flat memory ---------------------------------------------------------------------------------------------------------
+# Flat memory --------------------------------------------------------------------------
 def kind(v: Any) -> str:
     """F, U: array of float64, uint64;  f, u: one of them."""
     if isinstance(v, np.ndarray):
@@ -898,8 +1012,13 @@ def kind(v: Any) -> str:
 
 
 def pack(s: Any) -> np.ndarray:
-    """The words of a parameter or state tuple: fields in order, arrays whole, floats as their bits."""
-    w = [np.atleast_1d(np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64)).view(np.uint64) for v in s]
+    """The words of a parameter or state tuple: fields in order, arrays whole, floats as
+    their bits.
+    """
+    w = [
+        np.atleast_1d(np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64)).view(np.uint64)
+        for v in s
+    ]
     return np.concatenate(w) if w else np.zeros(0, np.uint64)
 
 

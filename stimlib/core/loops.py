@@ -16,7 +16,9 @@ _unit: Callable[[str], Unit] = unit
 
 @dataclass(frozen=True, eq=False)
 class Last(Block):
-    """The value of a loop one sample ago, and ``first`` at its first sample; it belongs to one ``Loop``."""
+    """The value of a loop one sample ago, and ``first`` at its first sample; it belongs
+    to one ``Loop``.
+    """
 
     first: float
     unit: str = ""
@@ -40,7 +42,10 @@ class Loop(Block):
 
     def units(self, *u):
         if u[0] != u[1] and not (isinstance(self.body, Const) and self.body.value == 0):
-            raise UnitError(f'loop: of its last value in [{u[1]}] it makes {self.body!r} in [{u[0]}]; give unit="{u[0]}"')
+            raise UnitError(
+                f"loop: of its last value in [{u[1]}] it makes {self.body!r} in [{u[0]}]; give"
+                f' unit="{u[0]}"'
+            )
         return u[1]
 
 
@@ -61,12 +66,14 @@ class Tap(Block):
 
 @public
 def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
-    """A signal that uses its own value of one sample ago: y[n] = f(y[n-1], other signals).
+    """A signal that uses its own value of one sample ago: y[n] = f(y[n-1], other
+    signals).
 
     Parameters
     ----------
     f : callable
-        Called once, with the signal's last value.  Returns the signal, or a tuple: the signal, and other signals from inside.
+        Called once, with the signal's last value.  Returns the signal, or a tuple: the
+        signal, and other signals from inside.
     start : float
         y[-1], in the unit.  A loop begins at sample 0, whatever is in it.
     unit : str
@@ -84,12 +91,14 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     BadValue
         If f returns no block, or nothing; if start is not a finite number.
     SceneError
-        In ``Scene``: an ``enabled`` that depends on the last value; the last value where its loop is not.
+        In ``Scene``: an ``enabled`` that depends on the last value; the last value
+        where its loop is not.
 
     Notes
     -----
-    What is on the way from the last value to the signal runs sample by sample, as one block: a sum of a hundred taps is slower
-    there than outside.  All else stays outside.  A value fed back that has decayed to 1e-190 is 0 from then on.
+    What is on the way from the last value to the signal runs sample by sample, as one
+    block: a sum of a hundred taps is slower there than outside.  All else stays
+    outside.  A value fed back that has decayed to 1e-190 is 0 from then on.
 
     Examples
     --------
@@ -104,7 +113,10 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     """
     last = Last(design_value("loop: start", "float", start), unit)
     if not callable(f):
-        raise BadValue(f"loop: {f!r:.80} is no function; give one of the last value, such as lambda last: 0.9 * last + x")
+        raise BadValue(
+            f"loop: {f!r:.80} is no function; give one of the last value, such as lambda last: 0.9"
+            " * last + x"
+        )
     made = f(last)
     if not isinstance(made, tuple):
         return Loop(as_block(made), last)

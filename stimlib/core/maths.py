@@ -1,10 +1,13 @@
-"""The only mathematics a step may use: each function here is THE definition, in plain Python, with one rounding.
+"""The only mathematics a step may use: each function here is THE definition, in plain
+Python, with one rounding.
 
-``targets/numba/native.py`` holds, under the same names, what compiled code does; ``tests/test_maths.py`` checks that both
-give the same bits.  numpy scalars go in and come out, so that 1/0 is inf and never an exception.
+``targets/numba/native.py`` holds, under the same names, what compiled code does;
+``tests/test_maths.py`` checks that both give the same bits.  numpy scalars go in and
+come out, so that 1/0 is inf and never an exception.
 
-Long sums (a filter's taps, a bank of modes) are **eight partial sums**, index mod 8, added as
-((s0+s4)+(s2+s6)) + ((s1+s5)+(s3+s7)): a definition that single samples, tiles and vector units can all follow exactly.
+Long sums (a filter's taps, a bank of modes) are **eight partial sums**, index mod 8,
+added as ((s0+s4)+(s2+s6)) + ((s1+s5)+(s3+s7)): a definition that single samples, tiles
+and vector units can all follow exactly.
 """
 
 from __future__ import annotations
@@ -16,8 +19,9 @@ import sys
 import numpy as np
 
 TINY = 1e-200
-"""Added to what drives a recursion: far below any signal, it keeps a decaying state off the denormals, at no cost in
-latency; the output is then flushed, so that silence is 0."""
+"""Added to what drives a recursion: far below any signal, it keeps a decaying state off
+the denormals, at no cost in latency; the output is then flushed, so that silence is 0.
+"""
 
 SILENT = 1e-190
 
@@ -61,7 +65,11 @@ def _libm(f, pole):
         except ValueError:
             return F(pole(x))
 
-    g.__name__, g.__qualname__, g.__doc__ = f.__name__, f.__name__, f"{f.__name__}(x) of the C library; never raises."
+    g.__name__, g.__qualname__, g.__doc__ = (
+        f.__name__,
+        f.__name__,
+        f"{f.__name__}(x) of the C library; never raises.",
+    )
     return g
 
 
@@ -88,7 +96,9 @@ def flush(x):
 
 
 def settle(x):
-    """flush, of what a loop keeps: compiled as a branch that is hardly ever taken, so that a recursion does not wait for it."""
+    """flush, of what a loop keeps: compiled as a branch that is hardly ever taken, so
+    that a recursion does not wait for it.
+    """
     return flush(x)
 
 
@@ -113,14 +123,17 @@ def words(a):
 
 
 def each(f, p, x, y):
-    """y[i] = f(p, x[0][i], x[1][i], ..) with f a straight-line helper and p a NamedTuple of floats or (): in compiled code,
-    several at once.  An x may be y itself, but no part of it."""
+    """y[i] = f(p, x[0][i], x[1][i], ..) with f a straight-line helper and p a
+    NamedTuple of floats or (): in compiled code, several at once.  An x may be y
+    itself, but no part of it."""
     for i in range(y.size):
         y[i] = f(p, *(v[i] for v in x))
 
 
 def pairs(f, key, first, z):
-    """z[2 i], z[2 i + 1] = f(key, first + i); compiled code writes on to the next multiple of 4."""
+    """z[2 i], z[2 i + 1] = f(key, first + i); compiled code writes on to the next
+    multiple of 4.
+    """
     for i in range(0, z.size, 2):
         z[i : i + 2] = f(key, np.uint64(first) + np.uint64(i >> 1))[: z.size - i]
 
@@ -144,7 +157,9 @@ def tree(s):
 
 
 def fir(taps, w, y):
-    """y[i] = sum_j taps[j] w[i + j], eight partial sums.  taps.size is a multiple of 8; w has y.size + taps.size - 1."""
+    """y[i] = sum_j taps[j] w[i + j], eight partial sums.  taps.size is a multiple of 8;
+    w has y.size + taps.size - 1.
+    """
     taps, w = taps.tolist(), w.tolist()  # Python's floats: the same bits, in half the time
     for i in range(y.size):
         s = [0.0] * 8
@@ -154,7 +169,9 @@ def fir(taps, w, y):
 
 
 def modes(p, r, q, d, x, y, w):
-    """q = p q + (x + TINY);  y = d x + sum r q, eight partial sums, flushed.  p.size is a multiple of 8; w: 8 y.size."""
+    """q = p q + (x + TINY);  y = d x + sum r q, eight partial sums, flushed.  p.size
+    is a multiple of 8; w: 8 y.size.
+    """
     p, r, state = p.tolist(), r.tolist(), q.tolist()
     for i in range(y.size):
         s = [0.0] * 8
@@ -167,8 +184,10 @@ def modes(p, r, q, d, x, y, w):
 
 
 def memory(e, r, q, low, x, y, w):
-    """``modes`` without d, for very slow ones: with the leak e = 1 - p on its own, q += (x + TINY) - e q, and a second word of
-    the first low.size states, nothing that they add up is rounded away.  e.size and low.size are multiples of 8; w: 8 y.size."""
+    """``modes`` without d, for very slow ones: with the leak e = 1 - p on its own, q +=
+    (x + TINY) - e q, and a second word of the first low.size states, nothing that they
+    add up is rounded away.  e.size and low.size are multiples of 8; w: 8 y.size.
+    """
     leak, r, state, second = e.tolist(), r.tolist(), q.tolist(), low.tolist()
     for i in range(y.size):
         s = [0.0] * 8

@@ -1,6 +1,8 @@
-"""What Python's operators and numpy's functions mean on blocks: more blocks, or an error that names the remedy.
+"""What Python's operators and numpy's functions mean on blocks: more blocks, or an
+error that names the remedy.
 
-Nothing here computes a number: a block stands for all samples of a signal, and none is known while the graph is built.
+Nothing here computes a number: a block stands for all samples of a signal, and none is
+known while the graph is built.
 """
 
 from __future__ import annotations
@@ -20,20 +22,30 @@ LARGEST_POWER = 64
 
 def _refused(what: str, remedy: str) -> Any:
     def method(self: Any, *others: Any) -> Any:
-        raise SceneError(f"{what} of {self!r}: a block is a signal, not a number, while the graph is built; {remedy}")
+        raise SceneError(
+            f"{what} of {self!r}: a block is a signal, not a number, while the graph is built;"
+            f" {remedy}"
+        )
 
     return method
 
 
 _ROUND = "no block rounds; a staircase is lut(x, knots, values, ..)"
-_MODULO = "a shape that repeats along a signal is bump(u, ..) or carrier(freq), a staircase is lut(x, ..)"
-_SHIFT = "a shift in time is delay(x, samples=n)"
-_LOGIC = "of conditions, which are 1 or 0, `and` is minimum(a, b), `or` is maximum(a, b), `not` is 1 - a"
-_NUMBER = (
-    "render(..) gives its samples; functions of the module math take numbers: use abs, and sqrt, exp, log, sin, cos, tanh of "
-    "stimlib.blocks"
+_MODULO = (
+    "a shape that repeats along a signal is bump(u, ..) or carrier(freq), a staircase is lut(x, ..)"
 )
-_SIGN = "a sign is where(x > 0, 1.0, -1.0), or (x > 0) - (x < 0), which is 0 at 0; x with a soft sign is tanh(x / width)"
+_SHIFT = "a shift in time is delay(x, samples=n)"
+_LOGIC = (
+    "of conditions, which are 1 or 0, `and` is minimum(a, b), `or` is maximum(a, b), `not` is 1 - a"
+)
+_NUMBER = (
+    "render(..) gives its samples; functions of the module math take numbers: use abs, and sqrt,"
+    " exp, log, sin, cos, tanh of stimlib.blocks"
+)
+_SIGN = (
+    "a sign is where(x > 0, 1.0, -1.0), or (x > 0) - (x < 0), which is 0 at 0; x with a soft sign"
+    " is tanh(x / width)"
+)
 _PARTS = "it has no length and no parts; the sample before this one is delay(x, samples=1)"
 
 
@@ -41,12 +53,15 @@ class Refusals:
     """What no block can do, each as an error with its remedy."""
 
     def __rpow__(self, base: Any) -> Any:
-        raise BadValue(f"{base!r} ** {self!r}: the exponent must be a number; a ** x, a above 0, is exp(x * log(a))")
+        raise BadValue(
+            f"{base!r} ** {self!r}: the exponent must be a number; a ** x, a above 0, is exp(x *"
+            " log(a))"
+        )
 
     def __bool__(self):
         raise SceneError(
-            f"{self!r} has no truth value while the graph is built: use where(c, a, b) instead of if, and/or, max "
-            f"and min; {_LOGIC}"
+            f"{self!r} has no truth value while the graph is built: use where(c, a, b) instead of"
+            f" if, and/or, max and min; {_LOGIC}"
         )
 
     __mod__ = __rmod__ = _refused("%", _MODULO)
@@ -74,15 +89,21 @@ class Refusals:
 
 
 def power(x: Any, n: Any) -> Any:
-    """x**n, n a whole number other than 0, or 0.5; whole powers by squares and products, in one order: x**3 = (x x) x."""
+    """x**n, n a whole number other than 0, or 0.5; whole powers by squares and
+    products, in one order: x**3 = (x x) x.
+    """
     if not isinstance(n, NUMBERS):
-        raise BadValue(f"({x!r}) ** {n!r:.80}: the exponent must be a number; a ** b of signals, a above 0, is exp(b * log(a))")
+        raise BadValue(
+            f"({x!r}) ** {n!r:.80}: the exponent must be a number; a ** b of signals, a above 0, is"
+            " exp(b * log(a))"
+        )
     if n == 0.5:
         return functions()["sqrt"](x)
     if n != n // 1 or abs(n) > LARGEST_POWER:
         raise BadValue(
-            f"({x!r}) ** {n!s:.40}: the exponent must be 0.5 or a whole number from {-LARGEST_POWER} to {LARGEST_POWER}; "
-            "other powers of a signal above 0 without unit are exp(n * log(x))"
+            f"({x!r}) ** {n!s:.40}: the exponent must be 0.5 or a whole number from"
+            f" {-LARGEST_POWER} to {LARGEST_POWER}; other powers of a signal above 0 without unit"
+            " are exp(n * log(x))"
         )
     whole: int = int(n)
     return 1.0 / _power(x, -whole) if whole < 0 else _power(x, whole)
@@ -100,34 +121,61 @@ def functions() -> dict[str, Callable[..., Any]]:
     maps = import_module("stimlib.blocks.maps")
     same = ("sqrt", "exp", "log", "sin", "cos", "tanh", "maximum", "minimum", "clip")
     return {name: getattr(maps, name) for name in same} | {
-        "add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv,
-        "negative": operator.neg, "positive": operator.pos, "absolute": abs, "fabs": abs, "square": lambda x: x * x,
+        "add": operator.add,
+        "subtract": operator.sub,
+        "multiply": operator.mul,
+        "divide": operator.truediv,
+        "negative": operator.neg,
+        "positive": operator.pos,
+        "absolute": abs,
+        "fabs": abs,
+        "square": lambda x: x * x,
         "reciprocal": lambda x: 1.0 / x,
-        "greater": operator.gt, "greater_equal": operator.ge, "less": operator.lt, "less_equal": operator.le,
-        "equal": operator.eq, "not_equal": operator.ne, "power": operator.pow,
-    }  # fmt: skip
+        "greater": operator.gt,
+        "greater_equal": operator.ge,
+        "less": operator.lt,
+        "less_equal": operator.le,
+        "equal": operator.eq,
+        "not_equal": operator.ne,
+        "power": operator.pow,
+    }
 
 
 _THERE = (
-    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
+    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum,"
+    " clip, where of stimlib.blocks"
 )
 _THERE = (
-    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip, where of stimlib.blocks"
+    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum,"
+    " clip, where of stimlib.blocks"
 )
 _INSTEAD = {  # of functions of numpy, what to write
     **dict.fromkeys(("floor", "ceil", "rint", "trunc"), _ROUND),
     **dict.fromkeys(("remainder", "fmod", "floor_divide", "divmod", "modf"), _MODULO),
     **dict.fromkeys(("sign", "copysign", "signbit"), _SIGN),
-    **dict.fromkeys(("logical_and", "logical_or", "logical_not", "bitwise_and", "bitwise_or", "invert"), _LOGIC),
-    **dict.fromkeys(("isnan", "isfinite", "isinf"), "what is not finite ends an output by itself; x != x is 1 where x is nan"),
+    **dict.fromkeys(
+        ("logical_and", "logical_or", "logical_not", "bitwise_and", "bitwise_or", "invert"), _LOGIC
+    ),
+    **dict.fromkeys(
+        ("isnan", "isfinite", "isinf"),
+        "what is not finite ends an output by itself; x != x is 1 where x is nan",
+    ),
     **dict.fromkeys(("log2", "log10"), "log to a base b is log(x) / math.log(b)"),
     **dict.fromkeys(("exp2", "float_power", "cbrt"), "a ** x, a above 0, is exp(x * math.log(a))"),
-    "expm1": "write exp(x) - 1", "log1p": "write log(1 + x)", "tan": "write sin(x) / cos(x)", "hypot": "write sqrt(a**2 + b**2)",
-    "sinh": "write (exp(x) - exp(-x)) / 2", "cosh": "write (exp(x) + exp(-x)) / 2", "heaviside": "write x > 0",
-}  # fmt: skip
+    "expm1": "write exp(x) - 1",
+    "log1p": "write log(1 + x)",
+    "tan": "write sin(x) / cos(x)",
+    "hypot": "write sqrt(a**2 + b**2)",
+    "sinh": "write (exp(x) - exp(-x)) / 2",
+    "cosh": "write (exp(x) + exp(-x)) / 2",
+    "heaviside": "write x > 0",
+}
 
 
 def no_numpy(name: str) -> Any:
     """Refuse a function of numpy."""
     why = _INSTEAD.get(name, _THERE)
-    raise BadValue(f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is built; {why}")
+    raise BadValue(
+        f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is"
+        f" built; {why}"
+    )

@@ -36,4 +36,6 @@ def package(module: str, what: str, install: str = "") -> Any:
     except ImportError as e:
         name = module.partition(".")[0].lower()
         remedy = f"pip install {install or name}"
-        raise MissingPackage(f"{what} needs the package {name}, which cannot be imported ({e}): {remedy}") from None
+        raise MissingPackage(
+            f"{what} needs the package {name}, which cannot be imported ({e}): {remedy}"
+        ) from None

@@ -1,4 +1,6 @@
-"""What a scene was asked for: the law of each of its parts, what was given, and what its signals are called now."""
+"""What a scene was asked for: the law of each of its parts, what was given, and what
+its signals are called now.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,15 @@ from . import fields
 from .source import source_of
 
 OWN: dict[str, tuple[Callable, str]] = {}
-"""Laws of a user's own, and the text of their file, by the name that a scene file has for them, as blocks are known by theirs."""
+"""Laws of a user's own, and the text of their file, by the name that a scene file has
+for them, as blocks are known by theirs.
+"""
 
 
 class Span(NamedTuple):
-    """The interval of a trial in which a part is shown: its scene times a window with cosine ramps, on a clock of its own."""
+    """The interval of a trial in which a part is shown: its scene times a window with
+    cosine ramps, on a clock of its own.
+    """
 
     start: float  # s
     duration: float  # s
@@ -35,14 +41,16 @@ class Part:
     Parameters
     ----------
     law : str
-        Name of the function that made a shipped scene, or ``module.name`` of a law of a user's own.
+        Name of the function that made a shipped scene, or ``module.name`` of a law of a
+        user's own.
     given : dict, optional
-        The arguments that were given, as JSON data.  None: not known, as of scenes that were kept before 0.2.
+        The arguments that were given, as JSON data.  None: not known, as of scenes that
+        were kept before 0.2.
     name : str
         Of the part, in a combined scene.
     inputs, outputs : dict of str to str
-        What the scene calls each input or parameter, and each output, by the name that the law has for it; empty where
-        these are the same.
+        What the scene calls each input or parameter, and each output, by the name that
+        the law has for it; empty where these are the same.
     span : Span, optional
         Of an interval of a trial.
     """
@@ -56,7 +64,10 @@ class Part:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON data."""
-        return {f.name: list(v) if isinstance(v := getattr(self, f.name), Span) else v for f in dc.fields(self)}
+        return {
+            f.name: list(v) if isinstance(v := getattr(self, f.name), Span) else v
+            for f in dc.fields(self)
+        }
 
     @classmethod
     def from_dict(cls, data: Any, where: str) -> Part:
@@ -71,11 +82,18 @@ class Part:
         return cls(**data | {"span": Span(*data["span"]) if data["span"] else None})
 
     def renamed(self, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Part:
-        """The part under the new names of all inputs and parameters, and of all outputs, of its scene."""
+        """The part under the new names of all inputs and parameters, and of all
+        outputs, of its scene.
+        """
         return dc.replace(
             self,
-            inputs={own: inputs[name] for own, name in (self.inputs or {n: n for n in inputs}).items()},
-            outputs={own: outputs[name] for own, name in (self.outputs or {n: n for n in outputs}).items()},
+            inputs={
+                own: inputs[name] for own, name in (self.inputs or {n: n for n in inputs}).items()
+            },
+            outputs={
+                own: outputs[name]
+                for own, name in (self.outputs or {n: n for n in outputs}).items()
+            },
         )
 
 
@@ -83,7 +101,11 @@ MOST = 1e9  # s, of a span: 30 years
 
 
 def _span(v: Any) -> bool:
-    times = isinstance(v, list) and len(v) == 4 and all(fields.not_negative(t) and t < MOST for t in v[:3])
+    times = (
+        isinstance(v, list)
+        and len(v) == 4
+        and all(fields.not_negative(t) and t < MOST for t in v[:3])
+    )
     return times and (v[3] is None or fields.whole(2**64 - 1)(v[3]))
 
 
@@ -100,48 +122,72 @@ TEST = fields.record(
 
 
 def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
-    """The parts of a scene: none, one of a name or a function with what was given, or as they are."""
+    """The parts of a scene: none, one of a name or a function with what was given, or
+    as they are.
+    """
     if law is None or isinstance(law, str):
         if law is None and given:
-            raise BadValue(f"given without a law: {given!r:.80} needs the law that it is for; give that as law=")
+            raise BadValue(
+                f"given without a law: {given!r:.80} needs the law that it is for; give that as"
+                " law="
+            )
         return () if law is None else (Part(law, kept(given)),)
     if callable(law):
         name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
         if not name or "<lambda>" in name:
-            raise BadValue(f"law = {law!r:.80} has no name that a file could keep; write it with def, and give numbers as given=")
+            raise BadValue(
+                f"law = {law!r:.80} has no name that a file could keep; write it with def, and give"
+                " numbers as given="
+            )
         bound = hasattr(law, "__func__") and not isinstance(getattr(law, "__self__", None), type)
         if bound or inspect.isbuiltin(law) or getattr(law, "__closure__", None):
             raise BadValue(
-                f"law = {name} uses values of the function around it, or of an object, which no file keeps; write it at the "
-                "top of a module, and give numbers as given="
+                f"law = {name} uses values of the function around it, or of an object, which no"
+                " file keeps; write it at the top of a module, and give numbers as given="
             )
         OWN[name] = law, source_of(law)  # now: the file may change while the function lives on
         return (Part(name, kept({} if given is None else given)),)
     if isinstance(law, (tuple, list)) and all(isinstance(p, Part) for p in law):
         return tuple(law)
-    raise BadValue(f"law = {law!r:.80} must be a name, or a function of the inputs, the parameters and the sample rate")
+    raise BadValue(
+        f"law = {law!r:.80} must be a name, or a function of the inputs, the parameters and the"
+        " sample rate"
+    )
 
 
 def kept(given: Any) -> Any:
-    """What was given, as JSON data; BadValue of what is no table, or is nested without end."""
+    """What was given, as JSON data; BadValue of what is no table, or is nested without
+    end.
+    """
     if not isinstance(given, Mapping | None):
-        raise BadValue(f"given = {given!r:.80} is no table; it must map names to values, such as given={{'at': 0.01}}")
+        raise BadValue(
+            f"given = {given!r:.80} is no table; it must map names to values, such as given={{'at':"
+            " 0.01}"
+        )
     try:
         return plain(given)
     except RecursionError:
-        raise BadValue("given: it is nested too deeply for a scene file; give tables and arrays of a few levels") from None
+        raise BadValue(
+            "given: it is nested too deeply for a scene file; give tables and arrays of a few"
+            " levels"
+        ) from None
 
 
 def known(law: str) -> bool:
-    """Whether a law of a user's own can be called here: a scene was made with it, or its module is imported already.
+    """Whether a law of a user's own can be called here: a scene was made with it, or
+    its module is imported already.
 
-    A file is data and may come from anywhere, so the name in it stands for a law only: a function that its module defines
-    itself, with the first parameters ``x, p, fs``.
+    A file is data and may come from anywhere, so the name in it stands for a law only:
+    a function that its module defines itself, with the first parameters ``x, p, fs``.
     """
     if law not in OWN:
         module, _, name = law.rpartition(".")
         f = getattr(sys.modules.get(module), name, None)
-        if inspect.isfunction(f) and f.__module__ == module and list(inspect.signature(f).parameters)[:3] == ["x", "p", "fs"]:
+        if (
+            inspect.isfunction(f)
+            and f.__module__ == module
+            and list(inspect.signature(f).parameters)[:3] == ["x", "p", "fs"]
+        ):
             OWN[law] = f, source_of(f)
     return law in OWN
 
@@ -163,7 +209,12 @@ def plain(v: Any) -> Any:
     """
     if isinstance(v, (np.ndarray, np.generic)):
         return plain(v.tolist())
-    if v is None or isinstance(v, (str, bool)) or fields.number(v) or (isinstance(v, int) and abs(v) < 2**64):
+    if (
+        v is None
+        or isinstance(v, (str, bool))
+        or fields.number(v)
+        or (isinstance(v, int) and abs(v) < 2**64)
+    ):
         return v
     if isinstance(v, os.PathLike):
         return os.fspath(v)
@@ -173,4 +224,7 @@ def plain(v: Any) -> Any:
         return [plain(part) for part in v]
     if dc.is_dataclass(v) and not isinstance(v, type):
         return {f.name: plain(getattr(v, f.name)) for f in dc.fields(v)}
-    raise BadValue(f"given: {v!r:.80} cannot be kept in a scene file; give finite numbers, texts, arrays and tables of these")
+    raise BadValue(
+        f"given: {v!r:.80} cannot be kept in a scene file; give finite numbers, texts, arrays and"
+        " tables of these"
+    )

@@ -37,7 +37,9 @@ class WorkerDied(JobFailed):
     """A process ended in the middle of a job, or before it could begin with any."""
 
     at = 0
-    """What the job noted last: which part of it was under way, and 16 bytes about that."""
+    """What the job noted last: which part of it was under way, and 16 bytes about
+    that.
+    """
     data = bytes(16)
 
 
@@ -80,8 +82,9 @@ class Pool(AbstractContextManager["Pool"]):
         Bytes of data that each process may have (RLIMIT_DATA).  What is allocated
         counts, used or not, that of imported modules included.  Code, mapped files,
         shared memory and reserved address space do not count.  An allocation beyond the
-        limit raises MemoryError in the job.  Each process that a job starts has the same
-        limit again.  Linux enforces it (from 4.7 on); macOS hardly counts anything.
+        limit raises MemoryError in the job.  Each process that a job starts has the
+        same limit again.  Linux enforces it (from 4.7 on); macOS hardly counts
+        anything.
 
     Examples
     --------
@@ -129,7 +132,9 @@ class Pool(AbstractContextManager["Pool"]):
         """How many processes have nothing to do."""
         return sum(worker.job is None for worker in self._workers)
 
-    def submit(self, what: Any, function: Callable[..., Any], *args: Any, seconds: float = math.inf) -> None:
+    def submit(
+        self, what: Any, function: Callable[..., Any], *args: Any, seconds: float = math.inf
+    ) -> None:
         """Give a job to a process that has none.
 
         Parameters
@@ -138,10 +143,11 @@ class Pool(AbstractContextManager["Pool"]):
             Comes back with the result.
         function : callable and its arguments
         seconds : float, optional
-            A job that takes longer is ended, together with its process and the processes
-            that it has started.  The time begins when the process takes the job:
-            ``begin`` does not count, but what the job imports or compiles does.  It begins
-            anew whenever the job calls `note`.  Only ``take`` checks the time, every 0.2 s.
+            A job that takes longer is ended, together with its process and the
+            processes that it has started.  The time begins when the process takes the
+            job: ``begin`` does not count, but what the job imports or compiles does.
+            It begins anew whenever the job calls `note`.  Only ``take`` checks the
+            time, every 0.2 s.
         """
         job = pickle.dumps((function, args))
         worker = next(w for w in self._workers if w.job is None)
@@ -157,10 +163,10 @@ class Pool(AbstractContextManager["Pool"]):
         Returns
         -------
         (what, result, error)
-            The error is None, or what the job raised: ``MemoryError`` beyond the limit of
-            memory, ``JobFailed`` with the text of an error that cannot be pickled.
-            ``TimedOut`` after the limit of time, and ``WorkerDied`` where the job ended its
-            process: another process has then taken the place of that one.
+            The error is None, or what the job raised: ``MemoryError`` beyond the limit
+            of memory, ``JobFailed`` with the text of an error that cannot be pickled.
+            ``TimedOut`` after the limit of time, and ``WorkerDied`` where the job ended
+            its process: another process has then taken the place of that one.
 
         Raises
         ------
@@ -211,10 +217,14 @@ class Pool(AbstractContextManager["Pool"]):
         self._workers.remove(worker)
         said = f"by signal {-status}" if status < 0 else f"with exit status {status}"
         if not worker.begun:
-            raise WorkerDied(f"a worker process ended {said} as it began; what it wrote on stderr says why")
+            raise WorkerDied(
+                f"a worker process ended {said} as it began; what it wrote on stderr says why"
+            )
         self.widen(len(self._workers) + 1)
         what, seconds = worker.job
-        limit = f"; the limit is memory = {self._memory} bytes" if self._memory and status < 0 else ""
+        limit = (
+            f"; the limit is memory = {self._memory} bytes" if self._memory and status < 0 else ""
+        )
         died = WorkerDied(f"it ended its process {said}{limit}")
         if worker.late:
             died = TimedOut(f"it took longer than its {seconds:g} s; allow more")
@@ -250,7 +260,9 @@ class Pool(AbstractContextManager["Pool"]):
 
 
 def _end_of(worker: _Worker, until: float) -> int:
-    """Wait for a process until a time, kill what is left, and return the exit status."""
+    """Wait for a process until a time, kill what is left, and return the exit
+    status.
+    """
     with suppress(subprocess.TimeoutExpired):
         worker.process.wait(max(0.0, until - time.monotonic()))
     watchdog.tell([worker.process.pid], signal.SIGKILL)
@@ -260,11 +272,14 @@ def _end_of(worker: _Worker, until: float) -> int:
 
 
 @contextmanager
-def spread(function: Callable[..., T], jobs: Sequence[tuple], workers: int | None = None) -> Iterator[Iterator[T]]:
+def spread(
+    function: Callable[..., T], jobs: Sequence[tuple], workers: int | None = None
+) -> Iterator[Iterator[T]]:
     """Call a function with the arguments of each job, in several processes.
 
-    Whatever ends the ``with`` block early also ends the workers, with what they were at taken back: an exception, Ctrl-C, SIGTERM
-    (which ends the program like an exception does, where nobody else takes it).  Where this process is killed, they end too.
+    Whatever ends the ``with`` block early also ends the workers, with what they were at
+    taken back: an exception, Ctrl-C, SIGTERM (which ends the program like an exception
+    does, where nobody else takes it).  Where this process is killed, they end too.
 
     Parameters
     ----------
@@ -272,12 +287,14 @@ def spread(function: Callable[..., T], jobs: Sequence[tuple], workers: int | Non
         Of a module; its arguments and results travel between processes.
     jobs : sequence of tuple
     workers : int, optional
-        Processes; by default one for each core, at most one for each job.  One is this process itself.
+        Processes; by default one for each core, at most one for each job.  One is this
+        process itself.
 
     Yields
     ------
     iterator
-        The results, in the order of the jobs, each as soon as it is there; what a job raises is raised here.
+        The results, in the order of the jobs, each as soon as it is there; what a job
+        raises is raised here.
 
     Raises
     ------
@@ -301,7 +318,10 @@ def spread(function: Callable[..., T], jobs: Sequence[tuple], workers: int | Non
                 with Pool(workers) as pool:
                     yield _in_order(pool, function, jobs, done)
     except KeyboardInterrupt:
-        what = f"{len(done)} of {len(jobs)} were made, every file there is whole; run it again for the rest"
+        what = (
+            f"{len(done)} of {len(jobs)} were made, every file there is whole; run it again for the"
+            " rest"
+        )
         raise KeyboardInterrupt(what) from None
 
 
@@ -312,7 +332,9 @@ def _here(function: Callable[..., T], jobs: Sequence[tuple], done: list[int]) ->
         yield result
 
 
-def _in_order(pool: Pool, function: Callable[..., T], jobs: Sequence[tuple], done: list[int]) -> Iterator[T]:
+def _in_order(
+    pool: Pool, function: Callable[..., T], jobs: Sequence[tuple], done: list[int]
+) -> Iterator[T]:
     results: dict[int, tuple[T, BaseException | None]] = {}
     todo = iter(enumerate(jobs))
     for k in range(len(jobs)):
@@ -331,7 +353,9 @@ def _in_order(pool: Pool, function: Callable[..., T], jobs: Sequence[tuple], don
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """SIGTERM and SIGHUP (a terminal that is closed) end the program like an exception does, where nobody else takes them."""
+    """SIGTERM and SIGHUP (a terminal that is closed) end the program like an exception
+    does, where nobody else takes them.
+    """
     main = threading.current_thread() is threading.main_thread()
     ends = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}
     free = [s for s in ends if main and signal.getsignal(s) is signal.SIG_DFL]
@@ -353,12 +377,13 @@ def _end(number: int, frame: Any) -> None:
     raise _Ended(128 + number)
 
 
-# In a worker -------------------------------------------------------------------------------------------------------------
+# In a worker --------------------------------------------------------------------------
 _notes = -1, 0  # file descriptor and process; none in a process that is no worker
 
 
 def note(at: int, data: bytes) -> None:
-    """Say which part of the job is under way, and 16 bytes about it, in case the process ends there.
+    """Say which part of the job is under way, and 16 bytes about it, in case the
+    process ends there.
 
     The seconds that the job has begin anew.
     """
@@ -368,12 +393,16 @@ def note(at: int, data: bytes) -> None:
 
 
 def ended(e: BaseException) -> bool:
-    """Return whether an exception is the end that the driver asked for, or in the driver itself, Ctrl-C."""
+    """Return whether an exception is the end that the driver asked for, or in the
+    driver itself, Ctrl-C.
+    """
     return isinstance(e, _Ended) or (isinstance(e, KeyboardInterrupt) and _notes[1] != os.getpid())
 
 
 def serve(connection: int, notes: int, memory: int | None) -> None:
-    """Do the jobs that come over a connection (a file descriptor) until it is closed."""
+    """Do the jobs that come over a connection (a file descriptor) until it is
+    closed.
+    """
     global _notes
     _notes = notes, os.getpid()
     signal.signal(signal.SIGTERM, _end)
@@ -408,8 +437,9 @@ def _answer(data: bytes) -> bytes:
 def _failure(e: BaseException) -> bytes:
     """Return the answer of a job that raised an error.
 
-    It holds the error itself; its text where the error cannot be pickled and made again,
-    or would end the driver too, as SystemExit does; its name where it gives no text.
+    It holds the error itself; its text where the error cannot be pickled and made
+    again, or would end the driver too, as SystemExit does; its name where it gives no
+    text.
     """
     name = type(e).__name__
     told = (

@@ -1,4 +1,6 @@
-"""From a scene to a flat program: rewriting, clocks, running order.  Every target runs the same program."""
+"""From a scene to a flat program: rewriting, clocks, running order.  Every target runs
+the same program.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +37,15 @@ from .graph import (
 )  # fmt: skip
 from .loops import Last, Loop, Tap
 
-PARAMS, ROOT = 0, 1  # clocks: parameters, always; the sample clock.  Each enabled and each segment adds one.
+# clocks: parameters, always; the sample clock.  Each enabled and each segment adds one.
+PARAMS, ROOT = 0, 1
 
 
 def lead(fs: float) -> int:
     """Samples that everything autonomous runs before sample 0: a function of fs alone.
 
-    Of the graph it must not be: an output added to a scene would change the bits of the others.
+    Of the graph it must not be: an output added to a scene would change the bits of the
+    others.
 
     Examples
     --------
@@ -111,7 +115,9 @@ class _Graph:
         return self.nodes[n].block.autonomous
 
     def intern(self, b: Block, kids: tuple[int, ...]) -> int:
-        """Number of a block over rewritten inputs: numbers folded, literal zeros and ones removed."""
+        """Number of a block over rewritten inputs: numbers folded, literal zeros and
+        ones removed.
+        """
         if isinstance(b, Last | Loop | Tap):
             return self.feedback(b, kids)
         values = [self.value(k) for k in kids]
@@ -129,19 +135,25 @@ class _Graph:
                 return self.const(0.0, b)
         if isinstance(b, Subsystem):
             if values[0] == 0.0 or (values[1] is not None and values[1] <= 0.0):
-                self.removed[f"{b!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"] = None
+                self.removed[
+                    f"{b!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"
+                ] = None
                 return self.const(0.0, b)
         return self.number(b, kids)
 
     def feedback(self, b: Block, kids: tuple[int, ...]) -> int:
-        """Number of a part of a loop: a loop is its body, what it hands out is what is inside."""
+        """Number of a part of a loop: a loop is its body, what it hands out is what is
+        inside.
+        """
         if isinstance(b, Last):  # two loops have two, equal or not
             self.nodes.append(_Node(b, ()))
             return len(self.nodes) - 1
         if isinstance(b, Loop):
             body, last = kids
             if self.bodies.setdefault(last, body) != body:
-                raise SceneError(f"{b!r} and another loop have one last value: make each with loop(..)")
+                raise SceneError(
+                    f"{b!r} and another loop have one last value: make each with loop(..)"
+                )
             return body
         return kids[1]
 
@@ -160,8 +172,15 @@ def _numbers(b: Block) -> tuple[Any, ...]:
 
 
 def foldable(b: Block) -> bool:
-    """Whether a block of numbers is a number at every sample rate: a map whose step needs no design."""
-    return isinstance(b, Map) and not b.outputs and type(b).step is not None and type(b).design is Block.design
+    """Whether a block of numbers is a number at every sample rate: a map whose step
+    needs no design.
+    """
+    return (
+        isinstance(b, Map)
+        and not b.outputs
+        and type(b).step is not None
+        and type(b).design is Block.design
+    )
 
 
 def _key(v: Any) -> Any:
@@ -174,8 +193,9 @@ def lower(outputs: dict[str, Block]) -> Program:
     Raises
     ------
     SceneError
-        Names used twice with different meaning; noise sources with one key, or one source on two clocks, unless
-        shared; numbers that fold to something non-finite; more blocks than ``limits.scene_blocks``.
+        Names used twice with different meaning; noise sources with one key, or one
+        source on two clocks, unless shared; numbers that fold to something non-finite;
+        more blocks than ``limits.scene_blocks``.
     """
     guards = [Guard(b) for b in outputs.values()]
     objects = reach(guards)
@@ -189,23 +209,33 @@ def lower(outputs: dict[str, Block]) -> Program:
     if graph.bodies or any(isinstance(b, Last) for b in objects):
         graph, roots = graph.closed(roots)
     copies = _instances(graph, roots)
-    limits.check("scene_blocks", copies, "blocks of a scene after each enabled or segment has got its own copies", SceneError)
+    limits.check(
+        "scene_blocks",
+        copies,
+        "blocks of a scene after each enabled or segment has got its own copies",
+        SceneError,
+    )
     _check_noise_objects(guards)
     made, instances, (parents, clocks, runs, seeds) = _layout(graph, roots)
     blocks = [b for b in objects if not isinstance(b, (Loop, Tap))]
     merged = len(blocks) - len({number[id(b)] for b in blocks})
-    removed = list(graph.removed) + ([f"{merged} blocks: equal to others, or folded into numbers"] if merged else [])
+    removed = list(graph.removed) + (
+        [f"{merged} blocks: equal to others, or folded into numbers"] if merged else []
+    )
     noises: dict[str, int] = {}
     for i, q in enumerate(instances):
         if q.block.noise_key:
             name = "white({}, {})".format(*q.block.noise_key) + runs[q.clock]
             if name in noises and not q.block.shared:
                 raise SceneError(
-                    f"noise {q.block!r} is used on two clocks (inside enabled and outside, or in two gates): each clock would "
-                    "run its own copy; give each its own stream, or give shared=True if one noise everywhere is meant"
+                    f"noise {q.block!r} is used on two clocks (inside enabled and outside, or in"
+                    " two gates): each clock would run its own copy; give each its own stream, or"
+                    " give shared=True if one noise everywhere is meant"
                 )
             noises.setdefault(name, i)
-    text = repr([(type_name(type(q.block)), _numbers(q.block), q.kind, q.clock, q.args) for q in instances])
+    text = repr(
+        [(type_name(type(q.block)), _numbers(q.block), q.kind, q.clock, q.args) for q in instances]
+    )
     return Program(
         instances,
         {name: made["block", n, ROOT] for name, n in zip(outputs, roots, strict=True)},
@@ -222,14 +252,18 @@ def lower(outputs: dict[str, Block]) -> Program:
 
 
 def _instances(graph: _Graph, roots: list[int]) -> float:
-    """The most instances that a layout may have, or more than a limit, without making them: gates in gates double them."""
+    """The most instances that a layout may have, or more than a limit, without making
+    them: gates in gates double them.
+    """
     nodes, reached, todo = graph.nodes, set(), list(roots)
     while todo:
         if (n := todo.pop()) not in reached:
             reached.add(n)
             todo += nodes[n].kids
-    gated = sorted({nodes[n].kids[0] for n in reached if isinstance(nodes[n].block, Subsystem)})  # children come first
-    copy: dict[int, float] = {}  # instances on a clock that runs a block, and on all clocks below it
+    # children come first
+    gated = sorted({nodes[n].kids[0] for n in reached if isinstance(nodes[n].block, Subsystem)})
+    # instances on a clock that runs a block, and on all clocks below it
+    copy: dict[int, float] = {}
     walked = 0
     for tops in [*([n] for n in gated), roots]:
         seen: set[int] = set()
@@ -275,18 +309,45 @@ def _layout(graph: _Graph, roots: list[int]):
                 seeds.append(seeds[clock] if seed is None else seed)
                 parents.append(clock)
             child, opener = clocks[which]
-            need = [("block", kids[1], clock)] if kind == "open" else [("open", opener, clock), ("block", kids[0], child)]
+            need = (
+                [("block", kids[1], clock)]
+                if kind == "open"
+                else [("open", opener, clock), ("block", kids[0], child)]
+            )
         else:
             need = [("block", k, clock) for k in kids]
         need = [(k, m, _home(graph.nodes[m].block, c)) for k, m, c in need]
         missing = [q for q in need if q not in made]
         if missing:
-            todo += reversed(missing[:1] if kind == "block" and isinstance(b, Subsystem) else missing)
+            todo += reversed(
+                missing[:1] if kind == "block" and isinstance(b, Subsystem) else missing
+            )
             continue
         args = tuple(made[q] for q in need)
-        kind = "input" if isinstance(b, Input) else "const" if isinstance(b, Const) else "open" if kind == "open" else \
-            "close" if isinstance(b, Subsystem) else "pick" if isinstance(b, Pick) else "block"  # fmt: skip
-        autonomous = b.begins_early and not isinstance(b, Guard) and all(instances[a].autonomous for a in args)
+        kind = (
+            "input"
+            if isinstance(b, Input)
+            else (
+                "const"
+                if isinstance(b, Const)
+                else (
+                    "open"
+                    if kind == "open"
+                    else (
+                        "close"
+                        if isinstance(b, Subsystem)
+                        else "pick"
+                        if isinstance(b, Pick)
+                        else "block"
+                    )
+                )
+            )
+        )
+        autonomous = (
+            b.begins_early
+            and not isinstance(b, Guard)
+            and all(instances[a].autonomous for a in args)
+        )
         made[key] = len(instances)
         instances.append(Instance(kind, b, clock, args, autonomous, child))
         todo.pop()
@@ -297,7 +358,9 @@ def _layout(graph: _Graph, roots: list[int]):
 
 
 def _home(b: Block, clock: int) -> int:
-    """Parameters, constants and inputs belong to no clock but their own, whoever asks for them."""
+    """Parameters, constants and inputs belong to no clock but their own, whoever asks
+    for them.
+    """
     return PARAMS if isinstance(b, (Param, Const)) else ROOT if isinstance(b, Input) else clock
 
 
@@ -307,11 +370,16 @@ def _check_names(objects: list[Block]) -> None:
         if isinstance(b, (Input, Param)):
             old = seen.setdefault(b.name, b)
             if type(old) is not type(b) or repr(old) != repr(b):
-                raise SceneError(f"the name {b.name!r} is used for {old!r} and for {b!r}: give them different names")
+                raise SceneError(
+                    f"the name {b.name!r} is used for {old!r} and for {b!r}: give them different"
+                    " names"
+                )
 
 
 def _check_noise_objects(roots: Sequence[Block]) -> None:
-    """Two fingers must not silently feel one noise: by object, before equal sub-graphs are merged; each segment by itself."""
+    """Two fingers must not silently feel one noise: by object, before equal sub-graphs
+    are merged; each segment by itself.
+    """
     seen: dict[Any, Block] = {}
     todo = {"": list(roots)}
     while todo:
@@ -324,8 +392,9 @@ def _check_noise_objects(roots: Sequence[Block]) -> None:
             old = seen.setdefault((run, key), b)
             if old is not b and not (b.shared and old.shared):  # type: ignore[attr-defined]
                 raise SceneError(
-                    f"two noise sources have the key seed={key[0]}, stream={key[1]}: they would be one and the same noise; "
-                    f"give one another seed (seed={key[0] + 1}) or stream, or shared=True to both if that is meant"
+                    f"two noise sources have the key seed={key[0]}, stream={key[1]}: they would be"
+                    f" one and the same noise; give one another seed (seed={key[0] + 1}) or stream,"
+                    " or shared=True to both if that is meant"
                 )
 
 
@@ -333,15 +402,18 @@ def program_of(scene: Any) -> Program:
     """The program of a scene; SceneError for anything else."""
     program = getattr(scene, "program", None)
     if not isinstance(program, Program):
-        raise SceneError(f'expected a Scene, such as Scene({{"force": force}}), got {type(scene).__name__}')
+        raise SceneError(
+            f'expected a Scene, such as Scene({{"force": force}}), got {type(scene).__name__}'
+        )
     return program
 
 
 def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any, Any]]:
     """Return parameters and state at rest of every instance at a sample rate (Hz).
 
-    ``cost`` is what a block needs for a sample, in operations.  SceneError where a block's author has erred; BadValue before
-    more memory is taken than ``limits.state_bytes``, or more work than ``limits.design_work``.
+    ``cost`` is what a block needs for a sample, in operations.  SceneError where a
+    block's author has erred; BadValue before more memory is taken than
+    ``limits.state_bytes``, or more work than ``limits.design_work``.
     """
     work = 0.0
     used = 8.0 * lead(fs) * (len(program.inputs) + len(program.outputs))
@@ -349,9 +421,17 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
     for q in program.instances:
         p, s = steps.designed(q.block, fs) if q.kind == "block" else ((), ())
         used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
-        limits.check("state_bytes", used, f"bytes, at least, of the scene's states, parameters and buffers at fs = {fs:g} Hz")
+        limits.check(
+            "state_bytes",
+            used,
+            f"bytes, at least, of the scene's states, parameters and buffers at fs = {fs:g} Hz",
+        )
         work += lead(fs) * (cost + np.size(getattr(p, "taps", ())) / 20) * q.autonomous
-        limits.check("design_work", work, f"operations of the {lead(fs)} samples before sample 0 at fs = {fs:g} Hz; lower fs")
+        limits.check(
+            "design_work",
+            work,
+            f"operations of the {lead(fs)} samples before sample 0 at fs = {fs:g} Hz; lower fs",
+        )
         if q.kind == "block" and not steps.ours(type(q.block)):
             steps.rehearse(q.block, p, s)
         made.append((p, s))
@@ -359,17 +439,22 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
 
 
 def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
-    """Finite memory on a noise's path must fit into the lead, or the noise would start with a transient."""
+    """Finite memory on a noise's path must fit into the lead, or the noise would start
+    with a transient.
+    """
     total = [0] * len(program.instances)
     noisy = [False] * len(program.instances)
     for i, q in enumerate(program.instances):
         noisy[i] = q.block.noise_key is not None or any(noisy[a] for a in q.args)
         if q.autonomous and noisy[i]:
-            total[i] = max((total[a] for a in q.args), default=0) + (q.block.memory(design[i][0]) if q.kind == "block" else 0)
+            total[i] = max((total[a] for a in q.args), default=0) + (
+                q.block.memory(design[i][0]) if q.kind == "block" else 0
+            )
             if total[i] > lead(fs):
                 raise SceneError(
-                    f"{q.block!r}: {total[i]} samples of filter memory on the path of a noise, more than the {lead(fs)} that run "
-                    f"before sample 0 at fs = {fs:g} Hz; use lower orders or shorter delays"
+                    f"{q.block!r}: {total[i]} samples of filter memory on the path of a noise, more"
+                    f" than the {lead(fs)} that run before sample 0 at fs = {fs:g} Hz; use lower"
+                    " orders or shorter delays"
                 )
 
 
@@ -381,7 +466,9 @@ def start(block: Block, p: Any, s: Any, seed: int) -> Any:
 def first_states(
     program: Program, design: list[tuple[Any, Any]], start: Callable[..., Any] = start
 ) -> Callable[[int], np.ndarray]:
-    """first(seed): words of all states before the lead, in canonical order: instance order, then field order."""
+    """first(seed): words of all states before the lead, in canonical order: instance
+    order, then field order.
+    """
     own, parts, at = [], [np.zeros(0, np.uint64)], 0
     for q, (p, s) in zip(program.instances, design, strict=True):
         if q.kind == "block":
@@ -422,13 +509,15 @@ def number(v: Any, what: str) -> float:
 
 
 def warn_beyond(program: Program, fs: float, frames: int) -> None:
-    """Warn where a run is longer than the horizon up to which a block keeps its tolerance."""
+    """Warn where a run is longer than the horizon up to which a block keeps its
+    tolerance.
+    """
     for q in program.instances:
         horizon = getattr(q.block, "horizon", None)
         if horizon is not None and frames / fs > horizon:
             warnings.warn(
-                f"{q.block!r}: the run of {frames / fs:g} s is longer than horizon = {horizon:g} s, up to which its "
-                "tolerance holds; beyond, the error grows: give a longer horizon",
+                f"{q.block!r}: the run of {frames / fs:g} s is longer than horizon = {horizon:g} s,"
+                " up to which its tolerance holds; beyond, the error grows: give a longer horizon",
                 RuntimeWarning,
                 stacklevel=outside(),
             )

@@ -7,11 +7,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 announce: list[Callable[[str], None]] = []
-"""Who is told, before it begins, of work that takes long and is done once: the command line prints it."""
+"""Who is told, before it begins, of work that takes long and is done once: the command
+line prints it.
+"""
 
 
 @contextmanager
-def progress(what: str, total: float | None, wanted: bool | str = True) -> Iterator[Callable[..., None]]:
+def progress(
+    what: str, total: float | None, wanted: bool | str = True
+) -> Iterator[Callable[..., None]]:
     """A progress bar on stderr.
 
     Parameters
@@ -41,6 +45,10 @@ def progress(what: str, total: float | None, wanted: bool | str = True) -> Itera
     from rich.console import Console
     from rich.progress import Progress, TimeElapsedColumn
 
-    with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=Console(stderr=True, emoji=False)) as bar:
+    with Progress(
+        *Progress.get_default_columns(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True, emoji=False),
+    ) as bar:
         task = bar.add_task(what, total=total)
         yield lambda done, text=what: bar.update(task, advance=done, description=text)

@@ -1,7 +1,7 @@
 """Regular files and nothing else: read within a limit, written whole or not at all.
 
-A file from others may be a pipe that never ends, or a link to something that must not be overwritten.  Everything that
-reads or writes a whole file goes through here.
+A file from others may be a pipe that never ends, or a link to something that must not
+be overwritten.  Everything that reads or writes a whole file goes through here.
 """
 
 from __future__ import annotations
@@ -51,16 +51,21 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
         return data
 
 
-def opened(path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[StimlibError] = SinkError) -> int:
+def opened(
+    path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[StimlibError] = SinkError
+) -> int:
     """A descriptor of a regular file; of nothing else, and without waiting for it.
 
-    With flags for writing, it must be a file of stimlib's own: no link leads to it, and it has no second name.
+    With flags for writing, it must be a file of stimlib's own: no link leads to it, and
+    it has no second name.
     """
     writes = flags & os.O_ACCMODE != os.O_RDONLY
     what = f"cannot {'write' if writes else 'read'} {path}"
     try:
         # a pipe without a writer would wait for ever
-        fd = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC | (os.O_NOFOLLOW if writes else 0), 0o666)
+        fd = os.open(
+            path, flags | os.O_NONBLOCK | os.O_CLOEXEC | (os.O_NOFOLLOW if writes else 0), 0o666
+        )
     except (OSError, ValueError) as e:
         if writes and os.path.islink(path):
             check(path, error)
@@ -74,7 +79,9 @@ def opened(path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[S
 
 
 def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> None:
-    """Raise unless a path is free, or has a regular file that may be replaced; links are not followed."""
+    """Raise unless a path is free, or has a regular file that may be replaced; links
+    are not followed.
+    """
     try:
         mode = os.lstat(path).st_mode
     except FileNotFoundError:
@@ -82,12 +89,22 @@ def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -
     except (OSError, ValueError) as e:
         raise error(f"cannot write {path}: {_reason(e)}") from e
     if not stat.S_ISREG(mode):
-        kind = "a link" if stat.S_ISLNK(mode) else "a folder" if stat.S_ISDIR(mode) else "not a regular file"
-        raise error(f"cannot write {path}: it is there already and is {kind}; remove it, or write to another place")
+        kind = (
+            "a link"
+            if stat.S_ISLNK(mode)
+            else "a folder"
+            if stat.S_ISDIR(mode)
+            else "not a regular file"
+        )
+        raise error(
+            f"cannot write {path}: it is there already and is {kind}; remove it, or write to"
+            " another place"
+        )
 
 
 def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> int:
-    """A descriptor of a new, empty file for reading and writing; what a killed run left in its place is removed before.
+    """A descriptor of a new, empty file for reading and writing; what a killed run left
+    in its place is removed before.
 
     The name must be one that belongs to stimlib, such as NAME.part.
     """
@@ -95,18 +112,25 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
     try:
         with suppress(FileNotFoundError):
             os.unlink(path)
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        return os.open(
+            path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
+        )
     except (OSError, ValueError) as e:
         raise error(f"cannot write {path}: {_reason(e)}") from e
 
 
 def alone(
-    stack: ExitStack, at: str | os.PathLike[str], path: str | os.PathLike[str], error: type[StimlibError] = SinkError
+    stack: ExitStack,
+    at: str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    error: type[StimlibError] = SinkError,
 ) -> FileIO:
-    """``at``, open for this run alone until the stack or the process ends; what is to be written is ``path``.
+    """``at``, open for this run alone until the stack or the process ends; what is to
+    be written is ``path``.
 
-    ``at`` must be a name that belongs to stimlib, such as NAME.part; its bytes stay.  It is the stack's before it is
-    locked, so that an interrupt at any moment lets go of it.
+    ``at`` must be a name that belongs to stimlib, such as NAME.part; its bytes stay.
+    It is the stack's before it is locked, so that an interrupt at any moment lets go of
+    it.
     """
     while True:
         check(at, error)
@@ -119,7 +143,9 @@ def alone(
 
 
 def held(fd: int) -> bool:
-    """Lock an open file or folder; whether nobody else has it.  True where the system cannot tell."""
+    """Lock an open file or folder; whether nobody else has it.  True where the system
+    cannot tell.
+    """
     try:
         import fcntl
     except ImportError:
@@ -133,13 +159,17 @@ def held(fd: int) -> bool:
     return True
 
 
-def publish(path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError) -> None:
-    """Write a small file: it appears whole, is on the disk then, or is not there at all.
+def publish(
+    path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError
+) -> None:
+    """Write a small file: it appears whole, is on the disk then, or is not there at
+    all.
 
     Parameters
     ----------
     path : path
-        A link there is replaced, not followed; a folder, a pipe or a device is not.  NAME.part beside it is used.
+        A link there is replaced, not followed; a folder, a pipe or a device is not.
+        NAME.part beside it is used.
     data : bytes or str
         Text is written as UTF-8.
     error : type
@@ -179,7 +209,8 @@ def publish(path: str | os.PathLike[str], data: bytes | str, error: type[Stimlib
             settle(path.parent)
         except BaseException as e:
             with suppress(OSError):
-                if os.path.samestat(os.fstat(raw.fileno()), os.lstat(part)):  # moved, the name is free for another run
+                # moved, the name is free for another run
+                if os.path.samestat(os.fstat(raw.fileno()), os.lstat(part)):
                     os.unlink(part)
             if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
                 raise error(f"cannot write {path}: {_reason(e)}") from e
@@ -206,7 +237,8 @@ def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkEr
 
 
 def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = SinkError) -> int:
-    """A descriptor that keeps others from working in a folder, until it is closed or the process ends, however it ends.
+    """A descriptor that keeps others from working in a folder, until it is closed or
+    the process ends, however it ends.
 
     Parameters
     ----------

@@ -1,4 +1,6 @@
-"""Latency and frequency response of a whole program, from the forms that its blocks have."""
+"""Latency and frequency response of a whole program, from the forms that its blocks
+have.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,15 @@ def backward(z: np.ndarray) -> np.ndarray:
     >>> import numpy as np
     >>> from stimlib.core.response import backward
     >>> z = np.exp(1e-12j)
-    >>> bool(abs(backward(z) / 1e-12j - 1) < 1e-11), bool(abs((1 - 1 / z).real / backward(z).real - 1) < 0.1)
+    >>> (
+    ...     bool(abs(backward(z) / 1e-12j - 1) < 1e-11),
+    ...     bool(abs((1 - 1 / z).real / backward(z).real - 1) < 0.1),
+    ... )
     (True, False)
     """
     z = np.asarray(z)
-    s = np.where(np.abs(np.abs(z) - 1) < 1e-14, 1j * np.angle(z), np.log(z))  # rounding leaves the circle by 1e-16
+    # rounding leaves the circle by 1e-16
+    s = np.where(np.abs(np.abs(z) - 1) < 1e-14, 1j * np.angle(z), np.log(z))
     return -np.expm1(-s)
 
 
@@ -41,11 +47,14 @@ def _sources(program: Program) -> dict[str, int]:
     return program.inputs | program.noises
 
 
-def latency(program: Program, design: list[tuple[Any, Any]]) -> dict[tuple[str, str], tuple[float, float]]:
+def latency(
+    program: Program, design: list[tuple[Any, Any]]
+) -> dict[tuple[str, str], tuple[float, float]]:
     """(min, max) delay in samples over all paths from each source to each output.
 
-    Along a path the delays of the blocks add up; inside ``enabled`` they count samples of its own clock.  Around a loop there is
-    no longest path: what counts are those through the fewest last values, each of which is a sample.
+    Along a path the delays of the blocks add up; inside ``enabled`` they count samples
+    of its own clock.  Around a loop there is no longest path: what counts are those
+    through the fewest last values, each of which is a sample.
     """
     found: dict[tuple[str, str], tuple[float, float]] = {}
     instances = program.instances
@@ -68,7 +77,9 @@ Span = tuple[float, float] | None
 
 
 def _span(q: Instance, design: tuple[Any, Any], ways: list[Span]) -> Any:
-    """(min, max) delay behind a block, from those of its signals; of several outputs a tuple."""
+    """(min, max) delay behind a block, from those of its signals; of several outputs a
+    tuple.
+    """
     b = q.block
     if isinstance(b, Cycle):
         known = {f"x{j}": way for j, way in enumerate(ways) if way}
@@ -88,7 +99,8 @@ def _span(q: Instance, design: tuple[Any, Any], ways: list[Span]) -> Any:
 
 
 def _behind(b: Block, delay: float, ways: list[Span]) -> Any:
-    there = [w for w in ways if w and w[0] < np.inf]  # a first value that is held never answers what comes later
+    # a first value that is held never answers what comes later
+    there = [w for w in ways if w and w[0] < np.inf]
     span = (min(w[0] for w in there) + delay, max(w[1] for w in there) + delay) if there else None
     return (span,) * len(b.outputs) if b.outputs and there and not isinstance(b, Cycle) else span
 
@@ -103,9 +115,11 @@ def response(
     f: np.ndarray,
     steepest: bool = False,
 ) -> np.ndarray:
-    """Complex gain from a source to an output at f (Hz), with parameters as they stand: see ``Processor.response``.
+    """Complex gain from a source to an output at f (Hz), with parameters as they stand:
+    see ``Processor.response``.
 
-    steepest: of blocks that are not linear, as stiff as they can be, where they know it.
+    steepest: of blocks that are not linear, as stiff as they can be, where they know
+    it.
     """
     for name, known in ((output, program.outputs), (source, _sources(program))):
         if name not in known:
@@ -128,13 +142,23 @@ def response(
             value[i] = b.value
         elif isinstance(b, Param):
             value[i] = params[b.name]
-        elif isinstance(b, Map) and not b.outputs and type(b).step is not None and q.args and all(a in value for a in q.args):
-            p, s = (unpack(t, pack(t)) for t in design[i])  # numpy's numbers: a division by 0 is inf
+        elif (
+            isinstance(b, Map)
+            and not b.outputs
+            and type(b).step is not None
+            and q.args
+            and all(a in value for a in q.args)
+        ):
+            # numpy's numbers: a division by 0 is inf
+            p, s = (unpack(t, pack(t)) for t in design[i])
             with np.errstate(all="ignore"):
                 value[i] = float(type(b).step(p, s, *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
         elif any(a in H for a in q.args):
             if isinstance(b, Subsystem):
-                raise SceneError(f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has no response")
+                raise SceneError(
+                    f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has"
+                    " no response"
+                )
             if isinstance(b, Pick):
                 H[i] = H[q.args[0]][b.place]
                 continue
@@ -147,20 +171,33 @@ def response(
             if after is None and steepest:
                 after = b.steepest(fs, z, parts, numbers)
             if after is None:
-                raise SceneError(f"{b!r} on the way from {source!r} to {output!r} is not linear and time-invariant")
+                raise SceneError(
+                    f"{b!r} on the way from {source!r} to {output!r} is not linear and"
+                    " time-invariant"
+                )
             H[i] = after
     return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))
 
 
-def _around(b: Cycle, parts: list[Any], fs: float, z: np.ndarray, H: list[Any], value: list[float | None]) -> Any:
-    """Response of a loop: its ends are F + G last, and last is an end over z: (z - G) last = F; None where it is not linear."""
-    numbers = {f"c{j}": c for j, c in enumerate(b.constants)} | {f"x{j}": c for j, c in enumerate(value)}
+def _around(
+    b: Cycle, parts: list[Any], fs: float, z: np.ndarray, H: list[Any], value: list[float | None]
+) -> Any:
+    """Response of a loop: its ends are F + G last, and last is an end over z: (z - G)
+    last = F; None where it is not linear.
+    """
+    numbers = {f"c{j}": c for j, c in enumerate(b.constants)} | {
+        f"x{j}": c for j, c in enumerate(value)
+    }
     curved = []
 
     def run(signal: dict[str, Any]) -> list[Any]:
         def through(m: Block, k: int, args: tuple[str, ...]) -> Any:
             hs = [signal.get(a) for a in args]
-            y = None if all(h is None for h in hs) else m.through(parts[k][0], fs, z, hs, [numbers.get(a) for a in args])
+            y = (
+                None
+                if all(h is None for h in hs)
+                else m.through(parts[k][0], fs, z, hs, [numbers.get(a) for a in args])
+            )
             curved.extend([m] if y is None and any(h is not None for h in hs) else [])
             return y
 
@@ -169,13 +206,16 @@ def _around(b: Cycle, parts: list[Any], fs: float, z: np.ndarray, H: list[Any], 
 
     count = len(b.ends)
     outer = np.array(run({f"x{j}": h for j, h in enumerate(H) if h is not None}))
-    own = np.array([run({f"last{j}": np.ones_like(z)}) for j in range(count)])  # [last, end or result, frequency]
+    # [last, end or result, frequency]
+    own = np.array([run({f"last{j}": np.ones_like(z)}) for j in range(count)])
     if curved:
         return None
     A = z[:, None, None] * np.eye(count) - own[:, :count].transpose(2, 1, 0)
     try:
         last = np.linalg.solve(A, outer[:count].T[..., None])[..., 0].T
     except np.linalg.LinAlgError:
-        raise SceneError(f"{b!r} has no response at one of these frequencies: there it would grow for ever") from None
+        raise SceneError(
+            f"{b!r} has no response at one of these frequencies: there it would grow for ever"
+        ) from None
     y = outer[count:] + np.einsum("lrf,lf->rf", own[:, count:], last)
     return tuple(y) if b.outputs else y[0]

@@ -30,12 +30,15 @@ class Scene:
     ----------
     outputs : dict of str to Block
     law : callable or str, optional
-        What the outputs should be, for ``verify``: a function ``law(x, p, fs, **given)`` of the inputs and the parameters, two
-        dictionaries with a row of samples for each, and of the sample rate in Hz.  It returns a dictionary with the wanted row
-        of each output that it is about, or (row, tolerance).  Or the name of a shipped scene, whose law it is.
+        What the outputs should be, for ``verify``: a function ``law(x, p, fs,
+        **given)`` of the inputs and the parameters, two dictionaries with a row of
+        samples for each, and of the sample rate in Hz.  It returns a dictionary with
+        the wanted row of each output that it is about, or (row, tolerance).  Or the
+        name of a shipped scene, whose law it is.
     given : dict, optional
-        What the scene was asked for: the numbers that the law needs besides, and by their names the values that parameters are
-        to begin with.  They are kept in the scene's file.
+        What the scene was asked for: the numbers that the law needs besides, and by
+        their names the values that parameters are to begin with.  They are kept in the
+        scene's file.
 
     Raises
     ------
@@ -55,9 +58,13 @@ class Scene:
     >>> import stimlib
     >>> def spring(x, p, fs):
     ...     return {"force": p["k"] * x["x"]}
-    >>> scene = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")}, law=spring)
+    >>> scene = Scene(
+    ...     {"force": Param("k", 2000.0, "N/m") * Input("x", "m")}, law=spring
+    ... )
     >>> motion = {"x": lambda t: 0.01 * t}
-    >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=1000, seconds=0.1)).passed
+    >>> stimlib.verify(
+    ...     scene, motion, stimlib.render(scene, motion, fs=1000, seconds=0.1)
+    ... ).passed
     True
     """
 
@@ -100,7 +107,8 @@ class Scene:
         inputs: Mapping[str, str] | None = None,
         outputs: Mapping[str, str] | None = None,
     ) -> Scene:
-        """Return the same scene with other names, so that two stimuli of one kind fit into one scene.
+        """Return the same scene with other names, so that two stimuli of one kind fit
+        into one scene.
 
         Parameters
         ----------
@@ -124,7 +132,9 @@ class Scene:
         Examples
         --------
         >>> from stimlib import Input, Param, Scene
-        >>> Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")}).renamed({"k": "k_2"})
+        >>> Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")}).renamed(
+        ...     {"k": "k_2"}
+        ... )
         Scene(x [m], k_2 [N/m] -> force [N])
         """
         every = {}
@@ -132,29 +142,41 @@ class Scene:
             ("parameter", names, self.params), ("input", inputs, self.inputs), ("output", outputs, self.outputs)
         ):  # fmt: skip
             if unknown := [name for name in asked or {} if name not in known]:
-                raise UnknownName(f"no {what} {unknown[0]!r}; this scene has {', '.join(known) or 'none'}")
+                raise UnknownName(
+                    f"no {what} {unknown[0]!r}; this scene has {', '.join(known) or 'none'}"
+                )
             every[what] = {name: (asked or {}).get(name, name) for name in known}
-            if twice := [n for n in every[what].values() if list(every[what].values()).count(n) > 1]:
-                raise SceneError(f"two {what}s would be called {twice[0]!r}; choose another name for one")
+            if twice := [
+                n for n in every[what].values() if list(every[what].values()).count(n) > 1
+            ]:
+                raise SceneError(
+                    f"two {what}s would be called {twice[0]!r}; choose another name for one"
+                )
         new: dict[int, Block] = {}
         for b in reach(self.outputs.values()):
             kind = {Param: "parameter", Input: "input"}.get(type(b))
             name = {"name": every[kind][b.name]} if kind else {}  # type: ignore[attr-defined]
-            new[id(b)] = dc.replace(b, **name, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]
-        parts = [p.renamed(every["input"] | every["parameter"], every["output"]) for p in self.parts]
+            new[id(b)] = dc.replace(
+                b, **name, **{s: new[id(getattr(b, s))] for s in signals(type(b))}
+            )  # type: ignore[type-var]
+        parts = [
+            p.renamed(every["input"] | every["parameter"], every["output"]) for p in self.parts
+        ]
         return Scene({every["output"][name]: new[id(b)] for name, b in self.outputs.items()}, parts)
 
     @staticmethod
     def combine(*, share: Mapping[str, Sequence[str]] | None = None, **parts: Scene) -> Scene:
-        """Return one scene of several, each with its own inputs, parameters and outputs, and its own law.
+        """Return one scene of several, each with its own inputs, parameters and
+        outputs, and its own law.
 
         Parameters
         ----------
         **parts : Scene
-            By the name that stands before the names of its inputs, parameters and outputs: ``wall=scene`` makes of ``x`` a
-            ``wall_x``.
+            By the name that stands before the names of its inputs, parameters and
+            outputs: ``wall=scene`` makes of ``x`` a ``wall_x``.
         share : dict of str to sequence of str, optional
-            Inputs or parameters that are one, by their new name: ``{"x": ("wall_x", "bumps_x")}``.
+            Inputs or parameters that are one, by their new name: ``{"x": ("wall_x",
+            "bumps_x")}``.
 
         Returns
         -------
@@ -163,8 +185,8 @@ class Scene:
         Raises
         ------
         SceneError
-            No part; what is shared differs in kind, unit or value; two parts mean different things by one name, or have noise
-            of the same key.
+            No part; what is shared differs in kind, unit or value; two parts mean
+            different things by one name, or have noise of the same key.
         UnknownName
             Something is to be shared that no part has.
 
@@ -172,72 +194,101 @@ class Scene:
         --------
         >>> from stimlib import Scene
         >>> from stimlib.scenes import bumps, wall
-        >>> both = Scene.combine(edge=wall(), screen=bumps(), share={"x": ("edge_x", "screen_x")})
+        >>> both = Scene.combine(
+        ...     edge=wall(), screen=bumps(), share={"x": ("edge_x", "screen_x")}
+        ... )
         >>> list(both.inputs), list(both.params), list(both.outputs)
         (['x'], ['edge_k', 'edge_b', 'screen_A', 'screen_duty', 'screen_freq'], ['edge_force', 'screen_voltage'])
         """
         if not parts or not all(isinstance(s, Scene) for s in parts.values()):
-            raise SceneError("combine needs scenes by name, such as Scene.combine(edge=wall(), screen=bumps())")
+            raise SceneError(
+                "combine needs scenes by name, such as Scene.combine(edge=wall(), screen=bumps())"
+            )
         if share is not None and not isinstance(share, Mapping):
-            raise SceneError(f"share = {share!r:.80} must map new names to names, such as {{'x': ('edge_x', 'screen_x')}}")
+            raise SceneError(
+                f"share = {share!r:.80} must map new names to names, such as {{'x': ('edge_x',"
+                " 'screen_x')}"
+            )
         one: dict[str, str] = {}
         for joint, names in (share or {}).items():
             if isinstance(names, str) or not isinstance(names, Sequence):
                 raise SceneError(
-                    f"share: {joint!r} is {names!r:.80}, and not names; give a tuple, such as ('edge_x', 'screen_x')"
+                    f"share: {joint!r} is {names!r:.80}, and not names; give a tuple, such as"
+                    " ('edge_x', 'screen_x')"
                 )
             for name in names:
                 if one.setdefault(name, joint) != joint:
-                    raise SceneError(f"share: {name!r} would be {one[name]!r} and {joint!r}; name it once")
+                    raise SceneError(
+                        f"share: {name!r} would be {one[name]!r} and {joint!r}; name it once"
+                    )
         outputs: dict[str, Block] = {}
         laws: list[Part] = []
         seen: dict[str, tuple[str, Block]] = {}
         for prefix, scene in parts.items():
             check_name("part", prefix, SceneError)
-            named = {name: f"{prefix}_{name}" for name in {**scene.inputs, **scene.params, **scene.outputs}}
-            new = {name: one.pop(named[name], named[name]) for name in {**scene.inputs, **scene.params}}
+            named = {
+                name: f"{prefix}_{name}"
+                for name in {**scene.inputs, **scene.params, **scene.outputs}
+            }
+            new = {
+                name: one.pop(named[name], named[name]) for name in {**scene.inputs, **scene.params}
+            }
             for name, b in {**scene.inputs, **scene.params}.items():
                 other, known = seen.setdefault(new[name], (f"{name} of {prefix}", b))
                 if repr(dc.replace(known, name="x")) != repr(dc.replace(b, name="x")) or (  # type: ignore[type-var]
                     known is not b and new[name] == named[name]
                 ):
                     raise SceneError(
-                        f"{new[name]!r} would be {other}, {known!r}, and {name} of {prefix}, {b!r}, which are not the same; "
-                        "give one another name"
+                        f"{new[name]!r} would be {other}, {known!r}, and {name} of {prefix}, {b!r},"
+                        " which are not the same; give one another name"
                     )
             if twice := [named[name] for name in scene.outputs if named[name] in outputs]:
-                raise SceneError(f"two parts would have the output {twice[0]!r}; give {prefix} another name")
+                raise SceneError(
+                    f"two parts would have the output {twice[0]!r}; give {prefix} another name"
+                )
             made = scene.renamed(
-                {n: new[n] for n in scene.params}, {n: new[n] for n in scene.inputs}, {n: named[n] for n in scene.outputs}
+                {n: new[n] for n in scene.params},
+                {n: new[n] for n in scene.inputs},
+                {n: named[n] for n in scene.outputs},
             )
             outputs |= made.outputs
-            laws += [dc.replace(p, name="_".join(filter(None, (prefix, p.name)))) for p in made.parts]
+            laws += [
+                dc.replace(p, name="_".join(filter(None, (prefix, p.name)))) for p in made.parts
+            ]
         if one:
-            raise UnknownName(f"share: no part has {next(iter(one))!r}; there are {', '.join(seen)}")
+            raise UnknownName(
+                f"share: no part has {next(iter(one))!r}; there are {', '.join(seen)}"
+            )
         return Scene(outputs, laws)
 
     def __repr__(self):
         names = [f"{n} [{b.dim}]" for n, b in (self.inputs | self.params).items()]
-        return f"Scene({', '.join(names) or 'no input'} -> {', '.join(f'{n} [{b.dim}]' for n, b in self.outputs.items())})"
+        return (
+            f"Scene({', '.join(names) or 'no input'} ->"
+            f" {', '.join(f'{n} [{b.dim}]' for n, b in self.outputs.items())})"
+        )
 
     def _repr_html_(self) -> str:
         return importlib.import_module("stimlib.analysis.draw").html_of(self)
 
     def live(self, fs: float = 8000.0, safety: Any = None, **options: Any) -> Any:
-        """Show the scene live: in a notebook as a page in the cell, elsewhere at ``.url`` of what is returned.
+        """Show the scene live: in a notebook as a page in the cell, elsewhere at
+        ``.url`` of what is returned.
 
-        A pointer drives it, sliders set its parameters; plots and sound show what comes.  It runs beside the notebook until
-        ``.close()``, or until the same scene is shown again.
+        A pointer drives it, sliders set its parameters; plots and sound show what
+        comes.  It runs beside the notebook until ``.close()``, or until the same scene
+        is shown again.
 
         Parameters
         ----------
         fs : float
             Hz.
         safety : Safety or float, optional
-            As for a sink: the value that is 1.0 in sound and recording; by default twice the peak of a trial.
+            As for a sink: the value that is 1.0 in sound and recording; by default
+            twice the peak of a trial.
         **options
-            ``ranges``, ``given``, ``params``, ``seed``, ``folder``, ``title``, ``block`` and ``bandwidth`` as for
-            ``stimlib.live.stream.Stream``; ``port``.
+            ``ranges``, ``given``, ``params``, ``seed``, ``folder``, ``title``,
+            ``block`` and ``bandwidth`` as for ``stimlib.live.stream.Stream``; ``port``.
 
         Raises
         ------
@@ -250,9 +301,11 @@ class Scene:
         """
         return importlib.import_module("stimlib.live.notebook").show(self, fs, safety, **options)
 
-    # File --------------------------------------------------------------------------------------------------------
+    # File -----------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
-        """The scene as plain JSON data: blocks by registered name, children before parents, arrays as lists."""
+        """The scene as plain JSON data: blocks by registered name, children before
+        parents, arrays as lists.
+        """
         order = reach(self.outputs.values())
         number = {id(b): i for i, b in enumerate(order)}
         blocks = []
@@ -267,31 +320,44 @@ class Scene:
             blocks.append({"class": type_name(type(b)), "fields": fields})
         outputs = {n: number[id(b)] for n, b in self.outputs.items()}
         parts: Any = [p.to_dict() for p in self.parts] or None
-        old = not parts or (len(parts) == 1 and parts[0]["given"] is None)  # as version 1 has it, and its hash
+        # as version 1 has it, and its hash
+        old = not parts or (len(parts) == 1 and parts[0]["given"] is None)
         law = self.parts[0].law if old and parts else parts
-        return {"stimlib_scene": 1 if old else VERSION, "law": law, "blocks": blocks, "outputs": outputs}
+        return {
+            "stimlib_scene": 1 if old else VERSION,
+            "law": law,
+            "blocks": blocks,
+            "outputs": outputs,
+        }
 
     @classmethod
     def from_dict(cls, data: Any, where: str = "scene") -> Scene:
-        """A scene from ``to_dict`` data.  Only registered block classes are made; no code runs.
+        """A scene from ``to_dict`` data.  Only registered block classes are made; no
+        code runs.
 
         Raises
         ------
         SceneFileError
-            Newer version, unknown class, missing or surplus field, reference to a later block.
+            Newer version, unknown class, missing or surplus field, reference to a later
+            block.
         """
         if not isinstance(data, dict) or "stimlib_scene" not in data:
             raise SceneFileError(f"{where}: not a stimlib scene")
         version = data["stimlib_scene"]
         if version not in (1, VERSION) or isinstance(version, bool):
-            raise SceneFileError(f"{where}: file version {version!r:.40}, this stimlib reads {VERSION}: update stimlib")
+            raise SceneFileError(
+                f"{where}: file version {version!r:.40}, this stimlib reads {VERSION}: update"
+                " stimlib"
+            )
         importlib.import_module("stimlib.blocks")  # registers ours
 
         made: list[Block] = []
 
         def ref(v: Any, what: str) -> Block:
             if not isinstance(v, int) or isinstance(v, bool) or not 0 <= v < len(made):
-                raise SceneFileError(f"{where}: {what} refers to {v!r:.40}, which is not an earlier block")
+                raise SceneFileError(
+                    f"{where}: {what} refers to {v!r:.40}, which is not an earlier block"
+                )
             return made[v]
 
         entries, outputs = data.get("blocks"), data.get("outputs")
@@ -308,13 +374,17 @@ class Scene:
             name = entry["class"]
             if name not in registry:
                 hint = _remedy(name.rpartition(".")[0]) if "." in name else "update stimlib"
-                raise SceneFileError(f"{where}: block {i} is a {name!r}, which is not known here: {hint}")
+                raise SceneFileError(
+                    f"{where}: block {i} is a {name!r}, which is not known here: {hint}"
+                )
             kind = registry[name]
             fields = dict(entry["fields"])
             known = {f.name for f in dc.fields(kind)}  # type: ignore[arg-type]
             if set(fields) != known:
                 wrong = ", ".join(sorted(set(fields) ^ known))
-                raise SceneFileError(f"{where}: block {i} ({name}): fields {wrong} are missing or not known")
+                raise SceneFileError(
+                    f"{where}: block {i} ({name}): fields {wrong} are missing or not known"
+                )
             for s in signals(kind):
                 fields[s] = ref(fields[s], f"block {i} ({name}).{s}")
             try:
@@ -322,7 +392,9 @@ class Scene:
             except StimlibError as e:
                 raise SceneFileError(f"{where}: block {i} ({name}): {e}") from e
             except (TypeError, ValueError, AttributeError) as e:
-                raise SceneFileError(f"{where}: block {i} ({name}) has a field of a wrong kind: {e}") from e
+                raise SceneFileError(
+                    f"{where}: block {i} ({name}) has a field of a wrong kind: {e}"
+                ) from e
         law = data.get("law")
         if isinstance(law, list):
             law = [Part.from_dict(part, where) for part in law]
@@ -357,12 +429,15 @@ class Scene:
         >>> load(path)
         Scene(x [1] -> y [1])
         """
-        regular.publish(path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", SceneFileError)
+        regular.publish(
+            path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", SceneFileError
+        )
 
 
 @public
 def load(path: str | os.PathLike) -> Scene:
-    """Read a scene that ``Scene.save`` wrote.  The file is data: nothing in it is executed.
+    """Read a scene that ``Scene.save`` wrote.  The file is data: nothing in it is
+    executed.
 
     Parameters
     ----------
@@ -371,15 +446,16 @@ def load(path: str | os.PathLike) -> Scene:
     Raises
     ------
     SceneFileError
-        Missing, damaged or newer file; a block class that is not imported; more bytes or blocks than
-        ``stimlib.limits.scene_bytes`` and ``scene_blocks``.
+        Missing, damaged or newer file; a block class that is not imported; more bytes
+        or blocks than ``stimlib.limits.scene_bytes`` and ``scene_blocks``.
 
     Examples
     --------
     See ``Scene.save``.
     """
     text = regular.read(path, "scene_bytes", SceneFileError)
-    limits.check("scene_blocks", text.count(b'"class"'), f"{path}: blocks", SceneFileError)  # reading them would take long
+    # reading them would take long
+    limits.check("scene_blocks", text.count(b'"class"'), f"{path}: blocks", SceneFileError)
     try:
         data = json.loads(text.decode(), parse_constant=_no_constant)
     except (ValueError, RecursionError) as e:
@@ -390,7 +466,10 @@ def load(path: str | os.PathLike) -> Scene:
 def _remedy(module: str) -> str:
     """What makes the blocks of a module known."""
     if module == "__main__":
-        return "a script or a notebook defined it; define it in a file of its own, import that there, and record again"
+        return (
+            "a script or a notebook defined it; define it in a file of its own, import that there,"
+            " and record again"
+        )
     file = f"{module}.py" if module.isidentifier() else f"a file of yours that imports {module}"
     return f"import {module} first; on the command line, add --import {file}"
 

@@ -1,11 +1,13 @@
 """The Python that a step may use, checked on its source before any target runs it.
 
-Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the functions of ``stimlib.core.maths``, helper
-functions of the same kind, module-level numbers, NamedTuples, and ``for i in range(..)``.  So one text means the same
-to the interpreter, the compiler and automatic differentiation.  A tile may also use ``if``, ``and``, ``or``: it is never
-differentiated.
+Straight-line code only: + - * /, comparisons, ``where(c, a, b)``, ``abs``, the
+functions of ``stimlib.core.maths``, helper functions of the same kind, module-level
+numbers, NamedTuples, and ``for i in range(..)``.  So one text means the same to the
+interpreter, the compiler and automatic differentiation.  A tile may also use ``if``,
+``and``, ``or``: it is never differentiated.
 
-What the source does not tell, the kinds of values, is seen by running one sample: ``rehearse``.
+What the source does not tell, the kinds of values, is seen by running one sample:
+``rehearse``.
 """
 
 from __future__ import annotations
@@ -41,25 +43,65 @@ _WORDS = {
     ast.Not: "`not` on a number differs between targets: use where(c, 0.0, 1.0)",
 }
 _ALLOWED = (
-    ast.FunctionDef, ast.arguments, ast.arg, ast.Return, ast.Assign, ast.AugAssign, ast.Expr, ast.For, ast.Tuple, ast.Name,
-    ast.Load, ast.Store, ast.Constant, ast.Attribute, ast.Subscript, ast.Slice, ast.Call, ast.Compare, ast.cmpop, ast.BinOp,
-    ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Mod, ast.RShift, ast.LShift, ast.BitAnd, ast.BitOr, ast.BitXor, ast.UnaryOp,
-    ast.USub, ast.Starred, ast.keyword,
-)  # fmt: skip
+    ast.FunctionDef,
+    ast.arguments,
+    ast.arg,
+    ast.Return,
+    ast.Assign,
+    ast.AugAssign,
+    ast.Expr,
+    ast.For,
+    ast.Tuple,
+    ast.Name,
+    ast.Load,
+    ast.Store,
+    ast.Constant,
+    ast.Attribute,
+    ast.Subscript,
+    ast.Slice,
+    ast.Call,
+    ast.Compare,
+    ast.cmpop,
+    ast.BinOp,
+    ast.Add,
+    ast.Sub,
+    ast.Mult,
+    ast.Div,
+    ast.Mod,
+    ast.RShift,
+    ast.LShift,
+    ast.BitAnd,
+    ast.BitOr,
+    ast.BitXor,
+    ast.UnaryOp,
+    ast.USub,
+    ast.Starred,
+    ast.keyword,
+)
 _BUILTIN = {"abs": abs, "range": range}
 _INSTEAD = {  # of what authors try
-    "min": "where(a < b, a, b)", "max": "where(a > b, a, b)", "round": "maths.floor(x + 0.5)", "int": "np.int64(x)",
-    "len": "the array's .size", "float": "the number itself, or maths.as_float of a uint64", "pow": "products, or maths.exp",
-}  # fmt: skip
+    "min": "where(a < b, a, b)",
+    "max": "where(a > b, a, b)",
+    "round": "maths.floor(x + 0.5)",
+    "int": "np.int64(x)",
+    "len": "the array's .size",
+    "float": "the number itself, or maths.as_float of a uint64",
+    "pow": "products, or maths.exp",
+}
 _REMEDIES = {  # by what Python says when a step runs
-    "interpreted as an integer": "numbers in p, in s and of signals are floats, and range counts whole ones: range(np.int64(n))",
+    "interpreted as an integer": (
+        "numbers in p, in s and of signals are floats, and range counts whole ones:"
+        " range(np.int64(n))"
+    ),
     "invalid index to scalar": "only arrays have an index",
     "local variable": "give it a value above this line",
 }
 
 
 def source(f: Callable) -> str:
-    """Text of a function, dedented and without decorators; SceneError where Python has kept none."""
+    """Text of a function, dedented and without decorators; SceneError where Python has
+    kept none.
+    """
     return _source(f, f.__code__)[0]
 
 
@@ -70,35 +112,44 @@ def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
         text = textwrap.dedent(inspect.getsource(f))
     except (OSError, TypeError) as e:
         raise SceneError(
-            f"{f.__qualname__}: its source text is not available ({e}); define the block in a file or a notebook cell, "
-            "not in a string given to exec or python -c"
+            f"{f.__qualname__}: its source text is not available ({e}); define the block in a file"
+            " or a notebook cell, not in a string given to exec or python -c"
         ) from None
     except tokenize.TokenError:
         text = ""
     lines = text.splitlines()
-    first = next((k for k, line in enumerate(lines) if line.startswith("def ")), None)  # after the decorators
+    # after the decorators
+    first = next((k for k, line in enumerate(lines) if line.startswith("def ")), None)
     if first is None and code.co_name == "<lambda>":
         raise SceneError(f"{f.__qualname__}: write it with def, its text starts with {lines[0]!r}")
     text = "\n".join(lines[first:]) + "\n"
-    if first is None or not (code.co_freevars or _is_text_of(text, code)):  # closures are refused elsewhere
+    # closures are refused elsewhere
+    if first is None or not (code.co_freevars or _is_text_of(text, code)):
         raise SceneError(
-            f"{f.__qualname__}: the text in {code.co_filename} is no longer what was imported, so a compiler would run another "
-            "step than the interpreter; start Python again, or reload the module"
+            f"{f.__qualname__}: the text in {code.co_filename} is no longer what was imported, so a"
+            " compiler would run another step than the interpreter; start Python again, or reload"
+            " the module"
         )
     return text, code.co_firstlineno - 1 + first
 
 
 def _is_text_of(text: str, code: types.CodeType) -> bool:
-    """Whether a function's text compiles to the code that it runs: its file may have been edited since it was imported."""
+    """Whether a function's text compiles to the code that it runs: its file may have
+    been edited since it was imported.
+    """
     try:
         made = compile(text, code.co_filename, "exec", dont_inherit=True).co_consts
     except (SyntaxError, ValueError):
         return False
-    return any(_instructions(c) == _instructions(code) for c in made if isinstance(c, types.CodeType))
+    return any(
+        _instructions(c) == _instructions(code) for c in made if isinstance(c, types.CodeType)
+    )
 
 
 def _instructions(code: types.CodeType) -> list[tuple]:
-    """What compiled Python does, however it calls an imported name: Python compiles that otherwise where it sees the import."""
+    """What compiled Python does, however it calls an imported name: Python compiles
+    that otherwise where it sees the import.
+    """
     found: list[tuple] = [code.co_varnames]
     for i in dis.get_instructions(code):
         if i.opname not in ("PUSH_NULL", "NOP", "EXTENDED_ARG"):
@@ -109,7 +160,9 @@ def _instructions(code: types.CodeType) -> list[tuple]:
 
 
 def used(code: types.CodeType) -> Iterator[tuple[str, int]]:
-    """Global names that compiled Python loads (co_names would also list attributes), and where: lines of the file."""
+    """Global names that compiled Python loads (co_names would also list attributes),
+    and where: lines of the file.
+    """
     for i in dis.get_instructions(code):
         if i.opname == "LOAD_GLOBAL":
             yield i.argval, (i.positions and i.positions.lineno) or code.co_firstlineno
@@ -119,11 +172,13 @@ def used(code: types.CodeType) -> Iterator[tuple[str, int]]:
 
 
 def names(f: Callable) -> dict[str, Any]:
-    """Global names a function uses and what they stand for; SceneError for closures and unknown names."""
+    """Global names a function uses and what they stand for; SceneError for closures and
+    unknown names.
+    """
     if f.__closure__:
         raise SceneError(
-            f"{f.__qualname__} closes over {', '.join(f.__code__.co_freevars)}: make it a field of the block that design(fs) "
-            "puts into p, or a module-level number"
+            f"{f.__qualname__} closes over {', '.join(f.__code__.co_freevars)}: make it a field of"
+            " the block that design(fs) puts into p, or a module-level number"
         )
     found = {}
     for n, line in used(f.__code__):
@@ -146,7 +201,9 @@ def _used(code: types.CodeType) -> tuple[str, ...]:
 
 
 def meaning(f: Any) -> tuple[Any, ...]:
-    """What the names in a function and its helpers stand for now: a notebook may run their cells again, and not its own."""
+    """What the names in a function and its helpers stand for now: a notebook may run
+    their cells again, and not its own.
+    """
     found: list[Any] = []
     todo, seen = [f], {f}
     while todo:
@@ -165,7 +222,8 @@ def meaning(f: Any) -> tuple[Any, ...]:
 
 
 def check(f: Callable, tile: bool = False) -> None:
-    """Raise SceneError, with file and line, where a step or tile uses what not every target takes alike.
+    """Raise SceneError, with file and line, where a step or tile uses what not every
+    target takes alike.
 
     Examples
     --------
@@ -177,7 +235,8 @@ def check(f: Callable, tile: bool = False) -> None:
 
 
 @cache
-def _check(f: Callable, code: types.CodeType, tile: bool) -> None:  # the code too: a notebook may change a function in place
+# the code too: a notebook may change a function in place
+def _check(f: Callable, code: types.CodeType, tile: bool) -> None:
     _check_all(f, code, tile, ())
 
 
@@ -185,7 +244,9 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
     text, offset = _source(f, code)
 
     def refuse(node, why):
-        raise SceneError(f"{code.co_filename}:{getattr(node, 'lineno', 1) + offset}: {f.__qualname__}: {why}")
+        raise SceneError(
+            f"{code.co_filename}:{getattr(node, 'lineno', 1) + offset}: {f.__qualname__}: {why}"
+        )
 
     known = names(f)
     tree = ast.parse(text)
@@ -202,19 +263,37 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
         for word in (node, getattr(node, "op", None)):  # an operator has no line of its own
             if type(word) in _WORDS:
                 refuse(node, _WORDS[type(word)])
-        for default in filter(None, (*node.args.defaults, *node.args.kw_defaults)) if isinstance(node, ast.FunctionDef) else ():
+        for default in (
+            filter(None, (*node.args.defaults, *node.args.kw_defaults))
+            if isinstance(node, ast.FunctionDef)
+            else ()
+        ):
             if any(isinstance(n, ast.Name) for n in ast.walk(default)):
-                refuse(default, f"write the default {ast.unparse(default)!r} as a number, or use it as a name inside")
+                refuse(
+                    default,
+                    f"write the default {ast.unparse(default)!r} as a number, or use it as a name"
+                    " inside",
+                )
         if isinstance(node, ast.For):
             call = node.iter
-            if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"):
+            if not (
+                isinstance(call, ast.Call)
+                and isinstance(call.func, ast.Name)
+                and call.func.id == "range"
+            ):
                 refuse(node, "loop with for i in range(..)")
         if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
             if isinstance(node.left, ast.Compare) and isinstance(node.right, ast.Compare):
-                refuse(node, "a sum of two comparisons differs between targets: use where(c, 1.0, 0.0)")
+                refuse(
+                    node, "a sum of two comparisons differs between targets: use where(c, 1.0, 0.0)"
+                )
         if isinstance(node, ast.Call):
             g = node.func
-            if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name) and g.value.id in known:
+            if (
+                isinstance(g, ast.Attribute)
+                and isinstance(g.value, ast.Name)
+                and g.value.id in known
+            ):
                 target = getattr(known[g.value.id], g.attr, None)
             elif isinstance(g, ast.Name):
                 target = known.get(g.id)
@@ -223,69 +302,103 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
             if not _callable_in_step(target):
                 if ast.unparse(g).startswith("stimlib."):
                     short = "maths." + ast.unparse(g).rpartition(".")[2]
-                    refuse(node, f"{ast.unparse(g)}: write `from stimlib.core import maths` above the class, and {short} here")
-                refuse(node, f"call of {ast.unparse(g)}: a step may call stimlib.core.maths, abs, range and helpers like itself")
+                    refuse(
+                        node,
+                        f"{ast.unparse(g)}: write `from stimlib.core import maths` above the class,"
+                        f" and {short} here",
+                    )
+                refuse(
+                    node,
+                    f"call of {ast.unparse(g)}: a step may call stimlib.core.maths, abs, range and"
+                    " helpers like itself",
+                )
             if not any(isinstance(a, ast.Starred) for a in node.args):
                 _check_arguments(target, node, refuse)
-            if target in (maths.each, maths.pairs) and isinstance(node.args[0], ast.Name):  # they call it
+            # they call it
+            if target in (maths.each, maths.pairs) and isinstance(node.args[0], ast.Name):
                 target = known.get(node.args[0].id)
             if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
                 if target in (f, *above):
                     refuse(node, f"{target.__qualname__} calls itself: a step has no recursion")
                 _check_all(target, target.__code__, False, (f, *above))
-        if isinstance(node, ast.Constant) and node is not docstring and not isinstance(node.value, (int, float)):
+        if (
+            isinstance(node, ast.Constant)
+            and node is not docstring
+            and not isinstance(node.value, (int, float))
+        ):
             refuse(node, f"{node.value!r} is not a number, and a step has nothing else")
         if not isinstance(node, (ast.Module, *_ALLOWED)):
-            refuse(node, f"{ast.unparse(node)[:60]!r} ({type(node).__name__}) is not straight-line code")
+            refuse(
+                node,
+                f"{ast.unparse(node)[:60]!r} ({type(node).__name__}) is not straight-line code",
+            )
 
 
 def _check_arguments(target: Any, call: ast.Call, refuse: Callable) -> None:
-    """Refuse a call whose arguments are not those that its function, or NamedTuple, takes."""
+    """Refuse a call whose arguments are not those that its function, or NamedTuple,
+    takes.
+    """
     try:
         takes = inspect.signature(target)
     except ValueError:  # range, whose arguments are checked when it runs
         return
     named = [k.arg for k in call.keywords]
     if named and not (isinstance(target, type) and None not in named):
-        refuse(call, f"{ast.unparse(call)}: give the arguments by place; only those of a NamedTuple may have names")
+        refuse(
+            call,
+            f"{ast.unparse(call)}: give the arguments by place; only those of a NamedTuple may have"
+            " names",
+        )
     try:
         takes.bind(*call.args, **{str(name): None for name in named})
     except TypeError as e:
-        refuse(call, f"{ast.unparse(call)}: it is {target.__name__}({', '.join(takes.parameters)}): {e}")
+        refuse(
+            call,
+            f"{ast.unparse(call)}: it is {target.__name__}({', '.join(takes.parameters)}): {e}",
+        )
 
 
-# A whole block ---------------------------------------------------------------------------------------------------------
+# A whole block ------------------------------------------------------------------------
 def check_design(cls: Any, made: Any) -> None:
-    """Raise SceneError unless ``design`` gave parameters and state that every target can keep in flat memory."""
-    pair = made if isinstance(made, tuple) and len(made) == 2 and not hasattr(made, "_fields") else ()
+    """Raise SceneError unless ``design`` gave parameters and state that every target
+    can keep in flat memory.
+    """
+    pair = (
+        made if isinstance(made, tuple) and len(made) == 2 and not hasattr(made, "_fields") else ()
+    )
     for what, t in zip(("parameters", "state"), pair, strict=False):
         if not isinstance(t, tuple) or (t and not hasattr(t, "_fields")):
             break
         for name, v in zip(getattr(t, "_fields", ()), t, strict=True):
             array = isinstance(v, np.ndarray)
-            if not (v.ndim == 1 and v.dtype.kind in "iuf" if array else isinstance(v, (int, float, np.number))):
+            if not (
+                v.ndim == 1 and v.dtype.kind in "iuf"
+                if array
+                else isinstance(v, (int, float, np.number))
+            ):
                 kind = f"{type(v).__name__}{f' {v.shape} of {v.dtype}' if array else ''}"
                 raise SceneError(
-                    f"{place(cls.design)}{cls.__name__}.design: {what} {name!r} is a {kind}; floats, np.uint64 and "
-                    "arrays of them with one dimension are possible"
+                    f"{place(cls.design)}{cls.__name__}.design: {what} {name!r} is a {kind};"
+                    " floats, np.uint64 and arrays of them with one dimension are possible"
                 )
     else:
         cold = getattr(pair[1], "cold", 1.0) if pair and cls.resettable else 1.0
         if isinstance(cold, (np.ndarray, np.uint64)) or not 0 < cold < np.inf:
             raise SceneError(
-                f"{place(cls.design)}{cls.__name__}.design: cold = {cold!r} in the state of a resettable block must be a float "
-                "above 0: write 1.0"
+                f"{place(cls.design)}{cls.__name__}.design: cold = {cold!r} in the state of a"
+                " resettable block must be a float above 0: write 1.0"
             )
         if pair:
             return
     raise SceneError(
-        f"{place(cls.design)}{cls.__name__}.design: it must return parameters and state, two NamedTuples (or () where there is "
-        f"nothing to keep), and returned {made!r:.200}"
+        f"{place(cls.design)}{cls.__name__}.design: it must return parameters and state, two"
+        f" NamedTuples (or () where there is nothing to keep), and returned {made!r:.200}"
     )
 
 
 def designed(block: Block, fs: float) -> tuple[Any, Any]:
-    """What the ``design`` of a block gives; SceneError, with file and line, where its author has erred.
+    """What the ``design`` of a block gives; SceneError, with file and line, where its
+    author has erred.
 
     Examples
     --------
@@ -298,15 +411,23 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
     try:
         pair = block.design(fs)
     except Exception as e:
-        if ours(cls) and isinstance(e, ArithmeticError | MemoryError | ValueError) and not isinstance(e, StimlibError):
-            name = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()  # the function that made it
+        if (
+            ours(cls)
+            and isinstance(e, ArithmeticError | MemoryError | ValueError)
+            and not isinstance(e, StimlibError)
+        ):
+            # the function that made it
+            name = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
             raise BadValue(
-                f"{name}: {type(e).__name__} in the design of {block!r} at fs = {fs:g} Hz: its numbers are "
-                "beyond a float, or the memory is too small; check the unit of each number, or choose another fs"
+                f"{name}: {type(e).__name__} in the design of {block!r} at fs = {fs:g} Hz: its"
+                " numbers are beyond a float, or the memory is too small; check the unit of each"
+                " number, or choose another fs"
             ) from e
         if isinstance(e, StimlibError) or ours(cls):
             raise
-        raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}") from e
+        raise SceneError(
+            f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}"
+        ) from e
     check_design(cls, pair)
     if block.definition is cls:
         check_block(cls, getattr(cls.tile or cls.step, "__code__", None), *map(type, pair))
@@ -320,14 +441,18 @@ def ours(cls: type) -> bool:
 
 @cache
 def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: type) -> None:
-    """Raise SceneError, with file and line, where a step does not fit its class, or what ``design`` returns.
+    """Raise SceneError, with file and line, where a step does not fit its class, or
+    what ``design`` returns.
 
     code is that of the step: a notebook may change it in place.
     """
     name = "tile" if cls.tile is not None else "step"
     f = getattr(cls, name)
     if f is None:
-        raise SceneError(f"{cls.__name__} has neither a step nor a tile: write step(p, s, {', '.join(signals(cls))})")
+        raise SceneError(
+            f"{cls.__name__} has neither a step nor a tile: write step(p, s,"
+            f" {', '.join(signals(cls))})"
+        )
     taken = signals(cls)[:-1] if cls.resettable else signals(cls)
     filled = (*(cls.outputs or ["y"]), *(["w"] if cls.work else [])) if name == "tile" else ()
     wanted = ["p", "s", *taken, *filled]
@@ -338,9 +463,16 @@ def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: typ
     given = [p.name for p in inspect.signature(f).parameters.values()]
     first = f.__code__.co_firstlineno
     if not isinstance(inspect.getattr_static(cls, name), staticmethod):
-        refuse(first, f"write @staticmethod above it: it has no self and is {name}({', '.join(wanted)})")
+        refuse(
+            first,
+            f"write @staticmethod above it: it has no self and is {name}({', '.join(wanted)})",
+        )
     if cls.resettable and not (signals(cls) and getattr(s_type, "_fields", ())[-1:] == ("cold",)):
-        refuse(first, "a resettable block has a signal that resets it, the last one, and a state that ends with cold")
+        refuse(
+            first,
+            "a resettable block has a signal that resets it, the last one, and a state that ends"
+            " with cold",
+        )
     if len(given) != len(wanted):
         refuse(first, f"it takes ({', '.join(given)}) and must take {name}({', '.join(wanted)})")
     try:
@@ -349,36 +481,64 @@ def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: typ
         return
     body = ast.parse(text).body[0]
     check(f, tile=name == "tile")
-    stored = {n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    stored = {
+        n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    }
     for node in ast.walk(body):
         if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
             refuse(
-                node.lineno + offset, f"{ast.unparse(node)} cannot be set: parameters and state are tuples; return a new state"
+                node.lineno + offset,
+                f"{ast.unparse(node)} cannot be set: parameters and state are tuples; return a new"
+                " state",
             )
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id not in stored:
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id not in stored
+        ):
             for who, what, t in ((given[0], "parameters", p_type), (given[1], "state", s_type)):
                 fields = getattr(t, "_fields", ())
                 if node.value.id == who and node.attr not in fields:
-                    there = f"design gives the {what} {', '.join(fields)}" if fields else f"design gives no {what}"
+                    there = (
+                        f"design gives the {what} {', '.join(fields)}"
+                        if fields
+                        else f"design gives no {what}"
+                    )
                     refuse(node.lineno + offset, f"{who}.{node.attr} is not there: {there}")
-    new = f"the new state {getattr(s_type, '__name__', '')}(..)" if hasattr(s_type, "_fields") else given[1]
+    new = (
+        f"the new state {getattr(s_type, '__name__', '')}(..)"
+        if hasattr(s_type, "_fields")
+        else given[1]
+    )
     ends: list[Any] = [n for n in ast.walk(body) if isinstance(n, ast.Return)]
     for end in ends or [body]:
         v = end.value if isinstance(end, ast.Return) else None
-        if isinstance(v, ast.Call) and not isinstance(_called(v.func, f), (type, types.BuiltinFunctionType)):
+        if isinstance(v, ast.Call) and not isinstance(
+            _called(v.func, f), (type, types.BuiltinFunctionType)
+        ):
             continue  # a helper that may give both
-        if name == "step" and not (isinstance(v, ast.Tuple) and len(v.elts) == 2 and not _empty(v.elts[1], s_type)):
+        if name == "step" and not (
+            isinstance(v, ast.Tuple) and len(v.elts) == 2 and not _empty(v.elts[1], s_type)
+        ):
             what = f"the samples ({', '.join(cls.outputs)})" if cls.outputs else "the sample"
-            refuse(getattr(end, "lineno", 1) + offset, f"it must return two things, {what} and {new}")
+            refuse(
+                getattr(end, "lineno", 1) + offset, f"it must return two things, {what} and {new}"
+            )
         if name == "tile" and (v is None or _empty(v, s_type)):
-            refuse(getattr(end, "lineno", 1) + offset, f"it must fill {', '.join(cls.outputs) or 'y'} and return {new}")
+            refuse(
+                getattr(end, "lineno", 1) + offset,
+                f"it must fill {', '.join(cls.outputs) or 'y'} and return {new}",
+            )
 
 
-def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()) -> tuple[Any, Any]:
-    """One sample of a block in plain Python (a tuple, where it has several outputs), and its new state: what a scene means.
+def sample(
+    block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()
+) -> tuple[Any, Any]:
+    """One sample of a block in plain Python (a tuple, where it has several outputs),
+    and its new state: what a scene means.
 
-    x has one number per signal (not that of a contact), work the scratch of a tile.  SceneError, with file and line, where the
-    code of an author raises.
+    x has one number per signal (not that of a contact), work the scratch of a tile.
+    SceneError, with file and line, where the code of an author raises.
 
     Examples
     --------
@@ -400,10 +560,16 @@ def sample(block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.nda
         if isinstance(e, StimlibError) or ours(cls):
             raise
         name, f = _what(cls)
-        lines = [(t.filename, t.lineno) for t in traceback.extract_tb(e.__traceback__) if not t.filename.startswith(_HERE)]
+        lines = [
+            (t.filename, t.lineno)
+            for t in traceback.extract_tb(e.__traceback__)
+            if not t.filename.startswith(_HERE)
+        ]
         filename, line = lines[-1] if lines else (f.__code__.co_filename, f.__code__.co_firstlineno)
         remedy = next((f"; {r}" for what, r in _REMEDIES.items() if what in str(e)), "")
-        raise SceneError(f"{filename}:{line}: {cls.__name__}.{name}: {type(e).__name__}: {e}{remedy}") from e
+        raise SceneError(
+            f"{filename}:{line}: {cls.__name__}.{name}: {type(e).__name__}: {e}{remedy}"
+        ) from e
 
 
 def _what(cls: Any) -> tuple[str, Any]:
@@ -412,9 +578,11 @@ def _what(cls: Any) -> tuple[str, Any]:
 
 
 def rehearse(block: Block, p: Any, s: Any) -> None:
-    """Run one sample of a block on zeros and copies of what its ``design`` gave, before anything is compiled.
+    """Run one sample of a block on zeros and copies of what its ``design`` gave, before
+    anything is compiled.
 
-    SceneError, with file and line, where the code raises, or gives no number, or a state of other kinds than that of design.
+    SceneError, with file and line, where the code raises, or gives no number, or a
+    state of other kinds than that of design.
 
     Examples
     --------
@@ -440,23 +608,47 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
     if not all(isinstance(v, np.float64) for v in (y if cls.outputs else (y,))):
         refuse(f"the sample must be one number, and is {y!r:.80}")
     if cls.outputs and len(y) != len(cls.outputs):
-        refuse(f"it must return {len(cls.outputs)} samples, for {', '.join(cls.outputs)}, and returned {len(y)}")
+        refuse(
+            f"it must return {len(cls.outputs)} samples, for {', '.join(cls.outputs)}, and returned"
+            f" {len(y)}"
+        )
     if type(new) is not type(s):
-        refuse(f"the new state must be {f'the {type(s).__name__}(..) of design' if s else '()'}, and is {new!r:.80}")
+        refuse(
+            f"the new state must be {f'the {type(s).__name__}(..) of design' if s else '()'}, and"
+            f" is {new!r:.80}"
+        )
     for field, old, v in zip(getattr(s, "_fields", ()), s, new, strict=True):
-        if not isinstance(v, float if kind(old) == "f" else type(old)) or np.shape(v) != np.shape(old):
-            wanted = {"f": "a float", "u": "a np.uint64"}.get(kind(old), f"an array of {np.size(old)}")
-            hint = "; write 1.0 for 1, and where(c, 1.0, 0.0) for a comparison" if isinstance(v, (int, np.bool_)) else ""
+        if not isinstance(v, float if kind(old) == "f" else type(old)) or np.shape(v) != np.shape(
+            old
+        ):
+            wanted = {"f": "a float", "u": "a np.uint64"}.get(
+                kind(old), f"an array of {np.size(old)}"
+            )
+            hint = (
+                "; write 1.0 for 1, and where(c, 1.0, 0.0) for a comparison"
+                if isinstance(v, (int, np.bool_))
+                else ""
+            )
             refuse(f"the new state's {field} must be {wanted} as in design, and is {v!r:.80}{hint}")
         if isinstance(v, np.ndarray) and v is not old:
-            refuse(f"the new state's {field} must be the array s.{field} itself: write into it, s.{field}[i] = .., and return it")
+            refuse(
+                f"the new state's {field} must be the array s.{field} itself: write into it,"
+                f" s.{field}[i] = .., and return it"
+            )
 
 
 def _called(g: ast.expr, f: Callable) -> Any:
-    """What a call in a function calls, or None: a helper of stimlib.core.maths counts as a built-in, it gives one number."""
+    """What a call in a function calls, or None: a helper of stimlib.core.maths counts
+    as a built-in, it gives one number.
+    """
     known = f.__globals__
-    target = getattr(known.get(g.value.id), g.attr, None) if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name) else \
-        known.get(g.id) if isinstance(g, ast.Name) else None  # fmt: skip
+    target = (
+        getattr(known.get(g.value.id), g.attr, None)
+        if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name)
+        else known.get(g.id)
+        if isinstance(g, ast.Name)
+        else None
+    )
     return abs if getattr(target, "__module__", "") == maths.__name__ else target
 
 

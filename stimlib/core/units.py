@@ -1,4 +1,6 @@
-"""Units of nodes: SI, coherent, no prefixes.  Only the exponents are kept; pint knows what is no product of the usual names."""
+"""Units of nodes: SI, coherent, no prefixes.  Only the exponents are kept; pint knows
+what is no product of the usual names.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +11,52 @@ from functools import cache, lru_cache
 from ..errors import UnitError, public
 
 _SHOWN = (
-    "m", "s", "N", "V", "A", "m/s", "m/s**2", "N/m", "N*s/m", "N/s", "V/m", "kg", "Pa", "N*m", "W", "N/A", "N**2", "m**2", "s/m",
-)  # fmt: skip
+    "m",
+    "s",
+    "N",
+    "V",
+    "A",
+    "m/s",
+    "m/s**2",
+    "N/m",
+    "N*s/m",
+    "N/s",
+    "V/m",
+    "kg",
+    "Pa",
+    "N*m",
+    "W",
+    "N/A",
+    "N**2",
+    "m**2",
+    "s/m",
+)
 _BASE = ("kilogram", "meter", "second", "ampere")
-_SI = {  # powers of these: products of these names need no pint, which takes longer to load than the rest of a start
-    "kg": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0), "A": (0, 0, 0, 1), "N": (1, 1, -2, 0), "Pa": (1, -1, -2, 0),
-    "J": (1, 2, -2, 0), "W": (1, 2, -3, 0), "V": (1, 2, -3, -1), "Hz": (0, 0, -1, 0), "rad": (0, 0, 0, 0), "1": (0, 0, 0, 0),
-}  # fmt: skip
+# powers of these: products of these names need no pint, which takes longer to load than
+# the rest of a start
+_SI = {
+    "kg": (1, 0, 0, 0),
+    "m": (0, 1, 0, 0),
+    "s": (0, 0, 1, 0),
+    "A": (0, 0, 0, 1),
+    "N": (1, 1, -2, 0),
+    "Pa": (1, -1, -2, 0),
+    "J": (1, 2, -2, 0),
+    "W": (1, 2, -3, 0),
+    "V": (1, 2, -3, -1),
+    "Hz": (0, 0, -1, 0),
+    "rad": (0, 0, 0, 0),
+    "1": (0, 0, 0, 0),
+}
 _FACTOR = re.compile(rf"([*/])({'|'.join(_SI)})(?:\*\*([1-9]))?(?![\w.]|\*\*)")
 
 
 class Unit:
     """A product of powers of SI base units.
 
-    Compare with ``==``; multiply, divide and raise with the usual operators.  ``str`` gives the field's
-    name where there is one (``"N"``) and base units otherwise.  N m, of a torque or an energy, is ``"N*m"``: it is right of both.
+    Compare with ``==``; multiply, divide and raise with the usual operators.  ``str``
+    gives the field's name where there is one (``"N"``) and base units otherwise.  N m,
+    of a torque or an energy, is ``"N*m"``: it is right of both.
 
     Examples
     --------
@@ -55,7 +88,9 @@ class Unit:
         return _combine(ONE, self, n)
 
     def __str__(self) -> str:
-        return _names().get(self) or "*".join(u if p == 1 else f"{u}**{p:g}" for u, p in self.powers)
+        return _names().get(self) or "*".join(
+            u if p == 1 else f"{u}**{p:g}" for u, p in self.powers
+        )
 
     def __repr__(self) -> str:
         return f"unit({str(self)!r})"
@@ -70,8 +105,10 @@ ONE = Unit(())
 # pint computes a text, for hours if it is 9**9**9**9; scene files come from others
 _HUGE = re.compile(r"[\d.]\s*(\*\*|\^)|\d[eE]|(?<![\d.])\d{3}")
 _OF_GROUP = re.compile(r"\)\s*(\*\*|\^)")
-_JOINED = re.compile(r"(?<![A-Za-z])([NVAWJ])([ms])(?![A-Za-z])")  # Nm; pint reads it as a number of yarns
-_LEVEL = re.compile(r"(?<![A-Za-z])(dB[A-Za-z]*|decibel|neper|Np)(?![A-Za-z])")  # pint has a factor for them
+# Nm; pint reads it as a number of yarns
+_JOINED = re.compile(r"(?<![A-Za-z])([NVAWJ])([ms])(?![A-Za-z])")
+# pint has a factor for them
+_LEVEL = re.compile(r"(?<![A-Za-z])(dB[A-Za-z]*|decibel|neper|Np)(?![A-Za-z])")
 
 
 @lru_cache(maxsize=4096)
@@ -122,31 +159,49 @@ def unit(text: str) -> Unit:
 @cache
 def _parsed(text: str) -> Unit:
     if len(text) > 100 or _HUGE.search(text) or len(_OF_GROUP.findall(text)) > 1:
-        raise UnitError(f"unit {text[:40]!r} is not a product of SI names with small powers, such as 'N*s/m' or 'm**2'")
+        raise UnitError(
+            f"unit {text[:40]!r} is not a product of SI names with small powers, such as 'N*s/m' or"
+            " 'm**2'"
+        )
     if not _FACTOR.sub("", "*" + text):
-        factors = [(_SI[name], int(n or 1) * (1 if op == "*" else -1)) for op, name, n in _FACTOR.findall("*" + text)]
+        factors = [
+            (_SI[name], int(n or 1) * (1 if op == "*" else -1))
+            for op, name, n in _FACTOR.findall("*" + text)
+        ]
         total = [float(sum(n * powers[i] for powers, n in factors)) for i in range(len(_BASE))]
         return Unit(tuple(sorted((name, p) for name, p in zip(_BASE, total, strict=True) if p)))
     if (product := _JOINED.sub(r"\1*\2", text)) != text:
         raise UnitError(f"unit {text!r}: a product is written with a *; use {product!r}")
     if level := _LEVEL.search(text):
-        raise UnitError(f"unit {text!r}: {level[1]} is a logarithm of a ratio; give the ratio, 10**(dB/20), without unit")
+        raise UnitError(
+            f"unit {text!r}: {level[1]} is a logarithm of a ratio; give the ratio, 10**(dB/20),"
+            " without unit"
+        )
     try:
         base = _registry().Quantity(1.0, text).to_base_units()
         factor = float(base.magnitude)
-        powers = tuple(sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian"))
-    except Exception as e:  # pint computes the text as a formula: any error may come, a division by 0 too
+        powers = tuple(
+            sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian")
+        )
+    # pint computes the text as a formula: any error may come, a division by 0 too
+    except Exception as e:
         powers_written = re.sub(r"(?<=[A-Za-z])(?=\d)", "**", text)
         hint = f"write {powers_written!r}, or " if powers_written != text else ""
-        raise UnitError(f"unknown unit {text!r}: {hint}use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m' ({e})") from None
+        raise UnitError(
+            f"unknown unit {text!r}: {hint}use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m'"
+            f" ({e})"
+        ) from None
     if not math.isfinite(factor) or any(not math.isfinite(p) for _, p in powers):
         raise UnitError(f"unit {text!r} is not a finite product of SI names")
     if abs(factor - 1.0) > 1e-12:
         plain = Unit(powers)
         if "dB" in text or "decibel" in text:
-            raise UnitError(f"unit {text!r} is a level, not a unit: give 10**(dB/20) times the reference, in its unit")
+            raise UnitError(
+                f"unit {text!r} is a level, not a unit: give 10**(dB/20) times the reference, in"
+                " its unit"
+            )
         raise UnitError(
-            f"unit {text!r} is {factor:g} {plain}: inside stimlib everything is coherent SI without prefixes; "
-            f"use {str(plain)!r} and multiply your numbers by {factor:g}"
+            f"unit {text!r} is {factor:g} {plain}: inside stimlib everything is coherent SI without"
+            f" prefixes; use {str(plain)!r} and multiply your numbers by {factor:g}"
         )
     return Unit(powers)

@@ -20,7 +20,8 @@ TICK = 0.2  # s between two looks at what has no file descriptor to wait for
 
 
 def tell(groups: Iterable[int], *signals: int) -> None:
-    """Send signals to workers and the processes that they have started, if any are left.
+    """Send signals to workers and the processes that they have started, if any are
+    left.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ def watch(driver: int) -> None:
     driver : int
         Process ID of the parent.  It writes the process ID of each worker to stdin, as
         eight bytes: once when the worker has started, and again when it has ended.  A
-        fork of the parent may keep stdin open, so the parent's process ID is watched too.
+        fork of the parent may keep stdin open, so the parent's process ID is watched
+        too.
     """
     for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

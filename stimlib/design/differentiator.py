@@ -16,7 +16,9 @@ MAX_ORDER = 8192
 """Highest order of a differentiator."""
 
 MIN_RELATIVE_ERROR = 1e-13
-"""Smallest error a differentiator is designed for: with more taps, rounding decides what happens outside the bands."""
+"""Smallest error a differentiator is designed for: with more taps, rounding decides
+what happens outside the bands.
+"""
 
 
 class DifferentiatorDesign(NamedTuple):
@@ -29,7 +31,8 @@ class DifferentiatorDesign(NamedTuple):
     error : float
         Largest error in the pass band, relative to i 2 pi f.
     stop_db : float
-        Largest gain in the stop band over the gain at the pass edge, dB; -inf without a stop band.
+        Largest gain in the stop band over the gain at the pass edge, dB; -inf without a
+        stop band.
     """
 
     taps: FloatArray
@@ -38,12 +41,16 @@ class DifferentiatorDesign(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def differentiator_taps(fs: float, passband: float, stopband: float | None, order: int) -> DifferentiatorDesign:
-    """Band-limited differentiator: equal-ripple FIR of type III, for d/dt in 1/s with a delay of order/2 samples.
+def differentiator_taps(
+    fs: float, passband: float, stopband: float | None, order: int
+) -> DifferentiatorDesign:
+    """Band-limited differentiator: equal-ripple FIR of type III, for d/dt in 1/s with a
+    delay of order/2 samples.
 
-    The response is ``i w fs exp(-i w order/2)`` on [0, passband] and zero on [stopband, fs/2].  The error relative to
-    the wanted gain in the pass band, and relative to the gain at the pass edge in the stop band, has one and the same
-    bound, the smallest possible.
+    The response is ``i w fs exp(-i w order/2)`` on [0, passband] and zero on [stopband,
+    fs/2].  The error relative to the wanted gain in the pass band, and relative to the
+    gain at the pass edge in the stop band, has one and the same bound, the smallest
+    possible.
 
     Parameters
     ----------
@@ -61,7 +68,8 @@ def differentiator_taps(fs: float, passband: float, stopband: float | None, orde
 
     Notes
     -----
-    Where the order would give an error below 1e-13, fewer taps are used, with zeros on either side.
+    Where the order would give an error below 1e-13, fewer taps are used, with zeros on
+    either side.
 
     References
     ----------
@@ -77,7 +85,9 @@ def differentiator_taps(fs: float, passband: float, stopband: float | None, orde
     """
     w_pass, w_stop = _band_edges("differentiator_taps", fs, passband, stopband)
     if not (2 <= order <= MAX_ORDER and order % 2 == 0):
-        raise BadValue(f"differentiator_taps: order = {order}: choose an even number from 2 to {MAX_ORDER}")
+        raise BadValue(
+            f"differentiator_taps: order = {order}: choose an even number from 2 to {MAX_ORDER}"
+        )
     half = int(order) // 2
     if _first_error(half, w_pass, w_stop) < MIN_RELATIVE_ERROR:
         half = min(half, _half_order_estimate(w_pass, w_stop, MIN_RELATIVE_ERROR))
@@ -87,7 +97,9 @@ def differentiator_taps(fs: float, passband: float, stopband: float | None, orde
     taps[middle - half : middle] = fs * sines[::-1]
     taps[middle + 1 : middle + 1 + half] = -fs * sines
     taps.setflags(write=False)
-    return DifferentiatorDesign(taps, error, 20 * math.log10(stop_error) if stop_error > 0 else -math.inf)
+    return DifferentiatorDesign(
+        taps, error, 20 * math.log10(stop_error) if stop_error > 0 else -math.inf
+    )
 
 
 @lru_cache(maxsize=64)
@@ -99,7 +111,8 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
     fs, passband, stopband
         As for `differentiator_taps`.
     tol : float
-        Largest relative error in the pass band, 1e-10 to below 1.  The stop band is then at most at 20 log10(tol) dB.
+        Largest relative error in the pass band, 1e-10 to below 1.  The stop band is
+        then at most at 20 log10(tol) dB.
 
     Raises
     ------
@@ -118,14 +131,19 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
     """
     w_pass, w_stop = _band_edges("differentiator_order", fs, passband, stopband)
     if not 1e-10 <= tol < 1:
-        raise BadValue(f"differentiator_order: tol = {tol}: choose a relative error from 1e-10 to below 1")
+        raise BadValue(
+            f"differentiator_order: tol = {tol}: choose a relative error from 1e-10 to below 1"
+        )
     most = MAX_ORDER // 2
     half = _half_order_estimate(w_pass, w_stop, tol)
     too_low, enough = 0 if _first_error(half, w_pass, w_stop) <= tol else most, most + 1
     rate, work = -math.log(tol) / half, 0.0  # the error falls like exp(-rate half)
     while enough - too_low > 1:
         work += 400.0 * half * half
-        what = f"differentiator_order: the order is near {2 * half} (lower fs, or raise tol); operations to find it"
+        what = (
+            f"differentiator_order: the order is near {2 * half} (lower fs, or raise tol);"
+            " operations to find it"
+        )
         limits.check("design_work", work, what)
         error = _exchange(half, w_pass, w_stop).error
         too_low, enough = (too_low, half) if error <= tol else (half, enough)
@@ -133,23 +151,30 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
         half = min(max(half + step, too_low + 1), enough - 1)
     if enough > most:
         raise BadValue(
-            f"differentiator_order: an error of {tol:g} up to {passband:g} Hz takes an order above {MAX_ORDER} at "
-            f"fs = {fs:g} Hz: end the pass band further below {fs / 2 if stopband is None else stopband:g} Hz, "
-            "lower fs, or raise tol"
+            f"differentiator_order: an error of {tol:g} up to {passband:g} Hz takes an order above"
+            f" {MAX_ORDER} at fs = {fs:g} Hz: end the pass band further below"
+            f" {fs / 2 if stopband is None else stopband:g} Hz, lower fs, or raise tol"
         )
     return 2 * enough
 
 
-def _band_edges(where: str, fs: float, passband: float, stopband: float | None) -> tuple[float, float | None]:
-    """Edges in rad/sample; no stop band at fs/2, where a differentiator of type III is zero anyway."""
+def _band_edges(
+    where: str, fs: float, passband: float, stopband: float | None
+) -> tuple[float, float | None]:
+    """Edges in rad/sample; no stop band at fs/2, where a differentiator of type III is
+    zero anyway.
+    """
     if not (math.isfinite(fs) and fs > 0):
         raise BadValue(f"{where}: fs = {fs} Hz: the sample rate must be a finite number above 0")
     if not 0 < passband < fs / 2:
-        raise BadValue(f"{where}: passband = {passband} Hz: choose an edge above 0 and below fs/2 = {fs / 2:g} Hz")
+        raise BadValue(
+            f"{where}: passband = {passband} Hz: choose an edge above 0 and below fs/2 ="
+            f" {fs / 2:g} Hz"
+        )
     if stopband is not None and not passband < stopband <= fs / 2:
         raise BadValue(
-            f"{where}: stopband = {stopband} Hz: choose an edge above the passband, {passband:g} Hz, and up to fs/2 = "
-            f"{fs / 2:g} Hz, or None"
+            f"{where}: stopband = {stopband} Hz: choose an edge above the passband, {passband:g}"
+            f" Hz, and up to fs/2 = {fs / 2:g} Hz, or None"
         )
     if stopband is None or stopband == fs / 2:
         return 2 * math.pi * passband / fs, None
@@ -157,7 +182,9 @@ def _band_edges(where: str, fs: float, passband: float, stopband: float | None) 
 
 
 def _wanted(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[FloatArray, FloatArray]:
-    """Wanted values and weight of the even factor P in A(w) = sin w P(cos w): weight (P - wanted) is the error."""
+    """Wanted values and weight of the even factor P in A(w) = sin w P(cos w): weight (P
+    - wanted) is the error.
+    """
     passing = w < (w_pass + (w_stop or math.pi)) / 2
     inside = np.where(passing, w, 0.0)
     wanted = np.where(passing, 1 / np.sinc(inside / np.pi), 0.0)
@@ -165,7 +192,9 @@ def _wanted(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[FloatAr
 
 
 class _Interpolant(NamedTuple):
-    """A polynomial in y = sin^2(w/2), by its values on a reference (barycentric form)."""
+    """A polynomial in y = sin^2(w/2), by its values on a reference (barycentric
+    form).
+    """
 
     y: FloatArray
     weights: FloatArray
@@ -183,18 +212,24 @@ class _Interpolant(NamedTuple):
 
 
 def _barycentric_weights(y: FloatArray) -> FloatArray:
-    """1/prod_j (y_i - y_j) up to a common factor, y ascending; as logarithms of products of eight far apart."""
+    """1/prod_j (y_i - y_j) up to a common factor, y ascending; as logarithms of
+    products of eight far apart.
+    """
     size, block = np.empty(len(y)), 1 + 65536 // len(y)
     for i in range(0, len(y), block):
         gaps = np.abs(y[i : i + block, None] - y)
         gaps[gaps == 0] = 1.0
         gaps = np.pad(gaps, ((0, 0), (0, -len(y) % 8)), constant_values=1.0)
-        size[i : i + block] = -np.sum(np.log(np.prod(gaps.reshape(len(gaps), 8, -1), axis=1)), axis=1)
+        size[i : i + block] = -np.sum(
+            np.log(np.prod(gaps.reshape(len(gaps), 8, -1), axis=1)), axis=1
+        )
     return np.exp(size - np.max(size)) * np.resize([1.0, -1.0], len(y))
 
 
 def _levelled(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[_Interpolant, float]:
-    """The polynomial of degree len(w) - 2 whose error is +E, -E, +E, ... on the reference w, and E."""
+    """The polynomial of degree len(w) - 2 whose error is +E, -E, +E, ... on the
+    reference w, and E.
+    """
     y = np.sin(w / 2) ** 2
     weights = _barycentric_weights(y)
     wanted, weight = _wanted(w, w_pass, w_stop)
@@ -204,9 +239,11 @@ def _levelled(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[_Inte
 
 
 def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArray:
-    """half + 1 frequencies spread like equal charges at rest on the pass band and the stop band.
+    """half + 1 frequencies spread like equal charges at rest on the pass band and the
+    stop band.
 
-    Peaks of best polynomial approximations on a set of bands settle at this density.  In y = sin^2(w/2) it is
+    Peaks of best polynomial approximations on a set of bands settle at this density.
+    In y = sin^2(w/2) it is
     |y - y0|/sqrt|(y - y_pass)(y - y_stop)| dw/pi, with y0 in the gap such that no force is left across the gap.
     """
     if w_stop is None:
@@ -217,15 +254,21 @@ def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArr
     y0 = np.average(gap, weights=1 / np.sqrt(gap * (1 - gap)))
 
     def charge(edge: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Frequencies from the end of the axis to the band edge, and the charge up to each."""
+        """Frequencies from the end of the axis to the band edge, and the charge up to
+        each.
+        """
         w, middle = (end + (edge - end) * np.sin(p) for p in (phi, phi[:-1] / 2 + phi[1:] / 2))
-        to_pass, to_stop = (np.sin((middle + b) / 2) * np.sin((middle - b) / 2) for b in (w_pass, w_stop))  # y - y_b
+        # y - y_b
+        to_pass, to_stop = (
+            np.sin((middle + b) / 2) * np.sin((middle - b) / 2) for b in (w_pass, w_stop)
+        )
         density = np.abs(to_pass + y_pass - y0) / np.sqrt(np.abs(to_pass * to_stop)) / np.pi
         return w, np.concatenate([[0.0], np.cumsum(density * np.abs(np.diff(w)))])
 
     (passing, in_pass), (stopping, in_stop) = charge(w_pass, 0.0), charge(w_stop, math.pi)
     share = in_pass[-1] / (in_pass[-1] + in_stop[-1])
-    count = min(max(1, round(share * (half + 0.5) + 0.5)), half)  # both band edges are peaks, and so is w = 0
+    # both band edges are peaks, and so is w = 0
+    count = min(max(1, round(share * (half + 0.5) + 0.5)), half)
     up = np.arange(count) if count > 1 else np.ones(1)
     down = np.arange(half - count, -1, -1) + 0.5  # sin w makes w = pi a zero
     low = np.interp(up / up[-1] * in_pass[-1], in_pass, passing)
@@ -233,12 +276,16 @@ def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArr
 
 
 def _first_error(half: int, w_pass: float, w_stop: float | None) -> float:
-    """Levelled error on the first reference, a bound from below for the best error and close to it."""
+    """Levelled error on the first reference, a bound from below for the best error and
+    close to it.
+    """
     return _levelled(_first_reference(half, w_pass, w_stop), w_pass, w_stop)[1]
 
 
 def _half_order_estimate(w_pass: float, w_stop: float | None, tol: float) -> int:
-    """Smallest half order whose levelled error on the first reference is at most tol (by bisection)."""
+    """Smallest half order whose levelled error on the first reference is at most tol
+    (by bisection).
+    """
     most = MAX_ORDER // 2
     high = 1
     while high < most and _first_error(high, w_pass, w_stop) > tol:
@@ -260,7 +307,9 @@ def _error(even: _Interpolant, w: FloatArray, w_pass: float, w_stop: float | Non
 
 
 class _Exchanged(NamedTuple):
-    """Where the exchange ended: the levelled reference, the peaks of the error, and the largest of them."""
+    """Where the exchange ended: the levelled reference, the peaks of the error, and the
+    largest of them.
+    """
 
     reference: FloatArray
     peaks: FloatArray
@@ -269,7 +318,9 @@ class _Exchanged(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _exchange(half: int, w_pass: float, w_stop: float | None) -> _Exchanged:
-    """Remez exchange for P of degree half - 1 on both bands, with P as its interpolant on the reference."""
+    """Remez exchange for P of degree half - 1 on both bands, with P as its interpolant
+    on the reference.
+    """
     bands = [(0.0, w_pass)] if w_stop is None else [(0.0, w_pass), (w_stop, math.pi)]
     following = _first_reference(half, w_pass, w_stop)
     for _ in range(20):
@@ -277,7 +328,9 @@ def _exchange(half: int, w_pass: float, w_stop: float | None) -> _Exchanged:
         even, level = _levelled(reference, w_pass, w_stop)
         grids = [between(reference, low, high, max(8, 400 // half)) for low, high in bands]
         grids = [grid[grid < math.pi] for grid in grids]  # A(pi) is zero, whatever the taps
-        peaks = np.concatenate([peaks_of(grid, _error(even, grid, w_pass, w_stop)) for grid in grids])
+        peaks = np.concatenate(
+            [peaks_of(grid, _error(even, grid, w_pass, w_stop)) for grid in grids]
+        )
         heights = _error(even, peaks, w_pass, w_stop)
         kept = alternating(heights, half + 1)
         largest = float(np.max(np.abs(heights)))
@@ -287,11 +340,15 @@ def _exchange(half: int, w_pass: float, w_stop: float | None) -> _Exchanged:
     return _Exchanged(reference, peaks, largest)
 
 
-def _minimax_sines(half: int, w_pass: float, w_stop: float | None) -> tuple[FloatArray, float, float]:
-    """Coefficients c_k of the best A(w) = 2 sum_k c_k sin(k w), k = 1 ... half, and its errors in both bands.
+def _minimax_sines(
+    half: int, w_pass: float, w_stop: float | None
+) -> tuple[FloatArray, float, float]:
+    """Coefficients c_k of the best A(w) = 2 sum_k c_k sin(k w), k = 1 ... half, and its
+    errors in both bands.
 
-    Between the bands an interpolant loses the digits that the approximation gains inside.  So the coefficients come
-    from the linear system of the last reference: what it leaves undetermined does no harm.
+    Between the bands an interpolant loses the digits that the approximation gains
+    inside.  So the coefficients come from the linear system of the last reference: what
+    it leaves undetermined does no harm.
     """
     reference, peaks, _ = _exchange(half, w_pass, w_stop)
     k = np.arange(half)

@@ -19,7 +19,8 @@ def eights(n: int) -> int:
 
 
 def padded(a: npt.ArrayLike, value: float = 0.0, n: int | None = None) -> np.ndarray:
-    """An array with a value behind it, up to n elements; by default up to the next multiple of eight.
+    """An array with a value behind it, up to n elements; by default up to the next
+    multiple of eight.
 
     Examples
     --------

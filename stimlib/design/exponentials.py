@@ -1,23 +1,28 @@
-"""The memory of a springpot as a sum of exponentials: rates, weights, and a bound on the error.
+"""The memory of a springpot as a sum of exponentials: rates, weights, and a bound on
+the error.
 
-A fractional difference is f[n] = h^-alpha sum_j v_j d[n-j] with d[n] = y[n] - y[n-1] and weights v_j > 0 that decay like a
-power of j.  The first ``DIRECT`` weights are used as they are.  The others are integrals of exponentials,
+A fractional difference is f[n] = h^-alpha sum_j v_j d[n-j] with d[n] = y[n] - y[n-1]
+and weights v_j > 0 that decay like a power of j.  The first ``DIRECT`` weights are used
+as they are.  The others are integrals of exponentials,
 
     v_j = (sin(pi alpha)/pi) Int_0^inf exp(-s j) phi(s) ds,
 
     gl:  phi = (exp(s) - 1)^(alpha - 1),      v_j = Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!)
     l1:  phi = (1 - exp(-s)) s^(alpha - 2),   v_j = ((j + 1)^(1 - alpha) - j^(1 - alpha))/Gamma(2 - alpha)
 
-Creep needs a third, for d[n] = force/fs that is straight between samples, with p = 2 - alpha and v_0 = 1/Gamma(1 + p):
+Creep needs a third, for d[n] = force/fs that is straight between samples, with p = 2 -
+alpha and v_0 = 1/Gamma(1 + p):
 
     straight:  phi = (2 sinh(s/2))^2 s^(alpha - 3),   v_j = ((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p)
 
-and the trapezoidal rule in log(s) turns the integral into few terms, with an error that falls like exp(-pi^2/delta) with the
-step delta.  All of the grid below s0 = 0.25/horizon acts as a few nodes in [0, s0] with the same moments.  So the rates s_k
-depend on tol and the horizon only, and the order alpha enters by the weights, in closed form.
+and the trapezoidal rule in log(s) turns the integral into few terms, with an error that
+falls like exp(-pi^2/delta) with the step delta.  All of the grid below s0 =
+0.25/horizon acts as a few nodes in [0, s0] with the same moments.  So the rates s_k
+depend on tol and the horizon only, and the order alpha enters by the weights, in closed
+form.
 
-Sampled: Gruenwald-Letnikov (``gl``) is eq. (3.1) of Çaldıran's thesis in terms of differences; ``l1`` is exact for straight lines
-between samples.
+Sampled: Gruenwald-Letnikov (``gl``) is eq. (3.1) of Çaldıran's thesis in terms of
+differences; ``l1`` is exact for straight lines between samples.
 """
 
 from __future__ import annotations
@@ -38,7 +43,9 @@ DIRECT = 8  # weights v_0 .. v_7 are direct taps
 SMALLEST_TOL = 1e-14
 LONGEST = 2.0**62  # samples of a run, as of a processor
 ROUNDING = 32 * 2.0**-53  # of some twenty operations on numbers of one sign
-DEGREE = 24  # of the polynomials in alpha that stand for weights without a closed form of few operations
+# of the polynomials in alpha that stand for weights without a closed form of few
+# operations
+DEGREE = 24
 
 
 class Rates(NamedTuple):
@@ -59,14 +66,16 @@ class Rates(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """f[n] = sum_j taps[j] d[n-j] + constant (y[n-8] - y[-1]) + sum_k modes[k] b_k[n]."""
+    """f[n] = sum_j taps[j] d[n-j] + constant (y[n-8] - y[-1]) + sum_k modes[k]
+    b_k[n].
+    """
 
     taps: np.ndarray  # v_0 .. v_7
     constant: float
     modes: np.ndarray  # of b_k[n] = sum_j exp(-s_k j) d[n-8-j]
 
 
-# The exact weights ---------------------------------------------------------------------------------------------------
+# The exact weights --------------------------------------------------------------------
 def kernel(scheme: str, alpha: float, j) -> np.ndarray:
     """Return v_j to a few roundings.
 
@@ -97,7 +106,8 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
         one = k ** (1 - alpha) * np.expm1((1 - alpha) * np.log1p(1 / k))
         return np.where(j == 0, 1.0, one) / math.gamma(2 - alpha)
     few = np.cumprod([1.0, *((i - alpha) / i for i in range(1, 64))])
-    # Gamma(n + a)/Gamma(n + b), n large, by its series about n + (a + b - 1)/2: rho = (1 + a - b)/2
+    # Gamma(n + a)/Gamma(n + b), n large, by its series about n + (a + b - 1)/2: rho =
+    # (1 + a - b)/2
     w, rho = np.maximum(j, 63) + (1 - alpha) / 2, (1 - alpha) / 2
     square = 1 / w**2
     series = 1 + alpha * (1 - alpha) * square * _ratio_series(alpha, rho, square)
@@ -106,16 +116,21 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
 
 
 def _straight(alpha: float, j: np.ndarray) -> np.ndarray:
-    """((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p), p = 2 - alpha, without cancellation; 1/Gamma(1 + p) for j = 0."""
+    """((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p), p = 2 - alpha, without
+    cancellation; 1/Gamma(1 + p) for j = 0.
+    """
     k, i = np.maximum(j, 2), np.arange(2, 64, 2)
-    series = np.cumprod((4 - i - alpha) * (3 - i - alpha) / (i * (i - 1)))  # binom(p, i), none below 0
+    # binom(p, i), none below 0
+    series = np.cumprod((4 - i - alpha) * (3 - i - alpha) / (i * (i - 1)))
     far = 2 * k**-alpha * np.polynomial.polynomial.polyval(k**-2, series)
     near = np.where(j == 0, 1.0, 2 * math.expm1((1 - alpha) * math.log(2)))
     return np.where(j < 2, near, far) / math.gamma(3 - alpha)
 
 
 def _ratio_series(alpha: float, rho: float, u: np.ndarray) -> np.ndarray:
-    """(Gamma(w + rho) / (Gamma(w + rho + alpha) w^-alpha) - 1) / (alpha (1 - alpha) u) with w = 1/sqrt(u), first terms."""
+    """(Gamma(w + rho) / (Gamma(w + rho + alpha) w^-alpha) - 1) / (alpha (1 - alpha) u)
+    with w = 1/sqrt(u), first terms.
+    """
     # generalised Bernoulli numbers B_2n^(2 rho)(rho), 2 rho = 1 - alpha
     b2, b4, b6 = -rho / 6, rho * (5 * rho + 1) / 60, -rho * (35 * rho**2 + 21 * rho + 4) / 504
     first = alpha * (alpha + 1) / 2
@@ -129,7 +144,8 @@ def _ratio_series(alpha: float, rho: float, u: np.ndarray) -> np.ndarray:
 
 def _phi(scheme: str, alpha: float, s: np.ndarray) -> np.ndarray:
     if scheme == "gl":
-        return np.array([math.expm1(v) ** alpha / math.expm1(v) for v in s])  # alpha - 1 would be rounded
+        # alpha - 1 would be rounded
+        return np.array([math.expm1(v) ** alpha / math.expm1(v) for v in s])
     if scheme == STRAIGHT:
         return np.array([v**alpha * (2 * math.sinh(v / 2) / v) ** 2 / v for v in s])
     return np.array([v**alpha * (-math.expm1(-v) / v) / v for v in s])
@@ -140,10 +156,11 @@ def _sin(alpha: float) -> float:
     return math.sin(math.pi * min(alpha, 1 - alpha)) / math.pi
 
 
-# Rates ---------------------------------------------------------------------------------------------------------------
+# Rates --------------------------------------------------------------------------------
 @cache
 def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
-    """Return modes whose error bound is below tol for every order, up to a horizon in samples.
+    """Return modes whose error bound is below tol for every order, up to a horizon in
+    samples.
 
     Parameters
     ----------
@@ -167,12 +184,13 @@ def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
     """
     if not SMALLEST_TOL <= tol <= 0.1:
         raise BadValue(
-            f"springpot: tol = {tol:g} must be from {SMALLEST_TOL:g}, which is what numbers of 53 bits allow, to 0.1; "
-            f"use tol={SMALLEST_TOL if tol < SMALLEST_TOL else 0.1:g}"
+            f"springpot: tol = {tol:g} must be from {SMALLEST_TOL:g}, which is what numbers of 53"
+            f" bits allow, to 0.1; use tol={SMALLEST_TOL if tol < SMALLEST_TOL else 0.1:g}"
         )
     if not samples <= LONGEST:
         raise BadValue(
-            f"springpot: a horizon of {samples:g} samples is longer than any run can be; at most {LONGEST:g} are possible"
+            f"springpot: a horizon of {samples:g} samples is longer than any run can be; at most"
+            f" {LONGEST:g} are possible"
         )
     samples = max(float(samples), 64.0)
     share = tol / 16
@@ -183,7 +201,10 @@ def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
         n += 1
     grid = s0 * np.exp(delta * np.arange(n))
     m = 2
-    while max(_lump_error(a, delta, _nodes(m)) for a in (0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0)) > share:
+    while (
+        max(_lump_error(a, delta, _nodes(m)) for a in (0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0))
+        > share
+    ):
         m += 1
     made = Rates(tol, samples, delta, s0, _nodes(m), grid, 0)
     return made._replace(fine=int(np.sum(made.s < 2.0**-53 / share)))
@@ -198,7 +219,9 @@ def _step(room: float) -> float:
 
 
 def aliasing(alpha: float, delta: float) -> float:
-    """Relative error that the step delta makes in all weights: 2 |Gamma(alpha + 2 pi i/delta)|/Gamma(alpha)."""
+    """Relative error that the step delta makes in all weights: 2 |Gamma(alpha + 2 pi
+    i/delta)|/Gamma(alpha).
+    """
     if alpha == 0:
         return 0.0
     # |Gamma(a + iy)| from Stirling's series at a + 8 + iy
@@ -208,21 +231,37 @@ def aliasing(alpha: float, delta: float) -> float:
         below += math.log(abs(z))
         z += 1
     log = complex(math.log(abs(z)), math.atan2(z.imag, z.real))
-    stirling = (z - 0.5) * log - z + 0.5 * math.log(2 * math.pi) + 1 / (12 * z) - 1 / (360 * z**3) + 1 / (1260 * z**5)
+    stirling = (
+        (z - 0.5) * log
+        - z
+        + 0.5 * math.log(2 * math.pi)
+        + 1 / (12 * z)
+        - 1 / (360 * z**3)
+        + 1 / (1260 * z**5)
+    )
     return 2 * math.exp(stirling.real - below) * alpha / math.gamma(1 + alpha)
 
 
 def _beyond(alpha: float, s: float, delta: float, first: int = DIRECT) -> float:
-    """What the grid leaves out from s on, relative to v_8 (gl; l1 is smaller; straight is smaller with 7 as first)."""
+    """What the grid leaves out from s on, relative to v_8 (gl; l1 is smaller; straight
+    is smaller with 7 as first).
+    """
     v = s * np.exp(delta * np.arange(64))
     v = v[v < 80]
     if alpha == 1:  # the limit of both factors over 1 - alpha
         return float(delta * np.sum(v * np.exp(-first * v)) * DIRECT)
-    return float(_sin(alpha) * delta * np.sum(v * np.expm1(v) ** (alpha - 1) * np.exp(-DIRECT * v)) / kernel("gl", alpha, DIRECT))
+    return float(
+        _sin(alpha)
+        * delta
+        * np.sum(v * np.expm1(v) ** (alpha - 1) * np.exp(-DIRECT * v))
+        / kernel("gl", alpha, DIRECT)
+    )
 
 
 def _nodes(m: int) -> tuple[float, ...]:
-    """0 and m - 1 more in (0, 1), denser towards both ends; short fractions, so that moments are matched exactly."""
+    """0 and m - 1 more in (0, 1), denser towards both ends; short fractions, so that
+    moments are matched exactly.
+    """
     return tuple(round((1 - math.cos(math.pi * i / (m - 0.5))) * 2048) / 4096 for i in range(m))
 
 
@@ -231,10 +270,16 @@ def _lump_error(alpha: float, delta: float, x: tuple[float, ...]) -> float:
     k = np.exp(-delta * np.arange(1, 400))
     omega = np.abs(np.prod(k[:, None] - np.array(x), axis=1))
     gain = 1.0 if alpha == 1 else _sin(alpha) * math.gamma(1 - alpha)
-    return gain * delta * float(np.sum(k**alpha * omega)) * 0.25 ** (len(x) + alpha) / math.factorial(len(x))
+    return (
+        gain
+        * delta
+        * float(np.sum(k**alpha * omega))
+        * 0.25 ** (len(x) + alpha)
+        / math.factorial(len(x))
+    )
 
 
-# Weights -------------------------------------------------------------------------------------------------------------
+# Weights ------------------------------------------------------------------------------
 def weights(r: Rates, scheme: str, alpha: float) -> Weights:
     """Return the weights of the order alpha, 0 < alpha < 1, for given rates.
 
@@ -269,15 +314,23 @@ def weights(r: Rates, scheme: str, alpha: float) -> Weights:
 
 
 def _lump(r: Rates, scheme: str, alpha: float) -> list[float]:
-    """Weights of the nodes in [0, s0] over s0^alpha: the moments of the grid below s0 are theirs."""
+    """Weights of the nodes in [0, s0] over s0^alpha: the moments of the grid below s0
+    are theirs.
+    """
     series = _series(scheme, alpha)
 
     def moment(e):
         return _sin(alpha) * r.delta / math.expm1(e * r.delta) if e > 1e-200 else 1.0
 
     m = len(r.x)
-    moments = [Fraction(math.fsum(g * r.s0**q * moment(alpha + i + q) for q, g in enumerate(series))) for i in range(m)]
-    return [float(sum((c * v for c, v in zip(row, moments, strict=True)), Fraction(0))) for row in _lagrange(r.x)]
+    moments = [
+        Fraction(math.fsum(g * r.s0**q * moment(alpha + i + q) for q, g in enumerate(series)))
+        for i in range(m)
+    ]
+    return [
+        float(sum((c * v for c, v in zip(row, moments, strict=True)), Fraction(0)))
+        for row in _lagrange(r.x)
+    ]
 
 
 def _series(scheme: str, alpha: float, n: int = 8) -> list[float]:
@@ -289,13 +342,17 @@ def _series(scheme: str, alpha: float, n: int = 8) -> list[float]:
     base = [1 / math.factorial(k + 1) for k in range(n)]  # ((exp(s) - 1)/s)^(alpha - 1)
     out = [1.0]
     for k in range(1, n):
-        out.append(sum(((alpha - 1) * i - (k - i)) * base[i] * out[k - i] for i in range(1, k + 1)) / k)
+        out.append(
+            sum(((alpha - 1) * i - (k - i)) * base[i] * out[k - i] for i in range(1, k + 1)) / k
+        )
     return out
 
 
 @cache
 def _lagrange(x: tuple[float, ...]) -> list[list[Fraction]]:
-    """Coefficients, lowest first, of the polynomials that are 1 at one node and 0 at the others; exact."""
+    """Coefficients, lowest first, of the polynomials that are 1 at one node and 0 at
+    the others; exact.
+    """
     nodes = [Fraction(v) for v in x]
     rows = []
     for i, a in enumerate(nodes):
@@ -308,13 +365,14 @@ def _lagrange(x: tuple[float, ...]) -> list[list[Fraction]]:
     return rows
 
 
-# The bound -----------------------------------------------------------------------------------------------------------
+# The bound ----------------------------------------------------------------------------
 def bound(r: Rates, alpha: float) -> float:
-    """e(alpha) <= tol with |error of f[n]| <= e h^-alpha sum_j v_j |d[n-j]|, the same for gl and l1.
+    """e(alpha) <= tol with |error of f[n]| <= e h^-alpha sum_j v_j |d[n-j]|, the same
+    for gl and l1.
 
-    The sum of: 1.5 times the aliasing of the grid; what it leaves out above its end and below its beginning; the
-    rounding of modes that keep one word of state (a sum that leaks with the rate s is wrong by up to 2^-53/s of
-    itself); and 32 roundings.
+    The sum of: 1.5 times the aliasing of the grid; what it leaves out above its end and
+    below its beginning; the rounding of modes that keep one word of state (a sum that
+    leaks with the rate s is wrong by up to 2^-53/s of itself); and 32 roundings.
 
     Parameters
     ----------
@@ -337,7 +395,9 @@ def bound(r: Rates, alpha: float) -> float:
 
 
 def _coarse(r: Rates, alpha: float) -> float:
-    """Rounding of the modes with one word of state: largest sum_k c_k exp(-s_k j) 2^-53/s_k over v_j."""
+    """Rounding of the modes with one word of state: largest sum_k c_k exp(-s_k j)
+    2^-53/s_k over v_j.
+    """
     s = r.s[r.fine :]
     a = min(alpha, 1 - 1e-9)
     c = _sin(a) * r.delta * s * np.expm1(s) ** (a - 1)
@@ -346,17 +406,21 @@ def _coarse(r: Rates, alpha: float) -> float:
     return float(np.max(error / kernel("gl", a, j)))
 
 
-# Live orders ---------------------------------------------------------------------------------------------------------
+# Live orders --------------------------------------------------------------------------
 class LiveOrders(NamedTuple):
-    """Weights as functions of alpha: modes[k] = g_k a_k exp(alpha (high_k + low_k)), with g = sin(pi alpha)/pi on the grid.
+    """Weights as functions of alpha: modes[k] = g_k a_k exp(alpha (high_k + low_k)),
+    with g = sin(pi alpha)/pi on the grid.
 
-    For the nodes below s0 (the constant first), and for the direct taps, g = (1 - alpha) times a polynomial.
+    For the nodes below s0 (the constant first), and for the direct taps, g = (1 -
+    alpha) times a polynomial.
     """
 
     a: np.ndarray
     high: np.ndarray
     low: np.ndarray
-    poly: np.ndarray  # Chebyshev coefficients, DEGREE + 1 in a row: nodes below s0, then v_0/(1 - alpha)^0, v_j/(1 - alpha)
+    # Chebyshev coefficients, DEGREE + 1 in a row: nodes below s0, then v_0/(1 -
+    # alpha)^0, v_j/(1 - alpha)
+    poly: np.ndarray
 
 
 def live(r: Rates, scheme: str) -> LiveOrders:
@@ -373,7 +437,12 @@ def live(r: Rates, scheme: str) -> LiveOrders:
         a = r.delta * r.grid / inner * np.exp(-DIRECT * r.grid)
     else:
         inner = r.grid
-        a = r.delta * np.array([-math.expm1(-v) for v in r.grid]) / r.grid * np.exp(-DIRECT * r.grid)
+        a = (
+            r.delta
+            * np.array([-math.expm1(-v) for v in r.grid])
+            / r.grid
+            * np.exp(-DIRECT * r.grid)
+        )
     logs = [two_words(v) for v in (*[r.s0] * x.size, *inner)]
     n = DEGREE + 1
     odd = 2 * np.arange(n) + 1  # nodes at cos(pi odd/2n)
@@ -389,9 +458,11 @@ def live(r: Rates, scheme: str) -> LiveOrders:
     values = np.array(rows)
     basis[0] /= 2
     return LiveOrders(
-        np.concatenate([np.exp(-DIRECT * r.s0 * x), a]), np.array([h for h, _ in logs]), np.array([v for _, v in logs]),
+        np.concatenate([np.exp(-DIRECT * r.s0 * x), a]),
+        np.array([h for h, _ in logs]),
+        np.array([v for _, v in logs]),
         (basis @ values).T.ravel().copy(),
-    )  # fmt: skip
+    )
 
 
 def two_words(v: float) -> tuple[float, float]:

@@ -1,9 +1,11 @@
-"""Best approximations in the sense of Chebyshev: what the designs of ``pink`` and ``differentiator`` have in common.
+"""Best approximations in the sense of Chebyshev: what the designs of ``pink`` and
+``differentiator`` have in common.
 
-The error reaches its bound, with alternating sign, at one frequency more than there are free coefficients.  Both designs are
-found the same way (Remez): level the error on a *reference* of that many frequencies, move the reference to the peaks of the
-error, repeat.  What makes it short is a first reference that is nearly right: Zolotarev's for the low-pass, the equilibrium
-density of the bands for the differentiator.
+The error reaches its bound, with alternating sign, at one frequency more than there are
+free coefficients.  Both designs are found the same way (Remez): level the error on a
+*reference* of that many frequencies, move the reference to the peaks of the error,
+repeat.  What makes it short is a first reference that is nearly right: Zolotarev's for
+the low-pass, the equilibrium density of the bands for the differentiator.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ FloatArray = npt.NDArray[np.float64]
 
 @contextmanager
 def asked_by(name: str) -> Iterator[None]:
-    """Errors in here begin with a name that the user knows, instead of that of a function of this file."""
+    """Errors in here begin with a name that the user knows, instead of that of a
+    function of this file.
+    """
     try:
         yield
     except BadValue as e:
@@ -29,15 +33,21 @@ def asked_by(name: str) -> Iterator[None]:
 
 
 def between(points: FloatArray, low: float, high: float, parts: int) -> FloatArray:
-    """Grid on [low, high] that cuts each gap between neighbouring `points` (ascending) into equal parts."""
+    """Grid on [low, high] that cuts each gap between neighbouring `points` (ascending)
+    into equal parts.
+    """
     margin = 1e-12 * (high - low)
-    knots = np.concatenate([[low], points[(points > low + margin) & (points < high - margin)], [high]])
+    knots = np.concatenate(
+        [[low], points[(points > low + margin) & (points < high - margin)], [high]]
+    )
     steps = np.diff(knots)[:, None] * (np.arange(parts) / parts)
     return np.append((knots[:-1, None] + steps).ravel(), high)
 
 
 def peaks_of(x: FloatArray, error: FloatArray) -> FloatArray:
-    """Abscissa of the largest |error| in each run of one sign, from a parabola through it and its neighbours."""
+    """Abscissa of the largest |error| in each run of one sign, from a parabola through
+    it and its neighbours.
+    """
     edges = np.flatnonzero((error[1:] < 0) != (error[:-1] < 0)) + 1
     runs = zip([0, *edges], [*edges, len(x)], strict=True)
     top = np.array([first + np.argmax(np.abs(error[first:last])) for first, last in runs])
@@ -53,7 +63,9 @@ def peaks_of(x: FloatArray, error: FloatArray) -> FloatArray:
 
 
 def alternating(error: FloatArray, count: int) -> list[int]:
-    """Indices of `count` errors of alternating sign, the largest; fewer if there are no more."""
+    """Indices of `count` errors of alternating sign, the largest; fewer if there are no
+    more.
+    """
     kept: list[int] = []
     for i in range(len(error)):
         if not kept or (error[i] < 0) != (error[kept[-1]] < 0):

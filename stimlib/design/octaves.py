@@ -1,4 +1,6 @@
-"""A power law over place as a sum of octaves, each with the spectrum of a random spline."""
+"""A power law over place as a sum of octaves, each with the spectrum of a random
+spline.
+"""
 
 from __future__ import annotations
 
@@ -52,10 +54,12 @@ def band_power(slope: float, low: float, high: float) -> float:
 
 @lru_cache(maxsize=64)
 def octaves(slope: float, low: float, high: float) -> Octaves:
-    """Octaves whose one-sided spectra 2 a^2 D sinc^6(f D) add up to C f^-slope from low to high, of power 1 there.
+    """Octaves whose one-sided spectra 2 a^2 D sinc^6(f D) add up to C f^-slope from low
+    to high, of power 1 there.
 
-    D is the cell, sinc(x) = sin(pi x)/(pi x): the spectrum of independent lattice values of variance a^2 under quadratic
-    B-splines.  The a^2 are the least squares of the relative error that are not below 0.
+    D is the cell, sinc(x) = sin(pi x)/(pi x): the spectrum of independent lattice
+    values of variance a^2 under quadratic B-splines.  The a^2 are the least squares of
+    the relative error that are not below 0.
 
     Parameters
     ----------
@@ -69,8 +73,9 @@ def octaves(slope: float, low: float, high: float) -> Octaves:
 
     References
     ----------
-    Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal Processing Magazine 1999 (B-splines and their
-    transforms); Lawson and Hanson, "Solving Least Squares Problems", 1974, chapter 23 (non-negative least squares).
+    Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal
+    Processing Magazine 1999 (B-splines and their transforms); Lawson and Hanson,
+    "Solving Least Squares Problems", 1974, chapter 23 (non-negative least squares).
 
     Examples
     --------
@@ -84,8 +89,10 @@ def octaves(slope: float, low: float, high: float) -> Octaves:
     n = math.ceil(math.log2(COARSEST / low * high / FINEST)) + 1
     cells = np.ldexp(FINEST / high, np.arange(n))
     f = np.geomspace(low, high, POINTS)
-    spectra = 2 * np.sinc(f[:, None] * cells) ** 6 * f[:, None] ** slope  # of a^2 D = 1, relative to the law of C = 1
-    found = np.array([float(f"{v:.9g}") for v in nnls(spectra, np.ones(POINTS))[0]])  # no last bits of a solver
+    # of a^2 D = 1, relative to the law of C = 1
+    spectra = 2 * np.sinc(f[:, None] * cells) ** 6 * f[:, None] ** slope
+    # no last bits of a solver
+    found = np.array([float(f"{v:.9g}") for v in nnls(spectra, np.ones(POINTS))[0]])
     power = found / cells / band_power(slope, low, high)
     cells.flags.writeable = power.flags.writeable = False
     return Octaves(cells, power, float(np.abs(10 * np.log10(spectra @ found)).max()))

@@ -1,4 +1,6 @@
-"""The 3 dB/oct low-pass as parallel modes, minimax in dB, and the steady state of such modes under white noise."""
+"""The 3 dB/oct low-pass as parallel modes, minimax in dB, and the steady state of such
+modes under white noise.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,16 @@ MAX_SPAN = 1e9
 """Largest fs/f_low of a 3 dB/oct low-pass."""
 
 MIN_TOL_DB = 1e-8
-"""Smallest tolerance of a 3 dB/oct low-pass: below it the equal ripple drowns in rounding."""
+"""Smallest tolerance of a 3 dB/oct low-pass: below it the equal ripple drowns in
+rounding.
+"""
 
 _DB = 10 / math.log(10)  # dB per unit of log |H|^2
 
 
 class PinkDesign(NamedTuple):
-    """A filter as parallel leaky modes, ``q += x - e*q`` and then ``y = d*x + sum(r*q)``.
+    """A filter as parallel leaky modes, ``q += x - e*q`` and then ``y = d*x +
+    sum(r*q)``.
 
     Attributes
     ----------
@@ -50,18 +55,21 @@ class PinkDesign(NamedTuple):
 
 @lru_cache(maxsize=256)
 def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
-    """3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs, with the fewest first-order sections that meet a tolerance.
+    """3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs, with the fewest first-order
+    sections that meet a tolerance.
 
-    Equal-ripple in log magnitude on f_low <= f <= 0.45 fs.  In v = tan^2(w/2) a section with real pole and real zero
-    has the gain (v + a)/(v + b), so the bilinear warp is part of the target, 1/(2 atan sqrt v), and the top octave is
-    right as well.  Below f_low the gain levels off.
+    Equal-ripple in log magnitude on f_low <= f <= 0.45 fs.  In v = tan^2(w/2) a section
+    with real pole and real zero has the gain (v + a)/(v + b), so the bilinear warp is
+    part of the target, 1/(2 atan sqrt v), and the top octave is right as well.  Below
+    f_low the gain levels off.
 
     Parameters
     ----------
     fs : float
         Sample rate, Hz.
     f_low : float
-        Lower edge of the pass band, Hz; fs/1e9 to 0.225 fs (an octave below the upper edge).
+        Lower edge of the pass band, Hz; fs/1e9 to 0.225 fs (an octave below the upper
+        edge).
     tol_db : float
         Largest deviation allowed in the pass band, dB; at least 1e-8.
 
@@ -73,17 +81,20 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
     Raises
     ------
     BadValue
-        If an argument is out of range, or if 24 sections do not meet `tol_db`; the message has what they reach.
+        If an argument is out of range, or if 24 sections do not meet `tol_db`; the
+        message has what they reach.
 
     Notes
     -----
-    The error of n sections is about ``11 exp(-pi^2 (2n + 1)/(2 log(4/l)))`` dB with l the ratio of tan(w/2) at the
-    two edges.  White noise of variance pi S1 through this filter has the one-sided density S1/f.
+    The error of n sections is about ``11 exp(-pi^2 (2n + 1)/(2 log(4/l)))`` dB with l
+    the ratio of tan(w/2) at the two edges.  White noise of variance pi S1 through this
+    filter has the one-sided density S1/f.
 
     References
     ----------
     The UGrip paper, section 1.1, "3 dB/octave low-pass filter H(s)".
-    Zolotarev, E. I. (1877), Mem. Acad. Sci. St. Petersburg 30(5): best rational approximation of the square root.
+    Zolotarev, E. I. (1877), Mem. Acad. Sci. St. Petersburg 30(5): best rational
+    approximation of the square root.
 
     Examples
     --------
@@ -96,11 +107,15 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
         raise BadValue(f"pink_modes: fs = {fs} Hz: the sample rate must be a finite number above 0")
     if not fs / MAX_SPAN <= f_low <= PASS_EDGE / 2 * fs:
         raise BadValue(
-            f"pink_modes: f_low = {f_low} Hz: the pass band ends at 0.45 fs and is 3 dB/oct over one octave or more; "
-            f"at fs = {fs:g} Hz choose f_low from {fs / MAX_SPAN:g} to {PASS_EDGE / 2 * fs:g} Hz"
+            f"pink_modes: f_low = {f_low} Hz: the pass band ends at 0.45 fs and is 3 dB/oct over"
+            f" one octave or more; at fs = {fs:g} Hz choose f_low from {fs / MAX_SPAN:g} to"
+            f" {PASS_EDGE / 2 * fs:g} Hz"
         )
     if not MIN_TOL_DB <= tol_db < math.inf:
-        raise BadValue(f"pink_modes: tol_db = {tol_db} dB: choose a finite tolerance of at least {MIN_TOL_DB:g} dB")
+        raise BadValue(
+            f"pink_modes: tol_db = {tol_db} dB: choose a finite tolerance of at least"
+            f" {MIN_TOL_DB:g} dB"
+        )
     w_low = 2 * math.pi * f_low / fs
     n = min(_sections_estimate(w_low, tol_db), MAX_SECTIONS)
     modes = _minimax_modes(w_low, n)
@@ -109,8 +124,9 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
         modes = _minimax_modes(w_low, n)
     if modes.error_db > tol_db:
         raise BadValue(
-            f"pink_modes: tol_db = {tol_db:g} dB from {f_low:g} Hz to 0.45 fs at fs = {fs:g} Hz takes more than "
-            f"{MAX_SECTIONS} sections, which reach {modes.error_db:.3g} dB: raise tol_db to that, or raise f_low"
+            f"pink_modes: tol_db = {tol_db:g} dB from {f_low:g} Hz to 0.45 fs at fs = {fs:g} Hz"
+            f" takes more than {MAX_SECTIONS} sections, which reach {modes.error_db:.3g} dB: raise"
+            " tol_db to that, or raise f_low"
         )
     while n > 1 and (fewer := _minimax_modes(w_low, n - 1)).error_db <= tol_db:
         n, modes = n - 1, fewer
@@ -123,7 +139,9 @@ def _log_edges(w_low: float) -> tuple[float, float]:
 
 
 def _sections_estimate(w_low: float, tol_db: float) -> int:
-    """Sections for a tolerance, from the asymptotic error 11 exp(-pi^2 (2n + 1)/(2 log(4/l))) dB."""
+    """Sections for a tolerance, from the asymptotic error 11 exp(-pi^2 (2n + 1)/(2
+    log(4/l))) dB.
+    """
     low, high = _log_edges(w_low)
     n = math.log(max(11 / tol_db, 1.0)) * (math.log(4) + high - low) / math.pi**2 - 0.5
     return max(1, math.ceil(n))
@@ -137,10 +155,12 @@ def _agm(a: float, b: float) -> float:
 
 
 def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
-    """Logarithm of sc(x K) for sign -1 (0 < x < 1) or of nd(x K) for sign +1 (0 <= x <= 1), complementary modulus k1.
+    """Logarithm of sc(x K) for sign -1 (0 < x < 1) or of nd(x K) for sign +1 (0 <= x <=
+    1), complementary modulus k1.
 
-    Products over the nome exp(-s), s = pi K/K', of the complementary modulus; they converge fast where the modulus
-    itself is close to one, and no close numbers are subtracted::
+    Products over the nome exp(-s), s = pi K/K', of the complementary modulus; they
+    converge fast where the modulus itself is close to one, and no close numbers are
+    subtracted::
 
         log f(x K) = -log(k1)/2 - s (1 - 2x)/4 + sum_j (-1)^j log (1 + sign e^(-s(j + x)))/(1 + sign e^(-s(j + 1 - x)))
     """
@@ -155,20 +175,30 @@ def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
 
 
 def _zolotarev(n: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
-    """Zolotarev's best approximation of v^(-1/2): log b_1, log a_1, log b_2, ... (2n,), and its reference (2n + 2,)."""
+    """Zolotarev's best approximation of v^(-1/2): log b_1, log a_1, log b_2, ... (2n,),
+    and its reference (2n + 2,).
+    """
     k1, inside, peaks = math.exp(low - high), np.arange(1, 2 * n + 1), np.arange(2 * n + 2)
     roots = 2 * low + 2 * _log_elliptic(inside / (2 * n + 1), k1, -1)
     return roots, low + _log_elliptic(peaks / (2 * n + 1), k1, +1)
 
 
 def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
-    """log(|H|^2 w) at t = log tan(w/2), of the design (log b_1, log a_1, ..., log b_n, log a_n, log gain)."""
+    """log(|H|^2 w) at t = log tan(w/2), of the design (log b_1, log a_1, ..., log b_n,
+    log a_n, log gain).
+    """
     v, c = np.exp(2 * t)[:, None], np.exp(design[:-1])
-    return design[-1] + np.log(np.prod((v + c[1::2]) / (v + c[::2]), axis=1)) + np.log(2 * np.arctan(np.exp(t)))
+    return (
+        design[-1]
+        + np.log(np.prod((v + c[1::2]) / (v + c[::2]), axis=1))
+        + np.log(2 * np.arctan(np.exp(t)))
+    )
 
 
 def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
-    """The design whose ripple is +E, -E, +E, ... on the reference, by Newton's method for the design and E."""
+    """The design whose ripple is +E, -E, +E, ... on the reference, by Newton's method
+    for the design and E.
+    """
     v = np.exp(2 * reference)[:, None]
     charge = np.resize([-1.0, 1.0], len(design) - 1)  # of poles and zeros
     sign = np.resize([1.0, -1.0], (len(reference), 1))
@@ -184,7 +214,9 @@ def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
-    """Equal-ripple design of n sections and its reference (2n + 2,), both as in `_log_ripple`."""
+    """Equal-ripple design of n sections and its reference (2n + 2,), both as in
+    `_log_ripple`.
+    """
     low, high = _log_edges(w_low)
     roots, reference = _zolotarev(n, low, high)
     design = np.append(roots, -np.mean(_log_ripple(np.append(roots, 0.0), reference)))
@@ -217,16 +249,21 @@ def _minimax_modes(w_low: float, n: int) -> PinkDesign:
 
 
 def _leaks_and_gain(design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """1 - pole and 1 - zero of each section, and the gain g of H(z) = g prod (1 - zero/z)/(1 - pole/z)."""
+    """1 - pole and 1 - zero of each section, and the gain g of H(z) = g prod (1 -
+    zero/z)/(1 - pole/z).
+    """
     root = np.exp(design[:-1] / 2)  # (1 - p)/(1 + p) = sqrt b
     leaks = 2 * root / (1 + root)
     e, z = leaks[::2], leaks[1::2]
-    e = np.where(np.abs(1 - e) < 1e-8, 1 - 1e-8, e)  # a pole at zero is a delay, which no mode can be
+    # a pole at zero is a delay, which no mode can be
+    e = np.where(np.abs(1 - e) < 1e-8, 1 - 1e-8, e)
     return e, z, float(np.exp(design[-1] / 2) * np.prod((2 - e) / (2 - z)))
 
 
 def _partial_fractions(e: FloatArray, z: FloatArray, gain: float) -> tuple[FloatArray, float]:
-    """Residues and direct gain, r_k = gain prod_i (p_k - q_i)/(p_k prod_j (p_k - p_j)), from differences of leaks."""
+    """Residues and direct gain, r_k = gain prod_i (p_k - q_i)/(p_k prod_j (p_k - p_j)),
+    from differences of leaks.
+    """
     poles, zeros = 1 - e, 1 - z
     over = e - e[:, None]  # [k, j] = p_k - p_j
     np.fill_diagonal(over, poles)
@@ -235,14 +272,17 @@ def _partial_fractions(e: FloatArray, z: FloatArray, gain: float) -> tuple[Float
 
 
 def _response(e: FloatArray, r: FloatArray, d: float, w: FloatArray) -> npt.NDArray[np.complex128]:
-    """H at w rad/sample; exp(iw) - 1 is written so that it keeps its digits at low frequency."""
+    """H at w rad/sample; exp(iw) - 1 is written so that it keeps its digits at low
+    frequency.
+    """
     z = np.exp(1j * w)[:, None]
     z_less_1 = (2j * np.sin(w / 2) * np.exp(0.5j * w))[:, None]
     return d + np.sum(r * z / (z_less_1 + e), axis=1)
 
 
 def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
-    """Covariance of the states of leaky modes, all driven by one white noise of unit variance, in the steady state.
+    """Covariance of the states of leaky modes, all driven by one white noise of unit
+    variance, in the steady state.
 
     Parameters
     ----------
@@ -252,7 +292,8 @@ def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, shape (n, n)
-        ``P[i, j] = 1/(e_i + e_j - e_i e_j)``, which is 1/(1 - p_i p_j) for the poles p = 1 - e.
+        ``P[i, j] = 1/(e_i + e_j - e_i e_j)``, which is 1/(1 - p_i p_j) for the poles p
+        = 1 - e.
 
     Examples
     --------
@@ -266,7 +307,8 @@ def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
 
 
 def cholesky(a: npt.ArrayLike) -> FloatArray:
-    """Lower Cholesky factor, in plain loops: the same bits on every machine, which LAPACK does not promise.
+    """Lower Cholesky factor, in plain loops: the same bits on every machine, which
+    LAPACK does not promise.
 
     Parameters
     ----------
@@ -300,13 +342,16 @@ def cholesky(a: npt.ArrayLike) -> FloatArray:
             elif rest > 0:
                 lower[i, i] = math.sqrt(rest)
             else:
-                raise BadValue(f"cholesky: the leading {i + 1} x {i + 1} block is not positive definite")
+                raise BadValue(
+                    f"cholesky: the leading {i + 1} x {i + 1} block is not positive definite"
+                )
     return lower
 
 
 @lru_cache(maxsize=256)
 def stationary_factor(leaks: bytes) -> tuple[tuple[float, ...], ...]:
-    """Rows of the lower Cholesky factor of ``stationary_covariance``, up to their diagonal.
+    """Rows of the lower Cholesky factor of ``stationary_covariance``, up to their
+    diagonal.
 
     Parameters
     ----------
@@ -322,7 +367,10 @@ def stationary_factor(leaks: bytes) -> tuple[tuple[float, ...], ...]:
     --------
     >>> import numpy as np
     >>> from stimlib.design.pink import stationary_factor
-    >>> [[round(v, 3) for v in row] for row in stationary_factor(np.array([0.5, 1.0]).tobytes())]
+    >>> [
+    ...     [round(v, 3) for v in row]
+    ...     for row in stationary_factor(np.array([0.5, 1.0]).tobytes())
+    ... ]
     [[1.155], [0.866, 0.5]]
     """
     lower = cholesky(stationary_covariance(np.frombuffer(leaks)))

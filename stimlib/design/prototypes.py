@@ -1,4 +1,5 @@
-"""Gains of low-pass prototypes in closed form: nothing of their poles is used, so a filter's design can be held against them.
+"""Gains of low-pass prototypes in closed form: nothing of their poles is used, so a
+filter's design can be held against them.
 
 The edge of the pass band is x = 1.
 """
@@ -27,9 +28,11 @@ def chebyshev1(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.n
 
 
 def elliptic(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """1/sqrt(1 + e^2 R_n(x)^2), the elliptic rational function from its zeros cd((2i - 1) K/n) and its nome.
+    """1/sqrt(1 + e^2 R_n(x)^2), the elliptic rational function from its zeros cd((2i -
+    1) K/n) and its nome.
 
-    Lutovac, Tosic and Evans, "Filter Design for Signal Processing" (2000), chapters 12 and 13.
+    Lutovac, Tosic and Evans, "Filter Design for Signal Processing" (2000), chapters 12
+    and 13.
     """
     from scipy.special import ellipj, ellipk, ellipkm1
 
@@ -49,10 +52,15 @@ def elliptic(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.nda
 
 
 def bessel(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """|theta_n(0)/theta_n(i w x)|, theta_n the reverse Bessel polynomial and w where this is 1/sqrt(2)."""
+    """|theta_n(0)/theta_n(i w x)|, theta_n the reverse Bessel polynomial and w where
+    this is 1/sqrt(2).
+    """
     from scipy.optimize import brentq
 
-    factors = [math.factorial(2 * n - k) / (2 ** (n - k) * math.factorial(k) * math.factorial(n - k)) for k in range(n, -1, -1)]
+    factors = [
+        math.factorial(2 * n - k) / (2 ** (n - k) * math.factorial(k) * math.factorial(n - k))
+        for k in range(n, -1, -1)
+    ]
 
     def gain(w):
         return factors[-1] / np.abs(np.polyval(factors, 1j * w))
@@ -61,4 +69,9 @@ def bessel(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarr
     return gain(w * x)
 
 
-GAINS = {"butterworth": butterworth, "bessel": bessel, "chebyshev1": chebyshev1, "elliptic": elliptic}
+GAINS = {
+    "butterworth": butterworth,
+    "bessel": bessel,
+    "chebyshev1": chebyshev1,
+    "elliptic": elliptic,
+}

@@ -9,14 +9,18 @@ import numpy as np
 
 from ..core.bounds import limits
 
-HALF, BETA = 32, 12.0  # zero crossings on each side; of Kaiser's window: aliases and images below -110 dB
+# zero crossings on each side; of Kaiser's window: aliases and images below -110 dB
+HALF, BETA = 32, 12.0
 PIECE = 2**18  # products at once: they stay in the cache, and an interrupt acts between two pieces
 
 
-def resampled(x: np.ndarray, rate: float, fs: float, below: float = math.inf, name: str = "resampled") -> np.ndarray:
+def resampled(
+    x: np.ndarray, rate: float, fs: float, below: float = math.inf, name: str = "resampled"
+) -> np.ndarray:
     """Return x, recorded at a rate, at another one, by a sinc in Kaiser's window.
 
-    It passes 0.45 of the lowest rate within 1e-5.  Outside, x counts as 0.  Where the rate stays, so do the samples.
+    It passes 0.45 of the lowest rate within 1e-5.  Outside, x counts as 0.  Where the
+    rate stays, so do the samples.
 
     Parameters
     ----------
@@ -39,12 +43,14 @@ def resampled(x: np.ndarray, rate: float, fs: float, below: float = math.inf, na
 
     Notes
     -----
-    At a time t between two samples the factors depend on t - floor(t) alone.  Rates in the ratio of small whole numbers have
-    few such phases, so the factors of each are made once.
+    At a time t between two samples the factors depend on t - floor(t) alone.  Rates in
+    the ratio of small whole numbers have few such phases, so the factors of each are
+    made once.
 
     References
     ----------
-    Crochiere and Rabiner, "Multirate Digital Signal Processing" (1983), section 2.4: polyphase structures.
+    Crochiere and Rabiner, "Multirate Digital Signal Processing" (1983), section 2.4:
+    polyphase structures.
 
     Examples
     --------
@@ -52,7 +58,9 @@ def resampled(x: np.ndarray, rate: float, fs: float, below: float = math.inf, na
     >>> from stimlib.design.resample import resampled
     >>> wave = np.sin(2 * np.pi * 0.1 * np.arange(400))
     >>> y = resampled(wave, 1000, 2500)
-    >>> bool(np.abs(y - np.sin(2 * np.pi * 0.04 * np.arange(1000)))[200:800].max() < 1e-5)
+    >>> bool(
+    ...     np.abs(y - np.sin(2 * np.pi * 0.04 * np.arange(1000)))[200:800].max() < 1e-5
+    ... )
     True
     """
     ratio = Fraction(fs) / Fraction(rate)
@@ -65,14 +73,21 @@ def resampled(x: np.ndarray, rate: float, fs: float, below: float = math.inf, na
     limits.check(
         "design_work",
         k.size * (2.0 * size + 50.0 * (phases if few else size)),
-        f"{name}: operations to bring {x.size} samples from {rate:g} Hz to {fs:g} Hz (resample them before, or change fs)",
+        f"{name}: operations to bring {x.size} samples from {rate:g} Hz to {fs:g} Hz (resample them"
+        " before, or change fs)",
     )
 
     def factors(d: np.ndarray) -> np.ndarray:
-        return low * np.sinc(low * d) * np.i0(BETA * np.sqrt(np.maximum(1 - (d * low / HALF) ** 2, 0))) / np.i0(BETA)
+        return (
+            low
+            * np.sinc(low * d)
+            * np.i0(BETA * np.sqrt(np.maximum(1 - (d * low / HALF) ** 2, 0)))
+            / np.i0(BETA)
+        )
 
     padded = np.concatenate([np.zeros(reach - 1), x, np.zeros(reach + 1)])
-    around = np.lib.stride_tricks.sliding_window_view(padded, k.size)  # those that the factors of a sample meet
+    # those that the factors of a sample meet
+    around = np.lib.stride_tricks.sliding_window_view(padded, k.size)
     y, rows = np.empty(size), max(1, PIECE // k.size)
     for phase in range(phases if few else 0):
         out, near = y[phase::phases], around[phase * step // phases :: step]

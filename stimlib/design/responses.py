@@ -1,7 +1,8 @@
-"""What linear blocks stand for: frequency responses, written here from the papers; nothing of a block's design or step is used.
+"""What linear blocks stand for: frequency responses, written here from the papers;
+nothing of a block's design or step is used.
 
-Each law is a function of plain numbers.  A block's ``laws`` gives those of its own fields; the tests' table of blocks gives
-them by hand.
+Each law is a function of plain numbers.  A block's ``laws`` gives those of its own
+fields; the tests' table of blocks gives them by hand.
 """
 
 from __future__ import annotations
@@ -71,23 +72,34 @@ def largest(h: np.ndarray) -> np.ndarray:
     return np.full(h.shape, np.abs(h).max())
 
 
-# Noise -------------------------------------------------------------------------------------------------------------------
+# Noise --------------------------------------------------------------------------------
 def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
     """White noise of unit variance, one-sided PSD 2/fs, becomes psd_1hz/f."""
     text = f"S(f) = {psd_1hz:.4g}/f within {tol_db:g} dB"
     top = band(f_low, lambda fs: 0.45 * fs)
-    return Law(top, lambda f, fs: np.sqrt(psd_1hz / f * fs / 2), _db(tol_db), text, _size, shapes=True)
+    return Law(
+        top, lambda f, fs: np.sqrt(psd_1hz / f * fs / 2), _db(tol_db), text, _size, shapes=True
+    )
 
 
 def pinking(f_low: float, tol_db: float) -> Law:
     """|H|^2 = 1/w, w = 2 pi f/fs."""
     top = band(f_low, lambda fs: 0.45 * fs)
-    return Law(top, lambda f, fs: np.sqrt(fs / (2 * np.pi * f)), _db(tol_db), "|H|^2 = 1/w, 3 dB/oct", _size, shapes=True)
+    return Law(
+        top,
+        lambda f, fs: np.sqrt(fs / (2 * np.pi * f)),
+        _db(tol_db),
+        "|H|^2 = 1/w, 3 dB/oct",
+        _size,
+        shapes=True,
+    )
 
 
-# Filters -----------------------------------------------------------------------------------------------------------------
+# Filters ------------------------------------------------------------------------------
 def differentiator(passband: float | None, order: int | None, tol: float) -> Law:
-    """i 2 pi f behind a delay of order/2 samples, up to the pass edge (0.45 fs); order 2 round(64 fs/8000) by default."""
+    """i 2 pi f behind a delay of order/2 samples, up to the pass edge (0.45 fs); order
+    2 round(64 fs/8000) by default.
+    """
 
     def top(fs):
         return passband or 0.45 * fs
@@ -109,7 +121,13 @@ def stop_band(passband: float, stopband: float, tol: float) -> Law:
     def edge(f, fs):
         return np.full(f.shape, 2 * np.pi * passband)
 
-    return Law(lambda fs: np.linspace(stopband, fs / 2, 500), edge, tol, "stop band", lambda H, f, fs: 2 * np.pi * passband + H)
+    return Law(
+        lambda fs: np.linspace(stopband, fs / 2, 500),
+        edge,
+        tol,
+        "stop band",
+        lambda H, f, fs: 2 * np.pi * passband + H,
+    )
 
 
 def delay(samples: int) -> Law:
@@ -118,14 +136,17 @@ def delay(samples: int) -> Law:
     def law(f, fs):
         return np.exp(-2j * np.pi * (f * samples / fs % 1))
 
-    return Law(below_nyquist, law, 1e-12 + 1e-15 * samples, f"delay of {samples} samples", shapes=True)
+    return Law(
+        below_nyquist, law, 1e-12 + 1e-15 * samples, f"delay of {samples} samples", shapes=True
+    )
 
 
 def sum_of(taps: Numbers) -> Law:
     """The sum of the taps' delays, relative to the largest value it has.
 
-    Two computations differ in the phase of a sample's delay by the rounding of a turn, 2e-15 at most, and a sum of n taps changes
-    with that phase by n times its largest value at most (Bernstein's inequality).
+    Two computations differ in the phase of a sample's delay by the rounding of a turn,
+    2e-15 at most, and a sum of n taps changes with that phase by n times its largest
+    value at most (Bernstein's inequality).
     """
 
     def law(f, fs):
@@ -136,7 +157,9 @@ def sum_of(taps: Numbers) -> Law:
 
 
 def mean_of(n: int) -> Law:
-    """Mean of n samples: a ratio of sines (Dirichlet's kernel) behind half their time."""
+    """Mean of n samples: a ratio of sines (Dirichlet's kernel) behind half their
+    time.
+    """
 
     def law(f, fs):
         half = np.pi * f / fs
@@ -157,9 +180,11 @@ def biquads(rows: np.ndarray) -> Law:
 
 
 def resonance(freq: float, q: float, notched: bool = False) -> Law:
-    """1/(1 + i (cos w0 - cos w)/(sin w tan(W/2))), w0 = 2 pi freq/fs, W = w0/q; of a notch what is left to 1.
+    """1/(1 + i (cos w0 - cos w)/(sin w tan(W/2))), w0 = 2 pi freq/fs, W = w0/q; of a
+    notch what is left to 1.
 
-    Half of the power is where cos w0 = cos(w -+ W/2)/cos(W/2): at two frequencies that are freq/q apart.
+    Half of the power is where cos w0 = cos(w -+ W/2)/cos(W/2): at two frequencies that
+    are freq/q apart.
     """
 
     def law(f, fs):
@@ -171,20 +196,32 @@ def resonance(freq: float, q: float, notched: bool = False) -> Law:
 
 
 def oscillator(freq: float, q: float) -> Law:
-    """1/(1 - g^2 + i g/q), g = f/freq, of straight lines between samples: all its aliases behind the spectrum of a triangle."""
+    """1/(1 - g^2 + i g/q), g = f/freq, of straight lines between samples: all its
+    aliases behind the spectrum of a triangle.
+    """
 
     def law(f, fs):
         g = (f[:, None] + ALIASES * fs) / freq
         return np.sum(np.sinc(f[:, None] / fs + ALIASES) ** 2 / (1 - g * g + 1j * g / q), axis=1)
 
-    return Law(whole_band(200), law, 1e-8, f"mode at {freq:g} Hz, q = {q:g}, of straight lines", size=largest)
+    return Law(
+        whole_band(200),
+        law,
+        1e-8,
+        f"mode at {freq:g} Hz, q = {q:g}, of straight lines",
+        size=largest,
+    )
 
 
 def pole_swap(freq: float, q: float, gain: float) -> Law:
-    """(z - p)(z - p*)/((z - r)(z - r*)), p and r the samples' poles of the qualities q and q/gain; 1 at freq."""
+    """(z - p)(z - p*)/((z - r)(z - r*)), p and r the samples' poles of the qualities q
+    and q/gain; 1 at freq.
+    """
 
     def poles(z, fs, q):
-        turn = 2j * math.pi * freq / fs * np.array([1, -1]) * math.sqrt(1 - 0.25 / q**2) - math.pi * freq / (fs * q)
+        turn = 2j * math.pi * freq / fs * np.array([1, -1]) * math.sqrt(
+            1 - 0.25 / q**2
+        ) - math.pi * freq / (fs * q)
         return np.prod(z[:, None] - np.exp(turn), axis=1)
 
     def law(f, fs):
@@ -192,14 +229,24 @@ def pole_swap(freq: float, q: float, gain: float) -> Law:
         h = poles(z, fs, q) / poles(z, fs, q / gain)
         return h[:-1] / abs(h[-1])
 
-    return Law(whole_band(200), law, 1e-10, f"poles at {freq:g} Hz from q = {q:g} to {q / gain:g}", size=largest)
+    return Law(
+        whole_band(200),
+        law,
+        1e-10,
+        f"poles at {freq:g} Hz from q = {q:g} to {q / gain:g}",
+        size=largest,
+    )
 
 
-def family(band: str, edges: Numbers, order: int, kind: str, ripple: float, attenuation: float) -> Law:
-    """Gain of a filter of one of four families: that of its prototype, whose edge is 1, at the frequency that f becomes.
+def family(
+    band: str, edges: Numbers, order: int, kind: str, ripple: float, attenuation: float
+) -> Law:
+    """Gain of a filter of one of four families: that of its prototype, whose edge is 1,
+    at the frequency that f becomes.
 
-    That is x = tan(pi f/fs)/tan(pi cutoff/fs) for a low-pass, its inverse for a high-pass, and between two edges
-    (t^2 - t1 t2)/(t (t2 - t1)), the inverse for a band-stop.
+    That is x = tan(pi f/fs)/tan(pi cutoff/fs) for a low-pass, its inverse for a
+    high-pass, and between two edges (t^2 - t1 t2)/(t (t2 - t1)), the inverse for a
+    band-stop.
     """
 
     def law(f, fs):
@@ -219,7 +266,9 @@ def family(band: str, edges: Numbers, order: int, kind: str, ripple: float, atte
 
 
 def ring(freq: float, decay: float, onset: str) -> Law:
-    """exp(-t/decay) sin(2 pi freq t), or cos, at the samples: their sum, until nothing is left."""
+    """exp(-t/decay) sin(2 pi freq t), or cos, at the samples: their sum, until nothing
+    is left.
+    """
 
     def law(f, fs):
         n = np.arange(int(40 * decay * fs) + 2)
@@ -227,11 +276,15 @@ def ring(freq: float, decay: float, onset: str) -> Law:
         h = np.exp(-n / (decay * fs)) * (np.sin(turn) if onset == "sine" else np.cos(turn))
         return np.array([np.sum(h * np.exp(-2j * np.pi * (v * n / fs % 1))) for v in f])
 
-    return Law(whole_band(40), law, 1e-9, f"a ring of {freq:g} Hz that decays in {decay:g} s", size=largest)
+    return Law(
+        whole_band(40), law, 1e-9, f"a ring of {freq:g} Hz that decays in {decay:g} s", size=largest
+    )
 
 
 def band_noise(low: float, high: float, psd: float, order: int) -> Law:
-    """White noise of unit variance, one-sided PSD 2/fs, becomes psd between two edges."""
+    """White noise of unit variance, one-sided PSD 2/fs, becomes psd between two
+    edges.
+    """
     band = family("bandpass", (low, high), order, "butterworth", 1.0, 60.0)
 
     def law(f, fs):
@@ -241,7 +294,9 @@ def band_noise(low: float, high: float, psd: float, order: int) -> Law:
 
 
 def velocity(cutoff: float) -> Law:
-    """d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi cutoff/fs): the documented formula."""
+    """d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi
+    cutoff/fs): the documented formula.
+    """
 
     def law(f, fs):
         d, g = difference(f, fs), -math.expm1(-2 * math.pi * cutoff / fs)
@@ -251,24 +306,36 @@ def velocity(cutoff: float) -> Law:
 
 
 def slow_velocity(cutoff: float, fs: float) -> Law:
-    """The analogue filter; each sampled pole leads it by half a sample, the difference lags by one half."""
+    """The analogue filter; each sampled pole leads it by half a sample, the difference
+    lags by one half.
+    """
 
     def law(f, fs):
         return 2j * np.pi * f / (1 + 1j * f / cutoff) ** 2 * np.exp(1j * np.pi * f / fs)
 
     tol = (2 * math.pi * cutoff / fs) ** 2 / 4 + 1e-12
-    return Law(band(cutoff / 100, lambda fs: cutoff), law, tol, f"i 2 pi f through two poles of {cutoff:g} Hz", shapes=True)
+    return Law(
+        band(cutoff / 100, lambda fs: cutoff),
+        law,
+        tol,
+        f"i 2 pi f through two poles of {cutoff:g} Hz",
+        shapes=True,
+    )
 
 
 def ramp_invariant(tau: float) -> Law:
-    """1/(1 + i w tau) of straight lines between samples: all aliases of the lag behind the spectrum of a triangle."""
+    """1/(1 + i w tau) of straight lines between samples: all aliases of the lag behind
+    the spectrum of a triangle.
+    """
 
     def law(f, fs):
         part, a, end = f / fs, 2 * np.pi * fs * tau, ALIASES[-1] + 0.5
         g = part[:, None] + ALIASES
         near = np.sum(np.sinc(g) ** 2 / (1 + 1j * a * g), axis=1)
         # all further aliases: the integrals of 1/(x^2 (1 + i a x)) from both ends on
-        far = sum(1 / x - 1j * s * np.log1p(-1j / (s * x)) for x, s in ((end + part, a), (end - part, -a)))
+        far = sum(
+            1 / x - 1j * s * np.log1p(-1j / (s * x)) for x, s in ((end + part, a), (end - part, -a))
+        )
         return near + (np.sin(np.pi * part) / np.pi) ** 2 * far
 
     return Law(whole_band(40), law, 1e-7, f"1/(1 + s {tau:g}) of straight lines")
@@ -277,11 +344,15 @@ def ramp_invariant(tau: float) -> Law:
 def lag(tau: float) -> Law:
     """1/(1 + i w tau), far below the sample rate."""
     low = band(0.1, lambda fs: fs / 400)
-    return Law(low, lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5, f"1/(1 + s {tau:g})", shapes=True)
+    return Law(
+        low, lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5, f"1/(1 + s {tau:g})", shapes=True
+    )
 
 
 def tracker(bandwidth: float, rate: bool = False) -> Law:
-    """w^2/(s + w)^2 of an input held for a sample, at the end of that sample: all aliases behind the spectrum of a hold."""
+    """w^2/(s + w)^2 of an input held for a sample, at the end of that sample: all
+    aliases behind the spectrum of a hold.
+    """
 
     def law(f, fs):
         g = f[:, None] + ALIASES * fs
@@ -294,19 +365,25 @@ def tracker(bandwidth: float, rate: bool = False) -> Law:
     return Law(whole_band(40), law, 1e-6, text, size=lambda h: np.abs(h) + floor)
 
 
-# Materials ---------------------------------------------------------------------------------------------------------------
+# Materials ----------------------------------------------------------------------------
 def arms(k: Numbers, tau: Numbers, k0: float = 0.0) -> Law:
-    """k0 + sum k i w tau/(1 + i w tau) of straight lines between samples: a spring less a lag."""
+    """k0 + sum k i w tau/(1 + i w tau) of straight lines between samples: a spring less
+    a lag.
+    """
     total = k0 + sum(k)
 
     def law(f, fs):
         return total - sum(c * ramp_invariant(t).law(f, fs) for c, t in zip(k, tau, strict=True))
 
-    return Law(whole_band(40), law, 1e-7, f"{len(k)} Maxwell arms", size=lambda h: np.full(h.shape, total))
+    return Law(
+        whole_band(40), law, 1e-7, f"{len(k)} Maxwell arms", size=lambda h: np.full(h.shape, total)
+    )
 
 
 def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
-    """j0 + sum j/(1 + i w tau) + fluidity/(i w) of straight lines between samples; an integral is the trapezoidal rule."""
+    """j0 + sum j/(1 + i w tau) + fluidity/(i w) of straight lines between samples; an
+    integral is the trapezoidal rule.
+    """
 
     def law(f, fs):
         d = difference(f, fs)
@@ -317,21 +394,31 @@ def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
 
 
 def integral(leak: float) -> Law:
-    """1/(i w + leak) of straight lines between samples; without a leak the trapezoidal rule."""
+    """1/(i w + leak) of straight lines between samples; without a leak the trapezoidal
+    rule.
+    """
 
     def law(f, fs):
-        return ramp_invariant(1 / leak).law(f, fs) / leak if leak else (1 / difference(f, fs) - 0.5) / fs
+        return (
+            ramp_invariant(1 / leak).law(f, fs) / leak
+            if leak
+            else (1 / difference(f, fs) - 0.5) / fs
+        )
 
     return Law(whole_band(40), law, 1e-7, f"integral with a leak of {leak:g} 1/s")
 
 
 def running_sum() -> Law:
     """1/(i w) by the sum of samples times their period."""
-    return Law(whole_band(200), lambda f, fs: 1 / (fs * difference(f, fs)), 1e-12, "sum over samples / fs")
+    return Law(
+        whole_band(200), lambda f, fs: 1 / (fs * difference(f, fs)), 1e-12, "sum over samples / fs"
+    )
 
 
 def _order(f: np.ndarray, fs: float, alpha: float, scheme: str) -> np.ndarray:
-    """(i w)^alpha; of Gruenwald and Letnikov's sum over all history the closed form; of creep that of the sum's differences."""
+    """(i w)^alpha; of Gruenwald and Letnikov's sum over all history the closed form; of
+    creep that of the sum's differences.
+    """
     if scheme == "straight":
         return fs * difference(f, fs) * (2j * np.pi * f) ** (alpha - 1)
     return (fs * difference(f, fs)) ** alpha if scheme == "gl" else (2j * np.pi * f) ** alpha
@@ -343,20 +430,39 @@ def _order_tol(fs: float, alpha: float, scheme: str, tol: float) -> float:
 
 
 SHORTEST = 2000
-"""Samples of a springpot's horizon, below which no frequency up to fs/1000 has two periods in it: no law is known then."""
+"""Samples of a springpot's horizon, below which no frequency up to fs/1000 has two
+periods in it: no law is known then.
+"""
 
 
 def springpot(alpha: float, scheme: str, tol: float, horizon: float, fs: float) -> Law:
     """Orders from 0 to 1, from the horizon up to fs/1000."""
-    text = {"gl": f"(fs (1 - 1/z))^{alpha:g}", "straight": f"(i w)^{alpha - 1:.6g} of a sum's differences"}
+    text = {
+        "gl": f"(fs (1 - 1/z))^{alpha:g}",
+        "straight": f"(i w)^{alpha - 1:.6g} of a sum's differences",
+    }
     low = band(100 / horizon, lambda fs: fs / 1000)
     return Law(
-        low, lambda f, fs: _order(f, fs, alpha, scheme), _order_tol(fs, alpha, scheme, tol), text.get(scheme, f"(i w)^{alpha:g}")
+        low,
+        lambda f, fs: _order(f, fs, alpha, scheme),
+        _order_tol(fs, alpha, scheme, tol),
+        text.get(scheme, f"(i w)^{alpha:g}"),
     )
 
 
-def series(chi: float, alpha: float, other: float, dashpot: bool, scheme: str, tol: float, horizon: float, fs: float) -> Law:
-    """Springpot and spring (or dashpot) share one force: 1/(1/(chi (i w)^alpha) + 1/k)."""
+def series(
+    chi: float,
+    alpha: float,
+    other: float,
+    dashpot: bool,
+    scheme: str,
+    tol: float,
+    horizon: float,
+    fs: float,
+) -> Law:
+    """Springpot and spring (or dashpot) share one force: 1/(1/(chi (i w)^alpha) +
+    1/k).
+    """
 
     def law(f, fs):
         pot = chi * _order(f, fs, alpha, scheme)
@@ -364,7 +470,12 @@ def series(chi: float, alpha: float, other: float, dashpot: bool, scheme: str, t
         return pot * second / (pot + second)
 
     limit = 2 * _order_tol(fs, alpha, scheme, tol)
-    return Law(band(100 / horizon, lambda fs: fs / 1000), law, limit, "springpot in series with another element")
+    return Law(
+        band(100 / horizon, lambda fs: fs / 1000),
+        law,
+        limit,
+        "springpot in series with another element",
+    )
 
 
 def short_memory(alpha: float, memory: float, fs: float) -> Law:
@@ -372,4 +483,6 @@ def short_memory(alpha: float, memory: float, fs: float) -> Law:
     from scipy.special import binom
 
     j = np.arange(max(1, round(memory * fs)))
-    return sum_of(fs**alpha * (-1.0) ** j * binom(alpha, j))._replace(text=f"sum over the last {memory:g} s")
+    return sum_of(fs**alpha * (-1.0) ** j * binom(alpha, j))._replace(
+        text=f"sum over the last {memory:g} s"
+    )

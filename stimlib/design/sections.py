@@ -1,7 +1,9 @@
-"""Recursive filters as second-order sections in trapezoidal form, from analogue poles and zeros.
+"""Recursive filters as second-order sections in trapezoidal form, from analogue poles
+and zeros.
 
-s stands for (z - 1)/(z + 1) = i tan(pi f/fs) throughout (the bilinear transform).  Nothing is ever written as a polynomial in z:
-near z = 1 its coefficients have lost the digits that a low cutoff is made of.  Doubles are exact fractions, so each number of a
+s stands for (z - 1)/(z + 1) = i tan(pi f/fs) throughout (the bilinear transform).
+Nothing is ever written as a polynomial in z: near z = 1 its coefficients have lost the
+digits that a low cutoff is made of.  Doubles are exact fractions, so each number of a
 section is computed exactly and rounded once.
 """
 
@@ -16,24 +18,32 @@ import numpy as np
 
 from ..errors import BadValue
 
-KINDS = {"butterworth": "butter", "bessel": "bessel_mag", "chebyshev1": "cheby1", "elliptic": "ellip"}
+KINDS = {
+    "butterworth": "butter",
+    "bessel": "bessel_mag",
+    "chebyshev1": "cheby1",
+    "elliptic": "ellip",
+}
 """Families, and what scipy calls them."""
 
 BANDS = {"lowpass": 1, "highpass": 1, "bandpass": 2, "bandstop": 2}
 """Kinds of pass band, and how many edges each has."""
 
 ORDERS = range(1, 13)
-ARITHMETIC = (ZeroDivisionError, OverflowError)  # what numbers at the ends of float64's range end in
+# what numbers at the ends of float64's range end in
+ARITHMETIC = (ZeroDivisionError, OverflowError)
 
 
 class Sections(NamedTuple):
-    """One number of each section, in running order.  A section maps v to h0 h + e1 s1 + e0 s2, h = v - s2, and then
+    """One number of each section, in running order.  A section maps v to h0 h + e1 s1 +
+    e0 s2, h = v - s2, and then
 
     s1 += a h - c s1;  s2 += d h + b s1.
 
-    It is (n2 s^2 + n1 s + n0)/(s^2 + d1 s + d0) with D = 1 + d1 + d0, g^2 = d0 and a = b = 2g/D, c = 2(d0 + d1)/D, d = 2 d0/D,
-    h0 = (n2 + n1 + n0)/D, e1 = (n1 + n0 - n2 (d1 + d0))/(g D), e0 = n0/d0: what is added to the states, and not what is left
-    of them, so a low cutoff loses nothing to 1 - small.
+    It is (n2 s^2 + n1 s + n0)/(s^2 + d1 s + d0) with D = 1 + d1 + d0, g^2 = d0 and a =
+    b = 2g/D, c = 2(d0 + d1)/D, d = 2 d0/D, h0 = (n2 + n1 + n0)/D, e1 = (n1 + n0 - n2
+    (d1 + d0))/(g D), e0 = n0/d0: what is added to the states, and not what is left of
+    them, so a low cutoff loses nothing to 1 - small.
     """
 
     a: np.ndarray
@@ -49,7 +59,8 @@ Quadratic = Sequence[Fraction]  # factors of s^2, s and 1
 
 
 def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
-    """Sections from (numerator, denominator) of each, as polynomials in s; all factors of a denominator are above 0.
+    """Sections from (numerator, denominator) of each, as polynomials in s; all factors
+    of a denominator are above 0.
 
     Raises
     ------
@@ -68,7 +79,8 @@ def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
         return Sections(*np.array([_section(n, d) for n, d in rows], np.float64).T.copy())
     except ARITHMETIC:
         raise BadValue(
-            "a filter's numbers are beyond what a float can hold; take a higher frequency, or smaller factors"
+            "a filter's numbers are beyond what a float can hold; take a higher frequency, or"
+            " smaller factors"
         ) from None
 
 
@@ -84,7 +96,8 @@ def _section(n: Quadratic, d: Quadratic) -> tuple[Fraction, ...]:
 def designed(
     band: str, edges: Sequence[float], order: int, kind: str, ripple: float, attenuation: float
 ) -> list[tuple[Quadratic, Quadratic]]:
-    """Sections, lowest Q first, of a filter with these edges in cycles per sample, by scipy's analogue design.
+    """Sections, lowest Q first, of a filter with these edges in cycles per sample, by
+    scipy's analogue design.
 
     Raises
     ------
@@ -108,10 +121,14 @@ def designed(
     raise BadValue(f"{what}; lower the order or move the edges apart")
 
 
-def _between(z: np.ndarray, p: np.ndarray, k: float, low: float, high: float, stop: bool) -> tuple[np.ndarray, np.ndarray, float]:
-    """A low-pass between two edges: s becomes (s^2 + low high)/(s (high - low)), or its inverse.
+def _between(
+    z: np.ndarray, p: np.ndarray, k: float, low: float, high: float, stop: bool
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """A low-pass between two edges: s becomes (s^2 + low high)/(s (high - low)), or its
+    inverse.
 
-    Of each two roots the smaller is found by their product: as a difference it loses digits where the edges are far apart.
+    Of each two roots the smaller is found by their product: as a difference it loses
+    digits where the edges are far apart.
     """
     half, middle, more = (high - low) / 2, low * high, len(p) - len(z)
 
@@ -122,23 +139,36 @@ def _between(z: np.ndarray, p: np.ndarray, k: float, low: float, high: float, st
         return np.concatenate((large, middle / large))
 
     if not stop:
-        return np.concatenate((both(half * z), np.zeros(more))), both(half * p), k * (2 * half) ** more
+        return (
+            np.concatenate((both(half * z), np.zeros(more))),
+            both(half * p),
+            k * (2 * half) ** more,
+        )
     far = 1j * np.sqrt(middle) * np.repeat([1.0, -1.0], more)
-    return np.concatenate((both(half / z), far)), both(half / p), k * float(np.real(np.prod(-z) / np.prod(-p)))
+    return (
+        np.concatenate((both(half / z), far)),
+        both(half / p),
+        k * float(np.real(np.prod(-z) / np.prod(-p))),
+    )
 
 
 def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quadratic]]:
-    """Sections of a filter whose zeros lie on the imaginary axis: the highest Q takes the nearest zeros, and runs last.
+    """Sections of a filter whose zeros lie on the imaginary axis: the highest Q takes
+    the nearest zeros, and runs last.
 
     Each has its peak near 1; the gain that is left is in the first.
     """
     turning = np.abs(p.imag) > 1e-14 * np.abs(p)
-    poles = [(-2 * Fraction(q.real), Fraction(q.real) ** 2 + Fraction(q.imag) ** 2) for q in p[turning & (p.imag > 0)].tolist()]
+    poles = [
+        (-2 * Fraction(q.real), Fraction(q.real) ** 2 + Fraction(q.imag) ** 2)
+        for q in p[turning & (p.imag > 0)].tolist()
+    ]
     real = sorted(Fraction(-q) for q in p[~turning].real.tolist())
     alone = real.pop() if len(real) % 2 else None
     poles += [(a + b, a * b) for a, b in zip(real[::2], real[1::2], strict=True)]
     poles.sort(key=lambda q: math.sqrt(q[1]) / q[0])
-    if alone is not None:  # beside a pole and a zero at z = 0, which cancel exactly: a section like all others
+    # beside a pole and a zero at z = 0, which cancel exactly: a section like all others
+    if alone is not None:
         poles.insert(0, (1 + alone, alone))
     squares = [Fraction(q.imag) ** 2 for q in z.tolist() if q.imag > 0]  # each s^2 + w^2
     rows: dict[int, Quadratic] = {}
@@ -153,7 +183,9 @@ def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quad
         count = len(range(j, zeros, len(free)))
         g = Fraction(math.sqrt(poles[i][1]))
         if i == 0 and alone is not None:
-            rows[i] = (Fraction(1), Fraction(1), Fraction(0)) if count else (Fraction(0), alone, alone)
+            rows[i] = (
+                (Fraction(1), Fraction(1), Fraction(0)) if count else (Fraction(0), alone, alone)
+            )
             gain /= 1 if count else alone
         else:
             rows[i] = tuple(g ** (2 - count) if m == 2 - count else Fraction(0) for m in range(3))
@@ -165,7 +197,8 @@ def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quad
 def from_polynomials(b: Sequence[float], a: Sequence[float]) -> tuple[Quadratic, Quadratic]:
     """A section (b0 + b1/z + b2/z^2)/(a0 + a1/z + a2/z^2) as polynomials in s, exactly.
 
-    Its poles are inside the unit circle where all factors of the denominator have one sign.
+    Its poles are inside the unit circle where all factors of the denominator have one
+    sign.
 
     Examples
     --------

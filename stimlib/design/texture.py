@@ -1,8 +1,11 @@
-"""Measured textures: ARMA models of the vibration at some speeds and normal forces, and what lies between them.
+"""Measured textures: ARMA models of the vibration at some speeds and normal forces, and
+what lies between them.
 
-Sources: Romano and Kuchenbecker, "Creating realistic virtual textures from contact acceleration data", IEEE Trans. Haptics 5
-(2012); Culbertson, Unwin and Kuchenbecker, "Modeling and rendering realistic textures from unconstrained tool-surface
-interactions", IEEE Trans. Haptics 7 (2014).  Line spectral frequencies: Soong and Juang, ICASSP 1984.
+Sources: Romano and Kuchenbecker, "Creating realistic virtual textures from contact
+acceleration data", IEEE Trans. Haptics 5 (2012); Culbertson, Unwin and Kuchenbecker,
+"Modeling and rendering realistic textures from unconstrained tool-surface
+interactions", IEEE Trans. Haptics 7 (2014).  Line spectral frequencies: Soong and
+Juang, ICASSP 1984.
 """
 
 from __future__ import annotations
@@ -16,29 +19,36 @@ from ..core.bounds import limits
 from ..errors import BadValue, public
 from .resample import PIECE
 
-TAPS, BETA = 12, 6.0  # of the interpolator, in samples of the model; of Kaiser's window: flat to 1 % up to 0.35
+# of the interpolator, in samples of the model; of Kaiser's window: flat to 1 % up to
+# 0.35
+TAPS, BETA = 12, 6.0
 ORDER = 64  # the largest, of either polynomial
 SIZES = {  # what a model may have, in the units that files have
-    "speed": (0.0, 1e5, 1e3, "mm/s"), "force": (0.0, 1e4, 1.0, "N"), "variance": (0.0, 1e6, 1.0, "(m/s^2)^2"),
+    "speed": (0.0, 1e5, 1e3, "mm/s"),
+    "force": (0.0, 1e4, 1.0, "N"),
+    "variance": (0.0, 1e6, 1.0, "(m/s^2)^2"),
     "gain": (0.0, 1e6, 1.0, ""),
-}  # fmt: skip
+}
 
 
 @dc.dataclass(frozen=True, eq=False)
 class TextureModel:
     """A measured texture: n models over speed and normal force, joined by triangles.
 
-    At model i the acceleration is y = v + sum_k b_k v[-k] - sum_k a_k y[-k] at ``rate``, v normal with the deviation
-    gain sqrt(variance).  Between models, line spectral frequencies, gain and variance are weighted by the place in the triangle.
+    At model i the acceleration is y = v + sum_k b_k v[-k] - sum_k a_k y[-k] at
+    ``rate``, v normal with the deviation gain sqrt(variance).  Between models, line
+    spectral frequencies, gain and variance are weighted by the place in the triangle.
 
     Parameters
     ----------
     speed, force : array_like, shape (n,)
         Where each model was measured, in m/s and N.
     triangles : array_like, shape (t, 3)
-        Of model numbers from 0, turning either way; they should cover the rectangle from 0 to the largest speed and force.
+        Of model numbers from 0, turning either way; they should cover the rectangle
+        from 0 to the largest speed and force.
     lsf : array_like, shape (n, p)
-        Line spectral frequencies of 1 + sum a_k z^-k, in rad per sample, rising between 0 and pi: it is stable then.
+        Line spectral frequencies of 1 + sum a_k z^-k, in rad per sample, rising between
+        0 and pi: it is stable then.
     ma : array_like, shape (n, q)
         Those of 1 + sum b_k z^-k; q may be 0.
     variance : array_like, shape (n,)
@@ -54,8 +64,9 @@ class TextureModel:
     Raises
     ------
     BadValue
-        Numbers of another shape, not finite or out of range; frequencies that do not rise, which would be unstable; a triangle
-        with a model that is not there, or none that has an area.
+        Numbers of another shape, not finite or out of range; frequencies that do not
+        rise, which would be unstable; a triangle with a model that is not there, or
+        none that has an area.
 
     Examples
     --------
@@ -86,66 +97,100 @@ class TextureModel:
         if n < 3:
             raise BadValue(f"a texture needs at least 3 models, which make a triangle, and has {n}")
         if not 10 <= self.rate <= 1e6:
-            raise BadValue(f"the rate of a texture is {self.rate:g} Hz; it must be from 10 to 1e6, and is 1000 as a rule")
-        limits.check("table_knots", self.triangles.size + self.lsf.size + self.ma.size, "a texture: numbers")
+            raise BadValue(
+                f"the rate of a texture is {self.rate:g} Hz; it must be from 10 to 1e6, and is 1000"
+                " as a rule"
+            )
+        limits.check(
+            "table_knots", self.triangles.size + self.lsf.size + self.ma.size, "a texture: numbers"
+        )
         for name in ("force", "lsf", "ma", "variance", "gain"):
             if len(getattr(self, name)) != n:
-                raise BadValue(f"a texture of {n} speeds has {len(getattr(self, name))} rows of {name}; give one for each model")
+                raise BadValue(
+                    f"a texture of {n} speeds has {len(getattr(self, name))} rows of {name}; give"
+                    " one for each model"
+                )
         for name, (low, high, unit, text) in SIZES.items():
             v = getattr(self, name) * unit
             if ((v < low) | (v > high)).any():
                 i = int(np.argmax((v < low) | (v > high)))
-                raise BadValue(f"model {i + 1}: {name} = {v[i]:g} {text} must be from {low:g} to {high:g}".replace("  ", " "))
+                raise BadValue(
+                    f"model {i + 1}: {name} = {v[i]:g} {text} must be from {low:g} to {high:g}".replace(
+                        "  ", " "
+                    )
+                )
         for name, what in (("lsf", "AR"), ("ma", "MA")):
             self._stable(getattr(self, name), what)
         self._triangles()
 
     def _stable(self, lsf: np.ndarray, what: str) -> None:
-        """Refuse frequencies that are not those of a polynomial with all its roots inside the unit circle."""
+        """Refuse frequencies that are not those of a polynomial with all its roots
+        inside the unit circle.
+        """
         least, n = int(what == "AR"), lsf.shape[1]
         if not least <= n <= ORDER:
-            raise BadValue(f"the {what} part of a texture has {n} line spectral frequencies; it may have {least} to {ORDER}")
+            raise BadValue(
+                f"the {what} part of a texture has {n} line spectral frequencies; it may have"
+                f" {least} to {ORDER}"
+            )
         rises = np.diff(np.pad(lsf, ((0, 0), (1, 1)), constant_values=((0, 0), (0, np.pi)))) > 0
         if not rises.all():
             i, k = np.argwhere(~rises)[0]
             raise BadValue(
-                f"model {i + 1}: {what} line spectral frequency {min(k + 1, n)} = {lsf[i, min(k, n - 1)]:g} rad does not rise "
-                "between 0 and pi, so the model would be unstable: fit it again, or take it out"
+                f"model {i + 1}: {what} line spectral frequency {min(k + 1, n)} ="
+                f" {lsf[i, min(k, n - 1)]:g} rad does not rise between 0 and pi, so the model would"
+                " be unstable: fit it again, or take it out"
             )
 
     def _triangles(self) -> None:
         t, n = self.triangles, len(self.speed)
         if t.shape[1:] != (3,) or not len(t):
-            raise BadValue(f"triangles of a texture must be rows of three model numbers, got shape {t.shape}")
+            raise BadValue(
+                f"triangles of a texture must be rows of three model numbers, got shape {t.shape}"
+            )
         bad = ((t < 0) | (t >= n) | (t != np.floor(t))).any(axis=1)
         if bad.any():
             i = int(np.argmax(bad))
             of = " ".join(f"{v + 1:g}" for v in t[i])
             raise BadValue(f"triangle {i + 1}, of the models {of}: there are the models 1 to {n}")
         if not (self.speed.max() > 0 and self.force.max() > 0):
-            raise BadValue("all models of a texture are at speed 0 or at force 0; it needs some above")
+            raise BadValue(
+                "all models of a texture are at speed 0 or at force 0; it needs some above"
+            )
         self.planes()
 
     def planes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weights as planes, and which triangles they are of: those without an area hold no place and are left out.
+        """Weights as planes, and which triangles they are of: those without an area
+        hold no place and are left out.
 
         Returns
         -------
         planes : ndarray, shape (t, 3, 3)
-            The weight of corner i of triangle k at (speed, force) is planes[k, i] @ (speed/largest, force/largest, 1).
+            The weight of corner i of triangle k at (speed, force) is planes[k, i] @
+            (speed/largest, force/largest, 1).
         corners : ndarray of int, shape (t, 3)
         """
-        place = np.stack([self.speed / self.speed.max(), self.force / self.force.max(), np.ones(len(self.speed))], axis=-1)
+        place = np.stack(
+            [
+                self.speed / self.speed.max(),
+                self.force / self.force.max(),
+                np.ones(len(self.speed)),
+            ],
+            axis=-1,
+        )
         corners = self.triangles.astype(int)
         one, two = (place[corners[:, k], :2] - place[corners[:, 0], :2] for k in (1, 2))
         area = one[:, 0] * two[:, 1] - two[:, 0] * one[:, 1]  # twice
         some = np.abs(area) > 1e-9
         if not some.any():
-            raise BadValue("no triangle of the texture has an area; join models that do not lie on one line")
+            raise BadValue(
+                "no triangle of the texture has an area; join models that do not lie on one line"
+            )
         return np.linalg.inv(place[corners[some]]).transpose(0, 2, 1), corners[some]
 
     def weights(self, speed: float, force: float) -> np.ndarray:
-        """What each model counts at a speed in m/s and a force in N: outside, as on the border of the rectangle.
+        """What each model counts at a speed in m/s and a force in N: outside, as on the
+        border of the rectangle.
 
         Examples
         --------
@@ -155,7 +200,10 @@ class TextureModel:
         {5: 0.5, 9: 0.214, 10: 0.286}
         """
         planes, corners = self.planes()
-        x, y = (float(np.clip(v, 0, top.max()) / top.max()) for v, top in ((speed, self.speed), (force, self.force)))
+        x, y = (
+            float(np.clip(v, 0, top.max()) / top.max())
+            for v, top in ((speed, self.speed), (force, self.force))
+        )
         of = planes @ (x, y, 1.0)
         k = int(np.argmax(of.min(axis=1)))  # the triangle that holds it, or is nearest
         inside = np.maximum(of[k], 0.0)
@@ -181,10 +229,15 @@ class TextureModel:
         (5, 7, 1.033)
         """
         w = self.weights(speed, force)
-        return polynomial(w @ self.ma), polynomial(w @ self.lsf), float(w @ self.gain * np.sqrt(w @ self.variance))
+        return (
+            polynomial(w @ self.ma),
+            polynomial(w @ self.lsf),
+            float(w @ self.gain * np.sqrt(w @ self.variance)),
+        )
 
     def psd(self, f: np.ndarray, speed: float, force: float) -> np.ndarray:
-        """One-sided power spectral density at frequencies in Hz, in (m/s^2)^2/Hz, below half the model's rate.
+        """One-sided power spectral density at frequencies in Hz, in (m/s^2)^2/Hz, below
+        half the model's rate.
 
         Examples
         --------
@@ -201,8 +254,9 @@ class TextureModel:
     def __repr__(self):
         order = f"({self.lsf.shape[1]}, {self.ma.shape[1]})"
         return (
-            f"TextureModel({self.name or 'no name'}: {len(self.speed)} models of order {order}, {len(self.triangles)} triangles, "
-            f"to {self.speed.max():g} m/s and {self.force.max():g} N, at {self.rate:g} Hz)"
+            f"TextureModel({self.name or 'no name'}: {len(self.speed)} models of order {order},"
+            f" {len(self.triangles)} triangles, to {self.speed.max():g} m/s and"
+            f" {self.force.max():g} N, at {self.rate:g} Hz)"
         )
 
 
@@ -213,17 +267,26 @@ def _numbers(name: str, v: object, dimensions: int) -> np.ndarray:
     except (TypeError, ValueError):
         a = np.array(np.nan)
     if a.ndim != dimensions or not np.isfinite(a).all():
-        at = f"; model {int(np.argwhere(~np.isfinite(a))[0][0]) + 1} is not" if a.ndim == dimensions > 0 else ""
-        raise BadValue(f"{name} of a texture must be {('a number', 'a row', 'rows')[dimensions]} of finite numbers{at}")
+        at = (
+            f"; model {int(np.argwhere(~np.isfinite(a))[0][0]) + 1} is not"
+            if a.ndim == dimensions > 0
+            else ""
+        )
+        raise BadValue(
+            f"{name} of a texture must be {('a number', 'a row', 'rows')[dimensions]} of finite"
+            f" numbers{at}"
+        )
     a.flags.writeable = False
     return a
 
 
-# Line spectral frequencies -----------------------------------------------------------------------------------------------
+# Line spectral frequencies ------------------------------------------------------------
 def polynomial(lsf: np.ndarray) -> np.ndarray:
-    """1 + sum a_k z^-k from its line spectral frequencies, by multiplying out all roots on the unit circle.
+    """1 + sum a_k z^-k from its line spectral frequencies, by multiplying out all roots
+    on the unit circle.
 
-    P(z) = A(z) + z^-(p+1) A(1/z) has the frequencies 1, 3, .. and Q(z), their difference, has 2, 4, ..; A = (P + Q)/2.
+    P(z) = A(z) + z^-(p+1) A(1/z) has the frequencies 1, 3, .. and Q(z), their
+    difference, has 2, 4, ..; A = (P + Q)/2.
 
     Examples
     --------
@@ -261,7 +324,9 @@ def frequencies(a: np.ndarray) -> np.ndarray:
     a = np.atleast_1d(a) / np.atleast_1d(a)[0]
     radius = float(np.abs(np.roots(a)).max(initial=0.0))
     if not radius < 1:
-        raise BadValue(f"a root of the polynomial has the radius {radius:.6g}; below 1 it would be stable")
+        raise BadValue(
+            f"a root of the polynomial has the radius {radius:.6g}; below 1 it would be stable"
+        )
     p = a.size - 1
     found = []
     for sign in (1.0, -1.0):
@@ -273,17 +338,20 @@ def frequencies(a: np.ndarray) -> np.ndarray:
 
 
 def upsampler(times: int) -> np.ndarray:
-    """Taps that raise a rate by a whole number: a sinc in Kaiser's window over 12 samples, which keeps the samples it is given.
+    """Taps that raise a rate by a whole number: a sinc in Kaiser's window over 12
+    samples, which keeps the samples it is given.
 
     Returns
     -------
     ndarray, shape (times, 12)
-        Output m of an input sample is the sum of row m times the last 12 inputs, the newest first; 6 inputs late.  Each row adds
-        up to 1.  Where the rate stays, nothing is late.
+        Output m of an input sample is the sum of row m times the last 12 inputs, the
+        newest first; 6 inputs late.  Each row adds up to 1.  Where the rate stays,
+        nothing is late.
 
     Notes
     -----
-    Its power is flat within 1 % up to 0.356 of the lower rate, a quarter at the half of it, and below -50 dB from 0.65 on.
+    Its power is flat within 1 % up to 0.356 of the lower rate, a quarter at the half of
+    it, and below -50 dB from 0.65 on.
 
     Examples
     --------
@@ -294,22 +362,33 @@ def upsampler(times: int) -> np.ndarray:
     """
     if times == 1:
         return np.eye(1, TAPS)
-    limits.check("state_bytes", 32.0 * TAPS * times, f"texture: bytes to raise its rate {times} times (choose a lower fs)")
+    limits.check(
+        "state_bytes",
+        32.0 * TAPS * times,
+        f"texture: bytes to raise its rate {times} times (choose a lower fs)",
+    )
     h = np.empty((times, TAPS))
     for i in range(0, times, PIECE):
-        t = np.arange(i, min(i + PIECE, times))[:, None] / times + np.arange(TAPS) - TAPS / 2  # from the output to each input
-        part = np.sinc(t) * np.i0(BETA * np.sqrt(np.maximum(1 - (2 * t / TAPS) ** 2, 0))) / np.i0(BETA)
+        # from the output to each input
+        t = np.arange(i, min(i + PIECE, times))[:, None] / times + np.arange(TAPS) - TAPS / 2
+        part = (
+            np.sinc(t) * np.i0(BETA * np.sqrt(np.maximum(1 - (2 * t / TAPS) ** 2, 0))) / np.i0(BETA)
+        )
         h[i : i + PIECE] = part / part.sum(axis=1, keepdims=True)
     return h
 
 
 @public
 def made_up(
-    pairs: int = 3, speeds: ArrayLike = (0.0, 0.02, 0.06, 0.15), forces: ArrayLike = (0.0, 0.3, 1.0, 2.5), rate: float = 1000.0
+    pairs: int = 3,
+    speeds: ArrayLike = (0.0, 0.02, 0.06, 0.15),
+    forces: ArrayLike = (0.0, 0.3, 1.0, 2.5),
+    rate: float = 1000.0,
 ) -> TextureModel:
     """An invented texture, for tests, examples and the scene: no surface was measured.
 
-    Its resonances rise with the speed and widen with the force; its variance is their product.
+    Its resonances rise with the speed and widen with the force; its variance is their
+    product.
 
     Parameters
     ----------
@@ -325,19 +404,36 @@ def made_up(
     See ``TextureModel``.
     """
     if pairs < 1 or any(np.ndim(v) != 1 or np.size(v) < 2 for v in (speeds, forces)):
-        raise BadValue(f"made_up: pairs = {pairs} must be at least 1, and speeds and forces lists of two numbers or more")
+        raise BadValue(
+            f"made_up: pairs = {pairs} must be at least 1, and speeds and forces lists of two"
+            " numbers or more"
+        )
     speed, force = (v.ravel() for v in np.meshgrid(speeds, forces, indexing="ij"))
     x, y = speed / speed.max(), force / force.max()
     k = np.arange(pairs)
 
     def rows(at: np.ndarray, radius: np.ndarray) -> np.ndarray:
         roots = radius * np.exp(2j * np.pi * at / rate)
-        return np.array([frequencies(np.poly(np.r_[r, r.conj()]).real) for r in roots]).reshape(len(roots), -1)
+        return np.array([frequencies(np.poly(np.r_[r, r.conj()]).real) for r in roots]).reshape(
+            len(roots), -1
+        )
 
     low = rate / 2 * (k + 0.5 + 0.4 * x[:, None]) / (pairs + 0.5)
     poles = rows(low, 0.95 - 0.15 * y[:, None] - 0.05 * k)
     zeros = rows(low[:, 1:] - rate / 4 / (pairs + 0.5), np.full((speed.size, pairs - 1), 0.7))
     n = np.size(forces)
     cells = [i * n + j for i in range(np.size(speeds) - 1) for j in range(n - 1)]
-    triangles = [t for c in cells for t in ((c, c + n, c + n + 1), (c, c + 1, c + n + 1))]  # turning both ways
-    return TextureModel(speed, force, np.array(triangles), poles, zeros, 4.0 * x * y, np.ones(x.size), rate, "made up", 0.3)
+    # turning both ways
+    triangles = [t for c in cells for t in ((c, c + n, c + n + 1), (c, c + 1, c + n + 1))]
+    return TextureModel(
+        speed,
+        force,
+        np.array(triangles),
+        poles,
+        zeros,
+        4.0 * x * y,
+        np.ones(x.size),
+        rate,
+        "made up",
+        0.3,
+    )

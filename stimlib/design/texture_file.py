@@ -1,7 +1,9 @@
-"""Files of measured textures, in the XML form of the Penn Haptic Texture Toolkit: read as data, and written.
+"""Files of measured textures, in the XML form of the Penn Haptic Texture Toolkit: read
+as data, and written.
 
-Source: Culbertson, Lopez Delgado, Kuchenbecker, "One hundred data-driven haptic texture models and open-source methods for
-rendering on 3D objects", IEEE Haptics Symposium 2014.  Python's own parser (expat) is enough, for nothing is asked of a file but
+Source: Culbertson, Lopez Delgado, Kuchenbecker, "One hundred data-driven haptic texture
+models and open-source methods for rendering on 3D objects", IEEE Haptics Symposium
+2014.  Python's own parser (expat) is enough, for nothing is asked of a file but
 elements and their text: a document type, which alone could define entities, ends it.
 """
 
@@ -20,13 +22,16 @@ from ..errors import BadValue, public, shown
 from .texture import TextureModel
 
 LONGEST = 200  # letters of a name
-LISTS = {"ARlsf": "lsf", "MAlsf": "ma"}  # elements of a model that have values, and what they are here
+# elements of a model that have values, and what they are here
+LISTS = {"ARlsf": "lsf", "MAlsf": "ma"}
 NUMBERS = {"speedMod": "speed", "forceMod": "force", "var": "variance", "gain": "gain"}
 OPTIONAL: dict[str, list[float]] = {"MAlsf": [], "gain": [1.0]}
 
 
 class _Reader:
-    """What a file has: values by the name of the element, once for the whole, and once for each model."""
+    """What a file has: values by the name of the element, once for the whole, and once
+    for each model.
+    """
 
     def __init__(self, file: str):
         self.file = file
@@ -36,7 +41,8 @@ class _Reader:
         self.way: list[str] = []
         self.text: list[str] = []
         self.count = 0
-        self.parser = expat.ParserCreate("utf-8")  # whatever it declares: no other codec is looked up
+        # whatever it declares: no other codec is looked up
+        self.parser = expat.ParserCreate("utf-8")
         self.parser.StartElementHandler, self.parser.EndElementHandler = self.start, self.end
         self.parser.CharacterDataHandler = self.text.append
         self.parser.StartDoctypeDeclHandler = self.document_type
@@ -45,7 +51,10 @@ class _Reader:
         raise BadValue(f"{self.file}, line {self.parser.CurrentLineNumber}: {why}")
 
     def document_type(self, *_):
-        self.refuse("it has a document type (<!DOCTYPE ..>), which could define entities: take that line out")
+        self.refuse(
+            "it has a document type (<!DOCTYPE ..>), which could define entities: take that"
+            " line out"
+        )
 
     def start(self, name: str, _):
         if not self.way and name != "modelSet":
@@ -89,16 +98,20 @@ class _Reader:
 
 @public
 def load_texture(path: str | os.PathLike[str]) -> TextureModel:
-    """A measured texture from a file of the Penn Haptic Texture Toolkit, or one that ``save_texture`` wrote.
+    """A measured texture from a file of the Penn Haptic Texture Toolkit, or one that
+    ``save_texture`` wrote.
 
-    The file is data, read within ``stimlib.limits``: at most ``sidecar_bytes``, and ``table_knots`` numbers.  What is used are
-    ``<SampleRate>``, ``<material>``, ``<mu>``, each ``<tri>``, and of each ``<model>`` its ``<ARlsf>``, ``<MAlsf>``, ``<var>``,
-    ``<gain>``, ``<speedMod>`` and ``<forceMod>``; the coefficients, which say the same as the frequencies, are not.
+    The file is data, read within ``stimlib.limits``: at most ``sidecar_bytes``, and
+    ``table_knots`` numbers.  What is used are ``<SampleRate>``, ``<material>``,
+    ``<mu>``, each ``<tri>``, and of each ``<model>`` its ``<ARlsf>``, ``<MAlsf>``,
+    ``<var>``, ``<gain>``, ``<speedMod>`` and ``<forceMod>``; the coefficients, which
+    say the same as the frequencies, are not.
 
     Parameters
     ----------
     path : str or Path
-        Speeds in mm/s, forces in N, variances in (m/s^2)^2; triangles count models from 1.
+        Speeds in mm/s, forces in N, variances in (m/s^2)^2; triangles count models from
+        1.
 
     Returns
     -------
@@ -108,9 +121,10 @@ def load_texture(path: str | os.PathLike[str]) -> TextureModel:
     Raises
     ------
     BadValue
-        No regular file, or a larger one than the limits allow; no XML, or one with a document type; an element that is missing; a
-        number that is none, or out of range; frequencies of an unstable model; triangles of models that are not there.  It names
-        the file, and the line or the model.
+        No regular file, or a larger one than the limits allow; no XML, or one with a
+        document type; an element that is missing; a number that is none, or out of
+        range; frequencies of an unstable model; triangles of models that are not there.
+        It names the file, and the line or the model.
 
     Examples
     --------
@@ -138,20 +152,31 @@ def load_texture(path: str | os.PathLike[str]) -> TextureModel:
 
 def _model(r: _Reader) -> TextureModel:
     if "SampleRate" not in r.whole:
-        raise BadValue("it has no <SampleRate>; add the rate of its models in Hz, such as <SampleRate>1000</SampleRate>")
+        raise BadValue(
+            "it has no <SampleRate>; add the rate of its models in Hz, such as"
+            " <SampleRate>1000</SampleRate>"
+        )
     if not r.models:
         raise BadValue("it has no <model>")
-    found = {field: [m.get(name, OPTIONAL.get(name)) for m in r.models] for name, field in (LISTS | NUMBERS).items()}
+    found = {
+        field: [m.get(name, OPTIONAL.get(name)) for m in r.models]
+        for name, field in (LISTS | NUMBERS).items()
+    }
     for name, field in (LISTS | NUMBERS).items():
         for i, row in enumerate(found[field]):
             if row is None:
                 raise BadValue(f"model {i + 1} has no <{name}>")
             if len(row) != (n := len(found[field][0] or [])):
-                raise BadValue(f"model {i + 1} has {len(row)} values in <{name}>, and model 1 {n}: all need one order")
+                raise BadValue(
+                    f"model {i + 1} has {len(row)} values in <{name}>, and model 1 {n}: all need"
+                    " one order"
+                )
     for i, t in enumerate(r.triangles):
         if len(t) != 3:
             raise BadValue(f"triangle {i + 1} has {len(t)} model numbers, and not 3")
-    number = {field: np.array([row[0] for row in found[field] if row]) for field in NUMBERS.values()}
+    number = {
+        field: np.array([row[0] for row in found[field] if row]) for field in NUMBERS.values()
+    }
     return TextureModel(
         number["speed"] / 1e3,
         number["force"],
@@ -168,7 +193,8 @@ def _model(r: _Reader) -> TextureModel:
 
 @public
 def save_texture(model: TextureModel, path: str | os.PathLike[str]) -> None:
-    """Write a measured texture in the form that ``load_texture`` reads; the file appears whole or not at all.
+    """Write a measured texture in the form that ``load_texture`` reads; the file
+    appears whole or not at all.
 
     Every number has all its digits, but for the change to mm/s.
 
@@ -188,17 +214,36 @@ def save_texture(model: TextureModel, path: str | os.PathLike[str]) -> None:
     """
 
     def values(name: str, row) -> str:
-        return f'<{name} type="array">' + "".join(f"<value>{v!r}</value>" for v in np.asarray(row).tolist()) + f"</{name}>"
+        return (
+            f'<{name} type="array">'
+            + "".join(f"<value>{v!r}</value>" for v in np.asarray(row).tolist())
+            + f"</{name}>"
+        )
 
     def number(name: str, v) -> str:
         return f"<{name}>{float(v)!r}</{name}>"
 
-    lines = ['<?xml version="1.0" encoding="utf-8"?>', "<modelSet>", f"<material>{escape(shown(model.name))}</material>"]
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        "<modelSet>",
+        f"<material>{escape(shown(model.name))}</material>",
+    ]
     lines += [number("SampleRate", model.rate), number("mu", model.mu)]
     lines += [number("maxSpeed", 1e3 * model.speed.max()), number("maxForce", model.force.max())]
     lines += [values("tri", t.astype(int) + 1) for t in model.triangles]
     for i in range(len(model.speed)):
-        numbers = {"speedMod": 1e3 * model.speed[i], "forceMod": model.force[i], "var": model.variance[i], "gain": model.gain[i]}
+        numbers = {
+            "speedMod": 1e3 * model.speed[i],
+            "forceMod": model.force[i],
+            "var": model.variance[i],
+            "gain": model.gain[i],
+        }
         lists = values("ARlsf", model.lsf[i]) + values("MAlsf", model.ma[i])
-        lines.append("<model>" + number("modNum", i + 1) + lists + "".join(number(n, v) for n, v in numbers.items()) + "</model>")
+        lines.append(
+            "<model>"
+            + number("modNum", i + 1)
+            + lists
+            + "".join(number(n, v) for n, v in numbers.items())
+            + "</model>"
+        )
     regular.publish(path, "\n".join([*lines, "</modelSet>", ""]), BadValue)

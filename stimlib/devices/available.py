@@ -43,7 +43,11 @@ def devices(server: str | None = None) -> list[Device]:
     >>> devices("none_of_this_name")[0]
     Device(sink='null', ready=True, what='no device, at the pace of the clock', how='--sink null')
     """
-    return [Device("null", True, "no device, at the pace of the clock", "--sink null"), *_on_jack(server), *_on_portaudio()]
+    return [
+        Device("null", True, "no device, at the pace of the clock", "--sink null"),
+        *_on_jack(server),
+        *_on_portaudio(),
+    ]
 
 
 def _on_jack(server: str | None) -> list[Device]:
@@ -62,11 +66,25 @@ def _on_jack(server: str | None) -> list[Device]:
         return [Device("jack", False, f"no {name} is running", f"start one, such as {command}")]
     try:
         outs, ins = (
-            len(client.get_ports(is_audio=True, is_physical=True, is_input=to_device, is_output=not to_device))
+            len(
+                client.get_ports(
+                    is_audio=True, is_physical=True, is_input=to_device, is_output=not to_device
+                )
+            )
             for to_device in (True, False)
         )
-        what = f"a server at {client.samplerate} Hz, blocks of {client.blocksize}, {outs} outputs, {ins} inputs"
-        return [Device("jack", True, what, f"--sink jack --fs {client.samplerate}{f' --device {server}' if server else ''}")]
+        what = (
+            f"a server at {client.samplerate} Hz, blocks of {client.blocksize}, {outs} outputs,"
+            f" {ins} inputs"
+        )
+        return [
+            Device(
+                "jack",
+                True,
+                what,
+                f"--sink jack --fs {client.samplerate}{f' --device {server}' if server else ''}",
+            )
+        ]
     finally:
         client.close()
 
@@ -82,10 +100,22 @@ def _on_portaudio() -> list[Device]:
     for d in sd.query_devices():
         if d["max_output_channels"]:
             api, rate = apis[d["hostapi"]]["name"], d["default_samplerate"]
-            what = f"{d['name']!r} ({api}), {d['max_output_channels']} outputs, {d['max_input_channels']} inputs"
-            found.append(Device("portaudio", True, what, f"--sink portaudio --device {d['index']} --fs {rate:g}"))
+            what = (
+                f"{d['name']!r} ({api}), {d['max_output_channels']} outputs,"
+                f" {d['max_input_channels']} inputs"
+            )
+            found.append(
+                Device(
+                    "portaudio", True, what, f"--sink portaudio --device {d['index']} --fs {rate:g}"
+                )
+            )
     return found or [
-        Device("portaudio", False, "PortAudio finds no output", "connect a sound card, or start a JACK or PulseAudio server")
+        Device(
+            "portaudio",
+            False,
+            "PortAudio finds no output",
+            "connect a sound card, or start a JACK or PulseAudio server",
+        )
     ]
 
 

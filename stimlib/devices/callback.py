@@ -1,8 +1,11 @@
-"""What a device calls: one compiled body that runs a program and moves its samples, without the interpreter.
+"""What a device calls: one compiled body that runs a program and moves its samples,
+without the interpreter.
 
-Like ``runtime.py`` its text is compiled from the cache.  Everything it needs lies in one int64 array, the context c, that
-``stimlib.devices.pump.Pump`` fills; each word below is named by its place.  Rings have one writer and one reader: the
-writer stores its count with release, the reader loads it with acquire, so neither ever waits for the other.
+Like ``runtime.py`` its text is compiled from the cache.  Everything it needs lies in
+one int64 array, the context c, that ``stimlib.devices.pump.Pump`` fills; each word
+below is named by its place.  Rings have one writer and one reader: the writer stores
+its count with release, the reader loads it with acquire, so neither ever waits for the
+other.
 """
 
 from llvmlite import ir
@@ -20,13 +23,32 @@ DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, CLOCK_ID = range(22, 29)
 # motion: where it comes from
 MOTION, TABLE, TABLE_N, M_RING, M_SIZE, M_WRITE, M_READ, M_KEEP, HOLD = range(32, 41)
 # rings: commands in; events, motion and frames out
-C_RING, C_WRITE, C_READ, E_RING, E_WRITE, E_READ, LOG, L_SIZE, X_RING, X_WRITE, X_READ = range(44, 55)
-F_RING, F_WRITE, F_READ, F_STAGED, STAGED = range(55, 60)  # frames of a block are staged until it is known to be in time
-# the device: addresses of its buffers, floats from frame to frame; functions of the system
+C_RING, C_WRITE, C_READ, E_RING, E_WRITE, E_READ, LOG, L_SIZE, X_RING, X_WRITE, X_READ = range(
+    44, 55
+)
+# frames of a block are staged until it is known to be in time
+F_RING, F_WRITE, F_READ, F_STAGED, STAGED = range(55, 60)
+# the device: addresses of its buffers, floats from frame to frame; functions of the
+# system
 OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 68)
-CLOCK, SLEEP, TIME, HISTOGRAM, GET_BUFFER, FRAME_TIME, PORT_CONNECTED, CLIENT, PORTS, IN_PORTS, EXPECTED, SEEN = range(68, 80)
-RATE, CALLS = range(80, 82)  # PortAudio: frames per second (bits of a float); blocks that any device has asked for
-# frames outside of the samples: how many are left and were made, before and after; their level; frames of the last block
+(
+    CLOCK,
+    SLEEP,
+    TIME,
+    HISTOGRAM,
+    GET_BUFFER,
+    FRAME_TIME,
+    PORT_CONNECTED,
+    CLIENT,
+    PORTS,
+    IN_PORTS,
+    EXPECTED,
+    SEEN,
+) = range(68, 80)
+# PortAudio: frames per second (bits of a float); blocks that any device has asked for
+RATE, CALLS = range(80, 82)
+# frames outside of the samples: how many are left and were made, before and after;
+# their level; frames of the last block
 LEAD, TAIL, ROSE, FELL, LEVELS, MADE = range(82, 88)
 WORDS = 96
 
@@ -42,11 +64,13 @@ i4, u4, u8, f4 = types.int32, types.uint32, types.uint64, types.float32
 F4 = types.CPointer(f4)
 
 
-# memory and calls ----------------------------------------------------------------------------------------------------
+# memory and calls ---------------------------------------------------------------------
 @intrinsic
 def load(ctx, p, o):
     """Word o, with everything that its writer wrote before it."""
-    return types.int64(p, types.int64), lambda c, b, s, v: b.load_atomic(b.gep(v[0], [v[1]]), "acquire", 8)
+    return types.int64(p, types.int64), lambda c, b, s, v: b.load_atomic(
+        b.gep(v[0], [v[1]]), "acquire", 8
+    )
 
 
 @intrinsic
@@ -82,7 +106,10 @@ def _function(result, *args):
     def some(ctx, address, a, b_):
         def code(c, b, s, v):
             f = ir.FunctionType(ir.IntType(result), [ir.IntType(n) for n in args])
-            given = [b.trunc(x, ir.IntType(n)) if n < 64 else x for x, n in zip(v[1:], args, strict=False)]
+            given = [
+                b.trunc(x, ir.IntType(n)) if n < 64 else x
+                for x, n in zip(v[1:], args, strict=False)
+            ]
             y = b.call(b.inttoptr(v[0], ir.PointerType(f)), given)
             return b.zext(y, ir.IntType(64)) if result < 64 else y
 
@@ -107,7 +134,7 @@ def now(c):
     return load(t, 0) * 1000000000 + load(t, 1)
 
 
-# commands and events -------------------------------------------------------------------------------------------------
+# commands and events ------------------------------------------------------------------
 @plain
 def event(c, at_, kind, a, b, d):
     w = c[E_WRITE]
@@ -121,7 +148,9 @@ def event(c, at_, kind, a, b, d):
 
 @plain
 def set_param(c, i, slot, value, ramp):
-    """From sample i on, send a parameter towards a value (its bits) over so many samples."""
+    """From sample i on, send a parameter towards a value (its bits) over so many
+    samples.
+    """
     q = at(i8_at(c[PENDING]), 4 * slot)
     q[2], q[3], q[0] = value, bits_of(float(ramp)), 1
     event(c, i, SET, slot, value, ramp)
@@ -141,7 +170,8 @@ def commands(c, i):
         if q[0] == SET:
             set_param(c, i, q[1], q[2], q[3])
         elif q[0] == STOP:
-            first = max(i, q[2], 1 if c[ROSE] > 0 and c[LEAD] == 0 else 0)  # what has risen to sample 0 goes on from it
+            # what has risen to sample 0 goes on from it
+            first = max(i, q[2], 1 if c[ROSE] > 0 and c[LEAD] == 0 else 0)
             if first < min(c[FADE_AT], c[END]):
                 c[FADE_AT] = first
                 c[END] = min(c[END], first + c[FADE])
@@ -150,10 +180,12 @@ def commands(c, i):
     store(c, C_READ, r)
 
 
-# motion --------------------------------------------------------------------------------------------------------------
+# motion -------------------------------------------------------------------------------
 @plain
 def fill(c, i, m, done):
-    """Columns i .. i + m of the motion into x (n_in, m); returns how many of the last have only been held."""
+    """Columns i .. i + m of the motion into x (n_in, m); returns how many of the last
+    have only been held.
+    """
     x, hold, inputs = f8_at(c[X]), f8_at(c[HOLD]), c[N_IN]
     held = 0
     if c[MOTION] == FROM_TABLE:
@@ -168,7 +200,9 @@ def fill(c, i, m, done):
             if done >= 0 and ins[a] != 0:
                 signal = f4_at(ins[a])
                 for k in range(m):
-                    x[a * m + k] = float(signal[(done + k) * c[IN_STRIDE]]) * scale[2 * a] + scale[2 * a + 1]
+                    x[a * m + k] = (
+                        float(signal[(done + k) * c[IN_STRIDE]]) * scale[2 * a] + scale[2 * a + 1]
+                    )
                 hold[a] = x[a * m + m - 1]
             else:
                 for k in range(m):
@@ -199,7 +233,9 @@ def fill(c, i, m, done):
 
 @plain
 def judge(c, i, m, held):
-    """A motion that has not come for a while fades the gain out, and in again when it comes."""
+    """A motion that has not come for a while fades the gain out, and in again when it
+    comes.
+    """
     before = c[RUN]
     c[RUN] = before + m if held >= m else held
     if c[STALE] == 0 and held >= m and before >= c[STALE_AFTER]:
@@ -217,7 +253,10 @@ def judge(c, i, m, held):
 @plain
 def room(c, m):
     """1 if the log's rings take m samples more."""
-    full = c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE] or c[F_STAGED] + m - load(c, F_READ) > c[L_SIZE]
+    full = (
+        c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE]
+        or c[F_STAGED] + m - load(c, F_READ) > c[L_SIZE]
+    )
     return 0 if c[LOG] != 0 and full else 1
 
 
@@ -229,7 +268,7 @@ def ready(c, i, m):
     return room(c, m)
 
 
-# the body ------------------------------------------------------------------------------------------------------------
+# the body -----------------------------------------------------------------------------
 @plain
 def deliver(c, start, m, log):
     """m frames of y to the device's buffers from frame ``start`` on, and to the log."""
@@ -281,7 +320,9 @@ def lose(c, i, n):
 
 @plain
 def ramp(c, k, part):
-    """Frame k of a block: a part of the levels, which are the first sample or the last."""
+    """Frame k of a block: a part of the levels, which are the first sample or the
+    last.
+    """
     for a in range(c[N_OUT]):
         f8_at(c[Y])[a] = part * f8_at(c[LEVELS])[a]
     deliver(c, k, 1, False)
@@ -289,7 +330,9 @@ def ramp(c, k, part):
 
 @plain
 def rise(c, n):
-    """Frames before sample 0, from silence to its level, or back after a stop; returns how many of n were made."""
+    """Frames before sample 0, from silence to its level, or back after a stop; returns
+    how many of n were made.
+    """
     done = 0
     if c[LEAD] > 0:
         commands(c, 0)
@@ -310,7 +353,9 @@ def rise(c, n):
 
 @plain
 def fall(c, done, n):
-    """Frames done .. n - 1 of a block, after the last sample and down to silence; returns how many there are then."""
+    """Frames done .. n - 1 of a block, after the last sample and down to silence;
+    returns how many there are then.
+    """
     if c[END] >= c[FADE_AT] + c[FADE]:  # the gain is 0 already
         c[TAIL] = 0
     while done < n and c[TAIL] > 0:
@@ -327,7 +372,9 @@ def fall(c, done, n):
 
 @njit(error_model="numpy")
 def advance(c, done, n, keep):
-    """Run up to n - done samples, delivered from frame ``done`` on or (keep = 0) discarded; returns the frame after them."""
+    """Run up to n - done samples, delivered from frame ``done`` on or (keep = 0)
+    discarded; returns the frame after them.
+    """
     program = i8_at(c[CONTEXT])
     gone = 0  # discarded since the last event
     while done < n:
@@ -375,12 +422,15 @@ def advance(c, done, n, keep):
 
 @njit(error_model="numpy")
 def produce(c, n, lost):
-    """One block of a device: n frames into its buffers, after ``lost`` frames that it has skipped.  Then commit or withdraw."""
+    """One block of a device: n frames into its buffers, after ``lost`` frames that it
+    has skipped.  Then commit or withdraw.
+    """
     store(c, CALLS, c[CALLS] + 1)
     start = now(c)
     done, program = 0, i8_at(c[CONTEXT])
     if load(c, STATE) == RUNNING:
-        if lost > 0 and c[WAS] == RUNNING and program[15] > 0:  # before sample 0 there is nothing to lose
+        # before sample 0 there is nothing to lose
+        if lost > 0 and c[WAS] == RUNNING and program[15] > 0:
             gone = advance(c, 0, lost, 0)
             c[LOST] += gone
             c[UNDERRUNS] += gone > 0
@@ -414,7 +464,7 @@ def pump(c, n, lost):
     commit(c)
 
 
-# what devices call ---------------------------------------------------------------------------------------------------
+# what devices call --------------------------------------------------------------------
 @plain
 def begin_at(c, t):
     """A block begins at the device's time t: that of sample 0, until it is there."""
@@ -424,10 +474,12 @@ def begin_at(c, t):
 
 @njit(error_model="numpy")
 def jack_block(c, n):
-    """A cycle of JACK: where its buffers are, and how many frames it has skipped since the last.
+    """A cycle of JACK: where its buffers are, and how many frames it has skipped since
+    the last.
 
-    A client that comes too late is called again for the cycle that has begun meanwhile, and what follows it in the graph runs
-    only once.  So a late block is withdrawn, the buffers get the samples of the cycle that is on, and they stay when it calls.
+    A client that comes too late is called again for the cycle that has begun meanwhile,
+    and what follows it in the graph runs only once.  So a late block is withdrawn, the
+    buffers get the samples of the cycle that is on, and they stay when it calls.
     """
     outs, ports, ins, in_ports = i8_at(c[OUTS]), i8_at(c[PORTS]), i8_at(c[INS]), i8_at(c[IN_PORTS])
     for j in range(c[CHANNELS]):
@@ -440,10 +492,13 @@ def jack_block(c, n):
                 connected = 0
         c[CONNECTED] = connected
     t = frame_time(c[FRAME_TIME], c[CLIENT], 0)
-    paced = load(c, WAIT) == 0  # in freewheel mode the server waits for everybody, and an xrun there moves its time anywhere
+    # in freewheel mode the server waits for everybody, and an xrun there moves its time
+    # anywhere
+    paced = load(c, WAIT) == 0
     seen = c[SEEN] != 0 and paced
     lost = (t - c[EXPECTED]) & 0xFFFFFFFF if seen else 0
-    if seen and lost == 0x100000000 - n and c[REPEATS] < 4:  # a server whose time stands still is played to all the same
+    # a server whose time stands still is played to all the same
+    if seen and lost == 0x100000000 - n and c[REPEATS] < 4:
         c[REPEATS] += 1
         return
     c[REPEATS] = 0
@@ -471,18 +526,32 @@ def jack(n, c):
 
 @cfunc(types.void(i4, I8), cache=True, error_model="numpy")
 def jack_freewheel(starting, c):
-    """A JackFreewheelCallback: without a clock there is time to wait for a motion and a log."""
+    """A JackFreewheelCallback: without a clock there is time to wait for a motion and a
+    log.
+    """
     store(c, WAIT, 1000000 if starting else 0)
 
 
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")
 def jack_capture(n, c):
-    """A JackProcessCallback that records; its argument is the words of ``stimlib.devices.loopback.Capture``.
+    """A JackProcessCallback that records; its argument is the words of
+    ``stimlib.devices.loopback.Capture``.
 
-    Of a client that comes too late the buffers may belong to two cycles, so such a block is not kept: its times are missing.
-    It is called again for the cycle that has begun meanwhile, and only what it reads then is sure to be of that cycle.
+    Of a client that comes too late the buffers may belong to two cycles, so such a
+    block is not kept: its times are missing. It is called again for the cycle that has
+    begun meanwhile, and only what it reads then is sure to be of that cycle.
     """
-    get, ports, channels, frames, size, w, times_at, time_of, client = c[0], i8_at(c[1]), c[2], c[3], c[4], c[5], c[6], c[7], c[8]
+    get, ports, channels, frames, size, w, times_at, time_of, client = (
+        c[0],
+        i8_at(c[1]),
+        c[2],
+        c[3],
+        c[4],
+        c[5],
+        c[6],
+        c[7],
+        c[8],
+    )
     times = i8_at(times_at)
     t = frame_time(time_of, client, 0)
     if w >= n and times[w - 1] == t + n - 1:
@@ -491,7 +560,10 @@ def jack_capture(n, c):
         for k in range(n):
             times[w + k] = t + k
         for j in range(channels):
-            source, to = f4_at(get_buffer(get, ports[j], types.int64(n))), f4_at(frames + 4 * (j * size + w))
+            source, to = (
+                f4_at(get_buffer(get, ports[j], types.int64(n))),
+                f4_at(frames + 4 * (j * size + w)),
+            )
             for k in range(n):
                 to[k] = source[k]
         late = (frame_time(time_of, client, 0) - t) & 0xFFFFFFFF
@@ -501,10 +573,11 @@ def jack_capture(n, c):
 
 @njit(error_model="numpy")
 def portaudio_block(c, source, out, n, dac, flags):
-    """A block of PortAudio: interleaved frames at ``source`` and ``out``, and the time in s at which its first is heard.
+    """A block of PortAudio: interleaved frames at ``source`` and ``out``, and the time
+    in s at which its first is heard.
 
-    PortAudio reports that frames were skipped, not how many: that is how much later than expected the block is heard, in whole
-    blocks (its clock is not exact).
+    PortAudio reports that frames were skipped, not how many: that is how much later
+    than expected the block is heard, in whole blocks (its clock is not exact).
     """
     outs, ins = i8_at(c[OUTS]), i8_at(c[INS])
     for j in range(c[CHANNELS]):
@@ -524,10 +597,16 @@ def portaudio_block(c, source, out, n, dac, flags):
         c[UNDERRUNS] = before + 1
 
 
-@cfunc(i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8), cache=True, error_model="numpy")
+@cfunc(
+    i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8),
+    cache=True,
+    error_model="numpy",
+)
 def portaudio(source, out, n, time, flags, c):
     """A PaStreamCallback for interleaved float32; userData is the context."""
-    portaudio_block(c, source, out, types.int64(n), f8_at(time)[2] if time != 0 else 0.0, types.int64(flags))
+    portaudio_block(
+        c, source, out, types.int64(n), f8_at(time)[2] if time != 0 else 0.0, types.int64(flags)
+    )
     return 0
 
 
@@ -535,8 +614,15 @@ COLUMNS = types.Array(types.float64, 2, "C", readonly=True)
 
 
 def from_python(*args, **options):
-    """Compile a function of the context, as an array, and of these, whose result is a whole number."""
-    return njit([types.int64(types.Array(types.int64, 1, "C"), *args)], cache=True, error_model="numpy", **options)
+    """Compile a function of the context, as an array, and of these, whose result is a
+    whole number.
+    """
+    return njit(
+        [types.int64(types.Array(types.int64, 1, "C"), *args)],
+        cache=True,
+        error_model="numpy",
+        **options,
+    )
 
 
 @from_python(types.int64, types.int64, nogil=True)
@@ -560,9 +646,11 @@ def portaudio_from_python(c, source, out, n, dac, flags):
 
 @from_python(types.int64, types.float64, types.int64, nogil=True)
 def null(c_, n, fs, clocked):
-    """A device that is none: blocks of n at the pace of the clock, or as fast as they come, until it is closed.
+    """A device that is none: blocks of n at the pace of the clock, or as fast as they
+    come, until it is closed.
 
-    The clock is that of a sound card with two buffers: who comes a buffer late has lost blocks.
+    The clock is that of a sound card with two buffers: who comes a buffer late has lost
+    blocks.
     """
     c = data(c_)
     period = n * 1e9 / fs
@@ -583,7 +671,7 @@ def null(c_, n, fs, clocked):
     return 0
 
 
-# the other ends of the rings -----------------------------------------------------------------------------------------
+# the other ends of the rings ----------------------------------------------------------
 @from_python(types.int64, types.int64, types.int64, types.int64)
 def put_command(c_, kind, a, b, d):
     """0 when the ring is full."""
@@ -613,7 +701,9 @@ def put_motion(c_, x):
 
 @from_python()
 def next_motion(c_):
-    """Index of the column that a timed motion writes next; it never writes what has been passed already."""
+    """Index of the column that a timed motion writes next; it never writes what has
+    been passed already.
+    """
     c = data(c_)
     w, r = c[M_WRITE], load(c, M_READ)
     if w < r:
@@ -624,7 +714,9 @@ def next_motion(c_):
 
 @plain
 def take(c, ring, width, size, read, write, out):
-    """What a ring has had since the last call, into the rows of out (n, width); returns how many rows."""
+    """What a ring has had since the last call, into the rows of out (n, width); returns
+    how many rows.
+    """
     r = c[read]
     n = min(load(c, write) - r, out.shape[0])
     for k in range(n):

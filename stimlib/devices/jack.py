@@ -1,8 +1,9 @@
 """A sink on a JACK server: the compiled program runs in JACK's own process callback.
 
-JACK-Client gives callbacks in Python only.  To have the compiled one called without the interpreter, this file uses inner
-parts of it (``jack._lib``, ``jack._ffi``, ``_ptr``), so its version is pinned; where they are missing, a Python callback does the
-same, with a warning.
+JACK-Client gives callbacks in Python only.  To have the compiled one called without the
+interpreter, this file uses inner parts of it (``jack._lib``, ``jack._ffi``, ``_ptr``),
+so its version is pinned; where they are missing, a Python callback does the same, with
+a warning.
 """
 
 from __future__ import annotations
@@ -20,9 +21,13 @@ from .sink import Sink
 from .sources import Signals
 
 SILENT_FOR = 2.0
-"""Seconds without a callback after which a server is taken for gone: in synchronous mode a client that was killed holds it up."""
+"""Seconds without a callback after which a server is taken for gone: in synchronous
+mode a client that was killed holds it up.
+"""
 
-INSTALL = "pip install 'stimlib[jack]' and, on Debian or Ubuntu, apt-get install jackd2 libjack-jackd2-0"
+INSTALL = (
+    "pip install 'stimlib[jack]' and, on Debian or Ubuntu, apt-get install jackd2 libjack-jackd2-0"
+)
 
 
 def _jack() -> ModuleType:
@@ -44,19 +49,27 @@ class JackSink(Sink):
     scene, safety, **options
         See ``Sink``.
     name : str
-        Of the client; its ports are named like the outputs.  There must be no other client of this name.
+        Of the client; its ports are named like the outputs.  There must be no other
+        client of this name.
     server : str, optional
         Name of the server, "default" by default.
     connect : "system", sequence of str or None
-        Where each channel goes: to the physical outputs in their order, to these ports, or nowhere.
+        Where each channel goes: to the physical outputs in their order, to these ports,
+        or nowhere.
     compiled : bool
-        False for a callback in Python, which stutters whenever Python is busy: for comparison only.
+        False for a callback in Python, which stutters whenever Python is busy: for
+        comparison only.
 
     Examples
     --------
     >>> import stimlib
     >>> from stimlib.devices.jack import JackSink
-    >>> sink = JackSink(stimlib.scenes.squeeze(), 50.0, motion={"x1": abs, "x2": abs}, server="none_of_this_name")
+    >>> sink = JackSink(
+    ...     stimlib.scenes.squeeze(),
+    ...     50.0,
+    ...     motion={"x1": abs, "x2": abs},
+    ...     server="none_of_this_name",
+    ... )
     >>> sink.open(rate=8000)
     Traceback (most recent call last):
     ...
@@ -90,7 +103,9 @@ class JackSink(Sink):
         jack.set_error_function(printed.append)  # libjack would print them
         try:
             try:
-                self._client = client = jack.Client(self.name, use_exact_name=True, no_start_server=True, servername=self.server)
+                self._client = client = jack.Client(
+                    self.name, use_exact_name=True, no_start_server=True, servername=self.server
+                )
             except jack.JackOpenError as e:
                 raise self._no_client(e, printed) from None
             self._fits(client)
@@ -117,22 +132,27 @@ class JackSink(Sink):
         where = f"server {self.server!r}" if self.server else "server"
         if e.status.name_not_unique or self._is_there():
             return SinkError(
-                f"jack: the {where} has a client {self.name!r} already: end it, or give this one another name (play --client)"
+                f"jack: the {where} has a client {self.name!r} already: end it, or give this one"
+                " another name (play --client)"
             )
         if e.status.server_failed:
             how = f"jackd -R{f' -n {self.server}' if self.server else ''} -d alsa -r {self.rate:g}"
             return SinkError(f"jack: no {where} is running: start one, such as {how}")
         why = f"{e} ({printed[0]})" if printed else str(e)
         return SinkError(
-            f"jack: the {where} takes no client: {why}: try again; where several servers run on this machine, with a name that "
-            "no client of the others has (play --client)"
+            f"jack: the {where} takes no client: {why}: try again; where several servers run on"
+            " this machine, with a name that no client of the others has (play --client)"
         )
 
     def _is_there(self) -> bool:
-        """Whether the server has a client of this name (jackd reports only that something went wrong)."""
+        """Whether the server has a client of this name (jackd reports only that
+        something went wrong).
+        """
         jack = _jack()
         try:
-            client = jack.Client(f"{self.name[:40]}_{os.getpid()}", no_start_server=True, servername=self.server)
+            client = jack.Client(
+                f"{self.name[:40]}_{os.getpid()}", no_start_server=True, servername=self.server
+            )
         except jack.JackError:
             return False
         try:
@@ -146,13 +166,13 @@ class JackSink(Sink):
     def _fits(self, client: Any) -> None:
         if client.samplerate != self.rate:
             raise SinkError(
-                f"jack: the server runs at {client.samplerate} Hz, not at {self.rate:g}: open(rate={client.samplerate}), or "
-                f"start it with -r {self.rate:g}"
+                f"jack: the server runs at {client.samplerate} Hz, not at {self.rate:g}:"
+                f" open(rate={client.samplerate}), or start it with -r {self.rate:g}"
             )
         if self.block is not None and client.blocksize != self.block:
             raise SinkError(
-                f"jack: the server's blocks have {client.blocksize} frames, not {self.block}: leave block out (the samples do "
-                f"not depend on it), or start it with -p {self.block}"
+                f"jack: the server's blocks have {client.blocksize} frames, not {self.block}: leave"
+                f" block out (the samples do not depend on it), or start it with -p {self.block}"
             )
         self.block = client.blocksize
         if self.realtime and not client.realtime:
@@ -166,7 +186,10 @@ class JackSink(Sink):
         if self.connect == "system":
             found = client.get_ports(is_audio=True, is_input=True, is_physical=True)
             if len(found) < self.channels:
-                raise SinkError(f"jack: the server has {len(found)} physical outputs, fewer than the {self.channels} channels")
+                raise SinkError(
+                    f"jack: the server has {len(found)} physical outputs, fewer than the"
+                    f" {self.channels} channels"
+                )
             return found[: self.channels]
         if len(self.connect) != self.channels:
             raise BadValue(f"connect names {len(self.connect)} ports for {self.channels} channels")
@@ -182,7 +205,9 @@ class JackSink(Sink):
             names.append(name if name not in names else f"{name}_{channel + 1}")
         return names
 
-    def _take_callback(self, jack: ModuleType, client: Any, outs: list[Any], ins: list[Any]) -> None:
+    def _take_callback(
+        self, jack: ModuleType, client: Any, outs: list[Any], ins: list[Any]
+    ) -> None:
         pump = self.pump
         lib, ffi = jack._lib, jack._ffi
 
@@ -211,8 +236,8 @@ class JackSink(Sink):
             except (AttributeError, TypeError, ffi.error):
                 pass
             warnings.warn(
-                "this version of JACK-Client takes no compiled callback: Python runs in JACK's callback, so the stream stutters "
-                f"while Python is busy; {INSTALL}",
+                "this version of JACK-Client takes no compiled callback: Python runs in JACK's"
+                f" callback, so the stream stutters while Python is busy; {INSTALL}",
                 RuntimeWarning,
                 stacklevel=4,
             )
@@ -220,9 +245,11 @@ class JackSink(Sink):
         client.set_freewheel_callback(lambda on: pump.write("WAIT", 1_000_000 if on else 0))
 
     def freewheel(self, on: bool) -> None:
-        """Run the server as fast as it goes, or at its pace again; nothing is lost then, and nothing is heard.
+        """Run the server as fast as it goes, or at its pace again; nothing is lost
+        then, and nothing is heard.
 
-        It goes at its pace again before the sink is closed: libjack may end a process whose graph a client leaves otherwise.
+        It goes at its pace again before the sink is closed: libjack may end a process
+        whose graph a client leaves otherwise.
         """
         self.check()
         if self._client is None:
@@ -232,7 +259,9 @@ class JackSink(Sink):
 
     def _server_ended(self, status: Any, reason: str) -> None:
         if not self._closed:
-            self._device_lost(f"the server has ended ({reason or 'no reason given'}): no fade-out was possible")
+            self._device_lost(
+                f"the server has ended ({reason or 'no reason given'}): no fade-out was possible"
+            )
 
     def _close(self) -> None:
         client, self._client = self._client, None
@@ -248,7 +277,8 @@ class JackSink(Sink):
         if self._client is None or self._device_gone:
             return 0.0
         try:
-            ask = ctypes.CDLL(_jack()._libname).jack_port_get_latency_range  # JACK-Client has no name for it
+            # JACK-Client has no name for it
+            ask = ctypes.CDLL(_jack()._libname).jack_port_get_latency_range
         except (AttributeError, OSError):
             return 0.0
         most = 0

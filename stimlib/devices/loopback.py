@@ -1,4 +1,6 @@
-"""Play a scene on a JACK server, record it there, and compare: does what arrives equal the offline render, and how late is it?"""
+"""Play a scene on a JACK server, record it there, and compare: does what arrives equal
+the offline render, and how late is it?
+"""
 
 from __future__ import annotations
 
@@ -35,13 +37,15 @@ class Loopback:
     compared : int
         Delivered frames that were recorded; the recording client may be late too.
     wrong : int or None
-        Index of the first sample that is not equal; None where all are, or where a cable was measured.
+        Index of the first sample that is not equal; None where all are, or where a
+        cable was measured.
     cable : bool
         Recorded from other ports than the sink's own.
     latency : float, s
         Through the cable; without one, what JACK reports for the way to the outputs.
     gain, residual : float
-        Of the cable: amplitude, and what is left after gain and delay, relative to the signal.  1 and 0 without a cable.
+        Of the cable: amplitude, and what is left after gain and delay, relative to the
+        signal.  1 and 0 without a cable.
     tolerance : float
         Largest residual that passes.
     """
@@ -65,16 +69,23 @@ class Loopback:
         return self.residual <= self.tolerance if self.cable else self.wrong is None
 
     def __str__(self) -> str:
-        line = f"{self.produced} samples, {self.lost} lost, {self.compared} of {self.delivered} delivered frames recorded"
+        line = (
+            f"{self.produced} samples, {self.lost} lost, {self.compared} of {self.delivered}"
+            " delivered frames recorded"
+        )
         if self.compared == 0:
             return f"{line}: FAILED, nothing could be compared"
         word = "passed" if self.passed else "FAILED"
         if self.cable:
             return (
-                f"{line}; delay {self.latency * 1e3:.2f} ms, gain {self.gain:.3g}, residual {self.residual:.2%} of the signal "
-                f"(at most {self.tolerance:.2%}): {word}"
+                f"{line}; delay {self.latency * 1e3:.2f} ms, gain {self.gain:.3g}, residual"
+                f" {self.residual:.2%} of the signal (at most {self.tolerance:.2%}): {word}"
             )
-        what = "all equal the offline render" if self.wrong is None else f"sample {self.wrong} differs from the offline render"
+        what = (
+            "all equal the offline render"
+            if self.wrong is None
+            else f"sample {self.wrong} differs from the offline render"
+        )
         return f"{line}, {what}; latency to the outputs {self.latency * 1e3:.2f} ms: {word}"
 
 
@@ -85,14 +96,21 @@ class Capture:
     ----------
     server : str or None
     ports : sequence of str or int
-        Ports to record, one for each channel; or the number of channels, for others to connect to ``names``.
+        Ports to record, one for each channel; or the number of channels, for others to
+        connect to ``names``.
     size : int
         Most frames.
     name : str
         Of the client.
     """
 
-    def __init__(self, server: str | None, ports: Sequence[str] | int, size: int, name: str = "stimlib_capture"):
+    def __init__(
+        self,
+        server: str | None,
+        ports: Sequence[str] | int,
+        size: int,
+        name: str = "stimlib_capture",
+    ):
         jack = _jack()
         try:
             self.client = client = jack.Client(
@@ -112,12 +130,27 @@ class Capture:
                 return int(ffi.cast("uintptr_t", v))
 
             self._ports = np.array([address(p._ptr) for p in ins], np.int64)
-            words = [address(lib.jack_port_get_buffer), self._ports.ctypes.data, channels, self._data.ctypes.data, size, 0]
-            words += [self._times.ctypes.data, address(lib.jack_last_frame_time), address(client._ptr)]
+            words = [
+                address(lib.jack_port_get_buffer),
+                self._ports.ctypes.data,
+                channels,
+                self._data.ctypes.data,
+                size,
+                0,
+            ]
+            words += [
+                self._times.ctypes.data,
+                address(lib.jack_last_frame_time),
+                address(client._ptr),
+            ]
             self._words = np.array(words, np.int64)
             callback = ffi.cast("JackProcessCallback", int(_native().jack_capture.address))
-            lib.jack_set_process_callback(client._ptr, callback, ffi.cast("void*", self._words.ctypes.data))
-            self.xruns = 0  # of the server, so of any client: what that one gave may not have been taken
+            lib.jack_set_process_callback(
+                client._ptr, callback, ffi.cast("void*", self._words.ctypes.data)
+            )
+            # of the server, so of any client: what that one gave may not have been
+            # taken
+            self.xruns = 0
             client.set_xrun_callback(self._late)
             client.activate()
             if not isinstance(ports, int):
@@ -129,7 +162,9 @@ class Capture:
             raise SinkError(f"jack: cannot record {what}: {e}") from None
         except AttributeError as e:
             client.close()
-            raise SinkError(f"this version of JACK-Client takes no compiled callback ({e}): {INSTALL}") from None
+            raise SinkError(
+                f"this version of JACK-Client takes no compiled callback ({e}): {INSTALL}"
+            ) from None
 
     def _late(self, microseconds: float) -> None:
         self.xruns += 1
@@ -168,7 +203,8 @@ def loopback(
     tolerance: float = 0.05,
     **options: Any,
 ) -> Loopback:
-    """Play a scene through ``JackSink``, record it by a second client, and compare with the offline render of the session's log.
+    """Play a scene through ``JackSink``, record it by a second client, and compare with
+    the offline render of the session's log.
 
     Parameters
     ----------
@@ -180,8 +216,9 @@ def loopback(
         As for ``Sink.open``.
     server : str, optional
     capture : sequence of str, optional
-        Ports to record, one for each channel, such as ``"system:capture_1"`` for a cable from the first output to the first
-        input; its delay is measured.  By default the sink's own ports, which must be equal bit for bit.
+        Ports to record, one for each channel, such as ``"system:capture_1"`` for a
+        cable from the first output to the first input; its delay is measured.  By
+        default the sink's own ports, which must be equal bit for bit.
     log : path, optional
         Folder to keep the session's log in.
     tolerance : float
@@ -196,7 +233,13 @@ def loopback(
     --------
     >>> import stimlib
     >>> from stimlib.devices.loopback import loopback
-    >>> loopback(stimlib.Scene({"y": stimlib.constant(0.5)}), 1.0, 8000, 1.0, server="none_of_this_name")
+    >>> loopback(
+    ...     stimlib.Scene({"y": stimlib.constant(0.5)}),
+    ...     1.0,
+    ...     8000,
+    ...     1.0,
+    ...     server="none_of_this_name",
+    ... )
     Traceback (most recent call last):
     ...
     stimlib.errors.SinkError: ...
@@ -205,7 +248,9 @@ def loopback(
         capture = [capture]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(log) if log is not None else Path(scratch) / "session.stimlog"
-        with JackSink(scene, safety, motion=motion, server=server, connect=connect, log=folder, **options) as sink:
+        with JackSink(
+            scene, safety, motion=motion, server=server, connect=connect, log=folder, **options
+        ) as sink:
             sink.open(rate, channels)
             if capture is not None and len(capture) != sink.channels:
                 raise BadValue(f"capture names {len(capture)} ports for {sink.channels} channels")
@@ -223,25 +268,51 @@ def loopback(
     given = np.concatenate([np.full(len(p), told) for _, p, told in parts])
     index = times[: len(frames)] - origin
     if capture:
-        outside = report.rise, report.fall  # frames that the log does not have: like lost ones they are left out
+        # frames that the log does not have: like lost ones they are left out
+        outside = report.rise, report.fall
         expected, given = np.pad(expected, (outside, (0, 0))), np.pad(given, outside)
-        lag, gain, residual, compared = through(frames, index + report.rise, expected, given, round(ROUND_TRIP * rate))
+        lag, gain, residual, compared = through(
+            frames, index + report.rise, expected, given, round(ROUND_TRIP * rate)
+        )
         return Loopback(
-            report.produced, report.delivered, report.lost, compared, None, True, lag / rate, gain, residual, tolerance
-        )  # fmt: skip
+            report.produced,
+            report.delivered,
+            report.lost,
+            compared,
+            None,
+            True,
+            lag / rate,
+            gain,
+            residual,
+            tolerance,
+        )
     inside = (index >= 0) & (index < len(expected))
     inside[inside] = given[index[inside]]
     bad = (frames[inside] != expected[index[inside]]).any(axis=1)
     wrong = int(index[inside][bad][0]) if bad.any() else None
     return Loopback(
-        report.produced, report.delivered, report.lost, int(inside.sum()), wrong, False, latency, 1.0, 0.0, tolerance
-    )  # fmt: skip
+        report.produced,
+        report.delivered,
+        report.lost,
+        int(inside.sum()),
+        wrong,
+        False,
+        latency,
+        1.0,
+        0.0,
+        tolerance,
+    )
 
 
 def through(
-    frames: NDArray[np.float32], index: NDArray[np.int64], expected: NDArray[Any], given: NDArray[np.bool_], longest: int
+    frames: NDArray[np.float32],
+    index: NDArray[np.int64],
+    expected: NDArray[Any],
+    given: NDArray[np.bool_],
+    longest: int,
 ) -> tuple[int, float, float, int]:
-    """Delay and gain of a cable: those that leave the smallest part of what was recorded unexplained.
+    """Delay and gain of a cable: those that leave the smallest part of what was
+    recorded unexplained.
 
     Frames that either side lost are no evidence of the cable, so they are left out.
 
@@ -250,14 +321,16 @@ def through(
     frames, index : arrays (m, channels) and (m,)
         What was recorded, and the sample of the session at whose time it was.
     expected, given : arrays (n, channels) and (n,)
-        What was played (silence before and after), and which frames of it were delivered.
+        What was played (silence before and after), and which frames of it were
+        delivered.
     longest : int
         Delay that is searched for, in samples.
 
     Returns
     -------
     tuple
-        Delay in samples, gain, residual relative to the signal (rms), and how many recorded frames are of the session.
+        Delay in samples, gain, residual relative to the signal (rms), and how many
+        recorded frames are of the session.
 
     Examples
     --------
@@ -279,7 +352,9 @@ def through(
     def at_every_lag(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
         """Sum over n of a[n] b[n - lag]."""
         size = 2 * n
-        return np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)[: longest + 1]
+        return np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)[
+            : longest + 1
+        ]
 
     match = sum(at_every_lag(heard[:, k], played[:, k]) for k in range(expected.shape[1]))
     of_played = at_every_lag(known, (played**2).sum(axis=1))

@@ -17,7 +17,8 @@ class NullSink(Sink):
     Parameters
     ----------
     clocked : bool
-        At the pace of the clock, with losses when the machine is late; otherwise as fast as the processor runs, without.
+        At the pace of the clock, with losses when the machine is late; otherwise as
+        fast as the processor runs, without.
     **options
         See ``Sink``.
 
@@ -39,7 +40,9 @@ class NullSink(Sink):
         outs[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(self.channels)
         if not self.clock:
             self.pump.write("WAIT", 1_000_000)
-        self._thread = begin(threading.Thread(target=self._loop, name="stimlib null device", daemon=True))
+        self._thread = begin(
+            threading.Thread(target=self._loop, name="stimlib null device", daemon=True)
+        )
 
     def _loop(self) -> None:
         if self.clock and self.realtime and not fifo():

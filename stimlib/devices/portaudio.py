@@ -1,7 +1,9 @@
-"""A sink on a device of PortAudio: sound cards through ALSA, JACK, PulseAudio, Core Audio, ASIO or WASAPI.
+"""A sink on a device of PortAudio: sound cards through ALSA, JACK, PulseAudio, Core
+Audio, ASIO or WASAPI.
 
-sounddevice gives callbacks in Python only.  To have the compiled one called without the interpreter, this file uses inner
-parts of it (``_StreamBase``, ``_ffi``), so its version is pinned; where they are missing, a Python callback does the same, with a
+sounddevice gives callbacks in Python only.  To have the compiled one called without the
+interpreter, this file uses inner parts of it (``_StreamBase``, ``_ffi``), so its
+version is pinned; where they are missing, a Python callback does the same, with a
 warning.
 """
 
@@ -28,7 +30,9 @@ INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get in
 SILENT_FOR = 0.8
 """Seconds without a callback after which a device is taken for gone."""
 SETTLES_IN = 3.0
-"""Seconds in which a device may come to its pace: PulseAudio first takes up to two seconds of samples at once, then none."""
+"""Seconds in which a device may come to its pace: PulseAudio first takes up to two
+seconds of samples at once, then none.
+"""
 EVEN_FOR = 0.2
 """Seconds of callbacks at one pace after which it is there."""
 
@@ -40,7 +44,10 @@ _library = threading.Lock()
 def _alone(seconds: float = -1) -> Iterator[None]:
     """PortAudio's calls are not made for several threads at once."""
     if not _library.acquire(timeout=seconds):
-        raise SinkError(f"portaudio: another sink's device has kept PortAudio busy for {seconds:g} s: close that sink")
+        raise SinkError(
+            f"portaudio: another sink's device has kept PortAudio busy for {seconds:g} s: close"
+            " that sink"
+        )
     try:
         yield
     finally:
@@ -55,14 +62,18 @@ def _sounddevice() -> ModuleType:
     except OSError as e:
         raise SinkError(f"the PortAudio library is missing ({e}): {INSTALL}") from None
     except Exception as e:  # it is started with the import; its own error cannot be named then
-        raise SinkError(f"PortAudio does not start ({e}): see whether other programs play") from None
+        raise SinkError(
+            f"PortAudio does not start ({e}): see whether other programs play"
+        ) from None
     keep_loaded(sounddevice._libname)
     _fade_first()
     return sounddevice
 
 
 def _fade_first() -> None:
-    """sounddevice ends PortAudio at the end of the program: our sinks are closed before."""
+    """sounddevice ends PortAudio at the end of the program: our sinks are closed
+    before.
+    """
     atexit.unregister(close_all)
     atexit.register(close_all)
 
@@ -73,29 +84,39 @@ class PortAudioSink(Sink):
     Parameters
     ----------
     scene, safety, **options
-        See ``Sink``.  The inputs of ``Signals`` are the device's input channels in their order.
+        See ``Sink``.  The inputs of ``Signals`` are the device's input channels in
+        their order.
     name : str or int, optional
         Of the device, part of it, or its number; by default the system's.
     latency : "low", "high" or float, s
         What the device buffers; high where it stutters.
     clocked : bool
-        False for a device without a clock, such as ALSA's ``null`` and ``file``, which take samples as fast as they come.
+        False for a device without a clock, such as ALSA's ``null`` and ``file``, which
+        take samples as fast as they come.
     compiled : bool
-        False for a callback in Python, which stutters whenever Python is busy: for comparison only.
+        False for a callback in Python, which stutters whenever Python is busy: for
+        comparison only.
 
     Notes
     -----
-    PortAudio finds devices and servers when ``sounddevice`` is first imported: those that come later need a new process.  It
-    reports that frames were skipped, not how many: the report's ``lost`` follows from its clock, in whole blocks.
+    PortAudio finds devices and servers when ``sounddevice`` is first imported: those
+    that come later need a new process.  It reports that frames were skipped, not how
+    many: the report's ``lost`` follows from its clock, in whole blocks.
 
-    PulseAudio and PipeWire match channels by the names of loudspeakers, which ALSA gives in an order of its own, and mix what
-    does not match: ``docs/howto/hardware.rst`` says how each channel stays itself.
+    PulseAudio and PipeWire match channels by the names of loudspeakers, which ALSA
+    gives in an order of its own, and mix what does not match:
+    ``docs/howto/hardware.rst`` says how each channel stays itself.
 
     Examples
     --------
     >>> import stimlib
     >>> from stimlib.devices.portaudio import PortAudioSink
-    >>> sink = PortAudioSink(stimlib.scenes.squeeze(), 50.0, motion={"x1": abs, "x2": abs}, name="none of this name")
+    >>> sink = PortAudioSink(
+    ...     stimlib.scenes.squeeze(),
+    ...     50.0,
+    ...     motion={"x1": abs, "x2": abs},
+    ...     name="none of this name",
+    ... )
     >>> sink.open(rate=8000)
     Traceback (most recent call last):
     ...
@@ -122,7 +143,10 @@ class PortAudioSink(Sink):
         self.silent_for = SILENT_FOR if clocked else math.inf
         if isinstance(self.motion, Signals):
             if ports := [s.connect for s in self.motion.inputs.values() if s.connect is not None]:
-                raise BadValue(f"portaudio: a device has input channels in their order, no port {ports[0]!r} to connect")
+                raise BadValue(
+                    f"portaudio: a device has input channels in their order, no port {ports[0]!r}"
+                    " to connect"
+                )
 
     def _open(self) -> None:
         sd = _sounddevice()
@@ -141,9 +165,14 @@ class PortAudioSink(Sink):
         common: dict[str, Any] = {
             "device": (self.name, self.name) if both else self.name,
             "channels": (inputs, self.channels) if both else self.channels,
-            "samplerate": self.rate, "blocksize": self.block or 0, "dtype": "float32", "latency": self.latency,
-            "clip_off": True, "dither_off": True, "finished_callback": self._finished,
-        }  # fmt: skip
+            "samplerate": self.rate,
+            "blocksize": self.block or 0,
+            "dtype": "float32",
+            "latency": self.latency,
+            "clip_off": True,
+            "dither_off": True,
+            "finished_callback": self._finished,
+        }
         try:
             if self.compiled and (stream := self._compiled(sd, both, common)) is not None:
                 self._stream = stream
@@ -160,17 +189,25 @@ class PortAudioSink(Sink):
             info = sd.query_devices(self.name, "output")
             source = sd.query_devices(self.name, "input") if inputs else None
         except (sd.PortAudioError, ValueError) as e:
-            known = ", ".join(f"{d['index']} {d['name']!r}" for d in sd.query_devices() if d["max_output_channels"])
+            known = ", ".join(
+                f"{d['index']} {d['name']!r}"
+                for d in sd.query_devices()
+                if d["max_output_channels"]
+            )
             raise SinkError(
-                f"portaudio: no device {self.name!r} ({str(e).splitlines()[0]}); there are {known or 'none'}; one that has come "
-                "since the program began needs a new one"
+                f"portaudio: no device {self.name!r} ({str(e).splitlines()[0]}); there are"
+                f" {known or 'none'}; one that has come since the program began needs a new one"
             ) from None
         if info["max_output_channels"] < self.channels:
             raise SinkError(
-                f"portaudio: {self._called(sd)} has {info['max_output_channels']} channels, fewer than {self.channels}"
+                f"portaudio: {self._called(sd)} has {info['max_output_channels']} channels, fewer"
+                f" than {self.channels}"
             )
         if source is not None and source["max_input_channels"] < inputs:
-            raise SinkError(f"portaudio: {self._called(sd)} has {source['max_input_channels']} inputs, fewer than {inputs}")
+            raise SinkError(
+                f"portaudio: {self._called(sd)} has {source['max_input_channels']} inputs, fewer"
+                f" than {inputs}"
+            )
         try:
             sd.check_output_settings(self.name, self.channels, "float32", samplerate=self.rate)
         except (sd.PortAudioError, ValueError) as e:
@@ -186,17 +223,21 @@ class PortAudioSink(Sink):
         return f"device {info['name']!r} ({sd.query_hostapis(info['hostapi'])['name']})"
 
     def _compiled(self, sd: ModuleType, both: bool, common: dict[str, Any]) -> Any:
-        """The stream with the compiled callback; None, and a warning, where sounddevice is not as expected."""
+        """The stream with the compiled callback; None, and a warning, where sounddevice
+        is not as expected.
+        """
         try:
             ffi = sd._ffi
             callback = ffi.cast("PaStreamCallback*", self.pump.callback("portaudio"))
             user = ffi.cast("void*", self.pump.context)
             kind = "duplex" if both else "output"
-            return sd._StreamBase(kind=kind, callback=callback, wrap_callback=None, userdata=user, **common)
+            return sd._StreamBase(
+                kind=kind, callback=callback, wrap_callback=None, userdata=user, **common
+            )
         except (AttributeError, TypeError) as e:
             warnings.warn(
-                f"this version of sounddevice takes no compiled callback ({e}): Python runs in PortAudio's callback, so the "
-                f"stream stutters while Python is busy; {INSTALL}",
+                f"this version of sounddevice takes no compiled callback ({e}): Python runs in"
+                f" PortAudio's callback, so the stream stutters while Python is busy; {INSTALL}",
                 RuntimeWarning,
                 stacklevel=6,
             )
@@ -208,7 +249,9 @@ class PortAudioSink(Sink):
     def _both(self, source: Any, out: Any, n: int, time: Any, status: Any) -> None:
         a, b = (0 if x is None else np.frombuffer(x, np.float32).ctypes.data for x in (source, out))
         flags = 4 * bool(status.output_underflow)
-        self.pump.native.portaudio_from_python(self.pump.words, a, b, n, time.outputBufferDacTime, flags)
+        self.pump.native.portaudio_from_python(
+            self.pump.words, a, b, n, time.outputBufferDacTime, flags
+        )
 
     def _start(self) -> None:
         sd = _sounddevice()
@@ -221,11 +264,17 @@ class PortAudioSink(Sink):
             self._settle()
 
     def _settle(self) -> None:
-        """Wait, in silence, until callbacks come at an even pace: what is played before is heard late, and its fades are cut."""
+        """Wait, in silence, until callbacks come at an even pace: what is played before
+        is heard late, and its fades are cut.
+        """
         pace = max(0.1, 3.0 * self._latency())
         began = even = last = time.monotonic()
         calls = self.pump.read("CALLS")
-        while (t := time.monotonic()) - even < max(EVEN_FOR, 2.0 * pace) and t - began < SETTLES_IN and not self._device_gone:
+        while (
+            (t := time.monotonic()) - even < max(EVEN_FOR, 2.0 * pace)
+            and t - began < SETTLES_IN
+            and not self._device_gone
+        ):
             if (now := self.pump.read("CALLS")) != calls:
                 calls, last = now, t
             elif t - last > pace:
@@ -233,9 +282,13 @@ class PortAudioSink(Sink):
             time.sleep(0.002)
 
     def _finished(self) -> None:
-        """Called by PortAudio: a device that is gone may end its stream without a word."""
+        """Called by PortAudio: a device that is gone may end its stream without a
+        word.
+        """
         if not self._closed:
-            self._device_lost("the device has ended the stream: is it still there? No fade-out was possible")
+            self._device_lost(
+                "the device has ended the stream: is it still there? No fade-out was possible"
+            )
 
     def _close(self) -> None:
         stream = self._stream
@@ -243,7 +296,9 @@ class PortAudioSink(Sink):
             return
         end = getattr(_sounddevice(), "_exit_handler", None)
         if end:
-            atexit.unregister(end)  # ending PortAudio waits for a device that never answers, and so would the program
+            # ending PortAudio waits for a device that never answers, and so would the
+            # program
+            atexit.unregister(end)
         if self._hangs:
             abandoned.append(stream)
             return

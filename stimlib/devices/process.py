@@ -1,4 +1,6 @@
-"""What all sinks of a process share: signals, memory that stays in place, and an end of the program that fades out first."""
+"""What all sinks of a process share: signals, memory that stays in place, and an end of
+the program that fades out first.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +17,22 @@ from typing import Any
 
 from ..errors import SinkError, StimlibError
 
-# Real time -----------------------------------------------------------------------------------------------------------
+# Real time ----------------------------------------------------------------------------
 MCL_CURRENT, MCL_ONFAULT = 1, 4
 
 
 def _lock_memory() -> bool:
-    """Memory stays in place, that of now and what comes; False where that is not permitted."""
+    """Memory stays in place, that of now and what comes; False where that is not
+    permitted.
+    """
     libc = ctypes.CDLL(None)
     return hasattr(libc, "mlockall") and libc.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
 
 
 def keep_loaded(library: str) -> None:
-    """A library stays in memory until the process has ended: its threads run on where a device hangs."""
+    """A library stays in memory until the process has ended: its threads run on where a
+    device hangs.
+    """
     ctypes.CDLL(library, mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_NODELETE", 0))
 
 
@@ -35,14 +41,18 @@ def begin(thread: threading.Thread) -> threading.Thread:
     try:
         thread.start()
     except RuntimeError as e:
-        raise SinkError(f"{thread.name}: {e}: end other programs, or allow this one more (ulimit -u, ulimit -v)") from None
+        raise SinkError(
+            f"{thread.name}: {e}: end other programs, or allow this one more (ulimit -u, ulimit -v)"
+        ) from None
     return thread
 
 
 def account(e: BaseException) -> str:
-    """Return the kind, the text and the place of an error that a user's function raised.
+    """Return the kind, the text and the place of an error that a user's function
+    raised.
 
-    Each of them may be missing: asking for it runs code of the user's, which may fail too.
+    Each of them may be missing: asking for it runs code of the user's, which may fail
+    too.
     """
     kind, text, place = "an error", "its text cannot be made", "its place cannot be found"
     with suppress(BaseException):
@@ -66,14 +76,17 @@ def fifo(priority: int = 60) -> bool:
     return True
 
 
-# The process, which several sinks may share -----------------------------------------------------------------------------
+# The process, which several sinks may share -------------------------------------------
 ENDS = tuple(getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n))
-"""Signals that end a program at once if nobody takes them: `kill`, and a terminal that is closed."""
+"""Signals that end a program at once if nobody takes them: `kill`, and a terminal that
+is closed.
+"""
 
 abandoned: list[Any] = []  # memory that a device which never let go may still use
 open_sinks: set[Any] = set()  # a device may call as long as its sink is open, so they are kept
 playing: set[Any] = set()  # from start to close
-_process = threading.RLock()  # for whoever begins or ends to play: signals and memory are the process's
+# for whoever begins or ends to play: signals and memory are the process's
+_process = threading.RLock()
 
 
 def _end(number, frame) -> None:
@@ -85,7 +98,8 @@ def _in_main_thread() -> bool:
 
 
 def begin_playing(sink: Any) -> list[str]:
-    """Signals end the program like an exception does, so that ``with`` and atexit fade out; old objects are not collected.
+    """Signals end the program like an exception does, so that ``with`` and atexit fade
+    out; old objects are not collected.
 
     What real time needs and is not permitted here is returned, in words.
     """
@@ -122,12 +136,18 @@ def end_playing(sink: Any) -> None:
 
 @contextmanager
 def signals_wait() -> Iterator[None]:
-    """Ctrl-C and the like come after what is in here: in the middle of a fade they would make it a click."""
+    """Ctrl-C and the like come after what is in here: in the middle of a fade they
+    would make it a click.
+    """
     if not _in_main_thread():
         yield
         return
     came: list[int] = []
-    kept = {s: h for s in (signal.SIGINT, *ENDS) if (h := signal.getsignal(s)) not in (None, signal.SIG_IGN)}
+    kept = {
+        s: h
+        for s in (signal.SIGINT, *ENDS)
+        if (h := signal.getsignal(s)) not in (None, signal.SIG_IGN)
+    }
     for s in kept:
         signal.signal(s, lambda number, frame: came.append(number))
     try:

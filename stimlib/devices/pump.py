@@ -1,4 +1,6 @@
-"""The engine of a sink: a processor, the compiled callback, and the memory that both work on."""
+"""The engine of a sink: a processor, the compiled callback, and the memory that both
+work on.
+"""
 
 from __future__ import annotations
 
@@ -34,13 +36,14 @@ def _native() -> ModuleType:
     return load(Path(__file__).with_name("callback.py").read_text(), "pump")
 
 
-# The compiled pump and its memory ------------------------------------------------------------------------------------
+# The compiled pump and its memory -----------------------------------------------------
 class Pump:
     """A processor with the memory that the compiled callback works on.
 
-    A device fills in its own words with ``write`` and ``address_of``, and gives its callback ``pump.context`` as user data:
-    ``pump.callback("jack")`` and ``pump.callback("portaudio")`` are the addresses of the callbacks.  It keeps this object
-    alive as long as the device may call.
+    A device fills in its own words with ``write`` and ``address_of``, and gives its
+    callback ``pump.context`` as user data: ``pump.callback("jack")`` and
+    ``pump.callback("portaudio")`` are the addresses of the callbacks.  It keeps this
+    object alive as long as the device may call.
 
     Parameters
     ----------
@@ -55,7 +58,14 @@ class Pump:
         Keep motion, frames for ``drain``; events are always kept.
     """
 
-    def __init__(self, proc: Processor, safety: Safety, channels: Sequence[int], source: Source | None, log: bool = False):
+    def __init__(
+        self,
+        proc: Processor,
+        safety: Safety,
+        channels: Sequence[int],
+        source: Source | None,
+        log: bool = False,
+    ):
         self.native = n = _native()
         self.proc, self.safety, self.channels = proc, safety, tuple(channels)
         self.fade = safety.samples(proc.fs)
@@ -72,31 +82,62 @@ class Pump:
         rows = max(inputs, 1)
         integers = np.int64
         self._fill(
-            ENTRY=entry, CONTEXT=context, PENDING=int(program[13]), N_IN=inputs, N_OUT=outputs, CHANNELS=len(self.channels),
-            MAP=place(np.array(self.channels, integers)), SCALES=place(safety.scales(proc.outputs)),
-            X=place(np.zeros(rows * n.CHUNK)), Y=place(np.zeros(outputs * n.CHUNK)),
-            GAIN_SLOT=self.slots[GAIN], FADE=self.fade, FADE_AT=FOREVER, END=FOREVER, STALE_AFTER=round(STALE * proc.fs),
-            HOLD=place(np.zeros(rows)), C_RING=place(np.zeros(n.RECORD * (n.COMMANDS + n.SPARE), integers)),
-            E_RING=place(np.zeros(n.RECORD * n.EVENTS, integers)), LOG=int(log), L_SIZE=ring,
-            OUTS=place(np.zeros(len(self.channels), integers)), STRIDE=1, INS=place(np.zeros(rows, integers)), IN_STRIDE=1,
-            CLOCK=self._function("clock_gettime"), CLOCK_ID=time.CLOCK_MONOTONIC, TIME=place(np.zeros(2, integers)),
+            ENTRY=entry,
+            CONTEXT=context,
+            PENDING=int(program[13]),
+            N_IN=inputs,
+            N_OUT=outputs,
+            CHANNELS=len(self.channels),
+            MAP=place(np.array(self.channels, integers)),
+            SCALES=place(safety.scales(proc.outputs)),
+            X=place(np.zeros(rows * n.CHUNK)),
+            Y=place(np.zeros(outputs * n.CHUNK)),
+            GAIN_SLOT=self.slots[GAIN],
+            FADE=self.fade,
+            FADE_AT=FOREVER,
+            END=FOREVER,
+            STALE_AFTER=round(STALE * proc.fs),
+            HOLD=place(np.zeros(rows)),
+            C_RING=place(np.zeros(n.RECORD * (n.COMMANDS + n.SPARE), integers)),
+            E_RING=place(np.zeros(n.RECORD * n.EVENTS, integers)),
+            LOG=int(log),
+            L_SIZE=ring,
+            OUTS=place(np.zeros(len(self.channels), integers)),
+            STRIDE=1,
+            INS=place(np.zeros(rows, integers)),
+            IN_STRIDE=1,
+            CLOCK=self._function("clock_gettime"),
+            CLOCK_ID=time.CLOCK_MONOTONIC,
+            TIME=place(np.zeros(2, integers)),
             SLEEP=self._function("usleep"),
-            HISTOGRAM=place(np.zeros(n.BINS, integers)), PORTS=place(np.zeros(len(self.channels), integers)),
-            IN_PORTS=place(np.zeros(rows, integers)), TAIL=self.fade, LEVELS=place(np.zeros(outputs)),
-        )  # fmt: skip
+            HISTOGRAM=place(np.zeros(n.BINS, integers)),
+            PORTS=place(np.zeros(len(self.channels), integers)),
+            IN_PORTS=place(np.zeros(rows, integers)),
+            TAIL=self.fade,
+            LEVELS=place(np.zeros(outputs)),
+        )
         self.histogram = self.buffers("HISTOGRAM")
         if log:
             self._fill(
-                X_RING=place(np.zeros(ring * max(inputs, 1))), F_RING=place(np.zeros(ring * len(self.channels), np.float32))
+                X_RING=place(np.zeros(ring * max(inputs, 1))),
+                F_RING=place(np.zeros(ring * len(self.channels), np.float32)),
             )
         if isinstance(source, Recorded):
             self._fill(MOTION=n.FROM_TABLE, TABLE=place(source.x), TABLE_N=source.x.shape[1])
         elif isinstance(source, (Scripted, Live)):
             size = 1 << math.ceil(math.log2(max(proc.fs, 4 * n.CHUNK)))
             keep = round(source.keep * proc.fs) if isinstance(source, Live) else 0
-            self._fill(MOTION=n.LIVE if keep else n.TIMED, M_RING=place(np.zeros(size * inputs)), M_SIZE=size, M_KEEP=keep)
+            self._fill(
+                MOTION=n.LIVE if keep else n.TIMED,
+                M_RING=place(np.zeros(size * inputs)),
+                M_SIZE=size,
+                M_KEEP=keep,
+            )
         elif isinstance(source, Signals):
-            scale = np.array([[source.inputs[name].scale, source.inputs[name].offset] for name in proc.inputs], float)
+            scale = np.array(
+                [[source.inputs[name].scale, source.inputs[name].offset] for name in proc.inputs],
+                float,
+            )
             self._fill(MOTION=n.SIGNALS, IN_SCALE=place(scale), CONNECTED=1)
         self.live = isinstance(source, (Live, Signals))
         self._fill(STALE=int(self.live))
@@ -114,7 +155,9 @@ class Pump:
         return a.ctypes.data
 
     def buffers(self, word: str) -> np.ndarray:
-        """The array whose address a word is: OUTS, INS, PORTS or IN_PORTS, one address for each channel or input."""
+        """The array whose address a word is: OUTS, INS, PORTS or IN_PORTS, one address
+        for each channel or input.
+        """
         return next(a for a in self.arrays if a.ctypes.data == self.read(word))
 
     def _function(self, name: str) -> int:
@@ -141,7 +184,7 @@ class Pump:
         """One block, called from Python: buffers are those in OUTS."""
         self.native.block(self.words, n, lost)
 
-    # Course ------------------------------------------------------------------------------------------------------
+    # Course ---------------------------------------------------------------------------
     @property
     def index(self) -> int:
         """Samples produced."""
@@ -160,7 +203,8 @@ class Pump:
     def start(self, frames: int | None, first: np.ndarray | None = None) -> None:
         """From the next block on, for so many samples.
 
-        The device rises to the outputs of sample 0, ``first``, before it; without them, the gain rises along the samples.
+        The device rises to the outputs of sample 0, ``first``, before it; without them,
+        the gain rises along the samples.
         """
         if frames is not None:
             self.write("END", frames)
@@ -172,15 +216,21 @@ class Pump:
         self.write("STATE", self.native.RUNNING)
 
     def set(self, name: str, value: float, ramp: int) -> bool:
-        """Ask for a parameter's change over ``ramp`` samples; False when the ring is full."""
+        """Ask for a parameter's change over ``ramp`` samples; False when the ring is
+        full.
+        """
         bits = int(np.float64(value).view(np.int64))
-        return bool(self.native.put_command(self.words, self.native.SET, self.slots[name], bits, ramp))
+        return bool(
+            self.native.put_command(self.words, self.native.SET, self.slots[name], bits, ramp)
+        )
 
     def stop(self, reason: str, earliest: int = 0) -> None:
-        """Ask for the fade-out, from sample ``earliest`` on at the soonest; the pump is DONE when it is over."""
+        """Ask for the fade-out, from sample ``earliest`` on at the soonest; the pump is
+        DONE when it is over.
+        """
         self.native.put_command(self.words, self.native.STOP, REASONS.index(reason), earliest, 0)
 
-    # Rings -------------------------------------------------------------------------------------------------------
+    # Rings ----------------------------------------------------------------------------
     def put_motion(self, x: np.ndarray) -> int:
         """Columns (n_inputs, n) into the ring; how many had room."""
         return self.native.put_motion(self.words, x)
@@ -192,14 +242,18 @@ class Pump:
     def motion_room(self) -> int:
         """Columns that may be put now."""
         ahead = self.read("M_WRITE") - self.read("M_READ")
-        return min(self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * self.native.CHUNK) - ahead)
+        return min(
+            self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * self.native.CHUNK) - ahead
+        )
 
     def frames(self) -> np.ndarray:
         """Delivered frames since the last call, up to 4096; valid until the next."""
         return self._frames[: self.native.get_frames(self.words, self._frames)]
 
     def motion(self) -> np.ndarray:
-        """Motion as processed since the last call, (n, n_inputs), up to 4096 columns; valid until the next."""
+        """Motion as processed since the last call, (n, n_inputs), up to 4096 columns;
+        valid until the next.
+        """
         return self._columns[: self.native.get_motion(self.words, self._columns)]
 
     def events(self) -> list[tuple[int, str, dict[str, Any]]]:

@@ -1,4 +1,6 @@
-"""Sweeps through a device: a drive is played, and what a sensor answers is recorded beside it, at one point or at many."""
+"""Sweeps through a device: a drive is played, and what a sensor answers is recorded
+beside it, at one point or at many.
+"""
 
 from __future__ import annotations
 
@@ -63,26 +65,30 @@ def record_sweep(
     keep: str | os.PathLike[str] | None = None,
     **options: Any,
 ) -> Sweep:
-    """Play a chirp through a sink, and record what a sensor answers; ``identify(*sweep)`` finds the resonance in it.
+    """Play a chirp through a sink, and record what a sensor answers;
+    ``identify(*sweep)`` finds the resonance in it.
 
-    Each point is a session of its own.  The drive is what the device was given, limits included, or what ``drive``
-    recorded: then no delay is between the two, and gains are exact.
+    Each point is a session of its own.  The drive is what the device was given, limits
+    included, or what ``drive`` recorded: then no delay is between the two, and gains
+    are exact.
 
     Parameters
     ----------
     sink : class or function
-        ``JackSink``, ``PortAudioSink``, ``NullSink``, or what makes one from ``(scene, safety, motion=, log=, **options)``.
+        ``JackSink``, ``PortAudioSink``, ``NullSink``, or what makes one from ``(scene,
+        safety, motion=, log=, **options)``.
     full_scale : float
         Voltage that 1.0 makes at the device.
     response : Signal, or a motion of one input
-        The device's input that the sensor is at: ``Signal(scale, connect=port)``, its scale in m, m/s or m/s^2 for 1.0.  An array
-        or a function of time rehearses.
+        The device's input that the sensor is at: ``Signal(scale, connect=port)``, its
+        scale in m, m/s or m/s^2 for 1.0.  An array or a function of time rehearses.
     rate : float
         Of the device, in Hz.
     band : (float, float)
         Frequencies in Hz between which it sweeps; the default is the thesis'.
     seconds, rest : float
-        Length of the sweep, and of the silence behind it, in which the plate must come to rest.
+        Length of the sweep, and of the silence behind it, in which the plate must come
+        to rest.
     amplitude : float, optional
         In V; by default full scale.
     drive : Signal, optional
@@ -90,13 +96,15 @@ def record_sweep(
     points : array_like, shape (points, ..), optional
         A row for each point to measure, such as its x and y; by default one point.
     ready : function, optional
-        ``ready(k, points[k], error)`` is called before each session and returns when the sensor is there.  ``error`` is None, or
-        why the last take of this point must be done again (three times at most); whatever it raises ends all.
+        ``ready(k, points[k], error)`` is called before each session and returns when
+        the sensor is there.  ``error`` is None, or why the last take of this point must
+        be done again (three times at most); whatever it raises ends all.
     channels : int or sequence
         As for ``Sink.open``: ``[None, "drive"]`` plays on the second channel.
     keep : path, optional
-        An npz file that has every point as soon as it is taken: ``t``, ``drive0``, ``response0``, ``drive1`` and so on, for
-        ``read_sweep``.  Points that it has are not asked for again, so a session that was ended goes on where it was.
+        An npz file that has every point as soon as it is taken: ``t``, ``drive0``,
+        ``response0``, ``drive1`` and so on, for ``read_sweep``.  Points that it has are
+        not asked for again, so a session that was ended goes on where it was.
     **options
         Of the sink, such as ``connect=["system:playback_1"]``.
 
@@ -108,9 +116,11 @@ def record_sweep(
     Raises
     ------
     BadValue
-        An amplitude above full scale, several points and nobody to ask, numbers that make no chirp.
+        An amplitude above full scale, several points and nobody to ask, numbers that
+        make no chirp.
     RecordingError
-        A take that is clipped or silent, or of which the device lost frames; a file to keep that is of another sweep.
+        A take that is clipped or silent, or of which the device lost frames; a file to
+        keep that is of another sweep.
     SinkError
         As ``Sink.open``; a file to keep that cannot be written.
 
@@ -127,27 +137,48 @@ def record_sweep(
     >>> from stimlib.devices.null import NullSink
     >>> from stimlib.devices.resonance import record_sweep
     >>> from stimlib.plate import identify
-    >>> answer = stimlib.Scene({"y": 2e-6 * mode(10 * chirp(60, 320, 2.0), 158.0, q=10)})
+    >>> answer = stimlib.Scene(
+    ...     {"y": 2e-6 * mode(10 * chirp(60, 320, 2.0), 158.0, q=10)}
+    ... )
     >>> y = stimlib.render(answer, {}, fs=2000, seconds=2.5)["y"]
-    >>> sweep = record_sweep(NullSink, 10.0, y, 2000, (60, 320), seconds=2.0, rest=0.5, clocked=False)
+    >>> sweep = record_sweep(
+    ...     NullSink, 10.0, y, 2000, (60, 320), seconds=2.0, rest=0.5, clocked=False
+    ... )
     >>> found = identify(*sweep)
     >>> print(f"{found.freq:.1f} Hz, q = {found.q:.1f}")
     158.0 Hz, q = 10.0
     """
     amplitude = full_scale if amplitude is None else amplitude
     if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
-        raise BadValue(f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale = {full_scale!r} V")
+        raise BadValue(
+            f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale ="
+            f" {full_scale!r} V"
+        )
     if not rest > 0:
-        raise BadValue(f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep")
+        raise BadValue(
+            f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep"
+        )
     if np.shape(band) != (2,) or (not isinstance(channels, int) and "drive" not in channels):
-        raise BadValue(f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels = {channels!r} have the drive")
+        raise BadValue(
+            f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels ="
+            f" {channels!r} have the drive"
+        )
     if not callable(sink):
-        raise BadValue(f"record_sweep: sink = {sink!r:.60} must be what makes one, such as the class JackSink itself")
+        raise BadValue(
+            f"record_sweep: sink = {sink!r:.60} must be what makes one, such as the class JackSink"
+            " itself"
+        )
     if points is not None and np.ndim(points) == 0:
-        raise BadValue(f"record_sweep: points = {points!r:.60} must be a row for each point, such as [(0.05, 0.07), (0.1, 0.07)]")
+        raise BadValue(
+            f"record_sweep: points = {points!r:.60} must be a row for each point, such as [(0.05,"
+            " 0.07), (0.1, 0.07)]"
+        )
     places = [None] if points is None else list(np.atleast_1d(points))
     if not places or (len(places) > 1 and ready is None):
-        raise BadValue(f"record_sweep: {len(places)} points; give at least one, and ready=, which asks for each of several")
+        raise BadValue(
+            f"record_sweep: {len(places)} points; give at least one, and ready=, which asks for"
+            " each of several"
+        )
     inputs = {"response": response} | ({} if drive is None else {"voltage": drive})
     played = constant(float(amplitude), "V") * chirp(float(band[0]), float(band[1]), float(seconds))
     scene = Scene({"drive": played} | {f"{name}_seen": Input(name) for name in inputs})
@@ -163,8 +194,8 @@ def record_sweep(
         report, column = s.report(), list(s.proc.inputs).index
         if report.lost or report.unlogged:
             raise RecordingError(
-                f"record_sweep: the device lost {report.lost} frames, and {report.unlogged} were not kept: record again, with "
-                "longer blocks or less other work"
+                f"record_sweep: the device lost {report.lost} frames, and {report.unlogged} were"
+                " not kept: record again, with longer blocks or less other work"
             )
         x = np.concatenate(kept.x, axis=1)
         at = next(k for k, i in enumerate(s.map) if i == s.proc.outputs.index("drive"))
@@ -175,7 +206,10 @@ def record_sweep(
 
     taken = [] if keep is None else _kept(keep, rate)
     if len(taken) > len(places):
-        raise RecordingError(f"record_sweep: {keep} has {len(taken)} points, and {len(places)} are wanted; keep= another file")
+        raise RecordingError(
+            f"record_sweep: {keep} has {len(taken)} points, and {len(places)} are wanted; keep="
+            " another file"
+        )
     for k in range(len(taken), len(places)):
         taken.append(_asked(take, k, places[k], ready))
         if keep is not None:
@@ -185,7 +219,9 @@ def record_sweep(
 
 
 def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> Any:
-    """A take of a point, again where it failed and somebody can do something about it."""
+    """A take of a point, again where it failed and somebody can do something about
+    it.
+    """
     error = None
     for _ in range(TAKES if ready else 1):
         if ready:
@@ -199,24 +235,33 @@ def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> 
 
 
 def _kept(file: str | os.PathLike[str], rate: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The points that a file has; where there is none, it is made now, so that a place that cannot be written loses no take."""
+    """The points that a file has; where there is none, it is made now, so that a place
+    that cannot be written loses no take.
+    """
     if not Path(file).exists():
         _keep(file, [], rate)
     count = len(read_table(file).names) // 2
     if not count:
         return []
-    sweep = read_sweep(file, [f"drive{k}" for k in range(count)], [f"response{k}" for k in range(count)])
+    sweep = read_sweep(
+        file, [f"drive{k}" for k in range(count)], [f"response{k}" for k in range(count)]
+    )
     if abs(sweep.fs / rate - 1) > 1e-6:
-        raise RecordingError(f"record_sweep: {file} was recorded at {sweep.fs:g} Hz, not {rate:g} Hz; keep= another file")
+        raise RecordingError(
+            f"record_sweep: {file} was recorded at {sweep.fs:g} Hz, not {rate:g} Hz; keep= another"
+            " file"
+        )
     return list(zip(sweep.drive, sweep.response, strict=True))
 
 
-def _keep(file: str | os.PathLike[str], taken: list[tuple[np.ndarray, np.ndarray]], rate: float) -> None:
+def _keep(
+    file: str | os.PathLike[str], taken: list[tuple[np.ndarray, np.ndarray]], rate: float
+) -> None:
     lengths = {len(u) for u, _ in taken}
     if len(lengths) > 1:
         raise RecordingError(
-            f"record_sweep: the points in {file} have {len(taken[0][0])} samples, and this one {len(taken[-1][0])}: sweep as "
-            "long as before, or keep= another file"
+            f"record_sweep: the points in {file} have {len(taken[0][0])} samples, and this one"
+            f" {len(taken[-1][0])}: sweep as long as before, or keep= another file"
         )
     columns: dict[str, Any] = {"t": np.arange(max(lengths, default=0)) / rate}
     for k, (u, y) in enumerate(taken):

@@ -1,4 +1,6 @@
-"""What a session was: its report, and the part of the ordinary thread that brings it to the log."""
+"""What a session was: its report, and the part of the ordinary thread that brings it to
+the log.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +27,16 @@ class SessionReport:
     delivered : int
         Frames that the device took.
     lost : int
-        Frames that the device skipped; they were produced and discarded, so that time stays right.
+        Frames that the device skipped; they were produced and discarded, so that time
+        stays right.
     underruns : int
         How often it skipped.
     clips : dict
-        Samples that the safety stage changed, {"peak", "static", "slew" or "clip": {output: count}}.
+        Samples that the safety stage changed, {"peak", "static", "slew" or "clip":
+        {output: count}}.
     faults : dict of str to int
-        Outputs that were stopped because they were not finite, and the sample index of each.
+        Outputs that were stopped because they were not finite, and the sample index of
+        each.
     block_time : dict of str to float, s
         Time of the callback: "p50", "p99", "p99.9", "max", at most 12.5 % too high.
     latency : float, s
@@ -43,8 +48,9 @@ class SessionReport:
     skipped : int
         Columns of a live motion that came too fast.
     rise, fall : int
-        Frames before sample 0, in which the device rose to it, and after the last sample, in which it fell to silence.
-        They are not among those produced.  Without them the fades lie on the samples: of a hand in real time, of a stop.
+        Frames before sample 0, in which the device rose to it, and after the last
+        sample, in which it fell to silence. They are not among those produced.  Without
+        them the fades lie on the samples: of a hand in real time, of a stop.
     """
 
     produced: int
@@ -67,19 +73,26 @@ class SessionReport:
 
     def __str__(self) -> str:
         t = ", ".join(f"{k} {v * 1e6:.0f} us" for k, v in self.block_time.items())
-        line = f"{self.produced} samples, {self.delivered} delivered, {self.lost} lost in {self.underruns} underruns; blocks {t}"
+        line = (
+            f"{self.produced} samples, {self.delivered} delivered, {self.lost} lost in"
+            f" {self.underruns} underruns; blocks {t}"
+        )
         more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         more += [f"motion stale {self.stale} times"] if self.stale else []
         more += [f"{self.unlogged} samples not logged"] if self.unlogged else []
         more += [f"{self.skipped} columns of motion came too fast"] if self.skipped else []
-        more += [f"faded in over {f'{self.rise} frames before sample 0' if self.rise else 'the first samples'}"]
+        more += [
+            "faded in over"
+            f" {f'{self.rise} frames before sample 0' if self.rise else 'the first samples'}"
+        ]
         more += [f"faded out over {self.fall} frames after the last sample"] if self.fall else []
         return "; ".join([line, *more])
 
 
 class Recorder:
-    """Takes what the callback has put into its rings, and gives it to the log in the order of samples.
+    """Takes what the callback has put into its rings, and gives it to the log in the
+    order of samples.
 
     Parameters
     ----------
@@ -92,7 +105,9 @@ class Recorder:
         ``fail(error, earliest)`` fades the session out, from that sample on.
     """
 
-    def __init__(self, pump: Pump, watch: Watch, writer: Any, fail: Callable[[Exception, int], None]):
+    def __init__(
+        self, pump: Pump, watch: Watch, writer: Any, fail: Callable[[Exception, int], None]
+    ):
         self.pump, self.watch, self.writer, self._fail = pump, watch, writer, fail
         self.stales = 0  # how often the motion stayed away
         self._cursor = 0  # frames that the log has
@@ -102,10 +117,15 @@ class Recorder:
         self._counted_at = time.monotonic()
 
     def drain(self) -> None:
-        """Everything that has come, in the order of samples; then what the safety stage has counted."""
+        """Everything that has come, in the order of samples; then what the safety stage
+        has counted.
+        """
         writer, p = self.writer, self.pump
         if writer is not None and p.read("DROPPED"):
-            raise SinkError(f"the log cannot follow: more than {p.native.EVENTS} changes and losses wait for the disk")
+            raise SinkError(
+                f"the log cannot follow: more than {p.native.EVENTS} changes and losses wait for"
+                " the disk"
+            )
         while len(x := p.motion()):
             if writer is not None:
                 writer.motion(np.ascontiguousarray(x.T))
@@ -128,8 +148,11 @@ class Recorder:
         for name in sorted((n for n in faults if n not in self._gone), key=faults.__getitem__):
             self._gone.append(name)
             self._put(faults[name], "fault", output=name)
-            why = FaultError(f"output {name} was not finite at sample {faults[name]}: the session was faded out")
-            self._fail(why, faults[name] + self.watch.fade + 1)  # its own fade comes first: two at once would be steeper
+            why = FaultError(
+                f"output {name} was not finite at sample {faults[name]}: the session was faded out"
+            )
+            # its own fade comes first: two at once would be steeper
+            self._fail(why, faults[name] + self.watch.fade + 1)
         if time.monotonic() - self._counted_at >= 1.0:
             self._put_counts()
 

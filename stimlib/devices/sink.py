@@ -1,7 +1,9 @@
-"""What every sink shares: the engine around the compiled callback, and the protocol that a device fills in.
+"""What every sink shares: the engine around the compiled callback, and the protocol
+that a device fills in.
 
-A sink owns one session: open, start, stop, close.  The samples are made by ``stimlib/devices/callback.py`` inside the device's
-own callback; everything here runs in ordinary threads and talks to it through rings.
+A sink owns one session: open, start, stop, close.  The samples are made by
+``stimlib/devices/callback.py`` inside the device's own callback; everything here runs
+in ordinary threads and talks to it through rings.
 """
 
 from __future__ import annotations
@@ -36,14 +38,19 @@ CLOSE_WITHIN = 2.0
 """Seconds in which ``close`` returns, whatever the device does."""
 
 LONGEST_BLOCK = 0.25
-"""Seconds of a device's block: a stop comes a block late, and must be over before ``close`` returns."""
+"""Seconds of a device's block: a stop comes a block late, and must be over before
+``close`` returns.
+"""
 
 WAITS = 2.0
-"""Seconds after which a function of the motion that has not returned ends the session."""
+"""Seconds after which a function of the motion that has not returned ends the
+session.
+"""
 
 
 class Sink:
-    """A session on a device.  ``NullSink``, ``JackSink`` and others fill in the four methods at the end.
+    """A session on a device.  ``NullSink``, ``JackSink`` and others fill in the four
+    methods at the end.
 
     Parameters
     ----------
@@ -52,34 +59,43 @@ class Sink:
     safety : Safety or float
         A number is the full scale of all outputs.
     motion : mapping, Recorded, Scripted, Live or Signals
-        See ``stimlib.devices.sources``; a mapping of input names is that of ``stimlib.render``.
+        See ``stimlib.devices.sources``; a mapping of input names is that of
+        ``stimlib.render``.
     seed : int
         Key of all noise.
     params : dict of str to float, optional
         Parameters that differ from the scene's, from the first sample on.
     log : path or object, optional
-        Folder for the session's log (``stimlib.files.log``), or an object with the methods of its ``LogWriter``.
+        Folder for the session's log (``stimlib.files.log``), or an object with the
+        methods of its ``LogWriter``.
     realtime : bool, optional
-        Lock memory and keep the garbage collector away while it plays, with one warning where that is not permitted.
-        By default only devices with a clock of their own do.
+        Lock memory and keep the garbage collector away while it plays, with one warning
+        where that is not permitted. By default only devices with a clock of their own
+        do.
 
     Notes
     -----
-    Leaving the ``with`` block, ``stop``, ``close``, an exception, Ctrl-C, SIGTERM and SIGHUP all fade out before the device is
-    let go; so does the end of the program.  ``start`` takes SIGTERM and SIGHUP where nobody else has, and only in the main
-    thread, as Python demands; of a program that starts its sinks elsewhere they are its own business.
+    Leaving the ``with`` block, ``stop``, ``close``, an exception, Ctrl-C, SIGTERM and
+    SIGHUP all fade out before the device is let go; so does the end of the program.
+    ``start`` takes SIGTERM and SIGHUP where nobody else has, and only in the main
+    thread, as Python demands; of a program that starts its sinks elsewhere they are its
+    own business.
 
-    A function of yours that the sink calls from its threads (a motion, ``feed``, ``take``, the methods of a log) may do what it
-    likes: when it raises, exits, gives no finite numbers of the right shape or, as a motion, does not return for 2 s, the session
-    fades out, and ``wait``, ``check`` and the end of the ``with`` block raise a ``SinkError`` that names it. In it ``stop``
-    returns at once, and ``wait`` and ``close`` are refused.
+    A function of yours that the sink calls from its threads (a motion, ``feed``,
+    ``take``, the methods of a log) may do what it likes: when it raises, exits, gives
+    no finite numbers of the right shape or, as a motion, does not return for 2 s, the
+    session fades out, and ``wait``, ``check`` and the end of the ``with`` block raise a
+    ``SinkError`` that names it. In it ``stop`` returns at once, and ``wait`` and
+    ``close`` are refused.
 
     Examples
     --------
     >>> import stimlib
     >>> from stimlib.devices.null import NullSink
     >>> from stimlib.motion.generators import minimum_jerk
-    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> scene = stimlib.Scene(
+    ...     {"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> with NullSink(scene, 50.0, motion={"x": minimum_jerk()}, clocked=False) as sink:
     ...     sink.open(rate=8000)
     ...     sink.start(seconds=2.0)
@@ -113,8 +129,9 @@ class Sink:
             raise BadValue(f"a sink plays a Scene, got {type(scene).__name__}")
         if safety is None:
             raise BadValue(
-                "safety is missing: give, as second argument, the value that 1.0 at the device makes, such as 50.0 (N), or a "
-                "stimlib.run.safety.Safety with it; nothing goes beyond"
+                "safety is missing: give, as second argument, the value that 1.0 at the device"
+                " makes, such as 50.0 (N), or a stimlib.run.safety.Safety with it; nothing goes"
+                " beyond"
             )
         self.scene = scene
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
@@ -129,33 +146,50 @@ class Sink:
         self._lock = threading.RLock()
 
     def __repr__(self):
-        at = f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}" if self._opened else ""
+        at = (
+            f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}"
+            if self._opened
+            else ""
+        )
         return f"{type(self).__name__}({self.scene!r}{at})"
 
-    # Life --------------------------------------------------------------------------------------------------------
-    def open(self, rate: float, channels: int | Sequence[str | None] | None = None, block: int | None = None) -> None:
-        """Compile for the device's rate and take the device; it is silent until ``start``.
+    # Life -----------------------------------------------------------------------------
+    def open(
+        self,
+        rate: float,
+        channels: int | Sequence[str | None] | None = None,
+        block: int | None = None,
+    ) -> None:
+        """Compile for the device's rate and take the device; it is silent until
+        ``start``.
 
         Parameters
         ----------
         rate : float
             Hz.
         channels : int or sequence of str or None, optional
-            Number of channels, the first of which carry the outputs in their order; or the output of each channel, None for
-            silence.  By default one for each output.
+            Number of channels, the first of which carry the outputs in their order; or
+            the output of each channel, None for silence.  By default one for each
+            output.
         block : int, optional
-            Frames per callback, where the device lets one choose.  The samples do not depend on it.
+            Frames per callback, where the device lets one choose.  The samples do not
+            depend on it.
 
         Raises
         ------
         SinkError
-            The device is not there, is busy, or has another rate, block or number of channels; a package is missing.
+            The device is not there, is busy, or has another rate, block or number of
+            channels; a package is missing.
         BadValue, UnknownName
             Fewer channels than outputs; a channel for an output that does not exist.
         """
         if self._opened or self._closed:
-            raise SinkError("this sink has been opened before, or closed: make a new one for another session")
-        if block is not None and (isinstance(block, bool) or not isinstance(block, (int, np.integer)) or block < 1):
+            raise SinkError(
+                "this sink has been opened before, or closed: make a new one for another session"
+            )
+        if block is not None and (
+            isinstance(block, bool) or not isinstance(block, (int, np.integer)) or block < 1
+        ):
             raise BadValue(f"block = {block!r} must be a whole number of frames above 0")
         outputs = tuple(self.scene.outputs)
         self.map = _channel_map(channels, outputs)
@@ -166,34 +200,44 @@ class Sink:
         for name, value in self.params.items():
             self._need_live(name)
             self.proc.set(name, value, ramp=0.0)
-        self.proc.process(np.zeros((len(self.proc.inputs), 0)))  # they are there from the first sample on
-        self.pump = Pump(self.proc, self.safety, self.map, self.motion, log=self._log_to is not None)
+        # they are there from the first sample on
+        self.proc.process(np.zeros((len(self.proc.inputs), 0)))
+        self.pump = Pump(
+            self.proc, self.safety, self.map, self.motion, log=self._log_to is not None
+        )
         self._watch = Watch(self.proc)
         self._refused: list[str] = []  # of what real time needs
         self._let_go = threading.Event()
         # now: a program that ends starts no thread
-        self._closer = begin(threading.Thread(target=self._close_when_told, name="stimlib close", daemon=True))
+        self._closer = begin(
+            threading.Thread(target=self._close_when_told, name="stimlib close", daemon=True)
+        )
         try:
             self._open()
             if self.clock and self.block and self.block > LONGEST_BLOCK * self.rate:
                 raise SinkError(
-                    f"{self.device}: blocks of {self.block} frames are {self.block / self.rate:.2g} s, and a stop would come as "
-                    f"late: at most {int(LONGEST_BLOCK * self.rate)}"
+                    f"{self.device}: blocks of {self.block} frames are {self.block / self.rate:.2g}"
+                    f" s, and a stop would come as late: at most {int(LONGEST_BLOCK * self.rate)}"
                 )
         except BaseException:
             self._closed = True
             self._let_it_go(1.0)
-            self._closed = self._closer.is_alive()  # else it may be opened again: a server may come later
+            # else it may be opened again: a server may come later
+            self._closed = self._closer.is_alive()
             raise
         self._opened = True
         open_sinks.add(self)
         logger.info("%s: opened %r", self.device, self)
 
     def _warm_up(self) -> None:
-        """Run everything once, so that nothing is compiled or loaded later; then back to sample 0."""
+        """Run everything once, so that nothing is compiled or loaded later; then back
+        to sample 0.
+        """
         x = np.zeros((len(self.proc.inputs), 256))
         self.proc.process(x)
-        pump = Pump(self.proc, self.safety, self.map, Recorded(x) if self.proc.inputs else None, log=True)
+        pump = Pump(
+            self.proc, self.safety, self.map, Recorded(x) if self.proc.inputs else None, log=True
+        )
         silence = np.zeros((self.channels, 64), np.float32)
         pump.buffers("OUTS")[:] = silence.ctypes.data + 4 * 64 * np.arange(self.channels)
         pump.start(None)
@@ -206,25 +250,37 @@ class Sink:
     def start(self, seconds: float | None = None) -> None:
         """Play the scene from its sample 0 on.
 
-        The fades lie outside of it: the device rises from silence to the outputs of sample 0, plays the samples as
-        they are, and falls to silence from the last. ``stop`` fades at once, and so does a fault. With a hand in real
-        time the gain rises along the samples, from its first motion on: a force held meanwhile would then jump.
+        The fades lie outside of it: the device rises from silence to the outputs of
+        sample 0, plays the samples as they are, and falls to silence from the last.
+        ``stop`` fades at once, and so does a fault. With a hand in real time the gain
+        rises along the samples, from its first motion on: a force held meanwhile would
+        then jump.
 
         Parameters
         ----------
         seconds : float, optional
-            Length of the scene, without the fades; by default that of a recorded motion, or until ``stop``.
+            Length of the scene, without the fades; by default that of a recorded
+            motion, or until ``stop``.
 
         Raises
         ------
         SinkError
-            Not open, or started before; the device cannot be started, or no thread: the sink is closed then.
+            Not open, or started before; the device cannot be started, or no thread: the
+            sink is closed then.
         """
         if not self._opened or self._closed:
-            raise SinkError("start: open the sink first" if not self._opened else "start: this sink is closed")
+            raise SinkError(
+                "start: open the sink first" if not self._opened else "start: this sink is closed"
+            )
         if self._started:
-            raise SinkError("start: a sink plays once; make a new one, so that each session has its own log")
-        frames = length(self.motion) if seconds is None else _samples("start: seconds", seconds, self.rate)
+            raise SinkError(
+                "start: a sink plays once; make a new one, so that each session has its own log"
+            )
+        frames = (
+            length(self.motion)
+            if seconds is None
+            else _samples("start: seconds", seconds, self.rate)
+        )
         if frames == 0:
             raise BadValue(f"start: seconds = {seconds} must be at least one sample")
         if isinstance(self.motion, Scripted):
@@ -238,7 +294,9 @@ class Sink:
             self._refused += begin_playing(self)
             if self._feeder:
                 begin(self._feeder)
-            self._worker = begin(threading.Thread(target=self._work, name="stimlib sink", daemon=True))
+            self._worker = begin(
+                threading.Thread(target=self._work, name="stimlib sink", daemon=True)
+            )
             self._start()
             with self._lock:
                 if self._closed:
@@ -249,13 +307,16 @@ class Sink:
             raise
         if self._refused:
             warnings.warn(
-                f"not permitted here: {' and '.join(self._refused)}; the stream may stutter when the machine is busy",
+                f"not permitted here: {' and '.join(self._refused)}; the stream may stutter when"
+                " the machine is busy",
                 RuntimeWarning,
                 stacklevel=2,
             )
 
     def _first(self) -> np.ndarray | None:
-        """Outputs at sample 0, which the fade before it leads to; None where the hand of that moment is not known."""
+        """Outputs at sample 0, which the fade before it leads to; None where the hand
+        of that moment is not known.
+        """
         if self.pump.live or not self.leads:
             return None
         x = np.zeros((0, 1))
@@ -282,7 +343,10 @@ class Sink:
         if not self._started:
             raise SinkError("wait: start the sink first")
         if self._inside() or threading.current_thread() is self._worker:
-            raise SinkError("wait: a function that the sink calls cannot wait for its end: wait where it was started")
+            raise SinkError(
+                "wait: a function that the sink calls cannot wait for its end: wait where it was"
+                " started"
+            )
         end = math.inf if seconds is None else time.monotonic() + seconds
         while not self.finished and time.monotonic() < end:
             self.check()
@@ -300,7 +364,8 @@ class Sink:
         return self._started and self.pump.state >= self.pump.native.DONE
 
     def stop(self, reason: str = "stop") -> None:
-        """Fade out and wait until the last sample has left; the device stays open, and silent.
+        """Fade out and wait until the last sample has left; the device stays open, and
+        silent.
 
         In a function that the sink calls, such as a motion, it returns at once.
         """
@@ -333,7 +398,10 @@ class Sink:
             It is called in a function that the sink calls, such as a motion.
         """
         if self._inside():
-            raise SinkError("close: a function that the sink calls cannot close it: call stop there, close where it was opened")
+            raise SinkError(
+                "close: a function that the sink calls cannot close it: call stop there, close"
+                " where it was opened"
+            )
         began = time.monotonic()
         try:
             with signals_wait(), self._lock:
@@ -363,12 +431,20 @@ class Sink:
                 elif threading.current_thread() is not self._worker:  # as where a log calls close
                     self._worker.join(max(0.1, end - 0.1 - time.monotonic()))
                     if self._worker.is_alive():
-                        warnings.warn("the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=3)
+                        warnings.warn(
+                            "the log is not written yet: the disk is slow",
+                            RuntimeWarning,
+                            stacklevel=3,
+                        )
             open_sinks.discard(self)
-            logger.info("%s: closed %r%s", self.device, self, f", {self.report()}" if self._started else "")
+            logger.info(
+                "%s: closed %r%s", self.device, self, f", {self.report()}" if self._started else ""
+            )
 
     def _inside(self) -> bool:
-        """Return whether this is a thread in which the sink calls functions of the user's for its next samples."""
+        """Return whether this is a thread in which the sink calls functions of the
+        user's for its next samples.
+        """
         return threading.current_thread() in (self._feeder, self._thread)
 
     def __enter__(self) -> Self:
@@ -380,7 +456,9 @@ class Sink:
             self.check()
 
     def _let_it_go(self, seconds: float) -> bool:
-        """Have the device closed; False when that has not come back in time, and the memory it works on is kept."""
+        """Have the device closed; False when that has not come back in time, and the
+        memory it works on is kept.
+        """
         self._let_go.set()
         self._closer.join(seconds)
         if self._closer.is_alive():
@@ -396,9 +474,10 @@ class Sink:
             if self.error is None and self._opened:
                 self.error = SinkError(f"{self.device}: closing failed: {e}")
 
-    # While it plays ----------------------------------------------------------------------------------------------
+    # While it plays -------------------------------------------------------------------
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
-        """Change a parameter from the next block on; the log has the sample.  A session that has faded out keeps it as it was.
+        """Change a parameter from the next block on; the log has the sample.  A session
+        that has faded out keeps it as it was.
 
         Parameters
         ----------
@@ -417,18 +496,27 @@ class Sink:
         """
         self.check()
         if not self._opened or self._closed:
-            raise SinkError("set: open the sink first" if not self._opened else "set: this sink is closed")
+            raise SinkError(
+                "set: open the sink first" if not self._opened else "set: this sink is closed"
+            )
         self._need_live(name)
-        value, samples = _number(f"set: {name}", value), max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
+        value, samples = (
+            _number(f"set: {name}", value),
+            max(1, _samples(f"set: {name}: ramp", ramp, self.rate)),
+        )
         end = time.monotonic() + 1.0
         while not self.finished and not self.pump.set(name, value, samples):
             if time.monotonic() > end or not self._started:
-                raise SinkError(f"set({name!r}): 256 changes wait already and the device takes none")
+                raise SinkError(
+                    f"set({name!r}): 256 changes wait already and the device takes none"
+                )
             time.sleep(0.001)
 
     def _need_live(self, name: str) -> None:
         if name not in self.scene.params:  # the fade is not theirs to set
-            raise UnknownName(f"no parameter {name!r}; this scene has {', '.join(self.scene.params) or 'none'}")
+            raise UnknownName(
+                f"no parameter {name!r}; this scene has {', '.join(self.scene.params) or 'none'}"
+            )
 
     def push(self, x: np.ndarray) -> int:
         """Columns of a live motion, one per sample.
@@ -485,22 +573,28 @@ class Sink:
         self._fail(SinkError(f"{self.device}: {why}"))
 
     def _fail(self, e: BaseException, earliest: int = 0, what: str = "unexpected error") -> None:
-        """Called from any thread: the session fades out, from sample ``earliest`` on, and ``check`` raises this.
+        """Called from any thread: the session fades out, from sample ``earliest`` on,
+        and ``check`` raises this.
 
-        What a function of the user's has raised becomes a ``SinkError``; ``what`` says which one has failed.
+        What a function of the user's has raised becomes a ``SinkError``; ``what`` says
+        which one has failed.
         """
         self._earliest = max(self._earliest, earliest)
         if self.error is None and isinstance(e, (SinkError, FaultError)):
             self.error = e
         elif self.error is None:
-            error = SinkError(f"{self.device}: {what}: {account(e)}; correct it, and play again with a new sink")
+            error = SinkError(
+                f"{self.device}: {what}: {account(e)}; correct it, and play again with a new sink"
+            )
             error.__cause__ = e
             self.error = error
         if self._started:
             self.pump.stop("fault" if isinstance(e, FaultError) else "error", self._earliest)
 
     def _watch_device(self, seconds: float) -> None:
-        """A device that hangs calls no more, without a word; ``seconds`` have passed since the last look."""
+        """A device that hangs calls no more, without a word; ``seconds`` have passed
+        since the last look.
+        """
         calls = self.pump.read("CALLS")
         even = calls != self._calls or self.pump.state == self.pump.native.IDLE
         self._calls, self._silence = calls, 0.0 if even else self._silence + seconds
@@ -509,13 +603,16 @@ class Sink:
             self._device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
         if self._feeder and self._feeder.is_alive() and not (self.error or self.finished):
             turns = self._feeder.turns
-            self._turns, self._waited = turns, self._waited + seconds if turns == self._turns else 0.0
+            self._turns, self._waited = (
+                turns,
+                (self._waited + seconds if turns == self._turns else 0.0),
+            )
             if self._waited >= WAITS:
                 why = f"a function of the motion has not returned for {WAITS:g} s: it must not wait"
                 self._fail(SinkError(f"{self.device}: {why}"))
                 self.pump.write("WAIT", 0)
 
-    # The ordinary thread -----------------------------------------------------------------------------------------
+    # The ordinary thread --------------------------------------------------------------
     def _make_log(self) -> Any:
         if self._log_to is None:
             return None
@@ -526,11 +623,15 @@ class Sink:
         return self._log_to
 
     def header(self) -> dict[str, Any]:
-        """The header of a log: everything that the samples depend on besides motion and events."""
+        """The header of a log: everything that the samples depend on besides motion and
+        events.
+        """
         packages = ("numpy", "numba", "llvmlite")
         return {
             "stimlib": __version__,
-            "versions": {"python": sys.version.split()[0]} | {p: metadata.version(p) for p in packages},
+            "versions": (
+                {"python": sys.version.split()[0]} | {p: metadata.version(p) for p in packages}
+            ),
             "scene": self.scene.to_dict(),
             "scene_hash": self.scene.hash,
             "definitions": definitions(self.scene),
@@ -553,7 +654,8 @@ class Sink:
             while not self._over.wait(0.001 if self.pump.hurried else 0.01):
                 self._recorder.drain()
                 seen, looked = looked, time.monotonic()
-                self._watch_device(min(looked - seen, 0.05))  # at most: a process that was stopped has heard no call either
+                # at most: a process that was stopped has heard no call either
+                self._watch_device(min(looked - seen, 0.05))
             self._recorder.end(self.report)
         except BaseException as e:  # a full disk, a log that fails
             self._fail(e, what="the log cannot be written")
@@ -562,16 +664,22 @@ class Sink:
             while not self._over.wait(0.01):
                 self._recorder.drain()
 
-    # What a device fills in --------------------------------------------------------------------------------------
+    # What a device fills in -----------------------------------------------------------
     def _open(self) -> None:
-        """Take the device for ``self.rate``, ``self.channels``, ``self.block`` and give it ``self.pump``; SinkError if not."""
+        """Take the device for ``self.rate``, ``self.channels``, ``self.block`` and give
+        it ``self.pump``; SinkError if not.
+        """
         raise NotImplementedError
 
     def _start(self) -> None:
-        """Let callbacks begin, if they have not yet; the pump is IDLE and gives silence."""
+        """Let callbacks begin, if they have not yet; the pump is IDLE and gives
+        silence.
+        """
 
     def _close(self) -> None:
-        """End the callbacks and let the device go; may be called after a failed ``_open``."""
+        """End the callbacks and let the device go; may be called after a failed
+        ``_open``.
+        """
         raise NotImplementedError
 
     def _latency(self) -> float:
@@ -593,7 +701,9 @@ def _samples(what: str, seconds: Any, rate: float) -> int:
     """A time in samples."""
     number = _number(what, seconds)
     if not 0 <= number * rate < 2**53:
-        raise BadValue(f"{what} = {number:g} must be a time in seconds, at least 0, of less than 2**53 samples")
+        raise BadValue(
+            f"{what} = {number:g} must be a time in seconds, at least 0, of less than 2**53 samples"
+        )
     return round(number * rate)
 
 
@@ -603,11 +713,15 @@ def _channel_map(channels: Any, outputs: tuple[str, ...]) -> tuple[int, ...]:
     if isinstance(channels, (int, np.integer)) and not isinstance(channels, bool):
         if channels < len(outputs):
             raise BadValue(
-                f"channels = {channels} are fewer than the {len(outputs)} outputs; to leave some out, list one for each channel"
+                f"channels = {channels} are fewer than the {len(outputs)} outputs; to leave some"
+                " out, list one for each channel"
             )
         return tuple(range(len(outputs))) + (-1,) * (int(channels) - len(outputs))
     if isinstance(channels, str) or not isinstance(channels, Sequence) or not channels:
-        raise BadValue(f"channels = {channels!r} must be a number or a list with the output of each channel, None for silence")
+        raise BadValue(
+            f"channels = {channels!r} must be a number or a list with the output of each channel,"
+            " None for silence"
+        )
     for name in channels:
         if name is not None and name not in outputs:
             raise UnknownName(f"channels: no output {name!r}; the outputs are {', '.join(outputs)}")

@@ -1,7 +1,8 @@
 """Where a sink's motion comes from.
 
-A mapping of input names to arrays is a recording in real time; with functions of time in it, a scripted source.  ``Live``
-takes what ``Sink.push`` is given, and ``Signals`` reads the inputs of an audio device.
+A mapping of input names to arrays is a recording in real time; with functions of time
+in it, a scripted source.  ``Live`` takes what ``Sink.push`` is given, and ``Signals``
+reads the inputs of an audio device.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ class Recorded:
     Parameters
     ----------
     x : ndarray of float64, shape (n_inputs, n)
-        Rows in the order of the processor's inputs, in their units.  What is not finite is stopped by the guard.
+        Rows in the order of the processor's inputs, in their units.  What is not finite
+        is stopped by the guard.
     """
 
     x: np.ndarray
@@ -34,14 +36,17 @@ class Recorded:
     def __post_init__(self):
         x = np.ascontiguousarray(self.x, np.float64)
         if x.ndim != 2 or x.shape[1] < 1:
-            raise BadValue(f"a recording must have the shape (n_inputs, n) with n > 0, got {np.shape(self.x)}")
+            raise BadValue(
+                f"a recording must have the shape (n_inputs, n) with n > 0, got {np.shape(self.x)}"
+            )
         object.__setattr__(self, "x", x)
 
 
 @public
 @dataclass(frozen=True, eq=False)
 class Scripted:
-    """A source that follows functions of time, computed a little ahead by an ordinary thread.
+    """A source that follows functions of time, computed a little ahead by an ordinary
+    thread.
 
     Parameters
     ----------
@@ -57,13 +62,14 @@ class Scripted:
 class Live:
     """Columns that ``Sink.push`` is given while it plays, such as a tracker's.
 
-    Each column is one sample's motion.  When none is there the last is held; a tracker slower than the sample rate may
-    push one column per report.
+    Each column is one sample's motion.  When none is there the last is held; a tracker
+    slower than the sample rate may push one column per report.
 
     Parameters
     ----------
     keep : float
-        Seconds of columns that may wait; what is older is skipped, so that no delay grows.
+        Seconds of columns that may wait; what is older is skipped, so that no delay
+        grows.
     """
 
     keep: float = 0.05
@@ -101,7 +107,9 @@ class Signal:
 @public
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Motion from the inputs of the device itself, one ``Signal`` for each input of the scene."""
+    """Motion from the inputs of the device itself, one ``Signal`` for each input of the
+    scene.
+    """
 
     inputs: Mapping[str, Signal] = field(default_factory=dict)
 
@@ -124,7 +132,8 @@ def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
     Raises
     ------
     BadValue, UnknownName
-        A scene with inputs and no motion; inputs missing or surplus; arrays of a wrong shape.
+        A scene with inputs and no motion; inputs missing or surplus; arrays of a wrong
+        shape.
 
     Examples
     --------
@@ -138,14 +147,17 @@ def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
         return None
     if motion is None:
         raise BadValue(
-            f"this scene needs the motion of {', '.join(inputs)}: give motion={{name: array or function of time}}, "
-            "Live() or Signals({..})"
+            f"this scene needs the motion of {', '.join(inputs)}: give motion={{name: array or"
+            " function of time}, Live() or Signals({..})"
         )
     if isinstance(motion, Scripted):
         sources_of(motion.motion, inputs, 1)
     elif isinstance(motion, Recorded):
         if motion.x.shape[0] != len(inputs):
-            raise BadValue(f"the recording has {motion.x.shape[0]} rows, the scene has the inputs {', '.join(inputs)}")
+            raise BadValue(
+                f"the recording has {motion.x.shape[0]} rows, the scene has the inputs"
+                f" {', '.join(inputs)}"
+            )
     elif isinstance(motion, Signals):
         check_names("motion", motion.inputs, inputs, "input")
     elif isinstance(motion, Mapping):
@@ -198,13 +210,17 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
         raise BadValue(f"{what}x must be numbers ({e})") from None
     shape = f"({len(names)}, {'n' if n is None else n}), rows {', '.join(names) or 'none'}"
     if x.dtype.kind not in "biuf":
-        raise BadValue(f"{what}x must be numbers of shape {shape}; got {type(given).__name__} of {x.dtype}")
+        raise BadValue(
+            f"{what}x must be numbers of shape {shape}; got {type(given).__name__} of {x.dtype}"
+        )
     if x.ndim != 2 or len(x) != len(names) or n not in (None, x.shape[1]):
         raise BadValue(f"{what}x must be of shape {shape}; got {x.shape}")
     x = np.array(x, np.float64, order="C")
     for row, column in np.argwhere(~np.isfinite(x))[:1]:
         value = x[row, column]
-        raise BadValue(f"{what}{names[row]} is {value} in column {column}: give the last known value instead")
+        raise BadValue(
+            f"{what}{names[row]} is {value} in column {column}: give the last known value instead"
+        )
     return x
 
 
@@ -216,10 +232,13 @@ class Feeder(threading.Thread):
     pump : stimlib.devices.pump.Pump
     source : Scripted
     failed : callable
-        ``failed(error, what="the motion failed")`` is called when a function of the motion raises or gives no finite numbers.
+        ``failed(error, what="the motion failed")`` is called when a function of the
+        motion raises or gives no finite numbers.
     """
 
-    turns = 0  # how often it has looked for room; while a function does not return they stay the same
+    # how often it has looked for room; while a function does not return they stay the
+    # same
+    turns = 0
 
     def __init__(self, pump: Any, source: Scripted, failed: Callable[..., None]):
         super().__init__(name="stimlib motion", daemon=True)
@@ -234,7 +253,9 @@ class Feeder(threading.Thread):
         pump = self._pump
         while not self._over.is_set():
             at = pump.next_motion()
-            stop = min(at + 1024, at + pump.motion_room(), *([] if self._end is None else [self._end]))
+            stop = min(
+                at + 1024, at + pump.motion_room(), *([] if self._end is None else [self._end])
+            )
             if stop <= at:
                 return
             x = np.repeat(self._last, stop - at, axis=1) if self._stands else self.columns(at, stop)

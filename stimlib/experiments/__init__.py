@@ -1,1 +1,3 @@
-"""Experiments: designs, trials that are scenes, sessions that lose nothing, and what people answered."""
+"""Experiments: designs, trials that are scenes, sessions that lose nothing, and what
+people answered.
+"""

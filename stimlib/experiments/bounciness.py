@@ -1,6 +1,7 @@
 """How finely is bounciness felt?  The first experiment of Çaldıran's thesis, chapter 3.
 
-Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see docs/reference/papers.rst.
+Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see
+docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -36,27 +37,31 @@ ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1)}
 SQUARE = "βA γD ζB θC", "γB βC θA ζD", "ζC θB βD γA", "θD ζA γC βB"
 """Table 3.1: a row for each place in the order, a column for each participant."""
 STEP = 0.05  # of alpha; ours: the thesis shows the increments in figure 3.1 and prints no number
-PAIRS = {f"{a:g} and {a + n * STEP:g}": (a, a + n * STEP) for a in REFERENCES.values() for n in (1, 2, 3)}
+PAIRS = {
+    f"{a:g} and {a + n * STEP:g}": (a, a + n * STEP) for a in REFERENCES.values() for n in (1, 2, 3)
+}
 """Orders alpha of the reference and of the comparison, by condition."""
-HAND = {"y": sinusoid(0.01, 1.0)}  # of a simulated hand that follows the reference; its amplitude is ours
+# of a simulated hand that follows the reference; its amplitude is ours
+HAND = {"y": sinusoid(0.01, 1.0)}
 
 
 @public
 def bounciness() -> Experiment:
     """The experiment: one interval, which of the two known materials was it?
 
-    Twelve sessions of 120 trials, one for each reference and comparison, in the order of a Graeco-Latin square.  The first ten
-    trials of each half are for training.
+    Twelve sessions of 120 trials, one for each reference and comparison, in the order
+    of a Graeco-Latin square.  The first ten trials of each half are for training.
 
     Returns
     -------
     Experiment
-        Its ``observer`` feels the phase of the rendered force, see `person`; its ``analysis`` has `jnds` and, where trials were
-        displayed, `explained`.
+        Its ``observer`` feels the phase of the rendered force, see `person`; its
+        ``analysis`` has `jnds` and, where trials were displayed, `explained`.
 
     References
     ----------
-    Çaldıran's thesis, sections 3.1 to 3.7.  Ours: increments of alpha, amplitude of the movement, length of the break.
+    Çaldıran's thesis, sections 3.1 to 3.7.  Ours: increments of alpha, amplitude of the
+    movement, length of the break.
 
     Examples
     --------
@@ -75,7 +80,15 @@ def bounciness() -> Experiment:
         version="1",
         scenes={f"{alpha:g}": viscoelastic(alpha) for pair in PAIRS.values() for alpha in pair},
         design=session,
-        questions=(choice("bouncier", "Was it the bouncier one (red) or the other (green)?", "red", "green", keys="rg"),),
+        questions=(
+            choice(
+                "bouncier",
+                "Was it the bouncier one (red) or the other (green)?",
+                "red",
+                "green",
+                keys="rg",
+            ),
+        ),
         fs=1000.0,
         safety=Safety(full_scale=20.0),
         motion=HAND,
@@ -91,7 +104,8 @@ def bounciness() -> Experiment:
 
 @public
 def pair_of(participant: str, session: int) -> str:
-    """The condition of a session: table 3.1 has the reference, the Latin letter the order of its comparisons.
+    """The condition of a session: table 3.1 has the reference, the Latin letter the
+    order of its comparisons.
 
     Raises
     ------
@@ -105,7 +119,9 @@ def pair_of(participant: str, session: int) -> str:
     ['0 and 0.05', '0 and 0.1', '0 and 0.15', '0.25 and 0.35']
     """
     if not 1 <= session <= 12:
-        raise BadValue(f"bounciness: session {session}: there are 12, one for each reference and comparison")
+        raise BadValue(
+            f"bounciness: session {session}: there are 12, one for each reference and comparison"
+        )
     letters = SQUARE[(session - 1) // 3].split()[turn_of(participant, 4)]
     alpha = REFERENCES[letters[0]]
     return f"{alpha:g} and {alpha + ORDERS[letters[1]][(session - 1) % 3] * STEP:g}"
@@ -118,14 +134,16 @@ def known(participant: str, session: int) -> Mapping[str, Stimulus]:
 
 
 def session(participant: str, session: int) -> Parts:
-    """Two halves with a break, of ten trials for training and 50 that count; half of each are the reference."""
+    """Two halves with a break, of ten trials for training and 50 that count; half of
+    each are the reference.
+    """
     task = Identify(pair_of(participant, session), "bouncier", known(participant, session))
     both = (task, "red"), (task, "green")
     half = Parts({"training": Listed(both, 5, training=True), "test": Listed(both, 25)})
     return Parts({"first half": half, "second half": half}, pause=60.0)
 
 
-# Who answers -----------------------------------------------------------------------------------------------------------
+# Who answers --------------------------------------------------------------------------
 JNDS = {
     0.0: 0.03,
     0.25: 0.0351,
@@ -137,7 +155,8 @@ JNDS = {
 @public
 @cache
 def phase(alpha: float) -> float:
-    """By how much the rendered force of a material leads displacement, in rad; alpha pi/2 once it has forgotten its beginning.
+    """By how much the rendered force of a material leads displacement, in rad; alpha
+    pi/2 once it has forgotten its beginning.
 
     Examples
     --------
@@ -152,7 +171,8 @@ def phase(alpha: float) -> float:
 
 @public
 def person(felt: Callable[[float], float] = phase) -> Observer:
-    """Somebody who knows both materials of a session, and feels the phase with an error of the JND that the thesis found.
+    """Somebody who knows both materials of a session, and feels the phase with an error
+    of the JND that the thesis found.
 
     Parameters
     ----------
@@ -173,12 +193,14 @@ def person(felt: Callable[[float], float] = phase) -> Observer:
         reference, comparison = PAIRS[trial.condition]
         error = JNDS[reference] * pi / 2 * rng.normal()
         middle = (felt(reference) + felt(comparison)) / 2
-        return Answer({"bouncier": "green" if felt(float(trial.stimuli[0].scene)) + error > middle else "red"})
+        return Answer(
+            {"bouncier": "green" if felt(float(trial.stimuli[0].scene)) + error > middle else "red"}
+        )
 
     return answers
 
 
-# What they answered ----------------------------------------------------------------------------------------------------
+# What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Jnds:
     """The result of the thesis, figure 3.6.
@@ -205,7 +227,8 @@ def jnds(answers: Columns) -> Jnds:
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` or `stimlib.experiments.observers.simulate` gives them: without training.
+        As `stimlib.experiments.saved.columns` or
+        `stimlib.experiments.observers.simulate` gives them: without training.
 
     Returns
     -------
@@ -228,10 +251,15 @@ def jnds(answers: Columns) -> Jnds:
     d = {(who, condition): _sensitivity(rows) for (who, condition), rows in sessions.items()}
     people = list(dict.fromkeys(who for who, _ in d))
     if missing := [(who, c) for who in people for c in PAIRS if (who, c) not in d]:
-        raise BadValue(f"bounciness: {missing[0][0]} has no session of {missing[0][1]}: all {len(PAIRS)} are needed")
+        raise BadValue(
+            f"bounciness: {missing[0][0]} has no session of {missing[0][1]}: all {len(PAIRS)} are"
+            " needed"
+        )
     steps = [n * STEP for n in (1, 2, 3)]
     each = {
-        (who, a): tuple(d[who, c] for c, (first, _) in PAIRS.items() if first == a) for who in people for a in REFERENCES.values()
+        (who, a): tuple(d[who, c] for c, (first, _) in PAIRS.items() if first == a)
+        for who in people
+        for a in REFERENCES.values()
     }
     jnd = {a: jnd_from_dprime([each[who, a] for who in people], steps) for a in REFERENCES.values()}
     above = [a for a in jnd if a > 0]
@@ -257,11 +285,14 @@ def text(found: Jnds) -> str:
     """
     lines = [f"alpha = {a:<4g}  JND {jnd:.4f}" for a, jnd in found.jnd.items()]
     fit = found.line
-    lines.append(f"JND = {fit.slope:.4f} alpha {fit.intercept:+.4f}, R2 = {fit.r2:.3f}  thesis: 0.1452 alpha -0.0012, R2 = 0.998")
+    lines.append(
+        f"JND = {fit.slope:.4f} alpha {fit.intercept:+.4f}, R2 = {fit.r2:.3f}  thesis: 0.1452 alpha"
+        " -0.0012, R2 = 0.998"
+    )
     return "\n".join(lines)
 
 
-# What they went by -----------------------------------------------------------------------------------------------------
+# What they went by --------------------------------------------------------------------
 CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed"))
 """The fifteen of section 3.8, the loss factor as it is usually defined."""
 
@@ -275,10 +306,12 @@ class Explained:
     d : dict of float to float
         By reference: mean d' of the sessions.
     ratio : dict of (float, str) to (float, float, int)
-        By reference and cue: mean of the sessions' normalised distances over their d', its standard error, and of how many
-        sessions; the others' distances are not determined, see `stimlib.experiments.distances.Distance`.
+        By reference and cue: mean of the sessions' normalised distances over their d',
+        its standard error, and of how many sessions; the others' distances are not
+        determined, see `stimlib.experiments.distances.Distance`.
     left_out : int
-        Trials without cues, because the hand hardly moved; they are in none of these numbers.
+        Trials without cues, because the hand hardly moved; they are in none of these
+        numbers.
     """
 
     d: Mapping[float, float]
@@ -288,12 +321,14 @@ class Explained:
 
 @public
 def explained(trials: Columns) -> Explained:
-    """Which physical cue explains the answers: for each session and cue a probit model, and its distance over the session's d'.
+    """Which physical cue explains the answers: for each session and cue a probit model,
+    and its distance over the session's d'.
 
     Parameters
     ----------
     trials : dict of str to sequence
-        As `stimlib.experiments.distances.recorded` gives them: with the cues of each trial.
+        As `stimlib.experiments.distances.recorded` gives them: with the cues of each
+        trial.
 
     Returns
     -------
@@ -306,7 +341,8 @@ def explained(trials: Columns) -> Explained:
 
     References
     ----------
-    Çaldıran's thesis, sections 3.8 and 3.9: averaged across the increments and the participants.
+    Çaldıran's thesis, sections 3.8 and 3.9: averaged across the increments and the
+    participants.
 
     Examples
     --------
@@ -319,12 +355,17 @@ def explained(trials: Columns) -> Explained:
     for (_, condition), rows in grouped(there, ("participant", "condition")).items():
         reference = PAIRS[condition][0]
         d.setdefault(reference, []).append(_sensitivity(rows))
-        whole = {name: rows[name] for name in CUES if np.isfinite(rows[name]).all()}  # a force may have had no peak
-        ratio = {found.cue: found.ratio for found in distances(whole, rows["outcome"], d[reference][-1])}
+        # a force may have had no peak
+        whole = {name: rows[name] for name in CUES if np.isfinite(rows[name]).all()}
+        ratio = {
+            found.cue: found.ratio for found in distances(whole, rows["outcome"], d[reference][-1])
+        }
         for name in CUES:
             ratios.setdefault((reference, name), []).append(ratio.get(name, nan))
     return Explained(
-        {a: fmean(d[a]) for a in sorted(d)}, {key: _mean(v) for key, v in ratios.items()}, len(trials["frequency"]) - len(moved)
+        {a: fmean(d[a]) for a in sorted(d)},
+        {key: _mean(v) for key, v in ratios.items()},
+        len(trials["frequency"]) - len(moved),
     )
 
 
@@ -336,17 +377,23 @@ def _mean(values: list[float]) -> tuple[float, float, int]:
 
 @public
 def cues_text(found: Explained) -> str:
-    """A row for each cue, a column for each reference; an asterisk at the three largest of each, as the thesis shows them.
+    """A row for each cue, a column for each reference; an asterisk at the three largest
+    of each, as the thesis shows them.
 
     Examples
     --------
     See :doc:`/reference/experiments_bounciness`.
     """
-    table = [["alpha", *(f"{a:g}" for a in found.d)], ["mean d'", *(f"{d:.3f}" for d in found.d.values())]]
+    table = [
+        ["alpha", *(f"{a:g}" for a in found.d)],
+        ["mean d'", *(f"{d:.3f}" for d in found.d.values())],
+    ]
     table += [[name, *(_cell(found, a, name) for a in found.d)] for name in CUES]
     lines = ["".join(f"{cell:<20}" for cell in row).rstrip() for row in table]
     if found.left_out:
-        lines.append(f"trials left out, because the hand moved for less than two periods: {found.left_out}")
+        lines.append(
+            f"trials left out, because the hand moved for less than two periods: {found.left_out}"
+        )
     return "\n".join(lines)
 
 
@@ -360,9 +407,14 @@ def _cell(found: Explained, reference: float, name: str) -> str:
 
 @public
 def analysis(sessions: Sequence[Saved]) -> str:
-    """Just-noticeable differences, and below them the cues beside d' where all trials have logs of what was displayed."""
+    """Just-noticeable differences, and below them the cues beside d' where all trials
+    have logs of what was displayed.
+    """
     told = text(jnds(columns(sessions)))
     if not all(r.displayed and "log" in r.displayed[-1] for s in sessions for r in s.data):
-        return f"{told}\ncues: some trials have no log of what was displayed (simulate with --rendered keeps them)"
+        return (
+            f"{told}\ncues: some trials have no log of what was displayed (simulate with --rendered"
+            " keeps them)"
+        )
     title = "normalised distance over d', mean over sessions ± standard error (sessions)"
     return f"{told}\n\n{title}\n{cues_text(explained(recorded(sessions, 'y', 'force')))}"

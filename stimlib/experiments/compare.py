@@ -1,4 +1,6 @@
-"""Are groups different?  Tests between groups and within participants, each named by what it assumes."""
+"""Are groups different?  Tests between groups and within participants, each named by
+what it assumes.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ class Statistic:
     p: float
 
 
-# Between groups --------------------------------------------------------------------------------------------------------
+# Between groups -----------------------------------------------------------------------
 @public
 def shapiro(values: ArrayLike) -> Statistic:
     """Shapiro and Wilk's test: p is small where the values are NOT normal.
@@ -65,14 +67,18 @@ def shapiro(values: ArrayLike) -> Statistic:
     Examples
     --------
     >>> from stimlib.experiments.compare import shapiro
-    >>> round(shapiro([148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236]).value, 4)  # their example
+    >>> round(
+    ...     shapiro([148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236]).value, 4
+    ... )  # their example
     0.7888
     """
     from scipy.stats import shapiro as test
 
     row = _row("shapiro", values, 3)
     if np.ptp(row) == 0:
-        raise BadValue(f"shapiro: all {row.size} values are {row[0]:g}: there is no spread to judge")
+        raise BadValue(
+            f"shapiro: all {row.size} values are {row[0]:g}: there is no spread to judge"
+        )
     found = test(row)
     return Statistic("Shapiro-Wilk", float(found.statistic), (), float(found.pvalue))
 
@@ -84,7 +90,8 @@ def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
     Parameters
     ----------
     groups : dict of str to array_like, shape (n,)
-        Independent of each other; for answers of the same people in several conditions take `repeated` or `mixed`.
+        Independent of each other; for answers of the same people in several conditions
+        take `repeated` or `mixed`.
 
     Returns
     -------
@@ -110,7 +117,9 @@ def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
     from scipy.stats import kruskal as test
 
     found = test(*_groups("kruskal", groups).values())
-    return Statistic("Kruskal-Wallis", float(found.statistic), (len(groups) - 1.0,), float(found.pvalue))
+    return Statistic(
+        "Kruskal-Wallis", float(found.statistic), (len(groups) - 1.0,), float(found.pvalue)
+    )
 
 
 @dataclass(frozen=True)
@@ -137,16 +146,20 @@ class Pair:
 
 
 @public
-def dunn(groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: str = "bonferroni") -> tuple[Pair, ...]:
+def dunn(
+    groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: str = "bonferroni"
+) -> tuple[Pair, ...]:
     """Dunn's test of every pair of groups, by their mean ranks among all values.
 
-    z = (Ra - Rb)/sqrt((N(N + 1)/12 - sum(t^3 - t)/(12(N - 1))) (1/na + 1/nb)), t the sizes of ties.
+    z = (Ra - Rb)/sqrt((N(N + 1)/12 - sum(t^3 - t)/(12(N - 1))) (1/na + 1/nb)), t the
+    sizes of ties.
 
     Parameters
     ----------
     groups : dict of str to array_like, shape (n,)
     sides : {"two-sided", "one-sided"}
-        One-sided is P(Z > abs(z)), half of the other; some programs print it and say no word.
+        One-sided is P(Z > abs(z)), half of the other; some programs print it and say no
+        word.
     adjustment : {"bonferroni", "none"}
         Times the number of pairs, at most 1.
 
@@ -180,9 +193,15 @@ def dunn(groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: 
     N = ranks.size
     ties = np.unique(ranks, return_counts=True)[1]
     variance = N * (N + 1) / 12 - np.sum(ties**3.0 - ties) / (12 * (N - 1))
-    parts = dict(zip(rows, np.split(ranks, np.cumsum([r.size for r in rows.values()])[:-1]), strict=True))
+    parts = dict(
+        zip(rows, np.split(ranks, np.cumsum([r.size for r in rows.values()])[:-1]), strict=True)
+    )
     pairs = list(combinations(rows, 2))
-    z = [(parts[a].mean() - parts[b].mean()) / np.sqrt(variance * (1 / parts[a].size + 1 / parts[b].size)) for a, b in pairs]
+    z = [
+        (parts[a].mean() - parts[b].mean())
+        / np.sqrt(variance * (1 / parts[a].size + 1 / parts[b].size))
+        for a, b in pairs
+    ]
     times = (2 if sides == "two-sided" else 1) * (len(pairs) if adjustment == "bonferroni" else 1)
     return tuple(
         Pair(a, b, float(v), min(1.0, times * float(norm.sf(abs(v)))), sides, adjustment)
@@ -197,8 +216,8 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
     Parameters
     ----------
     groups : dict of str to array_like, shape (n,)
-        Of different people; taken for the same people in several conditions it has the wrong error and too many degrees of
-        freedom: `repeated` is for that.
+        Of different people; taken for the same people in several conditions it has the
+        wrong error and too many degrees of freedom: `repeated` is for that.
 
     Returns
     -------
@@ -227,7 +246,7 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
     return Statistic("ANOVA, independent groups", float(found.statistic), df, float(found.pvalue))
 
 
-# Within participants ---------------------------------------------------------------------------------------------------
+# Within participants ------------------------------------------------------------------
 @public
 def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
     """Student's t test of differences: the same people in two conditions.
@@ -240,12 +259,14 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
     Returns
     -------
     Statistic
-        t with n - 1 degrees of freedom, above 0 where a is larger; two-sided.  Its square is the F of `repeated`.
+        t with n - 1 degrees of freedom, above 0 where a is larger; two-sided.  Its
+        square is the F of `repeated`.
 
     Raises
     ------
     BadValue
-        Rows of different lengths, of fewer than two, not finite, or of equal differences.
+        Rows of different lengths, of fewer than two, not finite, or of equal
+        differences.
 
     Examples
     --------
@@ -258,7 +279,10 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
 
     a, b = _row("paired", a, 2), _row("paired", b, 2)
     if a.size != b.size:
-        raise BadValue(f"paired: {a.size} values and {b.size}: give both of every participant, in the same order")
+        raise BadValue(
+            f"paired: {a.size} values and {b.size}: give both of every participant, in the same"
+            " order"
+        )
     if np.ptp(a - b) <= 1e-14 * np.abs(a).max():
         raise BadValue("paired: all differences are the same: there is no spread to compare with")
     found = ttest_rel(a, b)
@@ -267,7 +291,8 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of a repeated-measures analysis of variance; every number has the shape of the batch, () for one experiment.
+    """One effect of a repeated-measures analysis of variance; every number has the
+    shape of the batch, () for one experiment.
 
     Attributes
     ----------
@@ -296,15 +321,18 @@ class Effect:
 
 @public
 def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tuple[Effect, ...]:
-    """Repeated-measures analysis of variance: the same people in all conditions, any number of factors.
+    """Repeated-measures analysis of variance: the same people in all conditions, any
+    number of factors.
 
-    Each effect is a set of orthonormal contrasts of the conditions.  With d their values for one person, and n people:
-    F = n |mean d|^2 (n - 1)/sum |d - mean d|^2.  Its error is how much people differ in that effect, so it needs one value of
-    each person in each condition: the mean of the trials.
+    Each effect is a set of orthonormal contrasts of the conditions.  With d their
+    values for one person, and n people: F = n |mean d|^2 (n - 1)/sum |d - mean d|^2.
+    Its error is how much people differ in that effect, so it needs one value of each
+    person in each condition: the mean of the trials.
 
     Parameters
     ----------
-    values : array_like, shape (.., participants, levels of the first factor, levels of the second, ..)
+    values : array_like, shape (.., participants, levels of the first factor, levels of
+    the second, ..)
         Axes before these are experiments, each analysed alone (for simulations).
     factors : sequence of str
         Their names.
@@ -317,12 +345,13 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     Raises
     ------
     BadValue
-        Fewer axes than factors and participants, fewer than two of either, values that are not finite.
+        Fewer axes than factors and participants, fewer than two of either, values that
+        are not finite.
 
     References
     ----------
-    Maxwell and Delaney (2004), Designing Experiments and Analyzing Data, chapters 11 to 13; Greenhouse and Geisser (1959),
-    Psychometrika 24:95.
+    Maxwell and Delaney (2004), Designing Experiments and Analyzing Data, chapters 11 to
+    13; Greenhouse and Geisser (1959), Psychometrika 24:95.
 
     Examples
     --------
@@ -338,12 +367,21 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     if len(set(names)) < len(names):
         raise BadValue(f"repeated: factors {', '.join(names)}: each needs a name of its own")
     if y.ndim < len(names) + 1 or not names:
-        raise BadValue(f"repeated: shape {y.shape} has no axis for the participants and one for each of {', '.join(names)}")
+        raise BadValue(
+            f"repeated: shape {y.shape} has no axis for the participants and one for each of"
+            f" {', '.join(names)}"
+        )
     shape = y.shape[y.ndim - len(names) - 1 :]
     if min(shape) < 2:
-        raise BadValue(f"repeated: {shape[0]} participants and levels {shape[1:]}: there must be at least two of each")
+        raise BadValue(
+            f"repeated: {shape[0]} participants and levels {shape[1:]}: there must be at least two"
+            " of each"
+        )
     if not np.isfinite(y).all():
-        raise BadValue("repeated: a value is not finite: every participant needs one in every condition; for gaps take mixed")
+        raise BadValue(
+            "repeated: a value is not finite: every participant needs one in every condition; for"
+            " gaps take mixed"
+        )
     n = shape[0]
     rows = y.reshape(*y.shape[: y.ndim - len(shape)], n, -1)
     found = []
@@ -357,19 +395,26 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
             with np.errstate(divide="ignore", invalid="ignore"):
                 F = (effect / df[0]) / (error / df[1])
                 S = np.swapaxes(rest, -1, -2) @ rest
-                epsilon = np.trace(S, axis1=-2, axis2=-1) ** 2 / (df[0] * np.sum(S * S, axis=(-2, -1)))
+                epsilon = np.trace(S, axis1=-2, axis2=-1) ** 2 / (
+                    df[0] * np.sum(S * S, axis=(-2, -1))
+                )
             corrected = f.sf(F, df[0] * epsilon, df[1] * epsilon)
             name = ":".join(names[k] for k in some)
-            found.append(Effect(name, F, df, f.sf(F, *df), epsilon, corrected, effect / (effect + error)))
+            found.append(
+                Effect(name, F, df, f.sf(F, *df), epsilon, corrected, effect / (effect + error))
+            )
     return tuple(found)
 
 
 def _contrasts(levels: Sequence[int], some: Sequence[int]) -> Array:
-    """Orthonormal columns: differences within the factors that are named, means over the others."""
+    """Orthonormal columns: differences within the factors that are named, means over
+    the others.
+    """
     matrix = np.ones((1, 1))
     for k, m in enumerate(levels):
         if k in some:
-            helmert = np.triu(np.ones((m, m - 1))) - np.eye(m, m - 1, -1) * np.arange(1, m)  # each level against those before
+            # each level against those before
+            helmert = np.triu(np.ones((m, m - 1))) - np.eye(m, m - 1, -1) * np.arange(1, m)
             part = helmert / np.linalg.norm(helmert, axis=0)
         else:
             part = np.full((m, 1), m**-0.5)
@@ -413,15 +458,19 @@ class Mixed:
 
 
 @public
-def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant") -> Mixed:
-    """A linear mixed model with an intercept of each participant: for gaps, covariates such as the trial's number, drift.
+def mixed(
+    columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant"
+) -> Mixed:
+    """A linear mixed model with an intercept of each participant: for gaps, covariates
+    such as the trial's number, drift.
 
     Parameters
     ----------
     columns : dict of str to sequence, or DataFrame
         A row for each answer.
     formula : str
-        Of patsy, such as ``"rating ~ C(amplitude) + trial"``.  Its terms are Python, which is run: take none from strangers.
+        Of patsy, such as ``"rating ~ C(amplitude) + trial"``.  Its terms are Python,
+        which is run: take none from strangers.
     participant : str
         The column that says whose answer it is.
 
@@ -449,7 +498,14 @@ def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str =
     >>> from stimlib.experiments.compare import mixed
     >>> person, level = np.repeat(np.arange(6), 8), np.tile(np.arange(8.0), 6)
     >>> noise = np.random.default_rng(1).normal(size=48)
-    >>> model = mixed({"participant": person, "level": level, "rating": person + 2 * level + noise}, "rating ~ level")
+    >>> model = mixed(
+    ...     {
+    ...         "participant": person,
+    ...         "level": level,
+    ...         "rating": person + 2 * level + noise,
+    ...     },
+    ...     "rating ~ level",
+    ... )
     >>> [(c.name, round(c.value, 1)) for c in model.coefficients], model.converged
     ([('Intercept', 2.2), ('level', 2.1)], True)
     """
@@ -462,27 +518,43 @@ def mixed(columns: Mapping[str, Sequence[Any]], formula: str, participant: str =
     except ValueError as e:
         raise BadValue(f"mixed: {e}") from None
     if participant not in table:
-        raise UnknownName(f"mixed: there is no column {participant!r}; there are {', '.join(map(str, table))}")
+        raise UnknownName(
+            f"mixed: there is no column {participant!r}; there are {', '.join(map(str, table))}"
+        )
     if table[participant].nunique() < 2:
-        raise BadValue(f"mixed: {participant} has one value: a variance between people needs at least two of them")
+        raise BadValue(
+            f"mixed: {participant} has one value: a variance between people needs at least two of"
+            " them"
+        )
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
             fit = models.MixedLM.from_formula(formula, table, groups=table[participant]).fit()
         except Exception as e:
             if "is not defined" in str(e):
-                raise UnknownName(f"mixed: {formula}: {e}; the columns are {', '.join(map(str, table))}") from None
+                raise UnknownName(
+                    f"mixed: {formula}: {e}; the columns are {', '.join(map(str, table))}"
+                ) from None
             raise BadValue(f"mixed: {formula}: {type(e).__name__}: {e}") from e
     ends = fit.conf_int()
     fixed = tuple(
-        Coefficient(n, float(v), float(fit.bse[n]), float(fit.tvalues[n]), float(fit.pvalues[n]), *map(float, ends.loc[n]))
+        Coefficient(
+            n,
+            float(v),
+            float(fit.bse[n]),
+            float(fit.tvalues[n]),
+            float(fit.pvalues[n]),
+            *map(float, ends.loc[n]),
+        )
         for n, v in fit.fe_params.items()
     )
-    good = bool(fit.converged) and not any("ConvergenceWarning" in w.category.__name__ for w in said)
+    good = bool(fit.converged) and not any(
+        "ConvergenceWarning" in w.category.__name__ for w in said
+    )
     return Mixed(fixed, float(fit.cov_re.iloc[0, 0]), float(fit.scale), good, float(fit.llf))
 
 
-# What is given ---------------------------------------------------------------------------------------------------------
+# What is given ------------------------------------------------------------------------
 def _row(what: str, values: ArrayLike, least: int) -> Array:
     row = numbers(what, values)
     if row.ndim != 1 or row.size < least:
@@ -497,7 +569,9 @@ def _groups(what: str, groups: Mapping[str, ArrayLike]) -> dict[str, Array]:
         raise BadValue(f"{what}: give at least two groups, by name; got {len(groups)}")
     rows = {str(name): _row(f"{what}: {name}", row, 1) for name, row in groups.items()}
     if len(rows) < len(groups):
-        raise BadValue(f"{what}: groups {', '.join(map(repr, groups))}: two have the same name as text")
+        raise BadValue(
+            f"{what}: groups {', '.join(map(repr, groups))}: two have the same name as text"
+        )
     if np.ptp(np.concatenate(list(rows.values()))) == 0:
         raise BadValue(f"{what}: all values are the same")
     return rows

@@ -1,7 +1,8 @@
-"""Designs: which trial comes next.  Each is a value with ``init``, ``next`` and ``update``, pure functions over JSON data.
+"""Designs: which trial comes next.  Each is a value with ``init``, ``next`` and
+``update``, pure functions over JSON data.
 
-Whatever is put in a random order is sorted by a draw of its own: one more condition, track or part changes no other draw and no
-other order.
+Whatever is put in a random order is sorted by a draw of its own: one more condition,
+track or part changes no other draw and no other order.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from .trial import Answer, Design, State, Trial, outcome
 
 @public
 def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
-    """Names in random order; one more name leaves the others in the order that they had.
+    """Names in random order; one more name leaves the others in the order that they
+    had.
 
     Parameters
     ----------
@@ -44,7 +46,8 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
 
 @public
 def turn_of(participant: str, turns: int) -> int:
-    """Which of so many orders a participant has, from 0 on: the number at the end of the code, less 1, modulo turns.
+    """Which of so many orders a participant has, from 0 on: the number at the end of
+    the code, less 1, modulo turns.
 
     Raises
     ------
@@ -60,7 +63,8 @@ def turn_of(participant: str, turns: int) -> int:
     digits = re.search(r"\d+$", participant)
     if digits is None:
         raise BadValue(
-            f"participant {participant!r}: the order of the square goes by the number at the end of the code, such as P07"
+            f"participant {participant!r}: the order of the square goes by the number at the end of"
+            " the code, such as P07"
         )
     return (int(digits.group()) - 1) % turns
 
@@ -73,22 +77,28 @@ def _counts(v: Any) -> bool:
 def _check_designs(what: str, designs: Any) -> None:
     """Raise unless these are designs by name."""
     if not isinstance(designs, Mapping):
-        raise BadValue(f"{what} = {designs!r:.80} must be a dict of designs by name, such as {{'high': .., 'low': ..}}")
+        raise BadValue(
+            f"{what} = {designs!r:.80} must be a dict of designs by name, such as {{'high': ..,"
+            " 'low': ..}"
+        )
     for name, d in designs.items():
         if not isinstance(d, Design):
             raise BadValue(
-                f"{what.partition(':')[0]}: {name!r} is {d!r:.80}, no design; put a task into one, such as Staircase or Listed"
+                f"{what.partition(':')[0]}: {name!r} is {d!r:.80}, no design; put a task into one,"
+                " such as Staircase or Listed"
             )
 
 
 @public
 @dc.dataclass(frozen=True)
 class Staircase:
-    """A transformed up-down staircase in dB (Levitt 1971, J. Acoust. Soc. Am. 49, 467-477).
+    """A transformed up-down staircase in dB (Levitt 1971, J. Acoust. Soc. Am. 49,
+    467-477).
 
-    An outcome of 1 ("more") lowers the level once there were ``down`` of them, 0 raises it after ``up``.  Until the first
-    reversal one answer is enough.  Steps multiply by 10^(dB/20), as those of PsychoPy's ``StairHandler`` do with
-    ``stepType="db"``: the levels are the same.
+    An outcome of 1 ("more") lowers the level once there were ``down`` of them, 0 raises
+    it after ``up``.  Until the first reversal one answer is enough.  Steps multiply by
+    10^(dB/20), as those of PsychoPy's ``StairHandler`` do with ``stepType="db"``: the
+    levels are the same.
 
     Parameters
     ----------
@@ -99,37 +109,48 @@ class Staircase:
     bounds : (float, float)
         Levels that are never passed; a step that would pass them ends on them.
     steps : tuple of float
-        dB; the one after k reversals is ``steps[k]``, or the last.  By default 12 dB until five reversals, then 3 dB, as in
-        the UGrip paper, section 2.2.
+        dB; the one after k reversals is ``steps[k]``, or the last.  By default 12 dB
+        until five reversals, then 3 dB, as in the UGrip paper, section 2.2.
     reversals : int
         It ends with this reversal.
     up, down : int
-        With ``up=1`` it settles where outcome 1 has the probability 0.5 ** (1 / down): 0.5, 0.707, 0.794 for 1, 2, 3.
+        With ``up=1`` it settles where outcome 1 has the probability 0.5 ** (1 / down):
+        0.5, 0.707, 0.794 for 1, 2, 3.
     most : int
         Trials after which it ends anyhow.
     stuck : int
-        Answers in a row that ask for a level beyond the bound on which it stands, after which it ends: an observer whose
-        answers are always the same would stay there.
+        Answers in a row that ask for a level beyond the bound on which it stands, after
+        which it ends: an observer whose answers are always the same would stay there.
 
     Raises
     ------
     BadValue
-        The start violates the bounds; a level that is not above 0; steps or numbers that are none; a rule that
-        settles at the task's chance level.
+        The start violates the bounds; a level that is not above 0; steps or numbers
+        that are none; a rule that settles at the task's chance level.
 
     Examples
     --------
-    The staircase of the UGrip paper, of somebody who feels every difference, in units of k0:
+    The staircase of the UGrip paper, of somebody who feels every difference, in units
+    of k0:
 
     >>> from stimlib.experiments.designs import Staircase
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Answer, Stimulus
-    >>> task = Pair("silent", "softer", Stimulus("squeeze", {"k": 1.0}), Stimulus("squeeze"), "k", asks_less=True)
+    >>> task = Pair(
+    ...     "silent",
+    ...     "softer",
+    ...     Stimulus("squeeze", {"k": 1.0}),
+    ...     Stimulus("squeeze"),
+    ...     "k",
+    ...     asks_less=True,
+    ... )
     >>> stairs = Staircase(task, start=(2.0, 2.5), bounds=(0.1, 10.0))
     >>> state, levels = stairs.init(seed=1), []
     >>> while (trial := stairs.next(state)) is not None:
     ...     levels.append(round(trial.level, 2))
-    ...     stiffer = next(c for c, score in trial.scores.items() if score == (trial.level > 1.0))
+    ...     stiffer = next(
+    ...         c for c, score in trial.scores.items() if score == (trial.level > 1.0)
+    ...     )
     ...     state = stairs.update(state, Answer({"softer": stiffer}))
     >>> levels[:8], len(levels)
     ([2.05, 0.51, 2.05, 0.51, 2.05, 0.51, 0.73, 1.03], 22)
@@ -146,25 +167,44 @@ class Staircase:
     stuck: int = 20
 
     def __post_init__(self):
-        if not all(isinstance(v, tuple) and len(v) == 2 and all(map(number, v)) for v in (self.bounds, self._start)):
-            raise BadValue(f"Staircase: bounds = {self.bounds!r} and start = {self.start!r} must be numbers, or (low, high)")
+        if not all(
+            isinstance(v, tuple) and len(v) == 2 and all(map(number, v))
+            for v in (self.bounds, self._start)
+        ):
+            raise BadValue(
+                f"Staircase: bounds = {self.bounds!r} and start = {self.start!r} must be numbers,"
+                " or (low, high)"
+            )
         low, high = self.bounds
         least, largest = self._start
         if not (0 < low < high):
-            raise BadValue(f"Staircase: bounds = {self.bounds} must rise from a level above 0: steps are in dB")
+            raise BadValue(
+                f"Staircase: bounds = {self.bounds} must rise from a level above 0: steps are in dB"
+            )
         if not low <= least <= largest <= high:
-            raise BadValue(f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g}")
-        if not isinstance(self.steps, (tuple, list)) or not self.steps or not all(number(s) and 0 < s < 200 for s in self.steps):
-            raise BadValue(f"Staircase: steps = {self.steps!r} must be dB above 0, such as (12.0, 3.0)")
+            raise BadValue(
+                f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g}"
+            )
+        if (
+            not isinstance(self.steps, (tuple, list))
+            or not self.steps
+            or not all(number(s) and 0 < s < 200 for s in self.steps)
+        ):
+            raise BadValue(
+                f"Staircase: steps = {self.steps!r} must be dB above 0, such as (12.0, 3.0)"
+            )
         for name in ("reversals", "up", "down", "most", "stuck"):
             if not _counts(v := getattr(self, name)):
                 raise BadValue(f"Staircase: {name} = {v!r} must be a whole number from 1 on")
         if not hasattr(self.task, "trial"):
-            raise BadValue(f"Staircase: task = {self.task!r:.80} makes no trials; give a task such as Pair")
+            raise BadValue(
+                f"Staircase: task = {self.task!r:.80} makes no trials; give a task such as Pair"
+            )
         if (getattr(self.task, "chance", None) or 0.0) >= 0.5 and self.down <= self.up:
             raise BadValue(
-                f"Staircase: with up = {self.up} and down = {self.down} it settles where half of the answers are right, "
-                "the chance level of this task; give down=3, which settles at 79.4 %"
+                f"Staircase: with up = {self.up} and down = {self.down} it settles where half of"
+                " the answers are right, the chance level of this task; give down=3, which settles"
+                " at 79.4 %"
             )
 
     @property
@@ -175,23 +215,47 @@ class Staircase:
         """The first level is drawn from the stream "start"."""
         low, high = self._start
         level = low + (high - low) * float(stream(seed, "start").random())
-        return {"seed": seed, "n": 0, "level": level, "wanted": level, "way": 0, "run": 0, "reversals": 0, "still": 0}
+        return {
+            "seed": seed,
+            "n": 0,
+            "level": level,
+            "wanted": level,
+            "way": 0,
+            "run": 0,
+            "reversals": 0,
+            "still": 0,
+        }
 
     def next(self, state: State) -> Trial | None:
         """The comparison at the present level."""
-        if state["reversals"] >= self.reversals or state["n"] >= self.most or state["still"] >= self.stuck:
+        if (
+            state["reversals"] >= self.reversals
+            or state["n"] >= self.most
+            or state["still"] >= self.stuck
+        ):
             return None
-        return dc.replace(self.task.trial(state["level"], state["seed"], state["n"]), wanted=state["wanted"])
+        return dc.replace(
+            self.task.trial(state["level"], state["seed"], state["n"]), wanted=state["wanted"]
+        )
 
     def update(self, state: State, answer: Answer) -> State:
         """Count the answer, and step where enough of them agree."""
         trial = self.next(state)
         if trial is None:
-            raise BadValue(f"the staircase has ended after {state['n']} trials: it takes no more answers")
+            raise BadValue(
+                f"the staircase has ended after {state['n']} trials: it takes no more answers"
+            )
         more = outcome(trial, answer) > 0.5
         run = max(state["run"], 0) + 1 if more else min(state["run"], 0) - 1
-        first = state["reversals"] == 0  # one answer is enough until the first reversal, and for that one
-        way = -1 if run >= (1 if first else self.down) else 1 if -run >= (1 if first else self.up) else 0
+        # one answer is enough until the first reversal, and for that one
+        first = state["reversals"] == 0
+        way = (
+            -1
+            if run >= (1 if first else self.down)
+            else 1
+            if -run >= (1 if first else self.up)
+            else 0
+        )
         turned = way != 0 and state["way"] == -way
         reversals = state["reversals"] + turned
         wanted = state["level"]
@@ -207,14 +271,17 @@ class Staircase:
             "way": way or state["way"],
             "run": 0 if way else run,
             "reversals": reversals,
-            "still": state["still"] + 1 if level == state["level"] == (low if more else high) else 0,
+            "still": (
+                state["still"] + 1 if level == state["level"] == (low if more else high) else 0
+            ),
         }
 
 
 @public
 @dc.dataclass(frozen=True)
 class Listed:
-    """A list of trials, each several times, in random order: constant stimuli, one-interval 2AFC, ratings, ranking.
+    """A list of trials, each several times, in random order: constant stimuli,
+    one-interval 2AFC, ratings, ranking.
 
     Parameters
     ----------
@@ -222,7 +289,8 @@ class Listed:
         The level is what the task takes: a number, the name of a stimulus, None.
     repeats : int
     shuffle : {"all", "each", "none"}
-        All together; each repeat by itself, so that none comes before all others had their turn; as they are listed.
+        All together; each repeat by itself, so that none comes before all others had
+        their turn; as they are listed.
     training : bool
         Discarded by the analysis.
 
@@ -236,7 +304,9 @@ class Listed:
     >>> from stimlib.experiments.designs import Listed
     >>> from stimlib.experiments.tasks import Identify
     >>> from stimlib.experiments.trial import Answer, Stimulus
-    >>> task = Identify("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
+    >>> task = Identify(
+    ...     "0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")}
+    ... )
     >>> design = Listed(((task, "red"), (task, "green")), repeats=3)
     >>> state, shown = design.init(seed=4), []
     >>> while (trial := design.next(state)) is not None:
@@ -253,16 +323,21 @@ class Listed:
 
     def __post_init__(self):
         if not isinstance(self.items, (tuple, list)) or not all(
-            isinstance(i, (tuple, list)) and len(i) == 2 and hasattr(i[0], "trial") for i in self.items
+            isinstance(i, (tuple, list)) and len(i) == 2 and hasattr(i[0], "trial")
+            for i in self.items
         ):
             raise BadValue(
-                f"Listed: items = {self.items!r:.80} must be pairs (task, level), such as ((task, 1.0), (task, 2.0)); "
-                "of one alone write ((task, 1.0),)"
+                f"Listed: items = {self.items!r:.80} must be pairs (task, level), such as ((task,"
+                " 1.0), (task, 2.0)); of one alone write ((task, 1.0),)"
             )
-        if not self.items or not _counts(self.repeats) or self.shuffle not in ("all", "each", "none"):
+        if (
+            not self.items
+            or not _counts(self.repeats)
+            or self.shuffle not in ("all", "each", "none")
+        ):
             raise BadValue(
-                f"Listed: repeats = {self.repeats!r}, shuffle = {self.shuffle!r}: give items (task, level), whole repeats of at "
-                "least 1, shuffle one of all, each, none"
+                f"Listed: repeats = {self.repeats!r}, shuffle = {self.shuffle!r}: give items (task,"
+                " level), whole repeats of at least 1, shuffle one of all, each, none"
             )
         if len(set(self._names)) != len(self.items):
             raise BadValue(f"Listed: an item is there twice, of {self._names}; say repeats instead")
@@ -273,7 +348,9 @@ class Listed:
 
     def init(self, seed: int) -> State:
         """The whole order, from the stream "shuffle"."""
-        number = {f"{r} {name}": i for r in range(self.repeats) for i, name in enumerate(self._names)}
+        number = {
+            f"{r} {name}": i for r in range(self.repeats) for i, name in enumerate(self._names)
+        }
         keys = list(number)
         if self.shuffle != "none":
             keys = shuffled(seed, "shuffle", keys)
@@ -301,7 +378,8 @@ class Listed:
 @public
 @dc.dataclass(frozen=True)
 class Interleaved:
-    """Several designs at a time, one of which is drawn for each trial, until all have ended.
+    """Several designs at a time, one of which is drawn for each trial, until all have
+    ended.
 
     Parameters
     ----------
@@ -315,7 +393,8 @@ class Interleaved:
 
     Examples
     --------
-    The UGrip paper: ``Interleaved({"high": Staircase(task, (2.0, 2.5), bounds), "low": Staircase(task, (0.4, 0.5), bounds)})``.
+    The UGrip paper: ``Interleaved({"high": Staircase(task, (2.0, 2.5), bounds), "low":
+    Staircase(task, (0.4, 0.5), bounds)})``.
     """
 
     tracks: Mapping[str, Design]
@@ -327,11 +406,23 @@ class Interleaved:
 
     def init(self, seed: int) -> State:
         """Each track has a seed of its own."""
-        return {"seed": seed, "n": 0, "tracks": {k: d.init(seed_of(seed, "track", k)) for k, d in self.tracks.items()}}
+        return {
+            "seed": seed,
+            "n": 0,
+            "tracks": {k: d.init(seed_of(seed, "track", k)) for k, d in self.tracks.items()},
+        }
 
     def _due(self, state: State) -> tuple[str, Trial] | None:
-        waiting = {k: t for k, d in self.tracks.items() if (t := d.next(state["tracks"][k])) is not None}
-        return next(((k, waiting[k]) for k in shuffled(state["seed"], f"interleave {state['n']}", list(waiting))), None)
+        waiting = {
+            k: t for k, d in self.tracks.items() if (t := d.next(state["tracks"][k])) is not None
+        }
+        return next(
+            (
+                (k, waiting[k])
+                for k in shuffled(state["seed"], f"interleave {state['n']}", list(waiting))
+            ),
+            None,
+        )
 
     def next(self, state: State) -> Trial | None:
         """That of a track drawn from those that go on."""
@@ -342,8 +433,13 @@ class Interleaved:
         """The answer goes to the track that asked."""
         due = self._due(state)
         if due is None:
-            raise BadValue(f"all tracks have ended after {state['n']} trials: they take no more answers")
-        tracks = {**state["tracks"], due[0]: self.tracks[due[0]].update(state["tracks"][due[0]], answer)}
+            raise BadValue(
+                f"all tracks have ended after {state['n']} trials: they take no more answers"
+            )
+        tracks = {
+            **state["tracks"],
+            due[0]: self.tracks[due[0]].update(state["tracks"][due[0]], answer),
+        }
         return {**state, "n": state["n"] + 1, "tracks": tracks}
 
 
@@ -370,7 +466,9 @@ class Parts:
     >>> from stimlib.experiments.designs import Listed, Parts
     >>> from stimlib.experiments.tasks import Show
     >>> from stimlib.experiments.trial import Answer, Stimulus
-    >>> day = lambda name: Listed(((Show(name, ("rough",), Stimulus("bumps")), None),), repeats=2)
+    >>> day = lambda name: Listed(
+    ...     ((Show(name, ("rough",), Stimulus("bumps")), None),), repeats=2
+    ... )
     >>> design = Parts({"A": day("a"), "B": day("b")}, pause=120.0, shuffle=True)
     >>> state, seen = design.init(seed=2), []
     >>> while (trial := design.next(state)) is not None:
@@ -392,7 +490,11 @@ class Parts:
     def init(self, seed: int) -> State:
         """Each part has a seed of its own."""
         order = shuffled(seed, "parts", list(self.parts)) if self.shuffle else list(self.parts)
-        return {"order": order, "fresh": False, "parts": {k: self.parts[k].init(seed_of(seed, "part", k)) for k in order}}
+        return {
+            "order": order,
+            "fresh": False,
+            "parts": {k: self.parts[k].init(seed_of(seed, "part", k)) for k in order},
+        }
 
     def next(self, state: State) -> Trial | None:
         """That of the first part that goes on."""

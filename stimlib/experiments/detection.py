@@ -1,4 +1,6 @@
-"""Signal detection: d' from counts, proportions with their intervals, sensitivity and specificity."""
+"""Signal detection: d' from counts, proportions with their intervals, sensitivity and
+specificity.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,17 @@ from ..errors import BadValue, public
 from .likelihood import curve
 
 CORRECTIONS = {
-    "error": "one answer of the other kind is added where all were the same: 0 becomes 1/(n + 1), and 1 becomes n/(n + 1)",
+    "error": (
+        "one answer of the other kind is added where all were the same: 0 becomes 1/(n + 1), and 1"
+        " becomes n/(n + 1)"
+    ),
     "half": "0 becomes 1/(2n), and 1 becomes 1 - 1/(2n)",
     "loglinear": "(k + 0.5)/(n + 1), always",
     "none": "none: all right, or all wrong, gives an infinite value",
 }
-"""What is done where a rate is 0 or 1, whose z is infinite: ``error`` is from Çaldıran's thesis, section 3.7, ``half`` from
-Macmillan and Kaplan (1985), ``loglinear`` from Hautus (1995)."""
+"""What is done where a rate is 0 or 1, whose z is infinite: ``error`` is from
+Çaldıran's thesis, section 3.7, ``half`` from Macmillan and Kaplan (1985), ``loglinear``
+from Hautus (1995)."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,9 @@ class Detection:
 
 
 @public
-def detection(hits: float, signals: float, false_alarms: float, noises: float, correction: str = "error") -> Detection:
+def detection(
+    hits: float, signals: float, false_alarms: float, noises: float, correction: str = "error"
+) -> Detection:
     """d' of a one-interval task, or of a yes-no one.
 
     Parameters
@@ -70,8 +78,8 @@ def detection(hits: float, signals: float, false_alarms: float, noises: float, c
 
     References
     ----------
-    Macmillan and Creelman (2005), Detection Theory, eqs. (1.5) and (2.1); standard error: Gourevitch and Galanter (1967),
-    Psychometrika 32:25.
+    Macmillan and Creelman (2005), Detection Theory, eqs. (1.5) and (2.1); standard
+    error: Gourevitch and Galanter (1967), Psychometrika 32:25.
 
     Examples
     --------
@@ -83,12 +91,17 @@ def detection(hits: float, signals: float, false_alarms: float, noises: float, c
     """
     _, density, inverse = curve("probit")
     if correction not in CORRECTIONS:
-        raise BadValue(f"detection: correction = {correction!r} must be one of {', '.join(CORRECTIONS)}")
+        raise BadValue(
+            f"detection: correction = {correction!r} must be one of {', '.join(CORRECTIONS)}"
+        )
     _counts("detection", hits, signals)
     _counts("detection", false_alarms, noises)
     (H, n), (F, m) = _rate(hits, signals, correction), _rate(false_alarms, noises, correction)
     z_H, z_F = float(inverse(H)), float(inverse(F))
-    variance = sum(p * (1 - p) / (k * density(z) ** 2) if 0 < p < 1 else float("inf") for p, k, z in ((H, n, z_H), (F, m, z_F)))
+    variance = sum(
+        p * (1 - p) / (k * density(z) ** 2) if 0 < p < 1 else float("inf")
+        for p, k, z in ((H, n, z_H), (F, m, z_F))
+    )
     changed = (H, F) != (hits / signals, false_alarms / noises)
     return Detection(z_H - z_F, -(z_H + z_F) / 2, H, F, changed, float(variance**0.5))
 
@@ -165,8 +178,11 @@ class Diagnosis:
 
 
 @public
-def diagnosis(hits: float, signals: float, correct_rejections: float, noises: float, confidence: float = 0.95) -> Diagnosis:
-    """Sensitivity, specificity and accuracy, with Wilson intervals of the trials that there were.
+def diagnosis(
+    hits: float, signals: float, correct_rejections: float, noises: float, confidence: float = 0.95
+) -> Diagnosis:
+    """Sensitivity, specificity and accuracy, with Wilson intervals of the trials that
+    there were.
 
     Parameters
     ----------
@@ -187,13 +203,17 @@ def diagnosis(hits: float, signals: float, correct_rejections: float, noises: fl
 
     References
     ----------
-    Altman and Bland (1994), BMJ 308:1552; Li et al. (2016), section "Data processing methods".
+    Altman and Bland (1994), BMJ 308:1552; Li et al. (2016), section "Data processing
+    methods".
 
     Examples
     --------
     >>> from stimlib.experiments.detection import diagnosis
     >>> found = diagnosis(239, 252, 112, 112)
-    >>> [round(p.low, 4) for p in (found.sensitivity, found.specificity, found.accuracy)]
+    >>> [
+    ...     round(p.low, 4)
+    ...     for p in (found.sensitivity, found.specificity, found.accuracy)
+    ... ]
     [0.9138, 0.9668, 0.9399]
     """
     return Diagnosis(
@@ -204,6 +224,12 @@ def diagnosis(hits: float, signals: float, correct_rejections: float, noises: fl
 
 
 def _counts(what: str, k: float, n: float) -> None:
-    whole = all(isinstance(v, (int, float, np.integer, np.floating)) and math.isfinite(v) and v == int(v) for v in (k, n))
+    whole = all(
+        isinstance(v, (int, float, np.integer, np.floating)) and math.isfinite(v) and v == int(v)
+        for v in (k, n)
+    )
     if not (whole and 0 <= k <= n and n > 0):
-        raise BadValue(f"{what}: {k!r} of {n!r}: give whole numbers, the first from 0 to the second, the second above 0")
+        raise BadValue(
+            f"{what}: {k!r} of {n!r}: give whole numbers, the first from 0 to the second, the"
+            " second above 0"
+        )

@@ -1,4 +1,6 @@
-"""What did people go by?  Each recorded cue is asked how far it parts the answers, beside the d' of the same trials."""
+"""What did people go by?  Each recorded cue is asked how far it parts the answers,
+beside the d' of the same trials.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from .saved import Saved, columns
 from .trial import Record
 
 FAR = 10.0
-"""A distance that no answers tell: of a z of 5 the other answer comes once in three million trials."""
+"""A distance that no answers tell: of a z of 5 the other answer comes once in three
+million trials.
+"""
 
 
 @dataclass(frozen=True)
@@ -33,15 +37,18 @@ class Distance:
     ----------
     cue : str
     value : float
-        Normalised distance: mean z of the trials taken for signals, less that of the others; nan where it is not determined.
+        Normalised distance: mean z of the trials taken for signals, less that of the
+        others; nan where it is not determined.
     ratio : float
         Over d', if that was given.
     slope : float
-        Of the probit over one unit of the cue; above 0 where more of the cue means more answers "signal".
+        Of the probit over one unit of the cue; above 0 where more of the cue means more
+        answers "signal".
     problem : str
-        ``""``, ``"separated"`` (the cue parts the answers wholly, or but for trials in which it hardly differs, so that z is not
-        determined or above `FAR`), ``"few"`` (one answer or one value only), or ``"one side"`` (no trial, or all of them, would
-        be taken for a signal).
+        ``""``, ``"separated"`` (the cue parts the answers wholly, or but for trials in
+        which it hardly differs, so that z is not determined or above `FAR`), ``"few"``
+        (one answer or one value only), or ``"one side"`` (no trial, or all of them,
+        would be taken for a signal).
     """
 
     cue: str
@@ -52,12 +59,15 @@ class Distance:
 
 
 @public
-def distances(cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math.nan) -> tuple[Distance, ...]:
+def distances(
+    cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math.nan
+) -> tuple[Distance, ...]:
     """Normalised distances of physical cues, the largest first.
 
-    For each cue a probit z = a + b cue is fitted to the answers; a trial with z > 0 is taken for a signal, and the distance is
-    mean(z of signals) - mean(z of the others).  A cue that people went by has a distance near d', one that they did not has a
-    small one.
+    For each cue a probit z = a + b cue is fitted to the answers; a trial with z > 0 is
+    taken for a signal, and the distance is mean(z of signals) - mean(z of the others).
+    A cue that people went by has a distance near d', one that they did not has a small
+    one.
 
     Parameters
     ----------
@@ -76,7 +86,8 @@ def distances(cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math
     Raises
     ------
     BadValue
-        Rows of different lengths, answers other than 0 and 1, cues that are not finite, no cue.
+        Rows of different lengths, answers other than 0 and 1, cues that are not finite,
+        no cue.
 
     References
     ----------
@@ -90,7 +101,10 @@ def distances(cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math
     >>> phase = np.repeat([0.4, 0.5], 100) + 0.02 * rng.normal(size=200)
     >>> force = 3 + 0.2 * rng.normal(size=200)  # which says nothing
     >>> answers = phase + 0.05 * rng.normal(size=200) > 0.45
-    >>> [found.cue for found in distances({"force": force, "phase": phase}, answers, d=2.0)]
+    >>> [
+    ...     found.cue
+    ...     for found in distances({"force": force, "phase": phase}, answers, d=2.0)
+    ... ]
     ['phase', 'force']
     """
     said = numbers("distances: answers", answers)
@@ -98,7 +112,10 @@ def distances(cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math
         raise BadValue("distances: answers must be a row of 0 and 1, one for each trial")
     if not cues:
         raise BadValue("distances: give at least one cue, by name")
-    found = [_distance(name, numbers(f"distances: {name}", values), said, d) for name, values in cues.items()]
+    found = [
+        _distance(name, numbers(f"distances: {name}", values), said, d)
+        for name, values in cues.items()
+    ]
     return tuple(sorted(found, key=lambda v: -v.value if math.isfinite(v.value) else math.inf))
 
 
@@ -109,7 +126,9 @@ def _distance(name: str, cue: np.ndarray, said: np.ndarray, d: float) -> Distanc
         raise BadValue(f"distances: {name}[{int(np.argmin(np.isfinite(cue)))}] is not finite")
     sets = Sets(cue, said, np.ones_like(said))
     if wrong := ("few",) if np.ptp(cue) == 0 else undetermined(sets):
-        return Distance(name, math.nan, math.nan, math.nan, "few" if wrong == ("few",) else "separated")
+        return Distance(
+            name, math.nan, math.nan, math.nan, "few" if wrong == ("few",) else "separated"
+        )
     fit = maximum(sets, cue.mean())
     z = fit.a + fit.b * (cue - cue.mean())
     if not 0 < np.sum(z > 0) < z.size:
@@ -120,10 +139,11 @@ def _distance(name: str, cue: np.ndarray, said: np.ndarray, d: float) -> Distanc
     return Distance(name, value, value / d if d else math.nan, float(fit.b), "")
 
 
-# What was displayed ----------------------------------------------------------------------------------------------------
+# What was displayed -------------------------------------------------------------------
 @public
 def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64]]]:
-    """The signals of each interval of a trial, from its log: the hand's, and the outputs as they were delivered, in their units.
+    """The signals of each interval of a trial, from its log: the hand's, and the
+    outputs as they were delivered, in their units.
 
     Parameters
     ----------
@@ -146,17 +166,25 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
     """
     shown = record.displayed[-1] if record.displayed else {}
     if "log" not in shown:
-        raise BadValue(f"{folder}, trial {record.number}: no log of it was kept, so nobody knows what was displayed")
+        raise BadValue(
+            f"{folder}, trial {record.number}: no log of it was kept, so nobody knows what was"
+            " displayed"
+        )
     log = read_log(folder / shown["log"])
-    frames = np.concatenate([f.astype(np.float64) * there for _, f, there in delivered(log)]) * log.safety.scales(log.outputs)
+    frames = np.concatenate(
+        [f.astype(np.float64) * there for _, f, there in delivered(log)]
+    ) * log.safety.scales(log.outputs)
     outputs = dict(zip(log.outputs, frames.T, strict=True))
     inputs = dict(zip(log.inputs, np.asarray(log.motion).T, strict=True))
     return [{name: x[a:b] for name, x in (inputs | outputs).items()} for a, b in shown["intervals"]]
 
 
 @public
-def recorded(sessions: Sequence[Saved], position: str, force: str, progress: bool = True, **how: Any) -> dict[str, list[Any]]:
-    """The physical cues of all trials that count, from their logs: what the hand did, and what it was given.
+def recorded(
+    sessions: Sequence[Saved], position: str, force: str, progress: bool = True, **how: Any
+) -> dict[str, list[Any]]:
+    """The physical cues of all trials that count, from their logs: what the hand did,
+    and what it was given.
 
     Parameters
     ----------
@@ -172,8 +200,9 @@ def recorded(sessions: Sequence[Saved], position: str, force: str, progress: boo
     Returns
     -------
     dict of str to list
-        As `stimlib.experiments.saved.columns`, and one column for each of `stimlib.analysis.cues.Cues`: nan in all of them for a
-        trial in which the hand did not move, or for less than two periods.
+        As `stimlib.experiments.saved.columns`, and one column for each of
+        `stimlib.analysis.cues.Cues`: nan in all of them for a trial in which the hand
+        did not move, or for less than two periods.
 
     Raises
     ------
@@ -199,11 +228,18 @@ def recorded(sessions: Sequence[Saved], position: str, force: str, progress: boo
         for s, r in trials:
             signals = displayed(s.folder, r)
             if len(signals) != 1:
-                raise BadValue(f"{s.folder}, trial {r.number}: it has {len(signals)} intervals; cues are of trials with one")
+                raise BadValue(
+                    f"{s.folder}, trial {r.number}: it has {len(signals)} intervals; cues are of"
+                    " trials with one"
+                )
             if missing := [name for name in (position, force) if name not in signals[0]]:
-                raise UnknownName(f"{s.folder}: no signal {missing[0]!r}; there are {', '.join(signals[0])}")
+                raise UnknownName(
+                    f"{s.folder}: no signal {missing[0]!r}; there are {', '.join(signals[0])}"
+                )
             try:
-                rows.append(cues(signals[0][position], signals[0][force], r.displayed[-1]["fs"], **how))
+                rows.append(
+                    cues(signals[0][position], signals[0][force], r.displayed[-1]["fs"], **how)
+                )
             except BadValue:
                 rows.append(Cues(*[math.nan] * len(Cues._fields)))
             advance(1)

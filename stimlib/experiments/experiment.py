@@ -1,4 +1,6 @@
-"""An experiment as a value: what a page of Python defines, and what a session needs to run it."""
+"""An experiment as a value: what a page of Python defines, and what a session needs to
+run it.
+"""
 
 from __future__ import annotations
 
@@ -51,13 +53,18 @@ class Timing:
             if not isinstance(v, (int, float)) or not 0 <= v < 3600:
                 raise BadValue(f"Timing: {f.name} = {v!r} must be a time in seconds from 0 to 3600")
         if self.interval <= 2 * self.ramp:
-            raise BadValue(f"Timing: interval = {self.interval:g} s must be longer than its two ramps of {self.ramp:g} s")
+            raise BadValue(
+                f"Timing: interval = {self.interval:g} s must be longer than its two ramps of"
+                f" {self.ramp:g} s"
+            )
 
 
 @public
 @dc.dataclass(frozen=True)
 class Cursor:
-    """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one input (Çaldıran's thesis, section 3.5)."""
+    """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one
+    input (Çaldıran's thesis, section 3.5).
+    """
 
     input: str
     amplitude: float
@@ -65,13 +72,18 @@ class Cursor:
 
     def __post_init__(self):
         if not (fields.positive(self.amplitude) and fields.positive(self.frequency)):
-            raise BadValue(f"Cursor: amplitude = {self.amplitude!r} and frequency = {self.frequency!r} must be above 0")
+            raise BadValue(
+                f"Cursor: amplitude = {self.amplitude!r} and frequency = {self.frequency!r} must be"
+                " above 0"
+            )
 
 
 @public
 @dc.dataclass(frozen=True)
 class Masking:
-    """White noise on a channel of its own while stimuli are there: rms relative to the device's full scale."""
+    """White noise on a channel of its own while stimuli are there: rms relative to the
+    device's full scale.
+    """
 
     output: str = "masking"
     rms: float = 0.05
@@ -89,24 +101,27 @@ class Experiment:
     scenes : dict of str to Scene
         What the stimuli of trials name.
     design : Design, or callable
-        ``design(participant, session) -> Design`` where the order depends on who it is (a code such as "P07") and on the
-        number of the session; see `stimlib.experiments.designs`.
+        ``design(participant, session) -> Design`` where the order depends on who it is
+        (a code such as "P07") and on the number of the session; see
+        `stimlib.experiments.designs`.
     questions : tuple of Question
     fs : float
         Hz.
     safety : Safety or float
         As every sink has it.
     bounds : dict of str to (float, float)
-        Least and largest value of parameters; no trial passes them. They protect a hand.
+        Least and largest value of parameters; no trial passes them. They protect a
+        hand.
     motion : any
-        What drives the inputs, as a sink takes it: functions of time for a simulated hand, ``Live()`` or ``Signals`` for a real
-        one.
+        What drives the inputs, as a sink takes it: functions of time for a simulated
+        hand, ``Live()`` or ``Signals`` for a real one.
     hand : callable, optional
-        Of ``Live()``: ``hand(sink)`` pushes positions (``Sink.push``) until ``sink.finished``.
+        Of ``Live()``: ``hand(sink)`` pushes positions (``Sink.push``) until
+        ``sink.finished``.
     timing : Timing
     familiarisation : dict of str to Stimulus, or callable
-        Stimuli that the participant may feel at will before the first trial; ``familiarisation(participant, session)`` where they
-        depend on it.
+        Stimuli that the participant may feel at will before the first trial;
+        ``familiarisation(participant, session)`` where they depend on it.
     sessions : int
         Of each participant: a simulation has all of them.
     replays : int
@@ -122,13 +137,14 @@ class Experiment:
     observer : callable, optional
         Who answers in a simulation: ``observer(trial, rng) -> Answer``.
     analysis : callable, optional
-        ``analysis(sessions) -> any``, of a list of `stimlib.experiments.saved.Saved`; what it gives is printed. A log does not
-        depend on these two.
+        ``analysis(sessions) -> any``, of a list of `stimlib.experiments.saved.Saved`;
+        what it gives is printed. A log does not depend on these two.
 
     Raises
     ------
     BadValue, UnknownName
-        Something missing, of a wrong kind, or two questions of one name; bounds of a parameter that no scene has.
+        Something missing, of a wrong kind, or two questions of one name; bounds of a
+        parameter that no scene has.
 
     Examples
     --------
@@ -146,7 +162,9 @@ class Experiment:
     motion: Any = None
     hand: Callable[[Any], None] | None = None
     timing: Timing = Timing()
-    familiarisation: Mapping[str, Stimulus] | Callable[[str, int], Mapping[str, Stimulus]] = dc.field(default_factory=dict)
+    familiarisation: Mapping[str, Stimulus] | Callable[[str, int], Mapping[str, Stimulus]] = (
+        dc.field(default_factory=dict)
+    )
     sessions: int = 1
     replays: int = 0
     feedback: bool = False
@@ -158,45 +176,76 @@ class Experiment:
     analysis: Callable[[list[Any]], Any] | None = None
 
     def __post_init__(self):
-        if not isinstance(self.questions, (tuple, list)) or not all(isinstance(q, Question) for q in self.questions):
+        if not isinstance(self.questions, (tuple, list)) or not all(
+            isinstance(q, Question) for q in self.questions
+        ):
             raise BadValue(
-                f"experiment {self.name!r}: questions = {self.questions!r:.80} must be a tuple of Question, such as (choice(..),)"
+                f"experiment {self.name!r}: questions = {self.questions!r:.80} must be a tuple of"
+                " Question, such as (choice(..),)"
             )
         names = [q.name for q in self.questions]
         scenes = self.scenes.values() if isinstance(self.scenes, Mapping) else ()
         if not scenes or not all(isinstance(s, Scene) for s in scenes):
-            raise BadValue(f"experiment {self.name!r}: scenes must be a table of names to Scene, one at least")
+            raise BadValue(
+                f"experiment {self.name!r}: scenes must be a table of names to Scene, one at least"
+            )
         if not names or len(set(names)) != len(names):
-            raise BadValue(f"experiment {self.name!r}: it needs questions, each with a name of its own; got {names}")
+            raise BadValue(
+                f"experiment {self.name!r}: it needs questions, each with a name of its own; got"
+                f" {names}"
+            )
         if not (self.design is None or callable(self.design) or isinstance(self.design, Design)):
             raise BadValue(
-                f"experiment {self.name!r}: design = {self.design!r:.80} is no design; put a task into one, such as Staircase or "
-                "Listed"
+                f"experiment {self.name!r}: design = {self.design!r:.80} is no design; put a task"
+                " into one, such as Staircase or Listed"
             )
         if not isinstance(self.timing, Timing):
-            raise BadValue(f"experiment {self.name!r}: timing = {self.timing!r} must be a Timing, such as Timing(interval=1.0)")
+            raise BadValue(
+                f"experiment {self.name!r}: timing = {self.timing!r} must be a Timing, such as"
+                " Timing(interval=1.0)"
+            )
         known = {p for s in self.scenes.values() for p in s.params}
         if not fields.positive(self.fs) or round(self.timing.interval * self.fs) < 1:
-            raise BadValue(f"experiment {self.name!r}: fs = {self.fs!r} must be in Hz, with a sample in each interval at least")
+            raise BadValue(
+                f"experiment {self.name!r}: fs = {self.fs!r} must be in Hz, with a sample in each"
+                " interval at least"
+            )
         if not fields.whole(10**6)(self.replays):
-            raise BadValue(f"experiment {self.name!r}: replays = {self.replays!r} must be a whole number from 0 on")
+            raise BadValue(
+                f"experiment {self.name!r}: replays = {self.replays!r} must be a whole number from"
+                " 0 on"
+            )
         if self.masking and self.masking.output in self.outputs:
-            raise BadValue(f"Masking: {self.masking.output!r} is an output of a scene: name a channel of its own")
+            raise BadValue(
+                f"Masking: {self.masking.output!r} is an output of a scene: name a channel of"
+                " its own"
+            )
         if self.cursor and self.cursor.input not in self.inputs:
             raise UnknownName(
-                f"Cursor: no scene has an input {self.cursor.input!r}; there are {', '.join(self.inputs) or 'none'}"
+                f"Cursor: no scene has an input {self.cursor.input!r}; there are"
+                f" {', '.join(self.inputs) or 'none'}"
             )
         if not isinstance(self.bounds, Mapping):
             raise BadValue(f"bounds = {self.bounds!r} must map names of parameters to (low, high)")
         for name, pair in self.bounds.items():
             if name not in known:
-                raise UnknownName(f"bounds: no scene has a parameter {name!r}; there are {', '.join(sorted(known)) or 'none'}")
-            if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(fields.number, pair)) and pair[0] < pair[1]):
+                raise UnknownName(
+                    f"bounds: no scene has a parameter {name!r}; there are"
+                    f" {', '.join(sorted(known)) or 'none'}"
+                )
+            if not (
+                isinstance(pair, (tuple, list))
+                and len(pair) == 2
+                and all(map(fields.number, pair))
+                and pair[0] < pair[1]
+            ):
                 raise BadValue(f"bounds: {name} = {pair!r} must be two finite numbers that rise")
 
     @property
     def outputs(self) -> dict[str, Unit]:
-        """Of all scenes, in their order: the channels of every trial, so that no channel moves from trial to trial."""
+        """Of all scenes, in their order: the channels of every trial, so that no
+        channel moves from trial to trial.
+        """
         return {name: block.dim for s in self.scenes.values() for name, block in s.outputs.items()}
 
     @property
@@ -209,65 +258,105 @@ class Experiment:
         for q in self.questions:
             if q.name == name:
                 return q
-        raise UnknownName(f"no question {name!r}; there are {', '.join(q.name for q in self.questions)}")
+        raise UnknownName(
+            f"no question {name!r}; there are {', '.join(q.name for q in self.questions)}"
+        )
 
     def designed(self, participant: str, session: int = 1) -> Design:
         """The design of one participant's session."""
         if isinstance(self.design, Design):
             return self.design
-        made = called(f"experiment {self.name!r}: design({participant!r}, {session})", self.design, participant, session)
+        made = called(
+            f"experiment {self.name!r}: design({participant!r}, {session})",
+            self.design,
+            participant,
+            session,
+        )
         if not isinstance(made, Design):
-            raise BadValue(f"experiment {self.name!r}: design({participant!r}, {session}) gives {made!r:.80}, no design")
+            raise BadValue(
+                f"experiment {self.name!r}: design({participant!r}, {session}) gives {made!r:.80},"
+                " no design"
+            )
         return made
 
     def familiar(self, participant: str, session: int = 1) -> Mapping[str, Stimulus]:
         """The stimuli that one participant may get familiar with before a session."""
-        return self.familiarisation(participant, session) if callable(self.familiarisation) else self.familiarisation
+        return (
+            self.familiarisation(participant, session)
+            if callable(self.familiarisation)
+            else self.familiarisation
+        )
 
     def seeded(self, participant: str, session: int = 1) -> int:
         """The seed of one participant's session."""
         return seed_of(self.seed, "session", participant, session)
 
     def check(self, trial: Trial) -> None:
-        """Raise unless a trial can be shown: its scenes, parameters, questions are known, no parameter passes its bounds."""
+        """Raise unless a trial can be shown: its scenes, parameters, questions are
+        known, no parameter passes its bounds.
+        """
         if not trial.questions:
             raise BadValue(f"condition {trial.condition!r}: a trial asks one question at least")
         first = [self.question(name) for name in trial.questions][0]
         if trial.scores and set(trial.scores) != {*first.choices}:
             raise BadValue(
-                f"condition {trial.condition!r}: {first.name} has the choices {', '.join(first.choices) or 'none'}, the task "
-                f"counts {', '.join(trial.scores)}: they must be the same"
+                f"condition {trial.condition!r}: {first.name} has the choices"
+                f" {', '.join(first.choices) or 'none'}, the task counts {', '.join(trial.scores)}:"
+                " they must be the same"
             )
         try:
             json.dumps(trial.to_dict(), allow_nan=False)
         except (TypeError, ValueError) as e:
             raise BadValue(
-                f"condition {trial.condition!r}: it cannot be kept in a log: {e}; give levels, parameters and right answers as "
-                "finite numbers of Python, as float(..) or .tolist() make them"
+                f"condition {trial.condition!r}: it cannot be kept in a log: {e}; give levels,"
+                " parameters and right answers as finite numbers of Python, as float(..) or"
+                " .tolist() make them"
             ) from e
         for s in trial.stimuli:
             if s.scene not in self.scenes:
-                raise UnknownName(f"condition {trial.condition!r}: no scene {s.scene!r}; there are {', '.join(self.scenes)}")
+                raise UnknownName(
+                    f"condition {trial.condition!r}: no scene {s.scene!r}; there are"
+                    f" {', '.join(self.scenes)}"
+                )
             if unknown := set(s.params) - set(self.scenes[s.scene].params):
-                raise UnknownName(f"condition {trial.condition!r}: scene {s.scene!r} has no parameter {', '.join(unknown)}")
-            values = {name: s.params.get(name, p.value) for name, p in self.scenes[s.scene].params.items()}
+                raise UnknownName(
+                    f"condition {trial.condition!r}: scene {s.scene!r} has no parameter"
+                    f" {', '.join(unknown)}"
+                )
+            values = {
+                name: s.params.get(name, p.value) for name, p in self.scenes[s.scene].params.items()
+            }
             for name, value in values.items():
                 low, high = self.bounds.get(name, (-math.inf, math.inf))
                 if not fields.number(value):
-                    raise BadValue(f"condition {trial.condition!r}: {name} = {value!r:.80} is no number")
+                    raise BadValue(
+                        f"condition {trial.condition!r}: {name} = {value!r:.80} is no number"
+                    )
                 if not low <= value <= high:
-                    raise BadValue(f"condition {trial.condition!r}: {name} = {value:g} is beyond its bounds, {low:g} to {high:g}")
+                    raise BadValue(
+                        f"condition {trial.condition!r}: {name} = {value:g} is beyond its bounds,"
+                        f" {low:g} to {high:g}"
+                    )
 
     def facts(self) -> dict[str, Any]:
-        """What a log has of its experiment, as JSON data; ``key`` is the SHA-256 of the rest.
+        """What a log has of its experiment, as JSON data; ``key`` is the SHA-256 of the
+        rest.
 
-        Functions (of a motion, or a design that depends on the participant) count by their name.
+        Functions (of a motion, or a design that depends on the participant) count by
+        their name.
         """
-        told = {f.name: _plain(getattr(self, f.name)) for f in dc.fields(self) if f.name not in ("observer", "analysis")}
+        told = {
+            f.name: _plain(getattr(self, f.name))
+            for f in dc.fields(self)
+            if f.name not in ("observer", "analysis")
+        }
         try:
             text = json.dumps(told, sort_keys=True, allow_nan=False, separators=(",", ":"))
         except ValueError as e:
-            raise BadValue(f"experiment {self.name!r}: a number in its definition is not finite, which no log can have") from e
+            raise BadValue(
+                f"experiment {self.name!r}: a number in its definition is not finite, which no log"
+                " can have"
+            ) from e
         return told | {"key": hashlib.sha256(text.encode()).hexdigest()}
 
 
@@ -276,7 +365,9 @@ def _plain(v: Any) -> Any:
     if isinstance(v, Scene):
         return v.hash
     if dc.is_dataclass(v) and not isinstance(v, type):
-        return {"class": type(v).__name__} | {f.name: _plain(getattr(v, f.name)) for f in dc.fields(v)}
+        return {"class": type(v).__name__} | {
+            f.name: _plain(getattr(v, f.name)) for f in dc.fields(v)
+        }
     if isinstance(v, Mapping):
         return {str(k): _plain(w) for k, w in v.items()}
     if isinstance(v, (list, tuple)):

@@ -1,4 +1,6 @@
-"""Psychometric functions from answers: where two stimuli feel the same, how fine the difference is, and how sure both are."""
+"""Psychometric functions from answers: where two stimuli feel the same, how fine the
+difference is, and how sure both are.
+"""
 
 from __future__ import annotations
 
@@ -11,32 +13,60 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, UnknownName, public, shortened
-from .likelihood import LAPSES, PROBIT, Array, Found, Model, Sets, curve, ends, maximum, numbers, probability, total
+from .likelihood import (
+    LAPSES,
+    PROBIT,
+    Array,
+    Found,
+    Model,
+    Sets,
+    curve,
+    ends,
+    maximum,
+    numbers,
+    probability,
+    total,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PROBLEMS = {
-    "few": "all answers are the same, or to one level: nothing can be fitted; choose levels around the threshold, and ask "
-    "whether the question was understood",
-    "separated": "no level has both answers but the one between: the slope is not determined, the {name} is between "
-    "{low:.6g} and {high:.6g}; add levels there, or trials",
-    "falling": "yes becomes rarer as the level rises: look whether the other answer should count as yes",
+    "few": (
+        "all answers are the same, or to one level: nothing can be fitted; choose levels around the"
+        " threshold, and ask whether the question was understood"
+    ),
+    "separated": (
+        "no level has both answers but the one between: the slope is not determined, the {name} is"
+        " between {low:.6g} and {high:.6g}; add levels there, or trials"
+    ),
+    "falling": (
+        "yes becomes rarer as the level rises: look whether the other answer should count as yes"
+    ),
     "flat": "the answers hardly depend on the level: the data allow a slope of 0, and any {name}",
-    "lapses": "some answers far from the {name} fit no curve without lapses, and make this one too flat: give lapse=None to fit "
-    "their rate, or a rate of your own",
-    "guess": "the answers {against}: give the chance level of the task as guess=, 0.5 where the right one of two intervals was "
-    "to be found, or hand over the table of answers, which has it; in a comparison, add levels below the PSE",
+    "lapses": (
+        "some answers far from the {name} fit no curve without lapses, and make this one too flat:"
+        " give lapse=None to fit their rate, or a rate of your own"
+    ),
+    "guess": (
+        "the answers {against}: give the chance level of the task as guess=, 0.5 where the right"
+        " one of two intervals was to be found, or hand over the table of answers, which has it; in"
+        " a comparison, add levels below the PSE"
+    ),
 }
 """What can be wrong with a fit, and what to do; ``Fit.problems`` names them."""
 SURE_OF_LAPSES = 0.01
 CHANCES = (0.0, 1 / 4, 1 / 3, 1 / 2)
 """Chance levels of common tasks, which a given one is tested against."""
-AS_GOOD = -2.0  # twice a difference of log-likelihoods, from which on chance level 1/2 fits about as well as a symmetric curve
+# twice a difference of log-likelihoods, from which on chance level 1/2 fits about as
+# well as a symmetric curve
+AS_GOOD = -2.0
 SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
 BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
 RESAMPLES = 2000
-MOST, LARGEST = 1e9, 1e100  # trials at a level, beyond which likelihoods are too coarse for intervals; size of a level
+# trials at a level, beyond which likelihoods are too coarse for intervals; size of a
+# level
+MOST, LARGEST = 1e9, 1e100
 TOGETHER = 64  # sets in one call, so that memory stays small
 Interval = tuple[float, float]
 Key = TypeVar("Key", bound=Hashable)
@@ -49,26 +79,30 @@ class Fit:
     Attributes
     ----------
     pse : float
-        Where the curve is half-way up, in the unit of the levels: the point of subjective equality of a comparison, the
-        threshold of a detection.
+        Where the curve is half-way up, in the unit of the levels: the point of
+        subjective equality of a comparison, the threshold of a detection.
     sigma : float
-        Spread of the curve on the axis of the fit (of log10 of the levels with ``log``): of a cumulative normal its standard
-        deviation, of a logistic function its scale.
+        Spread of the curve on the axis of the fit (of log10 of the levels with
+        ``log``): of a cumulative normal its standard deviation, of a logistic function
+        its scale.
     lapse, guess : float
         How far the curve stays from 1 above, and from 0 below.
     pse_interval, sigma_interval : (float, float)
         Ends may be infinite, sigma's lower one 0: the data then allow it.
     problems : tuple of str
-        Names in `PROBLEMS`; empty for a fit that can be used.  With any but "lapses", PSE, sigma and intervals are nan.
+        Names in `PROBLEMS`; empty for a fit that can be used.  With any but "lapses",
+        PSE, sigma and intervals are nan.
     loglik, deviance : float
         Of the fit; the deviance is that from a curve through every level's proportion.
     trials, levels : int
         How many answers, and different levels, there were.
     gap : (float, float)
-        The highest level with a no and the lowest with a yes, the lower one first; with ``guess``, the highest level with
-        answers below half-way and the lowest with answers above, infinite if there is none.
+        The highest level with a no and the lowest with a yes, the lower one first; with
+        ``guess``, the highest level with answers below half-way and the lowest with
+        answers above, infinite if there is none.
     comparison : bool
-        Whether the curve is symmetric, so that ``pse`` is a point of subjective equality; with a chance level it is a threshold.
+        Whether the curve is symmetric, so that ``pse`` is a point of subjective
+        equality; with a chance level it is a threshold.
     unit : str
         Of the levels, as it was given.
     data : tuple of (float, int, int)
@@ -108,7 +142,9 @@ class Fit:
 
     @property
     def slope(self) -> float:
-        """Of the link on the axis of the fit, 1/sigma, as regression programs print it."""
+        """Of the link on the axis of the fit, 1/sigma, as regression programs print
+        it.
+        """
         return 1 / self.sigma
 
     @property
@@ -118,7 +154,9 @@ class Fit:
 
     @property
     def jnd(self) -> float:
-        """Just-noticeable difference, from 50 to 75 % of the curve: in the unit of the levels; with ``log`` a part of the PSE."""
+        """Just-noticeable difference, from 50 to 75 % of the curve: in the unit of the
+        levels; with ``log`` a part of the PSE.
+        """
         return self._difference(self.sigma)
 
     @property
@@ -152,10 +190,14 @@ class Fit:
         against = f"contradict a chance level of {self.guess:.3g}"
         if self.comparison:
             against = "fit a chance level of 0.5 about as well as a symmetric curve"
-        return [PROBLEMS[name].format(low=low, high=high, name=self.name, against=against) for name in self.problems]
+        return [
+            PROBLEMS[name].format(low=low, high=high, name=self.name, against=against)
+            for name in self.problems
+        ]
 
     def plot(self) -> Figure:
-        """Draw the proportion of yes at each level, the curve, and the interval of its middle.
+        """Draw the proportion of yes at each level, the curve, and the interval of its
+        middle.
 
         Returns
         -------
@@ -165,7 +207,9 @@ class Fit:
         Examples
         --------
         >>> from stimlib.experiments.fits import psychometric
-        >>> fit = psychometric([1.0, 1.5, 2.0, 2.5, 3.0], [1, 4, 9, 17, 19], [20] * 5, unit="N/mm")
+        >>> fit = psychometric(
+        ...     [1.0, 1.5, 2.0, 2.5, 3.0], [1, 4, 9, 17, 19], [20] * 5, unit="N/mm"
+        ... )
         >>> fit.plot().axes[0].get_xlabel()
         'level / N/mm'
         """
@@ -189,7 +233,9 @@ class Fit:
         if np.isfinite(self.pse):
             x = np.geomspace(at[0], at[-1], 200) if self.log else np.linspace(at[0], at[-1], 200)
             ax.plot(x, self(x), color="C1")
-            ax.plot(np.clip(self.pse_interval, at[0], at[-1]), [self(self.pse)] * 2, color="C1", lw=3)
+            ax.plot(
+                np.clip(self.pse_interval, at[0], at[-1]), [self(self.pse)] * 2, color="C1", lw=3
+            )
         if self.log:
             logarithmic(ax.xaxis, ax.set_xscale)
         ax.set(ylim=(-0.05, 1.05))
@@ -206,7 +252,8 @@ class Fit:
 
 
 def logarithmic(axis: Any, scale: Callable[[str], Any]) -> None:
-    """Make an axis of matplotlib logarithmic, with ticks at 1, 2 and 5 as plain numbers.
+    """Make an axis of matplotlib logarithmic, with ticks at 1, 2 and 5 as plain
+    numbers.
 
     Parameters
     ----------
@@ -239,29 +286,36 @@ def psychometric(
 ) -> Fit:
     """Fit a psychometric function by maximum likelihood.
 
-    p(x) = g + (1 - g - l) F((x - PSE)/sigma), with g the rate of guesses and l that of lapses.
+    p(x) = g + (1 - g - l) F((x - PSE)/sigma), with g the rate of guesses and l that of
+    lapses.
 
     Parameters
     ----------
     levels : array_like, shape (n,), or table of answers
-        Of each trial, or of each group of trials.  Or, alone, a table with the columns ``level``, ``outcome`` and ``chance``,
-        such as `stimlib.experiments.observers.simulate` gives: then the chance level is that of the task.
+        Of each trial, or of each group of trials.  Or, alone, a table with the columns
+        ``level``, ``outcome`` and ``chance``, such as
+        `stimlib.experiments.observers.simulate` gives: then the chance level is that of
+        the task.
     yes : array_like, shape (n,), optional
-        1 where the answer was yes ("the comparison is stiffer"), else 0; with ``trials``: how many were.
+        1 where the answer was yes ("the comparison is stiffer"), else 0; with
+        ``trials``: how many were.
     trials : array_like, shape (n,), optional
         How many were asked at each level.
     link : {"probit", "logit"}
     log : bool
         Fit over log10 of the levels, which are then above 0.
     guess : float, optional
-        Chance level, the rate of yes where nothing can be felt: 1/m for the right one of m intervals, 0 for yes or no.  By
-        default that of the task, if a table has it.  Else it is the rate of lapses, as for a comparison, where who did not
-        attend says yes half the time: then twice ``lapse`` of the trials were not attended to.
+        Chance level, the rate of yes where nothing can be felt: 1/m for the right one
+        of m intervals, 0 for yes or no.  By default that of the task, if a table has
+        it.  Else it is the rate of lapses, as for a comparison, where who did not
+        attend says yes half the time: then twice ``lapse`` of the trials were not
+        attended to.
     lapse : float or None
         Rate of lapses, below 0.5; None fits it, from 0 to 0.1.
     interval : {"profile", "bootstrap", "none"}
-        Where the log-likelihood has fallen by half the quantile of chi squared, all else fitted anew; or quantiles of 2000 fits
-        to answers drawn from this one (parametric, percentile); or none, which is quicker.
+        Where the log-likelihood has fallen by half the quantile of chi squared, all
+        else fitted anew; or quantiles of 2000 fits to answers drawn from this one
+        (parametric, percentile); or none, which is quicker.
     confidence : float
         Of each interval.
     seed : int
@@ -272,41 +326,54 @@ def psychometric(
     Returns
     -------
     Fit
-        Data that determine no curve give no error and no wild number: ``problems`` names what is wrong.
+        Data that determine no curve give no error and no wild number: ``problems``
+        names what is wrong.
 
     Raises
     ------
     BadValue
-        Shapes that differ, numbers that are not finite, answers that are no counts, parameters outside their range; a table of
-        tasks with different chance levels.
+        Shapes that differ, numbers that are not finite, answers that are no counts,
+        parameters outside their range; a table of tasks with different chance levels.
     UnknownName
         A table without ``level`` or ``outcome``.
 
     Notes
     -----
-    A wrong chance level shifts the middle: the threshold of a detection in two intervals comes out too low by half without
-    ``guess=0.5``.  ``problems`` has "guess" in two cases.  A chance level that was given is held against 0, 1/4, 1/3 and 1/2:
-    it is flagged where twice the gain in log-likelihood is above 6.63, which chance exceeds in 1 of 100 (chi squared, one degree
-    of freedom).  Of a symmetric curve it is flagged where chance level 1/2 fits about as well, twice the difference above -2.
+    A wrong chance level shifts the middle: the threshold of a detection in two
+    intervals comes out too low by half without ``guess=0.5``.  ``problems`` has "guess"
+    in two cases.  A chance level that was given is held against 0, 1/4, 1/3 and 1/2: it
+    is flagged where twice the gain in log-likelihood is above 6.63, which chance
+    exceeds in 1 of 100 (chi squared, one degree of freedom).  Of a symmetric curve it
+    is flagged where chance level 1/2 fits about as well, twice the difference above -2.
 
     References
     ----------
-    Finney (1971), Probit Analysis; Wichmann and Hill (2001), Perception and Psychophysics 63:1293 and 63:1314; Albert and
-    Anderson (1984), Biometrika 71:1 (separation).
+    Finney (1971), Probit Analysis; Wichmann and Hill (2001), Perception and
+    Psychophysics 63:1293 and 63:1314; Albert and Anderson (1984), Biometrika 71:1
+    (separation).
 
     Examples
     --------
     >>> from stimlib.experiments.fits import psychometric
     >>> fit = psychometric([1.0, 1.5, 2.0, 2.5, 3.0], [1, 4, 9, 17, 19], [20] * 5)
-    >>> round(fit.pse, 3), round(fit.jnd, 3), [round(v, 3) for v in fit.pse_interval], fit.problems
+    >>> (
+    ...     round(fit.pse, 3),
+    ...     round(fit.jnd, 3),
+    ...     [round(v, 3) for v in fit.pse_interval],
+    ...     fit.problems,
+    ... )
     (1.998, 0.391, [1.813, 2.182], ())
     >>> psychometric([1.0, 2.0, 3.0, 4.0], [0, 0, 20, 20], [20] * 4).advice()
     ['no level has both answers but the one between: the slope is not determined, the PSE is between 2 and 3; ...']
-    >>> found = psychometric([1.0, 2.0, 3.0, 4.0], [11, 14, 19, 20], [20] * 4, guess=0.5, unit="mm")
+    >>> found = psychometric(
+    ...     [1.0, 2.0, 3.0, 4.0], [11, 14, 19, 20], [20] * 4, guess=0.5, unit="mm"
+    ... )
     >>> print(found)
     threshold 2.144 mm [1.465, 3], JND 0.4454 mm
     """
-    given: Any = levels if yes is None else (levels, yes) if trials is None else (levels, yes, trials)
+    given: Any = (
+        levels if yes is None else (levels, yes) if trials is None else (levels, yes, trials)
+    )
     return psychometrics(
         {"": given},
         link=link,
@@ -333,7 +400,8 @@ def psychometrics(
     seed: int = 0,
     unit: str = "",
 ) -> dict[Key, Fit]:
-    """Fit many psychometric functions at once, which takes a fraction of the time; each to the bits that it has alone.
+    """Fit many psychometric functions at once, which takes a fraction of the time; each
+    to the bits that it has alone.
 
     Parameters
     ----------
@@ -355,7 +423,12 @@ def psychometrics(
     --------
     >>> from stimlib.experiments.fits import psychometrics
     >>> levels, asked = [1.0, 1.5, 2.0, 2.5, 3.0], [20] * 5
-    >>> fits = psychometrics({"P01": (levels, [1, 4, 9, 17, 19], asked), "P02": (levels, [0, 2, 5, 11, 18], asked)})
+    >>> fits = psychometrics(
+    ...     {
+    ...         "P01": (levels, [1, 4, 9, 17, 19], asked),
+    ...         "P02": (levels, [0, 2, 5, 11, 18], asked),
+    ...     }
+    ... )
     >>> {who: round(fit.pse, 2) for who, fit in fits.items()}
     {'P01': 2.0, 'P02': 2.36}
     """
@@ -380,7 +453,9 @@ def psychometrics(
     return {key: replace(fits[key], unit=unit) for key in data}
 
 
-def _fitted(part: Sequence[Sets], model: Model, log: bool, interval: str, confidence: float, seed: int) -> list[Fit]:
+def _fitted(
+    part: Sequence[Sets], model: Model, log: bool, interval: str, confidence: float, seed: int
+) -> list[Fit]:
     """The fits of some sets, in one call of each step."""
     sets = _padded(part)
     middle = total(sets.x * sets.n) / total(sets.n)
@@ -400,7 +475,17 @@ def _fitted(part: Sequence[Sets], model: Model, log: bool, interval: str, confid
     curves = np.full((2, len(part)), math.nan)
     curves[:, usable] = middle[usable] - best.a[usable] / best.b[usable], 1 / best.b[usable]
     return [
-        _fit(one, curves[:, i], around[..., i], problems[i], float(best.lapse[i]), float(best.loglik[i]), model, log, confidence)
+        _fit(
+            one,
+            curves[:, i],
+            around[..., i],
+            problems[i],
+            float(best.lapse[i]),
+            float(best.loglik[i]),
+            model,
+            log,
+            confidence,
+        )
         for i, one in enumerate(part)
     ]
 
@@ -416,7 +501,9 @@ def _fit(
     log: bool,
     confidence: float,
 ) -> Fit:
-    """What is told of a set: PSE and sigma, and their intervals, are on the axis of the fit."""
+    """What is told of a set: PSE and sigma, and their intervals, are on the axis of the
+    fit.
+    """
     pse, low, high = (10 ** float(v) if log else float(v) for v in (found[0], *around[0]))
     levels = 10**one.x if log else one.x
     return Fit(
@@ -436,7 +523,11 @@ def _fit(
         log=log,
         confidence=confidence,
         comparison=model.guess is None,
-        data=tuple(zip(*(v.tolist() for v in (levels, one.yes.astype(int), one.n.astype(int))), strict=True)),
+        data=tuple(
+            zip(
+                *(v.tolist() for v in (levels, one.yes.astype(int), one.n.astype(int))), strict=True
+            )
+        ),
     )
 
 
@@ -445,7 +536,9 @@ def _some(sets: Sets, rows: Sequence[int] | Array) -> Sets:
 
 
 def _padded(part: Sequence[Sets]) -> Sets:
-    """Sets as rows of one length: what is filled up is the last level, without trials."""
+    """Sets as rows of one length: what is filled up is the last level, without
+    trials.
+    """
     longest = max(one.x.size for one in part)
     x = [np.pad(one.x, (0, longest - one.x.size), "edge") for one in part]
     yes, n = ([np.pad(one[i], (0, longest - one[i].size)) for one in part] for i in (1, 2))
@@ -477,7 +570,9 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
     >>> import numpy as np
     >>> from stimlib.experiments.fits import profile
     >>> from stimlib.experiments.likelihood import Sets
-    >>> profile(Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20))).round(3)
+    >>> profile(
+    ...     Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20))
+    ... ).round(3)
     array([[1.627, 2.365],
            [0.867, 1.647]])
     """
@@ -510,8 +605,11 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
 
 
 @public
-def bootstrap(sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES) -> Array:
-    """Percentiles of fits to answers that were drawn from the fit of one set, at the same levels.
+def bootstrap(
+    sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES
+) -> Array:
+    """Percentiles of fits to answers that were drawn from the fit of one set, at the
+    same levels.
 
     Parameters
     ----------
@@ -526,24 +624,30 @@ def bootstrap(sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed:
     Returns
     -------
     ndarray, shape (2, 2)
-        As `profile`.  A resample that is separated counts with the sigma of nearly 0 that it has.
+        As `profile`.  A resample that is separated counts with the sigma of nearly 0
+        that it has.
 
     References
     ----------
-    Efron and Tibshirani (1993), An Introduction to the Bootstrap, section 13.3; Wichmann and Hill (2001), Perception and
-    Psychophysics 63:1314.
+    Efron and Tibshirani (1993), An Introduction to the Bootstrap, section 13.3;
+    Wichmann and Hill (2001), Perception and Psychophysics 63:1314.
 
     Examples
     --------
     >>> import numpy as np
     >>> from stimlib.experiments.fits import bootstrap
     >>> from stimlib.experiments.likelihood import Sets
-    >>> bootstrap(Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20)), n=200).round(1)
+    >>> bootstrap(
+    ...     Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20)), n=200
+    ... ).round(1)
     array([[1.6, 2.4],
            [0.8, 1.5]])
     """
     if not 0 < confidence < 1 or seed < 0 or n < 1:
-        raise BadValue(f"bootstrap: confidence = {confidence}, seed = {seed}, n = {n} must be within 0 .. 1, 0 or above, above 0")
+        raise BadValue(
+            f"bootstrap: confidence = {confidence}, seed = {seed}, n = {n} must be within 0 .. 1, 0"
+            " or above, above 0"
+        )
     middle = float(np.average(sets.x, weights=sets.n))
     found = maximum(sets, middle, model)
     p = probability(found.a + found.b * (sets.x - middle), model, found.lapse)[0]
@@ -554,40 +658,66 @@ def bootstrap(sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed:
     return np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
 
 
-# What is given ---------------------------------------------------------------------------------------------------------
-def _model(link: str, guess: float | None, lapse: float | None, interval: str, confidence: float) -> Model:
+# What is given ------------------------------------------------------------------------
+def _model(
+    link: str, guess: float | None, lapse: float | None, interval: str, confidence: float
+) -> Model:
     curve(link)
     if interval not in ("profile", "bootstrap", "none"):
         raise BadValue(f"psychometric: interval = {interval!r} must be profile, bootstrap or none")
     if not 0 < confidence < 1:
         raise BadValue(f"psychometric: confidence = {confidence!r} must be between 0 and 1")
     if lapse is not None and not 0 <= lapse < 0.5:
-        raise BadValue(f"psychometric: lapse = {lapse!r} must be at least 0 and below 0.5, or None to fit it")
+        raise BadValue(
+            f"psychometric: lapse = {lapse!r} must be at least 0 and below 0.5, or None to fit it"
+        )
     if guess is not None and not 0 <= guess < 1 - (LAPSES if lapse is None else lapse):
-        raise BadValue(f"psychometric: guess = {guess!r} must be at least 0 and below 1 - lapse; 0.5 for the right one of two")
+        raise BadValue(
+            f"psychometric: guess = {guess!r} must be at least 0 and below 1 - lapse; 0.5 for the"
+            " right one of two"
+        )
     return Model(link, guess, lapse)
 
 
 def _answers(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | None]:
-    """Return what was given as rows, and the chance level that a table of answers has."""
+    """Return what was given as rows, and the chance level that a table of answers
+    has.
+    """
     if not hasattr(given, "keys"):  # a DataFrame has some, too
         return given, None
     if missing := [name for name in ("level", "outcome") if name not in given]:
-        raise UnknownName(f"{where}: there is no column {missing[0]!r}; there are {', '.join(map(str, given))}")
-    chances = {None if c is None or c != c else c for c in (given["chance"] if "chance" in given else [None])}
+        raise UnknownName(
+            f"{where}: there is no column {missing[0]!r}; there are {', '.join(map(str, given))}"
+        )
+    chances = {
+        None if c is None or c != c else c
+        for c in (given["chance"] if "chance" in given else [None])
+    }
     if len(chances) > 1:
-        raise BadValue(f"{where}: the answers are of tasks with chance levels {chances}: fit each task by itself")
+        raise BadValue(
+            f"{where}: the answers are of tasks with chance levels {chances}: fit each task by"
+            " itself"
+        )
     return (given["level"], given["outcome"]), chances.pop() if chances else None
 
 
 def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
-    """Return one set, each level once; those that differ by rounding are one, the lowest of them."""
+    """Return one set, each level once; those that differ by rounding are one, the
+    lowest of them.
+    """
     if not 2 <= len(given) <= 3:
-        raise BadValue(f"{where}: give (levels, yes) or (levels, yes, trials), not {len(given)} things")
-    x, k = (numbers(f"{where}: {name}", v) for name, v in zip(("levels", "yes"), given, strict=False))
+        raise BadValue(
+            f"{where}: give (levels, yes) or (levels, yes, trials), not {len(given)} things"
+        )
+    x, k = (
+        numbers(f"{where}: {name}", v) for name, v in zip(("levels", "yes"), given, strict=False)
+    )
     n = numbers(f"{where}: trials", given[2]) if len(given) == 3 else np.ones_like(k)
     if not x.ndim == 1 == k.ndim == n.ndim or not x.size == k.size == n.size > 0:
-        raise BadValue(f"{where}: levels {x.shape}, yes {k.shape} and trials {n.shape} must be rows of one length")
+        raise BadValue(
+            f"{where}: levels {x.shape}, yes {k.shape} and trials {n.shape} must be rows of one"
+            " length"
+        )
     for name, bad in (
         ("levels", ~np.isfinite(x) | (log & (x <= 0))),
         ("yes", ~((k >= 0) & (k <= n) & (k == np.floor(k)))),
@@ -601,7 +731,10 @@ def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
                 else f"must be whole counts, at most {MOST:g}"
             )
             more = ", yes from 0 to the number of trials" if name == "yes" else ""
-            raise BadValue(f"{where}: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g}: {name} {what}{more}")
+            raise BadValue(
+                f"{where}: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g}: {name}"
+                f" {what}{more}"
+            )
     unique, at_level = np.unique(x[n > 0], return_inverse=True)
     if not unique.size:
         raise BadValue(f"{where}: there are no trials")
@@ -611,14 +744,17 @@ def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
         unique = np.log10(unique)
     if np.abs(unique).max() > LARGEST or 0 < np.ptp(unique) < 1 / LARGEST:
         raise BadValue(
-            f"{where}: levels of {unique[0]:g} to {unique[-1]:g}: give them in another unit, so that sums of squares exist"
+            f"{where}: levels of {unique[0]:g} to {unique[-1]:g}: give them in another unit, so"
+            " that sums of squares exist"
         )
     return Sets(unique, np.bincount(at_level, k[n > 0]), np.bincount(at_level, n[n > 0]))
 
 
-# What is wrong with it -------------------------------------------------------------------------------------------------
+# What is wrong with it ----------------------------------------------------------------
 def _gap(sets: Sets, log: bool, guess: float | None) -> Interval:
-    """The highest level with a no, and the lowest with a yes, in their order; with guesses, those below and above half-way."""
+    """The highest level with a no, and the lowest with a yes, in their order; with
+    guesses, those below and above half-way.
+    """
     some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
     if not some_no.size or not some_yes.size:
         return math.nan, math.nan
@@ -644,7 +780,8 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
     from scipy.stats import chi2
 
     eta = found.a[:, None] + found.b[:, None] * (sets.x - middle[:, None])
-    near = np.sum((np.abs(eta) < BEYOND) & (sets.n > 0), axis=1)  # but for lapses, they are separated
+    # but for lapses, they are separated
+    near = np.sum((np.abs(eta) < BEYOND) & (sets.n > 0), axis=1)
     flat = 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < chi2.ppf(0.95, 1)
     gain = np.zeros(flat.shape)
     if model.lapse is not None:
@@ -655,7 +792,11 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
     better = 2 * (best - found.loglik)
     guess = better > (AS_GOOD if model.guess is None else chi2.isf(SURE_OF_LAPSES, 1))
     guess &= ~lapses | (better > gain)
-    names = np.select([found.b <= 0, near < 2, flat, guess, lapses], ["falling", "separated", "flat", "guess", "lapses"], "")
+    names = np.select(
+        [found.b <= 0, near < 2, flat, guess, lapses],
+        ["falling", "separated", "flat", "guess", "lapses"],
+        "",
+    )
     return [str(name) for name in names]
 
 
@@ -663,4 +804,6 @@ def _best_possible(sets: Sets) -> float:
     """Log-likelihood of every level's own proportion."""
     from scipy.special import xlogy
 
-    return float(np.sum(xlogy(sets.yes, sets.yes / sets.n) + xlogy(sets.n - sets.yes, 1 - sets.yes / sets.n)))
+    return float(
+        np.sum(xlogy(sets.yes, sets.yes / sets.n) + xlogy(sets.n - sets.yes, 1 - sets.yes / sets.n))
+    )

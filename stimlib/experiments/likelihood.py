@@ -2,8 +2,9 @@
 
     p(x) = low + (1 - low - high) F(a + b (x - c))
 
-F is the cumulative normal (probit) or logistic (logit) function, ``high`` the rate of lapses, ``low`` the rate of guesses.  A set
-is a row of levels, so a bootstrap or 2000 simulated people are one call.
+F is the cumulative normal (probit) or logistic (logit) function, ``high`` the rate of
+lapses, ``low`` the rate of guesses.  A set is a row of levels, so a bootstrap or 2000
+simulated people are one call.
 """
 
 from __future__ import annotations
@@ -21,14 +22,21 @@ LINKS = ("probit", "logit")
 LAPSES = 0.1  # the largest rate that is looked for
 STEPS, FEW = 40, 10  # of Fisher scoring, or halvings of a step
 STARTS = [(0.0, 0.0), (0.0, 2.0), *((k / 4, 8.0) for k in range(-6, 7, 2))]
-"""Where scoring starts: middle and slope, in spreads of the levels; where there may be several peaks."""
-ZOOMS, GRID = 4, 6  # rounds and points of the search for a rate of lapses, before it is scored with the rest
-DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7  # of the search for an end of an interval: steps, and how near 0 it ends
+"""Where scoring starts: middle and slope, in spreads of the levels; where there may be
+several peaks.
+"""
+# rounds and points of the search for a rate of lapses, before it is scored with the
+# rest
+ZOOMS, GRID = 4, 6
+# of the search for an end of an interval: steps, and how near 0 it ends
+DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7
 FLOOR = 1e-15  # of a probability
 
 
 class Sets(NamedTuple):
-    """Answers: levels, how many said yes, how many were asked; each of shape (.., levels)."""
+    """Answers: levels, how many said yes, how many were asked; each of shape (..,
+    levels).
+    """
 
     x: Array
     yes: Array
@@ -36,7 +44,8 @@ class Sets(NamedTuple):
 
 
 def total(each: ArrayLike) -> Array:
-    """Sum over levels, one after another: levels without trials, which pad a set, change no bit of it.
+    """Sum over levels, one after another: levels without trials, which pad a set,
+    change no bit of it.
 
     Examples
     --------
@@ -48,7 +57,9 @@ def total(each: ArrayLike) -> Array:
 
 
 class Model(NamedTuple):
-    """What is fitted: the link, the rate of guesses (None: as many as lapses), and of lapses (None: fitted)."""
+    """What is fitted: the link, the rate of guesses (None: as many as lapses), and of
+    lapses (None: fitted).
+    """
 
     link: str = "probit"
     guess: float | None = None
@@ -59,7 +70,9 @@ PROBIT = Model()
 
 
 class Found(NamedTuple):
-    """The best of each set: intercept at c, slope, rate of lapses, log-likelihood; each of shape (..)."""
+    """The best of each set: intercept at c, slope, rate of lapses, log-likelihood; each
+    of shape (..).
+    """
 
     a: Array
     b: Array
@@ -108,7 +121,8 @@ def curve(link: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Callab
 
 
 def probability(eta: ArrayLike, model: Model, lapse: ArrayLike = 0.0) -> tuple[Array, Array]:
-    """Of yes and of no, where the link is at eta; each is exact to rounding where it is small.
+    """Of yes and of no, where the link is at eta; each is exact to rounding where it is
+    small.
 
     Examples
     --------
@@ -132,7 +146,8 @@ def maximum(
     b: ArrayLike | None = None,
     start: Found | None = None,
 ) -> Found:
-    """The most likely a and b of each set, by Fisher scoring; steps that make it worse are halved.
+    """The most likely a and b of each set, by Fisher scoring; steps that make it worse
+    are halved.
 
     Parameters
     ----------
@@ -153,20 +168,28 @@ def maximum(
 
     References
     ----------
-    McCullagh and Nelder (1989), Generalized Linear Models, section 4.4 (scoring); Wichmann and Hill (2001), Perception and
-    Psychophysics 63, eq. (1) (guesses and lapses).
+    McCullagh and Nelder (1989), Generalized Linear Models, section 4.4 (scoring);
+    Wichmann and Hill (2001), Perception and Psychophysics 63, eq. (1) (guesses and
+    lapses).
 
     Examples
     --------
     >>> import numpy as np
     >>> from stimlib.experiments.likelihood import Model, Sets, maximum
-    >>> found = maximum(Sets(np.array([1.0, 2.0, 3.0]), np.array([2, 5, 8]), np.array([10, 10, 10])), 2.0)
+    >>> found = maximum(
+    ...     Sets(
+    ...         np.array([1.0, 2.0, 3.0]), np.array([2, 5, 8]), np.array([10, 10, 10])
+    ...     ),
+    ...     2.0,
+    ... )
     >>> abs(round(float(found.a), 6)), round(float(found.b), 6)
     (0.0, 0.841621)
     """
     free = a is None, b is None
     begin = (start.a, start.b) if start is not None else (0.0, 0.0)
-    a, b = (np.asarray(v if given is None else given) for given, v in zip((a, b), begin, strict=True))
+    a, b = (
+        np.asarray(v if given is None else given) for given, v in zip((a, b), begin, strict=True)
+    )
     c = np.asarray(c)
     shape = np.broadcast_shapes(*(v.shape[:-1] for v in sets), c.shape, a.shape, b.shape)
     z = np.broadcast_to(sets.x - c[..., None], shape + sets.x.shape[-1:])
@@ -175,17 +198,24 @@ def maximum(
     size = np.where(size > 0, size, 1.0)
     sets, b = Sets(z / size[..., None], yes, n), b * size
     if model.lapse is not None and not model.guess and not model.lapse:  # there is one peak
-        found = _climb(sets, model, Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0))), free, STEPS)
+        found = _climb(
+            sets, model, Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0))), free, STEPS
+        )
     else:
-        found = _climb(sets, model, _search(sets, model, a, b, free), (*free, model.lapse is None), STEPS)
+        found = _climb(
+            sets, model, _search(sets, model, a, b, free), (*free, model.lapse is None), STEPS
+        )
     return found._replace(b=found.b / size)
 
 
 def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool]) -> Found:
-    """The best of many starts and rates of lapses, each after a few steps; x is in spreads of the levels."""
+    """The best of many starts and rates of lapses, each after a few steps; x is in
+    spreads of the levels.
+    """
     shape, each = sets.x.shape[:-1], Sets(*(v[..., None, :] for v in sets))
     grid = np.linspace(0, 1, GRID if model.lapse is None else 1)
-    starts = list(dict.fromkeys((free[0] * m, free[1] * s) for m, s in STARTS))  # what is held makes many of them one
+    # what is held makes many of them one
+    starts = list(dict.fromkeys((free[0] * m, free[1] * s) for m, s in STARTS))
     middles, slopes = (np.tile(v, grid.size) for v in np.array(starts).T)
     low = np.full(shape, 0.0 if model.lapse is None else model.lapse)
     high = low + (LAPSES if model.lapse is None else 0.0)
@@ -193,7 +223,13 @@ def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool
         rates = np.repeat(low[..., None] + (high - low)[..., None] * grid, len(starts), axis=-1)
         steep = slopes if free[1] else b[..., None]
         start = -middles * steep if free[0] else a[..., None]
-        found = _climb(each, model, Found(*(np.broadcast_to(v, rates.shape) for v in (start, steep, rates, 0.0))), free, FEW)
+        found = _climb(
+            each,
+            model,
+            Found(*(np.broadcast_to(v, rates.shape) for v in (start, steep, rates, 0.0))),
+            free,
+            FEW,
+        )
         best = np.argmax(found.loglik, axis=-1)[..., None]
         found = Found(*(np.take_along_axis(v, best, -1)[..., 0] for v in found))
         step = (high - low) / (GRID - 1)
@@ -202,7 +238,9 @@ def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool
 
 
 def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps: int) -> Found:
-    """One row for each start; it is left alone when its steps have become small.  A third in free is the rate of lapses."""
+    """One row for each start; it is left alone when its steps have become small.  A
+    third in free is the rate of lapses.
+    """
     shape = start.a.shape
     z, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(start.a.size, -1) for v in sets)
     at = np.stack([start.a.ravel(), start.b.ravel(), start.lapse.ravel()], axis=1)
@@ -221,11 +259,17 @@ def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps
     return Found(*(v.reshape(shape) for v in (*at.T, loglik)))
 
 
-def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[bool, ...]) -> tuple[Array, Array]:
-    """The log-likelihood of each row, and its step: the expected information's inverse times the gradient."""
+def _score(
+    at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[bool, ...]
+) -> tuple[Array, Array]:
+    """The log-likelihood of each row, and its step: the expected information's inverse
+    times the gradient.
+    """
     eta, lapse = at[:, :1] + at[:, 1:2] * z, at[:, 2:]
     p, q = probability(eta, model, lapse)
-    slope = (1 - (lapse if model.guess is None else model.guess) - lapse) * curve(model.link)[1](eta)
+    slope = (1 - (lapse if model.guess is None else model.guess) - lapse) * curve(model.link)[1](
+        eta
+    )
     loglik = total(yes * np.log(p) + (n - yes) * np.log(q))
     if free[2:] == (True,):
         return loglik, _joint_step(at, z, yes, n, model, free, eta, p, q, slope)
@@ -233,18 +277,37 @@ def _score(at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[
     g0, g1, w0, w1, w2 = (total(v) for v in (g, g * z, w, w * z, w * z * z))
     if free[:2] == (True, True):
         det = w0 * w2 - w1 * w1 + FLOOR
-        return loglik, np.stack([w2 * g0 - w1 * g1, w0 * g1 - w1 * g0, 0 * g0], axis=1) / det[:, None]
-    return loglik, np.stack([free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR), 0 * g0], axis=1)
+        return (
+            loglik,
+            np.stack([w2 * g0 - w1 * g1, w0 * g1 - w1 * g0, 0 * g0], axis=1) / det[:, None],
+        )
+    return loglik, np.stack(
+        [free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR), 0 * g0], axis=1
+    )
 
 
 def _joint_step(
-    at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[bool, ...], eta: Array, p: Array, q: Array, slope: Array
+    at: Array,
+    z: Array,
+    yes: Array,
+    n: Array,
+    model: Model,
+    free: tuple[bool, ...],
+    eta: Array,
+    p: Array,
+    q: Array,
+    slope: Array,
 ) -> Array:
-    """Newton's step of all three; where the log-likelihood is not concave, by the expected information."""
+    """Newton's step of all three; where the log-likelihood is not concave, by the
+    expected information.
+    """
     F, density = (f(eta) for f in curve(model.link)[:2])
     bent = slope * (-eta if model.link == "probit" else 1 - 2 * F)
     both = -density * (2 if model.guess is None else 1)  # of the curve and the rate
-    line, rate = np.stack([free[0] + 0 * z, free[1] * z, 0 * z], axis=1), np.array([0.0, 0.0, 1.0])[:, None]
+    line, rate = (
+        np.stack([free[0] + 0 * z, free[1] * z, 0 * z], axis=1),
+        np.array([0.0, 0.0, 1.0])[:, None],
+    )
     d = slope[:, None] * line + rate * (1 - 2 * F if model.guess is None else -F)[:, None]
     r = yes / p - (n - yes) / q
     gradient = total(d * r[:, None])
@@ -254,22 +317,30 @@ def _joint_step(
     expected = total(outer * (n / (p * q))[:, None, None])
     crossed = line[:, :, None] * rate + rate[:, None] * line[:, None]
     second = line[:, :, None] * line[:, None] * bent[:, None, None] + crossed * both[:, None, None]
-    observed = total(outer * (yes / p**2 + (n - yes) / q**2)[:, None, None] - second * r[:, None, None])
-    little = (1e-12 * np.trace(expected, axis1=1, axis2=2) + FLOOR)[:, None, None] * np.eye(3)  # what is held has none
+    observed = total(
+        outer * (yes / p**2 + (n - yes) / q**2)[:, None, None] - second * r[:, None, None]
+    )
+    # what is held has none
+    little = (1e-12 * np.trace(expected, axis1=1, axis2=2) + FLOOR)[:, None, None] * np.eye(3)
     concave = np.linalg.eigvalsh(observed + little)[:, :1, None] > 0
-    return np.linalg.solve(np.where(concave, observed, expected) + little, gradient[..., None])[..., 0]
+    return np.linalg.solve(np.where(concave, observed, expected) + little, gradient[..., None])[
+        ..., 0
+    ]
 
 
 def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayLike) -> Array:
-    """Where functions that are below 0 at their starts first pass 0 on the way along step; inf (of the step's sign) if nowhere.
+    """Where functions that are below 0 at their starts first pass 0 on the way along
+    step; inf (of the step's sign) if nowhere.
 
-    The step is doubled until 0 is passed, 14 times at most; then false position, by the Illinois rule.
+    The step is doubled until 0 is passed, 14 times at most; then false position, by the
+    Illinois rule.
 
     Parameters
     ----------
     excess : callable
-        ``excess(x, rows)``: the values of so many of the functions, by their numbers, at a place of each; quick where they are
-        nearly straight.  Asked only of those that are still looked for.
+        ``excess(x, rows)``: the values of so many of the functions, by their numbers,
+        at a place of each; quick where they are nearly straight.  Asked only of those
+        that are still looked for.
     start, step : array_like, shape (n,)
 
     References

@@ -1,6 +1,8 @@
-"""Where are the nodules?  Localisation with one avatar, three avatars or a vibration, of Li et al. (2016), with a pen.
+"""Where are the nodules?  Localisation with one avatar, three avatars or a vibration,
+of Li et al. (2016), with a pen.
 
-"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments"; see docs/reference/papers.rst.
+"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
+see docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -29,30 +31,41 @@ from .trial import Answer, Stimulus, Trial
 FEEDBACK = {"single-point": "combined", "multi-point": "multipoint", "vibration": "vibration"}
 """Mode of ``soft_surface`` by the paper's name."""
 TURNS = (30, 60, 90)
-"""Of the block in degrees; ours: no two have a nodule at the same place, nor has the experiment of sizes."""
+"""Of the block in degrees; ours: no two have a nodule at the same place, nor has the
+experiment of sizes.
+"""
 SURFACES = {f"{name}, {turn} degrees": (name, turn) for name in FEEDBACK for turn in TURNS}
 FOUND = {"single-point": 55, "multi-point": 53, "vibration": 57}
 """Nodules found of 60, three of each of 20 people: 91.7, 88.3 and 95 %."""
-PRINTED = {"single-point": (91.7, 82.0, 96.4), "multi-point": (88.3, 77.8, 94.2), "vibration": (95.0, 91.5, 97.1)}
+PRINTED = {
+    "single-point": (91.7, 82.0, 96.4),
+    "multi-point": (88.3, 77.8, 94.2),
+    "vibration": (95.0, 91.5, 97.1),
+}
 """Figure 8 and text: sensitivity and its interval, in per cent."""
 NEAR = 0.01
-"""A nodule is found where a place is so near to its middle, in m; ours: nodules are 52 mm apart."""
+"""A nodule is found where a place is so near to its middle, in m; ours: nodules are 52
+mm apart.
+"""
 
 
 @public
 def nodule_places() -> Experiment:
-    """The experiment: mark the three nodules; with one avatar, with three of them, with a vibration.
+    """The experiment: mark the three nodules; with one avatar, with three of them, with
+    a vibration.
 
     Returns
     -------
     Experiment
-        Its ``observer`` finds as many as the paper's participants, see `person`; its ``analysis`` is `located`.
+        Its ``observer`` finds as many as the paper's participants, see `person`; its
+        ``analysis`` is `located`.
 
     References
     ----------
-    Li et al. (2016), "Single-point interaction vs. three-point interaction and vibration", figs. 4 and 8.  Ours: the map, its
-    turns, how near a mark must be (`NEAR`), and 90 s for each, where the paper lets people look as long as they like and stops
-    the time.
+    Li et al. (2016), "Single-point interaction vs. three-point interaction and
+    vibration", figs. 4 and 8.  Ours: the map, its turns, how near a mark must be
+    (`NEAR`), and 90 s for each, where the paper lets people look as long as they like
+    and stops the time.
 
     Examples
     --------
@@ -60,28 +73,44 @@ def nodule_places() -> Experiment:
     >>> from stimlib.experiments.streams import stream
     >>> from stimlib.experiments.trial import observed
     >>> design = nodule_places().designed("P02")
-    >>> [trial.condition for trial, _ in observed(design, 1, person, stream(1, "observer"))]
+    >>> [
+    ...     trial.condition
+    ...     for trial, _ in observed(design, 1, person, stream(1, "observer"))
+    ... ]
     ['multi-point, 30 degrees', 'vibration, 60 degrees', 'single-point, 90 degrees']
     """
     sizes = {"x": 0.14, "y": 0.14, "depth": 0.02}
     return Experiment(
         name="nodule_places",
         version="1",
-        scenes={name: soft_surface(FEEDBACK[how], S=block(radians(turn))) for name, (how, turn) in SURFACES.items()},
+        scenes={
+            name: soft_surface(FEEDBACK[how], S=block(radians(turn)))
+            for name, (how, turn) in SURFACES.items()
+        },
         design=one_after_another,
-        questions=(places("nodules", "Where are the nodules, in m from the lower left corner?", most=3),),
+        questions=(
+            places("nodules", "Where are the nodules, in m from the lower left corner?", most=3),
+        ),
         fs=1000.0,
-        safety=Safety(full_scale={f"{k}{i}": v for i in (1, 2, 3) for k, v in sizes.items()} | {"force": 10.0, "vibration": 1.0}),
+        safety=Safety(
+            full_scale={f"{k}{i}": v for i in (1, 2, 3) for k, v in sizes.items()}
+            | {"force": 10.0, "vibration": 1.0}
+        ),
         motion=PEN,
         timing=Timing(interval=90.0),
-        instructions="Press on the surface with the pen and go over it. Then mark where the three hard nodules are.",
+        instructions=(
+            "Press on the surface with the pen and go over it. Then mark where the three hard"
+            " nodules are."
+        ),
         observer=person,
         analysis=lambda sessions: text(located(columns(sessions))),
     )
 
 
 def one_after_another(participant: str, session: int) -> Parts:
-    """One kind of feedback after another, each over a block that is turned otherwise; of nine people each has another order."""
+    """One kind of feedback after another, each over a block that is turned otherwise;
+    of nine people each has another order.
+    """
     n, names = turn_of(participant, 9), tuple(FEEDBACK)
     tests = [(names[(n + k) % 3], TURNS[(n // 3 + k) % 3]) for k in range(3)]
     return Parts({how: _surface(f"{how}, {turn} degrees") for how, turn in tests})
@@ -98,17 +127,25 @@ def _buried(condition: str) -> dict[str, tuple[float, float]]:
     return buried(radians(SURFACES[condition][1]))
 
 
-# Who answers -----------------------------------------------------------------------------------------------------------
+# Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Somebody who finds nodules as often as the paper's participants, and marks them to 2 mm; looks at no rendering."""
+    """Somebody who finds nodules as often as the paper's participants, and marks them
+    to 2 mm; looks at no rendering.
+    """
     chance = FOUND[SURFACES[trial.condition][0]] / 60
     return Answer(
-        {"nodules": [(at + 0.002 * rng.normal(size=2)).tolist() for at in trial.correct["nodules"] if rng.random() < chance]}
+        {
+            "nodules": [
+                (at + 0.002 * rng.normal(size=2)).tolist()
+                for at in trial.correct["nodules"]
+                if rng.random() < chance
+            ]
+        }
     )
 
 
-# What they answered ----------------------------------------------------------------------------------------------------
+# What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Located:
     """The result of the paper, figure 8.
@@ -120,7 +157,8 @@ class Located:
     nodules : dict of (str, str) to Proportion
         By feedback and nodule.
     test : Statistic or None
-        Kruskal and Wallis' test of how many each participant found; None where all found as many.
+        Kruskal and Wallis' test of how many each participant found; None where all
+        found as many.
     pairs : tuple of Pair
         Dunn's, one-sided and times 3 as the paper has them.
     """
@@ -138,8 +176,9 @@ def located(answers: Columns) -> Located:
     Parameters
     ----------
     answers : dict of str to sequence
-        With ``participant``, ``condition`` and ``nodules``, as `stimlib.experiments.saved.columns` and
-        `stimlib.experiments.observers.simulate` give them.
+        With ``participant``, ``condition`` and ``nodules``, as
+        `stimlib.experiments.saved.columns` and `stimlib.experiments.observers.simulate`
+        give them.
 
     Returns
     -------
@@ -159,19 +198,29 @@ def located(answers: Columns) -> Located:
     See :doc:`/reference/experiments_nodules`.
     """
     if missing := [name for name in ("participant", "condition", "nodules") if name not in answers]:
-        raise UnknownName(f"nodule_places: there is no column {missing[0]!r}; there are {', '.join(map(str, answers))}")
+        raise UnknownName(
+            f"nodule_places: there is no column {missing[0]!r}; there are"
+            f" {', '.join(map(str, answers))}"
+        )
     feedback = [SURFACES[name][0] for name in answers["condition"]]
     rates: dict[str, Proportion] = {}
     each: dict[tuple[str, str], Proportion] = {}
     people: dict[str, list[int]] = {}
     groups = grouped({**answers, "feedback": feedback}, ("feedback",))
     for (how,), rows in groups.items():
-        hits = [hit(name, marks) for name, marks in zip(rows["condition"], rows["nodules"], strict=True)]
+        hits = [
+            hit(name, marks) for name, marks in zip(rows["condition"], rows["nodules"], strict=True)
+        ]
         each |= {(how, n): wilson(sum(h[n] for h in hits), len(hits)) for n in hits[0]}
         people[how] = [sum(h.values()) for h in hits]
         rates[how] = wilson(sum(people[how]), 3 * len(hits))
     spread = len(people) > 1 and len({n for counts in people.values() for n in counts}) > 1
-    return Located(rates, each, kruskal(people) if spread else None, dunn(people, "one-sided") if spread else ())
+    return Located(
+        rates,
+        each,
+        kruskal(people) if spread else None,
+        dunn(people, "one-sided") if spread else (),
+    )
 
 
 @public
@@ -184,7 +233,10 @@ def hit(condition: str, marks: Sequence[tuple[float, float]]) -> dict[str, bool]
     >>> hit("vibration, 90 degrees", [[0.03, 0.069], [0.06, 0.06]])
     {'A': True, 'B': False, 'C': False}
     """
-    return {name: any(dist(at, mark) <= NEAR for mark in marks) for name, at in _buried(condition).items()}
+    return {
+        name: any(dist(at, mark) <= NEAR for mark in marks)
+        for name, at in _buried(condition).items()
+    }
 
 
 def text(found: Located) -> str:
@@ -192,12 +244,21 @@ def text(found: Located) -> str:
     lines = []
     for how, p in found.rates.items():
         value, low, high = PRINTED[how]
-        each = ", ".join(f"{n} {100 * q.value:.0f} %" for (of, n), q in found.nodules.items() if of == how)
+        each = ", ".join(
+            f"{n} {100 * q.value:.0f} %" for (of, n), q in found.nodules.items() if of == how
+        )
         lines.append(
-            f"{how:<12}  {100 * p.value:.1f} % [{100 * p.low:.1f}, {100 * p.high:.1f}] ({value} [{low}, {high}])  {each}"
+            f"{how:<12}  {100 * p.value:.1f} % [{100 * p.low:.1f}, {100 * p.high:.1f}] ({value}"
+            f" [{low}, {high}])  {each}"
         )
     if found.test:
         lines.append(f"H({found.test.df[0]:g}) = {found.test.value:.3f}, p = {found.test.p:.2g}")
     return "\n".join(
-        [*lines, *(f"  {p.a} and {p.b}: z = {p.statistic:.3f}, p = {p.p:.2g} ({p.sides}, times 3)" for p in found.pairs)]
+        [
+            *lines,
+            *(
+                f"  {p.a} and {p.b}: z = {p.statistic:.3f}, p = {p.p:.2g} ({p.sides}, times 3)"
+                for p in found.pairs
+            ),
+        ]
     )

@@ -1,6 +1,8 @@
-"""Which of three nodules is the hardest?  The size discrimination of Li et al. (2016), with a pen.
+"""Which of three nodules is the hardest?  The size discrimination of Li et al. (2016),
+with a pen.
 
-"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments"; see docs/reference/papers.rst.
+"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
+see docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -29,8 +31,13 @@ from .trial import Answer, Stimulus, Trial
 NODULES = ("A", "B", "C")
 """From the hardest on."""
 MARKS = ("1", "2", "3")
-"""Blue dots on the surface, over the nodules: 1 straight ahead, then against the clock."""
-UNDER = {f"A under {MARKS[k]}": dict(zip(MARKS, NODULES[-k:] + NODULES[:-k], strict=True)) for k in range(3)}
+"""Blue dots on the surface, over the nodules: 1 straight ahead, then against the
+clock.
+"""
+UNDER = {
+    f"A under {MARKS[k]}": dict(zip(MARKS, NODULES[-k:] + NODULES[:-k], strict=True))
+    for k in range(3)
+}
 """The nodule under each mark, by condition: the block is turned by so many thirds."""
 PRINTED = {("A", "B"): 85.0, ("A", "C"): 90.0, ("B", "C"): 70.0}
 """Of 20 people, in per cent: who put the first before the second."""
@@ -49,18 +56,20 @@ PEN = HAND | {"press": held}  # of a simulated pen; ours
 
 @public
 def nodule_sizes() -> Experiment:
-    """The experiment: three marked places, the hardest first; one trial of each participant.
+    """The experiment: three marked places, the hardest first; one trial of each
+    participant.
 
     Returns
     -------
     Experiment
-        Its ``observer`` draws an order as often as the paper's participants may have given it, see `person`; its ``analysis`` is
-        `sorted_rightly`.
+        Its ``observer`` draws an order as often as the paper's participants may have
+        given it, see `person`; its ``analysis`` is `sorted_rightly`.
 
     References
     ----------
-    Li et al. (2016), "Single-point interaction study", second part.  Ours: what is measured in the paper (the map,
-    `stimlib.soft.block`), which mark has which nodule, and 60 s, where the paper lets people look as long as they like.
+    Li et al. (2016), "Single-point interaction study", second part.  Ours: what is
+    measured in the paper (the map, `stimlib.soft.block`), which mark has which nodule,
+    and 60 s, where the paper lets people look as long as they like.
 
     Examples
     --------
@@ -75,36 +84,47 @@ def nodule_sizes() -> Experiment:
     return Experiment(
         name="nodule_sizes",
         version="1",
-        scenes={name: soft_surface("combined", S=block(k * 2 * pi / 3)) for k, name in enumerate(UNDER)},
+        scenes={
+            name: soft_surface("combined", S=block(k * 2 * pi / 3)) for k, name in enumerate(UNDER)
+        },
         design=surface_of,
         questions=(ranking("order", "Which place is the hardest? The hardest first", *MARKS),),
         fs=1000.0,
         safety=Safety(full_scale={"x1": 0.14, "y1": 0.14, "depth1": 0.02, "force": 10.0}),
         motion=PEN,
         timing=Timing(interval=60.0),
-        instructions="Three places are marked, 1 straight ahead, then against the clock. Press on them, then sort them.",
+        instructions=(
+            "Three places are marked, 1 straight ahead, then against the clock. Press on them, then"
+            " sort them."
+        ),
         observer=person,
         analysis=lambda sessions: text(sorted_rightly(columns(sessions))),
     )
 
 
 def surface_of(participant: str, session: int) -> Listed:
-    """One surface; which mark has the largest nodule depends on the participant's number."""
+    """One surface; which mark has the largest nodule depends on the participant's
+    number.
+    """
     name = tuple(UNDER)[turn_of(participant, 3)]
     mark_of = {nodule: mark for mark, nodule in UNDER[name].items()}
-    return Listed(((Show(name, ("order",), Stimulus(name), {"order": [mark_of[n] for n in NODULES]}), None),))
+    return Listed(
+        ((Show(name, ("order",), Stimulus(name), {"order": [mark_of[n] for n in NODULES]}), None),)
+    )
 
 
-# Who answers -----------------------------------------------------------------------------------------------------------
+# Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Somebody who sorts as the paper's participants may have done, see `ORDERS`; looks at no rendering."""
+    """Somebody who sorts as the paper's participants may have done, see `ORDERS`; looks
+    at no rendering.
+    """
     order = rng.choice(list(ORDERS), p=np.array(list(ORDERS.values())) / sum(ORDERS.values()))
     mark_of = {nodule: mark for mark, nodule in UNDER[trial.condition].items()}
     return Answer({"order": [mark_of[n] for n in order]})
 
 
-# What they answered ----------------------------------------------------------------------------------------------------
+# What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Sorted:
     """The result of the paper, "Nodule size discrimination".
@@ -114,7 +134,8 @@ class Sorted:
     pairs : dict of (str, str) to Proportion
         Who put the harder one of a pair first, with Wilson's interval.
     every : Proportion
-        Of all pairs together; three pairs of one order are not independent, so its interval is too narrow.
+        Of all pairs together; three pairs of one order are not independent, so its
+        interval is too narrow.
     rank : dict of str to float
         Mean place of each nodule, 1 for the first.
     """
@@ -126,13 +147,14 @@ class Sorted:
 
 @public
 def sorted_rightly(answers: Columns) -> Sorted:
-    """How often each pair of nodules was put in the right order, and the mean place of each.
+    """How often each pair of nodules was put in the right order, and the mean place of
+    each.
 
     Parameters
     ----------
     answers : dict of str to sequence
-        With ``condition`` and ``order``, as `stimlib.experiments.saved.columns` and `stimlib.experiments.observers.simulate` give
-        them.
+        With ``condition`` and ``order``, as `stimlib.experiments.saved.columns` and
+        `stimlib.experiments.observers.simulate` give them.
 
     Returns
     -------
@@ -152,15 +174,25 @@ def sorted_rightly(answers: Columns) -> Sorted:
     Examples
     --------
     >>> from stimlib.experiments.nodule_sizes import sorted_rightly
-    >>> found = sorted_rightly({"condition": ["A under 1", "A under 2"], "order": [["1", "2", "3"], ["2", "1", "3"]]})
+    >>> found = sorted_rightly(
+    ...     {
+    ...         "condition": ["A under 1", "A under 2"],
+    ...         "order": [["1", "2", "3"], ["2", "1", "3"]],
+    ...     }
+    ... )
     >>> found.every.k, found.every.n, found.rank
     (5, 6, {'A': 1.0, 'B': 2.5, 'C': 2.5})
     """
     if missing := [name for name in ("condition", "order") if name not in answers]:
-        raise UnknownName(f"nodule_sizes: there is no column {missing[0]!r}; there are {', '.join(map(str, answers))}")
+        raise UnknownName(
+            f"nodule_sizes: there is no column {missing[0]!r}; there are"
+            f" {', '.join(map(str, answers))}"
+        )
     asked = zip(answers["condition"], answers["order"], strict=True)
     orders = [[UNDER[name][mark] for mark in order] for name, order in asked]
-    right = {(a, b): sum(o.index(a) < o.index(b) for o in orders) for a, b in combinations(NODULES, 2)}
+    right = {
+        (a, b): sum(o.index(a) < o.index(b) for o in orders) for a, b in combinations(NODULES, 2)
+    }
     pairs = {pair: wilson(k, len(orders)) for pair, k in right.items()}
     rank = {n: sum(o.index(n) + 1 for o in orders) / len(orders) for n in NODULES}
     return Sorted(pairs, wilson(sum(right.values()), 3 * len(orders)), rank)
@@ -168,9 +200,18 @@ def sorted_rightly(answers: Columns) -> Sorted:
 
 def text(found: Sorted) -> str:
     """Rates and places as lines for a terminal, beside what the paper prints."""
-    named = [(f"{a} before {b}", p, PRINTED[a, b]) for (a, b), p in found.pairs.items()] + [("all pairs", found.every, 81.7)]
+    named = [(f"{a} before {b}", p, PRINTED[a, b]) for (a, b), p in found.pairs.items()] + [
+        ("all pairs", found.every, 81.7)
+    ]
     lines = [
-        f"{name:<10}  {100 * p.value:.1f} % [{100 * p.low:.1f}, {100 * p.high:.1f}] of {p.n} ({printed})"
+        f"{name:<10}  {100 * p.value:.1f} % [{100 * p.low:.1f}, {100 * p.high:.1f}] of {p.n}"
+        f" ({printed})"
         for name, p, printed in named
     ]
-    return "\n".join([*lines, "mean place  " + ", ".join(f"{n} {v:.2f} ({PRINTED_RANK[n]})" for n, v in found.rank.items())])
+    return "\n".join(
+        [
+            *lines,
+            "mean place  "
+            + ", ".join(f"{n} {v:.2f} ({PRINTED_RANK[n]})" for n, v in found.rank.items()),
+        ]
+    )

@@ -1,6 +1,8 @@
-"""Are hard nodules found by the eye?  The experiment with a mouse of Li et al. (2016), "Single-point interaction study".
+"""Are hard nodules found by the eye?  The experiment with a mouse of Li et al. (2016),
+"Single-point interaction study".
 
-"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments"; see docs/reference/papers.rst.
+"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
+see docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -27,32 +29,43 @@ from .tasks import Show
 from .trial import Answer, Stimulus, Trial
 
 MODES = ("deformation", "cursor", "combined")
-PRINTED = {"deformation": (72.6, 99.1, 80.8), "cursor": (93.7, 95.5, 94.2), "combined": (94.8, 100.0, 96.4)}
+PRINTED = {
+    "deformation": (72.6, 99.1, 80.8),
+    "cursor": (93.7, 95.5, 94.2),
+    "combined": (94.8, 100.0, 96.4),
+}
 """Figure 6 and text: sensitivity, specificity and accuracy in per cent."""
 COUNTS = {"deformation": (183, 111), "cursor": (236, 107), "combined": (239, 112)}
-"""What gives these rates: nodules found of 252 (18 of each of 14 people), and empty sides seen to be empty of 112 (8 of each)."""
+"""What gives these rates: nodules found of 252 (18 of each of 14 people), and empty
+sides seen to be empty of 112 (8 of each).
+"""
 SIDES = ("left", "right")
-SURFACES = {f"{mode}, {left} and {right}": (mode, left, right) for mode in MODES for left, right in THIRTEEN}
+SURFACES = {
+    f"{mode}, {left} and {right}": (mode, left, right) for mode in MODES for left, right in THIRTEEN
+}
 """Technique, and what is under the left and the right side, by condition."""
-HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}  # of a simulated mouse, line by line; ours
+# of a simulated mouse, line by line; ours
+HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}
 
 
 @public
 def nodules() -> Experiment:
     """The experiment: is there a nodule under the left side, and under the right one?
 
-    Thirteen surfaces with each of three techniques: the depth of the cursor, its speed, both.  Each participant begins with
-    another technique.
+    Thirteen surfaces with each of three techniques: the depth of the cursor, its speed,
+    both.  Each participant begins with another technique.
 
     Returns
     -------
     Experiment
-        Its ``observer`` answers as often rightly as the paper's participants, see `person`; its ``analysis`` is `found`.
+        Its ``observer`` answers as often rightly as the paper's participants, see
+        `person`; its ``analysis`` is `found`.
 
     References
     ----------
-    Li et al. (2016), "Single-point interaction study", fig. 5.  Ours: which thirteen (`stimlib.soft.THIRTEEN`), the radii of the
-    nodules, and 30 s for each surface, where the paper lets people look as long as they like and stops the time.
+    Li et al. (2016), "Single-point interaction study", fig. 5.  Ours: which thirteen
+    (`stimlib.soft.THIRTEEN`), the radii of the nodules, and 30 s for each surface,
+    where the paper lets people look as long as they like and stops the time.
 
     Examples
     --------
@@ -70,12 +83,17 @@ def nodules() -> Experiment:
         version="1",
         scenes={name: _scene(*surface) for name, surface in SURFACES.items()},
         design=techniques,
-        questions=tuple(choice(side, f"Is there a nodule under the {side} side?", "nodule", "none", keys="yn") for side in SIDES),
+        questions=tuple(
+            choice(side, f"Is there a nodule under the {side} side?", "nodule", "none", keys="yn")
+            for side in SIDES
+        ),
         fs=1000.0,
         safety=Safety(full_scale={"x": 0.12, "y": 0.12, "depth": 0.05}),
         motion=HAND,
         timing=Timing(interval=30.0),
-        instructions="Move over the surface with the mouse. Then say on which sides there is a nodule.",
+        instructions=(
+            "Move over the surface with the mouse. Then say on which sides there is a nodule."
+        ),
         observer=person,
         analysis=lambda sessions: text(found(columns(sessions))),
     )
@@ -89,14 +107,18 @@ def _scene(mode: str, left: str, right: str) -> Scene:
 
 
 def techniques(participant: str, session: int) -> Parts:
-    """One technique after another, the first by the participant's number; surfaces in random order."""
+    """One technique after another, the first by the participant's number; surfaces in
+    random order.
+    """
     first = turn_of(participant, 3)
     return Parts({mode: _surfaces(mode) for mode in MODES[first:] + MODES[:first]})
 
 
 def _surfaces(mode: str) -> Listed:
     names = [name for name, (of, *_) in SURFACES.items() if of == mode]
-    return Listed(tuple((Show(name, SIDES, Stimulus(name), right_answers(name)), None) for name in names))
+    return Listed(
+        tuple((Show(name, SIDES, Stimulus(name), right_answers(name)), None) for name in names)
+    )
 
 
 def right_answers(condition: str) -> dict[str, str]:
@@ -108,13 +130,18 @@ def right_answers(condition: str) -> dict[str, str]:
     >>> right_answers("cursor, A1 and none")
     {'left': 'nodule', 'right': 'none'}
     """
-    return {side: "none" if under == "none" else "nodule" for side, under in zip(SIDES, SURFACES[condition][1:], strict=True)}
+    return {
+        side: "none" if under == "none" else "nodule"
+        for side, under in zip(SIDES, SURFACES[condition][1:], strict=True)
+    }
 
 
-# Who answers -----------------------------------------------------------------------------------------------------------
+# Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Somebody who finds as many nodules, and sees as many empty sides to be empty, as the paper's participants."""
+    """Somebody who finds as many nodules, and sees as many empty sides to be empty, as
+    the paper's participants.
+    """
     hits, rejections = COUNTS[SURFACES[trial.condition][0]]
     values = {}
     for side, under in trial.correct.items():
@@ -123,7 +150,7 @@ def person(trial: Trial, rng: np.random.Generator) -> Answer:
     return Answer(values)
 
 
-# What they answered ----------------------------------------------------------------------------------------------------
+# What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Found:
     """The result of the paper, figure 6 and table 1.
@@ -131,10 +158,12 @@ class Found:
     Attributes
     ----------
     rates : dict of str to Diagnosis
-        By technique: sensitivity, specificity and accuracy, with Wilson intervals of as many sides as there were.
+        By technique: sensitivity, specificity and accuracy, with Wilson intervals of as
+        many sides as there were.
     tests : dict of str to (Statistic, tuple of Pair)
-        By "Se", "Sp" and "ACC": Kruskal and Wallis' test of the participants' rates, and Dunn's of each pair, one-sided and
-        times 3 as the paper has them.  Where all rates are the same there is none.
+        By "Se", "Sp" and "ACC": Kruskal and Wallis' test of the participants' rates,
+        and Dunn's of each pair, one-sided and times 3 as the paper has them.  Where all
+        rates are the same there is none.
     """
 
     rates: Mapping[str, Diagnosis]
@@ -148,8 +177,9 @@ def found(answers: Columns) -> Found:
     Parameters
     ----------
     answers : dict of str to sequence
-        With ``participant``, ``condition``, ``left`` and ``right``, as `stimlib.experiments.saved.columns` and
-        `stimlib.experiments.observers.simulate` give them.
+        With ``participant``, ``condition``, ``left`` and ``right``, as
+        `stimlib.experiments.saved.columns` and `stimlib.experiments.observers.simulate`
+        give them.
 
     Returns
     -------
@@ -167,10 +197,14 @@ def found(answers: Columns) -> Found:
     Li et al. (2016), "Data processing methods".
     """
     if missing := [name for name in SIDES if name not in answers]:
-        raise UnknownName(f"nodules: there is no column {missing[0]!r}; there are {', '.join(map(str, answers))}")
+        raise UnknownName(
+            f"nodules: there is no column {missing[0]!r}; there are {', '.join(map(str, answers))}"
+        )
     people: dict[str, list[Counts]] = {mode: [] for mode in MODES}
     technique = [SURFACES[name][0] for name in answers["condition"]]
-    for (_, mode), rows in grouped({**answers, "technique": technique}, ("participant", "technique")).items():
+    for (_, mode), rows in grouped(
+        {**answers, "technique": technique}, ("participant", "technique")
+    ).items():
         people[mode].append(_counts(rows))
     totals = {mode: np.sum(counts, axis=0).tolist() for mode, counts in people.items() if counts}
     tests = {}
@@ -192,7 +226,11 @@ RATES = {
 
 
 def _counts(rows: Columns) -> Counts:
-    said = [(right_answers(name)[side], rows[side][k]) for k, name in enumerate(rows["condition"]) for side in SIDES]
+    said = [
+        (right_answers(name)[side], rows[side][k])
+        for k, name in enumerate(rows["condition"])
+        for side in SIDES
+    ]
     hits, rejections = said.count(("nodule", "nodule")), said.count(("none", "none"))
     nodules = sum(right == "nodule" for right, _ in said)
     return hits, nodules, rejections, len(said) - nodules
@@ -210,5 +248,8 @@ def text(result: Found) -> str:
         lines.append(f"{mode:<11}  {told}")
     for name, (test, pairs) in result.tests.items():
         lines.append(f"{name}: H({test.df[0]:g}) = {test.value:.3f}, p = {test.p:.2g}")
-        lines += [f"  {p.a} and {p.b}: z = {p.statistic:.3f}, p = {p.p:.2g} ({p.sides}, times 3)" for p in pairs]
+        lines += [
+            f"  {p.a} and {p.b}: z = {p.statistic:.3f}, p = {p.p:.2g} ({p.sides}, times 3)"
+            for p in pairs
+        ]
     return "\n".join(lines)

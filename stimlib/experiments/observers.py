@@ -1,4 +1,6 @@
-"""Simulated observers: a design can be tried before people come.  Each is called with a trial and a generator, and answers."""
+"""Simulated observers: a design can be tried before people come.  Each is called with a
+trial and a generator, and answers.
+"""
 
 from __future__ import annotations
 
@@ -34,15 +36,17 @@ By = float | Mapping[str, float]
 class Psychometric:
     """An observer of parameters, who looks at a trial's level alone.
 
-    Says "more" with the probability g + (1 - g - l) F((level - PSE)/sigma), where g is the trial's chance
-    level; of a comparison, g = l.
+    Says "more" with the probability g + (1 - g - l) F((level - PSE)/sigma), where g is
+    the trial's chance level; of a comparison, g = l.
 
     Parameters
     ----------
     pse, sigma : float or dict of str to float
-        In the unit of the level (of log10 of it with ``log``: sigma), or one for each condition.
+        In the unit of the level (of log10 of it with ``log``: sigma), or one for each
+        condition.
     lapse : float
-        Half the part of the trials in which the answer is a coin's; of a detection, the rate of misses.
+        Half the part of the trials in which the answer is a coin's; of a detection, the
+        rate of misses.
     log : bool
         Spread over log10 of the level.
     link : {"probit", "logit"}
@@ -50,7 +54,8 @@ class Psychometric:
     Raises
     ------
     BadValue
-        When called: a trial without a level or scores; sigma not above 0; lapse not from 0 to 0.5.
+        When called: a trial without a level or scores; sigma not above 0; lapse not
+        from 0 to 0.5.
     UnknownName
         When called: no number for the trial's condition.
 
@@ -60,10 +65,19 @@ class Psychometric:
     >>> from stimlib.experiments.streams import stream
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Pair("noise", "softer", Stimulus("squeeze", {"k": 2000.0}), Stimulus("squeeze"), "k", asks_less=True)
+    >>> task = Pair(
+    ...     "noise",
+    ...     "softer",
+    ...     Stimulus("squeeze", {"k": 2000.0}),
+    ...     Stimulus("squeeze"),
+    ...     "k",
+    ...     asks_less=True,
+    ... )
     >>> trial = task.trial(9000.0, seed=1, n=0)
     >>> answer = Psychometric(2340.0, 300.0)(trial, stream(1, "observer"))
-    >>> trial.scores[answer.values["softer"]]  # the comparison, of 9 N/mm, feels stiffer
+    >>> trial.scores[
+    ...     answer.values["softer"]
+    ... ]  # the comparison, of 9 N/mm, feels stiffer
     1.0
     """
 
@@ -76,10 +90,18 @@ class Psychometric:
     def chance(self, trial: Trial) -> float:
         """Probability of "more"."""
         if trial.level is None:
-            raise BadValue(f"condition {trial.condition!r}: the trial has no level, so an observer of parameters has no answer")
-        pse, sigma = (_of(v, trial.condition, name) for v, name in ((self.pse, "pse"), (self.sigma, "sigma")))
+            raise BadValue(
+                f"condition {trial.condition!r}: the trial has no level, so an observer of"
+                " parameters has no answer"
+            )
+        pse, sigma = (
+            _of(v, trial.condition, name) for v, name in ((self.pse, "pse"), (self.sigma, "sigma"))
+        )
         if not (sigma > 0 and 0 <= self.lapse <= 0.5):
-            raise BadValue(f"Psychometric: sigma = {sigma:g} must be above 0, and lapse = {self.lapse:g} from 0 to 0.5")
+            raise BadValue(
+                f"Psychometric: sigma = {sigma:g} must be above 0, and lapse = {self.lapse:g} from"
+                " 0 to 0.5"
+            )
         away = math.log10(trial.level / pse) if self.log else trial.level - pse
         return float(probability(away / sigma, Model(self.link, trial.chance), self.lapse)[0])
 
@@ -92,10 +114,12 @@ class Psychometric:
 @public
 @dataclass(frozen=True)
 class Listener:
-    """An observer of the displayed signal, who feels one figure of the rendered samples, with an error.
+    """An observer of the displayed signal, who feels one figure of the rendered
+    samples, with an error.
 
-    Two intervals: says "more" where the comparison's figure is larger.  One: where it is above the criterion.  A rating: the
-    nearest whole number to offset + gain times the figure, from 1 to ``most``.
+    Two intervals: says "more" where the comparison's figure is larger.  One: where it
+    is above the criterion.  A rating: the nearest whole number to offset + gain times
+    the figure, from 1 to ``most``.
 
     Parameters
     ----------
@@ -105,12 +129,14 @@ class Listener:
     fs, seconds : float
         Hz; length of an interval.
     measure : str or Measure
-        As a sweep has it: ``"rms(force1)"``, ``"band(20, 1000, force1)"``, ``"cues(x1, force1)"``.
+        As a sweep has it: ``"rms(force1)"``, ``"band(20, 1000, force1)"``, ``"cues(x1,
+        force1)"``.
     sigma : float
-        Standard deviation of the error of each interval, in the figure's unit (of log10 of it with ``log``).
+        Standard deviation of the error of each interval, in the figure's unit (of log10
+        of it with ``log``).
     figure : str, optional
-        Which of the measure's figures, such as ``"W_force1"`` (work) or ``"k_fit_force1"`` (stiffness by regression); needed
-        where it has several.
+        Which of the measure's figures, such as ``"W_force1"`` (work) or
+        ``"k_fit_force1"`` (stiffness by regression); needed where it has several.
     log : bool
         Feel log10 of the figure.
     criterion : float, optional
@@ -123,7 +149,8 @@ class Listener:
     Raises
     ------
     BadValue, UnknownName
-        When called: what the trial needs and is not given; what ``render`` and the measure say.
+        When called: what the trial needs and is not given; what ``render`` and the
+        measure say.
 
     Notes
     -----
@@ -137,11 +164,23 @@ class Listener:
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Stimulus
     >>> from stimlib.motion.generators import sinusoid
-    >>> spring = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
-    >>> hears = Listener({"spring": spring}, {"x": sinusoid(0.01, 5.0)}, 1000, 1.0, "rms", sigma=0.02, log=True)
+    >>> spring = stimlib.Scene(
+    ...     {"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
+    >>> hears = Listener(
+    ...     {"spring": spring},
+    ...     {"x": sinusoid(0.01, 5.0)},
+    ...     1000,
+    ...     1.0,
+    ...     "rms",
+    ...     sigma=0.02,
+    ...     log=True,
+    ... )
     >>> round(hears.figure_of(Stimulus("spring", {"k": 200.0})), 6)
     1.414214
-    >>> trial = Pair("k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k").trial(200.0, seed=1, n=0)
+    >>> trial = Pair("k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k").trial(
+    ...     200.0, seed=1, n=0
+    ... )
     >>> trial.scores[hears(trial, stream(1, "observer")).values["stiffer"]]
     1.0
     """
@@ -163,38 +202,59 @@ class Listener:
     def figure_of(self, stimulus: Stimulus) -> float:
         """The figure of a stimulus, rendered."""
         if stimulus.scene not in self.scenes:
-            raise UnknownName(f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}")
+            raise UnknownName(
+                f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}"
+            )
         scene = self.scenes[stimulus.scene]
         motion = {name: self.motion[name] for name in scene.inputs if name in self.motion}
         figures = measured(_again(scene, motion, self.fs, self.seconds, stimulus), self.measure)
         if not self.figure and len(figures) > 1:
-            raise BadValue(f"Listener: the measure has several figures, {', '.join(figures)}: name one as figure")
+            raise BadValue(
+                f"Listener: the measure has several figures, {', '.join(figures)}: name one as"
+                " figure"
+            )
         if self.figure and self.figure not in figures:
-            raise UnknownName(f"Listener: no figure {self.figure!r}; there are {', '.join(figures)}")
+            raise UnknownName(
+                f"Listener: no figure {self.figure!r}; there are {', '.join(figures)}"
+            )
         return figures[self.figure] if self.figure else next(iter(figures.values()))
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
-        """An answer to the first question; one normal number is drawn for each interval, and two for lapses."""
+        """An answer to the first question; one normal number is drawn for each
+        interval, and two for lapses.
+        """
         felt = {}
         for s in trial.stimuli:
             value = self.figure_of(s)
             if self.log and not value > 0:
-                raise BadValue(f"Listener: the figure is {value:g}, which has no logarithm: give log=False")
+                raise BadValue(
+                    f"Listener: the figure is {value:g}, which has no logarithm: give log=False"
+                )
             felt[s.name] = (math.log10(value) if self.log else value) + self.sigma * rng.normal()
         lapsed, coin = rng.random(2)
         attends = lapsed >= 2 * self.lapse
         if trial.scores:
             return _answer(trial, self._more(trial, felt) if attends else bool(coin < 0.5))
-        rating = self.offset + self.gain * next(iter(felt.values())) if attends else 0.5 + coin * self.most
+        rating = (
+            self.offset + self.gain * next(iter(felt.values()))
+            if attends
+            else 0.5 + coin * self.most
+        )
         return Answer({trial.questions[0]: int(min(max(round(rating), 1), self.most))})
 
     def _more(self, trial: Trial, felt: Mapping[str, float]) -> bool:
         if len(felt) == 1:
             if self.criterion is None:
-                raise BadValue(f"condition {trial.condition!r} has one interval: give the criterion above which it is the signal")
+                raise BadValue(
+                    f"condition {trial.condition!r} has one interval: give the criterion above"
+                    " which it is the signal"
+                )
             return next(iter(felt.values())) > self.criterion
         if set(felt) != {"standard", "comparison"}:
-            raise BadValue(f"condition {trial.condition!r}: the stimuli must be named standard and comparison, not {list(felt)}")
+            raise BadValue(
+                f"condition {trial.condition!r}: the stimuli must be named standard and comparison,"
+                f" not {list(felt)}"
+            )
         return felt["comparison"] > felt["standard"]
 
 
@@ -213,7 +273,14 @@ def _again(scene: Scene, motion: Any, fs: float, seconds: float, stimulus: Stimu
     x = positions(sources_of(motion, proc.inputs, frames), 0, frames, fs)
     y = proc.process(x)
     return Rendering(
-        scene, fs, stimulus.seed, dict(proc.params), y, proc.outputs, proc.fault, dict(zip(proc.inputs, x, strict=True))
+        scene,
+        fs,
+        stimulus.seed,
+        dict(proc.params),
+        y,
+        proc.outputs,
+        proc.fault,
+        dict(zip(proc.inputs, x, strict=True)),
     )
 
 
@@ -222,18 +289,23 @@ def _answer(trial: Trial, more: bool) -> Answer:
     for choice, score in trial.scores.items():
         if (score > 0.5) == more:
             return Answer({trial.questions[0]: choice})
-    raise BadValue(f"condition {trial.condition!r}: the trial has no scores that say which choice counts for more, and for less")
+    raise BadValue(
+        f"condition {trial.condition!r}: the trial has no scores that say which choice counts for"
+        " more, and for less"
+    )
 
 
 def _of(v: By, condition: str, name: str) -> float:
     if not isinstance(v, Mapping):
         return v
     if condition not in v:
-        raise UnknownName(f"observer: no {name} of condition {condition!r}; there are {', '.join(v)}")
+        raise UnknownName(
+            f"observer: no {name} of condition {condition!r}; there are {', '.join(v)}"
+        )
     return v[condition]
 
 
-# Many of them ----------------------------------------------------------------------------------------------------------
+# Many of them -------------------------------------------------------------------------
 COLUMNS = ("participant", "number", "condition", "track", "level", "chance", "outcome")
 
 
@@ -248,7 +320,8 @@ def simulate(
     workers: int | None = 1,
     progress: bool = True,
 ) -> dict[str, list[Any]]:
-    """A whole experiment with simulated observers: the answers of all, as an analysis takes them.
+    """A whole experiment with simulated observers: the answers of all, as an analysis
+    takes them.
 
     Parameters
     ----------
@@ -269,14 +342,16 @@ def simulate(
     Returns
     -------
     dict of str to list
-        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``, ``track``, ``level``, ``chance`` (of
-        the task), ``outcome``, and each question by its name; training is left out.  The same on every run and
-        with any number of workers.
+        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``,
+        ``track``, ``level``, ``chance`` (of the task), ``outcome``, and each question
+        by its name; training is left out.  The same on every run and with any number of
+        workers.
 
     Raises
     ------
     BadValue, UnknownName
-        What a trial or an observer finds wrong; a participant without an observer; a design without a trial; one code alone.
+        What a trial or an observer finds wrong; a participant without an observer; a
+        design without a trial; one code alone.
     MissingPackage
         Several workers and no cloudpickle: ``pip install 'stimlib[sweep]'``.
 
@@ -290,26 +365,41 @@ def simulate(
     >>> from stimlib.experiments.questions import choice
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Stimulus
-    >>> spring = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
+    >>> spring = stimlib.Scene(
+    ...     {"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> task = Pair("silent", "stiffer", Stimulus("spring"), Stimulus("spring"), "k")
     >>> stairs = Staircase(task, start=(200.0, 250.0), bounds=(10.0, 1000.0))
     >>> ask = choice("stiffer", "Which was stiffer?", "first", "second")
-    >>> springs = Experiment("springs", "1", {"spring": spring}, stairs, (ask,), fs=1000.0, safety=10.0)
+    >>> springs = Experiment(
+    ...     "springs", "1", {"spring": spring}, stairs, (ask,), fs=1000.0, safety=10.0
+    ... )
     >>> found = simulate(springs, Psychometric(117.0, 15.0), participants=4)
     >>> fit = psychometric(found)
     >>> fit.problems, 105 < fit.pse < 130
     ((), True)
     """
     if isinstance(participants, str) or not isinstance(participants, Integral | Iterable):
-        raise BadValue(f"simulate: participants = {participants!r} must be how many, or a list of codes such as ['P01']")
-    codes = [f"P{k + 1:02d}" for k in range(participants)] if isinstance(participants, Integral) else list(participants)
+        raise BadValue(
+            f"simulate: participants = {participants!r} must be how many, or a list of codes such"
+            " as ['P01']"
+        )
+    codes = (
+        [f"P{k + 1:02d}" for k in range(participants)]
+        if isinstance(participants, Integral)
+        else list(participants)
+    )
     if not codes:
         raise BadValue("simulate: there must be at least one participant")
     if isinstance(observer, Mapping) and (alone := [c for c in codes if c not in observer]):
         raise UnknownName(f"simulate: no observer for {alone[0]}; there are {', '.join(observer)}")
     mine = [observer[c] if isinstance(observer, Mapping) else observer for c in codes]
     numbers = range(1, experiment.sessions + 1) if session is None else [session]
-    each = [(experiment, who, c, number, seed) for c, who in zip(codes, mine, strict=True) for number in numbers]
+    each = [
+        (experiment, who, c, number, seed)
+        for c, who in zip(codes, mine, strict=True)
+        for number in numbers
+    ]
     if workers == 1:
         jobs: list[tuple] = each
         run: Callable[..., list[tuple]] = _participant
@@ -331,15 +421,30 @@ def _unpacked(data: bytes) -> list[tuple]:
     return _participant(*pickle.loads(data))
 
 
-def _participant(experiment: Experiment, observer: Observer, code: str, session: int, seed: int) -> list[tuple]:
+def _participant(
+    experiment: Experiment, observer: Observer, code: str, session: int, seed: int
+) -> list[tuple]:
     """The trials of one participant's session."""
     design, rng = experiment.designed(code, session), stream(seed, "observer", code, session)
     rows, number = [], 0
-    for number, (trial, answer) in enumerate(observed(design, experiment.seeded(code, session), observer, rng), 1):
+    for number, (trial, answer) in enumerate(
+        observed(design, experiment.seeded(code, session), observer, rng), 1
+    ):
         experiment.check(trial)
         if not trial.training:
             asked = (answer.values.get(q.name) for q in experiment.questions)
-            rows.append((code, number, trial.condition, trial.track, trial.level, trial.chance, outcome(trial, answer), *asked))
+            rows.append(
+                (
+                    code,
+                    number,
+                    trial.condition,
+                    trial.track,
+                    trial.level,
+                    trial.chance,
+                    outcome(trial, answer),
+                    *asked,
+                )
+            )
     if not number:
         raise BadValue(f"the design of {code}, session {session}, has no trial")
     return rows
@@ -352,11 +457,13 @@ class Power:
     Attributes
     ----------
     found : float
-        Part of the experiments whose p is below alpha: the power, or where nothing differs the rate of false positives.
+        Part of the experiments whose p is below alpha: the power, or where nothing
+        differs the rate of false positives.
     interval : (float, float)
         Of it, Wilson's, 95 %: from the number of experiments that were simulated.
     estimate, bias, spread : float
-        Mean of the estimates, that less the truth, and their standard deviation; of experiments that gave one.
+        Mean of the estimates, that less the truth, and their standard deviation; of
+        experiments that gave one.
     failed : int
         Experiments without an estimate.
     trials : (float, int)
@@ -386,7 +493,8 @@ def power(
     workers: int | None = 1,
     progress: bool = True,
 ) -> Power:
-    """Simulate an experiment many times: how often it finds what is there, how far it errs, how long it is.
+    """Simulate an experiment many times: how often it finds what is there, how far it
+    errs, how long it is.
 
     Parameters
     ----------
@@ -394,7 +502,8 @@ def power(
     observer : callable
         ``observer(rng) -> Observer``: a participant as drawn from the population.
     analyse : callable
-        ``analyse(columns) -> (estimate, p)`` of what `simulate` gives; an estimate that is nan counts as a failure.
+        ``analyse(columns) -> (estimate, p)`` of what `simulate` gives; an estimate that
+        is nan counts as a failure.
     participants : int
         Of one experiment.
     truth : float

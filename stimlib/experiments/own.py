@@ -1,4 +1,6 @@
-"""Code of whoever wrote the experiment, called so that its errors are known for what they are."""
+"""Code of whoever wrote the experiment, called so that its errors are known for what
+they are.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""A trial on a sink: its intervals as one program, to the sample, and what came out of it.
+"""A trial on a sink: its intervals as one program, to the sample, and what came out of
+it.
 
-A stimulus of an interval is a segment: its scene as it is rendered alone, times a window. So a trial is one scene with one
-log, on any sink, with a hand that moves as it likes; it is replayed and verified like any other session.
+A stimulus of an interval is a segment: its scene as it is rendered alone, times a
+window. So a trial is one scene with one log, on any sink, with a hand that moves as it
+likes; it is replayed and verified like any other session.
 """
 
 from __future__ import annotations
@@ -38,12 +40,13 @@ if TYPE_CHECKING:
 MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 
 
-# The program ---------------------------------------------------------------------------------------------------------
+# The program --------------------------------------------------------------------------
 @public
 def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     """First sample of each interval, and the one after its last.
 
-    Before the first there are ``timing.before`` s and the sink's fade, so that no stimulus is faded by anything else.
+    Before the first there are ``timing.before`` s and the sink's fade, so that no
+    stimulus is faded by anything else.
 
     Examples
     --------
@@ -52,7 +55,9 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     t, fs = experiment.timing, experiment.fs
     first = round(t.before * fs) + _safety(experiment).samples(fs)
     long, apart = round(t.interval * fs), round(t.gap * fs)
-    return [(at, at + long) for at in (first + i * (long + apart) for i in range(len(trial.stimuli)))]
+    return [
+        (at, at + long) for at in (first + i * (long + apart) for i in range(len(trial.stimuli)))
+    ]
 
 
 @public
@@ -67,11 +72,12 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     Returns
     -------
     scene : Scene
-        All outputs of the experiment, in the order of its scenes, so that each has the same channel in every trial; 0 outside of
-        their intervals. And the masking noise, if there is any.
+        All outputs of the experiment, in the order of its scenes, so that each has the
+        same channel in every trial; 0 outside of their intervals. And the masking
+        noise, if there is any.
     params : dict of str to float
-        Parameters that differ from the scenes'. Of several intervals each has its own, with its number behind the name:
-        ``k_1``, ``k_2``.
+        Parameters that differ from the scenes'. Of several intervals each has its own,
+        with its number behind the name: ``k_1``, ``k_2``.
 
     Raises
     ------
@@ -80,8 +86,8 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
 
     Notes
     -----
-    The run has the seed of the first stimulus. In its interval each stimulus has its own: of two equal ones, the noises are
-    the same samples.
+    The run has the seed of the first stimulus. In its interval each stimulus has its
+    own: of two equal ones, the noises are the same samples.
 
     Examples
     --------
@@ -90,15 +96,31 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     >>> from stimlib.experiments.present import program, spans
     >>> from stimlib.experiments.questions import choice
     >>> from stimlib.experiments.trial import Stimulus, Trial
-    >>> spring = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
+    >>> spring = stimlib.Scene(
+    ...     {"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> which = choice("softer", "?", "first", "second")
-    >>> pair = Experiment("pair", "1", {"spring": spring}, lambda who, session: None, (which,), fs=1000,
-    ...     safety=10.0, timing=Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0))
-    >>> trial = Trial("a", (Stimulus("spring", {"k": 1.0}), Stimulus("spring", {"k": 3.0})), ("softer",))
+    >>> pair = Experiment(
+    ...     "pair",
+    ...     "1",
+    ...     {"spring": spring},
+    ...     lambda who, session: None,
+    ...     (which,),
+    ...     fs=1000,
+    ...     safety=10.0,
+    ...     timing=Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0),
+    ... )
+    >>> trial = Trial(
+    ...     "a",
+    ...     (Stimulus("spring", {"k": 1.0}), Stimulus("spring", {"k": 3.0})),
+    ...     ("softer",),
+    ... )
     >>> spans(pair, trial)  # the fade of the sink comes first
     [(128, 228), (278, 378)]
     >>> scene, params = program(pair, trial)
-    >>> force = stimlib.render(scene, {"x": lambda t: 1.0 + 0 * t}, fs=1000, seconds=0.4, params=params)["force"]
+    >>> force = stimlib.render(
+    ...     scene, {"x": lambda t: 1.0 + 0 * t}, fs=1000, seconds=0.4, params=params
+    ... )["force"]
     >>> force[[127, 128, 227, 228, 277, 278, 377, 378]].tolist()
     [0.0, 1.0, 1.0, 0.0, 0.0, 3.0, 3.0, 0.0]
     """
@@ -107,17 +129,32 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     start: dict[str, float] = {}
     laws: list[Part] = []
     for i, ((a, b), s) in enumerate(zip(spans(experiment, trial), trial.stimuli, strict=True), 1):
-        scene, at, long, ramp = experiment.scenes[s.scene], a / experiment.fs, (b - a) / experiment.fs, experiment.timing.ramp
+        scene, at, long, ramp = (
+            experiment.scenes[s.scene],
+            a / experiment.fs,
+            (b - a) / experiment.fs,
+            experiment.timing.ramp,
+        )
         own = {name: f"{name}_{i}" if len(trial.stimuli) > 1 else name for name in scene.params}
-        start |= {own[name]: float(v) for name, v in s.params.items() if v != scene.params[name].value}
+        start |= {
+            own[name]: float(v) for name, v in s.params.items() if v != scene.params[name].value
+        }
         window = timeline([(0.0, 0.0), (ramp, 1.0), (long - ramp, 1.0), (long, 0.0)], "cosine")
         seed = None if s.seed == trial.stimuli[0].seed else s.seed
         scene = scene.renamed(own)
-        laws += [dc.replace(p, name=f"interval_{i}", span=Span(at, long, ramp, seed)) for p in scene.parts if p.span is None]
+        laws += [
+            dc.replace(p, name=f"interval_{i}", span=Span(at, long, ramp, seed))
+            for p in scene.parts
+            if p.span is None
+        ]
         for output, block in scene.outputs.items():
             y = segment(window * block, at, long, seed)
-            outputs[output] = where(y.by, y, outputs[output]) if output in outputs else y  # a sum would make 0 of -0
-    every = {name: outputs.get(name, constant(0.0, str(unit))) for name, unit in experiment.outputs.items()}
+            # a sum would make 0 of -0
+            outputs[output] = where(y.by, y, outputs[output]) if output in outputs else y
+    every = {
+        name: outputs.get(name, constant(0.0, str(unit)))
+        for name, unit in experiment.outputs.items()
+    }
     if m := experiment.masking:
         every[m.output] = m.rms * white_noise(seed=0, stream=MASKING_STREAM)
     return Scene(every, laws), start
@@ -134,24 +171,29 @@ def _protection(experiment: Experiment, scene: Scene) -> Safety:
     if m is None:
         return s
     rest = [name for name in scene.outputs if name != m.output]
-    scale: Any = s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
+    scale: Any = (
+        s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
+    )
     slew = dict.fromkeys(rest, s.slew) if isinstance(s.slew, float) else s.slew
     return dc.replace(s, full_scale={**scale, m.output: 1.0}, slew=slew)
 
 
 def _moves(experiment: Experiment, scene: Scene) -> Any:
-    """Of motions by input those that this trial's scene has; of a hand in real time all, whose rows go by the inputs' order."""
+    """Of motions by input those that this trial's scene has; of a hand in real time
+    all, whose rows go by the inputs' order.
+    """
     m = experiment.motion
     if isinstance(m, (Live, Signals)) and tuple(scene.inputs) != experiment.inputs:
         raise BadValue(
-            f"motion={type(m).__name__}: a trial takes the inputs {', '.join(scene.inputs) or 'none'}, the experiment "
-            f"{', '.join(experiment.inputs)}: a row of positions would mean another input there. Let all scenes use all inputs, "
-            "in the same order"
+            f"motion={type(m).__name__}: a trial takes the inputs"
+            f" {', '.join(scene.inputs) or 'none'}, the experiment {', '.join(experiment.inputs)}:"
+            " a row of positions would mean another input there. Let all scenes use all inputs, in"
+            " the same order"
         )
     return {name: m[name] for name in scene.inputs if name in m} if isinstance(m, Mapping) else m
 
 
-# Sinks by name -------------------------------------------------------------------------------------------------------
+# Sinks by name ------------------------------------------------------------------------
 def _offline(scene: Scene, safety: Safety, **options: Any) -> Sink:
     return NullSink(scene, safety, clocked=False, **options)
 
@@ -175,7 +217,9 @@ SINKS: dict[str, Callable[..., Sink]] = {
     "jack": _jack,
     "portaudio": _portaudio,
 }
-"""What makes a sink of a scene and its safety; "offline" runs as fast as it goes, "file" also keeps delivered.caf in the log."""
+"""What makes a sink of a scene and its safety; "offline" runs as fast as it goes,
+"file" also keeps delivered.caf in the log.
+"""
 
 
 FAST = ("offline", "file")
@@ -186,7 +230,8 @@ AHEAD = 1000
 
 @public
 def prepare(session: Session, sink: str) -> int:
-    """Compile what a session displays before it begins; later it would be late once for each kind of stimulus, and tell of it.
+    """Compile what a session displays before it begins; later it would be late once for
+    each kind of stimulus, and tell of it.
 
     Parameters
     ----------
@@ -209,7 +254,10 @@ def prepare(session: Session, sink: str) -> int:
             done.add(kind)
             with suppress(StimlibError):  # it is told when that trial is due
                 scene, params = program(e, trial)
-                with NullSink(scene, _protection(e, scene), motion=Live(), params=params, clocked=False) as never:  # starts
+                # starts
+                with NullSink(
+                    scene, _protection(e, scene), motion=Live(), params=params, clocked=False
+                ) as never:
                     never.open(e.fs)
     return len(done)
 
@@ -241,18 +289,21 @@ def present(
     Returns
     -------
     dict
-        JSON data: ``sink``, ``fs``, ``scene`` (hash of the program), ``seed``, ``params`` at its start, ``intervals`` (first
-        sample and the one after the last), ``time`` ("own", see
-        `stimlib.experiments.trial.Record.time`), what the sink reports (``produced``, ``delivered``, ``lost``, ``underruns``,
-        ``clips``, ``faults``, ``stale``); with a log its name, and ``peak`` and ``rms`` of each output in each interval as they
-        were delivered, after all limits; with a cursor ``following``, see `followed`.
+        JSON data: ``sink``, ``fs``, ``scene`` (hash of the program), ``seed``,
+        ``params`` at its start, ``intervals`` (first sample and the one after the
+        last), ``time`` ("own", see `stimlib.experiments.trial.Record.time`), what the
+        sink reports (``produced``, ``delivered``, ``lost``, ``underruns``, ``clips``,
+        ``faults``, ``stale``); with a log its name, and ``peak`` and ``rms`` of each
+        output in each interval as they were delivered, after all limits; with a cursor
+        ``following``, see `followed`.
 
     Raises
     ------
     UnknownName
         No sink of this name.
     SinkError, FaultError
-        The device is missing or has failed, the log cannot be written, or an output was not finite; the sink has faded out.
+        The device is missing or has failed, the log cannot be written, or an output was
+        not finite; the sink has faded out.
     """
     if sink not in SINKS:
         raise UnknownName(f"no sink {sink!r}; there are {', '.join(SINKS)}")
@@ -261,8 +312,16 @@ def present(
     at, to = spans(experiment, trial), None
     if log is not None:
         Path(log).parent.mkdir(parents=True, exist_ok=True)
-        to = log if sink != "file" else LogWriter(log, header(scene, safety, experiment.fs, seed=seed, params=params), True)
-    with SINKS[sink](scene, safety, motion=_moves(experiment, scene), seed=seed, params=params, log=to, **options) as playing:
+        to = (
+            log
+            if sink != "file"
+            else LogWriter(
+                log, header(scene, safety, experiment.fs, seed=seed, params=params), True
+            )
+        )
+    with SINKS[sink](
+        scene, safety, motion=_moves(experiment, scene), seed=seed, params=params, log=to, **options
+    ) as playing:
         playing.open(experiment.fs)
         playing.start((at[-1][1] + safety.samples(experiment.fs)) / experiment.fs)
         if began is not None:
@@ -270,18 +329,33 @@ def present(
         if experiment.hand is not None:
             experiment.hand(playing)
         playing.wait()
-    told = {k: v for k, v in playing.report().to_dict().items() if k not in ("block_time", "latency", "unlogged", "skipped")}
-    shown = {"sink": sink, "fs": experiment.fs, "scene": scene.hash, "seed": seed, "params": params, "intervals": at}
+    told = {
+        k: v
+        for k, v in playing.report().to_dict().items()
+        if k not in ("block_time", "latency", "unlogged", "skipped")
+    }
+    shown = {
+        "sink": sink,
+        "fs": experiment.fs,
+        "scene": scene.hash,
+        "seed": seed,
+        "params": params,
+        "intervals": at,
+    }
     shown |= {"time": "own", **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
 
 
-# What came out -------------------------------------------------------------------------------------------------------
+# What came out ------------------------------------------------------------------------
 @public
-def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tuple[int, int]]) -> dict[str, Any]:
-    """Peak and RMS of each output in each interval, of the samples that the log says were delivered, in the outputs' units.
+def measured(
+    experiment: Experiment, folder: str | os.PathLike[str], at: list[tuple[int, int]]
+) -> dict[str, Any]:
+    """Peak and RMS of each output in each interval, of the samples that the log says
+    were delivered, in the outputs' units.
 
-    Where there is a reference, how well the hand followed it; None of an interval that was stopped.
+    Where there is a reference, how well the hand followed it; None of an interval that
+    was stopped.
 
     Parameters
     ----------
@@ -307,14 +381,19 @@ def measured(experiment: Experiment, folder: str | os.PathLike[str], at: list[tu
     if experiment.cursor is not None and experiment.cursor.input in log.inputs:
         k = log.inputs.index(experiment.cursor.input)
         hands = [log.motion[a:b][:, k] for a, b in at]
-        whole = [len(x) == b - a for x, (a, b) in zip(hands, at, strict=True)]  # not so where it was stopped
-        found["following"] = [followed(x, experiment.cursor, log.fs) if w else None for x, w in zip(hands, whole, strict=True)]
+        # not so where it was stopped
+        whole = [len(x) == b - a for x, (a, b) in zip(hands, at, strict=True)]
+        found["following"] = [
+            followed(x, experiment.cursor, log.fs) if w else None
+            for x, w in zip(hands, whole, strict=True)
+        ]
     return found
 
 
 @public
 def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, float]:
-    """How well a hand followed the reference, by least squares of a sine and a cosine of its frequency and a constant.
+    """How well a hand followed the reference, by least squares of a sine and a cosine
+    of its frequency and a constant.
 
     Parameters
     ----------
@@ -327,8 +406,8 @@ def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, flo
     Returns
     -------
     dict of str to float
-        ``gain``: amplitude relative to the reference; ``lag`` in s, positive behind it; ``error``: RMS of the distance to it,
-        in the unit of x.
+        ``gain``: amplitude relative to the reference; ``lag`` in s, positive behind it;
+        ``error``: RMS of the distance to it, in the unit of x.
 
     Examples
     --------
@@ -336,7 +415,12 @@ def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, flo
     >>> from stimlib.experiments.experiment import Cursor
     >>> from stimlib.experiments.present import followed
     >>> t = np.arange(3000) / 1000
-    >>> {k: round(v, 6) for k, v in followed(0.009 * np.sin(2 * np.pi * (t - 0.05)), Cursor("x", 0.01), 1000).items()}
+    >>> {
+    ...     k: round(v, 6)
+    ...     for k, v in followed(
+    ...         0.009 * np.sin(2 * np.pi * (t - 0.05)), Cursor("x", 0.01), 1000
+    ...     ).items()
+    ... }
     {'gain': 0.9, 'lag': 0.05, 'error': 0.002215}
     """
     if np.ndim(x) != 1:
@@ -346,4 +430,8 @@ def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, flo
     waves = np.stack([np.sin(w * t), np.cos(w * t), np.ones_like(t)], axis=1)
     (s, c, _), *_ = np.linalg.lstsq(waves, x)
     error = float(np.sqrt(np.mean((x - cursor.amplitude * waves[:, 0]) ** 2)))
-    return {"gain": float(np.hypot(s, c) / cursor.amplitude), "lag": float(np.arctan2(-c, s) / w), "error": error}
+    return {
+        "gain": float(np.hypot(s, c) / cursor.amplitude),
+        "lag": float(np.arctan2(-c, s) / w),
+        "error": error,
+    }

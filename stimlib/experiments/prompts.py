@@ -1,4 +1,6 @@
-"""What a participant answers by: a text and its keys, the same in a terminal and on a page of the browser."""
+"""What a participant answers by: a text and its keys, the same in a terminal and on a
+page of the browser.
+"""
 
 from __future__ import annotations
 
@@ -53,14 +55,23 @@ def prompted(question: Question, replays: int = 0) -> Prompt:
     --------
     >>> from stimlib.experiments.prompts import prompted
     >>> from stimlib.experiments.questions import choice, ranking
-    >>> prompted(choice("softer", "Which one was softer?", "first", "second"), replays=1).keys
+    >>> prompted(
+    ...     choice("softer", "Which one was softer?", "first", "second"), replays=1
+    ... ).keys
     {'1': 'first', '2': 'second', 'r': 'once more (1 left)'}
     >>> prompted(ranking("size", "The largest first", "A", "B")).text
     'The largest first (in order, of A B)'
     """
-    keys, how, low_high = dict(zip(question.keys, question.choices, strict=False)), "", question.choices
+    keys, how, low_high = (
+        dict(zip(question.keys, question.choices, strict=False)),
+        "",
+        question.choices,
+    )
     if question.kind == "rating" and question.most <= MOST_KEYS:
-        keys = {str(n): "" for n in range(1, question.most + 1)} | {"1": low_high[0], str(question.most): low_high[1]}
+        keys = {str(n): "" for n in range(1, question.most + 1)} | {
+            "1": low_high[0],
+            str(question.most): low_high[1],
+        }
     elif question.kind == "rating":
         how = f" (1 = {low_high[0]}, {question.most} = {low_high[1]})"
     elif question.kind == "ranking":
@@ -68,11 +79,18 @@ def prompted(question: Question, replays: int = 0) -> Prompt:
     elif question.kind == "places":
         keys, how = {NONE: "none"}, " (x y; x y)"
     more = {REPLAY: f"once more ({replays} left)"} if replays > 0 and REPLAY not in keys else {}
-    return Prompt(question.text + how, keys | more, bool(how), question.choices if question.kind == "ranking" else ())
+    return Prompt(
+        question.text + how,
+        keys | more,
+        bool(how),
+        question.choices if question.kind == "ranking" else (),
+    )
 
 
 class Keyed:
-    """The part of a face that is the same wherever keys are hit; see `stimlib.experiments.run.Face`."""
+    """The part of a face that is the same wherever keys are hit; see
+    `stimlib.experiments.run.Face`.
+    """
 
     def read(self, prompt: Prompt) -> str:
         """What was hit or typed; "" where only Enter was."""
@@ -89,7 +107,10 @@ class Keyed:
     def pick(self, names: list[str]) -> str | None:
         """A number for each stimulus, 0 begins the experiment."""
         keys = {str(i): name for i, name in enumerate(names, 1)}
-        while (key := self.read(Prompt("Get to know the stimuli:", keys | {"0": "begin"}))) not in ("0", ""):
+        while (key := self.read(Prompt("Get to know the stimuli:", keys | {"0": "begin"}))) not in (
+            "0",
+            "",
+        ):
             if key in keys:
                 return keys[key]
         return None

@@ -1,4 +1,6 @@
-"""QUEST+ (Watson 2017, Journal of Vision 17(3):10) as a design, by the package questplus."""
+"""QUEST+ (Watson 2017, Journal of Vision 17(3):10) as a design, by the package
+questplus.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,19 @@ _NAMES = ("1", "0")  # of outcomes; the first is the one whose probability rises
 @public
 @dc.dataclass(frozen=True)
 class Quest:
-    """A design that shows the level expected to tell most about a cumulative normal: mean, deviation, lapses.
+    """A design that shows the level expected to tell most about a cumulative normal:
+    mean, deviation, lapses.
 
     Parameters
     ----------
     task : Task
-        Of outcomes 0 and 1.  Its ``chance`` is the curve's chance level, as `stimlib.experiments.tasks.Pair` has it.
+        Of outcomes 0 and 1.  Its ``chance`` is the curve's chance level, as
+        `stimlib.experiments.tasks.Pair` has it.
     levels : sequence of float
         Those that may be shown, bounds included.
     means, deviations : sequence of float
-        What the parameters may be, in the unit of the levels; each is as likely before the first answer.
+        What the parameters may be, in the unit of the levels; each is as likely before
+        the first answer.
     lapses : sequence of float
         Probabilities of a lapse to either side, below 0.5.
     trials : int
@@ -38,22 +43,37 @@ class Quest:
     Raises
     ------
     BadValue
-        No levels or parameters, rows of something else, or trials below 1; a trial whose chance level is another than the task's.
+        No levels or parameters, rows of something else, or trials below 1; a trial
+        whose chance level is another than the task's.
     MissingPackage
         questplus is not installed: ``pip install 'stimlib[experiments]'``.
 
     Notes
     -----
-    p(1) = g + (1 - g - lapse) Phi((level - mean) / deviation), with g the task's chance level, 0.5 of a
-    detection in two intervals (``norm_cdf`` of questplus); of a comparison, g = lapse (``norm_cdf_2``).
+    p(1) = g + (1 - g - lapse) Phi((level - mean) / deviation), with g the task's chance
+    level, 0.5 of a detection in two intervals (``norm_cdf`` of questplus); of a
+    comparison, g = lapse (``norm_cdf_2``).
 
     Examples
     --------
     >>> from stimlib.experiments.quest import Quest
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Pair("silent", "softer", Stimulus("squeeze", {"k": 2.0}), Stimulus("squeeze"), "k", asks_less=True)
-    >>> design = Quest(task, (1.0, 1.5, 2.0, 2.5, 3.0), means=(1.5, 2.0, 2.5), deviations=(0.2, 0.5), trials=3)
+    >>> task = Pair(
+    ...     "silent",
+    ...     "softer",
+    ...     Stimulus("squeeze", {"k": 2.0}),
+    ...     Stimulus("squeeze"),
+    ...     "k",
+    ...     asks_less=True,
+    ... )
+    >>> design = Quest(
+    ...     task,
+    ...     (1.0, 1.5, 2.0, 2.5, 3.0),
+    ...     means=(1.5, 2.0, 2.5),
+    ...     deviations=(0.2, 0.5),
+    ...     trials=3,
+    ... )
     >>> design.init(seed=1)  # its first `next` loads questplus, which takes seconds
     {'seed': 1, 'levels': [], 'outcomes': []}
     """
@@ -70,9 +90,14 @@ class Quest:
             row = np.asarray(given := getattr(self, name))
             if row.ndim != 1 or row.dtype.kind not in "iuf":
                 raise BadValue(f"Quest: {name} = {given!r:.80} must be a row of numbers")
-            object.__setattr__(self, name, given if isinstance(given, tuple) else tuple(row.tolist()))
+            object.__setattr__(
+                self, name, given if isinstance(given, tuple) else tuple(row.tolist())
+            )
         if not (self.levels and self.means and self.deviations and self.lapses) or self.trials < 1:
-            raise BadValue("Quest: give levels, means, deviations and lapses, one of each at least, and trials of at least 1")
+            raise BadValue(
+                "Quest: give levels, means, deviations and lapses, one of each at least, and trials"
+                " of at least 1"
+            )
         if min(self.deviations) <= 0 or not all(0 <= p < 0.5 for p in self.lapses):
             raise BadValue("Quest: deviations must be above 0, lapses from 0 to below 0.5")
 
@@ -89,8 +114,9 @@ class Quest:
         chance = getattr(self.task, "chance", None)
         if trial.chance != chance:
             raise BadValue(
-                f"Quest: the task has the chance level {_short(chance)}, its trial {_short(trial.chance)}; give the task's class "
-                "the attribute chance, with the same value"
+                f"Quest: the task has the chance level {_short(chance)}, its trial"
+                f" {_short(trial.chance)}; give the task's class the attribute chance, with the"
+                " same value"
             )
         return trial
 
@@ -100,7 +126,11 @@ class Quest:
         if trial is None:
             raise BadValue(f"all {self.trials} trials are done: there are no more answers to take")
         more = int(outcome(trial, answer) > 0.5)
-        return {**state, "levels": [*state["levels"], trial.level], "outcomes": [*state["outcomes"], more]}
+        return {
+            **state,
+            "levels": [*state["levels"], trial.level],
+            "outcomes": [*state["outcomes"], more],
+        }
 
     def estimate(self, state: State) -> dict[str, float]:
         """Posterior means of the parameters: mean, sd, lapse_rate."""
@@ -111,20 +141,33 @@ def _short(chance: float | None) -> str:
     return "None" if chance is None else f"{chance:.3g}"
 
 
-def _facts(design: Quest, state: State) -> tuple[Quest, float | None, tuple[float, ...], tuple[int, ...]]:
+def _facts(
+    design: Quest, state: State
+) -> tuple[Quest, float | None, tuple[float, ...], tuple[int, ...]]:
     alone = copy.copy(design)
     object.__setattr__(alone, "task", None)  # which may be no key of a cache
-    return alone, getattr(design.task, "chance", None), tuple(state["levels"]), tuple(state["outcomes"])
+    return (
+        alone,
+        getattr(design.task, "chance", None),
+        tuple(state["levels"]),
+        tuple(state["outcomes"]),
+    )
 
 
 @lru_cache(maxsize=32)
-def _level(design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> float:
+def _level(
+    design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]
+) -> float:
     return float(_posterior(design, chance, levels, outcomes).next_stim["intensity"])
 
 
 @lru_cache(maxsize=32)
-def _posterior(design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]) -> Any:
-    """What is known after these answers; the last ones are kept, so that a session takes one step a trial."""
+def _posterior(
+    design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]
+) -> Any:
+    """What is known after these answers; the last ones are kept, so that a session
+    takes one step a trial.
+    """
     if not levels:
         of = {"mean": design.means, "sd": design.deviations, "lapse_rate": design.lapses}
         if chance is not None:

@@ -45,24 +45,34 @@ class Question:
     most: int = 0
 
     def check(self, value: Any) -> None:
-        """Raise a BadValue, with what can be answered, unless a value answers this question."""
+        """Raise a BadValue, with what can be answered, unless a value answers this
+        question.
+        """
         if self.kind == "choice":
             good, wanted = value in self.choices, f"one of {', '.join(self.choices)}"
         elif self.kind == "rating":
-            good = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= self.most
+            good = (
+                isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= self.most
+            )
             wanted = f"a whole number from 1 ({self.choices[0]}) to {self.most} ({self.choices[1]})"
         elif self.kind == "ranking":
-            good = isinstance(value, (list, tuple)) and sorted(map(str, value)) == sorted(self.choices)
+            good = isinstance(value, (list, tuple)) and sorted(map(str, value)) == sorted(
+                self.choices
+            )
             wanted = f"all of {', '.join(self.choices)}, each once, in order"
         else:
-            good = isinstance(value, (list, tuple)) and len(value) <= self.most and all(map(_place, value))
+            good = (
+                isinstance(value, (list, tuple))
+                and len(value) <= self.most
+                and all(map(_place, value))
+            )
             wanted = f"at most {self.most} places [x, y], typed as x y; x y, or {NONE} for none"
         if not good:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 
     def answer(self, text: str) -> Any:
-        """The answer that was hit or typed: the key of a choice, a number, words in order, or places as ``x y; x y``,
-        ``n`` for none.
+        """The answer that was hit or typed: the key of a choice, a number, words in
+        order, or places as ``x y; x y``, ``n`` for none.
 
         Raises
         ------
@@ -86,7 +96,9 @@ class Question:
             value = text.split()
         elif self.kind == "places":
             with suppress(ValueError):
-                value = [[float(v) for v in place.split()] for place in text.split(";") if place.strip()] or text
+                value = [
+                    [float(v) for v in place.split()] for place in text.split(";") if place.strip()
+                ] or text
             value = [] if text == NONE else value
         self.check(value)
         return value
@@ -98,7 +110,9 @@ class Question:
         --------
         >>> import numpy as np
         >>> from stimlib.experiments.questions import rating
-        >>> 1 <= rating("roughness", "How rough?", "smooth", "rough").guess(np.random.default_rng(1)) <= 7
+        >>> 1 <= rating("roughness", "How rough?", "smooth", "rough").guess(
+        ...     np.random.default_rng(1)
+        ... ) <= 7
         True
         """
         if self.kind == "choice":
@@ -127,7 +141,8 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
     Raises
     ------
     BadValue
-        Fewer than two choices, one twice, or keys that are not one for each; a blank is no key.
+        Fewer than two choices, one twice, or keys that are not one for each; a blank is
+        no key.
 
     Examples
     --------
@@ -137,16 +152,23 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
     """
     keys = keys or "123456789"[: len(choices)]
     good = all(k.isprintable() and not k.isspace() for k in keys) and len(keys) == len(choices)
-    if not good or len(choices) < 2 or len(set(choices)) != len(choices) or len(set(keys)) != len(keys):
+    if (
+        not good
+        or len(choices) < 2
+        or len(set(choices)) != len(choices)
+        or len(set(keys)) != len(keys)
+    ):
         raise BadValue(
-            f"choice {name!r}: give at least two choices, each once, and one key for each, no blank; got {choices}, {keys!r}"
+            f"choice {name!r}: give at least two choices, each once, and one key for each, no"
+            f" blank; got {choices}, {keys!r}"
         )
     return Question(name, text, "choice", choices, tuple(keys))
 
 
 @public
 def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question:
-    """A number from 1 (low) to most (high), such as an adjective pair of the touch-screen thesis, section 4.3.
+    """A number from 1 (low) to most (high), such as an adjective pair of the
+    touch-screen thesis, section 4.3.
 
     Examples
     --------
@@ -170,13 +192,16 @@ def ranking(name: str, text: str, *items: str) -> Question:
     >>> ranking("size", "The largest first", "A", "B", "C").check(["B", "A", "C"])
     """
     if len(items) < 2 or len(set(items)) != len(items) or any(i.split() != [i] for i in items):
-        raise BadValue(f"ranking {name!r}: give at least two names of one word, each once; got {items}")
+        raise BadValue(
+            f"ranking {name!r}: give at least two names of one word, each once; got {items}"
+        )
     return Question(name, text, "ranking", items)
 
 
 @public
 def places(name: str, text: str, most: int) -> Question:
-    """Points where something was felt, at most so many, in the units of the scene's inputs.
+    """Points where something was felt, at most so many, in the units of the scene's
+    inputs.
 
     Examples
     --------

@@ -1,4 +1,6 @@
-"""The page of an experiment: one file, without code, that nothing else is needed for."""
+"""The page of an experiment: one file, without code, that nothing else is needed
+for.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,24 @@ from ..errors import UnknownName, public, shown
 from .fits import Fit, logarithmic
 from .tables import Columns, grouped, plain
 
-SHOWN = ("pse", "pse_interval", "jnd", "jnd_interval", "slope", "intercept", "lapse", "trials", "levels", "problems")
-HEADS = {"pse": "{what}", "pse_interval": "{what}, interval", "jnd": "JND", "jnd_interval": "JND, interval"}
+SHOWN = (
+    "pse",
+    "pse_interval",
+    "jnd",
+    "jnd_interval",
+    "slope",
+    "intercept",
+    "lapse",
+    "trials",
+    "levels",
+    "problems",
+)
+HEADS = {
+    "pse": "{what}",
+    "pse_interval": "{what}, interval",
+    "jnd": "JND",
+    "jnd_interval": "JND, interval",
+}
 NEEDED = ("participant", "condition", "level", "outcome", "track", "number")
 ACROSS = 4  # pictures in a row
 
@@ -36,22 +54,26 @@ def write_report(
     notes: Sequence[str] = (),
     unit: str = "",
 ) -> None:
-    """Write one self-contained page: method, curves, staircase tracks, tables; the same bytes for the same answers.
+    """Write one self-contained page: method, curves, staircase tracks, tables; the same
+    bytes for the same answers.
 
     Parameters
     ----------
     path : path
     title : str
     method : str
-        How the data were taken and analysed, as a paper says it; paragraphs are parted by an empty line.
+        How the data were taken and analysed, as a paper says it; paragraphs are parted
+        by an empty line.
     columns : dict of str to sequence
-        All answers: ``participant``, ``condition``, ``level``, ``outcome``, ``track``, ``number``.
+        All answers: ``participant``, ``condition``, ``level``, ``outcome``, ``track``,
+        ``number``.
     fits : dict, optional
         Of `stimlib.experiments.tables.fitted`, over the same ``by``.
     by : sequence of str
         What the keys of the fits are.
     tables : dict of str to results, optional
-        By title: sequences of dataclasses, such as those of `stimlib.experiments.compare`.
+        By title: sequences of dataclasses, such as those of
+        `stimlib.experiments.compare`.
     notes : sequence of str
         What a reader should know: what does not add up, what was left out.
     unit : str
@@ -70,39 +92,70 @@ def write_report(
     >>> from pathlib import Path
     >>> from stimlib.experiments.report import write_report
     >>> from stimlib.experiments.tables import fitted
-    >>> answers = {"participant": ["P01"] * 60, "condition": ["a"] * 60, "track": [""] * 60, "number": list(range(1, 61))}
-    >>> answers |= {"level": [1.0, 2.0, 3.0] * 20, "outcome": [0, 1, 1] * 10 + [0, 0, 1] * 9 + [1, 0, 1]}
+    >>> answers = {
+    ...     "participant": ["P01"] * 60,
+    ...     "condition": ["a"] * 60,
+    ...     "track": [""] * 60,
+    ...     "number": list(range(1, 61)),
+    ... }
+    >>> answers |= {
+    ...     "level": [1.0, 2.0, 3.0] * 20,
+    ...     "outcome": [0, 1, 1] * 10 + [0, 0, 1] * 9 + [1, 0, 1],
+    ... }
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder) / "report.html"
-    ...     write_report(path, "Springs", "Constant stimuli, probit.", answers, fits=fitted(answers), unit="N/mm")
+    ...     write_report(
+    ...         path,
+    ...         "Springs",
+    ...         "Constant stimuli, probit.",
+    ...         answers,
+    ...         fits=fitted(answers),
+    ...         unit="N/mm",
+    ...     )
     ...     "PSE" in path.read_text()
     True
     """
     fits = fits or {}
     if missing := [name for name in NEEDED if name not in columns]:
-        raise UnknownName(f"report: there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
+        raise UnknownName(
+            f"report: there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}"
+        )
     paragraphs = "".join(f"<p>{_q(text)}</p>" for text in method.split("\n\n"))
-    flagged = [f"{' '.join(map(str, key))}: {text}" for key, fit in fits.items() for text in fit.advice()]
+    flagged = [
+        f"{' '.join(map(str, key))}: {text}" for key, fit in fits.items() for text in fit.advice()
+    ]
     parts = [f"<h2>Method</h2>{paragraphs}", f"<h2>Answers</h2>{facts(_counts(columns))}"]
     if notes:
         parts.append(f"<h2>To be known</h2>{items(notes)}")
     if fits:
         answers = grouped(columns, by)
         if alien := [key for key in fits if key not in answers]:
-            raise UnknownName(f"report: a fit of {alien[0]!r}, of which there are no answers; by = {', '.join(by)}")
+            raise UnknownName(
+                f"report: a fit of {alien[0]!r}, of which there are no answers; by ="
+                f" {', '.join(by)}"
+            )
         label = f"level / {unit}" if unit else "level"
         size = 3.0 * min(ACROSS, len(fits)), 2.5 * -(-len(fits) // ACROSS)
-        parts.append(f"<h2>Psychometric functions</h2>{svg(lambda figure: _curves(figure, fits, label), size)}")
-        parts.append(f"<p>Fits that are not to be used as they are:</p>{items(flagged)}{_table(_fits(fits, by, unit))}")
+        parts.append(
+            "<h2>Psychometric"
+            f" functions</h2>{svg(lambda figure: _curves(figure, fits, label), size)}"
+        )
+        parts.append(
+            "<p>Fits that are not to be used as they"
+            f" are:</p>{items(flagged)}{_table(_fits(fits, by, unit))}"
+        )
     if any(columns["track"]):
         tracks = grouped(columns, ("participant", "condition"))
         size = 3.0 * min(ACROSS, len(tracks)), 2.0 * -(-len(tracks) // ACROSS)
-        parts.append(f"<h2>Staircases</h2>{svg(lambda figure: _tracks(figure, tracks, unit), size)}")
+        parts.append(
+            f"<h2>Staircases</h2>{svg(lambda figure: _tracks(figure, tracks, unit), size)}"
+        )
     parts += [f"<h2>{_q(name)}</h2>{_table(plain(rows))}" for name, rows in (tables or {}).items()]
     made = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy"))
     text = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_q(title)}</title><style>{STYLE}</style>'
-        f'<h1>{_q(title)}</h1>{"".join(parts)}<p class="small">Made with {_q(made)}.</p></html>\n'
+        '<!doctype html><html lang="en"><meta'
+        f' charset="utf-8"><title>{_q(title)}</title><style>{STYLE}</style><h1>{_q(title)}</h1>{"".join(parts)}<p'
+        f' class="small">Made with {_q(made)}.</p></html>\n'
     )
     regular.publish(path, text)
 
@@ -123,19 +176,28 @@ def _counts(columns: Columns) -> dict[str, str]:
     return {
         "participants": f"{len(people)}: {', '.join(map(str, people))}",
         "conditions": ", ".join(map(str, conditions)),
-        "trials": f"{sum(trials)}; of a participant {min(trials, default=0)} to {max(trials, default=0)}",
+        "trials": (
+            f"{sum(trials)}; of a participant {min(trials, default=0)} to {max(trials, default=0)}"
+        ),
     }
 
 
-def _fits(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str) -> list[dict[str, Any]]:
-    """Return a row for each fit; a JND of a logarithmic axis is a part of the PSE, and has no unit."""
+def _fits(
+    fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str
+) -> list[dict[str, Any]]:
+    """Return a row for each fit; a JND of a logarithmic axis is a part of the PSE, and
+    has no unit.
+    """
     what = " or ".join(dict.fromkeys(fit.name for fit in fits.values()))
     in_unit = f" / {unit}" if unit else ""
     logs = any(fit.log for fit in fits.values())
     heads = {name: HEADS.get(name, name.replace("_", " ")).format(what=what) for name in SHOWN}
     for name in HEADS:
         heads[name] += f", part of the {what}" if logs and name.startswith("jnd") else in_unit
-    return [dict(zip(by, key, strict=True)) | {heads[name]: getattr(fit, name) for name in SHOWN} for key, fit in fits.items()]
+    return [
+        dict(zip(by, key, strict=True)) | {heads[name]: getattr(fit, name) for name in SHOWN}
+        for key, fit in fits.items()
+    ]
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -158,7 +220,7 @@ def _number(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, (float, np.floating, np.ndarray)) else str(value)
 
 
-# Pictures --------------------------------------------------------------------------------------------------------------
+# Pictures -----------------------------------------------------------------------------
 def _axes(figure: Any, n: int) -> Any:
     across = min(ACROSS, n)
     axes = figure.subplots(-(-n // across), across, squeeze=False, sharex=True, sharey=True).flat
@@ -171,7 +233,11 @@ def _curves(figure: Any, fits: Mapping[tuple, Fit], label: str) -> None:
     """Draw each fit, with its answers and the interval of its middle."""
     for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
         fit.draw(ax)
-        ax.set_title(_label(" ".join(map(str, key)) + (f" ({', '.join(fit.problems)})" if fit.problems else "")))
+        ax.set_title(
+            _label(
+                " ".join(map(str, key)) + (f" ({', '.join(fit.problems)})" if fit.problems else "")
+            )
+        )
     figure.supxlabel(_label(label))
     figure.supylabel("proportion of more")
 

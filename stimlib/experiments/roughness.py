@@ -1,6 +1,8 @@
-"""How rough are bumps on a touch screen?  The touch-screen thesis' experiment, chapters 4 to 6.
+"""How rough are bumps on a touch screen?  The touch-screen thesis' experiment, chapters
+4 to 6.
 
-"Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen"; see docs/reference/papers.rst.
+"Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen";
+see docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -29,9 +31,16 @@ from .tables import Columns, grouped
 from .tasks import Show
 from .trial import Answer, Observer, Stimulus, Trial
 
-WAVEFORMS, BUMPS, DUTIES, AMPLITUDES = ("sine", "square", "sawtooth"), (2, 6, 18), (0.2, 0.5, 0.8), (0.5, 4.0, 7.5)
+WAVEFORMS, BUMPS, DUTIES, AMPLITUDES = (
+    ("sine", "square", "sawtooth"),
+    (2, 6, 18),
+    (0.2, 0.5, 0.8),
+    (0.5, 4.0, 7.5),
+)
 FACTORS = {"waveform": WAVEFORMS, "bumps": BUMPS, "duty": DUTIES, "amplitude": AMPLITUDES}
-STIMULI = {f"{s.waveform}, {s.bumps} bumps, duty {s.duty:g}, {s.amplitude:g} V": s for s in bumps_set()}
+STIMULI = {
+    f"{s.waveform}, {s.bumps} bumps, duty {s.duty:g}, {s.amplitude:g} V": s for s in bumps_set()
+}
 Cell = tuple[float, float, str]
 """Amplitude, duty, waveform: of the number of bumps the RMS does not depend."""
 CELLS = tuple(product(AMPLITUDES, DUTIES, WAVEFORMS))
@@ -39,35 +48,80 @@ PRINTED = dict(
     zip(
         product(DUTIES, AMPLITUDES, WAVEFORMS),
         zip(
-            [0.08, 0.11, 0.06, 0.65, 0.89, 0.44, 1.23, 1.66, 0.83, 0.13, 0.18, 0.10, 1, 1.41, 0.80, 1.88, 2.64, 1.51]
+            [
+                0.08,
+                0.11,
+                0.06,
+                0.65,
+                0.89,
+                0.44,
+                1.23,
+                1.66,
+                0.83,
+                0.13,
+                0.18,
+                0.10,
+                1,
+                1.41,
+                0.80,
+                1.88,
+                2.64,
+                1.51,
+            ]
             + [0.15, 0.22, 0.12, 1.18, 1.79, 0.99, 2.21, 3.35, 1.85],
-            [2.04, 1.93, 1.42, 3.77, 3.46, 3.04, 3.92, 3.95, 3.68, 1.84, 1.89, 1.63, 3.96, 4.30, 3.73, 4.34, 4.91, 4.27]
+            [
+                2.04,
+                1.93,
+                1.42,
+                3.77,
+                3.46,
+                3.04,
+                3.92,
+                3.95,
+                3.68,
+                1.84,
+                1.89,
+                1.63,
+                3.96,
+                4.30,
+                3.73,
+                4.34,
+                4.91,
+                4.27,
+            ]
             + [1.82, 1.95, 1.80, 4.40, 4.82, 3.98, 5.03, 5.15, 4.68],
             strict=True,
         ),
         strict=True,
     )
 )
-"""Tables 6.1 and 6.2: RMS in V and mean roughness by duty, amplitude and waveform, printed row by row."""
-HAND = {"x": constant_speed(0.1, 0.1)}  # of a simulated finger, back and forth over the 10 cm; its speed is ours
+"""Tables 6.1 and 6.2: RMS in V and mean roughness by duty, amplitude and waveform,
+printed row by row.
+"""
+# of a simulated finger, back and forth over the 10 cm; its speed is ours
+HAND = {"x": constant_speed(0.1, 0.1)}
 FS, SECONDS, GAIN = 8000.0, 15.0, 50.0
 
 
 @public
 def roughness() -> Experiment:
-    """The experiment: 81 stimuli, four times each, rated from smooth to rough and from flat to bumpy.
+    """The experiment: 81 stimuli, four times each, rated from smooth to rough and from
+    flat to bumpy.
 
-    Two days with two sets each, the first after 48 trials for training; one replay of each trial; white noise meanwhile.
+    Two days with two sets each, the first after 48 trials for training; one replay of
+    each trial; white noise meanwhile.
 
     Returns
     -------
     Experiment
-        Its ``observer`` goes by the RMS of the rendered voltage, see `person`; its ``analysis`` is `ratings`.
+        Its ``observer`` goes by the RMS of the rendered voltage, see `person`; its
+        ``analysis`` is `ratings`.
 
     References
     ----------
-    The touch-screen thesis, sections 4.1 to 4.3, appendix C.  Ours: the 48 for training, and **an order of its own for each
-    participant**: the thesis' one order for all confounds stimuli with drift.
+    The touch-screen thesis, sections 4.1 to 4.3, appendix C.  Ours: the 48 for
+    training, and **an order of its own for each participant**: the thesis' one order
+    for all confounds stimuli with drift.
 
     Examples
     --------
@@ -95,7 +149,9 @@ def roughness() -> Experiment:
         sessions=2,
         replays=1,
         masking=Masking(),
-        instructions="Move your finger back and forth. There is no right answer: say what fits best.",
+        instructions=(
+            "Move your finger back and forth. There is no right answer: say what fits best."
+        ),
         observer=person(),
         analysis=lambda sessions: text(ratings(columns(sessions))),
     )
@@ -104,7 +160,14 @@ def roughness() -> Experiment:
 def day(participant: str, session: int) -> Parts:
     """Two sets of all stimuli, on the first day after training."""
     items = tuple(
-        (Show(name, ("roughness", "bumpiness"), Stimulus(f"{s.waveform} {s.bumps}", {"duty": s.duty, "A": s.amplitude})), None)
+        (
+            Show(
+                name,
+                ("roughness", "bumpiness"),
+                Stimulus(f"{s.waveform} {s.bumps}", {"duty": s.duty, "A": s.amplitude}),
+            ),
+            None,
+        )
         for name, s in STIMULI.items()
     )
     training = Listed(tuple(items[k * 81 // 48] for k in range(48)), training=True)
@@ -112,11 +175,12 @@ def day(participant: str, session: int) -> Parts:
     return Parts({"training": training, "sets": sets} if session == 1 else {"sets": sets})
 
 
-# Who answers -----------------------------------------------------------------------------------------------------------
+# Who answers --------------------------------------------------------------------------
 @public
 @cache
 def rms(name: str) -> float:
-    """RMS of a stimulus in V before the amplifier, eq. (18), of the voltage as it is rendered for the moving finger.
+    """RMS of a stimulus in V before the amplifier, eq. (18), of the voltage as it is
+    rendered for the moving finger.
 
     Parameters
     ----------
@@ -139,7 +203,8 @@ def rms(name: str) -> float:
 
 @public
 def person(rng: np.random.Generator | None = None) -> Observer:
-    """Somebody who goes by the RMS: roughness 3.92 + 2.25 log10(RMS/V), bumpiness by the amplitude alone, both with errors.
+    """Somebody who goes by the RMS: roughness 3.92 + 2.25 log10(RMS/V), bumpiness by
+    the amplitude alone, both with errors.
 
     Parameters
     ----------
@@ -149,8 +214,9 @@ def person(rng: np.random.Generator | None = None) -> Observer:
     Returns
     -------
     callable
-        An observer.  Roughness is Fechner's law of the thesis' own tables; more bumps are rougher where the amplitude is 4 V or
-        more, as figure 6.2 has it.  The sizes of this, of the errors and of bumpiness are ours.
+        An observer.  Roughness is Fechner's law of the thesis' own tables; more bumps
+        are rougher where the amplitude is 4 V or more, as figure 6.2 has it.  The sizes
+        of this, of the errors and of bumpiness are ours.
     """
     own = 0.0 if rng is None else 0.5 * rng.normal()
 
@@ -159,12 +225,17 @@ def person(rng: np.random.Generator | None = None) -> Observer:
         more = 0.6 * log10(s.bumps / 6) if s.amplitude >= 4 else 0.0
         rough = 3.92 + 2.25 * log10(rms(trial.condition)) + more + own + 0.8 * rng.normal()
         bumpy = 3.9 + 2.0 * log10(s.amplitude / 4) + own + 0.8 * rng.normal()
-        return Answer({name: int(np.clip(round(v), 1, 7)) for name, v in (("roughness", rough), ("bumpiness", bumpy))})
+        return Answer(
+            {
+                name: int(np.clip(round(v), 1, 7))
+                for name, v in (("roughness", rough), ("bumpiness", bumpy))
+            }
+        )
 
     return answers
 
 
-# What they answered ----------------------------------------------------------------------------------------------------
+# What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Ratings:
     """The result of the thesis.
@@ -172,7 +243,8 @@ class Ratings:
     Attributes
     ----------
     rms, mean, sd : dict of Cell to float
-        Table 6.1 as rendered (V), and table 6.2: mean and standard deviation over people and numbers of bumps.
+        Table 6.1 as rendered (V), and table 6.2: mean and standard deviation over
+        people and numbers of bumps.
     effects : tuple of Effect
         Four-way analysis of variance within people; main effects come first.
     pairs : dict of (factor, level, level) to float
@@ -199,7 +271,8 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` gives them, or `stimlib.experiments.observers.simulate`: without training.
+        As `stimlib.experiments.saved.columns` gives them, or
+        `stimlib.experiments.observers.simulate`: without training.
     question : str
         Its column: ``"outcome"`` is that of the first question, roughness.
 
@@ -224,7 +297,9 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     for axis, (factor, levels) in enumerate(FACTORS.items(), 1):
         by = y.mean(axis=tuple({1, 2, 3, 4} - {axis}))
         for i, j in combinations(range(3), 2):
-            pairs[factor, str(levels[i]), str(levels[j])] = min(1.0, 3 * paired(by[:, i], by[:, j]).p)
+            pairs[factor, str(levels[i]), str(levels[j])] = min(
+                1.0, 3 * paired(by[:, i], by[:, j]).p
+            )
     middle = y.mean(axis=(0, 2)), y.std(axis=(0, 2), ddof=1)
     at = [(WAVEFORMS.index(w), DUTIES.index(d), AMPLITUDES.index(a)) for a, d, w in CELLS]
     mean, sd = ({c: float(v[k]) for c, k in zip(CELLS, at, strict=True)} for v in middle)
@@ -234,15 +309,21 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
 
 
 def _means(answers: Columns, question: str) -> np.ndarray:
-    """Mean rating of each participant and stimulus: shape (participants, waveform, bumps, duty, amplitude)."""
+    """Mean rating of each participant and stimulus: shape (participants, waveform,
+    bumps, duty, amplitude).
+    """
     found = grouped(answers, ("participant", "condition", question))
     sums: dict[tuple[str, str], list[float]] = {}
     for (who, name, value), same in found.items():
         sums.setdefault((who, name), []).extend([value] * len(same["condition"]))
     people = list(dict.fromkeys(who for who, _ in sums))
     if missing := [(who, name) for who in people for name in STIMULI if (who, name) not in sums]:
-        raise BadValue(f"roughness: {missing[0][0]} has not rated {missing[0][1]}: all 81 stimuli are needed")
-    return np.array([[np.mean(sums[who, name]) for name in STIMULI] for who in people]).reshape(-1, 3, 3, 3, 3)
+        raise BadValue(
+            f"roughness: {missing[0][0]} has not rated {missing[0][1]}: all 81 stimuli are needed"
+        )
+    return np.array([[np.mean(sums[who, name]) for name in STIMULI] for who in people]).reshape(
+        -1, 3, 3, 3, 3
+    )
 
 
 def text(found: Ratings) -> str:
@@ -255,8 +336,14 @@ def text(found: Ratings) -> str:
             f"{found.mean[cell]:.2f} +- {found.sd[cell]:.2f} ({printed[1]:.2f})"
         )
     for e in found.effects[:4]:
-        lines.append(f"{e.name}: F({e.df[0]:g}, {e.df[1]:g}) = {e.F:.1f}, p = {e.p_corrected:.2g} (Greenhouse-Geisser)")
-    lines += [f"{factor} {a} and {b}: p = {p:.2g} (paired t, Bonferroni)" for (factor, a, b), p in found.pairs.items()]
+        lines.append(
+            f"{e.name}: F({e.df[0]:g}, {e.df[1]:g}) = {e.F:.1f}, p = {e.p_corrected:.2g}"
+            " (Greenhouse-Geisser)"
+        )
+    lines += [
+        f"{factor} {a} and {b}: p = {p:.2g} (paired t, Bonferroni)"
+        for (factor, a, b), p in found.pairs.items()
+    ]
     fit = found.law
     law = f"{fit.line.intercept:.2f} + {fit.line.slope:.2f} log10(RMS/V), R2 = {fit.r2:.3f}"
     return "\n".join([*lines, f"roughness = {law}; Pearson {found.pearson:.3f}"])

@@ -1,4 +1,5 @@
-"""Running a session: what happens around its trials, with a face that talks to the participant.
+"""Running a session: what happens around its trials, with a face that talks to the
+participant.
 
 The face is the only part that knows a keyboard, a page or a simulated observer.
 """
@@ -21,8 +22,9 @@ from .streams import seed_of, stream
 from .trial import Answer, Observer, Record, Stimulus, Trial, answered
 
 Show = Callable[[Trial, Path], dict[str, Any]]
-"""Displays a trial, with a folder for the log; what came out. Where that says ``missed``, the participant was not there for all
-of it, and it is displayed once more; both are kept."""
+"""Displays a trial, with a folder for the log; what came out. Where that says
+``missed``, the participant was not there for all of it, and it is displayed once more;
+both are kept."""
 
 
 class Face(Protocol):
@@ -54,14 +56,16 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
         Opened by ``with``.
     face : Face
     sink : str or callable
-        Name of a sink, see `stimlib.experiments.present.SINKS`, or what displays a trial itself: ``sink(trial, folder) -> dict``.
+        Name of a sink, see `stimlib.experiments.present.SINKS`, or what displays a
+        trial itself: ``sink(trial, folder) -> dict``.
     **options
         More for the sink.
 
     Raises
     ------
     SinkError, FaultError
-        The device has failed, or the disk is full; all answers so far are kept, and the session can be resumed.
+        The device has failed, or the disk is full; all answers so far are kept, and the
+        session can be resumed.
 
     Examples
     --------
@@ -72,8 +76,14 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
     def show(trial: Trial, name: str) -> list[dict[str, Any]]:
         shown: list[dict[str, Any]] = []
         while not shown or shown[-1].get("missed"):
-            folder = next(f for k in count(1) if not (f := session.folder / f"{name}-{k}.stimlog").exists())
-            shown.append(present(e, trial, sink, folder, **options) if isinstance(sink, str) else sink(trial, folder))
+            folder = next(
+                f for k in count(1) if not (f := session.folder / f"{name}-{k}.stimlog").exists()
+            )
+            shown.append(
+                present(e, trial, sink, folder, **options)
+                if isinstance(sink, str)
+                else sink(trial, folder)
+            )
         return shown
 
     if (trial := session.due()) is None:
@@ -90,24 +100,38 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
         face.ready(f"trial {session.number}" + (", for training" if trial.training else ""))
         record = _one(session, trial, face, show)
         if e.feedback and trial.correct:
-            face.tell("right" if all(record.answer.values[k] == v for k, v in trial.correct.items()) else "wrong")
+            face.tell(
+                "right"
+                if all(record.answer.values[k] == v for k, v in trial.correct.items())
+                else "wrong"
+            )
     face.tell("That was the last one. Thank you.")
 
 
-def _familiarise(session: Session, due: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]) -> None:
-    """Stimuli at will, before the first trial and where a session is resumed; nothing of it counts."""
+def _familiarise(
+    session: Session, due: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]
+) -> None:
+    """Stimuli at will, before the first trial and where a session is resumed; nothing
+    of it counts.
+    """
     familiar = session.experiment.familiar(session.participant, session.session)
     for n in count():
         name = face.pick(list(familiar)) if familiar else None
         if name is None:
             return
         known = familiar[name]
-        stimulus = Stimulus(known.scene, known.params, seed_of(session.seed, "familiarisation", n), name)
+        stimulus = Stimulus(
+            known.scene, known.params, seed_of(session.seed, "familiarisation", n), name
+        )
         show(Trial("familiarisation", (stimulus,), due.questions), "familiarisation")
 
 
-def _one(session: Session, trial: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]) -> Record:
-    """A trial: displayed, asked about, displayed once more where that is wanted and allowed, and written."""
+def _one(
+    session: Session, trial: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]
+) -> Record:
+    """A trial: displayed, asked about, displayed once more where that is wanted and
+    allowed, and written.
+    """
     name_of_log = f"trial-{session.number:04}"
     shown, replays = show(trial, name_of_log), 0
     began = time.monotonic()
@@ -124,14 +148,16 @@ def _one(session: Session, trial: Trial, face: Face, show: Callable[[Trial, str]
 
 @public
 class Simulated:
-    """The face of an observer who answers by itself and needs no rest; see `stimlib.experiments.trial.Observer`.
+    """The face of an observer who answers by itself and needs no rest; see
+    `stimlib.experiments.trial.Observer`.
 
     Parameters
     ----------
     session : Session
     observer : callable
-        ``observer(trial, rng) -> Answer``; its draws for a trial depend on the session's seed and the trial's number alone, so
-        that a session that was resumed goes on as it would have.
+        ``observer(trial, rng) -> Answer``; its draws for a trial depend on the
+        session's seed and the trial's number alone, so that a session that was resumed
+        goes on as it would have.
     """
 
     def __init__(self, session: Session, observer: Observer):

@@ -1,4 +1,6 @@
-"""Reading sessions: what was answered, checked line by line; and what of it the experimenter may know."""
+"""Reading sessions: what was answered, checked line by line; and what of it the
+experimenter may know.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,8 @@ _LINE = {
 
 @public
 def blinded(seed: int, name: str) -> str:
-    """What an experimenter sees in place of a condition: a letter and digits that differ from session to session.
+    """What an experimenter sees in place of a condition: a letter and digits that
+    differ from session to session.
 
     Examples
     --------
@@ -52,21 +55,34 @@ def blinded(seed: int, name: str) -> str:
 
 
 @public
-def folder_of(experiment: str, data: str | os.PathLike[str], participant: str, session: int = 1, pilot: bool = False) -> Path:
+def folder_of(
+    experiment: str,
+    data: str | os.PathLike[str],
+    participant: str,
+    session: int = 1,
+    pilot: bool = False,
+) -> Path:
     """Where a session is kept.
 
     Raises
     ------
     BadValue
-        A participant that is no code of letters and digits, such as P07: names of people do not belong into data; a session
-        below 1; an experiment's name that is no name of a folder.
+        A participant that is no code of letters and digits, such as P07: names of
+        people do not belong into data; a session below 1; an experiment's name that is
+        no name of a folder.
     """
     if not re.fullmatch(r"[A-Za-z]{1,4}[0-9]{1,6}", participant):
-        raise BadValue(f"participant {participant!r} must be a code, up to four letters and a number such as P07, and no name")
+        raise BadValue(
+            f"participant {participant!r} must be a code, up to four letters and a number such as"
+            " P07, and no name"
+        )
     if isinstance(session, bool) or not isinstance(session, int) or not 1 <= session < 10**6:
         raise BadValue(f"session = {session!r} must be a whole number from 1 on")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}", experiment):
-        raise BadValue(f"experiment {experiment!r}: its name must be letters, digits, - and _: it is the name of a folder")
+        raise BadValue(
+            f"experiment {experiment!r}: its name must be letters, digits, - and _: it is the name"
+            " of a folder"
+        )
     return Path(data) / experiment / f"{'PILOT-' if pilot else ''}{participant}-s{session}"
 
 
@@ -122,8 +138,8 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     Raises
     ------
     SinkError
-        No session; a line that was edited, is missing or is damaged: file and line are named; lines that are missing at
-        the end: their trials are named.
+        No session; a line that was edited, is missing or is damaged: file and line are
+        named; lines that are missing at the end: their trials are named.
     BadValue
         A pilot where data are wanted, or data where a pilot is.
     """
@@ -135,30 +151,42 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
         header = fields.parse(raw)
         fields.require(header, _HEADER)
         if header["stimlib_experiment"] != VERSION:
-            raise ValueError(f"version {header['stimlib_experiment']}, this stimlib reads {VERSION}: update stimlib")
+            raise ValueError(
+                f"version {header['stimlib_experiment']}, this stimlib reads {VERSION}: update"
+                " stimlib"
+            )
     except ValueError as e:
         raise SinkError(f"{folder / 'session.json'}: {e}") from e
     if header["pilot"] != pilot:
-        raise BadValue(f"{folder} is {'a pilot, and no data' if header['pilot'] else 'no pilot, but data'}")
-    said, path = _answered(folder), folder / "trials.jsonl"  # first: a session that runs has lines before them
+        raise BadValue(
+            f"{folder} is {'a pilot, and no data' if header['pilot'] else 'no pilot, but data'}"
+        )
+    # first: a session that runs has lines before them
+    said, path = _answered(folder), folder / "trials.jsonl"
     records, size, chain = _lines(path, hashlib.sha256(raw).hexdigest(), pilot)
     if len(records) < said:
         raise SinkError(
-            f"{path} has {len(records)} trials, but {said} were answered, as other files of the session say: trials "
-            f"{len(records) + 1} to {said} are missing at its end. Put back a whole copy of it, or give another session"
+            f"{path} has {len(records)} trials, but {said} were answered, as other files of the"
+            f" session say: trials {len(records) + 1} to {said} are missing at its end. Put back a"
+            " whole copy of it, or give another session"
         )
     return Saved(folder, header, records, size, chain)
 
 
 def _answered(folder: Path) -> int:
-    """Return how many trials were answered at least, as the file ``answered`` and the logs of what was displayed say."""
+    """Return how many trials were answered at least, as the file ``answered`` and the
+    logs of what was displayed say.
+    """
     logs = [re.match(r"trial-(\d{4,9})-", p.name) for p in folder.glob("trial-*.stimlog")]
-    begun = max((int(found[1]) for found in logs if found), default=1)  # the last may have no answer
+    # the last may have no answer
+    begun = max((int(found[1]) for found in logs if found), default=1)
     path = folder / "answered"
     try:
         told = int(regular.read(path, "sidecar_bytes")) if os.path.lexists(path) else 0
     except ValueError:
-        raise SinkError(f"{path} is damaged: it must have the number of answers; put back a copy of it") from None
+        raise SinkError(
+            f"{path} is damaged: it must have the number of answers; put back a copy of it"
+        ) from None
     return max(begun - 1, told)
 
 
@@ -167,13 +195,16 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
     records: list[Record] = []
     size = 0
     data = regular.read(path, "events_bytes") if os.path.lexists(path) else b""
-    for number, line in enumerate(data.split(b"\n")[:-1], 1):  # after the last end of a line is what a killed process had begun
+    # after the last end of a line is what a killed process had begun
+    for number, line in enumerate(data.split(b"\n")[:-1], 1):
         try:
             body = fields.parse(line)
             fields.require(body, _LINE)
             told = body.pop("chain")
             if sealed(chain, body)[1] != told or body["number"] != number or body["pilot"] != pilot:
-                raise ValueError("it is not as it was written: this line or one before was edited or removed")
+                raise ValueError(
+                    "it is not as it was written: this line or one before was edited or removed"
+                )
             trial, answer = Trial.from_dict(body["trial"]), Answer(**body["answer"])
             datetime.fromisoformat(body["ended"])
             records.append(Record(number, trial, answer, body["displayed"], body["ended"]))
@@ -199,30 +230,40 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
     Raises
     ------
     SinkError, BadValue
-        As `read`; sessions of different definitions; a folder that has another session's name, such as a copy.
+        As `read`; sessions of different definitions; a folder that has another
+        session's name, such as a copy.
     """
     folders = sorted(p.parent for p in (Path(data) / experiment).glob("*/session.json"))
     found = [read(p, pilot) for p in folders if p.name.startswith("PILOT-") == pilot]
     for s in found:
         own = folder_of(experiment, data, s.header["participant"], s.header["session"], pilot)
         if s.folder != own:
-            raise BadValue(f"{s.folder} has the session {own.name}: a copy would count twice; move it out of {own.parent}")
+            raise BadValue(
+                f"{s.folder} has the session {own.name}: a copy would count twice; move it out of"
+                f" {own.parent}"
+            )
     if len({s.header["experiment"].get("key") for s in found}) > 1:
-        raise BadValue(f"{Path(data) / experiment} has sessions of different versions of the experiment: analyse each by itself")
+        raise BadValue(
+            f"{Path(data) / experiment} has sessions of different versions of the experiment:"
+            " analyse each by itself"
+        )
     return found
 
 
 @public
 def status(saved: Saved) -> dict[str, Any]:
-    """What the experimenter may know of a session: how far it is, its conditions blinded.
+    """What the experimenter may know of a session: how far it is, its conditions
+    blinded.
 
     Returns
     -------
     dict
-        ``participant``, ``session``, ``pilot``, ``trials``, ``training``, ``conditions`` (trials by blinded name), ``replays``,
-        ``unanswered`` (logs of presentations to which no answer came, as the device failed or the session was left),
-        ``shared`` (trials whose intervals have a shared time, as older sessions have it: see
-        `stimlib.experiments.trial.Record.time`), ``lost`` samples, ``limited`` samples, ``last`` (date and time).
+        ``participant``, ``session``, ``pilot``, ``trials``, ``training``,
+        ``conditions`` (trials by blinded name), ``replays``, ``unanswered`` (logs of
+        presentations to which no answer came, as the device failed or the session was
+        left), ``shared`` (trials whose intervals have a shared time, as older sessions
+        have it: see `stimlib.experiments.trial.Record.time`), ``lost`` samples,
+        ``limited`` samples, ``last`` (date and time).
     """
     counts: dict[str, int] = {}
     for r in saved.records:
@@ -239,14 +280,17 @@ def status(saved: Saved) -> dict[str, Any]:
         "unanswered": len(logs - {d.get("log") for d in shown_once}),
         "shared": sum(r.time == "shared" for r in saved.records),
         "lost": sum(d.get("lost", 0) for d in shown_once),
-        "limited": sum(n for d in shown_once for stage in d.get("clips", {}).values() for n in stage.values()),
+        "limited": sum(
+            n for d in shown_once for stage in d.get("clips", {}).values() for n in stage.values()
+        ),
         "last": saved.records[-1].ended if saved.records else "",
     }
 
 
 @public
 def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[Any]]:
-    """The trials that count as columns, for an analysis or a table of pandas; those of `simulate` are like them.
+    """The trials that count as columns, for an analysis or a table of pandas; those of
+    `simulate` are like them.
 
     Parameters
     ----------
@@ -257,8 +301,10 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
     Returns
     -------
     dict of str to list
-        ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``, ``chance`` (of the task), ``outcome``,
-        ``seconds``, ``replays``, ``training``, and each question that was asked by its name; None where a trial has not asked it.
+        ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``,
+        ``chance`` (of the task), ``outcome``, ``seconds``, ``replays``, ``training``,
+        and each question that was asked by its name; None where a trial has not asked
+        it.
     """
     rows = [(s, r) for s in found for r in (s.records if training else s.data)]
     questions = list(dict.fromkeys(q for _, r in rows for q in r.trial.questions))
@@ -266,7 +312,10 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
         "participant": [s.header["participant"] for s, _ in rows],
         "session": [s.header["session"] for s, _ in rows],
         "number": [r.number for _, r in rows],
-        **{k: [getattr(r.trial, k) for _, r in rows] for k in ("condition", "track", "level", "chance")},
+        **{
+            k: [getattr(r.trial, k) for _, r in rows]
+            for k in ("condition", "track", "level", "chance")
+        },
         "outcome": [r.outcome for _, r in rows],
         **{k: [getattr(r.answer, k) for _, r in rows] for k in ("seconds", "replays")},
         "training": [r.trial.training for _, r in rows],

@@ -1,4 +1,6 @@
-"""How sensation follows the stimulus: Weber's line, Fechner's and Stevens' laws, the JND from d'."""
+"""How sensation follows the stimulus: Weber's line, Fechner's and Stevens' laws, the
+JND from d'.
+"""
 
 from __future__ import annotations
 
@@ -54,13 +56,21 @@ def line(x: ArrayLike, y: ArrayLike) -> Line:
     Raises
     ------
     BadValue
-        Shapes that differ, fewer than three points, numbers that are not finite, all x the same.
+        Shapes that differ, fewer than three points, numbers that are not finite, all x
+        the same.
 
     Examples
     --------
     >>> from stimlib.experiments.scaling import line
-    >>> jnds = line([0.25, 0.5, 0.75], [0.03615, 0.0693, 0.10875])  # Çaldıran's thesis, fig. 3.6
-    >>> round(jnds.slope, 4), round(jnds.intercept, 4), round(jnds.slope_p, 4), round(jnds.r2, 3)
+    >>> jnds = line(
+    ...     [0.25, 0.5, 0.75], [0.03615, 0.0693, 0.10875]
+    ... )  # Çaldıran's thesis, fig. 3.6
+    >>> (
+    ...     round(jnds.slope, 4),
+    ...     round(jnds.intercept, 4),
+    ...     round(jnds.slope_p, 4),
+    ...     round(jnds.r2, 3),
+    ... )
     (0.1452, -0.0012, 0.0319, 0.997)
     """
     from scipy.stats import linregress, t
@@ -89,11 +99,13 @@ class Law:
     Attributes
     ----------
     name : str
-        ``"fechner"``: R = offset + gain log10(I).  ``"stevens"``: R = factor I^exponent, fitted as a line in logarithms.
+        ``"fechner"``: R = offset + gain log10(I).  ``"stevens"``: R = factor
+        I^exponent, fitted as a line in logarithms.
     line : Line
         In log10 of the stimulus, and of the rating for Stevens.
     r2 : float
-        Part of the variance of the ratings themselves that the law explains, so that the two can be compared.
+        Part of the variance of the ratings themselves that the law explains, so that
+        the two can be compared.
     aic : float
         n log(RSS/n) + 4, of the ratings: the smaller, the better.
     """
@@ -161,7 +173,8 @@ def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
     Raises
     ------
     BadValue
-        As `line`; an intensity or a rating that is not above 0; ratings that are all the same.
+        As `line`; an intensity or a rating that is not above 0; ratings that are all
+        the same.
 
     References
     ----------
@@ -196,7 +209,8 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     Parameters
     ----------
     d : array_like, shape (.., n)
-        d' of each increment; further axes (participants) are averaged over, slope by slope, as the thesis does.
+        d' of each increment; further axes (participants) are averaged over, slope by
+        slope, as the thesis does.
     increment : array_like, shape (n,)
         Above 0, in the unit of the stimulus.
 
@@ -212,7 +226,8 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
 
     References
     ----------
-    Çaldıran's thesis, section 3.7; Tan et al. (1995), Perception and Psychophysics 57:495.
+    Çaldıran's thesis, section 3.7; Tan et al. (1995), Perception and Psychophysics
+    57:495.
 
     Examples
     --------
@@ -224,7 +239,10 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     if not d.size or not step.size:
         raise BadValue("jnd_from_dprime: there is no d'")
     if d.shape[-1:] != step.shape:
-        raise BadValue(f"jnd_from_dprime: d has shape {d.shape}, so increments must be {d.shape[-1:]}, not {step.shape}")
+        raise BadValue(
+            f"jnd_from_dprime: d has shape {d.shape}, so increments must be {d.shape[-1:]}, not"
+            f" {step.shape}"
+        )
     _above("jnd_from_dprime", "increment", np.atleast_1d(step))
     slope = float(np.mean(d / step))
     return 1 / slope if slope > 0 else float("nan")
@@ -233,10 +251,15 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
 def _points(what: str, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     x, y = numbers(f"{what}: the first", x), numbers(f"{what}: the second", y)
     if x.ndim != 1 or x.shape != y.shape or x.size < 3:
-        raise BadValue(f"{what}: give two rows of one length, of at least three points; got shapes {x.shape} and {y.shape}")
+        raise BadValue(
+            f"{what}: give two rows of one length, of at least three points; got shapes {x.shape}"
+            f" and {y.shape}"
+        )
     for name, row in (("first", x), ("second", y)):
         if not np.isfinite(row).all():
-            raise BadValue(f"{what}: number {int(np.argmin(np.isfinite(row)))} of the {name} row is not finite")
+            raise BadValue(
+                f"{what}: number {int(np.argmin(np.isfinite(row)))} of the {name} row is not finite"
+            )
     if np.ptp(x) == 0:
         raise BadValue(f"{what}: all points have the same x, {x[0]:g}: a line needs two places")
     return x, y

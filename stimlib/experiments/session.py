@@ -1,19 +1,25 @@
-"""The log of a session: one line a trial, on the disk before the next stimulus; reading it gives the state again.
+"""The log of a session: one line a trial, on the disk before the next stimulus; reading
+it gives the state again.
 
-A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the name if it is none of the data:
+A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the name if it
+is none of the data:
 
 ``session.json``
     experiment, participant, number of the session, seed, versions; written once
 ``trials.jsonl``
-    one JSON object a trial: the trial as asked for, the answer, what was displayed, and a SHA-256 over this line and all before
+    one JSON object a trial: the trial as asked for, the answer, what was displayed, and
+    a SHA-256 over this line and all before
 ``answered``
-    how many lines ``trials.jsonl`` has at least: one that lost lines at its end is refused
+    how many lines ``trials.jsonl`` has at least: one that lost lines at its end is
+    refused
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.replay`
 ``spare``
-    while the session is open: room for one answer more on a disk that gets full; a trial begins where its log has room, too
+    while the session is open: room for one answer more on a disk that gets full; a
+    trial begins where its log has room, too
 
-A trial counts when its answer is written. Whatever else a killed process leaves is dropped, and that trial comes once more.
+A trial counts when its answer is written. Whatever else a killed process leaves is
+dropped, and that trial comes once more.
 """
 
 from __future__ import annotations
@@ -53,16 +59,19 @@ class Session:
     session : int
         From 1 on.
     pilot : bool
-        None of the data: its folder is called PILOT-.., each of its lines says so, and `read` refuses it.
+        None of the data: its folder is called PILOT-.., each of its lines says so, and
+        `read` refuses it.
     resume : bool
         Go on with a session that was left; otherwise there must be none.
 
     Raises
     ------
     BadValue
-        No code; a session that is there already, or is not; a log of another experiment, version or definition.
+        No code; a session that is there already, or is not; a log of another
+        experiment, version or definition.
     SinkError
-        Another process has this session; a log that was edited or is damaged; the folder cannot be written.
+        Another process has this session; a log that was edited or is damaged; the
+        folder cannot be written.
 
     Examples
     --------
@@ -78,7 +87,12 @@ class Session:
         pilot: bool = False,
         resume: bool = False,
     ):
-        self.experiment, self.participant, self.session, self.pilot = experiment, participant, session, pilot
+        self.experiment, self.participant, self.session, self.pilot = (
+            experiment,
+            participant,
+            session,
+            pilot,
+        )
         self.folder = folder_of(experiment.name, data, participant, session, pilot)
         self.design = experiment.designed(participant, session)
         self.seed = experiment.seeded(participant, session)
@@ -88,7 +102,9 @@ class Session:
         if self._resume and not self._there():
             raise BadValue(f"there is no session {self.folder} to resume: run it first")
         regular.make_folder(self.folder)
-        busy = f"another run has the session {self.folder}: one participant cannot be in two at once"
+        busy = (
+            f"another run has the session {self.folder}: one participant cannot be in two at once"
+        )
         self._lock = regular.lock(self.folder, busy)
         self._process = os.getpid()
         try:
@@ -116,11 +132,14 @@ class Session:
     def _open(self) -> None:
         self.state = self.design.init(self.seed)
         if self.design.next(self.state) is None:
-            raise BadValue(f"the design of {self.participant}, session {self.session}, has no trial")
+            raise BadValue(
+                f"the design of {self.participant}, session {self.session}, has no trial"
+            )
         if not self._resume:
             if self._there():  # only who has the lock knows
                 raise BadValue(
-                    f"{self.folder} is there already: resume it, or give another session or folder; data are never overwritten"
+                    f"{self.folder} is there already: resume it, or give another session or folder;"
+                    " data are never overwritten"
                 )
             text = json.dumps(self._header(), indent=1, allow_nan=False) + "\n"
             regular.publish(self.folder / "session.json", text)
@@ -156,20 +175,22 @@ class Session:
         wrong += [f"experiment.{k}" for k in b if k != "key" and a.get(k) != b[k]]
         if wrong or a.get("key") != b["key"]:
             raise BadValue(
-                f"{self.folder} belongs to another experiment or version: {', '.join(wrong) or 'its key'} differs. Go on with "
-                "the definition that it began with, or give another session"
+                f"{self.folder} belongs to another experiment or version:"
+                f" {', '.join(wrong) or 'its key'} differs. Go on with the definition that it began"
+                " with, or give another session"
             )
 
     def _replay(self, record: Record) -> None:
         trial = self.design.next(self.state)
         if trial is None or json.loads(json.dumps(trial.to_dict())) != record.trial.to_dict():
             raise BadValue(
-                f"{self.folder / 'trials.jsonl'}, line {record.number}: the design gives another trial there: the experiment, "
-                "stimlib or numpy was changed since. Go on with what it began with, or give another session"
+                f"{self.folder / 'trials.jsonl'}, line {record.number}: the design gives another"
+                " trial there: the experiment, stimlib or numpy was changed since. Go on with what"
+                " it began with, or give another session"
             )
         self.state = self.design.update(self.state, record.answer)
 
-    # What a runner does -------------------------------------------------------------------------------------------------
+    # What a runner does ---------------------------------------------------------------
     @property
     def number(self) -> int:
         """Of the trial that is due, from 1 on."""
@@ -183,7 +204,8 @@ class Session:
         BadValue, UnknownName
             A trial that the experiment does not allow, such as beyond its bounds.
         SinkError
-            The disk has no room for its answer, or for the log of what is displayed; or as `put`.
+            The disk has no room for its answer, or for the log of what is displayed; or
+            as `put`.
         """
         self._check_kept()
         trial = self.design.next(self.state)
@@ -193,34 +215,46 @@ class Session:
         return trial
 
     def ahead(self) -> Iterator[Trial]:
-        """Trials that may come, as whoever answers by guessing would get them, and what one may get familiar with."""
+        """Trials that may come, as whoever answers by guessing would get them, and what
+        one may get familiar with.
+        """
 
         def guess(trial: Trial, rng: np.random.Generator) -> Answer:
-            return Answer({name: self.experiment.question(name).guess(rng) for name in trial.questions})
+            return Answer(
+                {name: self.experiment.question(name).guess(rng) for name in trial.questions}
+            )
 
         for known in self.experiment.familiar(self.participant, self.session).values():
             yield Trial("familiarisation", (known,), (self.experiment.questions[0].name,))
-        yield from (trial for trial, _ in observed(self.design, self.seed, guess, stream(self.seed, "ahead")))
+        yield from (
+            trial
+            for trial, _ in observed(self.design, self.seed, guess, stream(self.seed, "ahead"))
+        )
 
     def rest(self, trial: Trial) -> float:
-        """Seconds of the pause before a trial that are still to go, also where the session was left meanwhile."""
+        """Seconds of the pause before a trial that are still to go, also where the
+        session was left meanwhile.
+        """
         wanted = max(trial.pause, self.experiment.timing.pause)
         if not self.records or wanted <= 0:
             return 0.0
-        passed = (datetime.now(UTC) - datetime.fromisoformat(self.records[-1].ended)).total_seconds()
+        passed = (
+            datetime.now(UTC) - datetime.fromisoformat(self.records[-1].ended)
+        ).total_seconds()
         return min(max(wanted - passed, 0.0), wanted)
 
     def put(self, answer: Answer, displayed: Sequence[Mapping[str, Any]] = ()) -> Record:
-        """Take the answer to the trial that is due; it is on the disk when this returns.
+        """Take the answer to the trial that is due; it is on the disk when this
+        returns.
 
         Raises
         ------
         BadValue
-            A question that is not answered, or with no answer of its kind; an answer or what was displayed is no JSON data;
-            nothing is written then.
+            A question that is not answered, or with no answer of its kind; an answer or
+            what was displayed is no JSON data; nothing is written then.
         SinkError
-            It cannot be written; another program replaced or changed ``trials.jsonl``; or this is a copy of the process
-            (``os.fork``) that opened the session.
+            It cannot be written; another program replaced or changed ``trials.jsonl``;
+            or this is a copy of the process (``os.fork``) that opened the session.
         """
         self._check_kept()
         trial = self.design.next(self.state)
@@ -228,7 +262,9 @@ class Session:
             raise BadValue(f"{self.folder}: the session is over: it takes no more answers")
         for name in trial.questions:
             if name not in answer.values:
-                raise BadValue(f"the question {name!r} is not answered: {dict(answer.values)!r:.80}")
+                raise BadValue(
+                    f"the question {name!r} is not answered: {dict(answer.values)!r:.80}"
+                )
             self.experiment.question(name).check(answer.values[name])
         state = self.design.update(self.state, answer)
         record = Record(self.number, trial, answer, list(displayed), _now())
@@ -242,9 +278,14 @@ class Session:
         return blinded(self.seed, trial.condition)
 
     def _check_kept(self) -> None:
-        """SinkError where an answer would not be kept: in a fork, or in a file that others replaced or changed."""
+        """SinkError where an answer would not be kept: in a fork, or in a file that
+        others replaced or changed.
+        """
         if self._process not in (os.getpid(), -1):
-            raise SinkError(f"process {self._process} has the session {self.folder}: only it may go on with it, no fork of it")
+            raise SinkError(
+                f"process {self._process} has the session {self.folder}: only it may go on with it,"
+                " no fork of it"
+            )
         if self._file < 0:
             return
         path, why = self.folder / "trials.jsonl", "another program replaced or changed it"
@@ -254,9 +295,12 @@ class Session:
         except OSError as e:
             kept, why = False, str(e.strerror)
         if not kept:
-            raise SinkError(f"{path} is not as this session wrote it: {why}; put it back as it was, and resume the session")
+            raise SinkError(
+                f"{path} is not as this session wrote it: {why}; put it back as it was, and resume"
+                " the session"
+            )
 
-    # The disk -----------------------------------------------------------------------------------------------------------
+    # The disk -------------------------------------------------------------------------
     def _make_room(self, trial: Trial) -> None:
         """A spare file for the answer, and free space for the log."""
         spare = self.folder / "spare"
@@ -269,21 +313,33 @@ class Session:
         disk = os.statvfs(self.folder)
         free, needed = disk.f_bavail * disk.f_frsize, self._log_bytes(trial)
         if free < needed:
-            raise SinkError(f"{self.folder}: {free} bytes are free, the log of a trial may need {needed}, {then}")
+            raise SinkError(
+                f"{self.folder}: {free} bytes are free, the log of a trial may need {needed},"
+                f" {then}"
+            )
 
     def _log_bytes(self, trial: Trial) -> int:
-        """The most that a presentation's log takes: its motion as float64, what was delivered as float32, and the rest."""
+        """The most that a presentation's log takes: its motion as float64, what was
+        delivered as float32, and the rest.
+        """
         e, t = self.experiment, self.experiment.timing
         seconds = t.before + len(trial.stimuli) * (t.interval + t.gap) + 1.0  # with the fades
         return LOG + int(e.fs * seconds) * (8 * len(e.inputs) + 4 * (len(e.outputs) + 1))
 
     def _append(self, record: Record) -> None:
-        body = {"number": record.number, "pilot": self.pilot, "trial": record.trial.to_dict(), "answer": record.answer.to_dict()}
+        body = {
+            "number": record.number,
+            "pilot": self.pilot,
+            "trial": record.trial.to_dict(),
+            "answer": record.answer.to_dict(),
+        }
         body |= {"displayed": list(record.displayed), "ended": record.ended}
         try:
             text, chain = sealed(self._chain, body)
         except (TypeError, ValueError) as e:
-            raise BadValue(f"trial {record.number}: its answer, or what was displayed, is no JSON data: {e}") from e
+            raise BadValue(
+                f"trial {record.number}: its answer, or what was displayed, is no JSON data: {e}"
+            ) from e
         data = text.encode() + b"\n"
         try:
             try:
@@ -293,7 +349,9 @@ class Session:
                     os.unlink(self.folder / "spare")
                 self._write(data)
         except OSError as e:
-            raise SinkError(f"cannot write {self.folder / 'trials.jsonl'}: {e.strerror}; the answer is not kept") from e
+            raise SinkError(
+                f"cannot write {self.folder / 'trials.jsonl'}: {e.strerror}; the answer is not kept"
+            ) from e
         self._size, self._chain = self._size + len(data), chain
         with suppress(SinkError):  # of a disk that is full: the answer is there
             regular.publish(self.folder / "answered", f"{record.number}\n")

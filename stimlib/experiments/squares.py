@@ -1,4 +1,6 @@
-"""Graeco-Latin squares: orders in which each condition meets each place, each participant and each second condition once."""
+"""Graeco-Latin squares: orders in which each condition meets each place, each
+participant and each second condition once.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +11,90 @@ from ..errors import BadValue, public
 
 _POLYNOMIALS = {4: 0b111, 8: 0b1011, 16: 0b10011, 32: 0b100101}  # irreducible over GF(2)
 
-_BORDERED = {  # order: where the second is at the border, then the two first rows without it; found by search, see _bordered
-    10: (6, (8, 5, 4, 3, 0, 2, 7, 1),
-         (3, 5, 1, 8, 6, 2, 7, 0)),
-    14: (8, (1, 6, 11, 9, 12, 5, 4, 10, 2, 8, 7, 0),
-         (9, 12, 7, 4, 1, 8, 0, 6, 2, 5, 11, 3)),
-    18: (14, (12, 14, 13, 6, 4, 3, 11, 15, 10, 1, 9, 8, 2, 0, 7, 16),
-         (10, 3, 1, 14, 0, 13, 9, 8, 15, 6, 16, 11, 7, 5, 2, 4)),
-    22: (1, (13, 17, 6, 15, 1, 20, 5, 12, 9, 18, 10, 4, 14, 19, 0, 11, 3, 7, 16, 8),
-         (0, 1, 6, 5, 17, 2, 15, 14, 16, 19, 3, 10, 8, 18, 12, 9, 7, 20, 13, 4)),
-    26: (23, (22, 1, 14, 4, 7, 23, 19, 11, 10, 17, 21, 5, 18, 2, 13, 6, 0, 24, 8, 15, 12, 16, 20, 3),
-         (5, 4, 15, 20, 13, 11, 24, 6, 16, 0, 10, 9, 2, 14, 21, 12, 1, 3, 22, 8, 7, 23, 18, 19)),
-    30: (14, (6, 9, 27, 17, 3, 14, 10, 26, 0, 21, 28, 8, 12, 23, 19, 22, 11, 1, 5, 20, 13, 7, 4, 25, 18, 16, 24, 15),
-         (24, 10, 8, 18, 15, 12, 16, 26, 22, 0, 9, 13, 5, 2, 11, 28, 4, 6, 23, 14, 21, 20, 7, 3, 1, 27, 19, 25)),
-}  # fmt: skip
+# order: where the second is at the border, then the two first rows without it; found by
+# search, see _bordered
+_BORDERED = {
+    10: (6, (8, 5, 4, 3, 0, 2, 7, 1), (3, 5, 1, 8, 6, 2, 7, 0)),
+    14: (8, (1, 6, 11, 9, 12, 5, 4, 10, 2, 8, 7, 0), (9, 12, 7, 4, 1, 8, 0, 6, 2, 5, 11, 3)),
+    18: (
+        14,
+        (12, 14, 13, 6, 4, 3, 11, 15, 10, 1, 9, 8, 2, 0, 7, 16),
+        (10, 3, 1, 14, 0, 13, 9, 8, 15, 6, 16, 11, 7, 5, 2, 4),
+    ),
+    22: (
+        1,
+        (13, 17, 6, 15, 1, 20, 5, 12, 9, 18, 10, 4, 14, 19, 0, 11, 3, 7, 16, 8),
+        (0, 1, 6, 5, 17, 2, 15, 14, 16, 19, 3, 10, 8, 18, 12, 9, 7, 20, 13, 4),
+    ),
+    26: (
+        23,
+        (22, 1, 14, 4, 7, 23, 19, 11, 10, 17, 21, 5, 18, 2, 13, 6, 0, 24, 8, 15, 12, 16, 20, 3),
+        (5, 4, 15, 20, 13, 11, 24, 6, 16, 0, 10, 9, 2, 14, 21, 12, 1, 3, 22, 8, 7, 23, 18, 19),
+    ),
+    30: (
+        14,
+        (
+            6,
+            9,
+            27,
+            17,
+            3,
+            14,
+            10,
+            26,
+            0,
+            21,
+            28,
+            8,
+            12,
+            23,
+            19,
+            22,
+            11,
+            1,
+            5,
+            20,
+            13,
+            7,
+            4,
+            25,
+            18,
+            16,
+            24,
+            15,
+        ),
+        (
+            24,
+            10,
+            8,
+            18,
+            15,
+            12,
+            16,
+            26,
+            22,
+            0,
+            9,
+            13,
+            5,
+            2,
+            11,
+            28,
+            4,
+            6,
+            23,
+            14,
+            21,
+            20,
+            7,
+            3,
+            1,
+            27,
+            19,
+            25,
+        ),
+    ),
+}
 
 
 @public
@@ -37,7 +109,8 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
     Returns
     -------
     ndarray of int, shape (n, n, 2)
-        [place in the order, participant] -> (Greek, Latin), each 0 to n - 1; it has gone through `check_graeco_latin`.
+        [place in the order, participant] -> (Greek, Latin), each 0 to n - 1; it has
+        gone through `check_graeco_latin`.
 
     Raises
     ------
@@ -46,13 +119,15 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    Odd n: i + j and 2 i + j modulo n. Powers of 2: the same in the field GF(n), products of the two for multiples of 4 (Bose
-    1938). Other even n: squares that go on along their diagonals, with a border (Wanless 2004, Diagonally cyclic Latin squares,
+    Odd n: i + j and 2 i + j modulo n. Powers of 2: the same in the field GF(n),
+    products of the two for multiples of 4 (Bose 1938). Other even n: squares that go on
+    along their diagonals, with a border (Wanless 2004, Diagonally cyclic Latin squares,
     European Journal of Combinatorics 25, 393-413).
 
     Examples
     --------
-    The references and permutations of four participants (as in Çaldıran's thesis, table 3.1, with another square):
+    The references and permutations of four participants (as in Çaldıran's thesis, table
+    3.1, with another square):
 
     >>> from stimlib.experiments.squares import graeco_latin
     >>> for row in graeco_latin(4):
@@ -64,7 +139,9 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
     """
     if not isinstance(n, int) or not 3 <= n <= 32 or n == 6:
         why = "there is none of that order" if n in (2, 6) else "the orders known here are 3 to 32"
-        raise BadValue(f"graeco_latin({n!r}): {why}; take one that has a square, such as {5 if n == 6 else 4}")
+        raise BadValue(
+            f"graeco_latin({n!r}): {why}; take one that has a square, such as {5 if n == 6 else 4}"
+        )
     even = n & -n  # the largest power of 2 in n
     if even == 2:
         square = _bordered(n)
@@ -76,7 +153,8 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
 
 @public
 def check_graeco_latin(square: ArrayLike) -> None:
-    """Raise a BadValue, with the place, unless each letter is once in each row and column, and each pair once in all.
+    """Raise a BadValue, with the place, unless each letter is once in each row and
+    column, and each pair once in all.
 
     Parameters
     ----------
@@ -88,7 +166,12 @@ def check_graeco_latin(square: ArrayLike) -> None:
 
     >>> from stimlib.experiments.squares import check_graeco_latin
     >>> table = "bA gD zB tC", "gB bC tA zD", "zC tB bD gA", "tD zA gC bB"
-    >>> check_graeco_latin([[("bgzt".index(g), "ABCD".index(k)) for g, k in row.split()] for row in table])
+    >>> check_graeco_latin(
+    ...     [
+    ...         [("bgzt".index(g), "ABCD".index(k)) for g, k in row.split()]
+    ...         for row in table
+    ...     ]
+    ... )
     """
     s = np.asarray(square)
     if s.ndim != 3 or s.shape[0] != s.shape[1] or s.shape[2] != 2:
@@ -98,11 +181,16 @@ def check_graeco_latin(square: ArrayLike) -> None:
         for what, lines in (("row", s[:, :, k]), ("column", s[:, :, k].T)):
             for i, line in enumerate(lines):
                 if sorted(line.tolist()) != list(range(n)):
-                    raise BadValue(f"{what} {i + 1} has not each {letters} letter once: {line.tolist()}")
+                    raise BadValue(
+                        f"{what} {i + 1} has not each {letters} letter once: {line.tolist()}"
+                    )
     pairs, counts = np.unique(s.reshape(-1, 2), axis=0, return_counts=True)
     if len(pairs) != n * n:
         twice = pairs[counts > 1][0].tolist()
-        raise BadValue(f"the pair {twice} is there {counts.max()} times: the two Latin squares are not orthogonal")
+        raise BadValue(
+            f"the pair {twice} is there {counts.max()} times: the two Latin squares are not"
+            " orthogonal"
+        )
 
 
 def _cyclic(n: int) -> NDArray[np.int64]:
@@ -124,10 +212,12 @@ def _product(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _bordered(n: int) -> NDArray[np.int64]:
-    """Two squares that go on along their diagonals, cell (i, j) = i + f(j - i) modulo n - 1; the border has the rest.
+    """Two squares that go on along their diagonals, cell (i, j) = i + f(j - i) modulo n
+    - 1; the border has the rest.
 
-    Of f, f(d) and f(d) - d are each all numbers but one: these go to the last column and the last row. The two squares are
-    orthogonal because the differences of their f, with those of the border, are all numbers once.
+    Of f, f(d) and f(d) - d are each all numbers but one: these go to the last column
+    and the last row. The two squares are orthogonal because the differences of their f,
+    with those of the border, are all numbers once.
     """
     g = n - 1
     at, *rows = _BORDERED[n]

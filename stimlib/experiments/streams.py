@@ -1,4 +1,6 @@
-"""Random numbers by purpose: a stream for each key of words, so that one more condition changes no other draw."""
+"""Random numbers by purpose: a stream for each key of words, so that one more condition
+changes no other draw.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
     Examples
     --------
     >>> from stimlib.experiments.streams import stream
-    >>> stream(1, "order").integers(10, size=4).tolist() == stream(1, "order").integers(10, size=4).tolist()
+    >>> stream(1, "order").integers(10, size=4).tolist() == stream(1, "order").integers(
+    ...     10, size=4
+    ... ).tolist()
     True
     >>> bool(stream(1, "order").random() == stream(1, "start").random())
     False
@@ -50,7 +54,8 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
 
 @public
 def seed_of(seed: int, *words: str | int) -> int:
-    """A seed of 53 bits for one purpose, such as the noise of a trial; parameters as for `stream`.
+    """A seed of 53 bits for one purpose, such as the noise of a trial; parameters as
+    for `stream`.
 
     Examples
     --------

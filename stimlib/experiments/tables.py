@@ -11,7 +11,9 @@ from ..errors import BadValue, UnknownName, public
 from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
-"""A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a DataFrame is one, too."""
+"""A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a
+DataFrame is one, too.
+"""
 
 
 @public
@@ -41,10 +43,14 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     if isinstance(by, str):
         raise BadValue(f"by = {by!r} must be a list of columns: [{by!r}]")
     if missing := [name for name in by if name not in columns]:
-        raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
+        raise UnknownName(
+            f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}"
+        )
     rows = {str(name): list(columns[name]) for name in columns}
     if len({len(column) for column in rows.values()}) > 1:
-        raise BadValue(f"columns differ in length: {', '.join(f'{k} {len(v)}' for k, v in rows.items())}")
+        raise BadValue(
+            f"columns differ in length: {', '.join(f'{k} {len(v)}' for k, v in rows.items())}"
+        )
     found: dict[tuple[Any, ...], dict[str, list[Any]]] = {}
     for row in zip(*rows.values(), strict=True):
         named = dict(zip(rows, row, strict=True))
@@ -55,13 +61,16 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
 
 
 @public
-def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), **how: Any) -> dict[tuple[Any, ...], Fit]:
+def fitted(
+    columns: Columns, by: Sequence[str] = ("participant", "condition"), **how: Any
+) -> dict[tuple[Any, ...], Fit]:
     """A psychometric function for each group.
 
     Parameters
     ----------
     columns : dict of str to sequence
-        With ``level``, ``outcome`` (1 for more), ``chance`` (of the task, if there is one), and those of ``by``.
+        With ``level``, ``outcome`` (1 for more), ``chance`` (of the task, if there is
+        one), and those of ``by``.
     by : sequence of str
     **how
         As `stimlib.experiments.fits.psychometric`.
@@ -74,18 +83,26 @@ def fitted(columns: Columns, by: Sequence[str] = ("participant", "condition"), *
     Examples
     --------
     >>> from stimlib.experiments.tables import fitted
-    >>> answers = {"who": ["a"] * 6, "level": [1, 2, 3, 1, 2, 3], "outcome": [0, 1, 0, 0, 0, 1]}
+    >>> answers = {
+    ...     "who": ["a"] * 6,
+    ...     "level": [1, 2, 3, 1, 2, 3],
+    ...     "outcome": [0, 1, 0, 0, 0, 1],
+    ... }
     >>> fitted(answers, ["who"])[("a",)].trials
     6
     """
     if missing := [name for name in ("level", "outcome") if name not in columns]:
-        raise UnknownName(f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}")
+        raise UnknownName(
+            f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}"
+        )
     groups = grouped(columns, by)
     return psychometrics(groups, **how)
 
 
 @public
-def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> list[dict[str, Any]]:
+def plain(
+    rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()
+) -> list[dict[str, Any]]:
     """Results as rows of names and values.
 
     Parameters
@@ -106,8 +123,14 @@ def plain(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
         return [_fields(row) for row in rows]
     keys = [key if isinstance(key, tuple) else (key,) for key in rows]
     if wrong := [key for key in keys if len(key) != len(names)]:
-        raise BadValue(f"results by {wrong[0]!r}, and names {tuple(names)!r}: give a name for each part of a key")
-    return [dict(zip(names, key, strict=True)) | _fields(row) for key, row in zip(keys, rows.values(), strict=True)]
+        raise BadValue(
+            f"results by {wrong[0]!r}, and names {tuple(names)!r}: give a name for each part of"
+            " a key"
+        )
+    return [
+        dict(zip(names, key, strict=True)) | _fields(row)
+        for key, row in zip(keys, rows.values(), strict=True)
+    ]
 
 
 def _fields(row: Any) -> dict[str, Any]:
@@ -116,7 +139,11 @@ def _fields(row: Any) -> dict[str, Any]:
     own = {f.name: getattr(row, f.name) for f in dataclasses.fields(row)}
     if isinstance(row, Fit):
         del own["data"]
-    return own | {"jnd": row.jnd, "slope": row.slope, "intercept": row.intercept} if isinstance(row, Fit) else own
+    return (
+        own | {"jnd": row.jnd, "slope": row.slope, "intercept": row.intercept}
+        if isinstance(row, Fit)
+        else own
+    )
 
 
 @public
@@ -135,16 +162,21 @@ def frame(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
     Raises
     ------
     MissingPackage
-        pandas is not installed: ``pip install 'stimlib[experiments]'``; `plain` needs it not.
+        pandas is not installed: ``pip install 'stimlib[experiments]'``; `plain` needs
+        it not.
 
     Examples
     --------
     >>> from stimlib.experiments.compare import dunn
     >>> from stimlib.experiments.tables import frame
-    >>> frame(dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]}))[["a", "b", "p"]].round(4)
+    >>> frame(dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]}))[
+    ...     ["a", "b", "p"]
+    ... ].round(4)
        a  b       p
     0  a  b  1.0000
     1  a  c  0.0760
     2  b  c  0.2209
     """
-    return package("pandas", "a table of results", "'stimlib[experiments]'").DataFrame(plain(rows, names))
+    return package("pandas", "a table of results", "'stimlib[experiments]'").DataFrame(
+        plain(rows, names)
+    )

@@ -1,7 +1,7 @@
 """Tasks: how a level becomes a trial, and what its answers count for.
 
-A task is a value with ``trial(level, seed, n)``; ``n`` counts the trials of its design.  What is drawn has a stream of its own
-for each purpose, condition and trial.
+A task is a value with ``trial(level, seed, n)``; ``n`` counts the trials of its design.
+What is drawn has a stream of its own for each purpose, condition and trial.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class Task(Protocol):
 @public
 @dc.dataclass(frozen=True)
 class Pair:
-    """Sequential two-alternative forced choice: a standard and a comparison, in random order (the UGrip paper, section 2.2).
+    """Sequential two-alternative forced choice: a standard and a comparison, in random
+    order (the UGrip paper, section 2.2).
 
     Parameters
     ----------
@@ -41,10 +42,12 @@ class Pair:
     choices : (str, str)
         Of the question: what says the first, what the second interval.
     asks_less : bool
-        Whether the question asks which has less of what the level raises, such as "softer" of a stiffness.
+        Whether the question asks which has less of what the level raises, such as
+        "softer" of a stiffness.
     detection : bool, optional
-        Whether the standard is no stimulus at all, so that chance level is 0.5.  By default it is where
-        ``standard`` sets ``varies`` to 0; say True where the standard is a scene of its own.
+        Whether the standard is no stimulus at all, so that chance level is 0.5.  By
+        default it is where ``standard`` sets ``varies`` to 0; say True where the
+        standard is a scene of its own.
 
     Raises
     ------
@@ -53,15 +56,22 @@ class Pair:
 
     Notes
     -----
-    The score of an answer is 1 where it says that the comparison has more.  Each trial says its
-    chance level, and `stimlib.experiments.fits.psychometric` and `stimlib.experiments.quest.Quest`
-    take it from there.
+    The score of an answer is 1 where it says that the comparison has more.  Each trial
+    says its chance level, and `stimlib.experiments.fits.psychometric` and
+    `stimlib.experiments.quest.Quest` take it from there.
 
     Examples
     --------
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Pair("silent", "softer", Stimulus("squeeze", {"k": 2000.0}), Stimulus("squeeze"), "k", asks_less=True)
+    >>> task = Pair(
+    ...     "silent",
+    ...     "softer",
+    ...     Stimulus("squeeze", {"k": 2000.0}),
+    ...     Stimulus("squeeze"),
+    ...     "k",
+    ...     asks_less=True,
+    ... )
     >>> trial = task.trial(5000.0, seed=1, n=0)
     >>> [s.params["k"] for s in trial.stimuli], trial.scores
     ([2000.0, 5000.0], {'first': 1.0, 'second': 0.0})
@@ -81,7 +91,10 @@ class Pair:
     def __post_init__(self):
         for name in ("standard", "comparison"):
             if not isinstance(v := getattr(self, name), Stimulus):
-                raise BadValue(f"Pair {self.condition!r}: {name} = {v!r:.80} must be a Stimulus, such as Stimulus('spring')")
+                raise BadValue(
+                    f"Pair {self.condition!r}: {name} = {v!r:.80} must be a Stimulus, such as"
+                    " Stimulus('spring')"
+                )
 
     @property
     def chance(self) -> float | None:
@@ -91,21 +104,38 @@ class Pair:
 
     def trial(self, level: float, seed: int, n: int) -> Trial:
         """Both stimuli, each with noise of its own, and what each choice counts for."""
-        comparison = dc.replace(self.comparison, params={**self.comparison.params, self.varies: level}, name="comparison")
-        pair = [dc.replace(self.standard, name="standard", seed=seed_of(seed, "noise", self.condition, n))]
-        pair.append(dc.replace(comparison, seed=seed_of(seed, "noise of the comparison", self.condition, n)))
-        second = bool(stream(seed, "order", self.condition, n).integers(2))  # whether the comparison comes second
+        comparison = dc.replace(
+            self.comparison,
+            params={**self.comparison.params, self.varies: level},
+            name="comparison",
+        )
+        pair = [
+            dc.replace(
+                self.standard, name="standard", seed=seed_of(seed, "noise", self.condition, n)
+            )
+        ]
+        pair.append(
+            dc.replace(comparison, seed=seed_of(seed, "noise of the comparison", self.condition, n))
+        )
+        # whether the comparison comes second
+        second = bool(stream(seed, "order", self.condition, n).integers(2))
         says_comparison = self.choices[second]
         scores = {c: float((c == says_comparison) != self.asks_less) for c in self.choices}
         return Trial(
-            self.condition, tuple(pair if second else pair[::-1]), (self.question,), level, scores=scores, chance=self.chance
+            self.condition,
+            tuple(pair if second else pair[::-1]),
+            (self.question,),
+            level,
+            scores=scores,
+            chance=self.chance,
         )
 
 
 @public
 @dc.dataclass(frozen=True)
 class Identify:
-    """One-interval two-alternative forced choice: which of two known stimuli was that (Çaldıran's thesis, section 3.1)?
+    """One-interval two-alternative forced choice: which of two known stimuli was that
+    (Çaldıran's thesis, section 3.1)?
 
     Parameters
     ----------
@@ -113,7 +143,8 @@ class Identify:
     question : str
         Name of a question whose choices are the names of the stimuli.
     stimuli : dict of str to Stimulus
-        Two, by the choice that is right; the first is the signal, whose choice counts 1.
+        Two, by the choice that is right; the first is the signal, whose choice counts
+        1.
 
     Raises
     ------
@@ -124,7 +155,9 @@ class Identify:
     --------
     >>> from stimlib.experiments.tasks import Identify
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Identify("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
+    >>> task = Identify(
+    ...     "0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")}
+    ... )
     >>> task.trial("green", seed=1, n=0).correct
     {'bouncier': 'green'}
     """
@@ -135,21 +168,37 @@ class Identify:
 
     def __post_init__(self):
         if len(self.stimuli) != 2:
-            raise BadValue(f"Identify {self.condition!r}: give two stimuli, by their choices; got {list(self.stimuli)}")
+            raise BadValue(
+                f"Identify {self.condition!r}: give two stimuli, by their choices; got"
+                f" {list(self.stimuli)}"
+            )
 
     def trial(self, level: str, seed: int, n: int) -> Trial:
         """The stimulus of this name; the trial's level is 1 for the signal, else 0."""
         if level not in self.stimuli:
-            raise UnknownName(f"Identify {self.condition!r}: no stimulus {level!r}; there are {', '.join(self.stimuli)}")
-        shown = dc.replace(self.stimuli[level], name=level, seed=seed_of(seed, "noise", self.condition, n))
+            raise UnknownName(
+                f"Identify {self.condition!r}: no stimulus {level!r}; there are"
+                f" {', '.join(self.stimuli)}"
+            )
+        shown = dc.replace(
+            self.stimuli[level], name=level, seed=seed_of(seed, "noise", self.condition, n)
+        )
         scores = {c: 1.0 - i for i, c in enumerate(self.stimuli)}
-        return Trial(self.condition, (shown,), (self.question,), scores[level], scores=scores, correct={self.question: level})
+        return Trial(
+            self.condition,
+            (shown,),
+            (self.question,),
+            scores[level],
+            scores=scores,
+            correct={self.question: level},
+        )
 
 
 @public
 @dc.dataclass(frozen=True)
 class Show:
-    """A stimulus and questions about it: ratings (the touch-screen thesis), nodules to find and to rank (Li et al. 2016).
+    """A stimulus and questions about it: ratings (the touch-screen thesis), nodules to
+    find and to rank (Li et al. 2016).
 
     Parameters
     ----------
@@ -163,7 +212,9 @@ class Show:
     --------
     >>> from stimlib.experiments.tasks import Show
     >>> from stimlib.experiments.trial import Stimulus
-    >>> Show("sine 2", ("roughness", "bumpiness"), Stimulus("bumps", {"amplitude": 4.0})).trial(None, 1, 0).questions
+    >>> Show(
+    ...     "sine 2", ("roughness", "bumpiness"), Stimulus("bumps", {"amplitude": 4.0})
+    ... ).trial(None, 1, 0).questions
     ('roughness', 'bumpiness')
     """
 

@@ -1,10 +1,13 @@
-"""What a trial is, as plain data: stimuli in their order, what is asked, and what was answered.
+"""What a trial is, as plain data: stimuli in their order, what is asked, and what was
+answered.
 
-A *design* decides what comes next.  It is a value with three pure functions over plain JSON data, so that the answers
-in a log, put through ``update`` one after the other, give the state in which a session was left:
+A *design* decides what comes next.  It is a value with three pure functions over plain
+JSON data, so that the answers in a log, put through ``update`` one after the other,
+give the state in which a session was left:
 
 ``init(seed) -> State``
-    the state before the first trial; everything that is drawn is drawn from `stimlib.experiments.streams.stream`
+    the state before the first trial; everything that is drawn is drawn from
+    `stimlib.experiments.streams.stream`
 ``next(state) -> Trial or None``
     the trial that is due, None at the end
 ``update(state, answer) -> State``
@@ -38,9 +41,11 @@ class Stimulus:
     params : dict of str to float
         Parameters that differ from the scene's.
     seed : int
-        Key of its noise in its interval: stimuli of one seed have the same noise, those of different seeds independent ones.
+        Key of its noise in its interval: stimuli of one seed have the same noise, those
+        of different seeds independent ones.
     name : str
-        What it is called in the analysis, such as "standard"; nobody sees it during the session.
+        What it is called in the analysis, such as "standard"; nobody sees it during the
+        session.
     """
 
     scene: str
@@ -57,9 +62,11 @@ class Answer:
     Parameters
     ----------
     values : dict of str to JSON data
-        By the name of the question: one of its choices, a rating, a ranking (list of names), places (list of [x, y]).
+        By the name of the question: one of its choices, a rating, a ranking (list of
+        names), places (list of [x, y]).
     seconds : float, optional
-        From the first question on, which is asked some tenths of a second after the end of the last stimulus.
+        From the first question on, which is asked some tenths of a second after the end
+        of the last stimulus.
     replays : int
         How often the stimuli were asked for again.
     """
@@ -93,7 +100,8 @@ class Trial:
     track : str
         The staircase that this trial belongs to, if there are several.
     scores : dict of str to float
-        What each choice of the first question counts for: 1 for "the comparison is more", or for "yes, it was the signal".
+        What each choice of the first question counts for: 1 for "the comparison is
+        more", or for "yes, it was the signal".
     correct : dict of str to JSON data
         The right answers by question, where there are any: for feedback.
     training : bool
@@ -101,16 +109,24 @@ class Trial:
     pause : float
         Seconds of rest that are due before this trial; they cannot be cut short.
     chance : float, optional
-        Chance level: how often the outcome is 1 where the stimulus cannot be felt, 1/m where the right
-        one of m intervals is to be found, 0 for yes or no.  None: a comparison, whose curve is
-        symmetric.  Fits take it from here.
+        Chance level: how often the outcome is 1 where the stimulus cannot be felt, 1/m
+        where the right one of m intervals is to be found, 0 for yes or no.  None: a
+        comparison, whose curve is symmetric.  Fits take it from here.
 
     Examples
     --------
     >>> from stimlib.experiments.trial import Answer, Stimulus, Trial, outcome
     >>> pair = Stimulus("squeeze", {"k": 5000.0}), Stimulus("squeeze", {"k": 2000.0})
-    >>> trial = Trial("silent", pair, ("softer",), level=5000.0, scores={"first": 0.0, "second": 1.0})
-    >>> outcome(trial, Answer({"softer": "second"}))  # the comparison, which was first, felt stiffer
+    >>> trial = Trial(
+    ...     "silent",
+    ...     pair,
+    ...     ("softer",),
+    ...     level=5000.0,
+    ...     scores={"first": 0.0, "second": 1.0},
+    ... )
+    >>> outcome(
+    ...     trial, Answer({"softer": "second"})
+    ... )  # the comparison, which was first, felt stiffer
     1.0
     >>> Trial.from_dict(trial.to_dict()) == trial
     True
@@ -130,7 +146,10 @@ class Trial:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON data."""
-        return dc.asdict(self) | {"stimuli": [dc.asdict(s) for s in self.stimuli], "questions": list(self.questions)}
+        return dc.asdict(self) | {
+            "stimuli": [dc.asdict(s) for s in self.stimuli],
+            "questions": list(self.questions),
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -141,7 +160,8 @@ class Trial:
 
 @dc.dataclass(frozen=True)
 class Record:
-    """A trial that was answered: one line of a session's log, and what the analysis is made from.
+    """A trial that was answered: one line of a session's log, and what the analysis is
+    made from.
 
     Attributes
     ----------
@@ -151,7 +171,8 @@ class Record:
         As it was asked for.
     answer : Answer
     displayed : list of dict
-        What came out, each time that it was displayed: see `stimlib.experiments.present.present`.
+        What came out, each time that it was displayed: see
+        `stimlib.experiments.present.present`.
     ended : str
         Date and time of the answer, ISO 8601, UTC.
     """
@@ -166,8 +187,9 @@ class Record:
     def time(self) -> str:
         """Say how the intervals of what was displayed last were made.
 
-        "own": each is a rendering of its stimulus alone. "shared", as older sessions have it: all are windows on one run,
-        whose time, states and noise begin with the trial. "": it was not displayed by `present`.
+        "own": each is a rendering of its stimulus alone. "shared", as older sessions
+        have it: all are windows on one run, whose time, states and noise begin with the
+        trial. "": it was not displayed by `present`.
         """
         shown = self.displayed[-1] if self.displayed else {}
         return shown.get("time", "shared" if "intervals" in shown else "")
@@ -190,12 +212,15 @@ class Design(Protocol):
 
 
 Observer = Callable[[Trial, np.random.Generator], Answer]
-"""Somebody who answers: a simulated one draws from the generator and from nothing else."""
+"""Somebody who answers: a simulated one draws from the generator and from nothing
+else.
+"""
 
 
 @public
 def outcome(trial: Trial, answer: Answer) -> Any:
-    """What an answer to the first question counts for: its score where the trial has scores, else the answer itself.
+    """What an answer to the first question counts for: its score where the trial has
+    scores, else the answer itself.
 
     Raises
     ------
@@ -223,12 +248,17 @@ def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answ
     """
     answer = called("the observer", observer, trial, rng)
     if not isinstance(answer, Answer):
-        raise BadValue(f"the observer gives {answer!r:.80} where it must give an Answer, such as Answer({{'softer': 'first'}})")
+        raise BadValue(
+            f"the observer gives {answer!r:.80} where it must give an Answer, such as"
+            " Answer({'softer': 'first'})"
+        )
     return answer
 
 
 @public
-def observed(design: Design, seed: int, observer: Observer, rng: np.random.Generator) -> Iterator[tuple[Trial, Answer]]:
+def observed(
+    design: Design, seed: int, observer: Observer, rng: np.random.Generator
+) -> Iterator[tuple[Trial, Answer]]:
     """A whole session of a simulated observer, without any sample being rendered.
 
     Parameters

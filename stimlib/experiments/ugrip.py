@@ -1,6 +1,7 @@
 """Does vibration make an object feel softer?  The UGrip paper's experiment, section 2.
 
-"A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see docs/reference/papers.rst.
+"A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see
+docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -34,16 +35,19 @@ A0 = 3.4  # gain of the vibration
 BOUNDS = K0 / 8, 8 * K0  # ours: they protect the hand, and no observer who attends comes near
 FINGERS = {"one finger": 1, "two fingers": 2}
 VIBRATION = {"silent": 0.0, "vibrating": A0}
-SQUEEZES = {f"x{n}": minimum_jerk(depth=0.005) for n in FINGERS.values()}  # ours, of a simulated hand
-TIMING = Timing(interval=3.0, gap=0.5)  # ours: with it 300 trials and six minutes of rest take the paper's 45 minutes
+# ours, of a simulated hand
+SQUEEZES = {f"x{n}": minimum_jerk(depth=0.005) for n in FINGERS.values()}
+# ours: with it 300 trials and six minutes of rest take the paper's 45 minutes
+TIMING = Timing(interval=3.0, gap=0.5)
 
 
 @public
 def ugrip(reversals: int = 20) -> Experiment:
-    """The experiment: four pairs of interleaved staircases, which of two objects is softer?
+    """The experiment: four pairs of interleaved staircases, which of two objects is
+    softer?
 
-    One pair for each of one or two fingers, with and without vibration of the comparison: 64 staircases of 8 participants,
-    and 32 fits.
+    One pair for each of one or two fingers, with and without vibration of the
+    comparison: 64 staircases of 8 participants, and 32 fits.
 
     Parameters
     ----------
@@ -53,7 +57,8 @@ def ugrip(reversals: int = 20) -> Experiment:
     Returns
     -------
     Experiment
-        Its ``observer`` feels the rendered forces, see `feels`; its ``analysis`` is `comparisons`.
+        Its ``observer`` feels the rendered forces, see `feels`; its ``analysis`` is
+        `comparisons`.
 
     Raises
     ------
@@ -62,14 +67,19 @@ def ugrip(reversals: int = 20) -> Experiment:
 
     References
     ----------
-    The UGrip paper, sections 2.1 to 2.3.  Ours: bounds, length of an interval, gap, and the movement of a simulated hand.
+    The UGrip paper, sections 2.1 to 2.3.  Ours: bounds, length of an interval, gap, and
+    the movement of a simulated hand.
 
     Examples
     --------
     >>> from stimlib.experiments.ugrip import ugrip
     >>> design = ugrip().designed("P01")
     >>> trial = design.next(design.init(seed=1))
-    >>> trial.condition, trial.track, [{k: round(v) for k, v in s.params.items()} for s in trial.stimuli]
+    >>> (
+    ...     trial.condition,
+    ...     trial.track,
+    ...     [{k: round(v) for k, v in s.params.items()} for s in trial.stimuli],
+    ... )
     ('one finger, silent', 'one finger, silent low', [{'A': 0, 'k': 924}, {'k': 2000, 'A': 0}])
     """
     return Experiment(
@@ -77,11 +87,17 @@ def ugrip(reversals: int = 20) -> Experiment:
         version="1",
         scenes={scene: squeeze(fingers=n) for scene, n in FINGERS.items()},
         design=Parts(
-            {f"{fingers}, {name}": _pair(fingers, name, reversals) for fingers in FINGERS for name in VIBRATION},
+            {
+                f"{fingers}, {name}": _pair(fingers, name, reversals)
+                for fingers in FINGERS
+                for name in VIBRATION
+            },
             pause=120.0,
             shuffle=True,
         ),
-        questions=(choice("softer", "Which one was softer, the first or the second?", "first", "second"),),
+        questions=(
+            choice("softer", "Which one was softer, the first or the second?", "first", "second"),
+        ),
         fs=8000.0,
         safety=Safety(full_scale=100.0, peak=100.0, static=37.0),
         bounds={"k": BOUNDS},
@@ -95,20 +111,31 @@ def ugrip(reversals: int = 20) -> Experiment:
 
 def _pair(scene: str, name: str, reversals: int) -> Interleaved:
     """A staircase from above and one from below, of one condition."""
-    standard, comparison = Stimulus(scene, {"k": K0, "A": 0.0}), Stimulus(scene, {"A": VIBRATION[name]})
+    standard, comparison = (
+        Stimulus(scene, {"k": K0, "A": 0.0}),
+        Stimulus(scene, {"A": VIBRATION[name]}),
+    )
     task = Pair(f"{scene}, {name}", "softer", standard, comparison, varies="k", asks_less=True)
     starts = {"high": (2 * K0, 2.5 * K0), "low": (K0 / 2.5, K0 / 2)}
-    return Interleaved({track: Staircase(task, start, BOUNDS, reversals=reversals) for track, start in starts.items()})
+    return Interleaved(
+        {
+            track: Staircase(task, start, BOUNDS, reversals=reversals)
+            for track, start in starts.items()
+        }
+    )
 
 
-# Who answers -----------------------------------------------------------------------------------------------------------
-SPREAD = {"one finger": 1 / 7.9, "two fingers": 1 / 17.5}  # of log10 k: the slopes without vibration, section 2.3
-SOFTER = {"one finger": 316.0, "two fingers": 0.0}  # a point of subjective equality of 2.34 N/mm for one finger
+# Who answers --------------------------------------------------------------------------
+# of log10 k: the slopes without vibration, section 2.3
+SPREAD = {"one finger": 1 / 7.9, "two fingers": 1 / 17.5}
+# a point of subjective equality of 2.34 N/mm for one finger
+SOFTER = {"one finger": 316.0, "two fingers": 0.0}
 
 
 @public
 def feels(softer: float) -> Measure:
-    """Stiffness as somebody feels it who takes vibration for displacement, as the paper's discussion has it.
+    """Stiffness as somebody feels it who takes vibration for displacement, as the
+    paper's discussion has it.
 
     k = sum(F x)/sum(x x), less by the factor 1 + softer rms(F - k x)/rms(k x).
 
@@ -127,7 +154,13 @@ def feels(softer: float) -> Measure:
     >>> import stimlib
     >>> from stimlib.experiments.ugrip import SQUEEZES, feels
     >>> from stimlib.sweep import measured
-    >>> object = stimlib.render(stimlib.scenes.squeeze(A=0.0), SQUEEZES, fs=8000, seconds=1.0, params={"k": 1500.0})
+    >>> object = stimlib.render(
+    ...     stimlib.scenes.squeeze(A=0.0),
+    ...     SQUEEZES,
+    ...     fs=8000,
+    ...     seconds=1.0,
+    ...     params={"k": 1500.0},
+    ... )
     >>> {name: round(v, 6) for name, v in measured(object, feels(316.0)).items()}
     {'stiffness': 1500.0}
     """
@@ -148,8 +181,8 @@ def person(rng: np.random.Generator | None = None) -> Observer:
     Parameters
     ----------
     rng : Generator, optional
-        Draws how much vibration deceives, with a standard deviation of 0.8 of the mean: one of ten feels the contrary (of the
-        paper's eight two did).  None is the mean.
+        Draws how much vibration deceives, with a standard deviation of 0.8 of the mean:
+        one of ten feels the contrary (of the paper's eight two did).  None is the mean.
 
     Returns
     -------
@@ -164,7 +197,9 @@ def person(rng: np.random.Generator | None = None) -> Observer:
     each = {}
     for name, n in FINGERS.items():
         scenes, error = {name: squeeze(fingers=n)}, SPREAD[name] / 2**0.5
-        each[name] = Listener(scenes, SQUEEZES, 8000.0, TIMING.interval, feels(much * SOFTER[name]), error, log=True)
+        each[name] = Listener(
+            scenes, SQUEEZES, 8000.0, TIMING.interval, feels(much * SOFTER[name]), error, log=True
+        )
 
     def answers(trial: Trial, rng: np.random.Generator) -> Answer:
         return each[trial.stimuli[0].scene](trial, rng)
@@ -172,7 +207,7 @@ def person(rng: np.random.Generator | None = None) -> Observer:
     return answers
 
 
-# What they answered ----------------------------------------------------------------------------------------------------
+# What they answered -------------------------------------------------------------------
 QUESTIONS = (
     ("pse", "one finger, silent", "one finger, vibrating", "2.02, 2.34: F > 5.6, p < .03"),
     ("slope", "one finger, silent", "one finger, vibrating", "F = 2.0, p > .17"),
@@ -183,7 +218,9 @@ QUESTIONS = (
     ("pse", "one finger, silent", "two fingers, silent", "F > 2.3, p > .15"),
     ("slope", "one finger, silent", "two fingers, silent", "7.9, 17.5: F = 4.7, p < .05"),
 )
-"""Section 2.3, in its order: what is compared, of which conditions, and what is printed."""
+"""Section 2.3, in its order: what is compared, of which conditions, and what is
+printed.
+"""
 
 
 @dataclass(frozen=True)
@@ -193,14 +230,16 @@ class Comparison:
     Attributes
     ----------
     what, a, b : str
-        "pse" (N/mm), "slope" or "intercept" of the probit over log10(k / (N/mm)), and the conditions.
+        "pse" (N/mm), "slope" or "intercept" of the probit over log10(k / (N/mm)), and
+        the conditions.
     mean_a, mean_b : float
     people : int
         With a fit in both.
     F, p : float
         Within people, F(1, n - 1).
     F_as_printed, p_as_printed : float
-        Of the same numbers taken for those of different people, F(1, 2n - 2): what the paper's pairs of F and p fit.
+        Of the same numbers taken for those of different people, F(1, 2n - 2): what the
+        paper's pairs of F and p fit.
     printed : str
         In the paper.
     """
@@ -220,19 +259,25 @@ class Comparison:
 
 @public
 def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], Fit]:
-    """The 32 psychometric functions, probit over log10 of the comparison's stiffness in N/mm, by participant and condition.
+    """The 32 psychometric functions, probit over log10 of the comparison's stiffness in
+    N/mm, by participant and condition.
 
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` or `stimlib.experiments.observers.simulate` gives them.
+        As `stimlib.experiments.saved.columns` or
+        `stimlib.experiments.observers.simulate` gives them.
     interval : {"profile", "bootstrap", "none"}
 
     Examples
     --------
     See :doc:`/reference/experiments_ugrip`.
     """
-    return fitted({**answers, "level": [level / 1000 for level in answers["level"]]}, log=True, interval=interval)
+    return fitted(
+        {**answers, "level": [level / 1000 for level in answers["level"]]},
+        log=True,
+        interval=interval,
+    )
 
 
 @public
@@ -242,7 +287,8 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
     Parameters
     ----------
     answers : dict of str to sequence
-        As `fits`; at least two participants with fits in both conditions of each comparison.
+        As `fits`; at least two participants with fits in both conditions of each
+        comparison.
 
     Raises
     ------
@@ -260,7 +306,19 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
         pairs = np.array([[getattr(found[who, c], what) for c in (a, b)] for who in people])
         x, y = pairs[np.isfinite(pairs).all(axis=1)].T
         within, between = paired(x, y), anova({a: x, b: y})
-        return Comparison(what, a, b, x.mean(), y.mean(), x.size, within.value**2, within.p, between.value, between.p, printed)
+        return Comparison(
+            what,
+            a,
+            b,
+            x.mean(),
+            y.mean(),
+            x.size,
+            within.value**2,
+            within.p,
+            between.value,
+            between.p,
+            printed,
+        )
 
     return tuple(test(*asked) for asked in QUESTIONS)
 
@@ -272,12 +330,24 @@ def text(rows: Iterable[Comparison]) -> str:
     Examples
     --------
     >>> from stimlib.experiments.ugrip import Comparison, text
-    >>> one = Comparison("pse", "one finger, silent", "one finger, vibrating", 2.0, 2.3, 8, 9.0, 0.02, 6.0, 0.03, "F > 5.6")
+    >>> one = Comparison(
+    ...     "pse",
+    ...     "one finger, silent",
+    ...     "one finger, vibrating",
+    ...     2.0,
+    ...     2.3,
+    ...     8,
+    ...     9.0,
+    ...     0.02,
+    ...     6.0,
+    ...     0.03,
+    ...     "F > 5.6",
+    ... )
     >>> print(text([one]))
     pse        one finger, silent     2.00  one finger, vibrating  2.30  F(1, 7) =  9.00, p = .020  paper: F > 5.6
     """
     return "\n".join(
-        f"{r.what:<9}  {r.a:<21} {r.mean_a:5.2f}  {r.b:<21} {r.mean_b:5.2f}  F(1, {r.people - 1}) = {r.F:5.2f}, "
-        f"p = {f'{r.p:.3f}'.lstrip('0')}  paper: {r.printed}"
+        f"{r.what:<9}  {r.a:<21} {r.mean_a:5.2f}  {r.b:<21} {r.mean_b:5.2f}  F(1, {r.people - 1}) ="
+        f" {r.F:5.2f}, p = {f'{r.p:.3f}'.lstrip('0')}  paper: {r.printed}"
         for r in rows
     )

@@ -1,11 +1,13 @@
 """The file sink: a processor's outputs in an audio file, and back.
 
-Every file NAME has a sidecar NAME.json that says what the samples are, because no audio format has room for a unit.
-Both are complete or absent: they are written beside their place and moved there at the end. The bytes of both depend
-on the signal and on the versions in the sidecar only; there are no dates in them.
+Every file NAME has a sidecar NAME.json that says what the samples are, because no audio
+format has room for a unit. Both are complete or absent: they are written beside their
+place and moved there at the end. The bytes of both depend on the signal and on the
+versions in the sidecar only; there are no dates in them.
 
-While a file is written, NAME.part has its samples so far and NAME.part.json says what they are. The header of NAME.part is
-kept up to date, so a run that is killed leaves a file that can be read; `recover` makes NAME of it.
+While a file is written, NAME.part has its samples so far and NAME.part.json says what
+they are. The header of NAME.part is kept up to date, so a run that is killed leaves a
+file that can be read; `recover` makes NAME of it.
 """
 
 from __future__ import annotations
@@ -34,11 +36,22 @@ from ..run.rendering import Rendering, fault_text
 from ..run.walk import rows_of, walk
 from ..version import __version__
 from .draft import PIECE, reading, reason, sha256, soundfile
-from .formats import FORMATS, Array, check_format, encode, format_of, full_scales, interleaved, physical
+from .formats import (
+    FORMATS,
+    Array,
+    check_format,
+    encode,
+    format_of,
+    full_scales,
+    interleaved,
+    physical,
+)
 from .publish import Put, check_place, check_size, publish
 from .sidecar import FileReport, describe, hint, load, sidecar_of
 
-STEP = 1.0  # s of signal that is written at once, at most; a killed run can lose three: one being made, two being written
+# s of signal that is written at once, at most; a killed run can lose three: one being
+# made, two being written
+STEP = 1.0
 NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 
 
@@ -56,28 +69,36 @@ def write(
     progress: bool | str = True,
     overwrite: bool = True,
 ) -> FileReport:
-    """Run a processor over a motion and write its outputs to an audio file with a sidecar.
+    """Run a processor over a motion and write its outputs to an audio file with a
+    sidecar.
 
-    The processor goes on from the state it is in; time 0 of the motion is the first sample written. The file's samples
-    are value / full_scale: rounded once to float32 in FLOAT, as they are in DOUBLE. In FLAC they are the 24-bit codes
-    rint(value / full_scale * 2**23), half to even, limited to -2**23 .. 2**23 - 1; the samples limited are counted.
+    The processor goes on from the state it is in; time 0 of the motion is the first
+    sample written. The file's samples are value / full_scale: rounded once to float32
+    in FLOAT, as they are in DOUBLE. In FLAC they are the 24-bit codes rint(value /
+    full_scale * 2**23), half to even, limited to -2**23 .. 2**23 - 1; the samples
+    limited are counted.
 
-    Memory does not grow with the duration. What was written is read back and compared before it gets its name. If anything
-    fails, or on an interrupt, whatever was at ``path`` before is still there and nothing is left beside it. A run that is
-    killed outright leaves ``path`` + ".part", of which `recover` makes a file; it lacks three seconds of signal at most.
+    Memory does not grow with the duration. What was written is read back and compared
+    before it gets its name. If anything fails, or on an interrupt, whatever was at
+    ``path`` before is still there and nothing is left beside it. A run that is killed
+    outright leaves ``path`` + ".part", of which `recover` makes a file; it lacks three
+    seconds of signal at most.
 
-    The motion is asked for and the processor runs in the thread that calls; hashing, coding and writing go on in others.
+    The motion is asked for and the processor runs in the thread that calls; hashing,
+    coding and writing go on in others.
 
     Parameters
     ----------
     path : path
-        Where to write; the sidecar is ``path`` + ".json". The suffix says the format: .wav (up to 4 GiB), .rf64, .w64,
-        .caf or .flac.
+        Where to write; the sidecar is ``path`` + ".json". The suffix says the format:
+        .wav (up to 4 GiB), .rf64, .w64, .caf or .flac.
     proc : Processor
-        x (n_inputs, n) -> y (n_outputs, n); one channel per output, in the processor's order.
+        x (n_inputs, n) -> y (n_outputs, n); one channel per output, in the processor's
+        order.
     motion : mapping of input name to function or array
-        Per input of the processor, a function of time (array of n/fs in s -> array of the same shape, in the input's
-        unit), or an array, one value per sample, at least as long as the file.
+        Per input of the processor, a function of time (array of n/fs in s -> array of
+        the same shape, in the input's unit), or an array, one value per sample, at
+        least as long as the file.
     seconds : float, s
         Duration, rounded to whole samples.
     format : {"wav", "rf64", "w64", "caf", "flac"}, optional
@@ -85,15 +106,17 @@ def write(
     subtype : {"FLOAT", "DOUBLE", "PCM_24"}, optional
         FLOAT (default) or DOUBLE; PCM_24 in FLAC.
     full_scale : float or mapping of output name to float, optional
-        Value, in the output's unit, that is 1.0 in the file; 1 in the output's unit by default. One number serves all
-        outputs only if they have the same unit. FLAC needs it: it has nothing above full scale.
+        Value, in the output's unit, that is 1.0 in the file; 1 in the output's unit by
+        default. One number serves all outputs only if they have the same unit. FLAC
+        needs it: it has nothing above full scale.
     block : int
         Samples per call of the processor; no effect on the bytes.
     progress : bool or "always"
-        A progress bar on stderr: True if that is a terminal, "always" even if not, False never.
+        A progress bar on stderr: True if that is a terminal, "always" even if not,
+        False never.
     overwrite : bool
-        Whether a file that exists may be replaced; a link there is replaced, not followed. If not, a file that comes while
-        this one is written is left alone too.
+        Whether a file that exists may be replaced; a link there is replaced, not
+        followed. If not, a file that comes while this one is written is left alone too.
 
     Returns
     -------
@@ -104,12 +127,14 @@ def write(
     BadValue
         A number out of range, or a motion of the wrong shape or not finite.
     UnknownName
-        An input without a motion, or a motion or full scale for something that does not exist.
+        An input without a motion, or a motion or full scale for something that does not
+        exist.
     UnitError
         One full scale for outputs with different units.
     SinkError
-        The place cannot be written, or is just being written by another run; the disk is full; the format cannot hold the
-        signal; another program changed the file while it was written; a link or a pipe has one of the names NAME.part,
+        The place cannot be written, or is just being written by another run; the disk
+        is full; the format cannot hold the signal; another program changed the file
+        while it was written; a link or a pipe has one of the names NAME.part,
         NAME.part.json, NAME.new.part and NAME.json.part.
     FaultError
         The processor reports a fault; no file is written.
@@ -117,16 +142,25 @@ def write(
     Warns
     -----
     RuntimeWarning
-        Samples pass full scale: a float format keeps them, and players and most sound cards clip them; FLAC has clipped them.
-        A generator moves faster than a hand, as for ``render``.
+        Samples pass full scale: a float format keeps them, and players and most sound
+        cards clip them; FLAC has clipped them. A generator moves faster than a hand, as
+        for ``render``.
 
     Examples
     --------
     >>> import stimlib, tempfile
-    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> scene = stimlib.Scene(
+    ...     {"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> spring = stimlib.compile(scene, fs=8000)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     report = write(folder + "/spring.wav", spring, {"x": lambda t: 0.02 * t}, seconds=1.0, full_scale=50.0)
+    ...     report = write(
+    ...         folder + "/spring.wav",
+    ...         spring,
+    ...         {"x": lambda t: 0.02 * t},
+    ...         seconds=1.0,
+    ...         full_scale=50.0,
+    ...     )
     ...     y, sidecar = read(folder + "/spring.wav")
     >>> report.frames, round(report.peak["force"], 3)
     (8000, 39.995)
@@ -139,9 +173,13 @@ def write(
 
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
         warn_fast(sources, proc.scene, frames / proc.fs, proc.fs)
-        return (y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=min(int(block), most)))
+        return (
+            y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=min(int(block), most))
+        )
 
-    return _write(Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite)
+    return _write(
+        Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite
+    )
 
 
 @public
@@ -155,7 +193,8 @@ def save(
     progress: bool | str = False,
     overwrite: bool = True,
 ) -> FileReport:
-    """Write the samples of a rendering as `write` would have written them; ``Rendering.save`` is this.
+    """Write the samples of a rendering as `write` would have written them;
+    ``Rendering.save`` is this.
 
     Parameters
     ----------
@@ -179,7 +218,9 @@ def save(
     Examples
     --------
     >>> import numpy as np, stimlib, tempfile
-    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> scene = stimlib.Scene(
+    ...     {"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> rendering = stimlib.render(scene, {"x": np.array([0.0, 0.01])}, fs=8000)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = save(folder + "/spring.wav", rendering, subtype="DOUBLE")
@@ -189,7 +230,8 @@ def save(
     path, y, frames = Path(path), rendering.y, rendering.y.shape[1]
     if rendering.fault is not None:
         raise FaultError(fault_text(*rendering.fault, rendering.fs, f"{path} was not written"))
-    proc = Processor(rendering.scene, rendering.fs, seed=rendering.seed)  # for what it says: it does not run
+    # for what it says: it does not run
+    proc = Processor(rendering.scene, rendering.fs, seed=rendering.seed)
     for name, value in rendering.params.items():
         if value != proc.params[name]:
             proc.set(name, value, ramp=0.0)
@@ -197,7 +239,18 @@ def save(
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
         return (y[:, at : at + most] for at in range(0, frames, most))
 
-    return _write(path, proc, rendering.motion, frames, blocks, format, subtype, full_scale, progress, overwrite)
+    return _write(
+        path,
+        proc,
+        rendering.motion,
+        frames,
+        blocks,
+        format,
+        subtype,
+        full_scale,
+        progress,
+        overwrite,
+    )
 
 
 def _write(
@@ -223,7 +276,10 @@ def _write(
     warn_beyond(proc.program, proc.fs, frames)
     if proc.fault is not None:
         name, index = proc.fault
-        raise FaultError(f"output {name} stopped earlier, at sample {index} of the processor: reset it; {path} was not written")
+        raise FaultError(
+            f"output {name} stopped earlier, at sample {index} of the processor: reset it; {path}"
+            " was not written"
+        )
 
     info: dict[str, Any] = {
         "stimlib": __version__,
@@ -232,7 +288,8 @@ def _write(
         "fs": proc.fs,
         "frames": frames,
         "channels": [
-            {"name": n, "unit": proc.units[n], "full_scale": s} for n, s in zip(proc.outputs, scales.tolist(), strict=True)
+            {"name": n, "unit": proc.units[n], "full_scale": s}
+            for n, s in zip(proc.outputs, scales.tolist(), strict=True)
         ],
         "seed": proc.seed,
         "params": dict(proc.params),
@@ -264,7 +321,9 @@ def _run(
     scales: Array,
     progress: bool | str,
 ) -> tuple[NDArray[np.int64], Array, str]:
-    """Write the samples beside their place; clips and peaks per output, and the hash of the signal."""
+    """Write the samples beside their place; clips and peaks per output, and the hash of
+    the signal.
+    """
     outputs, fs, first = proc.outputs, proc.fs, proc.index
     clips = np.zeros(len(outputs), dtype=np.int64)
     peak = np.zeros(len(outputs))
@@ -276,10 +335,16 @@ def _run(
     def stored(y: Array) -> None:
         np.maximum(peak, np.abs(y).max(axis=1), out=peak)
         samples, clipped = encode(y, scales, subtype, outputs)
-        if peak.max() > NEARLY and not (good := np.isfinite(physical(samples, scales)).all(axis=1)).all():
+        if (
+            peak.max() > NEARLY
+            and not (good := np.isfinite(physical(samples, scales)).all(axis=1)).all()
+        ):
             name = outputs[int(np.argmin(good))]
             remedy = "use DOUBLE and a power of two up to 2.0**1023 as full_scale"
-            raise SinkError(f"output {name} is too near the largest float to be read back from {subtype}: {remedy}")
+            raise SinkError(
+                f"output {name} is too near the largest float to be read back from {subtype}:"
+                f" {remedy}"
+            )
         clips[:] += clipped
         put(samples)
 
@@ -294,23 +359,38 @@ def _run(
 
 
 def _beyond(report: FileReport, info: dict[str, Any]) -> str:
-    """Which outputs pass full scale, what becomes of them, and the remedy; empty where none does."""
+    """Which outputs pass full scale, what becomes of them, and the remedy; empty where
+    none does.
+    """
     peaks = {c["name"]: report.peak[c["name"]] for c in info["channels"]}
     passed = [c for c in info["channels"] if peaks[c["name"]] > c["full_scale"]]
     if not passed:
         return ""
-    told = ", ".join(f"{c['name']} reaches {peaks[c['name']]:.4g} {c['unit']} of {c['full_scale']:g}" for c in passed)
+    told = ", ".join(
+        f"{c['name']} reaches {peaks[c['name']]:.4g} {c['unit']} of {c['full_scale']:g}"
+        for c in passed
+    )
     if len({c["unit"] for c in info["channels"]}) == 1:
         needed = f"{1.01 * max(peaks.values()):.3g}"
     else:
         needed = ", ".join(f"{name}: {1.01 * peak:.3g}" for name, peak in peaks.items() if peak > 0)
-    then = "players clip there, though the file does not" if info["subtype"] != "PCM_24" else "the file is clipped there"
-    return shown(f"{report.path}: samples pass full scale ({told}); {then}: give a full scale (--full-scale) of {needed}")
+    then = (
+        "players clip there, though the file does not"
+        if info["subtype"] != "PCM_24"
+        else "the file is clipped there"
+    )
+    return shown(
+        f"{report.path}: samples pass full scale ({told}); {then}: give a full scale (--full-scale)"
+        f" of {needed}"
+    )
 
 
 @public
-def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float32]], info: dict[str, Any]) -> FileReport:
-    """Write frames as they are, such as those that a device was given, with the laws of `write`.
+def write_frames(
+    path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float32]], info: dict[str, Any]
+) -> FileReport:
+    """Write frames as they are, such as those that a device was given, with the laws of
+    `write`.
 
     Parameters
     ----------
@@ -318,8 +398,8 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
         With a suffix of a format that holds floats.
     blocks : iterable of ndarray of float32, shape (n, channels)
     info : dict
-        The sidecar, with fs, frames and channels (a list of name, unit, full_scale); it is completed here, as that of a file
-        without a scene.
+        The sidecar, with fs, frames and channels (a list of name, unit, full_scale); it
+        is completed here, as that of a file without a scene.
 
     Returns
     -------
@@ -333,7 +413,11 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> info = {"fs": 8000.0, "frames": 2, "channels": [{"name": "force", "unit": "N", "full_scale": 50.0}]}
+    >>> info = {
+    ...     "fs": 8000.0,
+    ...     "frames": 2,
+    ...     "channels": [{"name": "force", "unit": "N", "full_scale": 50.0}],
+    ... }
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     report = write_frames(folder + "/a.wav", [np.float32([[0.5], [1.0]])], info)
     ...     read(folder + "/a.wav")[0]
@@ -342,12 +426,22 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
     path = Path(path)
     floats = [f".{name.lower()}" for name, subtypes in FORMATS.items() if "FLOAT" in subtypes]
     if path.suffix.lower() not in floats:
-        raise SinkError(f"frames are floats and are written as they are: {path.name!r} must end in one of {', '.join(floats)}")
+        raise SinkError(
+            f"frames are floats and are written as they are: {path.name!r} must end in one of"
+            f" {', '.join(floats)}"
+        )
     format, subtype = format_of(path, None, "FLOAT")
     fs, frames, names = info["fs"], info["frames"], [c["name"] for c in info["channels"]]
     check_format(format, subtype, fs, len(names), frames)
     check_place(path, sidecar_of(path), True)
-    blank: dict[str, Any] = {"stimlib": __version__, "format": format, "subtype": subtype, "seed": 0, "params": {}, "index": 0}
+    blank: dict[str, Any] = {
+        "stimlib": __version__,
+        "format": format,
+        "subtype": subtype,
+        "seed": 0,
+        "params": {},
+        "index": 0,
+    }
     blank |= {"log": [], "motion": {}, "scene": {}, "scene_hash": "", "definitions": {}}
     scales = np.array([c["full_scale"] for c in info["channels"]])
 
@@ -363,7 +457,8 @@ def write_frames(path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float
 
 @public
 def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
-    """Read a file that `write` wrote, in physical units, and check it against its sidecar.
+    """Read a file that `write` wrote, in physical units, and check it against its
+    sidecar.
 
     Parameters
     ----------
@@ -373,21 +468,25 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     Returns
     -------
     y : ndarray of float64, shape (n_outputs, frames)
-        The file's samples times full scale, in the units of ``sidecar["channels"]``. With a full scale that is a power
-        of two, DOUBLE gives back every bit of the signal and FLOAT its float32 rounding.
+        The file's samples times full scale, in the units of ``sidecar["channels"]``.
+        With a full scale that is a power of two, DOUBLE gives back every bit of the
+        signal and FLOAT its float32 rounding.
     sidecar : dict
-        stimlib (version), format, subtype, fs (Hz), frames, channels (a list of name, unit, full_scale, clips, peak),
-        seed, params (when the file began), index (samples that the processor had done before), log (what `Processor.set`
-        had changed, the `Change`s), motion, scene, scene_hash, definitions (the files of your own blocks: a record),
-        versions, sha256 (of the signal before it was scaled and rounded: the float64 values in physical units,
-        little-endian, all outputs of sample 0, then of sample 1, ...) and file_sha256 (of the audio file). With index 0,
-        scene, seed, log and motion give the signal again. A file that was
-        recovered also has recovered; see `recover`.
+        stimlib (version), format, subtype, fs (Hz), frames, channels (a list of name,
+        unit, full_scale, clips, peak), seed, params (when the file began), index
+        (samples that the processor had done before), log (what `Processor.set` had
+        changed, the `Change`s), motion, scene, scene_hash, definitions (the files of
+        your own blocks: a record), versions, sha256 (of the signal before it was scaled
+        and rounded: the float64 values in physical units, little-endian, all outputs of
+        sample 0, then of sample 1, ...) and file_sha256 (of the audio file). With index
+        0, scene, seed, log and motion give the signal again. A file that was recovered
+        also has recovered; see `recover`.
 
     Raises
     ------
     SinkError
-        When a file is missing, cannot be read, is truncated, or does not belong to its sidecar.
+        When a file is missing, cannot be read, is truncated, or does not belong to its
+        sidecar.
 
     Examples
     --------
@@ -407,33 +506,45 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         with open(regular.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
             if (f.samplerate, f.channels) != (info["fs"], len(scales)):
                 raise SinkError(
-                    f"{sidecar} does not belong to {path}: it says {len(scales)} channels at {info['fs']:g} Hz, "
-                    f"the file has {f.channels} at {f.samplerate} Hz"
+                    f"{sidecar} does not belong to {path}: it says {len(scales)} channels at"
+                    f" {info['fs']:g} Hz, the file has {f.channels} at {f.samplerate} Hz"
                 )
             # a FLAC file whose end was never written says 2**63 - 1 frames
             if f.frames < frames or f.frames == 2**63 - 1:
-                raise SinkError(f"{path} is truncated: {sidecar} says {frames} frames, the file has fewer")
+                raise SinkError(
+                    f"{path} is truncated: {sidecar} says {frames} frames, the file has fewer"
+                )
             if f.frames > frames:
-                raise SinkError(f"{sidecar} does not belong to {path}: {frames} frames against {f.frames}")
+                raise SinkError(
+                    f"{sidecar} does not belong to {path}: {frames} frames against {f.frames}"
+                )
             check_size(path, raw, frames, len(scales))
             if sha256(raw) != info["file_sha256"]:
-                raise SinkError(f"{sidecar} does not belong to {path}, or the file was changed: file_sha256 differs{hint(path)}")
+                raise SinkError(
+                    f"{sidecar} does not belong to {path}, or the file was changed: file_sha256"
+                    f" differs{hint(path)}"
+                )
             if f.subtype != info["subtype"]:
-                raise SinkError(f"{sidecar} does not belong to {path}: {info['subtype']} against {f.subtype}")
+                raise SinkError(
+                    f"{sidecar} does not belong to {path}: {info['subtype']} against {f.subtype}"
+                )
             return _samples(path, f, scales, frames), info
     except soundfile().SoundFileError as e:
-        raise SinkError(f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})") from e
+        raise SinkError(
+            f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})"
+        ) from e
 
 
 @public
 def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], float]:
-    """Return a sound file as a scene that passes its channels on, what drives it, and its sample rate.
+    """Return a sound file as a scene that passes its channels on, what drives it, and
+    its sample rate.
 
     Parameters
     ----------
     path : path
-        A file of `write` is in its physical units; of any other sound file the outputs are channel1, channel2, ..,
-        without a unit.
+        A file of `write` is in its physical units; of any other sound file the outputs
+        are channel1, channel2, .., without a unit.
 
     Returns
     -------
@@ -454,7 +565,9 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     >>> import stimlib, tempfile
     >>> scene = stimlib.Scene({"force": stimlib.constant(2.0, "N")})
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = stimlib.render(scene, fs=1000, seconds=0.003).save(folder + "/a.wav", full_scale=4.0)
+    ...     _ = stimlib.render(scene, fs=1000, seconds=0.003).save(
+    ...         folder + "/a.wav", full_scale=4.0
+    ...     )
     ...     as_scene(folder + "/a.wav")
     (Scene(force [N] -> force [N]), {'force': array([2., 2., 2.])}, 1000.0)
     """
@@ -465,14 +578,24 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     else:
         try:
             with open(regular.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
-                limits.check("render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples")
+                limits.check(
+                    "render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples"
+                )
                 y, info["fs"] = f.read(dtype="float64", always_2d=True).T, f.samplerate
         except soundfile().SoundFileError as e:
-            raise SinkError(f"{path} cannot be read: it is damaged, or no sound file ({reason(e)})") from e
+            raise SinkError(
+                f"{path} cannot be read: it is damaged, or no sound file ({reason(e)})"
+            ) from e
     if not y.size or not np.isfinite(y).all():
-        raise SinkError(f"{path} has no samples, or some that are not finite: there is nothing to play")
-    channels = info.get("channels") or [{"name": f"channel{k + 1}", "unit": "1"} for k in range(len(y))]
-    scene = Scene({c["name"]: Input(c["name"], "" if c["unit"] == "1" else c["unit"]) for c in channels})
+        raise SinkError(
+            f"{path} has no samples, or some that are not finite: there is nothing to play"
+        )
+    channels = info.get("channels") or [
+        {"name": f"channel{k + 1}", "unit": "1"} for k in range(len(y))
+    ]
+    scene = Scene(
+        {c["name"]: Input(c["name"], "" if c["unit"] == "1" else c["unit"]) for c in channels}
+    )
     return scene, dict(zip(scene.outputs, np.ascontiguousarray(y), strict=True)), float(info["fs"])
 
 
@@ -481,7 +604,9 @@ def _samples(path: Path, f: Any, scales: Array, frames: int) -> Array:
     try:
         y = np.empty((len(scales), frames))
     except MemoryError:
-        raise SinkError(f"{path}: {frames} frames of {len(scales)} channels do not fit into memory") from None
+        raise SinkError(
+            f"{path}: {frames} frames of {len(scales)} channels do not fit into memory"
+        ) from None
     at = 0
     while at < frames:
         part = f.read(PIECE, dtype="int32" if f.subtype == "PCM_24" else "float64", always_2d=True)

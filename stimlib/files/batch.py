@@ -1,4 +1,6 @@
-"""Many scenes into many files: the stimuli of an experiment, with the order in which to present them."""
+"""Many scenes into many files: the stimuli of an experiment, with the order in which to
+present them.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from . import audio as file
 
 
 def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
-    """For each repetition a random order of n stimuli, the same on every machine and in every version.
+    """For each repetition a random order of n stimuli, the same on every machine and in
+    every version.
 
     Parameters
     ----------
@@ -37,7 +40,9 @@ def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
     >>> [sorted(o) for o in order(4, 2, seed=1)]
     [[0, 1, 2, 3], [0, 1, 2, 3]]
     """
-    return [sorted(range(n), key=lambda i: int(noise_key(seed, i, r, 2))) for r in range(repetitions)]
+    return [
+        sorted(range(n), key=lambda i: int(noise_key(seed, i, r, 2))) for r in range(repetitions)
+    ]
 
 
 def render_set(
@@ -54,10 +59,12 @@ def render_set(
     workers: int | None = None,
     progress: bool = True,
 ) -> Path:
-    """Render scenes into FOLDER/NAME.wav each, and write FOLDER/index.json with the order of presentation.
+    """Render scenes into FOLDER/NAME.wav each, and write FOLDER/index.json with the
+    order of presentation.
 
-    Files that are already there and whole, from the same scene, motion, length and seed, are kept: a set that was
-    interrupted is resumed.  Each file appears whole or not at all; the bytes do not depend on the number of workers.
+    Files that are already there and whole, from the same scene, motion, length and
+    seed, are kept: a set that was interrupted is resumed.  Each file appears whole or
+    not at all; the bytes do not depend on the number of workers.
 
     Parameters
     ----------
@@ -66,7 +73,8 @@ def render_set(
     scenes : dict of str to Scene
         By file name without suffix.
     motion : dict of str to motion
-        Of every scene's inputs: generators of ``stimlib.motion.generators``, or float64 arrays.
+        Of every scene's inputs: generators of ``stimlib.motion.generators``, or float64
+        arrays.
     seconds, fs : float
         Length in s, sample rate in Hz.
     seed : int
@@ -90,7 +98,8 @@ def render_set(
     Raises
     ------
     BadValue
-        No scenes, a name that is not a plain file name, repetitions below 1; and as ``file.write``.
+        No scenes, a name that is not a plain file name, repetitions below 1; and as
+        ``file.write``.
     SinkError
         As ``file.write``.
     KeyboardInterrupt
@@ -102,9 +111,14 @@ def render_set(
     >>> from stimlib.files.batch import render_set
     >>> from stimlib.motion.generators import constant_speed
     >>> x = stimlib.Input("x", "m")
-    >>> scenes = {f"k{k}": stimlib.Scene({"force": stimlib.constant(k, "N/m") * x}) for k in (100, 200)}
+    >>> scenes = {
+    ...     f"k{k}": stimlib.Scene({"force": stimlib.constant(k, "N/m") * x})
+    ...     for k in (100, 200)
+    ... }
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     index = render_set(folder, scenes, {"x": constant_speed(0.02, 0.1)}, seconds=0.1, workers=1)
+    ...     index = render_set(
+    ...         folder, scenes, {"x": constant_speed(0.02, 0.1)}, seconds=0.1, workers=1
+    ...     )
     ...     sorted(p.name for p in index.parent.iterdir())
     ['index.json', 'k100.wav', 'k100.wav.json', 'k200.wav', 'k200.wav.json']
     """
@@ -116,7 +130,8 @@ def render_set(
         raise BadValue(f"render_set: repetitions = {repetitions} must be at least 1")
     folder = regular.make_folder(folder)
     jobs = {
-        name: (folder / (name + suffix), scene, dict(motion), seconds, fs, seed, full_scale) for name, scene in scenes.items()
+        name: (folder / (name + suffix), scene, dict(motion), seconds, fs, seed, full_scale)
+        for name, scene in scenes.items()
     }
     with bar("rendering", len(jobs), progress) as advance:
         todo = {n: job for n, job in jobs.items() if not _is_there(*job)}
@@ -138,12 +153,28 @@ def render_set(
     return path
 
 
-def _write(path: Path, scene: Scene, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> None:
+def _write(
+    path: Path,
+    scene: Scene,
+    motion: dict,
+    seconds: float,
+    fs: float,
+    seed: int,
+    full_scale: float | None,
+) -> None:
     proc = compile(scene, fs, seed=seed)
     file.write(path, proc, motion, seconds, full_scale=full_scale, progress=False)
 
 
-def _is_there(path: Path, scene: Scene, motion: dict, seconds: float, fs: float, seed: int, full_scale: float | None) -> bool:
+def _is_there(
+    path: Path,
+    scene: Scene,
+    motion: dict,
+    seconds: float,
+    fs: float,
+    seed: int,
+    full_scale: float | None,
+) -> bool:
     """Whether a whole file of exactly this job is there already."""
     try:
         _, sidecar = file.read(path)
@@ -152,7 +183,8 @@ def _is_there(path: Path, scene: Scene, motion: dict, seconds: float, fs: float,
     if not all(callable(m) for m in motion.values()):
         return False  # in a sidecar all arrays are alike
     return (
-        (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"]) == (scene.to_dict(), fs, round(seconds * fs), seed)
+        (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"])
+        == (scene.to_dict(), fs, round(seconds * fs), seed)
         and sidecar["motion"] == {name: repr(m) for name, m in motion.items()}
         and all(c["full_scale"] == (full_scale or 1.0) for c in sidecar["channels"])
         and sidecar["stimlib"] == file.__version__

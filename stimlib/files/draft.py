@@ -1,7 +1,8 @@
-"""A sound file on its way to its place: written through a descriptor of its own, and compared with what was put in it.
+"""A sound file on its way to its place: written through a descriptor of its own, and
+compared with what was put in it.
 
-Libsndfile gets the descriptor and no name, so nobody can put a link or a pipe in its way; what is read back is what has been
-written, whatever has that name by then.
+Libsndfile gets the descriptor and no name, so nobody can put a link or a pipe in its
+way; what is read back is what has been written, whatever has that name by then.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ PIECE = 1 << 16  # frames that are read at once
 
 
 class Draft:
-    """A new sound file, open for writing; its header is right after every write, so that a killed run leaves a file.
+    """A new sound file, open for writing; its header is right after every write, so
+    that a killed run leaves a file.
 
     Parameters
     ----------
@@ -44,7 +46,8 @@ class Draft:
     Raises
     ------
     SinkError
-        The place cannot be written; later: the disk is full, or another program changed the file.
+        The place cannot be written; later: the disk is full, or another program changed
+        the file.
     """
 
     def __init__(self, path: Path, at: Path, fs: int, channels: int, format: str, subtype: str):
@@ -56,7 +59,13 @@ class Draft:
         try:
             with disk(path, self.raw):
                 self._sound = sf.SoundFile(
-                    self.raw.fileno(), "w", samplerate=fs, channels=channels, subtype=subtype, format=format, closefd=False
+                    self.raw.fileno(),
+                    "w",
+                    samplerate=fs,
+                    channels=channels,
+                    subtype=subtype,
+                    format=format,
+                    closefd=False,
                 )
                 sf._snd.sf_command(self._sound._file, UPDATE_HEADER_AUTO, sf._ffi.NULL, 1)
         except BaseException:
@@ -67,12 +76,15 @@ class Draft:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        with self._busy, suppress(soundfile().SoundFileError):  # an error before is the one to report
+        # an error before is the one to report
+        with self._busy, suppress(soundfile().SoundFileError):
             self._sound.close()
         self.raw.close()
 
     def put(self, samples: NDArray[Any]) -> None:
-        """Append samples, shape (n, channels), of the type of the subtype; ``seal`` proves that they are there."""
+        """Append samples, shape (n, channels), of the type of the subtype; ``seal``
+        proves that they are there.
+        """
         self._put.update(np.ascontiguousarray(samples).data)
         self.append(samples)
 
@@ -82,10 +94,13 @@ class Draft:
         with self._busy, disk(self.path, self.raw):
             self._sound.write(samples)
             if self._sound.frames != self.frames:
-                raise AssertionError("short write")  # soundfile's own assertion, which python -O removes
+                # soundfile's own assertion, which python -O removes
+                raise AssertionError("short write")
 
     def seal(self) -> str:
-        """Complete the file, have it on the disk and prove that it holds what was put; its sha256."""
+        """Complete the file, have it on the disk and prove that it holds what was put;
+        its sha256.
+        """
         with disk(self.path, self.raw):
             self._sound.close()
             _undate(self.raw.fileno())
@@ -99,7 +114,9 @@ class Draft:
                         give(part)
                         hashed += len(part)
 
-                hash_to(1)  # always before it is read: who changes the file after it was proven changes its hash
+                # always before it is read: who changes the file after it was proven
+                # changes its hash
+                hash_to(1)
                 with suppress(soundfile().SoundFileError), reading(self.raw) as f:
                     most = PIECE * 8 * f.channels + (1 << 16)  # bytes, of one reading
                     while frames <= self.frames:
@@ -114,9 +131,11 @@ class Draft:
         return digest.hexdigest()
 
     def _changed(self) -> SinkError:
-        # libsndfile reports an error of the disk at once, except when it completes a FLAC file: then it is silent
+        # libsndfile reports an error of the disk at once, except when it completes a
+        # FLAC file: then it is silent
         return SinkError(
-            f"cannot write {self.path}: {_reason(self.raw) or f'another program changed {self.at.name} while it was written'}"
+            f"cannot write {self.path}:"
+            f" {_reason(self.raw) or f'another program changed {self.at.name} while it was written'}"
         )
 
     def is_at(self, path: Path) -> bool:
@@ -134,7 +153,9 @@ class Draft:
 
 
 def move(source: Path, path: Path, overwrite: bool) -> None:
-    """Give a file its name; without overwrite, SinkError where something has this name, from whenever it may be."""
+    """Give a file its name; without overwrite, SinkError where something has this name,
+    from whenever it may be.
+    """
     if overwrite:
         os.replace(source, path)
         return
@@ -144,7 +165,8 @@ def move(source: Path, path: Path, overwrite: bool) -> None:
         except OSError as e:
             if e.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK):
                 raise
-            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))  # no links here: take the name first
+            # no links here: take the name first
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
             os.replace(source, path)
         else:
             os.unlink(source)
@@ -182,7 +204,9 @@ def reason(error: Exception) -> str:
 
 @contextmanager
 def disk(path: Path, raw: Any = None) -> Iterator[None]:
-    """What goes wrong inside is an error of the disk or of libsndfile, not of the processor or the motion."""
+    """What goes wrong inside is an error of the disk or of libsndfile, not of the
+    processor or the motion.
+    """
     try:
         yield
     except SinkError:
@@ -194,7 +218,9 @@ def disk(path: Path, raw: Any = None) -> Iterator[None]:
 
 
 def _reason(raw: Any) -> str | None:
-    """Why the system does not let us write; libsndfile keeps it to itself, so try again without it."""
+    """Why the system does not let us write; libsndfile keeps it to itself, so try again
+    without it.
+    """
     try:
         if raw is not None:
             raw.seek(0, os.SEEK_END)

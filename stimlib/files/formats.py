@@ -24,8 +24,11 @@ FORMATS = {
     "FLAC": ("PCM_24",),
 }
 BYTES = {"FLOAT": 4, "DOUBLE": 8, "PCM_24": 3}
-MAX_WAV = 2**32 - 4096  # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the rest
-# NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all is there
+# bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the
+# rest
+MAX_WAV = 2**32 - 4096
+# NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all
+# is there
 JOURNAL = {"FLAC": "CAF"}
 # libsndfile stops at 1024; a CAF file with 400 channels is damaged by libsndfile 1.2.2
 MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
@@ -39,22 +42,30 @@ def format_of(path: Path, format: str | None, subtype: str | None) -> tuple[str,
         raise SinkError(f"{what} is not known; write one of {known}")
     sub = FORMATS[name][0] if subtype is None else str(subtype).upper()
     if sub not in FORMATS[name]:
-        raise SinkError(f"{name} is written with subtype {' or '.join(FORMATS[name])}, not {subtype!r}")
+        raise SinkError(
+            f"{name} is written with subtype {' or '.join(FORMATS[name])}, not {subtype!r}"
+        )
     return name, sub
 
 
 def check_format(format: str, subtype: str, fs: float, channels: int, frames: int) -> None:
     """Rate, channels and duration fit the format."""
     if not (fs.is_integer() and 1 <= fs < 2**31):
-        raise SinkError(f"an audio file needs a whole number of samples per second, not fs = {fs!r} Hz")
+        raise SinkError(
+            f"an audio file needs a whole number of samples per second, not fs = {fs!r} Hz"
+        )
     if format == "FLAC" and fs > 65535 and (fs > 655350 or fs % 10):
-        raise SinkError(f"FLAC holds fs up to 65535 Hz, and multiples of 10 Hz up to 655350 Hz, not {fs:g} Hz")
+        raise SinkError(
+            f"FLAC holds fs up to 65535 Hz, and multiples of 10 Hz up to 655350 Hz, not {fs:g} Hz"
+        )
     most = MAX_CHANNELS[format]
     if channels > most:
         raise SinkError(f"{format} holds up to {most} channels, not {channels}")
     size = frames * channels * BYTES[subtype]
     if format == "WAV" and size > MAX_WAV:
-        raise SinkError(f"WAV holds at most 4 GiB, this needs {size / 2**30:.2f} GiB: write .rf64, .w64 or .caf")
+        raise SinkError(
+            f"WAV holds at most 4 GiB, this needs {size / 2**30:.2f} GiB: write .rf64, .w64 or .caf"
+        )
     if format == "FLAC" and frames >= 2**36:
         raise SinkError(f"FLAC holds fewer than 2**36 frames, not {frames}")
 
@@ -73,14 +84,16 @@ def full_scales(full_scale: Any, proc: Processor, format: str) -> Array:
             has = ", ".join(f"{name} ({proc.units[name]})" for name in outputs)
             option = ",".join(f"{name}=.." for name in outputs)
             raise UnitError(
-                f"outputs have different units: {has}; give full_scale as a mapping by output name, on the command line "
-                f"--full-scale {option}"
+                f"outputs have different units: {has}; give full_scale as a mapping by output name,"
+                f" on the command line --full-scale {option}"
             )
         values = [1.0 if full_scale is None else full_scale] * len(outputs)
     try:
         scales = np.array([float(v) for v in values], dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise BadValue(f"full_scale must be a number or a mapping by output name, got {full_scale!r}") from None
+        raise BadValue(
+            f"full_scale must be a number or a mapping by output name, got {full_scale!r}"
+        ) from None
     if not (np.isfinite(scales) & (scales > 0)).all():
         raise BadValue(f"full_scale must be finite and above 0, got {full_scale!r}")
     return scales
@@ -94,8 +107,12 @@ def interleaved(y: NDArray[Any], type: Any) -> NDArray[Any]:
     return frames
 
 
-def encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Samples as they go to libsndfile, (n, n_outputs), and how many were limited per output."""
+def encode(
+    y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]
+) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Samples as they go to libsndfile, (n, n_outputs), and how many were limited per
+    output.
+    """
     with np.errstate(over="ignore"):
         v = y / scales[:, None]
         if subtype == "PCM_24":
@@ -106,19 +123,26 @@ def encode(y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]) -> t
         samples = interleaved(v, np.float32 if subtype == "FLOAT" else np.float64)
     if not np.isfinite(samples).all():
         name = outputs[int(np.argwhere(~np.isfinite(samples))[0][1])]
-        raise SinkError(f"output {name} / full_scale is too large for {subtype}: use a larger full_scale")
+        raise SinkError(
+            f"output {name} / full_scale is too large for {subtype}: use a larger full_scale"
+        )
     return samples, np.zeros(len(outputs), dtype=np.int64)
 
 
 def physical(samples: NDArray[Any], scales: Array) -> Array:
     """Samples (n, n_outputs) of a file in physical units, (n_outputs, n)."""
     with np.errstate(over="ignore", invalid="ignore"):  # of files that stimlib did not write
-        values = samples * 2.0**-31 if samples.dtype == np.int32 else samples.astype(np.float64, copy=False)
+        values = (
+            samples * 2.0**-31
+            if samples.dtype == np.int32
+            else samples.astype(np.float64, copy=False)
+        )
         return np.ascontiguousarray((values * scales).T)
 
 
 def stored(y: Array, sidecar: dict[str, Any]) -> Array:
-    """What `stimlib.files.audio.read` gives back of a signal in this sidecar's format: its rounding, nothing else.
+    """What `stimlib.files.audio.read` gives back of a signal in this sidecar's format:
+    its rounding, nothing else.
 
     Parameters
     ----------
@@ -133,9 +157,14 @@ def stored(y: Array, sidecar: dict[str, Any]) -> Array:
     --------
     >>> import numpy as np
     >>> from stimlib.files.formats import stored
-    >>> stored(np.array([[0.1]]), {"subtype": "PCM_24", "channels": [{"name": "f", "full_scale": 1.0}]})
+    >>> stored(
+    ...     np.array([[0.1]]),
+    ...     {"subtype": "PCM_24", "channels": [{"name": "f", "full_scale": 1.0}]},
+    ... )
     array([[0.10000002]])
     """
     scales = np.array([c["full_scale"] for c in sidecar["channels"]])
-    samples, _ = encode(y, scales, sidecar["subtype"], tuple(c["name"] for c in sidecar["channels"]))
+    samples, _ = encode(
+        y, scales, sidecar["subtype"], tuple(c["name"] for c in sidecar["channels"])
+    )
     return physical(samples, scales)

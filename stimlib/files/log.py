@@ -1,4 +1,6 @@
-"""Writing the log of a session while it plays; `stimlib.files.session` says what it has, and reads it."""
+"""Writing the log of a session while it plays; `stimlib.files.session` says what it
+has, and reads it.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,11 @@ SPAN = 0.25  # s of delivered samples under one hash
 
 
 class LogWriter:
-    """Writes a session's log while it plays; all methods are called from one ordinary thread.
+    """Writes a session's log while it plays; all methods are called from one ordinary
+    thread.
 
-    Every call is on its way to the disk when it returns. After an error every further call raises it again, except
-    ``close``.
+    Every call is on its way to the disk when it returns. After an error every further
+    call raises it again, except ``close``.
 
     Parameters
     ----------
@@ -56,26 +59,41 @@ class LogWriter:
     >>> from stimlib.files.replay import replay
     >>> from stimlib.files.session import read_log
     >>> from stimlib.run.safety import Safety, protect, to_device
-    >>> scene, safety = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}), Safety(50.0)
-    >>> proc, x = stimlib.compile(protect(scene, safety), fs=8000), np.full((1, 800), 0.01)
+    >>> scene, safety = (
+    ...     stimlib.Scene(
+    ...         {"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}
+    ...     ),
+    ...     Safety(50.0),
+    ... )
+    >>> proc, x = (
+    ...     stimlib.compile(protect(scene, safety), fs=8000),
+    ...     np.full((1, 800), 0.01),
+    ... )
     >>> folder = tempfile.TemporaryDirectory()
-    >>> with LogWriter(folder.name, header(scene, safety, 8000.0, channels=["force", None])) as log:
+    >>> with LogWriter(
+    ...     folder.name, header(scene, safety, 8000.0, channels=["force", None])
+    ... ) as log:
     ...     proc.set("sink_gain", 1.0, ramp=160 / 8000)
     ...     log.event(0, "set", name="sink_gain", value=1.0, ramp=160)
     ...     log.motion(x)
-    ...     log.delivered(to_device(proc.process(x), safety.scales(("force",)), [0, -1]))
+    ...     log.delivered(
+    ...         to_device(proc.process(x), safety.scales(("force",)), [0, -1])
+    ...     )
     ...     log.close({"produced": 800})
     >>> print(replay(read_log(folder.name)))
     800 frames replayed, 0 lost; 1 of 1 hashes match
     >>> folder.cleanup()
     """
 
-    def __init__(self, folder: str | os.PathLike[str], header: Mapping[str, Any], record: bool = False):
+    def __init__(
+        self, folder: str | os.PathLike[str], header: Mapping[str, Any], record: bool = False
+    ):
         self.folder = Path(folder)
         self._head = checked(dict(header), "header", BadValue)
         self._inputs, self._channels = len(self._head.inputs), len(self._head.channels)
         self._span = max(1, round(SPAN * self._head.fs))
-        self._at = self._from = 0  # the next delivered frame; the first that is not under a hash yet
+        # the next delivered frame; the first that is not under a hash yet
+        self._at = self._from = 0
         self._rows = self._rows_from = 0  # the same of the motion
         self._digest, self._seen = hashlib.sha256(), hashlib.sha256()
         self._jumps: list[dict[str, Any]] = []  # frames that are lost, ahead of what was delivered
@@ -85,19 +103,32 @@ class LogWriter:
         try:
             self.folder.mkdir(exist_ok=True)
             if any(self.folder.iterdir()):
-                raise SinkError(f"{self.folder} is there already and not empty: give each session a log of its own")
+                raise SinkError(
+                    f"{self.folder} is there already and not empty: give each session a log of"
+                    " its own"
+                )
             text = json.dumps(header, indent=1, allow_nan=False, default=_plain) + "\n"
             regular.publish(self.folder / "session.json", text)
-            self._events = self._open.enter_context(open(self.folder / "events.jsonl", "xb", buffering=0))
-            self._motion = self._open.enter_context(open(self.folder / "motion.f64", "xb", buffering=0)) if self._inputs else None
+            self._events = self._open.enter_context(
+                open(self.folder / "events.jsonl", "xb", buffering=0)
+            )
+            self._motion = (
+                self._open.enter_context(open(self.folder / "motion.f64", "xb", buffering=0))
+                if self._inputs
+                else None
+            )
             if record:
                 at = self.folder / "delivered.caf"
-                self._record = self._open.enter_context(Draft(at, at, round(self._head.fs), self._channels, "CAF", "FLOAT"))
+                self._record = self._open.enter_context(
+                    Draft(at, at, round(self._head.fs), self._channels, "CAF", "FLOAT")
+                )
         except (OSError, ValueError) as e:
             self._open.close()
             if isinstance(e, StimlibError):
                 raise
-            raise SinkError(f"cannot make the log {self.folder}: {getattr(e, 'strerror', None) or e}") from e
+            raise SinkError(
+                f"cannot make the log {self.folder}: {getattr(e, 'strerror', None) or e}"
+            ) from e
 
     def __enter__(self) -> LogWriter:
         return self
@@ -106,11 +137,15 @@ class LogWriter:
         self.close()
 
     def motion(self, x: NDArray[np.float64]) -> None:
-        """Append motion, shape (n_inputs, n), of the samples that were produced next, delivered or lost."""
+        """Append motion, shape (n_inputs, n), of the samples that were produced next,
+        delivered or lost.
+        """
         if self._motion is None:
             return
         if x.ndim != 2 or len(x) != self._inputs or x.dtype != np.float64:
-            raise BadValue(f"log: motion must be float64 of shape ({self._inputs}, n); got {x.dtype} {x.shape}")
+            raise BadValue(
+                f"log: motion must be float64 of shape ({self._inputs}, n); got {x.dtype} {x.shape}"
+            )
         self._write(self._motion, np.ascontiguousarray(x.T, "<f8").tobytes())
         while x.shape[1]:
             stop = (self._rows // self._span + 1) * self._span
@@ -124,7 +159,10 @@ class LogWriter:
     def delivered(self, frames: NDArray[np.float32]) -> None:
         """Append frames, shape (n, channels), as they went to the device."""
         if frames.ndim != 2 or frames.shape[1] != self._channels or frames.dtype != np.float32:
-            raise BadValue(f"log: frames must be float32 of shape (n, {self._channels}); got {frames.dtype} {frames.shape}")
+            raise BadValue(
+                f"log: frames must be float32 of shape (n, {self._channels}); got {frames.dtype}"
+                f" {frames.shape}"
+            )
         if self._record is not None and len(frames):
             self._check()
             try:
@@ -145,24 +183,34 @@ class LogWriter:
     def event(self, at: int, kind: str, **data: Any) -> None:
         """Append an event at a sample index.
 
-        ``set`` has name, value and ramp, in samples as applied. ``lost`` has frames: so many from ``at`` on were produced and not
-        delivered. ``gap`` has frames of which the log knows nothing. Others are kept as they are.
+        ``set`` has name, value and ramp, in samples as applied. ``lost`` has frames: so
+        many from ``at`` on were produced and not delivered. ``gap`` has frames of which
+        the log knows nothing. Others are kept as they are.
         """
         self._check()
         event = {"at": at, "kind": kind} | data
         if kind in ("hash", "motion") or not COUNT(_plain_int(at)):
-            raise BadValue(f"log: event {event}: the log writes hashes itself; 'at' is a sample index")
+            raise BadValue(
+                f"log: event {event}: the log writes hashes itself; 'at' is a sample index"
+            )
         if kind in ("lost", "gap"):
             free = max([self._at, *(j["at"] + j["frames"] for j in self._jumps)])
-            if at < free or not fields.whole(int(MAX_LOST * self._head.fs))(_plain_int(data.get("frames"))):
-                raise BadValue(f"log: event {event}: frames up to {free} are accounted for; 'frames' is a number of samples")
+            if at < free or not fields.whole(int(MAX_LOST * self._head.fs))(
+                _plain_int(data.get("frames"))
+            ):
+                raise BadValue(
+                    f"log: event {event}: frames up to {free} are accounted for; 'frames' is a"
+                    " number of samples"
+                )
             self._jumps.append(event)
             self._jump()
         else:
             self._line(event)
 
     def close(self, report: Mapping[str, Any] | None = None) -> None:
-        """End the log; with a report (JSON data with the number of samples ``produced``), as a clean end."""
+        """End the log; with a report (JSON data with the number of samples
+        ``produced``), as a clean end.
+        """
         try:
             if self._error is None and not self._events.closed:
                 self._hash()
@@ -187,12 +235,26 @@ class LogWriter:
 
     def _hash(self) -> None:
         if self._at > self._from:
-            self._line({"at": self._from, "kind": "hash", "to": self._at, "sha256": self._digest.hexdigest()})
+            self._line(
+                {
+                    "at": self._from,
+                    "kind": "hash",
+                    "to": self._at,
+                    "sha256": self._digest.hexdigest(),
+                }
+            )
         self._from, self._digest = self._at, hashlib.sha256()
 
     def _hash_motion(self) -> None:
         if self._rows > self._rows_from:
-            self._line({"at": self._rows_from, "kind": "motion", "to": self._rows, "sha256": self._seen.hexdigest()})
+            self._line(
+                {
+                    "at": self._rows_from,
+                    "kind": "motion",
+                    "to": self._rows,
+                    "sha256": self._seen.hexdigest(),
+                }
+            )
         self._rows_from, self._seen = self._rows, hashlib.sha256()
 
     def _line(self, event: dict[str, Any]) -> None:
@@ -219,7 +281,9 @@ class LogWriter:
 
     def _fail(self, e: Exception) -> None:
         if self._error is None:
-            self._error = SinkError(f"cannot write the log {self.folder}: {getattr(e, 'strerror', None) or e}")
+            self._error = SinkError(
+                f"cannot write the log {self.folder}: {getattr(e, 'strerror', None) or e}"
+            )
         self._end()
         raise self._error from e
 
@@ -254,7 +318,8 @@ def header(
     seed, params
         Of the run; params are parameters that differ from the scene's at the start.
     channels : list of str or None, optional
-        The output of each channel of the device, None for silence; by default every output in order.
+        The output of each channel of the device, None for silence; by default every
+        output in order.
     device, block, started
         For the reader only.
 

@@ -1,4 +1,6 @@
-"""A file and its sidecar come to their places together, or not at all; and what a killed run left becomes a file."""
+"""A file and its sidecar come to their places together, or not at all; and what a
+killed run left becomes a file.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, te
 Put = Callable[[NDArray[Any]], None]
 """Takes the next samples, shape (n, channels), of the type of the subtype."""
 Run = Callable[[Put], tuple[NDArray[np.int64], Array, str | None]]
-"""What fills a file: samples clipped and peak of each output, and the hash of the signal."""
+"""What fills a file: samples clipped and peak of each output, and the hash of the
+signal.
+"""
 
 
 def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
@@ -41,14 +45,18 @@ def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
 
 
 def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> FileReport:
-    """Let run fill a file, and put it and its sidecar to their places, or nothing; meanwhile NAME.part has the samples so far."""
+    """Let run fill a file, and put it and its sidecar to their places, or nothing;
+    meanwhile NAME.part has the samples so far.
+    """
     part, format = part_of(path), info["format"]
     try:
         with _locked(path) as begun, ExitStack() as stack:
             _remove(_new(path), part_of(sidecar_of(path)))  # of a run that was killed
             with disk(path):
                 fill(begun, text_of(info))
-            draft = stack.enter_context(_draft(path, _new(path) if format in JOURNAL else part, info, format))
+            draft = stack.enter_context(
+                _draft(path, _new(path) if format in JOURNAL else part, info, format)
+            )
             put = draft.put
             if format in JOURNAL:
                 journal = stack.enter_context(_draft(path, part, info, JOURNAL[format]))
@@ -59,7 +67,9 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
 
             clips, peak, info["sha256"] = run(put)
             if draft.frames != info["frames"]:
-                raise SinkError(f"cannot write {path}: {draft.frames} frames came, {info['frames']} were told")
+                raise SinkError(
+                    f"cannot write {path}: {draft.frames} frames came, {info['frames']} were told"
+                )
             for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
                 c |= {"clips": int(clipped), "peak": float(largest)}
             _move(draft, path, info, overwrite)
@@ -94,24 +104,32 @@ def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> No
             regular.settle(path.parent)
     except BaseException:
         with suppress(OSError):
-            if complete and draft.is_at(path):  # interrupted between the moves: the first cannot be taken back
+            # interrupted between the moves: the first cannot be taken back
+            if complete and draft.is_at(path):
                 move(ready, sidecar, overwrite)
         raise
 
 
 @public
-def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = None, *, overwrite: bool = False) -> FileReport:
+def recover(
+    path: str | os.PathLike[str],
+    to: str | os.PathLike[str] | None = None,
+    *,
+    overwrite: bool = False,
+) -> FileReport:
     """Make a file of what a run of `stimlib.files.audio.write` left when it was killed.
 
-    The samples are those that `write` would have written in a shorter run, and so are the file's bytes. Its sidecar says
-    ``"recovered"``: the frames that were wanted. In it, sha256 (of the signal before it was rounded) and, for FLAC, the number
-    of samples clipped are None, since nobody knows them; peak is that of the samples as stored. `read` takes the
-    file, and ``stimlib verify`` proves it, like any other.
+    The samples are those that `write` would have written in a shorter run, and so are
+    the file's bytes. Its sidecar says ``"recovered"``: the frames that were wanted. In
+    it, sha256 (of the signal before it was rounded) and, for FLAC, the number of
+    samples clipped are None, since nobody knows them; peak is that of the samples as
+    stored. `read` takes the file, and ``stimlib verify`` proves it, like any other.
 
     Parameters
     ----------
     path : path
-        The file that was to be written; what is left is ``path`` + ".part" and ``path`` + ".part.json".
+        The file that was to be written; what is left is ``path`` + ".part" and ``path``
+        + ".part.json".
     to : path, optional
         Where to write instead, with the same suffix.
     overwrite : bool
@@ -124,8 +142,9 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = No
     Raises
     ------
     SinkError
-        There is nothing to recover, or not one sample; the run is still alive; what is left was changed; a file is there
-        already; the place cannot be written. What is left stays there then.
+        There is nothing to recover, or not one sample; the run is still alive; what is
+        left was changed; a file is there already; the place cannot be written. What is
+        left stays there then.
 
     Examples
     --------
@@ -143,14 +162,22 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str] | None = No
         return done
     part, sidecar = part_of(path), sidecar_of(part_of(path))
     if not os.path.lexists(part):
-        log = "; a log needs nothing, see stimlib replay" if os.path.isfile(path / "session.json") else ""
+        log = (
+            "; a log needs nothing, see stimlib replay"
+            if os.path.isfile(path / "session.json")
+            else ""
+        )
         raise SinkError(f"nothing to recover: there is no {part}{log}")
     load(part, sidecar, BEGUN)
     with _locked(path), ExitStack() as stack:
         info = load(part, sidecar, BEGUN)
         check_place(to, sidecar_of(to), overwrite)
         raw = stack.enter_context(open(regular.opened(part, os.O_RDWR), "rb", buffering=0))
-        info |= {"sha256": None, "recovered": {"frames": info["frames"]}, "frames": _frames_left(part, raw, info)}
+        info |= {
+            "sha256": None,
+            "recovered": {"frames": info["frames"]},
+            "frames": _frames_left(part, raw, info),
+        }
         draft = stack.enter_context(_draft(to, _new(to), info, info["format"]))
         try:
             peak = _copy(part, raw, draft, info)
@@ -186,38 +213,62 @@ def _finish_move(path: Path) -> FileReport | None:
 
 
 def _frames_left(part: Path, raw: Any, info: dict[str, Any]) -> int:
-    """Frames of an open file that a run left, which must be of the kind that its sidecar says."""
+    """Frames of an open file that a run left, which must be of the kind that its
+    sidecar says.
+    """
     try:
         with reading(raw) as f:
             found = (f.samplerate, f.channels, f.format, f.subtype)
             frames = int(f.frames)
     except soundfile().SoundFileError as e:
-        raise SinkError(f"nothing to recover: {part} has no samples yet, or was damaged ({reason(e)}); remove it") from e
-    wanted = (info["fs"], len(info["channels"]), JOURNAL.get(info["format"], info["format"]), info["subtype"])
+        raise SinkError(
+            f"nothing to recover: {part} has no samples yet, or was damaged ({reason(e)});"
+            " remove it"
+        ) from e
+    wanted = (
+        info["fs"],
+        len(info["channels"]),
+        JOURNAL.get(info["format"], info["format"]),
+        info["subtype"],
+    )
     if found != wanted:
-        raise SinkError(f"{sidecar_of(part)} does not belong to {part}: it says {wanted}, the file is {found}")
+        raise SinkError(
+            f"{sidecar_of(part)} does not belong to {part}: it says {wanted}, the file is {found}"
+        )
     if not 0 < frames <= info["frames"]:
-        raise SinkError(f"nothing to recover: {part} has {frames} of {info['frames']} frames; remove it")
+        raise SinkError(
+            f"nothing to recover: {part} has {frames} of {info['frames']} frames; remove it"
+        )
     check_size(part, raw, frames, len(info["channels"]))
     return frames
 
 
 def check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
-    """Neither the bytes of a file nor those of its samples in memory may be more than is meant."""
-    limits.check("audio_bytes", 8.0 * frames * channels, f"{path}: bytes of samples in memory", SinkError)
+    """Neither the bytes of a file nor those of its samples in memory may be more than
+    is meant.
+    """
+    limits.check(
+        "audio_bytes", 8.0 * frames * channels, f"{path}: bytes of samples in memory", SinkError
+    )
     limits.check("audio_bytes", os.fstat(raw.fileno()).st_size, f"{path}: bytes", SinkError)
 
 
 def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
-    """Put the frames of an open file that info tells into a draft; the peak per output."""
+    """Put the frames of an open file that info tells into a draft; the peak per
+    output.
+    """
     frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
     peak = np.zeros(len(scales))
     try:
         with reading(raw) as f:
             while draft.frames < frames:
-                part = f.read(min(8192, frames - draft.frames), dtype=TYPES[info["subtype"]], always_2d=True)
+                part = f.read(
+                    min(8192, frames - draft.frames), dtype=TYPES[info["subtype"]], always_2d=True
+                )
                 if not len(part):
-                    raise SinkError(f"{source} is truncated: {frames} frames wanted, {draft.frames} can be read")
+                    raise SinkError(
+                        f"{source} is truncated: {frames} frames wanted, {draft.frames} can be read"
+                    )
                 draft.put(part)
                 peak = np.maximum(peak, np.abs(physical(part, scales)).max(axis=1))
     except soundfile().SoundFileError as e:
@@ -228,7 +279,9 @@ def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
 
 
 def _new(path: Path) -> Path:
-    """A file on its way to its place that is not NAME.part: FLAC, or one being recovered."""
+    """A file on its way to its place that is not NAME.part: FLAC, or one being
+    recovered.
+    """
     return path.with_name(path.name + ".new.part")
 
 
@@ -239,7 +292,9 @@ def _remove(*paths: Path) -> None:
 
 
 def _clean(path: Path) -> None:
-    """Remove what a run that failed left beside its place, if it is not another run's."""
+    """Remove what a run that failed left beside its place, if it is not another
+    run's.
+    """
     begun = sidecar_of(part_of(path))
     with suppress(OSError), open(regular.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
         if regular.held(f.fileno()) and os.path.samestat(os.fstat(f.fileno()), os.lstat(begun)):
@@ -248,7 +303,9 @@ def _clean(path: Path) -> None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[Any]:
-    """NAME.part.json, open and held by us alone as long as we are at it; the system lets go of it when we are killed."""
+    """NAME.part.json, open and held by us alone as long as we are at it; the system
+    lets go of it when we are killed.
+    """
     sidecar = sidecar_of(part_of(path))
     with ExitStack() as stack:
         with disk(path):

@@ -1,4 +1,6 @@
-"""The samples of a session made again from its log, and compared with the hashes that it has."""
+"""The samples of a session made again from its log, and compared with the hashes that
+it has.
+"""
 
 from __future__ import annotations
 
@@ -51,22 +53,33 @@ class Replay:
 
     @property
     def matches(self) -> bool:
-        """Whether every hash of the log was compared and is that of the replayed samples, or of the motion."""
+        """Whether every hash of the log was compared and is that of the replayed
+        samples, or of the motion.
+        """
         return not (self.wrong or self.missing or self.changed)
 
     def __str__(self) -> str:
-        line = f"{self.frames} frames replayed, {self.lost} lost; {self.spans - len(self.wrong)} of {self.spans} hashes match"
+        line = (
+            f"{self.frames} frames replayed, {self.lost} lost; {self.spans - len(self.wrong)} of"
+            f" {self.spans} hashes match"
+        )
         if self.wrong:
-            line += f", the first that does not is of frames {self.wrong[0][0]} to {self.wrong[0][1]}"
+            line += (
+                f", the first that does not is of frames {self.wrong[0][0]} to {self.wrong[0][1]}"
+            )
         if self.missing:
             line += f"; {self.missing} frames cannot be replayed"
         if self.changed:
-            line += f"; the motion was changed, first in samples {self.changed[0][0]} to {self.changed[0][1]}"
+            line += (
+                f"; the motion was changed, first in samples {self.changed[0][0]} to"
+                f" {self.changed[0][1]}"
+            )
         return shown("; ".join([line, *self.notes]))
 
 
 def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba") -> Processor:
-    """The processor as the session had it before its first sample; by default with the safety stage.
+    """The processor as the session had it before its first sample; by default with the
+    safety stage.
 
     Raises
     ------
@@ -74,7 +87,9 @@ def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba"
         The scene cannot be compiled.
     """
     try:
-        proc = Processor(protect(log.scene, log.safety) if scene is None else scene, log.fs, target, log.seed)
+        proc = Processor(
+            protect(log.scene, log.safety) if scene is None else scene, log.fs, target, log.seed
+        )
         for name, value in log.params.items():
             if name in proc.params:
                 proc.set(name, value, ramp=0.0)
@@ -108,9 +123,11 @@ def changes_of(log: SessionLog, proc: Processor) -> list[Change]:
 def delivered(
     log: SessionLog, block: int = 8192, proc: Processor | None = None
 ) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
-    """Replayed frames (at, frames (n, channels), whether they were delivered or lost), in order and without a hole.
+    """Replayed frames (at, frames (n, channels), whether they were delivered or lost),
+    in order and without a hole.
 
-    A processor, if given, must be one of ``processor(log)``; it then tells what happened, as its faults.
+    A processor, if given, must be one of ``processor(log)``; it then tells what
+    happened, as its faults.
     """
     proc, scales = processor(log) if proc is None else proc, log.safety.scales(log.outputs)
     lost = [(a, a + n) for a, n in log.lost if n]
@@ -137,7 +154,8 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
     ----------
     log : SessionLog
     out : path, optional
-        A sound file to write them to, FLOAT: what the device was given, lost frames left out.
+        A sound file to write them to, FLOAT: what the device was given, lost frames
+        left out.
     block : int
         Samples at a time; no effect on the result.
 
@@ -170,9 +188,15 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
         names = [(log.outputs[c], log.header["units"], c) if c >= 0 else None for c in log.channels]
         scales = log.safety.scales(log.outputs)
         channels = [
-            {"name": f"channel{i}", "unit": "1", "full_scale": 1.0}
-            if n is None
-            else {"name": n[0], "unit": str(n[1].get(n[0], "1")), "full_scale": float(scales[n[2]])}
+            (
+                {"name": f"channel{i}", "unit": "1", "full_scale": 1.0}
+                if n is None
+                else {
+                    "name": n[0],
+                    "unit": str(n[1].get(n[0], "1")),
+                    "full_scale": float(scales[n[2]]),
+                }
+            )
             for i, n in enumerate(names)
         ]
         what = protect(log.scene, log.safety)
@@ -192,11 +216,21 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
             "definitions": log.header["definitions"],
         }
         file.write_frames(out, frames(), info)
-    return Replay(log.frames, lost, compared.done, compared.wrong, log.logged - log.frames, changed_motion(log), log.notes)
+    return Replay(
+        log.frames,
+        lost,
+        compared.done,
+        compared.wrong,
+        log.logged - log.frames,
+        changed_motion(log),
+        log.notes,
+    )
 
 
 def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
-    """Spans (at, to) of the motion whose hash is not the one that was written with it; of the rows that are there."""
+    """Spans (at, to) of the motion whose hash is not the one that was written with it;
+    of the rows that are there.
+    """
     rows = len(log.motion)
 
     def sha256(s: Span) -> str:
@@ -206,7 +240,9 @@ def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
 
 
 class Hashes:
-    """Compares frames, given in order, with spans; ``done`` spans were compared, ``wrong`` lists those that differ."""
+    """Compares frames, given in order, with spans; ``done`` spans were compared,
+    ``wrong`` lists those that differ.
+    """
 
     def __init__(self, spans: list[Span]):
         self.spans, self.done = spans, 0

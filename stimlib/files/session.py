@@ -1,20 +1,23 @@
-"""The log of a session: everything that shaped what a device was given, by sample index.
+"""The log of a session: everything that shaped what a device was given, by sample
+index.
 
 A log is a folder:
 
 ``session.json``
     what was compiled: the scene, seed, parameters, safety stage, channels, versions
 ``events.jsonl``
-    one JSON object a line: parameters that were set, frames that were lost, hashes of what was delivered and of the motion
+    one JSON object a line: parameters that were set, frames that were lost, hashes of
+    what was delivered and of the motion
 ``motion.f64``
-    the motion as the processor saw it: float64, little-endian, all inputs of sample 0, then of sample 1, ...
+    the motion as the processor saw it: float64, little-endian, all inputs of sample 0,
+    then of sample 1, ...
 ``delivered.caf``
     what was delivered, if the writer was asked to record it
 ``report.json``
     at a clean end only
 
-Nothing of it waits in memory for long, so a process that is killed leaves a log that lacks half a second at most. A log is data:
-reading it runs nothing of it.
+Nothing of it waits in memory for long, so a process that is killed leaves a log that
+lacks half a second at most. A log is data: reading it runs nothing of it.
 """
 
 from __future__ import annotations
@@ -59,8 +62,12 @@ FIELDS: dict[str, fields.Test] = {
     "block": COUNT,
     "started": fields.text,
 }
-_HASH = fields.Test("64 hex digits", lambda v: fields.text(v) and len(v) == 64 and set(v) <= set("0123456789abcdef"))
-_RAMP = fields.Test("a number of samples", lambda v: fields.number(v) and 0 <= v <= MAX_INDEX and v == int(v))
+_HASH = fields.Test(
+    "64 hex digits", lambda v: fields.text(v) and len(v) == 64 and set(v) <= set("0123456789abcdef")
+)
+_RAMP = fields.Test(
+    "a number of samples", lambda v: fields.number(v) and 0 <= v <= MAX_INDEX and v == int(v)
+)
 EVENTS: dict[str, dict[str, fields.Test]] = {
     "set": {"name": fields.text, "value": fields.number, "ramp": _RAMP},
     "hash": {"to": COUNT, "sha256": _HASH},
@@ -81,7 +88,9 @@ class Event(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Frames at .. to - 1 and their sha256 (little-endian, all channels of a frame, then the next)."""
+    """Frames at .. to - 1 and their sha256 (little-endian, all channels of a frame,
+    then the next).
+    """
 
     at: int
     to: int
@@ -102,7 +111,8 @@ class Header(NamedTuple):
 class MotionFile:
     """The rows of motion.f64, read where they are asked for.
 
-    It is not mapped: a file that another program cuts would end the process then. Here that is a SinkError.
+    It is not mapped: a file that another program cuts would end the process then. Here
+    that is a SinkError.
 
     Attributes
     ----------
@@ -141,9 +151,15 @@ class MotionFile:
                 while got := f.readinto(into):
                     into = into[got:]
         except OSError as e:
-            raise e if isinstance(e, SinkError) else SinkError(f"cannot read {self.path}: {e.strerror}") from e
+            raise (
+                e
+                if isinstance(e, SinkError)
+                else SinkError(f"cannot read {self.path}: {e.strerror}")
+            ) from e
         if into:
-            raise SinkError(f"{self.path} was cut since the log was read: another program changed it")
+            raise SinkError(
+                f"{self.path} was cut since the log was read: another program changed it"
+            )
         return x[:, columns[0]] if columns else x
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -178,11 +194,13 @@ class SessionLog:
     lost : list of (at, frames)
         Produced and not delivered.
     motion : MotionFile of float64, shape (n, n_inputs)
-        As the processor saw it; slices of it are read from the file, ``numpy.asarray(log.motion)`` reads all.
+        As the processor saw it; slices of it are read from the file,
+        ``numpy.asarray(log.motion)`` reads all.
     frames : int
         Samples that can be replayed and are accounted for, as delivered or lost.
     logged : int
-        Samples that the session produced, as far as the log tells; more than frames where motion or lines are missing.
+        Samples that the session produced, as far as the log tells; more than frames
+        where motion or lines are missing.
     report : dict or None
         What the sink reported at a clean end.
     notes : list of str
@@ -211,8 +229,14 @@ class SessionLog:
 
     @property
     def changes(self) -> list[Change]:
-        """The ``set`` events, in order of sample index, as `Processor.set` takes them."""
-        sets = [Change(e.at, e.data["name"], e.data["value"], e.data["ramp"] / self.fs) for e in self.events if e.kind == "set"]
+        """The ``set`` events, in order of sample index, as `Processor.set` takes
+        them.
+        """
+        sets = [
+            Change(e.at, e.data["name"], e.data["value"], e.data["ramp"] / self.fs)
+            for e in self.events
+            if e.kind == "set"
+        ]
         return sorted(sets, key=lambda c: c.at)
 
 
@@ -231,8 +255,9 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     Raises
     ------
     SinkError
-        A file is missing or is not what a log has there; the message names file, line and what is wrong. What a killed
-        process leaves (a last line cut short, no report) is no error; ``notes`` tells it.
+        A file is missing or is not what a log has there; the message names file, line
+        and what is wrong. What a killed process leaves (a last line cut short, no
+        report) is no error; ``notes`` tells it.
 
     Examples
     --------
@@ -242,12 +267,16 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     if not os.path.lexists(folder):
         raise SinkError(f"there is no log {folder}")
     if not os.path.lexists(folder / "session.json"):
-        raise SinkError(f"{folder} is no log: that is the folder that a sink wrote, with session.json in it")
+        raise SinkError(
+            f"{folder} is no log: that is the folder that a sink wrote, with session.json in it"
+        )
     raw = _json(folder / "session.json")
     head = checked(raw, str(folder / "session.json"), SinkError)
     notes: list[str] = []
     events = _events(folder / "events.jsonl", head, notes)
-    motion = MotionFile(folder / "motion.f64", len(head.inputs)) if head.inputs else np.empty((0, 0))
+    motion = (
+        MotionFile(folder / "motion.f64", len(head.inputs)) if head.inputs else np.empty((0, 0))
+    )
     report = _json(folder / "report.json") if os.path.isfile(folder / "report.json") else None
     if report is None:
         notes.append("no report: the session was killed, or its log could not be ended")
@@ -270,15 +299,20 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
                 begin = gaps.pop()[0] if gaps and gaps[-1][1] == e.at else e.at
                 gaps.append((begin, end))
                 known = e.at if known is None and head.inputs else known
-    notes += [f"a gap of {stop - at} samples at {at}, of which the log knows nothing" for at, stop in gaps]
+    notes += [
+        f"a gap of {stop - at} samples at {at}, of which the log knows nothing" for at, stop in gaps
+    ]
     frames = end if known is None else known
-    produced = int(report["produced"]) if report is not None and COUNT(report.get("produced")) else end
+    produced = (
+        int(report["produced"]) if report is not None and COUNT(report.get("produced")) else end
+    )
     if produced != end:
         notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
     if report is not None:
         if not COUNT(report.get("produced")):
             notes.append("the report has no number of samples produced")
-        produced = max(produced, seen[-1].to if seen else 0)  # a session that ended has both of each sample
+        # a session that ended has both of each sample
+        produced = max(produced, seen[-1].to if seen else 0)
     if isinstance(motion, MotionFile):
         more = motion.beyond(seen[-1].to if seen else 0)
         if report is not None and more > 0:  # a session that ended has all of it under a hash
@@ -292,7 +326,20 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     notes += definitions.changed(raw["definitions"], head.scene)
     if raw["stimlib"] != __version__:
         notes.append(shown(f"written by stimlib {raw['stimlib'][:40]}, this is {__version__}"))
-    return SessionLog(folder, raw, *head, events, spans, seen, lost, motion, frames, max(end, produced), report, notes)
+    return SessionLog(
+        folder,
+        raw,
+        *head,
+        events,
+        spans,
+        seen,
+        lost,
+        motion,
+        frames,
+        max(end, produced),
+        report,
+        notes,
+    )
 
 
 def _json(path: Path) -> dict[str, Any]:
@@ -321,10 +368,20 @@ def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Head
         known = protect(scene, safety).params
     except (StimlibError, ValueError, TypeError, OverflowError, RecursionError) as e:
         raise error(f"{where}: scene or safety cannot be used: {str(e)[:500]}") from e
-    need(scene.hash == data["scene_hash"], "scene_hash is not that of the scene: one of them was changed")
+    need(
+        scene.hash == data["scene_hash"],
+        "scene_hash is not that of the scene: one of them was changed",
+    )
     said, found = definitions.hashes(data["definitions"], scene)
-    need(said == found, "definitions are not those of the scene's own blocks, or do not have their hashes: they were changed")
-    need(tuple(data["outputs"]) == outputs, f"outputs must be those of the scene, {', '.join(outputs)}")
+    need(
+        said == found,
+        "definitions are not those of the scene's own blocks, or do not have their hashes: they"
+        " were changed",
+    )
+    need(
+        tuple(data["outputs"]) == outputs,
+        f"outputs must be those of the scene, {', '.join(outputs)}",
+    )
     inputs = data["inputs"]
     need(set(inputs) <= set(scene.inputs), f"inputs must be of {', '.join(scene.inputs) or 'none'}")
     need(len(set(inputs)) == len(inputs), "an input is there twice")
@@ -336,11 +393,15 @@ def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Head
         need(name in known, f"params: there is no parameter {name!r}")
     numbers = tuple(-1 if c is None else outputs.index(c) for c in channels)
     start = {n: float(v) for n, v in params.items()}
-    return Header(scene, safety, float(data["fs"]), data["seed"], start, tuple(inputs), outputs, numbers)
+    return Header(
+        scene, safety, float(data["fs"]), data["seed"], start, tuple(inputs), outputs, numbers
+    )
 
 
 def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
-    """events.jsonl, checked line by line. Frames are accounted for from 0 on, without a hole, each once."""
+    """events.jsonl, checked line by line. Frames are accounted for from 0 on, without a
+    hole, each once.
+    """
     params = set(head.scene.params) | {GAIN}
     found: list[Event] = []
     end = {"delivered": 0, "motion": 0, "lost": 0}
@@ -382,14 +443,18 @@ def _event(line: bytes, fs: float, params: set[str]) -> Event:
     if kind == "set":
         need(data["name"] in params, f"there is no parameter {data['name'][:40]!r}")
     elif kind in ("hash", "motion"):
-        need(at < data["to"] <= at + math.ceil(fs), "'to' must be after 'at', by one second at most")
+        need(
+            at < data["to"] <= at + math.ceil(fs), "'to' must be after 'at', by one second at most"
+        )
     elif kind in ("lost", "gap"):
         need(data["frames"] <= MAX_LOST * fs, "'frames' must be a number of samples, a day at most")
     return Event(at, kind, data)
 
 
 def _account(e: Event, end: dict[str, int]) -> None:
-    """Count the samples that this event accounts for; ValueError if it does not go on where the last ended."""
+    """Count the samples that this event accounts for; ValueError if it does not go on
+    where the last ended.
+    """
     if e.kind in ("hash", "lost", "gap", "motion"):
         what = "motion" if e.kind == "motion" else "delivered"
         if e.at != end[what]:

@@ -38,7 +38,9 @@ BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being
 }
 _RECOVERED = {"recovered": fields.record({"frames": _COUNT})}
 DONE: dict[str, fields.Test] = BEGUN | {  # and of one that is complete
-    "channels": fields.list_of(fields.record(_CHANNEL | {"clips": fields.maybe(_COUNT), "peak": fields.not_negative})),
+    "channels": fields.list_of(
+        fields.record(_CHANNEL | {"clips": fields.maybe(_COUNT), "peak": fields.not_negative})
+    ),
     "sha256": fields.maybe(fields.text),
     "versions": fields.table_of(fields.maybe(fields.text)),
     "file_sha256": fields.text,
@@ -58,16 +60,26 @@ class FileReport:
     seconds : float, s
         frames / fs.
     clips : dict of str to int
-        Per output, how many samples were limited to full scale; 0 in formats that hold floats, None where a FLAC file was
-        recovered.
+        Per output, how many samples were limited to full scale; 0 in formats that hold
+        floats, None where a FLAC file was recovered.
     peak : dict of str to float
-        Per output, the largest absolute value, in the output's unit; of the samples as stored where they were recovered.
+        Per output, the largest absolute value, in the output's unit; of the samples as
+        stored where they were recovered.
     sidecar : Path
         The JSON file.
 
     Examples
     --------
-    >>> print(FileReport(Path("a.wav"), 8000, 1.0, {"force": 0}, {"force": 40.0}, Path("a.wav.json")))
+    >>> print(
+    ...     FileReport(
+    ...         Path("a.wav"),
+    ...         8000,
+    ...         1.0,
+    ...         {"force": 0},
+    ...         {"force": 40.0},
+    ...         Path("a.wav.json"),
+    ...     )
+    ... )
     a.wav: 8000 frames, 1 s, peak force 40
     """
 
@@ -87,7 +99,9 @@ class FileReport:
 
 def report_of(path: Path, info: dict[str, Any]) -> FileReport:
     clips, peak = ({c["name"]: c[what] for c in info["channels"]} for what in ("clips", "peak"))
-    return FileReport(path, info["frames"], info["frames"] / info["fs"], clips, peak, sidecar_of(path))
+    return FileReport(
+        path, info["frames"], info["frames"] / info["fs"], clips, peak, sidecar_of(path)
+    )
 
 
 def sidecar_of(path: Path) -> Path:
@@ -99,7 +113,8 @@ def part_of(path: Path) -> Path:
 
 
 def told(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The sidecar of a file alone, checked; see `stimlib.files.audio.read`, which compares it with the file too.
+    """The sidecar of a file alone, checked; see `stimlib.files.audio.read`, which
+    compares it with the file too.
 
     Raises
     ------
@@ -112,11 +127,18 @@ def told(path: str | os.PathLike[str]) -> dict[str, Any]:
 def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dict[str, Any]:
     """What a sidecar says, checked."""
     if not os.path.lexists(sidecar):
-        raise SinkError(f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known{hint(path)}")
+        raise SinkError(
+            f"{path} has no sidecar {sidecar.name}; without it units and full scale are not"
+            f" known{hint(path)}"
+        )
     try:
         info = fields.parse(regular.read(sidecar, "sidecar_bytes"))
         fields.require(info, tests | _RECOVERED if "recovered" in info else tests)
-        if info["subtype"] not in FORMATS[info["format"]] or not info["channels"] or info["fs"] != int(info["fs"]):
+        if (
+            info["subtype"] not in FORMATS[info["format"]]
+            or not info["channels"]
+            or info["fs"] != int(info["fs"])
+        ):
             raise ValueError("there is no file of that format, subtype, fs and channels")
     except ValueError as e:
         raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote: {e}") from e

@@ -1,1 +1,3 @@
-"""Numbers from measurements: materials from tests, parameters of scenes from recordings."""
+"""Numbers from measurements: materials from tests, parameters of scenes from
+recordings.
+"""

@@ -1,7 +1,9 @@
-"""What a springpot and Maxwell arms answer to a recorded motion, at whatever times it was sampled.
+"""What a springpot and Maxwell arms answer to a recorded motion, at whatever times it
+was sampled.
 
-Between its samples the displacement is taken as straight, and what a model answers to that is known in closed form.  So a fit has
-no integration step, and gaps and log-spaced time stamps need no resampling.
+Between its samples the displacement is taken as straight, and what a model answers to
+that is known in closed form.  So a fit has no integration step, and gaps and log-spaced
+time stamps need no resampling.
 """
 
 from __future__ import annotations
@@ -18,12 +20,15 @@ ONSETS = ("steady", "step")
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
 
 
-# The exact answers ---------------------------------------------------------------------------------------------------
+# The exact answers --------------------------------------------------------------------
 @public
-def springpot_force(t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, onset: str = "steady") -> np.ndarray:
+def springpot_force(
+    t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, onset: str = "steady"
+) -> np.ndarray:
     """What chi D^alpha y is at the times t, exactly, when y is straight between them.
 
-    f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 - alpha)), without cancellation.
+    f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 -
+    alpha)), without cancellation.
 
     Parameters
     ----------
@@ -36,7 +41,8 @@ def springpot_force(t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, ons
     alpha : float
         From 0 (spring) to 1 (dashpot).
     onset : {"steady", "step"}
-        Whether y has always been where it is at first, or jumps there from 0 (the force at that time is then infinite).
+        Whether y has always been where it is at first, or jumps there from 0 (the force
+        at that time is then infinite).
 
     Returns
     -------
@@ -46,11 +52,13 @@ def springpot_force(t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, ons
     Raises
     ------
     BadValue
-        t not rising, not finite or of another length than y; chi, alpha or onset outside their range.
+        t not rising, not finite or of another length than y; chi, alpha or onset
+        outside their range.
 
     References
     ----------
-    Çaldıran's thesis, eq. (2.8); the sum over straight pieces is the L1 formula on an uneven grid.
+    Çaldıran's thesis, eq. (2.8); the sum over straight pieces is the L1 formula on an
+    uneven grid.
 
     Examples
     --------
@@ -70,9 +78,15 @@ def springpot_force(t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, ons
 
 @public
 def maxwell_force(
-    t: ArrayLike, y: ArrayLike, k0: float, arms: Sequence[tuple[float, float]], *, onset: str = "steady"
+    t: ArrayLike,
+    y: ArrayLike,
+    k0: float,
+    arms: Sequence[tuple[float, float]],
+    *,
+    onset: str = "steady",
 ) -> np.ndarray:
-    """What a spring and Maxwell arms answer at the times t, exactly, when y is straight between them.
+    """What a spring and Maxwell arms answer at the times t, exactly, when y is straight
+    between them.
 
     Parameters
     ----------
@@ -91,7 +105,8 @@ def maxwell_force(
     Raises
     ------
     BadValue
-        t not rising, not finite or of another length than y; a time constant not above 0; an unknown onset.
+        t not rising, not finite or of another length than y; a time constant not above
+        0; an unknown onset.
 
     References
     ----------
@@ -100,20 +115,26 @@ def maxwell_force(
     Examples
     --------
     >>> from stimlib.fitting.exact import maxwell_force
-    >>> maxwell_force([0.0, 1e-6, 0.1, 10.0], [0.0, 0.01, 0.01, 0.01], 100.0, [(50.0, 0.1)]).round(4)
+    >>> maxwell_force(
+    ...     [0.0, 1e-6, 0.1, 10.0], [0.0, 0.01, 0.01, 0.01], 100.0, [(50.0, 0.1)]
+    ... ).round(4)
     array([0.    , 1.5   , 1.1839, 1.    ])
     """
     t, y = signals_at(t, y)
     check_material(0.0, 0.0, onset)
     arms = [(float(k), float(tau)) for k, tau in arms]
     if not all(math.isfinite(k) and math.isfinite(tau) and tau > 0 for k, tau in arms):
-        raise BadValue(f"maxwell_force: arms {arms} must have finite stiffnesses and time constants above 0")
+        raise BadValue(
+            f"maxwell_force: arms {arms} must have finite stiffnesses and time constants above 0"
+        )
     k, tau = np.array([a[0] for a in arms]), np.array([a[1] for a in arms])
     return k0 * y + arm_forces(t, y, tau, onset)[0] @ k
 
 
 class Pairs:
-    """The springpot's answer, for chi = 1, at some of the times, and its derivative by alpha."""
+    """The springpot's answer, for chi = 1, at some of the times, and its derivative by
+    alpha.
+    """
 
     def __init__(self, t: np.ndarray, y: np.ndarray, some: np.ndarray, onset: str):
         slope = np.diff(y) / np.diff(t)
@@ -139,14 +160,19 @@ class Pairs:
         part = np.where(self.over, end * more, np.where(self.now, last, 0.0))
         value = part @ self.slope / size
         # by b: x^b log x
-        steep = np.where(self.over, end * (more * self.end + (more + 1) * self.more), np.where(self.now, last * self.piece, 0.0))
+        steep = np.where(
+            self.over,
+            end * (more * self.end + (more + 1) * self.more),
+            np.where(self.now, last * self.piece, 0.0),
+        )
         slope = digamma(2 - alpha) * value - steep @ self.slope / size
         if self.jump:
             with np.errstate(divide="ignore", invalid="ignore"):
                 log = np.log(self.since)
                 if alpha == 1:
                     extra = np.where(self.since > 0, 0.0, math.inf)
-                    by = np.where(self.since > 0, -1 / self.since, math.inf)  # 1/Gamma(1 - alpha) falls with the slope 1
+                    # 1/Gamma(1 - alpha) falls with the slope 1
+                    by = np.where(self.since > 0, -1 / self.since, math.inf)
                 else:
                     extra = np.exp(-alpha * log) / math.gamma(1 - alpha)
                     by = extra * (digamma(1 - alpha) - log)
@@ -154,8 +180,12 @@ class Pairs:
         return value, slope
 
 
-def arm_forces(t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str) -> tuple[np.ndarray, np.ndarray]:
-    """Answers of unit arms, shape (t.size, tau.size), and their derivatives by log(tau)."""
+def arm_forces(
+    t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Answers of unit arms, shape (t.size, tau.size), and their derivatives by
+    log(tau).
+    """
     a = np.diff(t)[:, None] / tau
     e = -np.expm1(-a)
     p, g, dy = 1 - e, np.where(a > 0, e / np.where(a > 0, a, 1.0), 1.0), np.diff(y)[:, None]
@@ -168,17 +198,24 @@ def arm_forces(t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str) -> tup
     return f, d
 
 
-# Input ---------------------------------------------------------------------------------------------------------------
+# Input --------------------------------------------------------------------------------
 def signals_at(t, *signals) -> list[np.ndarray]:
     out: list[np.ndarray] = []
-    names = ("t", "y", "f") if len(signals) < 3 else ("t", *(f"signal {i}" for i in range(1, len(signals) + 1)))
+    names = (
+        ("t", "y", "f")
+        if len(signals) < 3
+        else ("t", *(f"signal {i}" for i in range(1, len(signals) + 1)))
+    )
     for name, v in zip(names, (t, *signals), strict=False):
         try:
             a = np.array(v, float)
         except (TypeError, ValueError):
             raise BadValue(f"{name} must be an array of numbers") from None
         if a.ndim != 1 or (out and a.size != out[0].size):
-            raise BadValue(f"{name} has shape {a.shape}; time and signals must be one-dimensional and of one length")
+            raise BadValue(
+                f"{name} has shape {a.shape}; time and signals must be one-dimensional and of one"
+                " length"
+            )
         if not np.isfinite(a).all():
             raise BadValue(f"{name}[{int(np.argmin(np.isfinite(a)))}] is not finite")
         out.append(a)
@@ -187,7 +224,9 @@ def signals_at(t, *signals) -> list[np.ndarray]:
     late = np.diff(out[0]) > 0
     if not late.all():
         i = int(np.argmin(late))
-        raise BadValue(f"t must rise: t[{i}] = {out[0][i]:g} is followed by t[{i + 1}] = {out[0][i + 1]:g}")
+        raise BadValue(
+            f"t must rise: t[{i}] = {out[0][i]:g} is followed by t[{i + 1}] = {out[0][i + 1]:g}"
+        )
     return out
 
 
@@ -201,11 +240,13 @@ def check_material(chi: float, alpha: float, onset: str) -> None:
 
 
 @public
-def thin(t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, before: int = 200) -> list[np.ndarray]:
+def thin(
+    t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, before: int = 200
+) -> list[np.ndarray]:
     """Averages over bins: equal bins before a time, and bins of equal ratio after it.
 
-    A relaxation sampled evenly has nearly all of its samples where nothing happens any more.  Averages over bins weigh every
-    decade of time alike, and have less noise.
+    A relaxation sampled evenly has nearly all of its samples where nothing happens any
+    more.  Averages over bins weigh every decade of time alike, and have less noise.
 
     Parameters
     ----------
@@ -214,7 +255,8 @@ def thin(t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, 
     *signals : array_like, shape (n,)
         Such as displacement and force.
     start : float
-        Time in s after which bins are even in the logarithm of the time since then: the start of the hold.
+        Time in s after which bins are even in the logarithm of the time since then: the
+        start of the hold.
     per_decade : int
         Bins in a factor of 10 in time.
     before : int
@@ -228,7 +270,8 @@ def thin(t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, 
     Raises
     ------
     BadValue
-        t not rising, not finite or of another length than the signals; start not within t; no bins.
+        t not rising, not finite or of another length than the signals; start not within
+        t; no bins.
 
     Examples
     --------
@@ -249,7 +292,9 @@ def thin(t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, 
     bins = np.empty(t.size, np.int64)
     bins[:early] = np.arange(early) * min(before, early) // max(early, 1)
     since = t[early:] - start
-    bins[early:] = before + np.floor(np.log10(since / since[0]) * per_decade + 1e-9).astype(np.int64)
+    bins[early:] = before + np.floor(np.log10(since / since[0]) * per_decade + 1e-9).astype(
+        np.int64
+    )
     starts = np.flatnonzero(np.diff(bins, prepend=-1))
     counts = np.diff(np.r_[starts, t.size])
     return [np.add.reduceat(v, starts) / counts for v in rows]

@@ -1,4 +1,6 @@
-"""Material models from recorded relaxation: displacement and force at whatever times they were sampled, see ``exact``."""
+"""Material models from recorded relaxation: displacement and force at whatever times
+they were sampled, see ``exact``.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,15 @@ from numpy.typing import ArrayLike
 
 from ..core.graph import Block
 from ..errors import BadValue, SinkError, public
-from .exact import PAIRS, Pairs, arm_forces, check_material, maxwell_force, signals_at, springpot_force
+from .exact import (
+    PAIRS,
+    Pairs,
+    arm_forces,
+    check_material,
+    maxwell_force,
+    signals_at,
+    springpot_force,
+)
 
 CONFIDENCE = 0.95
 ALPHAS = (0.05, 0.15, 0.35, 0.65, 0.9)  # where a springpot's search starts
@@ -27,8 +37,9 @@ class MaterialFit:
     values : dict of str to float
         Numbers of the model.
     intervals : dict of str to (float, float)
-        95 % confidence intervals, from the curvature at the minimum, as if the errors of samples were independent.  Where a
-        model is wrong in shape they are too narrow: neighbouring errors are then alike.
+        95 % confidence intervals, from the curvature at the minimum, as if the errors
+        of samples were independent.  Where a model is wrong in shape they are too
+        narrow: neighbouring errors are then alike.
     t, y, f : ndarray, shape (n,)
         What was given.
     fitted : ndarray, shape (n,)
@@ -68,13 +79,18 @@ class MaterialFit:
         return float(np.max(np.abs(self.relative)))
 
     def __repr__(self):
-        parts = [f"{n}={v:.4g} [{self.intervals[n][0]:.4g}, {self.intervals[n][1]:.4g}]" for n, v in self.values.items()]
+        parts = [
+            f"{n}={v:.4g} [{self.intervals[n][0]:.4g}, {self.intervals[n][1]:.4g}]"
+            for n, v in self.values.items()
+        ]
         return (
-            f"{type(self).__name__}({', '.join(parts)}; {100 * self.relative_error:.2g} % rms of {int(self.used.sum())} samples)"
+            f"{type(self).__name__}({', '.join(parts)}; {100 * self.relative_error:.2g} % rms of"
+            f" {int(self.used.sum())} samples)"
         )
 
     def plot(self, path: str | os.PathLike) -> None:
-        """Draw force and model over the time since the motion began, and the relative error.
+        """Draw force and model over the time since the motion began, and the relative
+        error.
 
         Parameters
         ----------
@@ -158,7 +174,9 @@ class SpringpotFit(MaterialFit):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MaxwellFit(MaterialFit):
-    """Spring and Maxwell arms; see ``MaterialFit``.  ``values`` has k0, k1, tau1, k2, .. with rising time constants."""
+    """Spring and Maxwell arms; see ``MaterialFit``.  ``values`` has k0, k1, tau1, k2,
+    .. with rising time constants.
+    """
 
     @property
     def k0(self) -> float:
@@ -195,7 +213,8 @@ class MaxwellFit(MaterialFit):
 def fit_springpot(
     t: ArrayLike, y: ArrayLike, f: ArrayLike, *, where=None, sigma="relative", onset: str = "steady"
 ) -> SpringpotFit:
-    """Order and coefficient of the springpot that answers the recorded motion most like the recorded force.
+    """Order and coefficient of the springpot that answers the recorded motion most like
+    the recorded force.
 
     Parameters
     ----------
@@ -206,22 +225,26 @@ def fit_springpot(
     f : array_like, shape (n,)
         Force, in N if the result is to become a stimulus.
     where : array_like of bool, shape (n,), optional
-        Samples to fit, such as the hold only; the motion before them still acts.  Default: all after the motion has begun.
+        Samples to fit, such as the hold only; the motion before them still acts.
+        Default: all after the motion has begun.
     sigma : {"relative", "absolute"} or array_like, shape (n,)
-        What the errors are measured with: each force itself, the same for all, or the given standard deviations.
+        What the errors are measured with: each force itself, the same for all, or the
+        given standard deviations.
     onset : {"steady", "step"}
         Whether y has always been where it is at first, or jumps there from 0 at t[0].
 
     Returns
     -------
     SpringpotFit
-        With ``chi``, ``alpha``, confidence intervals, residuals, ``plot`` and ``block``.
+        With ``chi``, ``alpha``, confidence intervals, residuals, ``plot`` and
+        ``block``.
 
     Raises
     ------
     BadValue
-        t not rising, not finite numbers, different lengths; less than 3 samples to fit; a force of 0 with relative errors;
-        a position that never moves; too many samples at once (``thin`` them).
+        t not rising, not finite numbers, different lengths; less than 3 samples to fit;
+        a force of 0 with relative errors; a position that never moves; too many samples
+        at once (``thin`` them).
 
     References
     ----------
@@ -235,7 +258,9 @@ def fit_springpot(
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)  # 1 cm in 0.2 s, then held
     >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal(t.size)
-    >>> fit = fit_springpot(t, y, springpot_force(t, y, 300.0, 0.2) * noise, where=t > 0.2)
+    >>> fit = fit_springpot(
+    ...     t, y, springpot_force(t, y, 300.0, 0.2) * noise, where=t > 0.2
+    ... )
     >>> fit
     SpringpotFit(chi=299.5 [298.4, 300.6], alpha=0.1998 [0.1986, 0.2009]; 0.72 % rms of 43 samples)
     """
@@ -246,8 +271,8 @@ def fit_springpot(
     used, weight = _use(t, y, f, where, sigma, onset, 3)
     if used.sum() * t.size > PAIRS:
         raise BadValue(
-            f"fit_springpot: {int(used.sum())} samples to fit and {t.size - 1} straight pieces are too many pairs; "
-            "average them first: t, y, f = thin(t, y, f, start=...)"
+            f"fit_springpot: {int(used.sum())} samples to fit and {t.size - 1} straight pieces are"
+            " too many pairs; average them first: t, y, f = thin(t, y, f, start=...)"
         )
     model, target = Pairs(t, y, np.flatnonzero(used), onset), f[used] * weight
 
@@ -265,18 +290,38 @@ def fit_springpot(
         if not (chi > 0 and math.isfinite(chi)):
             continue
         bounds = ([-700.0, 0.0], [700.0, 1.0])
-        found = least_squares(miss, [math.log(chi), alpha], slope, bounds, ftol=1e-13, xtol=1e-13, gtol=1e-13, max_nfev=200)
+        found = least_squares(
+            miss,
+            [math.log(chi), alpha],
+            slope,
+            bounds,
+            ftol=1e-13,
+            xtol=1e-13,
+            gtol=1e-13,
+            max_nfev=200,
+        )
         if best is None or found.cost < best.cost * (1 - 1e-9):
             best = found
     if best is None:
-        raise BadValue("fit_springpot: the force is not along the motion (chi would be below 0); is one of the signs reversed?")
+        raise BadValue(
+            "fit_springpot: the force is not along the motion (chi would be below 0); is one of the"
+            " signs reversed?"
+        )
     low, high = _intervals(best.x, slope(best.x), best.fun)
     chi, alpha = math.exp(best.x[0]), float(best.x[1])
     return SpringpotFit(
         {"chi": chi, "alpha": alpha},
-        {"chi": (_exp(low[0]), _exp(high[0])), "alpha": (max(float(low[1]), 0.0), min(float(high[1]), 1.0))},
-        t, y, f, springpot_force(t, y, chi, alpha, onset=onset), used, onset,
-    )  # fmt: skip
+        {
+            "chi": (_exp(low[0]), _exp(high[0])),
+            "alpha": (max(float(low[1]), 0.0), min(float(high[1]), 1.0)),
+        },
+        t,
+        y,
+        f,
+        springpot_force(t, y, chi, alpha, onset=onset),
+        used,
+        onset,
+    )
 
 
 @public
@@ -291,7 +336,8 @@ def fit_generalized_maxwell(
     sigma="relative",
     onset: str = "steady",
 ) -> MaxwellFit:
-    """Stiffnesses and time constants of a generalized Maxwell model from a recorded motion and force.
+    """Stiffnesses and time constants of a generalized Maxwell model from a recorded
+    motion and force.
 
     Parameters
     ----------
@@ -310,11 +356,13 @@ def fit_generalized_maxwell(
     Raises
     ------
     BadValue
-        As ``fit_springpot``; arms below 1; fewer samples to fit than there are numbers in the model.
+        As ``fit_springpot``; arms below 1; fewer samples to fit than there are numbers
+        in the model.
 
     Notes
     -----
-    All numbers are fitted as logarithms.  An interval up to infinity: the recording does not determine that number.
+    All numbers are fitted as logarithms.  An interval up to infinity: the recording
+    does not determine that number.
 
     References
     ----------
@@ -327,7 +375,9 @@ def fit_generalized_maxwell(
     >>> from stimlib.fitting.relaxation import fit_generalized_maxwell
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)
-    >>> fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 100.0, [(50.0, 0.1), (30.0, 5.0)]), arms=2)
+    >>> fit = fit_generalized_maxwell(
+    ...     t, y, maxwell_force(t, y, 100.0, [(50.0, 0.1), (30.0, 5.0)]), arms=2
+    ... )
     >>> round(fit.k0, 6), [(round(k, 6), round(tau, 6)) for k, tau in fit.arms]
     (100.0, [(50.0, 0.1), (30.0, 5.0)])
     """
@@ -336,7 +386,9 @@ def fit_generalized_maxwell(
     t, y, f = signals_at(t, y, f)
     check_material(0.0, 0.0, onset)
     if not isinstance(arms, (int, np.integer)) or isinstance(arms, bool) or arms < 1:
-        raise BadValue(f"fit_generalized_maxwell: arms = {arms!r} must be a whole number of at least 1")
+        raise BadValue(
+            f"fit_generalized_maxwell: arms = {arms!r} must be a whole number of at least 1"
+        )
     n = int(spring)
     used, weight = _use(t, y, f, where, sigma, onset, 2 * arms + n + 1)
     target, elastic = f[used] * weight, (y[used] * weight)[:, None][:, :n]
@@ -350,7 +402,10 @@ def fit_generalized_maxwell(
         return value[used] * weight[:, None], by[used] * weight[:, None]
 
     def miss(x):
-        return np.concatenate([elastic, unit(x[n + arms :])[0]], axis=1) @ np.exp(x[: n + arms]) - target
+        return (
+            np.concatenate([elastic, unit(x[n + arms :])[0]], axis=1) @ np.exp(x[: n + arms])
+            - target
+        )
 
     def slope(x):
         value, by = unit(x[n + arms :])
@@ -363,7 +418,11 @@ def fit_generalized_maxwell(
             shortest * (longest / shortest) ** (margin / arms / 2),
             longest * (shortest / longest) ** (margin / arms / 2),
         )
-        logs = np.linspace(math.log(first), math.log(last), arms) if arms > 1 else np.array([(math.log(first * last)) / 2])
+        logs = (
+            np.linspace(math.log(first), math.log(last), arms)
+            if arms > 1
+            else np.array([(math.log(first * last)) / 2])
+        )
         k = nnls(np.concatenate([elastic, unit(logs)[0]], axis=1), target)[0]
         if not k.any():
             continue
@@ -375,11 +434,16 @@ def fit_generalized_maxwell(
             [math.log(top) - 25.0] * (n + arms) + [middle - wide] * arms,
             [math.log(top) + 25.0] * (n + arms) + [middle + wide] * arms,
         )
-        found = least_squares(miss, x, slope, edges, x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-13, max_nfev=400)
+        found = least_squares(
+            miss, x, slope, edges, x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-13, max_nfev=400
+        )
         if best is None or found.cost < best.cost * (1 - 1e-9):
             best = found
     if best is None:
-        raise BadValue("fit_generalized_maxwell: the force is not along the motion; is one of the signs reversed?")
+        raise BadValue(
+            "fit_generalized_maxwell: the force is not along the motion; is one of the signs"
+            " reversed?"
+        )
     low, high = _intervals(best.x, slope(best.x), best.fun)
     order = np.argsort(best.x[n + arms :], kind="stable")
     places = {"k0": 0} if spring else {}
@@ -412,16 +476,23 @@ def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.
         if used.dtype != bool or used.shape != t.shape:
             raise BadValue(f"where must be {t.size} values True or False, such as t > 2.1")
         if onset == "step" and y[0] != 0 and used[0]:
-            raise BadValue("where: at the moment of the step, t[0], the force is not finite; leave that sample out")
+            raise BadValue(
+                "where: at the moment of the step, t[0], the force is not finite; leave that"
+                " sample out"
+            )
         if not np.any(used & (np.arange(t.size) >= first)):
             raise BadValue("where: none of these samples is after the motion has begun")
     if used.sum() < least:
-        raise BadValue(f"{int(used.sum())} samples to fit are not enough for this model; give at least {least}")
+        raise BadValue(
+            f"{int(used.sum())} samples to fit are not enough for this model; give at least {least}"
+        )
     if not f[used].any():
         raise BadValue("the force f is 0 at all samples to fit")
     if isinstance(sigma, str):
         if sigma not in ("relative", "absolute"):
-            raise BadValue(f"sigma = {sigma!r}; choose 'relative', 'absolute' or give standard deviations")
+            raise BadValue(
+                f"sigma = {sigma!r}; choose 'relative', 'absolute' or give standard deviations"
+            )
         if sigma == "absolute":
             return used, np.full(int(used.sum()), 1 / np.sqrt(np.mean(f[used] ** 2)))
         size = np.abs(f)
@@ -438,16 +509,24 @@ def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.
     return used, 1 / size[used]
 
 
-def _intervals(x: np.ndarray, jacobian: np.ndarray, miss: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """95 % confidence: x -+ t s, s^2 the diagonal of (J' J)^-1 times the variance of the errors."""
+def _intervals(
+    x: np.ndarray, jacobian: np.ndarray, miss: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """95 % confidence: x -+ t s, s^2 the diagonal of (J' J)^-1 times the variance of
+    the errors.
+    """
     from scipy.stats import t as student
 
     free = miss.size - x.size
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
     _, s, v = np.linalg.svd(jacobian / scale, full_matrices=False)
-    known = s > 1e-12 * s[0]  # the other directions make no difference to the fit, and whatever has a part in them is unknown
-    deviation = np.sqrt(np.sum((v[known] / s[known, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
+    # the other directions make no difference to the fit, and whatever has a part in
+    # them is unknown
+    known = s > 1e-12 * s[0]
+    deviation = (
+        np.sqrt(np.sum((v[known] / s[known, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
+    )
     wide = student.ppf((1 + CONFIDENCE) / 2, free) * deviation
     wide[np.any(np.abs(v[~known]) > 1e-6, axis=0)] = math.inf
     return x - wide, x + wide

@@ -1,7 +1,8 @@
-"""System identification: the parameters of a scene that bring its signals nearest to a target, by gradients.
+"""System identification: the parameters of a scene that bring its signals nearest to a
+target, by gradients.
 
-A number is searched in relative units: p = start exp(u), or its like between bounds, so that one step of u means as much for
-1e-9 as for 1e9, and no step can leave the bounds.
+A number is searched in relative units: p = start exp(u), or its like between bounds, so
+that one step of u means as much for 1e-9 as for 1e9, and no step can leave the bounds.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ BINS = 4  # between 0 Hz and the low end of its band
 FAR = 300.0  # where the coordinate of a number with a bound ends: exp(FAR) is a number
 
 
-# Coordinates ---------------------------------------------------------------------------------------------------------
+# Coordinates --------------------------------------------------------------------------
 class Range(NamedTuple):
     """Where a number may lie, and where its search starts."""
 
@@ -35,7 +36,9 @@ class Range(NamedTuple):
     high: float
 
     def value(self, u: Any, xp: Any = np) -> Any:
-        """The number at the coordinate u; start at 0, rising, within low .. high for all u."""
+        """The number at the coordinate u; start at 0, rising, within low .. high for
+        all u.
+        """
         start, low, high = self
         if math.isinf(low) and math.isinf(high):
             return start + (abs(start) or 1.0) * u
@@ -50,28 +53,45 @@ class Range(NamedTuple):
 
 def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
     if not isinstance(params, Mapping) or not params:
-        raise BadValue(f'fit: params must map names to starts, such as {{"k": 100.0, "alpha": (0.5, 0, 1)}}; got {params!r}')
+        raise BadValue(
+            'fit: params must map names to starts, such as {"k": 100.0, "alpha": (0.5, 0, 1)};'
+            f" got {params!r}"
+        )
     out = {}
     for name, given in params.items():
         if name not in known:
-            raise UnknownName(f"fit: no parameter {name!r}; this scene has {', '.join(known) or 'none'}")
+            raise UnknownName(
+                f"fit: no parameter {name!r}; this scene has {', '.join(known) or 'none'}"
+            )
         try:
-            start, low, high = (float(v) for v in (given if isinstance(given, (tuple, list)) else (given, math.nan, math.nan)))
+            start, low, high = (
+                float(v)
+                for v in (
+                    given if isinstance(given, (tuple, list)) else (given, math.nan, math.nan)
+                )
+            )
         except (TypeError, ValueError):
-            raise BadValue(f"fit: {name} = {given!r} must be a start or (start, low, high)") from None
+            raise BadValue(
+                f"fit: {name} = {given!r} must be a start or (start, low, high)"
+            ) from None
         if not math.isfinite(start):
             raise BadValue(f"fit: {name}: the start {start} must be finite")
         if not isinstance(given, (tuple, list)):
             if start == 0:
-                raise BadValue(f"fit: {name}: a start of 0 has neither sign nor size; give (start, low, high)")
+                raise BadValue(
+                    f"fit: {name}: a start of 0 has neither sign nor size; give (start, low, high)"
+                )
             low, high = (0.0, math.inf) if start > 0 else (-math.inf, 0.0)
         if not low < start < high:
-            raise BadValue(f"fit: {name}: the start {start:g} must lie between {low:g} and {high:g}, not at an end")
+            raise BadValue(
+                f"fit: {name}: the start {start:g} must lie between {low:g} and {high:g}, not at"
+                " an end"
+            )
         out[name] = Range(start, low, high)
     return out
 
 
-# What is compared ----------------------------------------------------------------------------------------------------
+# What is compared ---------------------------------------------------------------------
 def welch(x: Any, fs: float, segment: int) -> Any:
     """One-sided PSD under JAX: Hann windows, half overlapping, means removed.
 
@@ -122,11 +142,15 @@ class View(NamedTuple):
 def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
     a = np.asarray(target)
     if a.dtype.kind not in "iuf" or a.ndim != 1:
-        raise BadValue(f"fit: the target of {name} must be one row of real numbers, got {a.dtype} {a.shape}")
+        raise BadValue(
+            f"fit: the target of {name} must be one row of real numbers, got {a.dtype} {a.shape}"
+        )
     if n is not None and a.size != n:
         raise BadValue(f"fit: the target of {name} must be {n} samples, got {a.size}")
     if not np.isfinite(a).all():
-        raise BadValue(f"fit: the target of {name} is not finite at sample {int(np.argmin(np.isfinite(a)))}")
+        raise BadValue(
+            f"fit: the target of {name} is not finite at sample {int(np.argmin(np.isfinite(a)))}"
+        )
     if not a.any():
         raise BadValue(f"fit: the target of {name} is 0 throughout: nothing can be relative to it")
     return a.astype(float)
@@ -134,8 +158,16 @@ def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
 
 def _force(targets: Mapping[str, Any], n: int, weight: Any) -> View:
     w = np.ones(n) if weight is None else np.asarray(weight)
-    if w.dtype.kind not in "biuf" or w.shape != (n,) or not np.isfinite(w).all() or not (w >= 0).all() or not w.any():
-        raise BadValue(f"fit: weight must be {n} finite numbers from 0 on, not all 0; got {w.dtype} {w.shape}")
+    if (
+        w.dtype.kind not in "biuf"
+        or w.shape != (n,)
+        or not np.isfinite(w).all()
+        or not (w >= 0).all()
+        or not w.any()
+    ):
+        raise BadValue(
+            f"fit: weight must be {n} finite numbers from 0 on, not all 0; got {w.dtype} {w.shape}"
+        )
     signals = {name: _signal(name, target, n) for name, target in targets.items()}
     root = {}
     for name, y in signals.items():
@@ -143,7 +175,11 @@ def _force(targets: Mapping[str, Any], n: int, weight: Any) -> View:
         if not power > 0:
             raise BadValue(f"fit: the target of {name} is 0 wherever weight is not")
         root[name] = np.sqrt(w / power)
-    return View({name: root[name] * y for name, y in signals.items()}, lambda name, y: root[name] * y, "relative rms error")
+    return View(
+        {name: root[name] * y for name, y in signals.items()},
+        lambda name, y: root[name] * y,
+        "relative rms error",
+    )
 
 
 def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
@@ -154,17 +190,25 @@ def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
     except (TypeError, ValueError):
         raise BadValue(f"fit: loss='log_psd' needs band=(low, high) in Hz, got {band!r}") from None
     if not 0 < low < high <= fs / 2:
-        raise BadValue(f"fit: band = ({low:g}, {high:g}) Hz must rise within 0 .. fs/2 = {fs / 2:g}")
+        raise BadValue(
+            f"fit: band = ({low:g}, {high:g}) Hz must rise within 0 .. fs/2 = {fs / 2:g}"
+        )
     segment = 2 ** math.ceil(math.log2(BINS * fs / low))
     least = (SEGMENTS + 1) * segment // 2
     f = np.fft.rfftfreq(segment, 1 / fs)
     inside = np.flatnonzero((f >= low) & (f <= high))
     if not inside.size:
-        raise BadValue(f"fit: band = ({low:g}, {high:g}) Hz holds no bin, they are {fs / segment:g} Hz apart; give a wider one")
+        raise BadValue(
+            f"fit: band = ({low:g}, {high:g}) Hz holds no bin, they are {fs / segment:g} Hz apart;"
+            " give a wider one"
+        )
 
     def long(what: str, size: int) -> None:
         if size < least:
-            raise BadValue(f"fit: {what}, {size} samples, is too short for {SEGMENTS} segments down to {low:g} Hz: give {least}")
+            raise BadValue(
+                f"fit: {what}, {size} samples, is too short for {SEGMENTS} segments down to {low:g}"
+                f" Hz: give {least}"
+            )
 
     long("the run", n)
     wanted = {}
@@ -172,12 +216,22 @@ def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
         if callable(target):
             P = np.asarray(target(f[inside]), float)
         elif isinstance(target, tuple):
-            g, density = (np.asarray(v, float) for v in target) if len(target) == 2 else (np.zeros(0), np.zeros(0))
+            g, density = (
+                (np.asarray(v, float) for v in target)
+                if len(target) == 2
+                else (np.zeros(0), np.zeros(0))
+            )
             if g.ndim != 1 or g.shape != density.shape or g.size < 2 or not (np.diff(g) > 0).all():
-                raise BadValue(f"fit: the target of {name} must be a PSD as (f, P), two rows of one length, f rising")
+                raise BadValue(
+                    f"fit: the target of {name} must be a PSD as (f, P), two rows of one length, f"
+                    " rising"
+                )
             if g[0] > f[inside[0]] or g[-1] < f[inside[-1]]:
                 ends = f"{f[inside[0]]:g} .. {f[inside[-1]]:g} Hz"
-                raise BadValue(f"fit: the PSD of {name}, {g[0]:g} .. {g[-1]:g} Hz, must reach over the band's bins, {ends}")
+                raise BadValue(
+                    f"fit: the PSD of {name}, {g[0]:g} .. {g[-1]:g} Hz, must reach over the band's"
+                    f" bins, {ends}"
+                )
             if not (density > 0).all():
                 raise BadValue(f"fit: the PSD of {name} must be above 0")
             P = np.exp(np.interp(f[inside], g, np.log(density)))
@@ -186,9 +240,14 @@ def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
             long(f"the target of {name}", x.size)
             P = np.asarray(welch(jnp.asarray(x), fs, segment))[inside]
         if P.shape != inside.shape or not np.isfinite(P).all() or not (P > 0).all():
-            raise BadValue(f"fit: the PSD of {name} must be finite and above 0 at each of the {inside.size} bins of the band")
+            raise BadValue(
+                f"fit: the PSD of {name} must be finite and above 0 at each of the {inside.size}"
+                " bins of the band"
+            )
         wanted[name] = np.log(P)
-    return View(wanted, lambda name, y: jnp.log(welch(y, fs, segment)[inside]), "rms difference of ln PSD")
+    return View(
+        wanted, lambda name, y: jnp.log(welch(y, fs, segment)[inside]), "rms difference of ln PSD"
+    )
 
 
 def _rms(targets: Mapping[str, Any]) -> View:
@@ -206,7 +265,9 @@ def _rms(targets: Mapping[str, Any]) -> View:
         else:
             value = float(np.sqrt(np.mean(_signal(name, target, None) ** 2)))
         wanted[name] = np.array([math.log(value)])
-    return View(wanted, lambda name, y: 0.5 * jnp.log(jnp.mean(y**2))[None], "ln of the ratio of rms")
+    return View(
+        wanted, lambda name, y: 0.5 * jnp.log(jnp.mean(y**2))[None], "ln of the ratio of rms"
+    )
 
 
 LOSSES = ("force", "log_psd", "rms")
@@ -218,7 +279,7 @@ def _view(loss: str, targets: Mapping[str, Any], n: int, fs: float, weight: Any,
     return _log_psd(targets, n, fs, band) if loss == "log_psd" else _rms(targets)
 
 
-# The result ----------------------------------------------------------------------------------------------------------
+# The result ---------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Fit:
     """What ``stimlib.fit`` found; ``print`` shows it as a table."""
@@ -233,7 +294,9 @@ class Fit:
     """Loss at the start and after each step, shape (steps + 1,)."""
     steps: int
     converged: bool
-    """Whether the last step changed no number by more than ``tol``, relatively, where the loss is least and flat."""
+    """Whether the last step changed no number by more than ``tol``, relatively, where
+    the loss is least and flat.
+    """
     signals: dict[str, np.ndarray]
     """Every output with ``params``, each of shape (n,)."""
     scene: Scene
@@ -245,7 +308,10 @@ class Fit:
 
     def __repr__(self):
         values = ", ".join(f"{name}={value:.6g}" for name, value in self.params.items())
-        return f"Fit({values}; loss {self.loss:.3g}, {self.steps} steps{'' if self.converged else ', not converged'})"
+        return (
+            f"Fit({values}; loss {self.loss:.3g}, {self.steps}"
+            f" steps{'' if self.converged else ', not converged'})"
+        )
 
     def __str__(self):
         rows = [("", "found", "95 %" if self.intervals else "", "start", "")]
@@ -253,18 +319,35 @@ class Fit:
             unit = "" if self.units[name] == "1" else self.units[name]
             low, high = self.intervals.get(name, (0.0, 0.0))
             rows.append(
-                (name, f"{value:.6g}", f"{low:.6g} .. {high:.6g}" if self.intervals else "", f"{self.start[name]:.6g}", unit)
+                (
+                    name,
+                    f"{value:.6g}",
+                    f"{low:.6g} .. {high:.6g}" if self.intervals else "",
+                    f"{self.start[name]:.6g}",
+                    unit,
+                )
             )
         wide = [max(len(row[i]) for row in rows) for i in range(4)]
         lines = [
-            "  ".join([row[0].ljust(wide[0]), *(row[i].rjust(wide[i]) for i in (1, 2, 3) if wide[i]), row[4]]) for row in rows
+            "  ".join(
+                [
+                    row[0].ljust(wide[0]),
+                    *(row[i].rjust(wide[i]) for i in (1, 2, 3) if wide[i]),
+                    row[4],
+                ]
+            )
+            for row in rows
         ]
-        what = f"{self.measure} {math.sqrt(self.loss):.3g}" if self.measure else f"loss {self.loss:.3g}"
+        what = (
+            f"{self.measure} {math.sqrt(self.loss):.3g}"
+            if self.measure
+            else f"loss {self.loss:.3g}"
+        )
         end = "converged" if self.converged else "not converged"
         return "\n".join([*(line.rstrip() for line in lines), f"{what}; {self.steps} steps, {end}"])
 
 
-# The search ----------------------------------------------------------------------------------------------------------
+# The search ---------------------------------------------------------------------------
 @public
 def fit(
     scene: Scene,
@@ -284,7 +367,8 @@ def fit(
     optimiser: Any = None,
     progress: bool = False,
 ) -> Fit:
-    """The parameters of a scene that bring its signals nearest to a target, along a motion.
+    """The parameters of a scene that bring its signals nearest to a target, along a
+    motion.
 
     Parameters
     ----------
@@ -295,32 +379,37 @@ def fit(
     target : array_like or dict of str to array_like
         What the output should be, or each of some outputs by name; see ``loss``.
     params : dict of str to float or (start, low, high)
-        Numbers to find.  With bounds, either of them may be infinite and is never reached; without, a number keeps the sign of
-        its start.
+        Numbers to find.  With bounds, either of them may be infinite and is never
+        reached; without, a number keeps the sign of its start.
     loss : {"force", "log_psd", "rms"} or callable
-        "force": mean square of the difference, over the mean square of the target, a signal (n,).
-        "log_psd": mean square of the difference of the natural logarithms of the Welch PSDs in ``band``.  The target is a signal
-        of any length, a pair of arrays (f, P), or a function of f; P is one-sided, in units^2/Hz.
-        "rms": square of the natural logarithm of the ratio of the RMS values.  The target is a signal, or a number.
-        Or a function (signals, target) -> scalar of ``jax.numpy``, of all outputs by name and of the target as it was given.
+        "force": mean square of the difference, over the mean square of the target, a
+        signal (n,). "log_psd": mean square of the difference of the natural logarithms
+        of the Welch PSDs in ``band``.  The target is a signal of any length, a pair of
+        arrays (f, P), or a function of f; P is one-sided, in units^2/Hz. "rms": square
+        of the natural logarithm of the ratio of the RMS values.  The target is a
+        signal, or a number. Or a function (signals, target) -> scalar of ``jax.numpy``,
+        of all outputs by name and of the target as it was given.
     fs : float
         Sample rate in Hz, of arrays of motion and of target too.
     seconds : float, optional
-        Length of the run; by default that of the target of "force", else of the shortest array of motion.
+        Length of the run; by default that of the target of "force", else of the
+        shortest array of motion.
     weight : array_like, shape (n,), optional
-        With "force", of each squared difference and of each square of the target: 0 leaves a sample out, 1/target**2 makes errors
-        relative.
+        With "force", of each squared difference and of each square of the target: 0
+        leaves a sample out, 1/target**2 makes errors relative.
     band : (low, high), optional
         With "log_psd", in Hz.
     seed : int
         Key of all noise, the same at every step.
     surrogate : float, optional
-        Relative width of the smooth edge whose derivative gates borrow; see ``stimlib.compile``.
+        Relative width of the smooth edge whose derivative gates borrow; see
+        ``stimlib.compile``.
     steps : int
         The most that are made.
     tol : float
-        The search ends where a step changes every number by less than this, relatively, and the loss is flat: its slope is below
-        sqrt(tol) times that at the start, or times the loss, but for no number exactly 0.
+        The search ends where a step changes every number by less than this, relatively,
+        and the loss is flat: its slope is below sqrt(tol) times that at the start, or
+        times the loss, but for no number exactly 0.
     optimiser : optax.GradientTransformation, optional
         By default ``optax.lbfgs()``, with its line search.
     progress : bool
@@ -331,15 +420,17 @@ def fit(
     UnknownName
         Parameters, inputs or outputs that the scene does not have.
     BadValue
-        A target, weight or band of a wrong shape, not finite, or 0 throughout; a start that is not between its bounds; a number
-        that makes no difference at its start (its derivative is exactly 0); a loss that is not finite there.
+        A target, weight or band of a wrong shape, not finite, or 0 throughout; a start
+        that is not between its bounds; a number that makes no difference at its start
+        (its derivative is exactly 0); a loss that is not finite there.
 
     Notes
     -----
-    A search by gradients finds the minimum of the valley in which it starts, and ends, not converged, where a line search finds
-    nothing lower.  Intervals come from the Gauss-Newton matrix and
-    take errors of samples as independent and equal (with ``weight``, as weighted).  A loss on noise compares one run of it, so
-    its numbers scatter as those of one recording do.
+    A search by gradients finds the minimum of the valley in which it starts, and ends,
+    not converged, where a line search finds nothing lower.  Intervals come from the
+    Gauss-Newton matrix and take errors of samples as independent and equal (with
+    ``weight``, as weighted).  A loss on noise compares one run of it, so its numbers
+    scatter as those of one recording do.
 
     Examples
     --------
@@ -347,17 +438,27 @@ def fit(
     >>> from stimlib import Input, Param
     >>> from stimlib.blocks import velocity
     >>> y = Input("y", "m")
-    >>> tissue = stimlib.Scene({"force": Param("k", 50.0, "N/m") * y + Param("b", 1.0, "N s/m") * velocity(y)})
+    >>> tissue = stimlib.Scene(
+    ...     {
+    ...         "force": Param("k", 50.0, "N/m") * y
+    ...         + Param("b", 1.0, "N s/m") * velocity(y)
+    ...     }
+    ... )
     >>> t = np.arange(300) / 1000
     >>> motion = {"y": 0.01 * np.sin(20 * t) ** 2}
-    >>> force = stimlib.render(tissue, motion, fs=1000, params={"k": 80.0, "b": 3.0})["force"]
+    >>> force = stimlib.render(tissue, motion, fs=1000, params={"k": 80.0, "b": 3.0})[
+    ...     "force"
+    ... ]
     >>> stimlib.fit(tissue, motion, force, {"k": 50.0, "b": (1.0, 0, 10)}, fs=1000)
     Fit(k=80, b=3; loss ..., ... steps)
     """
     jax, jnp, optax = (package(name, "fit") for name in ("jax", "jax.numpy", "optax"))
 
     if not (callable(loss) or loss in LOSSES):
-        raise BadValue(f"fit: loss = {loss!r}: choose one of {', '.join(LOSSES)}, or a function of (signals, target)")
+        raise BadValue(
+            f"fit: loss = {loss!r}: choose one of {', '.join(LOSSES)}, or a function of (signals,"
+            " target)"
+        )
     if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 1:
         raise BadValue(f"fit: steps = {steps!r} must be a whole number of at least 1")
     if not (isinstance(tol, (int, float)) and tol > 0):
@@ -367,7 +468,10 @@ def fit(
             raise BadValue(f"fit: {name} belongs to loss={only!r}")
     opt = optax.lbfgs() if optimiser is None else optimiser
     if not isinstance(opt, optax.GradientTransformation):
-        raise BadValue(f"fit: optimiser must be an optax.GradientTransformation, such as optax.adam(0.05), got {optimiser!r}")
+        raise BadValue(
+            "fit: optimiser must be an optax.GradientTransformation, such as optax.adam(0.05), got"
+            f" {optimiser!r}"
+        )
     opt = optax.with_extra_args_support(opt)
     f = compile(scene, fs, target="jax", seed=seed, surrogate=surrogate)
     ranges = _ranges(params, f.params)
@@ -379,10 +483,22 @@ def fit(
         view = None if callable(loss) else _view(loss, targets, n, f.fs, weight, band)
 
         def run(u: Any, x: Any) -> dict[str, Any]:
-            return f({name: r.value(u[i], jnp) for i, (name, r) in enumerate(ranges.items())}, x, seed, n=n)
+            return f(
+                {name: r.value(u[i], jnp) for i, (name, r) in enumerate(ranges.items())},
+                x,
+                seed,
+                n=n,
+            )
 
         def miss(signals: Mapping[str, Any]) -> dict[str, Any]:
-            return {name: view.see(name, signals[name]) - wanted for name, wanted in view.wanted.items()} if view else {}
+            return (
+                {
+                    name: view.see(name, signals[name]) - wanted
+                    for name, wanted in view.wanted.items()
+                }
+                if view
+                else {}
+            )
 
         def total(u: Any, x: Any) -> Any:
             signals = run(u, x)
@@ -397,7 +513,9 @@ def fit(
 
         @jax.jit
         def step(u, value, grad, state, x):
-            change, state = opt.update(grad, state, u, value=value, grad=grad, value_fn=lambda u: total(u, x))
+            change, state = opt.update(
+                grad, state, u, value=value, grad=grad, value_fn=lambda u: total(u, x)
+            )
             return optax.apply_updates(u, change), state
 
         @jax.jit
@@ -430,8 +548,12 @@ def fit(
                 if history[-1] <= best[0]:
                     best = (history[-1], new)
                 change, u = float(np.abs(np.asarray(new) - np.asarray(u)).max()), new
-                effect = np.abs(grad)  # of each number; exactly 0 where it is out of reach, which is no minimum
-                flat = effect.all() and effect.max() <= math.sqrt(tol) * max(steep, abs(history[-1]))
+                # of each number; exactly 0 where it is out of reach, which is no
+                # minimum
+                effect = np.abs(grad)
+                flat = effect.all() and effect.max() <= math.sqrt(tol) * max(
+                    steep, abs(history[-1])
+                )
                 least = history[-1] - best[0] <= tol * abs(best[0])
                 converged = change <= tol and least and bool(flat or abs(history[-1]) <= tol**2)
                 if change == 0:
@@ -443,9 +565,18 @@ def fit(
     start = {name: r.start for name, r in ranges.items()}
     units = {name: f.units[name] for name in ranges}
     return Fit(
-        found, intervals, best[0], np.array(history), len(history) - 1, converged, signals, _with(scene, found), start, units,
+        found,
+        intervals,
+        best[0],
+        np.array(history),
+        len(history) - 1,
+        converged,
+        signals,
+        _with(scene, found),
+        start,
+        units,
         view.measure if view else "",
-    )  # fmt: skip
+    )
 
 
 def _targets(target: Any, outputs: tuple[str, ...]) -> dict[str, Any]:
@@ -453,25 +584,42 @@ def _targets(target: Any, outputs: tuple[str, ...]) -> dict[str, Any]:
     if isinstance(target, Mapping):
         for name in target:
             if name not in outputs:
-                raise UnknownName(f"fit: target: no output {name!r}; this scene has {', '.join(outputs)}")
+                raise UnknownName(
+                    f"fit: target: no output {name!r}; this scene has {', '.join(outputs)}"
+                )
         if not target:
             raise BadValue("fit: the target has no output")
         return dict(target)
     if len(outputs) > 1:
-        raise BadValue(f"fit: this scene has the outputs {', '.join(outputs)}: give the target as a dict by output")
+        raise BadValue(
+            f"fit: this scene has the outputs {', '.join(outputs)}: give the target as a dict by"
+            " output"
+        )
     return {outputs[0]: target}
 
 
-def _length(motion: Any, inputs: tuple[str, ...], signals: Mapping[str, Any], seconds: float | None, fs: float) -> int:
+def _length(
+    motion: Any,
+    inputs: tuple[str, ...],
+    signals: Mapping[str, Any],
+    seconds: float | None,
+    fs: float,
+) -> int:
     """Samples of the run."""
     lengths = {name: np.size(target) for name, target in signals.items()}
     if len(set(lengths.values())) > 1:
-        raise BadValue(f"fit: targets must have one length, got {', '.join(f'{name}: {n}' for name, n in lengths.items())}")
+        raise BadValue(
+            "fit: targets must have one length, got"
+            f" {', '.join(f'{name}: {n}' for name, n in lengths.items())}"
+        )
     if seconds is not None:
         n = frames_of(seconds, fs)
         for name, size in lengths.items():
             if size != n:
-                raise BadValue(f"fit: seconds = {seconds:g} are {n} samples at {fs:g} Hz, the target of {name} has {size}")
+                raise BadValue(
+                    f"fit: seconds = {seconds:g} are {n} samples at {fs:g} Hz, the target of {name}"
+                    f" has {size}"
+                )
         return n
     rows = [len(s) for s in sources_of(motion, inputs, 0).values() if not callable(s)]
     if not lengths and not rows:
@@ -486,22 +634,33 @@ def _check_start(value: Any, grad: Any, ranges: Mapping[str, Range]) -> None:
     """BadValue where a search cannot begin."""
     starts = ", ".join(f"{name} = {r.start:g}" for name, r in ranges.items())
     if not math.isfinite(value):
-        raise BadValue(f"fit: the loss must be a finite number, it is {value} at the start, {starts}; try another one")
+        raise BadValue(
+            f"fit: the loss must be a finite number, it is {value} at the start, {starts}; try"
+            " another one"
+        )
     wrong = [name for name, g in zip(ranges, grad, strict=True) if not math.isfinite(g)]
     if wrong:
-        raise BadValue(f"fit: the derivative by {', '.join(wrong)} is not finite at the start, {starts}; try another one")
+        raise BadValue(
+            f"fit: the derivative by {', '.join(wrong)} is not finite at the start, {starts}; try"
+            " another one"
+        )
     if value == 0:
         return
     still = [name for name, g in zip(ranges, grad, strict=True) if g == 0]
     if still:
         raise BadValue(
-            f"fit: {', '.join(still)}: no effect on the loss at the start, {starts} (the derivative is exactly 0). Does the "
-            "motion reach it? What acts through gates or comparisons alone needs surrogate=0.1, say"
+            f"fit: {', '.join(still)}: no effect on the loss at the start, {starts} (the derivative"
+            " is exactly 0). Does the motion reach it? What acts through gates or comparisons"
+            " alone needs surrogate=0.1, say"
         )
 
 
-def _confidence(u: np.ndarray, slopes: Mapping[str, Any], misses: Mapping[str, Any], ranges: Mapping[str, Range]) -> dict:
-    """95 % intervals by name; nothing where there are no more samples than numbers.  Samples without weight do not count."""
+def _confidence(
+    u: np.ndarray, slopes: Mapping[str, Any], misses: Mapping[str, Any], ranges: Mapping[str, Range]
+) -> dict:
+    """95 % intervals by name; nothing where there are no more samples than numbers.
+    Samples without weight do not count.
+    """
     J = np.concatenate([np.asarray(slopes[name]) for name in misses])
     r = np.concatenate([np.asarray(v) for v in misses.values()])
     counts = (r != 0) | J.any(axis=1)
@@ -509,7 +668,10 @@ def _confidence(u: np.ndarray, slopes: Mapping[str, Any], misses: Mapping[str, A
         return {}
     low, high = _intervals(u, J[counts], r[counts])
     with np.errstate(over="ignore"):
-        return {name: (float(q.value(a)), float(q.value(b))) for (name, q), a, b in zip(ranges.items(), low, high, strict=True)}
+        return {
+            name: (float(q.value(a)), float(q.value(b)))
+            for (name, q), a, b in zip(ranges.items(), low, high, strict=True)
+        }
 
 
 def _with(scene: Scene, params: Mapping[str, float]) -> Scene:

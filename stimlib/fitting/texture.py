@@ -1,8 +1,10 @@
-"""Textures from recordings: an accelerometer on a tool that strokes a surface, at speeds and forces as they come.
+"""Textures from recordings: an accelerometer on a tool that strokes a surface, at
+speeds and forces as they come.
 
-Sources: Culbertson, Unwin and Kuchenbecker, "Modeling and rendering realistic textures from unconstrained tool-surface
-interactions", IEEE Trans. Haptics 7 (2014); de Waele and Broersen, "The Burg algorithm for segments", IEEE Trans. Signal
-Processing 48 (2000).
+Sources: Culbertson, Unwin and Kuchenbecker, "Modeling and rendering realistic textures
+from unconstrained tool-surface interactions", IEEE Trans. Haptics 7 (2014); de Waele
+and Broersen, "The Burg algorithm for segments", IEEE Trans. Signal Processing 48
+(2000).
 """
 
 from __future__ import annotations
@@ -56,24 +58,32 @@ class TextureFit:
 
     @property
     def left_out(self) -> list[Bin]:
-        """Bins without a model, because there was too little in them; their neighbours stand in."""
+        """Bins without a model, because there was too little in them; their neighbours
+        stand in.
+        """
         return [b for b in self.bins if b.left_out]
 
     def __repr__(self):
         used = [b for b in self.bins if not b.left_out]
         said = "".join(
-            f"; left out {b.speed[0]:.3g} to {b.speed[1]:.3g} m/s, {b.force[0]:.3g} to {b.force[1]:.3g} N: {b.left_out}"
+            f"; left out {b.speed[0]:.3g} to {b.speed[1]:.3g} m/s, {b.force[0]:.3g} to"
+            f" {b.force[1]:.3g} N: {b.left_out}"
             for b in self.left_out
         )
         order = self.model.lsf.shape[1]
-        return f"TextureFit({len(used)} of {len(self.bins)} bins, order {order}, {sum(b.seconds for b in used):.3g} s{said})"
+        return (
+            f"TextureFit({len(used)} of {len(self.bins)} bins, order {order},"
+            f" {sum(b.seconds for b in used):.3g} s{said})"
+        )
 
 
 def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float]:
-    """The autoregressive model of several stretches of one process, by Burg's method for segments.
+    """The autoregressive model of several stretches of one process, by Burg's method
+    for segments.
 
-    Each reflection coefficient k makes the forward and backward errors of all stretches together least, so abs(k) < 1 and the
-    model is stable, whatever the data; and unlike an autocorrelation, no stretch is taken as 0 beyond its ends.
+    Each reflection coefficient k makes the forward and backward errors of all stretches
+    together least, so abs(k) < 1 and the model is stable, whatever the data; and unlike
+    an autocorrelation, no stretch is taken as 0 beyond its ends.
 
     Parameters
     ----------
@@ -93,7 +103,9 @@ def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float
     >>> import numpy as np
     >>> from scipy.signal import lfilter
     >>> from stimlib.fitting.texture import burg
-    >>> x = lfilter([0.5], [1.0, -1.2, 0.8], np.random.default_rng(0).standard_normal(40000))
+    >>> x = lfilter(
+    ...     [0.5], [1.0, -1.2, 0.8], np.random.default_rng(0).standard_normal(40000)
+    ... )
     >>> a, power = burg(np.split(x, 400), 2)
     >>> a.round(1), round(power, 2)
     (array([ 1. , -1.2,  0.8]), 0.25)
@@ -103,7 +115,11 @@ def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float
     a = np.ones(1)
     for _ in range(order):
         both = sum(float(f @ f + b @ b) for f, b in zip(forward, backward, strict=True))
-        k = -2 * sum(float(f @ b) for f, b in zip(forward, backward, strict=True)) / both if both > 0 else 0.0
+        k = (
+            -2 * sum(float(f @ b) for f, b in zip(forward, backward, strict=True)) / both
+            if both > 0
+            else 0.0
+        )
         pairs = [(f + k * b, b + k * f) for f, b in zip(forward, backward, strict=True)]
         forward, backward = [f[1:] for f, _ in pairs], [b[:-1] for _, b in pairs]
         a = np.r_[a, 0.0] + k * np.r_[0.0, a[::-1]]
@@ -113,13 +129,24 @@ def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float
 
 @public
 def fit_texture(
-    acceleration, speed, force, fs: float, *, order: int = 14, speeds=5, forces=4, seconds: float = 1.0, name: str = ""
+    acceleration,
+    speed,
+    force,
+    fs: float,
+    *,
+    order: int = 14,
+    speeds=5,
+    forces=4,
+    seconds: float = 1.0,
+    name: str = "",
 ) -> TextureFit:
-    """A texture from a recording: one autoregressive model for each range of speeds and forces that has enough in it.
+    """A texture from a recording: one autoregressive model for each range of speeds and
+    forces that has enough in it.
 
-    A model stands at the mean speed and force of its bin.  At speed 0 and at force 0 there is no vibration; at the largest
-    speed and force the border of the rectangle has the models of the bins beside it.  Triangles are those of Delaunay in
-    speed and force over their largest.
+    A model stands at the mean speed and force of its bin.  At speed 0 and at force 0
+    there is no vibration; at the largest speed and force the border of the rectangle
+    has the models of the bins beside it.  Triangles are those of Delaunay in speed and
+    force over their largest.
 
     Parameters
     ----------
@@ -128,14 +155,16 @@ def fit_texture(
     speed, force : array_like, shape (n,)
         In m/s along the surface, whose sign does not count, and in N normal to it.
     fs : float
-        Of all three, in Hz; the model runs at this rate.  Bring a faster recording to 1000 Hz first
-        (``scipy.signal.resample_poly``).
+        Of all three, in Hz; the model runs at this rate.  Bring a faster recording to
+        1000 Hz first (``scipy.signal.resample_poly``).
     order : int
         Of the models.
     speeds, forces : int or array_like
-        How many ranges, each with about as many samples; or the edges of the ranges in m/s and N.
+        How many ranges, each with about as many samples; or the edges of the ranges in
+        m/s and N.
     seconds : float
-        A bin with less than this, in stretches of at least 4 samples for each coefficient, is left out.
+        A bin with less than this, in stretches of at least 4 samples for each
+        coefficient, is left out.
     name : str
 
     Returns
@@ -146,17 +175,19 @@ def fit_texture(
     Raises
     ------
     BadValue
-        Signals that are not finite, or of several lengths; edges that do not rise; an order, a rate or seconds out of range; no
-        bin that has enough.
+        Signals that are not finite, or of several lengths; edges that do not rise; an
+        order, a rate or seconds out of range; no bin that has enough.
 
     Notes
     -----
-    Skin hardly feels the direction of a vibration, so the toolkit's authors made one signal of three axes: the sum of the axes'
-    spectra, with the phase of the sum (DFT321: Landin, Romano, McMahan, Kuchenbecker, EuroHaptics 2010).
+    Skin hardly feels the direction of a vibration, so the toolkit's authors made one
+    signal of three axes: the sum of the axes' spectra, with the phase of the sum
+    (DFT321: Landin, Romano, McMahan, Kuchenbecker, EuroHaptics 2010).
 
     References
     ----------
-    As at the head of the module; the published models are cut by the stationarity of the signal, these by speed and force alone.
+    As at the head of the module; the published models are cut by the stationarity of
+    the signal, these by speed and force alone.
 
     Examples
     --------
@@ -166,24 +197,45 @@ def fit_texture(
     >>> from stimlib.fitting.texture import fit_texture
     >>> t = np.arange(60_000) / 1000  # here yours would stand
     >>> v, f = 0.08 + 0.07 * np.sin(2 * t), 1.2 + np.sin(0.3 * t)
-    >>> scene = stimlib.Scene({"a": texture(stimlib.Input("v", "m/s"), stimlib.Input("f", "N"), made_up(), seed=1)})
+    >>> scene = stimlib.Scene(
+    ...     {
+    ...         "a": texture(
+    ...             stimlib.Input("v", "m/s"),
+    ...             stimlib.Input("f", "N"),
+    ...             made_up(),
+    ...             seed=1,
+    ...         )
+    ...     }
+    ... )
     >>> a = stimlib.compile(scene, 1000).process(np.array([v, f]))[0]
     >>> fit_texture(a, v, f, 1000, speeds=3, forces=3)
     TextureFit(9 of 9 bins, order 14, ... s)
     """
     a, v, f = _signals(acceleration=acceleration, speed=speed, force=force)
     v = np.abs(v)
-    for what, value, least, most in (("order", order, 1, ORDER), ("fs", fs, 10, 1e6), ("seconds", seconds, 0, np.inf)):
+    for what, value, least, most in (
+        ("order", order, 1, ORDER),
+        ("fs", fs, 10, 1e6),
+        ("seconds", seconds, 0, np.inf),
+    ):
         if not least <= value <= most:
             raise BadValue(f"fit_texture: {what} = {value!r} must be from {least} to {most:g}")
     some = (v > 0) & (f > 0)
     edges = [_edges(n, e, x[some]) for n, e, x in (("speeds", speeds, v), ("forces", forces, f))]
-    row, column = (np.searchsorted(e[1:-1], x, side="right") for e, x in zip(edges, (v, f), strict=True))
-    inside = some & (v >= edges[0][0]) & (v <= edges[0][-1]) & (f >= edges[1][0]) & (f <= edges[1][-1])
+    row, column = (
+        np.searchsorted(e[1:-1], x, side="right") for e, x in zip(edges, (v, f), strict=True)
+    )
+    inside = (
+        some & (v >= edges[0][0]) & (v <= edges[0][-1]) & (f >= edges[1][0]) & (f <= edges[1][-1])
+    )
     bins: list[Bin] = []
     found: dict[tuple[int, int], Point] = {}
     for i, j in product(range(edges[0].size - 1), range(edges[1].size - 1)):
-        runs = [r for r in _runs(inside & (row == i) & (column == j)) if r.stop - r.start >= SHORTEST * order]
+        runs = [
+            r
+            for r in _runs(inside & (row == i) & (column == j))
+            if r.stop - r.start >= SHORTEST * order
+        ]
         duration = sum(r.stop - r.start for r in runs) / fs
         why = "" if runs and duration >= seconds else f"{duration:.3g} s of {seconds:g} s"
         if not why:
@@ -196,13 +248,16 @@ def fit_texture(
     if not found:
         longest = max(bins, key=lambda b: b.seconds)
         raise BadValue(
-            f"fit_texture: no bin has {seconds:g} s in stretches of {SHORTEST * order} samples; the fullest: {longest.left_out}; "
-            "record longer, with slower changes; or take a lower order, fewer speeds and forces, or fewer seconds"
+            f"fit_texture: no bin has {seconds:g} s in stretches of {SHORTEST * order} samples; the"
+            f" fullest: {longest.left_out}; record longer, with slower changes; or take a lower"
+            " order, fewer speeds and forces, or fewer seconds"
         )
     try:
         return TextureFit(_joined(found, fs, name), bins)
     except BadValue as e:
-        raise BadValue(f"fit_texture: {e}; give the acceleration in m/s^2, the speed in m/s and the force in N") from None
+        raise BadValue(
+            f"fit_texture: {e}; give the acceleration in m/s^2, the speed in m/s and the force in N"
+        ) from None
 
 
 def _point(a: np.ndarray, v: np.ndarray, f: np.ndarray, runs: list[slice], order: int) -> Point:
@@ -216,27 +271,48 @@ def _point(a: np.ndarray, v: np.ndarray, f: np.ndarray, runs: list[slice], order
 
 
 def _joined(found: dict[tuple[int, int], Point], fs: float, name: str) -> TextureModel:
-    """Models at their places, and those on the border of the rectangle that they span from 0 on."""
+    """Models at their places, and those on the border of the rectangle that they span
+    from 0 on.
+    """
     from scipy.spatial import Delaunay
 
     own = list(found.values())
     top_v, top_f = max(m.speed for m in own), max(m.force for m in own)
-    fastest = [max((m for (_, k), m in found.items() if k == j), key=lambda m: m.speed) for j in {j for _, j in found}]
-    hardest = [max((m for (k, _), m in found.items() if k == i), key=lambda m: m.force) for i in {i for i, _ in found}]
+    fastest = [
+        max((m for (_, k), m in found.items() if k == j), key=lambda m: m.speed)
+        for j in {j for _, j in found}
+    ]
+    hardest = [
+        max((m for (k, _), m in found.items() if k == i), key=lambda m: m.force)
+        for i in {i for i, _ in found}
+    ]
 
     def copy(v: float, f: float, loud: bool) -> Point:
         near = min(own, key=lambda m: ((m.speed - v) / top_v) ** 2 + ((m.force - f) / top_f) ** 2)
         return Point(v, f, near.lsf, near.variance if loud else 0.0)
 
-    border = [m._replace(speed=top_v) for m in fastest] + [m._replace(force=top_f) for m in hardest] + [copy(top_v, top_f, True)]
-    silent = [(0.0, 0.0), (top_v, 0.0), (0.0, top_f), *((0.0, m.force) for m in fastest), *((m.speed, 0.0) for m in hardest)]
+    border = (
+        [m._replace(speed=top_v) for m in fastest]
+        + [m._replace(force=top_f) for m in hardest]
+        + [copy(top_v, top_f, True)]
+    )
+    silent = [
+        (0.0, 0.0),
+        (top_v, 0.0),
+        (0.0, top_f),
+        *((0.0, m.force) for m in fastest),
+        *((m.speed, 0.0) for m in hardest),
+    ]
     points = {
-        (m.speed, m.force): m for m in reversed([*own, *border, *(copy(*place, False) for place in silent)])
+        (m.speed, m.force): m
+        for m in reversed([*own, *border, *(copy(*place, False) for place in silent)])
     }  # own ones stay
     speed, force, lsf, variance = (np.array(v) for v in zip(*points.values(), strict=True))
     triangles = Delaunay(np.stack([speed / top_v, force / top_f], axis=1)).simplices
     n = len(points)
-    return TextureModel(speed, force, triangles, lsf, np.empty((n, 0)), variance, np.ones(n), fs, name)
+    return TextureModel(
+        speed, force, triangles, lsf, np.empty((n, 0)), variance, np.ones(n), fs, name
+    )
 
 
 def _signals(**signals) -> list[np.ndarray]:
@@ -250,10 +326,16 @@ def _signals(**signals) -> list[np.ndarray]:
             raise BadValue(f"fit_texture: {name} must be an array of real numbers, got {x.dtype}")
         x = x.astype(float)
         if x.ndim != 1 or not x.size or (out and x.size != out[0].size):
-            raise BadValue(f"fit_texture: {name} has shape {x.shape}; all three signals must be rows of one length")
+            raise BadValue(
+                f"fit_texture: {name} has shape {x.shape}; all three signals must be rows of one"
+                " length"
+            )
         if not (fits := np.abs(x) <= LARGEST).all():
             k = int(np.argmin(fits))
-            raise BadValue(f"fit_texture: {name}[{k}] = {x[k]:g} is not finite, or above {LARGEST:g}; cut the recording there")
+            raise BadValue(
+                f"fit_texture: {name}[{k}] = {x[k]:g} is not finite, or above {LARGEST:g}; cut the"
+                " recording there"
+            )
         out.append(x)
     return out
 
@@ -261,17 +343,32 @@ def _signals(**signals) -> list[np.ndarray]:
 def _edges(what: str, given, x: np.ndarray) -> np.ndarray:
     """Of the ranges: as given, or so that each has as many samples."""
     if not x.size:
-        raise BadValue("fit_texture: speed and force are never above 0 at the same time: nothing was stroked")
+        raise BadValue(
+            "fit_texture: speed and force are never above 0 at the same time: nothing was stroked"
+        )
     if isinstance(given, (int, np.integer)) and not isinstance(given, bool):
         if not 1 <= given <= 50:
             raise BadValue(f"fit_texture: {what} = {given} must be from 1 to 50")
-        return np.unique(np.quantile(x, np.linspace(0, 1, given + 1))) if np.ptp(x) else np.array([x[0] / 2, 2 * x[0]])
+        return (
+            np.unique(np.quantile(x, np.linspace(0, 1, given + 1)))
+            if np.ptp(x)
+            else np.array([x[0] / 2, 2 * x[0]])
+        )
     try:
         edges = np.array(given, float)
     except (TypeError, ValueError):
         edges = np.array(np.nan)
-    if edges.ndim != 1 or edges.size < 2 or not (np.diff(edges) > 0).all() or not edges[0] >= 0 or not np.isfinite(edges).all():
-        raise BadValue(f"fit_texture: {what} must be a whole number, or edges that rise from 0 or above, got {given!r:.200}")
+    if (
+        edges.ndim != 1
+        or edges.size < 2
+        or not (np.diff(edges) > 0).all()
+        or not edges[0] >= 0
+        or not np.isfinite(edges).all()
+    ):
+        raise BadValue(
+            f"fit_texture: {what} must be a whole number, or edges that rise from 0 or above, got"
+            f" {given!r:.200}"
+        )
     return edges
 
 

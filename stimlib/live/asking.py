@@ -1,6 +1,8 @@
-"""The face of an experiment on a page: what a participant may see, and the answers that come back.
+"""The face of an experiment on a page: what a participant may see, and the answers that
+come back.
 
-Page and server talk over the WebSocket of `stimlib.live.protocol`: the same ``hello``, limits and codes of closing. After it
+Page and server talk over the WebSocket of `stimlib.live.protocol`: the same ``hello``,
+limits and codes of closing. After it
 
 =========== ============================================= ================================================================
 page: do    fields                                        meaning
@@ -13,16 +15,24 @@ server: is  fields                                        meaning
 =========== ============================================= ================================================================
 hello       version                                       first message
 state       number, phase, trial, told, since             after hello and after every change. trial: "trial 3, for training";
-                                                          told: texts; since: seconds since it began. phase: ``wait``;
-                                                          ``ask`` with text, keys (list of [key, what it says]; the key "" is
-                                                          any), line, words, as `stimlib.experiments.prompts.Prompt`; ``rest``
-                                                          with seconds; ``feel`` with intervals (list of [begin, end] in s) and
-                                                          cursor (Hz of a reference to follow, or null); ``end``
+                                                          told: texts; since: seconds
+                                                          since it began. phase:
+                                                          ``wait``; ``ask`` with text,
+                                                          keys (list of [key, what it
+                                                          says]; the key "" is any),
+                                                          line, words, as
+                                                          `stimlib.experiments.prompts.Prompt`;
+                                                          ``rest`` with seconds;
+                                                          ``feel`` with intervals (list
+                                                          of [begin, end] in s) and
+                                                          cursor (Hz of a reference to
+                                                          follow, or null); ``end``
 error       about, text                                   the answer is refused, and why
 =========== ============================================= ================================================================
 
-Nothing else is sent: no condition, level, parameter, seed, or which of the answers is right. The server closes with 4409 when
-another page was opened, and with 4410 at the end.
+Nothing else is sent: no condition, level, parameter, seed, or which of the answers is
+right. The server closes with 4409 when another page was opened, and with 4410 at the
+end.
 """
 
 from __future__ import annotations
@@ -52,7 +62,10 @@ FIELDS = {
     "hello": protocol.FIELDS["hello"],
     "answer": {
         "number": fields.whole(2**53),
-        "text": fields.Test(f"a text of at most {LONGEST} characters", lambda v: isinstance(v, str) and len(v) <= LONGEST),
+        "text": fields.Test(
+            f"a text of at most {LONGEST} characters",
+            lambda v: isinstance(v, str) and len(v) <= LONGEST,
+        ),
     },
 }
 GOODBYE = 2.0
@@ -60,15 +73,18 @@ GOODBYE = 2.0
 
 
 class Asking(Keyed):
-    """A session's face for `stimlib.experiments.run.run`, and the site of a `stimlib.live.server.Server`.
+    """A session's face for `stimlib.experiments.run.run`, and the site of a
+    `stimlib.live.server.Server`.
 
-    The session runs in a thread that waits here for answers; pages are of the server's event loop. The newest page counts: one
-    that is opened later, as after a lost connection, closes the one before. Texts go as they are: a page shows them as text.
+    The session runs in a thread that waits here for answers; pages are of the server's
+    event loop. The newest page counts: one that is opened later, as after a lost
+    connection, closes the one before. Texts go as they are: a page shows them as text.
 
     Parameters
     ----------
     note : callable
-        ``note(text)`` tells the experimenter how far the session is; called from both threads.
+        ``note(text)`` tells the experimenter how far the session is; called from both
+        threads.
 
     Examples
     --------
@@ -76,7 +92,8 @@ class Asking(Keyed):
     """
 
     title, index = "experiment", "ask.html"
-    most, longest = 8, 4 * LONGEST + 1024  # pages that were lost may still seem open; four bytes a character
+    # pages that were lost may still seem open; four bytes a character
+    most, longest = 8, 4 * LONGEST + 1024
 
     def __init__(self, note: Callable[[str], None]):
         self.pages: list[Page] = []
@@ -95,11 +112,13 @@ class Asking(Keyed):
 
     @contextmanager
     def _held(self) -> Iterator[None]:
-        """The lock for the session's thread: Ctrl-C between its taking and the ``with`` would leave it taken for ever."""
+        """The lock for the session's thread: Ctrl-C between its taking and the ``with``
+        would leave it taken for ever.
+        """
         with signals_wait(), self._changed:
             yield
 
-    # The face: the session's thread --------------------------------------------------------------------------------------
+    # The face: the session's thread ---------------------------------------------------
     def tell(self, text: str) -> None:
         """Shown until the next answer."""
         self._told = [*self._told, text]
@@ -142,8 +161,11 @@ class Asking(Keyed):
                 self._changed.wait(0.2)
             return self._said
 
-    def display(self, experiment: Experiment, sink: str, **options: Any) -> Callable[[Trial, Path], dict[str, Any]]:
-        """What ``run`` takes as a sink: the page shows when there is something to feel, and a stimulus without a page fades out.
+    def display(
+        self, experiment: Experiment, sink: str, **options: Any
+    ) -> Callable[[Trial, Path], dict[str, Any]]:
+        """What ``run`` takes as a sink: the page shows when there is something to feel,
+        and a stimulus without a page fades out.
 
         Parameters
         ----------
@@ -178,7 +200,7 @@ class Asking(Keyed):
 
         return show
 
-    # The site: the server's event loop -----------------------------------------------------------------------------------
+    # The site: the server's event loop ------------------------------------------------
     def message(self, text: str | bytes) -> dict[str, Any]:
         """What a page says, checked."""
         return protocol.message(text, FIELDS)
@@ -221,7 +243,11 @@ class Asking(Keyed):
             return "hello is said once, as the first word"
         if page is not self.pages[-1]:
             return "this session was opened on another page"
-        if message["number"] != self._number or self._state["phase"] != "ask" or self._said is not None:
+        if (
+            message["number"] != self._number
+            or self._state["phase"] != "ask"
+            or self._said is not None
+        ):
             return "nothing is asked now, or it was answered"
         keys = [key for key, _ in self._state["keys"]]
         return "" if self._state["line"] or message["text"] in keys else "there is no such key"
@@ -236,7 +262,7 @@ class Asking(Keyed):
                 self._over = True
                 self._changed.notify_all()
 
-    # What a page is told -------------------------------------------------------------------------------------------------
+    # What a page is told --------------------------------------------------------------
     def _become(self, phase: str, **more: Any) -> None:
         with self._held():
             self._number, self._since, self._said = self._number + 1, time.monotonic(), None
@@ -246,7 +272,12 @@ class Asking(Keyed):
 
     def _now(self) -> dict[str, Any]:
         with self._changed:
-            state = {"is": "state", "number": self._number, "trial": self._trial, "told": self._told}
+            state = {
+                "is": "state",
+                "number": self._number,
+                "trial": self._trial,
+                "told": self._told,
+            }
             return state | {"since": time.monotonic() - self._since} | self._state
 
     def _tell(self, page: Page) -> None:
@@ -255,7 +286,8 @@ class Asking(Keyed):
         page.tell(now)
 
     def _spread(self) -> None:
-        if self.pages and self._number > self._known:  # said again it would look as if an answer had not been taken
+        # said again it would look as if an answer had not been taken
+        if self.pages and self._number > self._known:
             self._tell(self.pages[-1])
 
     def __enter__(self) -> Self:
@@ -264,7 +296,9 @@ class Asking(Keyed):
     def __exit__(self, kind: Any, *_: object) -> None:
         """The page's last words."""
         if kind is not None:
-            self.tell("The session has stopped. All answers are kept. Please tell the experimenter.")
+            self.tell(
+                "The session has stopped. All answers are kept. Please tell the experimenter."
+            )
         elif self._told:
             self._note(self._told[-1])
         self._become("end")

@@ -1,4 +1,6 @@
-"""What a page is told of a scene: ranges for hand and sliders, full scale, and the surface of a scene for the eye."""
+"""What a page is told of a scene: ranges for hand and sliders, full scale, and the
+surface of a scene for the eye.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ LAWS: dict[str, dict[str, Range]] = {
     "wall": {"x": (-0.01, 0.01)},
     "impact": {"x": (-0.01, 0.01)},
 }
-"""Ranges of inputs and parameters where the law of the scene tells more than the unit."""
+"""Ranges of inputs and parameters where the law of the scene tells more than the
+unit.
+"""
 MAP = 128
 """Most columns and rows of a surface that a page is sent."""
 
@@ -42,7 +46,8 @@ def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[st
     ----------
     scene : Scene
     given : mapping of str to (low, high), optional
-        In the units of the scene; goes before what the law, the unit or the value suggest.
+        In the units of the scene; goes before what the law, the unit or the value
+        suggest.
 
     Raises
     ------
@@ -62,19 +67,27 @@ def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[st
     names = [*scene.inputs, *scene.params]
     for name, (low, high) in given.items():
         if name not in names:
-            raise UnknownName(f"range of {name}: the scene has {', '.join(names) or 'no input and no parameter'}")
+            raise UnknownName(
+                f"range of {name}: the scene has {', '.join(names) or 'no input and no parameter'}"
+            )
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise BadValue(f"range of {name}: {low:g} to {high:g} must be finite and rise")
     known = {p.inputs.get(n, n): r for p in scene.parts for n, r in LAWS.get(p.law, {}).items()}
-    found: dict[str, Range] = {name: UNITS.get(str(b.dim), (0.0, 1.0)) for name, b in scene.inputs.items()}
+    found: dict[str, Range] = {
+        name: UNITS.get(str(b.dim), (0.0, 1.0)) for name, b in scene.inputs.items()
+    }
     if surface := _surface(scene):
         found |= {"x": (0.0, surface["width"]), "y": (0.0, surface["height"])}
     found |= {name: _around(b.value, str(b.dim)) for name, b in scene.params.items()}
-    found |= {n: r for n, r in known.items() if n in found} | {n: (float(a), float(b)) for n, (a, b) in given.items()}
+    found |= {n: r for n, r in known.items() if n in found} | {
+        n: (float(a), float(b)) for n, (a, b) in given.items()
+    }
     for name, p in scene.params.items():
         low, high = found[name]
         if name in given and not low <= p.value <= high:
-            raise BadValue(f"range of {name}: {low:g} to {high:g} does not hold its value {p.value:g}")
+            raise BadValue(
+                f"range of {name}: {low:g} to {high:g} does not hold its value {p.value:g}"
+            )
         found[name] = min(low, p.value), max(high, p.value)
     return found
 
@@ -87,7 +100,8 @@ def _around(value: float, unit: str) -> Range:
 
 
 def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[str, float]:
-    """Full scale of each output where nobody says it: twice the peak of a second in which every input sweeps its range, or more.
+    """Full scale of each output where nobody says it: twice the peak of a second in
+    which every input sweeps its range, or more.
 
     Parameters
     ----------
@@ -100,13 +114,16 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
     Returns
     -------
     dict of str to float
-        Rounded up to 1, 2 or 5 times a power of ten; 1 of an output that is 0 or not finite.
+        Rounded up to 1, 2 or 5 times a power of ten; 1 of an output that is 0 or not
+        finite.
 
     Examples
     --------
     >>> import stimlib
     >>> from stimlib.live.describe import full_scales
-    >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> scene = stimlib.Scene(
+    ...     {"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> full_scales(scene, 8000.0, {"x": (0.0, 0.01)})
     {'force': 50.0}
     """
@@ -114,10 +131,13 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
     for name in scene.inputs:
         low, high = ranges[name]
         motion[name] = (
-            np.ones(round(fs)) if name == "contact" else sinusoid((high - low) / 2, 1.0, (high + low) / 2, -math.pi / 2)
+            np.ones(round(fs))
+            if name == "contact"
+            else sinusoid((high - low) / 2, 1.0, (high + low) / 2, -math.pi / 2)
         )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # that a sweep of a whole pad is faster than a hand
+        # that a sweep of a whole pad is faster than a hand
+        warnings.simplefilter("ignore", RuntimeWarning)
         made = render(scene, motion, fs=fs, seconds=1.0)
     return {name: _round_up(2 * float(np.abs(made[name]).max())) for name in scene.outputs}
 
@@ -129,8 +149,11 @@ def _round_up(v: float) -> float:
     return next(k * ten for k in (1.0, 2.0, 5.0, 10.0, 20.0) if k * ten >= v)
 
 
-def description(scene: Scene, ranges: Mapping[str, Range], full: Mapping[str, float], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts of hello that are the scene's: inputs, params, outputs, view; see ``protocol``.
+def description(
+    scene: Scene, ranges: Mapping[str, Range], full: Mapping[str, float], given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The parts of hello that are the scene's: inputs, params, outputs, view; see
+    ``protocol``.
 
     Parameters
     ----------
@@ -150,24 +173,39 @@ def description(scene: Scene, ranges: Mapping[str, Range], full: Mapping[str, fl
     found: dict[str, Any] = {"inputs": [], "params": [], "outputs": []}
     for name, b in scene.inputs.items():
         low, high = ranges[name]
-        found["inputs"].append({"name": name, "unit": str(b.dim), "low": low, "high": high, "given": name in given})
+        found["inputs"].append(
+            {"name": name, "unit": str(b.dim), "low": low, "high": high, "given": name in given}
+        )
     for name, p in scene.params.items():
         low, high = ranges[name]
-        found["params"].append({"name": name, "unit": str(p.dim), "value": p.value, "low": low, "high": high})
+        found["params"].append(
+            {"name": name, "unit": str(p.dim), "value": p.value, "low": low, "high": high}
+        )
     for name, out in scene.outputs.items():
         found["outputs"].append({"name": name, "unit": str(out.dim), "full": full[name]})
     return found | {"view": _surface(scene)}
 
 
 def _surface(scene: Scene) -> dict[str, Any] | None:
-    """What a page draws of a soft object: its map, and the names of the avatars on it."""
-    maps = [b for b in reach(scene.outputs.values()) if isinstance(b, (CubicGrid, Cursor, CursorFrames))]
+    """What a page draws of a soft object: its map, and the names of the avatars on
+    it.
+    """
+    maps = [
+        b for b in reach(scene.outputs.values()) if isinstance(b, (CubicGrid, Cursor, CursorFrames))
+    ]
     outputs, inputs = scene.outputs, scene.inputs
-    if not maps or not {"x", "y"} <= inputs.keys() or not (numbers := [k for k in "123" if {f"x{k}", f"y{k}"} <= outputs.keys()]):
+    if (
+        not maps
+        or not {"x", "y"} <= inputs.keys()
+        or not (numbers := [k for k in "123" if {f"x{k}", f"y{k}"} <= outputs.keys()])
+    ):
         return None
     b: Any = maps[0]
     if isinstance(b, CubicGrid):
-        levels, (width, height) = b.table.T, (float(v) for v in b.spacing * (np.array(b.table.shape) - 1))
+        levels, (width, height) = (
+            b.table.T,
+            (float(v) for v in b.spacing * (np.array(b.table.shape) - 1)),
+        )
     else:
         levels, width, height = b.levels, b.width, b.height
     rows, columns = (np.linspace(0, n - 1, min(n, MAP)).round().astype(int) for n in levels.shape)
@@ -179,6 +217,9 @@ def _surface(scene: Scene) -> dict[str, Any] | None:
         "rows": len(rows),
         "levels": levels[np.ix_(rows, columns)].round(4).ravel().tolist(),
         "inputs": {"x": "x", "y": "y", "press": "press" if "press" in inputs else None},
-        "avatars": [{"x": f"x{k}", "y": f"y{k}", "depth": d if (d := f"depth{k}") in outputs else None} for k in numbers],
+        "avatars": [
+            {"x": f"x{k}", "y": f"y{k}", "depth": d if (d := f"depth{k}") in outputs else None}
+            for k in numbers
+        ],
         "force": "force" if "force" in outputs else None,
     }

@@ -1,4 +1,6 @@
-"""What drives the inputs of a scene while it is live: pointers of a page, a sine, a held value, a motion of the caller's."""
+"""What drives the inputs of a scene while it is live: pointers of a page, a sine, a
+held value, a motion of the caller's.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,13 @@ CHANGE = 0.1
 class Inputs:
     """Makes the motion of a live scene, block by block.
 
-    What a page sends arrives 60 to 1000 times a second, so u, v, pressure and value are followed by ``stimlib.blocks.track``: a
-    hand does not jump.  Contact jumps as it does.  Where an input is told of contact or pressure, a finger that hovers moves
+    What a page sends arrives 60 to 1000 times a second, so u, v, pressure and value are
+    followed by ``stimlib.blocks.track``: a hand does not jump.  Contact jumps as it
+    does.  Where an input is told of contact or pressure, a finger that hovers moves
     nothing, and one that comes back begins where it lands.
 
-    ``columns`` is called by one thread; everything else may be called by another meanwhile, and waits for nobody.
+    ``columns`` is called by one thread; everything else may be called by another
+    meanwhile, and waits for nobody.
 
     Parameters
     ----------
@@ -43,7 +47,8 @@ class Inputs:
     ranges : mapping of str to (low, high)
         Of the inputs.
     given : mapping of str to callable, optional
-        Motions of inputs, functions of time as for ``stimlib.render``: they begin as these.
+        Motions of inputs, functions of time as for ``stimlib.render``: they begin as
+        these.
     bandwidth : float
         Of the follower in Hz.
 
@@ -79,10 +84,14 @@ class Inputs:
         self.given = dict(given or {})
         for name, motion in self.given.items():
             if name not in self.names:
-                raise UnknownName(f"motion of {name}: the scene has no such input; it has {', '.join(self.names) or 'none'}")
+                raise UnknownName(
+                    f"motion of {name}: the scene has no such input; it has"
+                    f" {', '.join(self.names) or 'none'}"
+                )
             if not callable(motion):
                 raise BadValue(
-                    f"motion of {name}: a live scene has no end, so give a function of time, not {type(motion).__name__}"
+                    f"motion of {name}: a live scene has no end, so give a function of time, not"
+                    f" {type(motion).__name__}"
                 )
         self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
         self.newest = (0.0, 0.0)  # time stamp of the newest move, and when it came
@@ -94,13 +103,18 @@ class Inputs:
         self._last = np.zeros(len(self.names))
         self._from = np.zeros(len(self.names))
         outputs: dict[str, Block] = {
-            f"y{k}": track(Input(f"x{k}"), bandwidth, Input(f"on{k}"), max_jump=None) for k in range(len(self.names))
+            f"y{k}": track(Input(f"x{k}"), bandwidth, Input(f"on{k}"), max_jump=None)
+            for k in range(len(self.names))
         }
         self._follow = compile(Scene(outputs), fs) if outputs else None
         self._row = {name: k for k, name in enumerate(self._follow.inputs)} if self._follow else {}
 
-    def _first(self, scene: Scene, ranges: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, Any]]:
-        """A source for every input: x1, x2, .. share an axis, and what is no place is held."""
+    def _first(
+        self, scene: Scene, ranges: Mapping[str, tuple[float, float]]
+    ) -> dict[str, dict[str, Any]]:
+        """A source for every input: x1, x2, .. share an axis, and what is no place is
+        held.
+        """
         found: dict[str, dict[str, Any]] = {}
         axes: dict[str, str] = {}
         for name in self.names:
@@ -111,11 +125,20 @@ class Inputs:
             elif name in ("contact", "press"):
                 kind = {"contact": "contact", "press": "pressure"}[name]
             elif unit in ("m", "m/s") or name == "angle":
-                kind = axes.setdefault(name.rstrip("0123456789"), ("u", "v")[len(axes)] if len(axes) < 2 else "value")
+                kind = axes.setdefault(
+                    name.rstrip("0123456789"), ("u", "v")[len(axes)] if len(axes) < 2 else "value"
+                )
             else:
                 kind = "value"
             rest = min(max(0.0, low), high) if kind != "value" else (low + high) / 2
-            found[name] = {"from": kind, "finger": 0, "low": low, "high": high, "freq": 1.0, "value": rest}
+            found[name] = {
+                "from": kind,
+                "finger": 0,
+                "low": low,
+                "high": high,
+                "freq": 1.0,
+                "value": rest,
+            }
         return found
 
     def _see_touch(self) -> None:
@@ -143,12 +166,16 @@ class Inputs:
             A range that does not rise; ``given`` where nothing was given.
         """
         if name not in self.sources:
-            raise UnknownName(f"source: no input {name!r}; the inputs are {', '.join(self.names) or 'none'}")
+            raise UnknownName(
+                f"source: no input {name!r}; the inputs are {', '.join(self.names) or 'none'}"
+            )
         made = self.sources[name] | source
         if made["from"] == "given" and name not in self.given:
             raise BadValue(f"source: nothing was given for {name}: start with --motion '{name}=..'")
         if not made["low"] < made["high"]:
-            raise BadValue(f"source of {name}: low = {made['low']:g} must be below high = {made['high']:g}")
+            raise BadValue(
+                f"source of {name}: low = {made['low']:g} must be below high = {made['high']:g}"
+            )
         self._changed[name] = None
         self.sources[name] = made
         self._see_touch()
@@ -200,12 +227,15 @@ class Inputs:
         return sinusoid((high - low) / 2, source["freq"], (high + low) / 2, -math.pi / 2)
 
     def _go_over(self, k: int, name: str, row: Array, at: int) -> None:
-        """From what the old source had to what the new one has, along a straight line."""
+        """From what the old source had to what the new one has, along a straight
+        line.
+        """
         since = self._changed[name]
         if since is None:
             since = self._changed[name] = at
             self._from[k] = self._last[k]
-        elif since >= at:  # a new session counts from 0: what was chosen in the last one is what it has
+        # a new session counts from 0: what was chosen in the last one is what it has
+        elif since >= at:
             since = self._changed[name] = -math.inf
         length = CHANGE * self.fs
         if at - since < length:

@@ -14,7 +14,14 @@ NEAR = "http://127.0.0.1:* http://localhost:*"
 _shown: dict[str, Server] = {}
 
 
-def show(scene: Scene, fs: float = 8000.0, safety: Safety | float | None = None, *, port: int = 0, **options: Any) -> Server:
+def show(
+    scene: Scene,
+    fs: float = 8000.0,
+    safety: Safety | float | None = None,
+    *,
+    port: int = 0,
+    **options: Any,
+) -> Server:
     """A server of this scene, in a thread: what ``Scene.live`` gives.
 
     Parameters
@@ -27,8 +34,8 @@ def show(scene: Scene, fs: float = 8000.0, safety: Safety | float | None = None,
     Returns
     -------
     Server
-        A notebook shows its page; ``url`` is its address, ``close()`` fades out and ends it.  Of a scene that is shown already
-        the earlier server is closed.
+        A notebook shows its page; ``url`` is its address, ``close()`` fades out and
+        ends it.  Of a scene that is shown already the earlier server is closed.
 
     Raises
     ------
@@ -41,7 +48,9 @@ def show(scene: Scene, fs: float = 8000.0, safety: Safety | float | None = None,
     --------
     >>> import stimlib
     >>> from stimlib.live.notebook import show
-    >>> page = show(stimlib.Scene({"y": 2 * stimlib.Input("x")}), safety=4.0, title="doubled")
+    >>> page = show(
+    ...     stimlib.Scene({"y": 2 * stimlib.Input("x")}), safety=4.0, title="doubled"
+    ... )
     >>> page.url.startswith("http://127.0.0.1:"), page._repr_html_()[:27]
     (True, '<iframe src="http://127.0.0')
     >>> page.close()

@@ -1,19 +1,27 @@
 """What page and server say to each other over the one WebSocket, ``/ws``.
 
-Text is one JSON object. What the page says has ``do``, what the server says has ``is``; other fields are as in the tables.
+Text is one JSON object. What the page says has ``do``, what the server says has ``is``;
+other fields are as in the tables.
 
 =========== ============================================= ================================================================
 page: do    fields                                        meaning
 =========== ============================================= ================================================================
 hello       token, version                                first message, within 2 s; the token is the URL's fragment
 move        finger, u, v, p, on, t                        finger 0 .. 9 is at (u, v), 0 to 1 from the pad's lower left corner,
-                                                          with pressure p (0 to 1); on: 1 touches, 0 not (hovers, or has left);
-                                                          t: the event's time in ms, which comes back in its samples
+                                                          with pressure p (0 to 1); on:
+                                                          1 touches, 0 not (hovers, or
+                                                          has left); t: the event's time
+                                                          in ms, which comes back in its
+                                                          samples
 set         name, value                                   a parameter, in its unit, within the range that hello has; 20 ms ramp
 source      input, from, finger, low, high, freq, value   what drives an input, from: ``u``, ``v``, ``pressure`` (low at 0, high
-                                                          at 1), ``contact`` (0, 1), each of a finger; ``sine`` (between low and
-                                                          high, freq in Hz), ``value`` (held), ``given`` (what --motion gave).
-                                                          Fields that are left out stay as they are
+                                                          at 1), ``contact`` (0, 1),
+                                                          each of a finger; ``sine``
+                                                          (between low and high, freq in
+                                                          Hz), ``value`` (held),
+                                                          ``given`` (what --motion
+                                                          gave). Fields that are left
+                                                          out stay as they are
 start                                                     a new session from sample 0, faded in; ends one that runs
 stop                                                      fade out and end the session; a recording is whole then
 record                                                    as start, with a log; ``stop`` ends it. State tells its folder
@@ -28,23 +36,31 @@ hello       version, title, fs, block, inputs, params,    first message; see bel
             outputs, view
 state       role, phase, session, log, sources, params,   after hello and after every change. role: control or watch; phase:
             why                                           idle, starting, running or stopping; session: number of it; log:
-                                                          folder of the recording, or null; sources: {input: source}; params:
-                                                          {name: value}; why: what ended the last session
+                                                          folder of the recording, or
+                                                          null; sources: {input:
+                                                          source}; params: {name:
+                                                          value}; why: what ended the
+                                                          last session
 report      session, at, seconds, lost, underruns,        five times a second while a session runs. at: next sample; lost:
             late, skipped, clips, faults, time, busy      samples that came too late in underruns times; late: s behind now;
-                                                          skipped: blocks that this page was too slow for; clips, faults as in
-                                                          a sink's report; time: Unix time in s; busy: part of a block's time
+                                                          skipped: blocks that this page
+                                                          was too slow for; clips,
+                                                          faults as in a sink's report;
+                                                          time: Unix time in s; busy:
+                                                          part of a block's time
 error       about, text                                   what was asked for is refused, and why; about: its ``do``
 =========== ============================================= ================================================================
 
 hello has
 
-- inputs: list of {name, unit, low, high, given}: low and high are a sensible range, given whether ``from: given`` exists
+- inputs: list of {name, unit, low, high, given}: low and high are a sensible range,
+  given whether ``from: given`` exists
 - params: list of {name, unit, value, low, high}, for sliders
-- outputs: list of {name, unit, full}: full is the value in that unit that is 1 in the samples and at a device, so the safety
-  stage's limit
-- view: null, or of a scene for the eye {kind: "surface", width, height (m), columns, rows, levels (rows * columns numbers 0 to
-  1, first row at y = 0), inputs: {x, y, press (or null)}, avatars: list of {x, y, depth (or null)}, force (or null)}: names of
+- outputs: list of {name, unit, full}: full is the value in that unit that is 1 in the
+  samples and at a device, so the safety stage's limit
+- view: null, or of a scene for the eye {kind: "surface", width, height (m), columns,
+  rows, levels (rows * columns numbers 0 to 1, first row at y = 0), inputs: {x, y, press
+  (or null)}, avatars: list of {x, y, depth (or null)}, force (or null)}: names of
   inputs and outputs
 
 Samples are binary, little-endian: HEAD float64
@@ -58,13 +74,15 @@ Samples are binary, little-endian: HEAD float64
 5      n, samples in this message, at most block
 ====== ==================================================================
 
-then float32: n of each input (in its unit, as the scene had them), n of each output (of full scale, -1 to 1, as a device is
-given them). Indices that are missing were lost or skipped. Every session has its own log's index, so what is drawn can be
-found in a recording.
+then float32: n of each input (in its unit, as the scene had them), n of each output (of
+full scale, -1 to 1, as a device is given them). Indices that are missing were lost or
+skipped. Every session has its own log's index, so what is drawn can be found in a
+recording.
 
-The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4408 (silent, or reads nothing), 4409 (two pages
-are there already) or 4429 (too many messages): trying again does not help. Anything else does: a page asks again for a server
-that it has lost.
+The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4408
+(silent, or reads nothing), 4409 (two pages are there already) or 4429 (too many
+messages): trying again does not help. Anything else does: a page asks again for a
+server that it has lost.
 """
 
 from __future__ import annotations
@@ -103,7 +121,14 @@ _WIDE = fields.between(-1e9, 1e9)
 _FINGER = fields.whole(FINGERS - 1)
 FIELDS: dict[str, dict[str, fields.Test]] = {
     "hello": {"token": fields.text, "version": fields.whole(1000)},
-    "move": {"finger": _FINGER, "u": _UNIT, "v": _UNIT, "p": _UNIT, "on": fields.whole(1), "t": fields.between(0, 1e14)},
+    "move": {
+        "finger": _FINGER,
+        "u": _UNIT,
+        "v": _UNIT,
+        "p": _UNIT,
+        "on": fields.whole(1),
+        "t": fields.between(0, 1e14),
+    },
     "set": {"name": fields.text, "value": fields.number},
     "source": {"input": fields.text, "from": fields.one_of(*SOURCES)},
     "start": {},
@@ -113,12 +138,18 @@ FIELDS: dict[str, dict[str, fields.Test]] = {
     "seen": {"at": fields.whole(2**53)},
 }
 OPTIONS: dict[str, fields.Test] = {
-    "finger": _FINGER, "low": _WIDE, "high": _WIDE, "freq": fields.between(0.01, 1000), "value": _WIDE,
-}  # fmt: skip
+    "finger": _FINGER,
+    "low": _WIDE,
+    "high": _WIDE,
+    "freq": fields.between(0.01, 1000),
+    "value": _WIDE,
+}
 """What a source may have besides."""
 
 
-def message(text: str | bytes, table: Mapping[str, Mapping[str, fields.Test]] = FIELDS) -> dict[str, Any]:
+def message(
+    text: str | bytes, table: Mapping[str, Mapping[str, fields.Test]] = FIELDS
+) -> dict[str, Any]:
     """What a page says, checked; its field ``do`` names a row of the table.
 
     Raises
@@ -140,7 +171,11 @@ def message(text: str | bytes, table: Mapping[str, Mapping[str, fields.Test]] = 
         fields.require(found, {"do": fields.one_of(*table)})
         known = table[found["do"]]
         fields.require(found, known)
-        given = {name: test for name, test in OPTIONS.items() if name in found} if found["do"] == "source" else {}
+        given = (
+            {name: test for name, test in OPTIONS.items() if name in found}
+            if found["do"] == "source"
+            else {}
+        )
         fields.require(found, given)
         if surplus := found.keys() - {"do"} - known.keys() - given.keys():
             raise ValueError(f"{found['do']} has no {', '.join(sorted(surplus))[:80]}")
@@ -162,7 +197,11 @@ def samples(head: tuple[float, ...], x: NDArray[np.float64], y: NDArray[np.float
     --------
     >>> import numpy as np
     >>> from stimlib.live.protocol import samples
-    >>> len(samples((0, 0, 0, 0, 1, 32), np.zeros((1, 32)), np.zeros((2, 32), np.float32))) == 6 * 8 + 3 * 32 * 4
+    >>> len(
+    ...     samples(
+    ...         (0, 0, 0, 0, 1, 32), np.zeros((1, 32)), np.zeros((2, 32), np.float32)
+    ...     )
+    ... ) == 6 * 8 + 3 * 32 * 4
     True
     """
     return np.array(head, "<f8").tobytes() + x.astype("<f4").tobytes() + y.astype("<f4").tobytes()

@@ -25,7 +25,10 @@ from ..errors import BadValue, SinkError
 from .protocol import BURST, RATE, VERSION, WRONG
 from .site import Page, Site
 
-_, uvicorn, _ = (package(name, "the live page", "'stimlib[live]'") for name in ("starlette", "uvicorn", "websockets"))
+_, uvicorn, _ = (
+    package(name, "the live page", "'stimlib[live]'")
+    for name in ("starlette", "uvicorn", "websockets")
+)
 from uvicorn.protocols.http.h11_impl import H11Protocol  # noqa: E402
 
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
@@ -38,10 +41,12 @@ HEADERS = {
     "Connection": "close",  # kept open, it would take the place of another
 }
 POLICY = (
-    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors "
+    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; connect-src"
+    " 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors "
 )
-"""Content security policy: what the page loads comes from here, and nothing in it is run from text."""
+"""Content security policy: what the page loads comes from here, and nothing in it is
+run from text.
+"""
 HELLO = 2.0
 """Seconds in which a page must show its token."""
 REQUEST = 3.0
@@ -75,7 +80,9 @@ class Connection(H11Protocol):
 
 
 def page_files(index: str) -> dict[str, tuple[str, bytes]]:
-    """What is served: path, media type and content of every file of ``stimlib/live/page``, read once; ``index`` is the page."""
+    """What is served: path, media type and content of every file of
+    ``stimlib/live/page``, read once; ``index`` is the page.
+    """
     found = {}
     for f in Path(__file__).with_name("page").iterdir():
         if kind := TYPES.get(f.suffix[1:]):
@@ -101,11 +108,18 @@ class Server:
     Raises
     ------
     SinkError
-        The port is taken, or the address is not this machine's; or a server that has been started is to be started again.
+        The port is taken, or the address is not this machine's; or a server that has
+        been started is to be started again.
     """
 
     def __init__(
-        self, stream: Site, host: str = "127.0.0.1", port: int = 0, *, token: str | None = None, framed_by: str = "'none'"
+        self,
+        stream: Site,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        *,
+        token: str | None = None,
+        framed_by: str = "'none'",
     ):
         self.stream, self.token = stream, token or secrets.token_urlsafe(24)
         self._headers = HEADERS | {"Content-Security-Policy": POLICY + framed_by}
@@ -113,20 +127,34 @@ class Server:
         self._socket = _listen(host, port)
         self.host, self.port = self._socket.getsockname()[:2]
         self.private = ipaddress.ip_address(self.host).is_loopback
-        # log_config=None: its own would close all handlers of the process, and with one of them (absl's) stderr
+        # log_config=None: its own would close all handlers of the process, and with one
+        # of them (absl's) stderr
         config = uvicorn.Config(
-            self._app(), http=Connection, log_config=None, log_level="warning", ws="websockets-sansio",
+            self._app(),
+            http=Connection,
+            log_config=None,
+            log_level="warning",
+            ws="websockets-sansio",
             ws_max_size=stream.longest,
-            ws_max_queue=32, ws_per_message_deflate=False, ws_ping_interval=5, ws_ping_timeout=5, limit_concurrency=32,
-            timeout_graceful_shutdown=1, server_header=False, date_header=False, proxy_headers=False,
-        )  # fmt: skip
+            ws_max_queue=32,
+            ws_per_message_deflate=False,
+            ws_ping_interval=5,
+            ws_ping_timeout=5,
+            limit_concurrency=32,
+            timeout_graceful_shutdown=1,
+            server_header=False,
+            date_header=False,
+            proxy_headers=False,
+        )
         self._uvicorn = uvicorn.Server(config)
         self._thread: threading.Thread | None = None
         self._begun = False
 
     @property
     def url(self) -> str:
-        """Address of the page, with the token behind ``#``, which a browser keeps to itself."""
+        """Address of the page, with the token behind ``#``, which a browser keeps to
+        itself.
+        """
         return f"http://{_netloc(_name(self.host), self.port)}/#{self.token}"
 
     def __repr__(self):
@@ -147,7 +175,9 @@ class Server:
     def _begin(self) -> None:
         """Once only: two loops over one stream would end the process."""
         if self._begun:
-            raise SinkError(f"the live page at {self.host}:{self.port} runs already, or has ended: make another")
+            raise SinkError(
+                f"the live page at {self.host}:{self.port} runs already, or has ended: make another"
+            )
         self._begun = True
 
     def _serve(self) -> None:
@@ -155,11 +185,15 @@ class Server:
             self._uvicorn.run(sockets=[self._socket])
 
     def start(self) -> Server:
-        """Serve in a thread, until ``close``; one that is served in a thread already goes on."""
+        """Serve in a thread, until ``close``; one that is served in a thread already
+        goes on.
+        """
         if self._thread is not None and self._thread.is_alive():
             return self
         self._begin()
-        self._thread = begin(threading.Thread(target=self._serve, name="stimlib live server", daemon=True))
+        self._thread = begin(
+            threading.Thread(target=self._serve, name="stimlib live server", daemon=True)
+        )
         while not self._uvicorn.started:
             if not self._thread.is_alive():
                 raise SinkError(f"the live page could not be served at {self.host}:{self.port}")
@@ -181,7 +215,7 @@ class Server:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # What is answered --------------------------------------------------------------------------------------------
+    # What is answered -----------------------------------------------------------------
     def _app(self) -> Any:
         from starlette.applications import Starlette
         from starlette.responses import Response
@@ -210,7 +244,11 @@ class Server:
             """Whatever is answered has our headers, and is for a host of our name."""
 
             async def answer(part: Any) -> None:
-                await send(part | {"headers": [*part["headers"], *headers]} if part["type"] == "http.response.start" else part)
+                await send(
+                    part | {"headers": [*part["headers"], *headers]}
+                    if part["type"] == "http.response.start"
+                    else part
+                )
 
             if scope["type"] != "http":
                 await app(scope, receive, send)
@@ -222,7 +260,9 @@ class Server:
         return guarded
 
     def _known(self, host: str) -> bool:
-        """Whether a Host is this machine's: under a name of somebody else's, a stranger's page would be of our origin."""
+        """Whether a Host is this machine's: under a name of somebody else's, a
+        stranger's page would be of our origin.
+        """
         if self.port == 80 and not host.endswith(":80"):  # which browsers leave out
             host += ":80"
         name, _, port = host.rpartition(":")
@@ -245,7 +285,10 @@ class Server:
         if refused := await self._greet(ws):
             return await _bye(ws, *refused)
         self.stream.join(page)
-        tasks = [asyncio.create_task(work) for work in (self._listen(ws, page), self._speak(ws, page), page.ended.wait())]
+        tasks = [
+            asyncio.create_task(work)
+            for work in (self._listen(ws, page), self._speak(ws, page), page.ended.wait())
+        ]
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -307,16 +350,25 @@ def _listen(host: str, port: int) -> socket.socket:
         made = socket.create_server((host, port), family=family)
     except (OSError, OverflowError) as e:
         why = getattr(e, "strerror", None) or e
-        raise SinkError(f"cannot listen at {host}, port {port}: {why}; --port 0 takes a free one") from None
-    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # or a block waits until the one before is acknowledged
+        raise SinkError(
+            f"cannot listen at {host}, port {port}: {why}; --port 0 takes a free one"
+        ) from None
+    # or a block waits until the one before is acknowledged
+    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return made
 
 
 @contextmanager
 def _closed_terminal_ends() -> Iterator[None]:
-    """SIGHUP ends the server as SIGTERM does, which it takes: faded out, and the log whole.  ``nohup`` still ignores it."""
+    """SIGHUP ends the server as SIGTERM does, which it takes: faded out, and the log
+    whole.  ``nohup`` still ignores it.
+    """
     hup: Any = getattr(signal, "SIGHUP", None)
-    ours = hup and threading.current_thread() is threading.main_thread() and signal.getsignal(hup) is signal.SIG_DFL
+    ours = (
+        hup
+        and threading.current_thread() is threading.main_thread()
+        and signal.getsignal(hup) is signal.SIG_DFL
+    )
     if ours:
         signal.signal(hup, lambda *_: signal.raise_signal(signal.SIGTERM))
     try:

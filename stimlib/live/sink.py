@@ -1,4 +1,6 @@
-"""The sink whose device is a page: it makes blocks at the pace of the clock and hands them on."""
+"""The sink whose device is a page: it makes blocks at the pace of the clock and hands
+them on.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,13 @@ from ..errors import place
 from ..run.safety import Safety
 
 LATE = 0.25
-"""Seconds behind the clock that are caught up; what is more is lost, as in a device that had no samples."""
+"""Seconds behind the clock that are caught up; what is more is lost, as in a device
+that had no samples.
+"""
 MOST_LOST = 0.5
-"""Seconds that are lost at once; a process that was stopped for longer goes on from there."""
+"""Seconds that are lost at once; a process that was stopped for longer goes on from
+there.
+"""
 
 
 class PageSink(Sink):
@@ -31,18 +37,21 @@ class PageSink(Sink):
     scene, safety, **options
         See ``Sink``.
     feed : callable
-        ``feed(at, n)`` gives the motion of samples at .. at + n - 1, shape (n_inputs, n): finite real numbers of any type,
-        which are copied.
+        ``feed(at, n)`` gives the motion of samples at .. at + n - 1, shape (n_inputs,
+        n): finite real numbers of any type, which are copied.
     take : callable
-        ``take(at, x, y)`` is given each block: motion (float64), and frames as a device gets them, shape (n_outputs, n) of
-        float32, which change after it returns. What it returns is ignored.
+        ``take(at, x, y)`` is given each block: motion (float64), and frames as a device
+        gets them, shape (n_outputs, n) of float32, which change after it returns. What
+        it returns is ignored.
 
     Notes
     -----
-    Both are called in the sink's own thread and must not wait: after 2 s in one of them the session ends with a ``SinkError``,
-    and without a fade.  When ``feed`` fails, see ``Sink``, it is called no more, and the motion stands still while the session
-    fades; ``take`` gets the fade in any case.  Blocks that are late are made at once, up to 0.25 s of them, so
-    that jitter of the machine shortens no sound; then samples are lost, and told.
+    Both are called in the sink's own thread and must not wait: after 2 s in one of them
+    the session ends with a ``SinkError``, and without a fade.  When ``feed`` fails, see
+    ``Sink``, it is called no more, and the motion stands still while the session fades;
+    ``take`` gets the fade in any case.  Blocks that are late are made at once, up to
+    0.25 s of them, so that jitter of the machine shortens no sound; then samples are
+    lost, and told.
 
     Examples
     --------
@@ -51,7 +60,9 @@ class PageSink(Sink):
     >>> scene, peaks = stimlib.Scene({"y": 2 * stimlib.Input("x")}), []
     >>> def take(at, x, y):
     ...     peaks.append(float(y.max()))
-    >>> with PageSink(scene, 4.0, feed=lambda at, n: np.ones((1, n)), take=take) as sink:
+    >>> with PageSink(
+    ...     scene, 4.0, feed=lambda at, n: np.ones((1, n)), take=take
+    ... ) as sink:
     ...     sink.open(8000)
     ...     sink.start(seconds=0.1)
     ...     sink.wait()
@@ -79,12 +90,16 @@ class PageSink(Sink):
         self._places = place(feed), place(take)
         self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
         self.late = self.busy = 0.0
-        """Seconds behind the clock, and part of a block's time that making it took, each of late."""
+        """Seconds behind the clock, and part of a block's time that making it took,
+        each of late.
+        """
 
     def _open(self) -> None:
         self.block = self.block or max(1, round(0.004 * self.rate))
         self.buffer = np.zeros((self.channels, self.block), np.float32)
-        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(self.channels)
+        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(
+            self.channels
+        )
         self._thread = begin(threading.Thread(target=self._loop, name="stimlib page", daemon=True))
 
     def _loop(self) -> None:

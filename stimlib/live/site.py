@@ -10,7 +10,9 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 WAITING = 64
-"""Messages that may wait for a page: a quarter of a second of samples; then the oldest are skipped."""
+"""Messages that may wait for a page: a quarter of a second of samples; then the oldest
+are skipped.
+"""
 
 
 class Page:
@@ -26,7 +28,9 @@ class Page:
         self.end = 1000, ""  # the code and the reason with which it is closed
 
     def tell(self, message: Mapping[str, Any]) -> None:
-        """A text; of states, the newest counts.  Who reads nothing is closed, so that nothing heaps up."""
+        """A text; of states, the newest counts.  Who reads nothing is closed, so that
+        nothing heaps up.
+        """
         if self.texts and message["is"] == "state" == self.texts[-1][0]:
             self.texts.pop()
         self.texts.append((message["is"], json.dumps(message, allow_nan=False)))

@@ -31,8 +31,9 @@ RAMP = 0.02
 class Stream:
     """A scene that pages start, drive, record and hear.
 
-    A session is one ``PageSink``, from ``start`` to ``stop``.  It runs in threads of its own; everything here is of the event
-    loop, and whatever takes long (compiling, fading out, ending a log) runs beside it.  One page has control: the first, or the
+    A session is one ``PageSink``, from ``start`` to ``stop``.  It runs in threads of
+    its own; everything here is of the event loop, and whatever takes long (compiling,
+    fading out, ending a log) runs beside it.  One page has control: the first, or the
     one that takes it.  When it goes, the session fades out.
 
     Parameters
@@ -84,13 +85,22 @@ class Stream:
         if safety is None:
             safety = Safety(full_scales(scene, fs, self.ranges))
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
-        self.inputs = Inputs(scene, self.fs, {n: self.ranges[n] for n in scene.inputs}, given, bandwidth)
+        self.inputs = Inputs(
+            scene, self.fs, {n: self.ranges[n] for n in scene.inputs}, given, bandwidth
+        )
         self.params = {name: p.value for name, p in scene.params.items()}
         self._sets: dict[str, float] = {}  # for the next block
         for name, value in (params or {}).items():
             self.set(name, value)
-        full = dict(zip(scene.outputs, self.safety.scales(tuple(scene.outputs)).tolist(), strict=True))
-        self.hello: dict[str, Any] = {"version": VERSION, "title": title, "fs": self.fs, "block": self.block}
+        full = dict(
+            zip(scene.outputs, self.safety.scales(tuple(scene.outputs)).tolist(), strict=True)
+        )
+        self.hello: dict[str, Any] = {
+            "version": VERSION,
+            "title": title,
+            "fs": self.fs,
+            "block": self.block,
+        }
         self.hello |= description(scene, self.ranges, full, self.inputs.given)
         self.title, self.index, self.message = title or repr(scene), "index.html", message
         self.most, self.longest = PAGES, MESSAGE
@@ -100,7 +110,9 @@ class Stream:
         self.log: Path | None = None
         self._sink: PageSink | None = None
         self._asked: tuple[str, str] | None = None  # start, record or stop; why
-        self._left = False  # the page that had control: its fingers leave when the session has faded out, or they would end it
+        # the page that had control: its fingers leave when the session has faded out,
+        # or they would end it
+        self._left = False
         self._wake = asyncio.Event()
         self._hands = ThreadPoolExecutor(1, "stimlib live")
 
@@ -111,7 +123,7 @@ class Stream:
         self.inputs.columns(0, self.block)
         sink.close()
 
-    # Pages -------------------------------------------------------------------------------------------------------
+    # Pages ----------------------------------------------------------------------------
     def join(self, page: Page) -> None:
         """A page that has said hello; the first has control."""
         self.pages.append(page)
@@ -167,16 +179,19 @@ class Stream:
             Outside its range.
         """
         if name not in self.params:
-            raise UnknownName(f"no parameter {name!r}; this scene has {', '.join(self.params) or 'none'}")
+            raise UnknownName(
+                f"no parameter {name!r}; this scene has {', '.join(self.params) or 'none'}"
+            )
         low, high = self.ranges[name]
         if not low <= value <= high:
             raise BadValue(
-                f"{name} = {value:g} is outside its range, {low:g} to {high:g}; --range {name}=LOW:HIGH makes it another"
+                f"{name} = {value:g} is outside its range, {low:g} to {high:g}; --range"
+                f" {name}=LOW:HIGH makes it another"
             )
         self.params[name] = float(value)
         self._sets = self._sets | {name: float(value)}
 
-    # Course ------------------------------------------------------------------------------------------------------
+    # Course ---------------------------------------------------------------------------
     def _ask(self, what: str, why: str) -> None:
         """The newest wish counts."""
         self._asked = what, why
@@ -226,7 +241,15 @@ class Stream:
 
     def _made(self, log: Path | None) -> PageSink:
         params = {name: v for name, v in self.params.items() if v != self.scene.params[name].value}
-        return PageSink(self.scene, self.safety, feed=self._feed, take=self._take, seed=self.seed, params=params, log=log)
+        return PageSink(
+            self.scene,
+            self.safety,
+            feed=self._feed,
+            take=self._take,
+            seed=self.seed,
+            params=params,
+            log=log,
+        )
 
     def _begin(self, log: Path | None) -> None:
         self._sets = {}
@@ -249,7 +272,7 @@ class Stream:
         names = [f"live-{stamp}{more}.stimlog" for more in ("", *(f"-{k}" for k in range(2, 100)))]
         return next(p for p in (self.folder / name for name in names) if not p.exists())
 
-    # The sink's thread -------------------------------------------------------------------------------------------
+    # The sink's thread ----------------------------------------------------------------
     def _feed(self, at: int, n: int) -> NDArray[np.float64]:
         sink = self._sink
         if sink is not None and self._sets:
@@ -265,7 +288,7 @@ class Stream:
         assert len(head) == HEAD
         self._loop.call_soon_threadsafe(self._spread, samples(head, x, y))
 
-    # What pages are told -----------------------------------------------------------------------------------------
+    # What pages are told --------------------------------------------------------------
     def _spread(self, data: bytes) -> None:
         for page in self.pages:
             page.put(data)

@@ -21,7 +21,9 @@ class Batch(Protocol):
         ...
 
     def numbers(self, columns: Sequence[str]) -> Array:
-        """All cells of these columns, shape (columns, rows); ValueError where one is not a number."""
+        """All cells of these columns, shape (columns, rows); ValueError where one is
+        not a number.
+        """
         ...
 
     def texts(self, column: str) -> Sequence[str]:
@@ -29,6 +31,12 @@ class Batch(Protocol):
         ...
 
 
-def table_error(file: str, problem: str, remedy: str, row: Any = None, column: str | None = None) -> RecordingError:
-    place = file + ("" if row is None else f", row {row}") + ("" if column is None else f", column {column}")
+def table_error(
+    file: str, problem: str, remedy: str, row: Any = None, column: str | None = None
+) -> RecordingError:
+    place = (
+        file
+        + ("" if row is None else f", row {row}")
+        + ("" if column is None else f", column {column}")
+    )
     return RecordingError(f"{place}: {problem}; {remedy}")

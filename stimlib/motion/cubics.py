@@ -1,4 +1,6 @@
-"""The cubic from report to report that neither overshoots nor reverses (PCHIP), for all stretches of a recording at once."""
+"""The cubic from report to report that neither overshoots nor reverses (PCHIP), for all
+stretches of a recording at once.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +20,28 @@ def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:
     x : ndarray, shape (n,)
         Values at these times.
     whole : ndarray of bool, shape (n - 1,)
-        Intervals that are joined; a run of them is one stretch.  In the others the value is held.
+        Intervals that are joined; a run of them is one stretch.  In the others the
+        value is held.
 
     Returns
     -------
     ndarray, shape (4, n)
-        The last column, after the last time, is constant too.  Not finite where a step is too large for its time.
+        The last column, after the last time, is constant too.  Not finite where a step
+        is too large for its time.
 
     References
     ----------
-    F. N. Fritsch and J. Butland (1984), with the ends of C. Moler, "Numerical Computing with Matlab" (2004), as in
-    scipy.interpolate.PchipInterpolator, which gives the same bits.
+    F. N. Fritsch and J. Butland (1984), with the ends of C. Moler, "Numerical Computing
+    with Matlab" (2004), as in scipy.interpolate.PchipInterpolator, which gives the same
+    bits.
 
     Examples
     --------
-    >>> cubics(np.array([0.0, 1.0, 3.0]), np.array([0.0, 1.0, 1.0]), np.array([True, False])).tolist()
+    >>> cubics(
+    ...     np.array([0.0, 1.0, 3.0]),
+    ...     np.array([0.0, 1.0, 1.0]),
+    ...     np.array([True, False]),
+    ... ).tolist()
     [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0]]
     """
     c = np.zeros((4, len(t)))
@@ -55,7 +64,9 @@ def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:
 
 
 def _slopes(h: Array, m: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Slopes at the two ends of each interval, from lengths and secants; those of two stretches do not meet."""
+    """Slopes at the two ends of each interval, from lengths and secants; those of two
+    stretches do not meet.
+    """
     start, end = m.copy(), m.copy()  # a stretch of one interval is a line
     h0, h1, m0, m1 = h[:-1], h[1:], m[:-1], m[1:]
     meet = whole[:-1] & whole[1:]

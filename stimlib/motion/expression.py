@@ -1,4 +1,6 @@
-"""Linear conversions of a column to an input's unit, such as ``force_N*5e-4`` or ``(x_raw - 1472)*2e-5``."""
+"""Linear conversions of a column to an input's unit, such as ``force_N*5e-4`` or
+``(x_raw - 1472)*2e-5``.
+"""
 
 import ast
 from collections.abc import Iterable
@@ -20,7 +22,8 @@ class Linear:
 
 
 def expression(what: str, text: str, names: Iterable[str]) -> Linear:
-    """The linear conversion that a text means; a text that is one of the names is that column.
+    """The linear conversion that a text means; a text that is one of the names is that
+    column.
 
     Raises
     ------
@@ -39,24 +42,36 @@ def expression(what: str, text: str, names: Iterable[str]) -> Linear:
         if len(text) > MAX_EXPRESSION or "\\" in text:  # an escape would be a warning of Python's
             raise ValueError
         linear = _linear(ast.parse(text, mode="eval").body)
-        if linear.column is None or linear.scale == 0 or not isfinite(linear.scale) or not isfinite(linear.offset):
+        if (
+            linear.column is None
+            or linear.scale == 0
+            or not isfinite(linear.scale)
+            or not isfinite(linear.offset)
+        ):
             raise ValueError
     except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError):
         shown = repr(text) if len(text) <= 80 else f"a text of {len(text)} characters"
         raise BadValue(
-            f"{what}: cannot read {shown}: write one column, times and plus finite numbers, such as force_N*5e-4 or "
-            f"(x_raw - 1472)*2e-5, with quotes around a name that is not a word, such as 'Force (N)'*5e-4"
+            f"{what}: cannot read {shown}: write one column, times and plus finite numbers, such as"
+            " force_N*5e-4 or (x_raw - 1472)*2e-5, with quotes around a name that is not a word,"
+            " such as 'Force (N)'*5e-4"
         ) from None
     return linear
 
 
 def _linear(node: ast.expr) -> Linear:
-    """Value of one node of the syntax tree; ValueError if it is not linear in one column."""
+    """Value of one node of the syntax tree; ValueError if it is not linear in one
+    column.
+    """
     if isinstance(node, ast.Name):
         return Linear(node.id, 1.0, 0.0)
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return Linear(node.value, 1.0, 0.0)
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
+    if (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, int | float)
+        and not isinstance(node.value, bool)
+    ):
         return Linear(None, 0.0, float(node.value))
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         return _times(_linear(node.operand), -1.0 if isinstance(node.op, ast.USub) else 1.0)

@@ -1,12 +1,16 @@
 """Motion generators: positions as pure functions of time.
 
-A generator is called with times in seconds and gives positions in metres. It has no state, so any part of a motion
-can be had in any order, and every position has the same bits however the time axis is cut, on every machine: only
-+ - * /, fmod, rint, floor, comparisons and integer arithmetic are used, which round the same way everywhere. numpy's
-own sin and cos are not used, because their last bit may depend on the processor and on the length of the array.
+A generator is called with times in seconds and gives positions in metres. It has no
+state, so any part of a motion can be had in any order, and every position has the same
+bits however the time axis is cut, on every machine: only
++ - * /, fmod, rint, floor, comparisons and integer arithmetic are used, which round the
+  same way everywhere. numpy's
+own sin and cos are not used, because their last bit may depend on the processor and on
+the length of the array.
 
-The classes have lower-case names because they are what users call, and because the repr of a motion is then the call
-that makes it: ``text.parse_motion(repr(m)) == m``. A motion goes into a sidecar or a command line as that one line.
+The classes have lower-case names because they are what users call, and because the repr
+of a motion is then the call that makes it: ``text.parse_motion(repr(m)) == m``. A
+motion goes into a sidecar or a command line as that one line.
 """
 
 from collections.abc import Callable
@@ -35,27 +39,36 @@ def _int(value: Any, low: int, high: int) -> int | None:
     return int(value) if whole and low <= value <= high else None
 
 
-# What a field takes: its type, the same in words, and a function that returns it as a plain value, or None if it is not one
+# What a field takes: its type, the same in words, and a function that returns it as a
+# plain value, or None if it is not one
 Number = Annotated[float, "a finite number", _float]
 Positive = Annotated[float, "a finite number above 0", lambda v: _float(v, lambda x: x > 0)]
 NotNegative = Annotated[float, "a finite number, 0 or above", lambda v: _float(v, lambda x: x >= 0)]
 Count = Annotated[int, "a whole number from 0 to 2**53", lambda v: _int(v, 0, 2**53)]
 Repeats = Annotated[int, "a whole number from 1 to 2**53", lambda v: _int(v, 1, 2**53)]
 Seed = Annotated[int, "a whole number from 0 to 2**64 - 1", lambda v: _int(v, 0, 2**64 - 1)]
-Flag = Annotated[bool, "True or False", lambda v: bool(v) if isinstance(v, bool | np.bool_) else None]
-Function = Annotated[Callable[[Array], Array], "a motion, such as minimum_jerk()", lambda v: v if callable(v) else None]
+Flag = Annotated[
+    bool, "True or False", lambda v: bool(v) if isinstance(v, bool | np.bool_) else None
+]
+Function = Annotated[
+    Callable[[Array], Array],
+    "a motion, such as minimum_jerk()",
+    lambda v: v if callable(v) else None,
+]
 
 
 class Motion:
-    """A position in metres as a function of the time in seconds; the base of all generators.
+    """A position in metres as a function of the time in seconds; the base of all
+    generators.
 
-    A generator defines ``_position(t)`` for a one-dimensional float64 array, element by element, and annotates its fields
-    with what they take.
+    A generator defines ``_position(t)`` for a one-dimensional float64 array, element by
+    element, and annotates its fields with what they take.
 
     Raises
     ------
     BadValue
-        At construction, when a field is something else, such as a number that is not finite or not in its range.
+        At construction, when a field is something else, such as a number that is not
+        finite or not in its range.
     """
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -82,14 +95,20 @@ class Motion:
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        """Replace each field by what its annotation asks for: plain numbers, as a numpy scalar has another repr."""
+        """Replace each field by what its annotation asks for: plain numbers, as a numpy
+        scalar has another repr.
+        """
         for f in fields(self):  # type: ignore[arg-type]
             given = getattr(self, f.name)
             if given is None and f.default is None:
                 continue
-            _, wanted, read = get_args(next(a for a in (f.type, *get_args(f.type)) if get_origin(a) is Annotated))
+            _, wanted, read = get_args(
+                next(a for a in (f.type, *get_args(f.type)) if get_origin(a) is Annotated)
+            )
             if (value := read(given)) is None:
-                raise BadValue(f"{type(self).__name__}: {f.name} must be {wanted}, got {shortened(given)}")
+                raise BadValue(
+                    f"{type(self).__name__}: {f.name} must be {wanted}, got {shortened(given)}"
+                )
             object.__setattr__(self, f.name, value)
 
 
@@ -97,9 +116,9 @@ class Motion:
 class minimum_jerk(Motion):
     """Repeated squeezes: minimum jerk in, hold, minimum jerk out, rest.
 
-    The rise is ``start + depth (10 s^3 - 15 s^4 + 6 s^5)`` with s from 0 to 1 over ``rise`` seconds; the fall is its
-    mirror image. The period is rise + hold + fall + rest. The position is ``start`` before time 0 and after the last
-    squeeze.
+    The rise is ``start + depth (10 s^3 - 15 s^4 + 6 s^5)`` with s from 0 to 1 over
+    ``rise`` seconds; the fall is its mirror image. The period is rise + hold + fall +
+    rest. The position is ``start`` before time 0 and after the last squeeze.
 
     Parameters
     ----------
@@ -116,7 +135,8 @@ class minimum_jerk(Motion):
 
     References
     ----------
-    T. Flash and N. Hogan, "The coordination of arm movements", J. Neurosci. 5 (1985), the point-to-point solution.
+    T. Flash and N. Hogan, "The coordination of arm movements", J. Neurosci. 5 (1985),
+    the point-to-point solution.
 
     Examples
     --------
@@ -149,8 +169,9 @@ class minimum_jerk(Motion):
 class sinusoid(Motion):
     """``mean + amplitude sin(2 pi freq t + phase)``.
 
-    The phase is reduced in turns, not in radians, so a motion of hours has no drift, and sin is a polynomial of fixed
-    order (error below 3e-16 of the amplitude) with the same bits on every machine.
+    The phase is reduced in turns, not in radians, so a motion of hours has no drift,
+    and sin is a polynomial of fixed order (error below 3e-16 of the amplitude) with the
+    same bits on every machine.
 
     Parameters
     ----------
@@ -180,7 +201,8 @@ class sinusoid(Motion):
 
 @dataclass(frozen=True)
 class ramp_and_hold(Motion):
-    """From 0 to ``depth`` at constant speed, a hold, and back at constant speed if asked.
+    """From 0 to ``depth`` at constant speed, a hold, and back at constant speed if
+    asked.
 
     Parameters
     ----------
@@ -202,7 +224,9 @@ class ramp_and_hold(Motion):
 
     Examples
     --------
-    >>> ramp_and_hold(0.01, rise=0.5, start_time=1.0, hold=2.0, fall=0.25)([0.5, 1.25, 3.0, 3.625, 4.0]).tolist()
+    >>> ramp_and_hold(0.01, rise=0.5, start_time=1.0, hold=2.0, fall=0.25)(
+    ...     [0.5, 1.25, 3.0, 3.625, 4.0]
+    ... ).tolist()
     [0.0, 0.005, 0.01, 0.005, 0.0]
     """
 
@@ -230,8 +254,9 @@ class ramp_and_hold(Motion):
 class constant_speed(Motion):
     """Strokes at constant speed.
 
-    Back and forth, the position is a triangle between ``start`` and ``start + length`` for ever; otherwise it is one
-    stroke, and then the far end. The position is ``start`` before time 0.
+    Back and forth, the position is a triangle between ``start`` and ``start + length``
+    for ever; otherwise it is one stroke, and then the far end. The position is
+    ``start`` before time 0.
 
     Parameters
     ----------
@@ -267,9 +292,11 @@ class constant_speed(Motion):
 
 @dataclass(frozen=True)
 class staircase_hold(Motion):
-    """A staircase of held positions: ``start``, then one ``step`` further after each ``dwell``, ``n_steps`` times.
+    """A staircase of held positions: ``start``, then one ``step`` further after each
+    ``dwell``, ``n_steps`` times.
 
-    A dwell of a whole number of samples changes on exactly that sample. The last position is held for ever.
+    A dwell of a whole number of samples changes on exactly that sample. The last
+    position is held for ever.
 
     Parameters
     ----------
@@ -307,7 +334,8 @@ class quantised(Motion):
     motion : Motion
         The true motion; any function of time that gives metres will do.
     resolution : float, m
-        Distance between two codes, above 0; the squeeze device of the UGrip paper has 1 um.
+        Distance between two codes, above 0; the squeeze device of the UGrip paper has 1
+        um.
 
     Examples
     --------
@@ -326,13 +354,15 @@ class quantised(Motion):
 class jittered(Motion):
     """A motion with the toggling of an encoder that sits near the edge of a code.
 
-    ``amplitude_codes * resolution`` is added during about half of the intervals of 1/rate seconds. Inside
-    `quantised`, with one code of amplitude, a held position then toggles between two adjacent codes:
-    ``quantised(jittered(m, q, rate, seed), q)``. Half an amplitude is added in the mean.
+    ``amplitude_codes * resolution`` is added during about half of the intervals of
+    1/rate seconds. Inside `quantised`, with one code of amplitude, a held position then
+    toggles between two adjacent codes: ``quantised(jittered(m, q, rate, seed), q)``.
+    Half an amplitude is added in the mean.
 
-    Interval i = floor(t rate) adds the amplitude when the top bit of number i of a SplitMix64 generator is set. That
-    generator is a function of the number's index, so any interval can be had without those before it. An interval of
-    a whole number of samples starts on exactly that sample.
+    Interval i = floor(t rate) adds the amplitude when the top bit of number i of a
+    SplitMix64 generator is set. That generator is a function of the number's index, so
+    any interval can be had without those before it. An interval of a whole number of
+    samples starts on exactly that sample.
 
     Parameters
     ----------
@@ -349,12 +379,15 @@ class jittered(Motion):
 
     References
     ----------
-    G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, fig. 14.
+    G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators",
+    OOPSLA 2014, fig. 14.
 
     Examples
     --------
     >>> held = ramp_and_hold(0.01, rise=0.1)
-    >>> quantised(jittered(held, 0.001, rate=10, seed=3), 0.001)([1.0, 1.1, 1.2, 1.3]).tolist()
+    >>> quantised(jittered(held, 0.001, rate=10, seed=3), 0.001)(
+    ...     [1.0, 1.1, 1.2, 1.3]
+    ... ).tolist()
     [0.01, 0.01, 0.011, 0.01]
     """
 
@@ -366,28 +399,59 @@ class jittered(Motion):
 
     def _position(self, t: Array) -> Array:
         index = _floor(t * self.rate).astype(np.int64).astype(np.uint64)
-        # mixed first, so that neighbouring seeds are far apart in the generator's period
+        # mixed first, so that neighbouring seeds are far apart in the generator's
+        # period
         start = _splitmix64(np.array([self.seed], dtype=np.uint64), np.array([0], dtype=np.uint64))
         up = _splitmix64(start, index) >> np.uint64(63)
         return self.motion(t) + up * (self.amplitude_codes * self.resolution)
 
 
 GENERATORS: dict[str, type[Motion]] = {
-    c.__name__: c for c in (minimum_jerk, sinusoid, ramp_and_hold, constant_speed, staircase_hold, quantised, jittered)
+    c.__name__: c
+    for c in (
+        minimum_jerk,
+        sinusoid,
+        ramp_and_hold,
+        constant_speed,
+        staircase_hold,
+        quantised,
+        jittered,
+    )
 }
 
 
 def _floor(q: Array) -> Array:
     """Floor of a quotient q of two rounded numbers, as if q were exact.
 
-    q may be up to 1.5 ulp below a whole number that it should be, which would put an edge one sample late.
+    q may be up to 1.5 ulp below a whole number that it should be, which would put an
+    edge one sample late.
     """
     return np.floor(q * (1 + 4 * ulp(1.0)))
 
 
-# Taylor coefficients of sin(x)/x and cos(x) in x^2; on |x| <= pi/4 what is left out is below 3e-18
-SIN = [1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800, -1 / 1307674368000]
-COS = [1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 87178291200, 1 / 20922789888000]
+# Taylor coefficients of sin(x)/x and cos(x) in x^2; on |x| <= pi/4 what is left out is
+# below 3e-18
+SIN = [
+    1.0,
+    -1 / 6,
+    1 / 120,
+    -1 / 5040,
+    1 / 362880,
+    -1 / 39916800,
+    1 / 6227020800,
+    -1 / 1307674368000,
+]
+COS = [
+    1.0,
+    -1 / 2,
+    1 / 24,
+    -1 / 720,
+    1 / 40320,
+    -1 / 3628800,
+    1 / 479001600,
+    -1 / 87178291200,
+    1 / 20922789888000,
+]
 
 
 def _sin_turns(turns: Array) -> Array:
@@ -410,7 +474,9 @@ def _horner(coefficients: list[float], x: Array) -> Array:
 
 
 def _splitmix64(start: NDArray[np.uint64], index: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Number ``index`` of the SplitMix64 generator whose state is ``start``; arithmetic modulo 2**64."""
+    """Number ``index`` of the SplitMix64 generator whose state is ``start``; arithmetic
+    modulo 2**64.
+    """
     z: NDArray[np.uint64] = start + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -1,4 +1,6 @@
-"""Arrays in an npz file, which is looked at as a whole before any memory is taken for what is packed in it."""
+"""Arrays in an npz file, which is looked at as a whole before any memory is taken for
+what is packed in it.
+"""
 
 import ast
 import io
@@ -21,7 +23,17 @@ EQUAL = "save one-dimensional arrays of equal length"
 MAX_HEADER = 10_000  # bytes of the header of an array
 BATCH = 1 << 17  # rows
 ODD = (
-    *(OSError, ValueError, EOFError, LookupError, TypeError, RuntimeError, SyntaxError, MemoryError, OverflowError),
+    *(
+        OSError,
+        ValueError,
+        EOFError,
+        LookupError,
+        TypeError,
+        RuntimeError,
+        SyntaxError,
+        MemoryError,
+        OverflowError,
+    ),
     *(struct.error, zipfile.BadZipFile, zlib.error),
 )
 
@@ -38,12 +50,18 @@ class _Member:
 
 def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]]]:
     """Names, number of rows, and the rows."""
-    limits.check("recording_columns", data.count(b"PK\1\2"), f"{file}: arrays", RecordingError)  # one for each member
+    # one for each member
+    limits.check("recording_columns", data.count(b"PK\1\2"), f"{file}: arrays", RecordingError)
     members: dict[str, _Member] = {}
     name: str | None = None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as z:
-            limits.check("recording_bytes", sum(i.file_size for i in z.infolist()), f"{file}: unpacked bytes", RecordingError)
+            limits.check(
+                "recording_bytes",
+                sum(i.file_size for i in z.infolist()),
+                f"{file}: unpacked bytes",
+                RecordingError,
+            )
             for info in z.infolist():
                 name = info.filename.removesuffix(".npy")
                 if name in members:
@@ -51,7 +69,9 @@ def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[],
                 members[name] = _member(file, name, z, info)
                 first = next(iter(members))
                 if members[name].count != members[first].count:
-                    problem = f"{members[name].count} values, but {first} has {members[first].count}"
+                    problem = (
+                        f"{members[name].count} values, but {first} has {members[first].count}"
+                    )
                     raise table_error(file, problem, EQUAL, None, name)
     except ODD as error:
         raise _odd(file, name, error) from None
@@ -64,7 +84,13 @@ def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[],
 def _odd(file: str, name: str | None, error: BaseException) -> RecordingError:
     if isinstance(error, RecordingError):
         return error
-    return table_error(file, f"cannot be read as npz ({str(error)[:200] or type(error).__name__})", SAVE, None, name)
+    return table_error(
+        file,
+        f"cannot be read as npz ({str(error)[:200] or type(error).__name__})",
+        SAVE,
+        None,
+        name,
+    )
 
 
 def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Member:
@@ -75,16 +101,22 @@ def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> 
         head = f.read(8)
         wide = head[6:7] in (b"\2", b"\3")
         if head[:6] != b"\x93NUMPY":
-            raise table_error(file, "not an array of numbers or texts", "save arrays of numbers", None, name)
+            raise table_error(
+                file, "not an array of numbers or texts", "save arrays of numbers", None, name
+            )
         (length,) = struct.unpack("<I" if wide else "<H", f.read(4 if wide else 2))
         if length > MAX_HEADER:
             raise ValueError("its header is too long")
-        header = ast.literal_eval(f.read(length).decode("utf-8" if head[6:7] == b"\3" else "latin-1").strip())
+        header = ast.literal_eval(
+            f.read(length).decode("utf-8" if head[6:7] == b"\3" else "latin-1").strip()
+        )
     kind, shape = header["descr"], header["shape"]
     if kind == "|O":
         raise ValueError("it holds objects of Python, which numpy reads with allow_pickle only")
     if not isinstance(kind, str) or not re.fullmatch(r"[<>|=]?[biufU]\d{1,9}", kind):
-        raise table_error(file, "not an array of numbers or texts", "save arrays of numbers", None, name)
+        raise table_error(
+            file, "not an array of numbers or texts", "save arrays of numbers", None, name
+        )
     dtype = np.dtype(kind)
     if not isinstance(shape, tuple) or not all(type(n) is int and n >= 0 for n in shape):
         raise ValueError(f"shape {shape!r}")
@@ -93,7 +125,9 @@ def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> 
     limits.check("recording_rows", shape[0], f"{file}, column {name}: values", RecordingError)
     offset = 8 + (4 if wide else 2) + length
     if dtype.itemsize * prod(shape) != info.file_size - offset:
-        raise ValueError(f"{info.file_size - offset} bytes for {shape[0]} values of {dtype.itemsize}")
+        raise ValueError(
+            f"{info.file_size - offset} bytes for {shape[0]} values of {dtype.itemsize}"
+        )
     return _Member(info, offset, dtype, shape[0])
 
 
@@ -107,7 +141,10 @@ def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) ->
                     f.read(members[name].offset)
                     values = f.read(members[name].info.file_size)
                 dtype = members[name].dtype
-                if dtype.kind == "U" and (np.frombuffer(values, dtype.str[0] + "u4") > 0x10FFFF).any():
+                if (
+                    dtype.kind == "U"
+                    and (np.frombuffer(values, dtype.str[0] + "u4") > 0x10FFFF).any()
+                ):
                     raise ValueError("texts of characters that are none")
                 unpacked[name] = np.frombuffer(values, dtype, count)
             except ODD as error:
@@ -115,7 +152,9 @@ def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) ->
         return unpacked[name]
 
     for at in range(0, count, BATCH):
-        yield ArrayBatch(column, slice(at, at + BATCH), np.arange(at, min(at + BATCH, count), dtype=np.int64))
+        yield ArrayBatch(
+            column, slice(at, at + BATCH), np.arange(at, min(at + BATCH, count), dtype=np.int64)
+        )
 
 
 @dataclass(frozen=True)

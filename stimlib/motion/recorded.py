@@ -1,11 +1,15 @@
-"""Recorded motion: CSV and npz files, and tables in memory, with their own time stamps, as positions at any time.
+"""Recorded motion: CSV and npz files, and tables in memory, with their own time stamps,
+as positions at any time.
 
-Reports of touchpads, pens, load cells and encoders come at 10-1000 Hz with jitter, gaps, repeats and lifts. Holding them
-and taking differences at 8 kHz gives spikes a hundred times the true velocity, so each stretch in contact is joined by a
-piecewise cubic (PCHIP) that neither overshoots the reports nor reverses between them. Like a generator, a recording is a
-pure function of time: the same bits in any cut of the time axis.
+Reports of touchpads, pens, load cells and encoders come at 10-1000 Hz with jitter,
+gaps, repeats and lifts. Holding them and taking differences at 8 kHz gives spikes a
+hundred times the true velocity, so each stretch in contact is joined by a piecewise
+cubic (PCHIP) that neither overshoots the reports nor reverses between them. Like a
+generator, a recording is a pure function of time: the same bits in any cut of the time
+axis.
 
-Terms: a *report* is one row; a *stretch* is a run of reports in contact, without a lift or a jump.
+Terms: a *report* is one row; a *stretch* is a run of reports in contact, without a lift
+or a jump.
 """
 
 import ast
@@ -22,7 +26,17 @@ from ..errors import BadValue, UnknownName, public, shown
 from .batch import Array
 from .cubics import cubics
 from .generators import Motion
-from .reports import FASTEST, Mask, Reports, check_gaps, check_period, hold_silences, joined, lifts, series
+from .reports import (
+    FASTEST,
+    Mask,
+    Reports,
+    check_gaps,
+    check_period,
+    hold_silences,
+    joined,
+    lifts,
+    series,
+)
 from .source import HAND
 from .table import Columns, TableFile, read_table
 from .text import MAX_SPEC, parse_motion
@@ -43,7 +57,9 @@ class _Recorded(Motion):
 
 
 class RecordedInput(_Recorded):
-    """A recorded position as a function of time: a cubic from knot to knot, constant outside."""
+    """A recorded position as a function of time: a cubic from knot to knot, constant
+    outside.
+    """
 
     def _position(self, t: Array) -> Array:
         t = np.clip(t, self._knots[0], self._knots[-1])
@@ -63,7 +79,8 @@ class Contact(_Recorded):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """What `recording` gives. Its repr is the call that makes it again, with the file's SHA-256; its str states what was found.
+    """What `recording` gives. Its repr is the call that makes it again, with the file's
+    SHA-256; its str states what was found.
 
     Attributes
     ----------
@@ -76,11 +93,12 @@ class Recording:
     has_lifts : bool
         Whether a report is off contact.
     info : dict
-        file, sha256, columns (input to expression), time (expression), contact (column or None), reports (how many are
-        used), repeats (how many came at the time of the one before), start (s, the first report's own time stamp), period
-        (s, median), rate
-        (Hz, 1/period), silences (how many were held, with reports="on_change"), gaps (list of row and s: those silences
-        that are longer than max_gap), lifts (list of row and time in s), jumps (list of row and speed, largest of the
+        file, sha256, columns (input to expression), time (expression), contact (column
+        or None), reports (how many are used), repeats (how many came at the time of the
+        one before), start (s, the first report's own time stamp), period (s, median),
+        rate (Hz, 1/period), silences (how many were held, with reports="on_change"),
+        gaps (list of row and s: those silences that are longer than max_gap), lifts
+        (list of row and time in s), jumps (list of row and speed, largest of the
         inputs, in the input's unit per second).
 
     Examples
@@ -103,7 +121,10 @@ class Recording:
         counts = {"equal times": i["repeats"], "silences held": i["silences"]}
         counts |= {"lifts": len(i["lifts"]), "jumps": len(i["jumps"])}
         extra = "".join(f", {what}: {count}" for what, count in counts.items() if count)
-        return f"{shown(i['file'])}: {i['reports']} reports, {self.duration:.6g} s, median {i['rate']:.4g} Hz{extra}"
+        return (
+            f"{shown(i['file'])}: {i['reports']} reports, {self.duration:.6g} s, median"
+            f" {i['rate']:.4g} Hz{extra}"
+        )
 
     def for_inputs(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
         """The motion of a scene.
@@ -111,10 +132,12 @@ class Recording:
         Parameters
         ----------
         inputs : iterable of str
-            Names of the scene's inputs. One named ``contact`` gets `contact`. What is recorded for ``x`` serves ``x1``,
-            ``x2``, ... where the scene has no ``x`` and the recording has nothing of their own.
+            Names of the scene's inputs. One named ``contact`` gets `contact`. What is
+            recorded for ``x`` serves ``x1``, ``x2``, ... where the scene has no ``x``
+            and the recording has nothing of their own.
         contact : str
-            How the scene gets an input ``contact``, such as ``"use bumps(contact=True)"``, for the error where it needs one.
+            How the scene gets an input ``contact``, such as ``"use
+            bumps(contact=True)"``, for the error where it needs one.
 
         Returns
         -------
@@ -144,8 +167,13 @@ class Recording:
         missing = [name for name, by in served.items() if by is None]
         surplus = [name for name in self.motion if name not in served.values()]
         if missing or surplus:
-            wrong = [f"nothing is recorded for {name}" for name in missing] + [f"the scene has no input {n}" for n in surplus]
-            raise UnknownName(f"{self.info['file']}: {', '.join(wrong)}; the inputs are: {', '.join(names) or 'none'}")
+            wrong = [f"nothing is recorded for {name}" for name in missing] + [
+                f"the scene has no input {n}" for n in surplus
+            ]
+            raise UnknownName(
+                f"{self.info['file']}: {', '.join(wrong)}; the inputs are:"
+                f" {', '.join(names) or 'none'}"
+            )
         if "contact" not in served.values():
             self._check_unbroken(contact)
         return {name: sources[by] for name, by in served.items() if by is not None}
@@ -156,9 +184,15 @@ class Recording:
             return
         what = [f"a lift at row {lifts[0][0]} ({len(lifts)} in all)"] if lifts else []
         what += [f"a jump at row {jumps[0][0]} ({len(jumps)} in all)"] if jumps else []
-        remedy = remedy or 'make it with contact=True (squeeze, bumps, viscoelastic), or give it an Input("contact")'
+        remedy = (
+            remedy
+            or 'make it with contact=True (squeeze, bumps, viscoelastic), or give it an Input("contact")'
+        )
         remedy += ", or follow the point in the air with contact=False" if lifts else ""
-        raise BadValue(f"{self.info['file']}: {' and '.join(what)}, and the scene has no input contact; {remedy}")
+        raise BadValue(
+            f"{self.info['file']}: {' and '.join(what)}, and the scene has no input contact;"
+            f" {remedy}"
+        )
 
 
 @public
@@ -177,65 +211,75 @@ def recording(
 ) -> Recording:
     """A recorded motion, of a file or of a table in memory.
 
-    Between two reports in contact the position is a PCHIP cubic; before the first and after the last it is held. Off
-    contact it is held where contact was lost, and before the first contact where contact will be made.
+    Between two reports in contact the position is a PCHIP cubic; before the first and
+    after the last it is held. Off contact it is held where contact was lost, and before
+    the first contact where contact will be made.
 
-    A step that is faster than ``max_speed`` is a fault of the device, not a motion: the stretch ends there and contact
-    is 0 until the next report, so that velocity estimates start anew. When there are many (3 or more, and more than 1 %
-    of the reports, or nothing but jumps), the unit is wrong, which is an error.
+    A step that is faster than ``max_speed`` is a fault of the device, not a motion: the
+    stretch ends there and contact is 0 until the next report, so that velocity
+    estimates start anew. When there are many (3 or more, and more than 1 % of the
+    reports, or nothing but jumps), the unit is wrong, which is an error.
 
     Parameters
     ----------
     source : path, DataFrame or mapping of str to array
-        A ``.npz`` file holds one-dimensional arrays of equal length, by name; row numbers are their indices. Any other file
-        is read as CSV: UTF-8 text, commas, names in the first line; row numbers are line numbers. Where the names are
-        separated by semicolons so are the rows, and a comma in a number is its decimal point. A table in memory, of pandas
-        or any mapping of names to one-dimensional arrays, is taken like an npz file.
+        A ``.npz`` file holds one-dimensional arrays of equal length, by name; row
+        numbers are their indices. Any other file is read as CSV: UTF-8 text, commas,
+        names in the first line; row numbers are line numbers. Where the names are
+        separated by semicolons so are the rows, and a comma in a number is its decimal
+        point. A table in memory, of pandas or any mapping of names to one-dimensional
+        arrays, is taken like an npz file.
     columns : mapping of str to str
-        Per input of the scene, a column in the input's unit, or a linear conversion of one: ``"force_N*5e-4"``,
-        ``"(x_raw - 1472)*2e-5"``. Inputs may share a column. Quote names that are not words: ``"'Force (N)'*5e-4"``.
+        Per input of the scene, a column in the input's unit, or a linear conversion of
+        one: ``"force_N*5e-4"``, ``"(x_raw - 1472)*2e-5"``. Inputs may share a column.
+        Quote names that are not words: ``"'Force (N)'*5e-4"``.
     where : mapping of column to value, optional
         Rows to use; numbers are compared as numbers, anything else as text.
     time : str
-        Column of the time stamps, in s, or a linear conversion such as ``"t_ms*1e-3"``. The first report used is moved to
-        time 0.
+        Column of the time stamps, in s, or a linear conversion such as ``"t_ms*1e-3"``.
+        The first report used is moved to time 0.
     contact : str or bool, optional
-        Column that is 1 in contact and 0 in the air; by default "contact", if there is one. False follows the position
-        in the air.
+        Column that is 1 in contact and 0 in the air; by default "contact", if there is
+        one. False follows the position in the air.
     reports : {"always", "on_change"}
-        What silence means. "always": the device reports all the time, so silence in contact beyond max_gap is an error.
-        "on_change": nothing changed, so after more than 2.5 median periods without a report the point is held, in
-        contact, until one median period before the next report.
+        What silence means. "always": the device reports all the time, so silence in
+        contact beyond max_gap is an error. "on_change": nothing changed, so after more
+        than 2.5 median periods without a report the point is held, in contact, until
+        one median period before the next report.
     max_speed : float, None or mapping of input to float or None, m/s
-        Largest speed of movement, in the unit of every input per second; None for no limit. A mapping limits the inputs
-        in it, each in its own unit per second.
+        Largest speed of movement, in the unit of every input per second; None for no
+        limit. A mapping limits the inputs in it, each in its own unit per second.
     max_gap : float, s, optional
-        Longest silence that is joined when reports="always"; by default 10 median periods, at least 0.1 s, and a median
-        period above 0.5 s is refused as time in another unit. Any max_gap not below the median period confirms that it is
-        not.
+        Longest silence that is joined when reports="always"; by default 10 median
+        periods, at least 0.1 s, and a median period above 0.5 s is refused as time in
+        another unit. Any max_gap not below the median period confirms that it is not.
     sha256 : str, optional
-        First 8 to 64 hex digits of the file's SHA-256, which must fit; of a table in memory, that of its names and values.
+        First 8 to 64 hex digits of the file's SHA-256, which must fit; of a table in
+        memory, that of its names and values.
 
     Raises
     ------
     RecordingError
-        When the table cannot be used, or is larger than ``stimlib.limits`` allow; the message names file, row, column and
-        remedy.
+        When the table cannot be used, or is larger than ``stimlib.limits`` allow; the
+        message names file, row, column and remedy.
     BadValue
         When an argument is out of its range or cannot be understood.
 
     References
     ----------
-    F. N. Fritsch and J. Butland, "A method for constructing local monotone piecewise cubic interpolants", SIAM J. Sci.
-    Stat. Comput. 5 (1984). Inside a stretch the speed is at most 1.5 times that between two reports, in its first and
-    last interval at most 3 times.
+    F. N. Fritsch and J. Butland, "A method for constructing local monotone piecewise
+    cubic interpolants", SIAM J. Sci. Stat. Comput. 5 (1984). Inside a stretch the speed
+    is at most 1.5 times that between two reports, in its first and last interval at
+    most 3 times.
 
     Examples
     --------
     >>> import tempfile, pathlib
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "press.csv")
-    ...     _ = path.write_text("t_s,force_N,contact\\n0,1,1\\n0.01,2,1\\n0.03,4,1\\n0.04,0,0\\n")
+    ...     _ = path.write_text(
+    ...         "t_s,force_N,contact\\n0,1,1\\n0.01,2,1\\n0.03,4,1\\n0.04,0,0\\n"
+    ...     )
     ...     press = recording(path, {"x": "force_N*5e-4"})
     >>> press.motion["x"]([0.0, 0.005, 0.02, 0.03, 0.1]).round(6).tolist()
     [0.0005, 0.00075, 0.0015, 0.002, 0.002]
@@ -243,26 +287,47 @@ def recording(
     [1.0, 1.0, 0.0, 0.0]
     >>> press.info["lifts"]
     [(5, 0.04)]
-    >>> print(recording({"t_s": [0.0, 0.01, 0.02], "x_mm": [0, 1, 3]}, {"x": "x_mm*1e-3"}))
+    >>> print(
+    ...     recording({"t_s": [0.0, 0.01, 0.02], "x_mm": [0, 1, 3]}, {"x": "x_mm*1e-3"})
+    ... )
     dict in memory: 3 reports, 0.02 s, median 100 Hz
     """
     _check_options(columns, where, contact, reports, repeats, max_speed, max_gap)
     table = read_table(source, sha256)
     spec = _spec(
-        table, columns, where=where or None, time=time, contact=contact, reports=reports, repeats=repeats, max_speed=max_speed,
+        table,
+        columns,
+        where=where or None,
+        time=time,
+        contact=contact,
+        reports=reports,
+        repeats=repeats,
+        max_speed=max_speed,
         max_gap=max_gap,
-    )  # fmt: skip
+    )
     found = series(table, columns, where or {}, time, contact, repeats)
     table = table.closed()
     period = float(np.median(np.diff(found.t)))
     if max_gap is None or max_gap < period or period < FASTEST:
         check_period(table, found, period, time)
     gap = max(GAP_PERIODS * period, GAP_SECONDS) if max_gap is None else float(max_gap)
-    held, gaps = check_gaps(table, found, gap) if reports == "always" else hold_silences(found, period, gap)
+    held, gaps = (
+        check_gaps(table, found, gap) if reports == "always" else hold_silences(found, period, gap)
+    )
     whole, jumps = joined(table, held, max_speed)
     step = Contact(held.t, np.append(whole, held.contact[-1]), f"{spec}.contact")
-    info: dict[str, Any] = {"file": table.file, "sha256": table.sha256, "columns": dict(columns), "time": time}
-    info |= {"contact": found.contact_column, "reports": len(found.t), "repeats": found.repeats, "start": found.start}
+    info: dict[str, Any] = {
+        "file": table.file,
+        "sha256": table.sha256,
+        "columns": dict(columns),
+        "time": time,
+    }
+    info |= {
+        "contact": found.contact_column,
+        "reports": len(found.t),
+        "repeats": found.repeats,
+        "start": found.start,
+    }
     info |= {"period": period, "rate": 1 / period, "silences": len(held.t) - len(found.t)}
     info |= {"gaps": gaps, "lifts": lifts(found), "jumps": jumps}
     duration, has_lifts = float(found.t[-1]), not bool(found.contact.all())
@@ -280,14 +345,19 @@ def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, M
     t, x, rows = s.t, s.x, s.rows
     if not s.contact.all():
         at = np.flatnonzero(s.contact)
-        # the interval after a report in contact is joined only if the next report is in contact too
+        # the interval after a report in contact is joined only if the next report is in
+        # contact too
         t, x, rows, whole = t[at], x[:, at], rows[at], whole[at[:-1]]
     tracks: dict[str, Motion] = {}
     for name, values in zip(s.inputs, x, strict=True):
         c = cubics(t, values, whole)
         for i in np.flatnonzero(~np.isfinite(c).all(axis=0)):
             remedy = "check time and units, or set max_speed"
-            raise table.error("the step to this report is too large for its time", remedy, rows[min(int(i) + 1, len(rows) - 1)])
+            raise table.error(
+                "the step to this report is too large for its time",
+                remedy,
+                rows[min(int(i) + 1, len(rows) - 1)],
+            )
         tracks[name] = RecordedInput(t, c, f"{spec}.motion[{name!r}]")
     return tracks
 
@@ -299,10 +369,11 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     Parameters
     ----------
     text : str
-        A call of a generator, see `parse_motion`, or of `recording` with literal arguments; after that may be
-        ``.motion['x']`` or ``.contact``.
+        A call of a generator, see `parse_motion`, or of `recording` with literal
+        arguments; after that may be ``.motion['x']`` or ``.contact``.
     pinned : bool
-        Whether a recording must have the SHA-256 of its file, as one from a text of others should.
+        Whether a recording must have the SHA-256 of its file, as one from a text of
+        others should.
 
     Returns
     -------
@@ -325,17 +396,25 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     """
     part: Any = None
     try:
-        match ast.parse(text.strip(), mode="eval").body if isinstance(text, str) and len(text) <= MAX_SPEC else None:
+        match (
+            ast.parse(text.strip(), mode="eval").body
+            if isinstance(text, str) and len(text) <= MAX_SPEC
+            else None
+        ):
             case ast.Attribute(ast.Call(ast.Name("recording")) as call, "contact"):
                 part = "contact"
-            case ast.Subscript(ast.Attribute(ast.Call(ast.Name("recording")) as call, "motion"), ast.Constant(str() as part)):
+            case ast.Subscript(
+                ast.Attribute(ast.Call(ast.Name("recording")) as call, "motion"),
+                ast.Constant(str() as part),
+            ):
                 pass
             case ast.Call(ast.Name("recording")) as call:
                 pass
             case _:
                 return parse_motion(text)
         words = inspect.signature(recording).bind(
-            *map(ast.literal_eval, call.args), **{str(k.arg): ast.literal_eval(k.value) for k in call.keywords}
+            *map(ast.literal_eval, call.args),
+            **{str(k.arg): ast.literal_eval(k.value) for k in call.keywords},
         )
     except (SyntaxError, RecursionError, MemoryError):
         return parse_motion(text)  # whose error names what is wrong
@@ -343,7 +422,10 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
         if isinstance(e, BadValue):
             raise
         form = "recording('press.csv', {'x': 'force_N*5e-4'})"
-        raise BadValue(f"{text[:80]!r} cannot be read as a recording ({e}): write literal arguments, such as {form}") from None
+        raise BadValue(
+            f"{text[:80]!r} cannot be read as a recording ({e}): write literal arguments, such as"
+            f" {form}"
+        ) from None
     if pinned and words.arguments.get("sha256") is None:
         raise BadValue(f"{text[:80]!r} does not have the SHA-256 of its file")
     made = recording(*words.args, **words.kwargs)
@@ -354,7 +436,8 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
 
 
 def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> str | None:
-    """The recorded name that an input gets: its own, or without its number where the scene has no input of that name.
+    """The recorded name that an input gets: its own, or without its number where the
+    scene has no input of that name.
 
     Examples
     --------
@@ -370,35 +453,58 @@ def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> 
 # -- arguments
 
 
-def _check_options(columns: Any, where: Any, contact: Any, reports: Any, repeats: Any, max_speed: Any, max_gap: Any) -> None:
+def _check_options(
+    columns: Any, where: Any, contact: Any, reports: Any, repeats: Any, max_speed: Any, max_gap: Any
+) -> None:
     example = 'such as {"x": "force_N*5e-4"}'
     if not isinstance(columns, Mapping) or not columns:
-        raise BadValue(f"columns must map each input of the scene to a column, {example}, got {columns!r}")
+        raise BadValue(
+            f"columns must map each input of the scene to a column, {example}, got {columns!r}"
+        )
     for name, text in columns.items():
         if not isinstance(name, str) or not isinstance(text, str):
             raise BadValue(f"columns must map names to texts, {example}, got {name!r}: {text!r}")
     if "contact" in columns:
-        raise BadValue(f"contact is not interpolated, so it cannot be in columns: use contact={columns['contact']!r}")
-    plain = isinstance(where, Mapping) and all(isinstance(v, str | int | float | np.generic) for v in where.values())
+        raise BadValue(
+            "contact is not interpolated, so it cannot be in columns: use"
+            f" contact={columns['contact']!r}"
+        )
+    plain = isinstance(where, Mapping) and all(
+        isinstance(v, str | int | float | np.generic) for v in where.values()
+    )
     if where is not None and not plain:
-        raise BadValue(f'where must map columns to numbers or texts, such as {{"trial": 1}}, got {where!r}')
+        raise BadValue(
+            f'where must map columns to numbers or texts, such as {{"trial": 1}}, got {where!r}'
+        )
     if not (contact is None or isinstance(contact, str | bool)):
-        raise BadValue(f"contact must be the name of a column, False to ignore it, or None, got {contact!r}")
+        raise BadValue(
+            f"contact must be the name of a column, False to ignore it, or None, got {contact!r}"
+        )
     if reports not in ("always", "on_change"):
         raise BadValue(f'reports must be "always" or "on_change", got {reports!r}')
     if repeats not in (None, "last", "mean", "spread"):
         raise BadValue(f'repeats must be "last", "mean", "spread" or None, got {repeats!r}')
-    if isinstance(max_speed, Mapping) and (surplus := [name for name in max_speed if name not in columns]):
-        raise BadValue(f"max_speed: columns has no input {surplus[0]!r}; it has {', '.join(columns)}")
+    if isinstance(max_speed, Mapping) and (
+        surplus := [name for name in max_speed if name not in columns]
+    ):
+        raise BadValue(
+            f"max_speed: columns has no input {surplus[0]!r}; it has {', '.join(columns)}"
+        )
     for value in max_speed.values() if isinstance(max_speed, Mapping) else [max_speed]:
         if value is not None and not _is_positive(value):
-            raise BadValue(f"max_speed must be finite and above 0, in m/s, or None for no limit, got {value!r}")
+            raise BadValue(
+                f"max_speed must be finite and above 0, in m/s, or None for no limit, got {value!r}"
+            )
     if max_gap is not None and not _is_positive(max_gap):
         raise BadValue(f"max_gap must be finite and above 0, in s, got {max_gap!r}")
 
 
 def _is_positive(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(0 < value < float("inf"))
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and bool(0 < value < float("inf"))
+    )
 
 
 def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:

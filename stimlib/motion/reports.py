@@ -1,4 +1,6 @@
-"""From the rows of a table to reports in order of time: selection, conversion, repeats, silence and jumps."""
+"""From the rows of a table to reports in order of time: selection, conversion, repeats,
+silence and jumps.
+"""
 
 import re
 import unicodedata
@@ -18,9 +20,14 @@ from .table import TableFile
 Mask = NDArray[np.bool_]
 
 FASTEST = 1e-7  # s from report to report
-SILENCE = 2.5  # median periods without a report; up to 2 also come from the device's clock, in the middle of a motion
-JUMPS, JUMP_SHARE = 3, 0.01  # so many jumps, and more than this share of the reports, are not faults of the device
-SLOWEST = 0.5  # s between reports: a device that a hand moves has 0.004 to 0.08, and at 1 kHz a millisecond taken for 1 s has 1
+# median periods without a report; up to 2 also come from the device's clock, in the
+# middle of a motion
+SILENCE = 2.5
+# so many jumps, and more than this share of the reports, are not faults of the device
+JUMPS, JUMP_SHARE = 3, 0.01
+# s between reports: a device that a hand moves has 0.004 to 0.08, and at 1 kHz a
+# millisecond taken for 1 s has 1
+SLOWEST = 0.5
 LATEST = 1e12  # s; beyond, a time stamp has no part of a millisecond left
 VALUES = 1000  # so many different values of a column are listed or counted
 
@@ -56,15 +63,23 @@ def series(
     chosen = _selected(table, where) if where else None
     t, x, touch, rows = _converted(table, [clock, *linear.values()], flag, chosen)
     if not len(t):
-        raise table.error("there are names of columns and no rows", "give a file with at least two rows")
-    _check_rising(table, t, rows, chosen, {clock.column, flag, *(a.column for a in linear.values())})
+        raise table.error(
+            "there are names of columns and no rows", "give a file with at least two rows"
+        )
+    _check_rising(
+        table, t, rows, chosen, {clock.column, flag, *(a.column for a in linear.values())}
+    )
     start = float(t[0])
     t -= start
     found = _repeats(table, Reports(tuple(linear), t, x, touch, rows, flag, 0, start), repeats)
     if len(found.t) < 2:
-        raise table.error("one report is not a motion", "give at least two rows with rising time", rows[0])
+        raise table.error(
+            "one report is not a motion", "give at least two rows with rising time", rows[0]
+        )
     if not touch.any():
-        raise table.error("never in contact", "use contact=False to follow the point in the air", None, flag)
+        raise table.error(
+            "never in contact", "use contact=False to follow the point in the air", None, flag
+        )
     return found
 
 
@@ -72,24 +87,34 @@ def series(
 
 
 def column_of(table: TableFile, what: str, text: str) -> Linear:
-    """A column that is there, and what makes the wanted unit of it, from a text such as ``t_ms*1e-3``."""
+    """A column that is there, and what makes the wanted unit of it, from a text such as
+    ``t_ms*1e-3``.
+    """
     linear = expression(what, text, table.names)
     assert linear.column is not None
     return replace(linear, column=_find(table, linear.column, what))
 
 
 def _find(table: TableFile, column: str, what: str) -> str:
-    """The table's column of that name. Python reads a name in its NFKC form, in which the two signs for micro are one."""
+    """The table's column of that name. Python reads a name in its NFKC form, in which
+    the two signs for micro are one.
+    """
     names = table.names
     for name in names:
         if column in (name, unicodedata.normalize("NFKC", name)):
             return name
-    remedy = f"use one of those, such as time={names[0]!r}" if what == "time" and names else "use one of those"
+    remedy = (
+        f"use one of those, such as time={names[0]!r}"
+        if what == "time" and names
+        else "use one of those"
+    )
     if all(table.number(name) is not None for name in names):
         remedy = "the first line must name the columns"
     elif len(names) == 1 and (mark := re.search(r"[\t|]", names[0])):
         remedy = f"separate columns by commas, not by {mark.group()!r}"
-    raise table.error(f"{what} needs column {column}, and there is none; the columns are: {_list(names)}", remedy)
+    raise table.error(
+        f"{what} needs column {column}, and there is none; the columns are: {_list(names)}", remedy
+    )
 
 
 def _contact_column(table: TableFile, contact: str | bool | None) -> str | None:
@@ -121,12 +146,20 @@ def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
 
 
 def _equal(table: TableFile, column: str, value: Any) -> Mask:
-    """Numbers are compared as numbers where the whole column is numbers, anything else as text."""
+    """Numbers are compared as numbers where the whole column is numbers, anything else
+    as text.
+    """
     wanted = table.number(str(value))
     try:
-        parts = [batch.numbers([column])[0] == (np.nan if wanted is None else wanted) for batch in table.batches()]
+        parts = [
+            batch.numbers([column])[0] == (np.nan if wanted is None else wanted)
+            for batch in table.batches()
+        ]
     except ValueError:
-        parts = [np.array([t.strip() == str(value).strip() for t in b.texts(column)]) for b in table.batches()]
+        parts = [
+            np.array([t.strip() == str(value).strip() for t in b.texts(column)])
+            for b in table.batches()
+        ]
     return np.concatenate([np.zeros(0, dtype=bool), *parts])
 
 
@@ -145,11 +178,19 @@ def _converted(
 ) -> tuple[Array, Array, Mask, Rows]:
     """Times, positions, contact and row numbers of the chosen rows."""
     most = table.most if chosen is None else int(chosen.sum())
-    values, touch, rows = np.empty((len(linear), most)), np.ones(most, dtype=bool), np.empty(most, dtype=np.int64)
+    values, touch, rows = (
+        np.empty((len(linear), most)),
+        np.ones(most, dtype=bool),
+        np.empty(most, dtype=np.int64),
+    )
     used = list(dict.fromkeys([*(str(a.column) for a in linear), *([flag] if flag else [])]))
     at = read = 0
     for batch in table.batches():
-        which = np.arange(len(batch.rows)) if chosen is None else np.flatnonzero(chosen[read : read + len(batch.rows)])
+        which = (
+            np.arange(len(batch.rows))
+            if chosen is None
+            else np.flatnonzero(chosen[read : read + len(batch.rows)])
+        )
         read += len(batch.rows)
         if not len(which):
             continue
@@ -160,10 +201,14 @@ def _converted(
             with np.errstate(over="ignore"):
                 row[at:end] = found[str(a.column)] * a.scale + a.offset
             for i in np.flatnonzero(~np.isfinite(row[at:end])):
-                problem = f"{batch.texts(str(a.column))[which[i]]} * {a.scale:g} + {a.offset:g} overflows"
+                problem = (
+                    f"{batch.texts(str(a.column))[which[i]]} * {a.scale:g} + {a.offset:g} overflows"
+                )
                 raise table.error(problem, "check the unit", rows[at + i], a.column)
         for i in np.flatnonzero(np.abs(values[0, at:end]) > LATEST):
-            raise table.error(f"time {values[0, at + i]:g} s", "check the unit", rows[at + i], linear[0].column)
+            raise table.error(
+                f"time {values[0, at + i]:g} s", "check the unit", rows[at + i], linear[0].column
+            )
         if flag is not None:
             touch[at:end] = _touch(table, flag, found[flag], rows[at:end])
         at = end
@@ -179,7 +224,9 @@ def _numbers(table: TableFile, batch: Batch, columns: Sequence[str], which: Rows
         values = np.array([_cells(table, batch, name, which) for name in columns])
     for name, row in zip(columns, values, strict=True):
         for i in np.flatnonzero(~np.isfinite(row)):
-            raise table.error(f"{row[i]} is not finite", "correct or remove the row", batch.rows[which[i]], name)
+            raise table.error(
+                f"{row[i]} is not finite", "correct or remove the row", batch.rows[which[i]], name
+            )
     return values
 
 
@@ -198,26 +245,42 @@ def _cells(table: TableFile, batch: Batch, column: str, which: Rows) -> Array:
 
 def _touch(table: TableFile, column: str, values: Array, rows: Rows) -> Mask:
     for i in np.flatnonzero((values != 0) & (values != 1)):
-        raise table.error(f"contact is {values[i]:g}", "use a column of 0 and 1, or contact=False", rows[i], column)
+        raise table.error(
+            f"contact is {values[i]:g}",
+            "use a column of 0 and 1, or contact=False",
+            rows[i],
+            column,
+        )
     return values == 1
 
 
 # -- time
 
 
-def _check_rising(table: TableFile, t: Array, rows: Rows, chosen: Mask | None, used: set[str | None]) -> None:
+def _check_rising(
+    table: TableFile, t: Array, rows: Rows, chosen: Mask | None, used: set[str | None]
+) -> None:
     back = np.flatnonzero(t[1:] < t[:-1])
     if len(back):
         i = back[0]
         several = [f"{name} ({_list(values)})" for name, values in _several(table, chosen, used)]
         remedy = "put the rows into the order of time"
         if several:
-            remedy = f"if there are several recordings in the file, select one with where: {', '.join(several)}; else {remedy}"
-        raise table.error(f"time goes back from {t[i]:.9g} to {t[i + 1]:.9g} s", remedy, rows[i + 1])
+            remedy = (
+                "if there are several recordings in the file, select one with where:"
+                f" {', '.join(several)}; else {remedy}"
+            )
+        raise table.error(
+            f"time goes back from {t[i]:.9g} to {t[i + 1]:.9g} s", remedy, rows[i + 1]
+        )
 
 
-def _several(table: TableFile, chosen: Mask | None, used: set[str | None]) -> list[tuple[str, list[str]]]:
-    """Columns by which recordings differ: 2 to 20 different values in the chosen rows."""
+def _several(
+    table: TableFile, chosen: Mask | None, used: set[str | None]
+) -> list[tuple[str, list[str]]]:
+    """Columns by which recordings differ: 2 to 20 different values in the chosen
+    rows.
+    """
     found: dict[str, dict[str, None]] = {name: {} for name in table.names if name not in used}
     read = 0
     for batch in table.batches():
@@ -225,7 +288,9 @@ def _several(table: TableFile, chosen: Mask | None, used: set[str | None]) -> li
         read += len(batch.rows)
         for name, values in list(found.items()):
             texts = batch.texts(name)
-            values.update((text.strip(), None) for i, text in enumerate(texts) if keep is None or keep[i])
+            values.update(
+                (text.strip(), None) for i, text in enumerate(texts) if keep is None or keep[i]
+            )
             if len(values) > 20:
                 del found[name]
     return [(name, list(values)) for name, values in found.items() if len(values) > 1]
@@ -248,7 +313,9 @@ def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
         x = np.array([np.add.reduceat(row / np.repeat(each, each), first) for row in s.x])
         touch = np.logical_and.reduceat(s.contact, first)
         return replace(s, t=s.t[first], x=x, contact=touch, rows=s.rows[first], repeats=count)
-    return replace(s, t=s.t[last], x=s.x[:, last], contact=s.contact[last], rows=s.rows[first], repeats=count)
+    return replace(
+        s, t=s.t[last], x=s.x[:, last], contact=s.contact[last], rows=s.rows[first], repeats=count
+    )
 
 
 def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
@@ -259,34 +326,60 @@ def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
     for i in np.flatnonzero(differs):
         problem = f"the same time as row {s.rows[i]} and other values"
         remedy = "remove one of the two rows, or correct the time; "
-        remedy += f'where the clock is coarse (such rows: {differs.sum()}) choose repeats="spread", "last" or "mean"'
+        remedy += (
+            f'where the clock is coarse (such rows: {differs.sum()}) choose repeats="spread",'
+            ' "last" or "mean"'
+        )
         raise table.error(problem, remedy, s.rows[i + 1])
 
 
 def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
-    """Times of reports that share a stamp, evenly up to the next one; after the last, and before a silence, as usual."""
+    """Times of reports that share a stamp, evenly up to the next one; after the last,
+    and before a silence, as usual.
+    """
     first = np.flatnonzero(~again)
     each = np.diff(np.append(first, len(s.t)))
     if len(first) < 2:
-        raise table.error("all rows have one time", "give at least two rows with rising time", s.rows[0])
+        raise table.error(
+            "all rows have one time", "give at least two rows with rising time", s.rows[0]
+        )
     step = np.diff(s.t[first])
     step = np.minimum(np.append(step, np.inf), np.median(step))
     t = s.t + (np.arange(len(s.t)) - np.repeat(first, each)) * np.repeat(step / each, each)
     for i in np.flatnonzero(t[1:] <= t[:-1]):
-        raise table.error("too many rows with one time to be spread", "correct the time", s.rows[i + 1])
+        raise table.error(
+            "too many rows with one time to be spread", "correct the time", s.rows[i + 1]
+        )
     return t
 
 
 def check_period(table: TableFile, s: Reports, period: float, time: str) -> None:
-    """Raise where the median time between reports is not that of a hand's recording: a unit that is taken for seconds."""
+    """Raise where the median time between reports is not that of a hand's recording: a
+    unit that is taken for seconds.
+    """
     if FASTEST <= period <= SLOWEST:
         return
     if period < FASTEST:
-        raise table.error(f"{period:.6g} s from report to report, which no clock gives", "write the column of times in s")
-    unit, factor = next(((u, f) for u, f in (("ms", "1e-3"), ("us", "1e-6")) if period * float(f) <= SLOWEST), ("ns", "1e-9"))
-    text = time if time in table.names and time.isidentifier() else f"'{time}'" if time in table.names else f"({time})"
+        raise table.error(
+            f"{period:.6g} s from report to report, which no clock gives",
+            "write the column of times in s",
+        )
+    unit, factor = next(
+        ((u, f) for u, f in (("ms", "1e-3"), ("us", "1e-6")) if period * float(f) <= SLOWEST),
+        ("ns", "1e-9"),
+    )
+    text = (
+        time
+        if time in table.names and time.isidentifier()
+        else f"'{time}'"
+        if time in table.names
+        else f"({time})"
+    )
     problem = f"{period:.6g} s from report to report, which is slow for a hand"
-    remedy = f'time in {unit}? write time="{text}*{factor}"; if it is in s, give max_gap={_enough(s)} or more'
+    remedy = (
+        f'time in {unit}? write time="{text}*{factor}"; if it is in s, give max_gap={_enough(s)} or'
+        " more"
+    )
     raise table.error(problem, remedy)
 
 
@@ -295,27 +388,46 @@ def _enough(s: Reports) -> str:
     return f"{ceil(100 * float(np.diff(s.t).max()) - 1e-6) / 100 + 0.01:g}"
 
 
-def check_gaps(table: TableFile, s: Reports, max_gap: float) -> tuple[Reports, list[tuple[int, float]]]:
-    """The same reports, if no silence in contact is longer than max_gap; off contact there is nothing to miss."""
+def check_gaps(
+    table: TableFile, s: Reports, max_gap: float
+) -> tuple[Reports, list[tuple[int, float]]]:
+    """The same reports, if no silence in contact is longer than max_gap; off contact
+    there is nothing to miss.
+    """
     dt = np.diff(s.t)
     for i in np.flatnonzero((dt > max_gap) & s.contact[:-1] & s.contact[1:]):
         dt[~(s.contact[:-1] & s.contact[1:])] = 0.0
-        problem = f"a gap of {dt[i]:.6g} s before this report, in contact, longer than {max_gap:.6g} s"
+        problem = (
+            f"a gap of {dt[i]:.6g} s before this report, in contact, longer than {max_gap:.6g} s"
+        )
         enough = ceil(100 * float(dt.max()) - 1e-6) / 100 + 0.01
-        remedy = f'use reports="on_change" if silence means that the point stood still, or max_gap={enough:g} to join it'
+        remedy = (
+            'use reports="on_change" if silence means that the point stood still, or'
+            f" max_gap={enough:g} to join it"
+        )
         raise table.error(problem, remedy, s.rows[i + 1])
     return s, []
 
 
-def hold_silences(s: Reports, period: float, max_gap: float) -> tuple[Reports, list[tuple[int, float]]]:
-    """With each silence ended by a copy of the report before it, one median period before the next; the long ones."""
+def hold_silences(
+    s: Reports, period: float, max_gap: float
+) -> tuple[Reports, list[tuple[int, float]]]:
+    """With each silence ended by a copy of the report before it, one median period
+    before the next; the long ones.
+    """
     dt = np.diff(s.t)
     i = np.flatnonzero(dt > SILENCE * period)
     if not len(i):
         return s, []
     t = np.insert(s.t, i + 1, s.t[i + 1] - period)
     x = np.insert(s.x, i + 1, s.x[:, i], axis=1)
-    held = Reports(s.inputs, t, x, np.insert(s.contact, i + 1, s.contact[i]), np.insert(s.rows, i + 1, s.rows[i]))
+    held = Reports(
+        s.inputs,
+        t,
+        x,
+        np.insert(s.contact, i + 1, s.contact[i]),
+        np.insert(s.rows, i + 1, s.rows[i]),
+    )
     return held, [(int(s.rows[k + 1]), float(dt[k])) for k in i if dt[k] > max_gap]
 
 
@@ -331,10 +443,16 @@ def joined(
         if limit < np.inf:
             jump |= touching & (_speed(row, s.t) > limit)
     at = np.flatnonzero(jump)
-    if len(at) and (len(at) == touching.sum() or (len(at) >= JUMPS and len(at) > JUMP_SHARE * len(s.t))):
+    if len(at) and (
+        len(at) == touching.sum() or (len(at) >= JUMPS and len(at) > JUMP_SHARE * len(s.t))
+    ):
         _refuse_jumps(table, s, int(at[0]), most, len(at))
-    speeds = [max(v for v, limit in zip(_speeds(s, int(i)), most, strict=True) if v > limit) for i in at]
-    return touching & ~jump, [(int(s.rows[i + 1]), float(v)) for i, v in zip(at, speeds, strict=True)]
+    speeds = [
+        max(v for v, limit in zip(_speeds(s, int(i)), most, strict=True) if v > limit) for i in at
+    ]
+    return touching & ~jump, [
+        (int(s.rows[i + 1]), float(v)) for i, v in zip(at, speeds, strict=True)
+    ]
 
 
 def _speed(x: Array, t: Array) -> Array:
@@ -350,12 +468,16 @@ def _speeds(s: Reports, i: int) -> list[float]:
     return [float(_speed(row[i : i + 2], s.t[i : i + 2])[0]) for row in s.x]
 
 
-def _refuse_jumps(table: TableFile, s: Reports, i: int, most: Sequence[float], count: int) -> NoReturn:
+def _refuse_jumps(
+    table: TableFile, s: Reports, i: int, most: Sequence[float], count: int
+) -> NoReturn:
     k, speed = next((k, v) for k, v in enumerate(_speeds(s, i)) if v > most[k])
     name = s.inputs[k]
     problem = f"{name} moves at {speed:.4g} m/s, faster than a hand (max_speed is {most[k]:g} m/s)"
     problem += f", in this report and {count - 1} others"
-    remedy = f"check the unit in the mapping of {name}; set max_speed if it is right, or is not metres"
+    remedy = (
+        f"check the unit in the mapping of {name}; set max_speed if it is right, or is not metres"
+    )
     raise table.error(problem, remedy, s.rows[i + 1])
 
 

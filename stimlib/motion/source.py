@@ -26,7 +26,8 @@ HAND = 1.0
 
 
 def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:
-    """Warn where a generator or an array of metres moves faster than a hand, from 10 ms to 10 ms within its first 100 s.
+    """Warn where a generator or an array of metres moves faster than a hand, from 10 ms
+    to 10 ms within its first 100 s.
 
     Arrays are looked at where ``fs`` is given; recordings have their own ``max_speed``.
     """
@@ -42,9 +43,9 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
             step = max(1, round(0.01 * fs))
             x, every = source[: round(min(seconds, 100.0) * fs) : step], step / fs
             remedy = (
-                f"its array is taken as sampled at fs = {fs:g} Hz; if it was recorded at another rate, say 500 Hz, give "
-                f"stimlib.motion.recorded.recording({{'t_s': t, '{name}': x}}, {{'{name}': '{name}'}})"
-                ".for_inputs(scene.inputs), and check that it is in m"
+                f"its array is taken as sampled at fs = {fs:g} Hz; if it was recorded at another"
+                f" rate, say 500 Hz, give stimlib.motion.recorded.recording({{'t_s': t, '{name}':"
+                f" x}}, {{'{name}': '{name}'}}).for_inputs(scene.inputs), and check that it is in m"
             )
         else:
             continue
@@ -57,11 +58,15 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
 
 
 def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
-    """Raise UnknownName, listing what is wrong and what was expected, unless the names are the same."""
+    """Raise UnknownName, listing what is wrong and what was expected, unless the names
+    are the same.
+    """
     wrong = [f"{n} is missing" for n in expected if n not in given]
     wrong += [f"there is no {kind} {n}" for n in given if n not in expected]
     if wrong:
-        raise UnknownName(f"{what}: {', '.join(wrong)}; the {kind}s are: {', '.join(expected) or 'none'}")
+        raise UnknownName(
+            f"{what}: {', '.join(wrong)}; the {kind}s are: {', '.join(expected) or 'none'}"
+        )
 
 
 def frames_of(seconds: float | None, fs: float) -> int:
@@ -73,23 +78,34 @@ def frames_of(seconds: float | None, fs: float) -> int:
     except OverflowError:
         frames = inf
     if not isfinite(frames) or round(frames) < 1:
-        raise BadValue(f"seconds must be finite and at least one sample, got {frames / fs:g} s at fs = {fs:g} Hz")
+        raise BadValue(
+            f"seconds must be finite and at least one sample, got {frames / fs:g} s at fs ="
+            f" {fs:g} Hz"
+        )
     return round(frames)
 
 
-def sources_of(motion: Mapping[str, Any] | None, inputs: tuple[str, ...], frames: int) -> dict[str, Any]:
-    """Functions and float64 arrays, one per input, in the processor's order; None serves a scene without inputs."""
+def sources_of(
+    motion: Mapping[str, Any] | None, inputs: tuple[str, ...], frames: int
+) -> dict[str, Any]:
+    """Functions and float64 arrays, one per input, in the processor's order; None
+    serves a scene without inputs.
+    """
     motion = {} if motion is None else motion
     if not isinstance(motion, Mapping):
         raise BadValue(
-            f"motion must map each input name to a function of time or an array, got {type(motion).__name__}{_hint(motion)}"
+            "motion must map each input name to a function of time or an array, got"
+            f" {type(motion).__name__}{_hint(motion)}"
         )
     check_names("motion", motion, inputs, "input")
     sources = {}
     for name in inputs:
         source = motion[name]
         if isinstance(source, type):
-            raise BadValue(f"motion of {name} is the class {source.__name__}: call it, {source.__name__}(..), for a motion")
+            raise BadValue(
+                f"motion of {name} is the class {source.__name__}: call it, {source.__name__}(..),"
+                " for a motion"
+            )
         if not callable(source):
             if hint := _hint(source):
                 raise BadValue(f"motion of {name} is a {type(source).__name__}{hint}")
@@ -98,11 +114,15 @@ def sources_of(motion: Mapping[str, Any] | None, inputs: tuple[str, ...], frames
             except (TypeError, ValueError):  # rows of several lengths
                 source = np.array("")
             if source.dtype.kind not in "iuf":
-                raise BadValue(f"motion of {name} must be a function of time or an array of real numbers, got {source.dtype}")
+                raise BadValue(
+                    f"motion of {name} must be a function of time or an array of real numbers, got"
+                    f" {source.dtype}"
+                )
             source = source.astype(np.float64, copy=False)
             if source.ndim != 1 or len(source) < frames:
                 raise BadValue(
-                    f"motion of {name}: need one dimension, at least {frames} samples; got {source.shape}{_shaped(source)}"
+                    f"motion of {name}: need one dimension, at least {frames} samples; got"
+                    f" {source.shape}{_shaped(source)}"
                 )
         sources[name] = source
     return sources
@@ -113,7 +133,10 @@ def _hint(given: Any) -> str:
     if hasattr(given, "for_inputs"):
         return ": give rec.for_inputs(scene.inputs) of a recording rec"
     if hasattr(given, "columns"):
-        return ': first rec = stimlib.motion.recorded.recording(table, {"x": "x_mm*1e-3"}), then rec.for_inputs(scene.inputs)'
+        return (
+            ': first rec = stimlib.motion.recorded.recording(table, {"x": "x_mm*1e-3"}), then'
+            " rec.for_inputs(scene.inputs)"
+        )
     return ""
 
 
@@ -127,8 +150,9 @@ def _shaped(given: Array) -> str:
     if given.ndim != 2:
         return _still(given)
     return (
-        "; give positions alone, one dimension such as a.ravel() of a column, or with their times t_s, in s, "
-        "stimlib.motion.recorded.recording({'t_s': a[0], 'x': a[1]}, {'x': 'x'}).for_inputs(scene.inputs)"
+        "; give positions alone, one dimension such as a.ravel() of a column, or with their times"
+        " t_s, in s, stimlib.motion.recorded.recording({'t_s': a[0], 'x': a[1]}, {'x':"
+        " 'x'}).for_inputs(scene.inputs)"
     )
 
 
@@ -148,8 +172,13 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
             except (TypeError, ValueError) as e:
                 if isinstance(e, BadValue):
                     raise
-                remedy = "it gets an array of times, so write it with numpy: np.sin for math.sin, np.where for if"
-                raise BadValue(f"{place(source)}motion of {name}: {type(e).__name__}: {e}; {remedy}") from e
+                remedy = (
+                    "it gets an array of times, so write it with numpy: np.sin for math.sin,"
+                    " np.where for if"
+                )
+                raise BadValue(
+                    f"{place(source)}motion of {name}: {type(e).__name__}: {e}; {remedy}"
+                ) from e
             if values.shape != t.shape or values.dtype.kind not in "iuf":
                 raise BadValue(
                     f"motion of {name} must give one number per time: {t.shape} float64 in, "

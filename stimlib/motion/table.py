@@ -1,7 +1,9 @@
-"""Tables of others, CSV, npz or in memory, a batch of rows at a time: of a file nothing is kept but what is asked for.
+"""Tables of others, CSV, npz or in memory, a batch of rows at a time: of a file nothing
+is kept but what is asked for.
 
-A table of millions of rows has most of them plain: as many fields as names, no quotes.  numpy's own reader takes those.
-From the first piece that is not plain, Python's csv reader goes on row by row; it is exact about what is wrong, and where.
+A table of millions of rows has most of them plain: as many fields as names, no quotes.
+numpy's own reader takes those. From the first piece that is not plain, Python's csv
+reader goes on row by row; it is exact about what is wrong, and where.
 """
 
 import csv
@@ -24,7 +26,9 @@ from .npz import ArrayBatch, read_npz
 EMPTY = "give a file with a line of column names and at least two rows"
 PIECE = 1 << 20  # bytes of text that are read at once
 BATCH = 10_000  # rows of the exact reader
-LONGEST = 1 << 17  # characters of a line of the fast reader; the exact one takes longer lines, but no longer fields
+# characters of a line of the fast reader; the exact one takes longer lines, but no
+# longer fields
+LONGEST = 1 << 17
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,9 @@ class TableFile:
     batches: Callable[[], Iterator[Batch]]
     decimal: str = "."
 
-    def error(self, problem: str, remedy: str, row: Any = None, column: str | None = None) -> RecordingError:
+    def error(
+        self, problem: str, remedy: str, row: Any = None, column: str | None = None
+    ) -> RecordingError:
         return table_error(self.file, problem, remedy, row, column)
 
     def closed(self) -> "TableFile":
@@ -62,7 +68,9 @@ class TableFile:
 
 
 def number(text: str) -> float | None:
-    """A cell as a number, None if it is not one. float() alone takes underscores and the digits of other scripts too."""
+    """A cell as a number, None if it is not one. float() alone takes underscores and
+    the digits of other scripts too.
+    """
     if not text.isascii() or "_" in text:
         return None
     try:
@@ -72,7 +80,9 @@ def number(text: str) -> float | None:
 
 
 class Columns(Protocol):
-    """A table in memory: names of columns, and each as an array; a DataFrame of pandas and a dict are such."""
+    """A table in memory: names of columns, and each as an array; a DataFrame of pandas
+    and a dict are such.
+    """
 
     def keys(self) -> Iterable[Any]: ...
 
@@ -85,14 +95,17 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
     Parameters
     ----------
     source : path or Columns
-        A name that ends in .npz is read as npz, any other as CSV; or arrays of equal length by name.
+        A name that ends in .npz is read as npz, any other as CSV; or arrays of equal
+        length by name.
     sha256 : str, optional
-        First 8 to 64 hex digits of the file's SHA-256, or that of the table's names and values, which must fit.
+        First 8 to 64 hex digits of the file's SHA-256, or that of the table's names and
+        values, which must fit.
 
     Raises
     ------
     RecordingError
-        A file that is no such table, or is larger than ``stimlib.limits`` allow; rows are checked as they are read.
+        A file that is no such table, or is larger than ``stimlib.limits`` allow; rows
+        are checked as they are read.
     BadValue
         A path or digest that is not one.
 
@@ -108,7 +121,10 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
     if not isinstance(source, str | os.PathLike):
         if hasattr(source, "keys"):
             return _in_memory(source, sha256)
-        raise BadValue(f"give the name of a file, a DataFrame or a dict of arrays, got {type(source).__name__} {source!r:.80}")
+        raise BadValue(
+            f"give the name of a file, a DataFrame or a dict of arrays, got {type(source).__name__}"
+            f" {source!r:.80}"
+        )
     file = os.fsdecode(source)
     try:
         data = regular.read(file, "recording_bytes", RecordingError)
@@ -116,7 +132,9 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
         reason = error.args[0].removeprefix(f"cannot read {file}: ")
         if reason == error.args[0]:
             raise
-        raise table_error(file, f"cannot be read ({reason})", "give the name of a CSV or npz file") from None
+        raise table_error(
+            file, f"cannot be read ({reason})", "give the name of a CSV or npz file"
+        ) from None
     digest = hashlib.sha256(data).hexdigest()
     if sha256 is not None:
         _check_digest(file, digest, sha256)
@@ -141,10 +159,16 @@ def _in_memory(source: Columns, sha256: str | None) -> TableFile:
             problem = f"{len(values)} values, but {first} has {len(columns[first])}"
             raise table_error(file, problem, "give columns of equal length", None, name)
         texts = values.dtype.kind == "U"
-        data = "\0".join(values.tolist()).encode("utf-8", "surrogatepass") if texts else values.astype("<f8").tobytes()
+        data = (
+            "\0".join(values.tolist()).encode("utf-8", "surrogatepass")
+            if texts
+            else values.astype("<f8").tobytes()
+        )
         digest.update(repr((name, texts, len(values))).encode() + data)
     if not columns:
-        raise table_error(file, "there are no columns", "give a column of times, and one for each input")
+        raise table_error(
+            file, "there are no columns", "give a column of times, and one for each input"
+        )
     if sha256 is not None:
         _check_digest(file, digest.hexdigest(), sha256)
     most = len(values)
@@ -167,7 +191,9 @@ def _column(file: str, name: str, given: Any) -> np.ndarray:
 
 def _check_digest(file: str, digest: str, sha256: str) -> None:
     if not isinstance(sha256, str) or not re.fullmatch("[0-9a-fA-F]{8,64}", sha256):
-        raise BadValue(f"sha256 must be the first 8 to 64 hex digits of the file's SHA-256, got {sha256!r}")
+        raise BadValue(
+            f"sha256 must be the first 8 to 64 hex digits of the file's SHA-256, got {sha256!r}"
+        )
     if not digest.startswith(sha256.lower()):
         remedy = "find the file that was meant, or leave out sha256"
         raise table_error(file, f"SHA-256 is {digest[:16]}..., not {sha256}", remedy)
@@ -235,20 +261,30 @@ def _check_text(file: str, data: bytes) -> None:
             data[at:end].decode()
         except UnicodeDecodeError as error:
             row = data.count(b"\n", 0, at + error.start) + 1
-            raise table_error(file, f"not UTF-8 text, byte 0x{data[at + error.start]:02x}", remedy, row) from None
+            raise table_error(
+                file, f"not UTF-8 text, byte 0x{data[at + error.start]:02x}", remedy, row
+            ) from None
         at = end
 
 
-def _records(file: str, data: bytes, at: int, row: int, separator: str) -> Iterator[tuple[list[str], int]]:
-    """Fields and line number of every record from a byte on, which is the start of that line."""
+def _records(
+    file: str, data: bytes, at: int, row: int, separator: str
+) -> Iterator[tuple[list[str], int]]:
+    """Fields and line number of every record from a byte on, which is the start of that
+    line.
+    """
     with io.BytesIO(data) as raw:
         raw.seek(at)
-        lines = csv.reader(_lines(file, raw, row), delimiter=separator, strict=True, skipinitialspace=True)
+        lines = csv.reader(
+            _lines(file, raw, row), delimiter=separator, strict=True, skipinitialspace=True
+        )
         try:
             for fields in lines:
                 yield fields, lines.line_num + row - 1
         except csv.Error as error:
-            raise table_error(file, f"not CSV ({error})", "correct the row", lines.line_num + row - 1) from None
+            raise table_error(
+                file, f"not CSV ({error})", "correct the row", lines.line_num + row - 1
+            ) from None
 
 
 def _lines(file: str, raw: io.BytesIO, row: int) -> Iterator[str]:
@@ -257,20 +293,27 @@ def _lines(file: str, raw: io.BytesIO, row: int) -> Iterator[str]:
     while line := text.readline(most):
         yield line
         if len(line) == most:
-            raise table_error(file, f"not CSV (a line of {most} characters or more)", "correct the row", row)
+            raise table_error(
+                file, f"not CSV (a line of {most} characters or more)", "correct the row", row
+            )
         row += 1
 
 
 def _leading(file: str, data: bytes, at: int) -> tuple[int, int, str]:
-    """Where the names begin, after a hint of Excel's and comments: byte and number of the line; and what separates columns."""
+    """Where the names begin, after a hint of Excel's and comments: byte and number of
+    the line; and what separates columns.
+    """
     hint, row, above = "", 1, ""
     with io.BytesIO(data) as raw:
         raw.seek(at)
         for line in _lines(file, raw, row):
             separator = hint or _separator(above)
-            number_follows = number(line.split(separator)[0].strip('"').replace(",", ".")) is not None
+            number_follows = (
+                number(line.split(separator)[0].strip('"').replace(",", ".")) is not None
+            )
             if above and number_follows and line.count(separator) == above.count(separator):
-                return at - len(above.encode()), row - 1, separator  # no comment: the first name begins with #
+                # no comment: the first name begins with #
+                return at - len(above.encode()), row - 1, separator
             if row == 1 and (declared := re.fullmatch('(?i:"?sep=([,;|\t])"?)[\r\n]*', line)):
                 hint = declared[1]
             elif line.startswith("#"):
@@ -285,7 +328,9 @@ def _separator(line: str) -> str:
     return ";" if ";" in line and "," not in line else ","
 
 
-def _header(file: str, data: bytes, start: int, first: int, separator: str) -> tuple[tuple[str, ...], int]:
+def _header(
+    file: str, data: bytes, start: int, first: int, separator: str
+) -> tuple[tuple[str, ...], int]:
     """The names, and the number of the last line they take."""
     blank = 0
     for fields, row in _records(file, data, start, first, separator):
@@ -293,7 +338,9 @@ def _header(file: str, data: bytes, start: int, first: int, separator: str) -> t
             blank = blank or row
             continue
         if blank:
-            raise table_error(file, "the line is blank", "put the names of the columns there", blank)
+            raise table_error(
+                file, "the line is blank", "put the names of the columns there", blank
+            )
         limits.check("recording_columns", len(fields), f"{file}: columns", RecordingError)
         names = [f.strip() for f in fields]
         if twice := [name for i, name in enumerate(names) if name in names[:i]]:
@@ -308,8 +355,14 @@ def _is_blank(fields: list[str]) -> bool:
 
 
 def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
-    """Whole lines, if each has as many fields as there are names, and nothing is quoted."""
-    if b'"' in piece or len(form.names) < 2 or (b"\r" in piece and piece.count(b"\r") != piece.count(b"\r\n")):
+    """Whole lines, if each has as many fields as there are names, and nothing is
+    quoted.
+    """
+    if (
+        b'"' in piece
+        or len(form.names) < 2
+        or (b"\r" in piece and piece.count(b"\r") != piece.count(b"\r\n"))
+    ):
         return None
     text = np.frombuffer(piece, np.uint8)
     ends = text == 10
@@ -333,14 +386,18 @@ class _Plain:
         text = self.piece.replace(b",", b".") if self.form.decimal == "," else self.piece
         wanted = [self.form.names.index(name) for name in columns]
         lines = text.decode("latin-1").split("\n")[:-1]
-        values = np.loadtxt(lines, delimiter=self.form.separator, usecols=wanted, comments=None, ndmin=2)
+        values = np.loadtxt(
+            lines, delimiter=self.form.separator, usecols=wanted, comments=None, ndmin=2
+        )
         if len(values) != len(self.rows):
             raise ValueError
         return values.T
 
     def texts(self, column: str) -> Sequence[str]:
         at = self.form.names.index(column)
-        return [line.split(self.form.separator)[at] for line in self.piece.decode().split("\n")[:-1]]
+        return [
+            line.split(self.form.separator)[at] for line in self.piece.decode().split("\n")[:-1]
+        ]
 
 
 def _exact(data: bytes, at: int, row: int, form: _Form) -> Iterator["_Exact"]:
@@ -373,7 +430,10 @@ def _check_fields(form: _Form, fields: list[str], row: int, blank: int) -> None:
         what = "missing" if len(fields) < len(names) else "surplus"
         where = names[len(fields)] if len(fields) < len(names) else None
         problem = f"{len(fields)} fields for {len(names)} columns, {what} field"
-        remedy = "correct the row (decimals with a point, not a comma, unless columns are separated by semicolons)"
+        remedy = (
+            "correct the row (decimals with a point, not a comma, unless columns are separated by"
+            " semicolons)"
+        )
         raise table_error(form.file, problem, remedy, row, where)
 
 

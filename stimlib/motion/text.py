@@ -1,4 +1,6 @@
-"""Motions and selections as text, as a command line and a sidecar have them.  Nothing in a text is executed."""
+"""Motions and selections as text, as a command line and a sidecar have them.  Nothing
+in a text is executed.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ def parse_motion(text: str) -> Motion:
     Parameters
     ----------
     text : str
-        A call of one of ``stimlib.motion.generators``. Arguments are number literals, None, True, False and, where
-        a motion is wanted, another such call.
+        A call of one of ``stimlib.motion.generators``. Arguments are number literals,
+        None, True, False and, where a motion is wanted, another such call.
 
     Returns
     -------
@@ -31,20 +33,25 @@ def parse_motion(text: str) -> Motion:
     Raises
     ------
     BadValue
-        When the text is anything else (the message lists the generators), or a generator refuses an argument.
+        When the text is anything else (the message lists the generators), or a
+        generator refuses an argument.
 
     Examples
     --------
     >>> from stimlib.motion.text import parse_motion
     >>> parse_motion("sinusoid(0.01, 1)")
     sinusoid(amplitude=0.01, freq=1.0, mean=0.0, phase=0.0)
-    >>> parse_motion("quantised(minimum_jerk(depth=0.01, hold=1), 1e-6)")([0.0, 0.6]).tolist()
+    >>> parse_motion("quantised(minimum_jerk(depth=0.01, hold=1), 1e-6)")(
+    ...     [0.0, 0.6]
+    ... ).tolist()
     [0.0, 0.01]
     """
     if not isinstance(text, str):
         raise BadValue(f"a motion must be given as text, got {shortened(text)}. {_usage()}")
     if len(text) > MAX_SPEC:
-        raise BadValue(f"a motion of {len(text)} characters is too long, {MAX_SPEC} at most. {_usage()}")
+        raise BadValue(
+            f"a motion of {len(text)} characters is too long, {MAX_SPEC} at most. {_usage()}"
+        )
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         motion = _value(tree)
@@ -59,13 +66,19 @@ def parse_motion(text: str) -> Motion:
 
 def _value(node: ast.expr) -> Any:
     """Value of one node of the syntax tree of a motion."""
-    if isinstance(node, ast.Constant) and (node.value is None or isinstance(node.value, bool | int | float)):
+    if isinstance(node, ast.Constant) and (
+        node.value is None or isinstance(node.value, bool | int | float)
+    ):
         return node.value
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
         number = _value(node.operand)
         if isinstance(number, int | float) and not isinstance(number, bool):
             return -number if isinstance(node.op, ast.USub) else number
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in GENERATORS:
+    if (
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id in GENERATORS
+    ):
         generator = GENERATORS[node.func.id]
         args = [_value(a) for a in node.args]
         kwargs = {k.arg or "**": _value(k.value) for k in node.keywords}
@@ -73,19 +86,25 @@ def _value(node: ast.expr) -> Any:
         try:
             signature.bind(*args, **kwargs)
         except TypeError as error:
-            parameters = ", ".join(str(p.replace(annotation=p.empty)) for p in signature.parameters.values())
+            parameters = ", ".join(
+                str(p.replace(annotation=p.empty)) for p in signature.parameters.values()
+            )
             raise BadValue(f"{node.func.id}({parameters}): {error}") from None
         return generator(*args, **kwargs)
     raise BadValue(f"{shortened(ast.unparse(node))} is not understood in a motion. {_usage()}")
 
 
 def _usage() -> str:
-    return f"Write a call with plain numbers of one of: {', '.join(GENERATORS)}; for example minimum_jerk(depth=0.01)"
+    return (
+        f"Write a call with plain numbers of one of: {', '.join(GENERATORS)}; for example"
+        " minimum_jerk(depth=0.01)"
+    )
 
 
 @public
 def parse_map(items: Iterable[str]) -> dict[str, str]:
-    """Column mappings written as INPUT=EXPRESSION, such as those typed on a command line.
+    """Column mappings written as INPUT=EXPRESSION, such as those typed on a command
+    line.
 
     Parameters
     ----------
@@ -112,7 +131,8 @@ def parse_map(items: Iterable[str]) -> dict[str, str]:
 
 @public
 def parse_where(text: str) -> dict[str, str]:
-    """A selection of rows written as COLUMN=VALUE,COLUMN=VALUE, such as one typed on a command line.
+    """A selection of rows written as COLUMN=VALUE,COLUMN=VALUE, such as one typed on a
+    command line.
 
     Parameters
     ----------
@@ -138,7 +158,9 @@ def parse_where(text: str) -> dict[str, str]:
 
 
 def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
-    """NAME=VALUE texts as a table; ``BadValue`` where one is not of this form, or a name comes twice."""
+    """NAME=VALUE texts as a table; ``BadValue`` where one is not of this form, or a
+    name comes twice.
+    """
     if isinstance(items, str):
         raise BadValue(f"{what}: give a list of texts, not one text")
     found: dict[str, str] = {}

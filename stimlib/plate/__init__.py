@@ -1,4 +1,6 @@
-"""Plates that a finger touches: their modes, the patches that drive them, and what of it can be measured."""
+"""Plates that a finger touches: their modes, the patches that drive them, and what of
+it can be measured.
+"""
 
 from .envelope import Answer, best_gain, envelope_behind, half_sine
 from .fit import FrameFit, fit_frame
@@ -10,6 +12,23 @@ from .profile import mode_fit
 from .vibrate import Finger, plate
 
 __all__ = [
-    "Answer", "Drift", "Finger", "FrameFit", "Patch", "Placement", "Plate", "Resonance", "Sweep", "best_gain", "best_patches",
-    "drift", "envelope_behind", "fit_frame", "half_sine", "identify", "mode_fit", "plate", "read_sweep",
-]  # fmt: skip
+    "Answer",
+    "Drift",
+    "Finger",
+    "FrameFit",
+    "Patch",
+    "Placement",
+    "Plate",
+    "Resonance",
+    "Sweep",
+    "best_gain",
+    "best_patches",
+    "drift",
+    "envelope_behind",
+    "fit_frame",
+    "half_sine",
+    "identify",
+    "mode_fit",
+    "plate",
+    "read_sweep",
+]

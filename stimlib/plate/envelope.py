@@ -42,10 +42,14 @@ def half_sine(u: ArrayLike, duty: float = 0.5) -> np.ndarray:
 
 
 @public
-def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envelope: Callable = half_sine) -> Answer:
-    """The envelope of a mode's vibration at its resonance, for bumps at a rate, with ``pole_swap`` of a gain or without.
+def envelope_behind(
+    freq: float, q: float, rate: float, gain: float = 1.0, envelope: Callable = half_sine
+) -> Answer:
+    """The envelope of a mode's vibration at its resonance, for bumps at a rate, with
+    ``pole_swap`` of a gain or without.
 
-    The envelope's lines lie beside the carrier, at freq + k rate; the mode and the swap pass each of them as they do.
+    The envelope's lines lie beside the carrier, at freq + k rate; the mode and the swap
+    pass each of them as they do.
 
     Parameters
     ----------
@@ -56,7 +60,8 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     gain : float
         Of the pole swap, from 1 (none) to below 2 q.
     envelope : function
-        Of the place within a period, 0 <= u < 1, an array: ``lambda u: u < 0.5`` is the square.
+        Of the place within a period, 0 <= u < 1, an array: ``lambda u: u < 0.5`` is the
+        square.
 
     Returns
     -------
@@ -65,7 +70,8 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     Raises
     ------
     BadValue
-        Numbers not above 0; a gain outside its range; an envelope that is no function of an array, or constant.
+        Numbers not above 0; a gain outside its range; an envelope that is no function
+        of an array, or constant.
 
     Examples
     --------
@@ -77,14 +83,18 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
     4 0.87 2.0
     """
     if not (0 < freq < math.inf and 0.5 < q < math.inf and 0 < rate < math.inf):
-        raise BadValue(f"envelope_behind: freq = {freq!r}, rate = {rate!r} must be above 0, and q = {q!r} above 0.5")
+        raise BadValue(
+            f"envelope_behind: freq = {freq!r}, rate = {rate!r} must be above 0, and q = {q!r}"
+            " above 0.5"
+        )
     if not 1 <= gain < 2 * q:
         raise BadValue(f"envelope_behind: gain = {gain!r} must be from 1 to below 2 q = {2 * q:g}")
     try:
         wanted = np.array(np.broadcast_to(envelope(np.arange(POINTS) / POINTS), POINTS), float)
     except (TypeError, ValueError) as e:
         raise BadValue(
-            f"envelope_behind: envelope = {envelope!r:.60} must be a function of an array of places, such as lambda u: u < 0.5"
+            f"envelope_behind: envelope = {envelope!r:.60} must be a function of an array of"
+            " places, such as lambda u: u < 0.5"
         ) from e
     if not np.ptp(wanted) > 0:
         raise BadValue("envelope_behind: an envelope that is constant has no depth")
@@ -110,8 +120,11 @@ def envelope_behind(freq: float, q: float, rate: float, gain: float = 1.0, envel
 
 
 @public
-def best_gain(freq: float, q: float, rate: float, drive: float, envelope: Callable = half_sine) -> float:
-    """The largest gain of a pole swap whose voltage stays within ``drive`` times that without it.
+def best_gain(
+    freq: float, q: float, rate: float, drive: float, envelope: Callable = half_sine
+) -> float:
+    """The largest gain of a pole swap whose voltage stays within ``drive`` times that
+    without it.
 
     Raises
     ------

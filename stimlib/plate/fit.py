@@ -1,4 +1,6 @@
-"""What cannot be seen of a plate's frame, from the frequencies that were measured: by gradients through the model."""
+"""What cannot be seen of a plate's frame, from the frequencies that were measured: by
+gradients through the model.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
 
 @dataclass(frozen=True)
 class FrameFit:
-    """``plate`` with the fitted numbers; ``freq`` of the measured modes in Hz; ``residual``, how far each is off, in parts."""
+    """``plate`` with the fitted numbers; ``freq`` of the measured modes in Hz;
+    ``residual``, how far each is off, in parts.
+    """
 
     plate: Plate
     freq: np.ndarray
@@ -26,14 +30,18 @@ class FrameFit:
 
 @public
 def fit_frame(
-    model: Plate, measured: Mapping[int, float], vary: Sequence[str] = ("clamp_stiffness", "in_plane_load")
+    model: Plate,
+    measured: Mapping[int, float],
+    vary: Sequence[str] = ("clamp_stiffness", "in_plane_load"),
 ) -> FrameFit:
-    """Numbers of a plate that bring its modes next to measured frequencies, in the sense of least squares of their ratios.
+    """Numbers of a plate that bring its modes next to measured frequencies, in the
+    sense of least squares of their ratios.
 
     Parameters
     ----------
     model : Plate
-        Where the search starts.  To fit the clamps' stiffness it needs one, such as 20 D/length.
+        Where the search starts.  To fit the clamps' stiffness it needs one, such as 20
+        D/length.
     measured : mapping of int to float
         Frequencies in Hz by mode, 0 the lowest.  Which is which says its shape.
     vary : sequence of {"E", "rho", "clamp_stiffness", "in_plane_load"}
@@ -46,7 +54,8 @@ def fit_frame(
     Raises
     ------
     BadValue
-        More numbers than measurements, unknown numbers, frequencies not above 0 or not by mode, or such that no plate has.
+        More numbers than measurements, unknown numbers, frequencies not above 0 or not
+        by mode, or such that no plate has.
 
     Examples
     --------
@@ -54,7 +63,11 @@ def fit_frame(
 
     >>> from dataclasses import replace
     >>> from stimlib.plate import Plate, fit_frame
-    >>> found = fit_frame(replace(Plate.paper(), terms=8), {0: 158.0, 1: 246.0, 3: 548.0}, vary=("E", "in_plane_load"))
+    >>> found = fit_frame(
+    ...     replace(Plate.paper(), terms=8),
+    ...     {0: 158.0, 1: 246.0, 3: 548.0},
+    ...     vary=("E", "in_plane_load"),
+    ... )
     >>> (100 * found.residual).round(1)
     array([ 0.8, -2.1,  1.3])
     """
@@ -62,21 +75,30 @@ def fit_frame(
     from scipy.optimize import least_squares
 
     check_plate("fit_frame", model)
-    if not isinstance(measured, Mapping) or not all(isinstance(k, (int, np.integer)) for k in measured):
-        raise BadValue(f"fit_frame: measured = {measured!r:.80} must be frequencies by mode, such as {{0: 158.0, 1: 246.0}}")
+    if not isinstance(measured, Mapping) or not all(
+        isinstance(k, (int, np.integer)) for k in measured
+    ):
+        raise BadValue(
+            f"fit_frame: measured = {measured!r:.80} must be frequencies by mode, such as {{0:"
+            " 158.0, 1: 246.0}"
+        )
     unknown = set(vary) - set(NUMBERS)
     if unknown or len(set(vary)) < len(vary) or not 0 < len(vary) <= len(measured):
         raise BadValue(
-            f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as many of {', '.join(NUMBERS)}"
+            f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as"
+            f" many of {', '.join(NUMBERS)}"
         )
     if "clamp_stiffness" in vary and model.clamp_stiffness is None:
         raise BadValue(
-            "fit_frame: the edges of this plate cannot turn; give it a clamp_stiffness to start from, such as 20 D/length"
+            "fit_frame: the edges of this plate cannot turn; give it a clamp_stiffness to start"
+            " from, such as 20 D/length"
         )
     order = sorted(measured)
     want = np.array([measured[k] for k in order], float)
     if not (want > 0).all() or order[0] < 0:
-        raise BadValue("fit_frame: frequencies must be above 0, by the number of their mode, 0 the lowest")
+        raise BadValue(
+            "fit_frame: frequencies must be above 0, by the number of their mode, 0 the lowest"
+        )
     at = np.array(order)
     model.solved(order[-1] + 1)  # tells of a mode that is not there
     modes = model.frequencies(order[-1] + 1)
@@ -84,7 +106,10 @@ def fit_frame(
     def numbers(v):
         """A load moves by kN/m, all others by logarithms."""
         start = {n: (getattr(model, n), x) for n, x in zip(vary, v, strict=True)}
-        return {n: a + 1e3 * x if n == "in_plane_load" else a * jax.numpy.exp(x) for n, (a, x) in start.items()}
+        return {
+            n: a + 1e3 * x if n == "in_plane_load" else a * jax.numpy.exp(x)
+            for n, (a, x) in start.items()
+        }
 
     def residual(v):
         return modes(numbers(v))[at] / want - 1
@@ -92,11 +117,19 @@ def fit_frame(
     with jax.enable_x64(True):
         steep = jax.jit(jax.jacfwd(residual))
         value = jax.jit(residual)
-        found = least_squares(lambda v: np.asarray(value(v)), np.zeros(len(vary)), lambda v: np.asarray(steep(v)), xtol=1e-12)
+        found = least_squares(
+            lambda v: np.asarray(value(v)),
+            np.zeros(len(vary)),
+            lambda v: np.asarray(steep(v)),
+            xtol=1e-12,
+        )
         made: dict[str, Any] = {n: float(v) for n, v in numbers(found.x).items()}
     try:
         plate = replace(model, **made)
         freq = plate.modes(order[-1] + 1)[at]
     except BadValue as e:
-        raise BadValue(f"fit_frame: no such plate has modes {order} there ({e}); count them from 0, or start nearer") from None
+        raise BadValue(
+            f"fit_frame: no such plate has modes {order} there ({e}); count them from 0, or start"
+            " nearer"
+        ) from None
     return FrameFit(plate, freq, freq / want - 1)

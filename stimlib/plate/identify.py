@@ -1,4 +1,6 @@
-"""Resonances from recorded sweeps: frequency, quality and shape, each with how well it is known."""
+"""Resonances from recorded sweeps: frequency, quality and shape, each with how well it
+is known.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ class Sweep(NamedTuple):
 
 
 @public
-def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str], time: str = "t") -> Sweep:
+def read_sweep(
+    source, drive: str | Sequence[str], response: str | Sequence[str], time: str = "t"
+) -> Sweep:
     """A sweep from columns of a CSV or npz file, a DataFrame or a dict of arrays.
 
     What is no such table needs no reading: ``identify`` takes arrays and a sample rate.
@@ -49,15 +53,16 @@ def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str]
     drive : str or sequence of str
         Column of the voltage, or one for each point.
     response : str or sequence of str
-        Columns of what was measured, one for each point.  Each may be scaled: ``"y_um*1e-6"``.
+        Columns of what was measured, one for each point.  Each may be scaled:
+        ``"y_um*1e-6"``.
     time : str
         Column of the time in s, in equal steps, such as ``"t_ms*1e-3"``.
 
     Raises
     ------
     RecordingError
-        A file that cannot be read, a column that is not there, a number that is none, times that are not in equal steps or so far
-        apart that they are not in s.
+        A file that cannot be read, a column that is not there, a number that is none,
+        times that are not in equal steps or so far apart that they are not in s.
     BadValue
         A text that is no column and scale.
 
@@ -65,7 +70,11 @@ def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str]
     --------
     >>> import numpy as np
     >>> from stimlib.plate import read_sweep
-    >>> sweep = read_sweep({"t": np.arange(3) / 1000, "u": np.ones(3), "centre": np.zeros(3)}, "u", ["centre"])
+    >>> sweep = read_sweep(
+    ...     {"t": np.arange(3) / 1000, "u": np.ones(3), "centre": np.zeros(3)},
+    ...     "u",
+    ...     ["centre"],
+    ... )
     >>> round(sweep.fs), sweep.response.shape
     (1000, (1, 3))
     """
@@ -75,15 +84,24 @@ def read_sweep(source, drive: str | Sequence[str], response: str | Sequence[str]
     named = [("time", time), *(("drive", d) for d in drives), *(("response", r) for r in responses)]
     linear = [column_of(table, f"read_sweep: {what}", text) for what, text in named]
     names = [c.column for c in linear if c.column is not None]
-    rows = np.concatenate([np.reshape(b.numbers(names), (len(names), -1)) for b in table.batches()], axis=1)
+    rows = np.concatenate(
+        [np.reshape(b.numbers(names), (len(names), -1)) for b in table.batches()], axis=1
+    )
     rows = np.array([[c.scale] for c in linear]) * rows + np.array([[c.offset] for c in linear])
     step = np.diff(rows[0])
     if step.size < 2 or not step.min() > 0 or np.ptp(step) > 0.01 * step.mean():
-        remedy = "record at one sample rate, without gaps; where they are only rounded, give identify the arrays and the rate"
+        remedy = (
+            "record at one sample rate, without gaps; where they are only rounded, give identify"
+            " the arrays and the rate"
+        )
         raise table.error("the times are not in equal steps", remedy, column=time)
     if step.mean() > SLOWEST:
         remedy = f'are they in ms? then write time="{time}*1e-3"'
-        raise table.error(f"{step.mean():g} s from sample to sample, which is slow for a vibration", remedy, column=time)
+        raise table.error(
+            f"{step.mean():g} s from sample to sample, which is slow for a vibration",
+            remedy,
+            column=time,
+        )
     last = 1 + len(drives)
     return Sweep(rows[1:last] if many else rows[1], rows[last:], float(1 / step.mean()))
 
@@ -99,16 +117,19 @@ class Resonance:
     freq_sd, q_sd : float
         Standard deviations of both, from the noise that the fit leaves.
     gain : ndarray, shape (points,)
-        Response of the mode per drive far below its resonance, as a displacement; its size at the resonance is q times that.
+        Response of the mode per drive far below its resonance, as a displacement; its
+        size at the resonance is q times that.
     shape : ndarray, shape (points,)
         The same, 1 where it is largest.
     shape_sd : ndarray, shape (points,)
     dof : int
         Degrees of freedom of the noise's estimate.
     delay : float
-        Of the response behind the drive in s; 0 where none is seen.  Where there is one it is known within about 0.02 q/freq, and
-        so is what the mode decays in that time: ``gain`` within about 10 %.  From a quality of about 10 on that may be half a
-        period, which turns all signs of ``gain`` together; ``shape`` is the same.
+        Of the response behind the drive in s; 0 where none is seen.  Where there is one
+        it is known within about 0.02 q/freq, and so is what the mode decays in that
+        time: ``gain`` within about 10 %.  From a quality of about 10 on that may be
+        half a period, which turns all signs of ``gain`` together; ``shape`` is the
+        same.
     """
 
     freq: float
@@ -139,24 +160,32 @@ class Resonance:
 
     def __repr__(self):
         return (
-            f"Resonance({self.freq:.6g} +- {self.freq_sd:.1g} Hz, q = {self.q:.4g} +- {self.q_sd:.1g}, {self.shape.size} points)"
+            f"Resonance({self.freq:.6g} +- {self.freq_sd:.1g} Hz, q = {self.q:.4g} +-"
+            f" {self.q_sd:.1g}, {self.shape.size} points)"
         )
 
 
 @public
 def identify(
-    drive: ArrayLike, response: ArrayLike, fs: float, band: tuple[float, float] | None = None, quantity: str = "displacement"
+    drive: ArrayLike,
+    response: ArrayLike,
+    fs: float,
+    band: tuple[float, float] | None = None,
+    quantity: str = "displacement",
 ) -> Resonance:
     """A resonance from a recorded sweep, at one point or at many.
 
-    Near a mode, each spectrum is Y = U (R/(i w - p) + a smooth rest), with one pole p for all points.  R and the rest are found
-    by linear least squares for each p, and p by Gauss and Newton's method.  Noise that is white near the resonance is uniform
-    there, so these are the most likely numbers, and the curvature says how well they are known.  A delay between the two
-    recordings, the same at all points, is found with the pole where it is seen: it leaves the smoothest rest.  A constant in
-    either is taken away: a drive may have a bias.
+    Near a mode, each spectrum is Y = U (R/(i w - p) + a smooth rest), with one pole p
+    for all points.  R and the rest are found by linear least squares for each p, and p
+    by Gauss and Newton's method.  Noise that is white near the resonance is uniform
+    there, so these are the most likely numbers, and the curvature says how well they
+    are known.  A delay between the two recordings, the same at all points, is found
+    with the pole where it is seen: it leaves the smoothest rest.  A constant in either
+    is taken away: a drive may have a bias.
 
-    Other modes are in the rest if they are at least four bandwidths, 4 freq/q, away.  One as large at two and a half makes
-    the frequency 0.3 % and the quality 2 % wrong, which the intervals do not say.
+    Other modes are in the rest if they are at least four bandwidths, 4 freq/q, away.
+    One as large at two and a half makes the frequency 0.3 % and the quality 2 % wrong,
+    which the intervals do not say.
 
     Parameters
     ----------
@@ -179,12 +208,14 @@ def identify(
     BadValue
         Arrays that do not fit, numbers that are not finite, an unknown quantity.
     RecordingError
-        A response that is clipped, a sweep that misses the resonance, or one that is too short for it; says what to record again.
+        A response that is clipped, a sweep that misses the resonance, or one that is
+        too short for it; says what to record again.
 
     References
     ----------
-    The touch-screen thesis, section 2.2: frequency sweeps of 1 .. 625 Hz, velocities at 25 points.  Ewins, "Modal Testing"
-    (2000); Golub and Pereyra, Inverse Problems 19 (2003) R1, for separable least squares.
+    The touch-screen thesis, section 2.2: frequency sweeps of 1 .. 625 Hz, velocities at
+    25 points.  Ewins, "Modal Testing" (2000); Golub and Pereyra, Inverse Problems 19
+    (2003) R1, for separable least squares.
 
     Examples
     --------
@@ -192,10 +223,19 @@ def identify(
     >>> from stimlib.blocks import chirp, mode
     >>> from stimlib.plate import identify
     >>> u = chirp(20.0, 400.0, 2.0)
-    >>> r = stimlib.render(stimlib.Scene({"u": u, "y": 2e-6 * mode(u, 158.0, q=10)}), {}, fs=4000, seconds=2.5)
+    >>> r = stimlib.render(
+    ...     stimlib.Scene({"u": u, "y": 2e-6 * mode(u, 158.0, q=10)}),
+    ...     {},
+    ...     fs=4000,
+    ...     seconds=2.5,
+    ... )
     >>> noise = 2e-8 * np.random.default_rng(1).standard_normal(r.y.shape[1])
     >>> found = identify(r["u"], r["y"] + noise, fs=4000)
-    >>> abs(found.freq - 158) < 0.1, abs(found.q - 10) < 0.1, abs(found.gain[0] / 2e-6 - 1) < 0.01
+    >>> (
+    ...     abs(found.freq - 158) < 0.1,
+    ...     abs(found.q - 10) < 0.1,
+    ...     abs(found.gain[0] / 2e-6 - 1) < 0.01,
+    ... )
     (True, True, np.True_)
     """
     u, y = _signals(drive, response)
@@ -206,12 +246,14 @@ def identify(
         sensible = False
     if not sensible:
         raise BadValue(
-            f"identify: fs = {fs!r} must be above 0 Hz, and band = {band!r} two frequencies in Hz, the lower one first"
+            f"identify: fs = {fs!r} must be above 0 Hz, and band = {band!r} two frequencies in Hz,"
+            " the lower one first"
         )
     if quantity not in QUANTITIES:
         raise BadValue(f"identify: quantity = {quantity!r}; choose one of {', '.join(QUANTITIES)}")
     check_taken(u, y)
-    u, y = (v - v.mean(axis=1, keepdims=True) for v in (u, y))  # a bias of the drive, an offset of the sensor
+    # a bias of the drive, an offset of the sensor
+    u, y = (v - v.mean(axis=1, keepdims=True) for v in (u, y))
     f = np.fft.rfftfreq(y.shape[1], 1 / fs)
     U, Y = np.fft.rfft(u), np.fft.rfft(y)
     power = np.abs(U).max(axis=0) if len(U) > 1 else np.abs(U[0])
@@ -227,31 +269,42 @@ def identify(
         if not strong[near].all() or freq - half < low or freq + half > high:
             wide = 2 * WIDTHS * half
             raise RecordingError(
-                f"identify: the sweep misses the resonance near {freq:.4g} Hz: of the band it drives {f[inside][0]:.4g} .. "
-                f"{f[inside][-1]:.4g} Hz; record {max(0.0, freq - wide):.3g} .. {freq + wide:.3g} Hz, evenly"
+                f"identify: the sweep misses the resonance near {freq:.4g} Hz: of the band it"
+                f" drives {f[inside][0]:.4g} .. {f[inside][-1]:.4g} Hz; record"
+                f" {max(0.0, freq - wide):.3g} .. {freq + wide:.3g} Hz, evenly"
             )
         if half < BINS * f[1]:
             raise RecordingError(
-                f"identify: {y.shape[1] / fs:.3g} s are too short for a resonance of {2 * half:.3g} Hz width near {freq:.4g} Hz; "
-                f"record at least {math.ceil(2 * BINS / half)} s, and until it no longer rings"
+                f"identify: {y.shape[1] / fs:.3g} s are too short for a resonance of {2 * half:.3g}"
+                f" Hz width near {freq:.4g} Hz; record at least {math.ceil(2 * BINS / half)} s, and"
+                " until it no longer rings"
             )
         fit = moved = _fit(f[near], U[:, near], early[:, near], freq, half, free=True)
         still = _fit(f[near], U[:, near], Y[:, near], freq, half, free=False)
-        if abs(late + moved.delay) < PROMPT / half or still.cost < moved.cost * (1 + SURE**2 / moved.dof):
+        if abs(late + moved.delay) < PROMPT / half or still.cost < moved.cost * (
+            1 + SURE**2 / moved.dof
+        ):
             fit = still
         freq, half = abs(fit.pole) / (2 * math.pi), -fit.pole.real / (2 * math.pi)
         if not (half > 0 and low <= freq <= high):
-            raise RecordingError("identify: no resonance in the band; sweep through it, or give band=(low, high) around it")
+            raise RecordingError(
+                "identify: no resonance in the band; sweep through it, or give band=(low, high)"
+                " around it"
+            )
     _check_quiet(y, fs, freq, half)
     pole, residues = fit.pole, fit.residues
     w, b = abs(pole), -pole.real / abs(pole)
-    slopes = np.array([[pole.real, pole.imag], [b * b - 1, -b * pole.imag / w]]) / w  # of w and b by the pole's parts
+    # of w and b by the pole's parts
+    slopes = np.array([[pole.real, pole.imag], [b * b - 1, -b * pole.imag / w]]) / w
     sd = np.sqrt(np.diag(slopes @ fit.cov @ slopes.T))
     gain = residues * 2j * pole.imag / w**2 / pole ** QUANTITIES[quantity]
     largest = gain[np.abs(gain).argmax()]
     sign = np.sign(largest.real) or 1.0
     turned = gain * np.exp(-1j * np.angle(largest))
-    real, shape_sd = turned.real, fit.noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity] / abs(largest)
+    real, shape_sd = (
+        turned.real,
+        fit.noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity] / abs(largest),
+    )
     _check_in_phase(turned.imag / abs(largest), IN_PHASE + 5 * shape_sd)
     return Resonance(
         freq=w / (2 * math.pi),
@@ -272,32 +325,48 @@ def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
         u, y = (v.astype(float, casting="same_kind") for v in (u, y))
     except (TypeError, ValueError):
         raise BadValue("identify: drive and response must be rows of numbers") from None
-    if not u.size or u.ndim != 2 or y.ndim != 2 or u.shape[1] != y.shape[1] or len(u) not in (1, len(y)):
+    if (
+        not u.size
+        or u.ndim != 2
+        or y.ndim != 2
+        or u.shape[1] != y.shape[1]
+        or len(u) not in (1, len(y))
+    ):
         raise BadValue(
-            f"identify: drive {u.shape} and response {y.shape} must have the same samples, and one drive or one for each"
+            f"identify: drive {u.shape} and response {y.shape} must have the same samples, and one"
+            " drive or one for each"
         )
     if len(y) > y.shape[1]:
         raise BadValue(
-            f"identify: {len(y)} points of {y.shape[1]} samples; a row is a point, so transpose them, drive.T, response.T"
+            f"identify: {len(y)} points of {y.shape[1]} samples; a row is a point, so transpose"
+            " them, drive.T, response.T"
         )
     return u, y
 
 
 def check_taken(u: np.ndarray, y: np.ndarray) -> None:
-    """Raise RecordingError where a row is silent, or a response clipped; BadValue where a sample is no number."""
+    """Raise RecordingError where a row is silent, or a response clipped; BadValue where
+    a sample is no number.
+    """
     for name, v in (("drive", u), ("response", y)):
         if not np.isfinite(v).all():
             raise BadValue(f"identify: {name} has a sample that is not finite")
         if not np.ptp(v, axis=1).all():
-            raise RecordingError(f"identify: a row of the {name} never changes: check the cable, and record again")
+            raise RecordingError(
+                f"identify: a row of the {name} never changes: check the cable, and record again"
+            )
     for k, row in enumerate(y):
         for end in (row.max(), row.min()):
             at = np.flatnonzero(row == end)
-            held = np.convolve(np.diff(at) == 1, np.ones(HELD - 1), "valid") if at.size >= HELD else np.zeros(1)
+            held = (
+                np.convolve(np.diff(at) == 1, np.ones(HELD - 1), "valid")
+                if at.size >= HELD
+                else np.zeros(1)
+            )
             if end != 0 and held.max(initial=0.0) >= HELD - 1:
                 raise RecordingError(
-                    f"identify: the response of point {k} is clipped at {end:g}: {at.size} samples stand there; lower the drive "
-                    "or the recorder's gain, and record again"
+                    f"identify: the response of point {k} is clipped at {end:g}: {at.size} samples"
+                    " stand there; lower the drive or the recorder's gain, and record again"
                 )
 
 
@@ -305,29 +374,41 @@ def _check_in_phase(across: np.ndarray, most: float) -> None:
     k = int(np.abs(across).argmax())
     if abs(across[k]) > most:
         raise RecordingError(
-            f"identify: point {k} answers out of phase with the others, by {100 * abs(across[k]):.0f} % of the largest: a mode "
-            "moves all points together, so the recordings are not equally late; record the drive beside each response"
+            f"identify: point {k} answers out of phase with the others, by"
+            f" {100 * abs(across[k]):.0f} % of the largest: a mode moves all points together, so"
+            " the recordings are not equally late; record the drive beside each response"
         )
 
 
 def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
-    """What rings at the resonance in the last part of a recording, two time constants long, against its largest sample."""
+    """What rings at the resonance in the last part of a recording, two time constants
+    long, against its largest sample.
+    """
     from scipy.signal import detrend
 
     last = detrend(y[:, -max(8, int(fs / (math.pi * half))) :])  # a sensor's drift does not ring
     turning = np.exp(-2j * math.pi * freq / fs * np.arange(last.shape[1]))
-    rest = float(np.linalg.norm(2 * np.mean(last * turning, axis=1)) / np.linalg.norm(np.abs(y).max(axis=1)))
+    rest = float(
+        np.linalg.norm(2 * np.mean(last * turning, axis=1)) / np.linalg.norm(np.abs(y).max(axis=1))
+    )
     if rest > RINGS:
         raise RecordingError(
-            f"identify: it still rings at the end of the recording, with {100 * rest:.0f} % of the largest sample: too short; "
-            f"record {math.ceil(100 * 8 / (2 * math.pi * half)) / 100:g} s more behind the sweep, and no hum of that frequency"
+            f"identify: it still rings at the end of the recording, with {100 * rest:.0f} % of the"
+            " largest sample: too short; record"
+            f" {math.ceil(100 * 8 / (2 * math.pi * half)) / 100:g} s more behind the sweep, and no"
+            " hum of that frequency"
         )
 
 
 def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
-    """Frequency of the largest response, and half the width at which its square is half."""
+    """Frequency of the largest response, and half the width at which its square is
+    half.
+    """
     if inside.sum() < 4 * BINS:
-        raise RecordingError("identify: the sweep misses the band: hardly a line of its spectrum lies there; sweep through it")
+        raise RecordingError(
+            "identify: the sweep misses the band: hardly a line of its spectrum lies there; sweep"
+            " through it"
+        )
     at = np.flatnonzero(inside)
     size = np.sum(np.abs(Y[:, at] / U[:, at]) ** 2, axis=0)
     k = int(np.convolve(size, np.ones(3), "same").argmax())
@@ -336,14 +417,16 @@ def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tu
     right = k + int(np.flatnonzero(above[k:])[0]) if above[k:].any() else at.size - 1
     if k <= 2 or k >= at.size - 3:
         raise RecordingError(
-            f"identify: the response still rises at {f[at[k]]:.4g} Hz, where the sweep or the band ends, so it misses the "
-            "resonance; sweep further"
+            f"identify: the response still rises at {f[at[k]]:.4g} Hz, where the sweep or the band"
+            " ends, so it misses the resonance; sweep further"
         )
     return float(f[at[k]]), float(max(f[at[right]] - f[at[left]], f[1]) / 2)
 
 
 def _late(U: np.ndarray, Y: np.ndarray, even: np.ndarray, n: int) -> int:
-    """Samples by which the responses are late: where their answer to an impulse of the driven band is largest, about."""
+    """Samples by which the responses are late: where their answer to an impulse of the
+    driven band is largest, about.
+    """
     spectrum = np.zeros((len(Y), n), complex)
     spectrum[:, np.flatnonzero(even)] = Y[:, even] / U[:, even]
     late = int(np.sum(np.abs(np.fft.ifft(spectrum)) ** 2, axis=0).argmax())
@@ -361,9 +444,11 @@ class _Fit(NamedTuple):
 
 
 def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
-    """A pole for all points, residues and a rest for each; ``free``: and a delay for all.
+    """A pole for all points, residues and a rest for each; ``free``: and a delay for
+    all.
 
-    Varied are the logarithm of the width, the pole's place in half widths, and the delay in 1/(2 pi half width).
+    Varied are the logarithm of the width, the pole's place in half widths, and the
+    delay in 1/(2 pi half width).
     """
     from scipy.optimize import least_squares
 
@@ -376,7 +461,9 @@ def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
 
     def solved(v: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         rest, residues, spread = [], [], 0.0
-        model = np.vstack([scale / (w - pole(v)), smooth]) * np.exp(-w / scale * (v[2] if free else 0.0))
+        model = np.vstack([scale / (w - pole(v)), smooth]) * np.exp(
+            -w / scale * (v[2] if free else 0.0)
+        )
         for k, y in enumerate(Y):
             A = (model * U[min(k, len(U) - 1)]).T
             Q, R = np.linalg.qr(A)
@@ -394,7 +481,9 @@ def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
         return np.r_[r.real, r.imag]
 
     ends = np.array([3.0, 3.0, 2.0])[: 2 + free]
-    found = least_squares(rest, 0 * ends, jac="3-point", bounds=(-ends, ends), xtol=1e-12, ftol=1e-12)
+    found = least_squares(
+        rest, 0 * ends, jac="3-point", bounds=(-ends, ends), xtol=1e-12, ftol=1e-12
+    )
     p = pole(found.x)
     dof = 2 * Y.size - ends.size - 2 * (1 + BACKGROUND) * len(Y)
     variance = 2 * found.cost / dof
@@ -402,7 +491,9 @@ def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
     cov = by @ np.linalg.inv(found.jac.T @ found.jac)[:2, :2] @ by * variance
     _, residues, spread = solved(found.x)
     delay = float(found.x[2]) / scale if free else 0.0
-    return _Fit(p, cov, residues, spread * math.sqrt(variance) * size, dof, delay, float(found.cost))
+    return _Fit(
+        p, cov, residues, spread * math.sqrt(variance) * size, dof, delay, float(found.cost)
+    )
 
 
 class Drift(NamedTuple):
@@ -421,7 +512,8 @@ class Drift(NamedTuple):
 
 @public
 def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
-    """How a resonance moves with temperature: a straight line through sweeps, each as heavy as it is well known.
+    """How a resonance moves with temperature: a straight line through sweeps, each as
+    heavy as it is well known.
 
     Parameters
     ----------
@@ -437,12 +529,19 @@ def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
 
     Examples
     --------
-    A plate that warms more than its frame is pressed by it, and its resonance falls; so let the carrier follow:
+    A plate that warms more than its frame is pressed by it, and its resonance falls; so
+    let the carrier follow:
 
     >>> import numpy as np
     >>> from stimlib.plate import Resonance, drift
     >>> one = np.ones(1)
-    >>> line = drift([Resonance(f, 10.0, 0.01, 0.1, one, one, 0 * one, 99) for f in (160.0, 158.0, 156.0)], [20.0, 21.0, 22.0])
+    >>> line = drift(
+    ...     [
+    ...         Resonance(f, 10.0, 0.01, 0.1, one, one, 0 * one, 99)
+    ...         for f in (160.0, 158.0, 156.0)
+    ...     ],
+    ...     [20.0, 21.0, 22.0],
+    ... )
     >>> round(line.slope, 6), round(line(20.5), 6)
     (-2.0, 159.0)
     """
@@ -450,11 +549,15 @@ def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
         T, f = np.asarray(temperature, float), np.array([r.freq for r in found])
     except (TypeError, ValueError, AttributeError):
         raise BadValue(
-            f"drift: temperatures {temperature!r:.60} must be numbers, and found a list of what identify gave"
+            f"drift: temperatures {temperature!r:.60} must be numbers, and found a list of what"
+            " identify gave"
         ) from None
     w = 1 / np.maximum([r.freq_sd for r in found], 1e-9 * f) ** 2
     if T.shape != f.shape or f.size < 3 or not np.ptp(T) > 0:
-        raise BadValue(f"drift: {f.size} sweeps at temperatures {T.tolist()!r:.60}; measure at least three, at two temperatures")
+        raise BadValue(
+            f"drift: {f.size} sweeps at temperatures {T.tolist()!r:.60}; measure at least three, at"
+            " two temperatures"
+        )
     at = float(w @ T / w.sum())
     spread = float(w @ (T - at) ** 2)
     slope = float(w @ ((T - at) * f)) / spread

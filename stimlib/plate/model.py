@@ -1,4 +1,6 @@
-"""A plate under a finger: its modes, their shapes, and how far a voltage or a force moves it."""
+"""A plate under a finger: its modes, their shapes, and how far a voltage or a force
+moves it.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,13 @@ PAPER_EDGES = {"all": "CCCC", "long": "FCFC", "short": "CFCF"}
 @public
 @dataclass(frozen=True)
 class Plate:
-    """A thin rectangular plate (Kirchhoff), by Rayleigh and Ritz's method with Jacobi polynomials.
+    """A thin rectangular plate (Kirchhoff), by Rayleigh and Ritz's method with Jacobi
+    polynomials.
 
     D (w_xxxx + 2 w_xxyy + w_yyyy) - N w_xx + rho h w_tt = pressure,  D = E h^3/(12 (1 - nu^2)).
 
-    What is found is kept, so asking again is free; several threads may ask one plate at once.
+    What is found is kept, so asking again is free; several threads may ask one plate at
+    once.
 
     Parameters
     ----------
@@ -40,10 +44,11 @@ class Plate:
     E, nu, rho : float
         Young's modulus in Pa, Poisson's ratio, density in kg/m^3.
     edges : str
-        How the edges x = 0, y = 0, x = length, y = width are held: C clamped, S simply supported, F free.
+        How the edges x = 0, y = 0, x = length, y = width are held: C clamped, S simply
+        supported, F free.
     clamp_stiffness : float, optional
-        Of the clamped edges against turning, in N m/rad for each m.  None: they cannot turn.  kappa = clamp_stiffness length/D
-        says whether that is much.
+        Of the clamped edges against turning, in N m/rad for each m.  None: they cannot
+        turn.  kappa = clamp_stiffness length/D says whether that is much.
     in_plane_load : float
         Tension along x in N/m; a frame that presses is below 0.
     damping : float
@@ -56,12 +61,13 @@ class Plate:
     Raises
     ------
     BadValue
-        Numbers that make no plate; patches that overlap or hang over; edges that let it move as a whole; a load that buckles it.
+        Numbers that make no plate; patches that overlap or hang over; edges that let it
+        move as a whole; a load that buckles it.
 
     References
     ----------
-    Leissa, "The free vibration of rectangular plates", Journal of Sound and Vibration 31 (1973) 257.  The touch-screen thesis,
-    section 2.1.
+    Leissa, "The free vibration of rectangular plates", Journal of Sound and Vibration
+    31 (1973) 257.  The touch-screen thesis, section 2.1.
 
     Examples
     --------
@@ -86,7 +92,9 @@ class Plate:
 
     def __post_init__(self):
         if not isinstance(self.patches, (tuple, list)):
-            raise BadValue(f"Plate: patches = {self.patches!r:.80} must be a sequence of Patch objects")
+            raise BadValue(
+                f"Plate: patches = {self.patches!r:.80} must be a sequence of Patch objects"
+            )
         object.__setattr__(self, "patches", tuple(self.patches))
         self._check_numbers()
         self._check_edges()
@@ -101,19 +109,26 @@ class Plate:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
         if max(self.length, self.width) > LONGEST or self.E < SOFTEST:
             raise BadValue(
-                f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa is no plate that a finger touches: sizes are in "
-                "m, 0.15 for 150 mm, and E in Pa, 70e9 for glass"
+                f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa is no plate that a"
+                " finger touches: sizes are in m, 0.15 for 150 mm, and E in Pa, 70e9 for glass"
             )
         if self.thickness > 0.1 * min(self.length, self.width):
             raise BadValue(
-                f"Plate: {self.thickness:g} m is no thin plate of {self.length:g} x {self.width:g} m: Kirchhoff's theory holds "
-                "up to a tenth; measure in m"
+                f"Plate: {self.thickness:g} m is no thin plate of {self.length:g} x {self.width:g}"
+                " m: Kirchhoff's theory holds up to a tenth; measure in m"
             )
         k = self.clamp_stiffness
         if k is not None and not (isinstance(k, (int, float)) and 0 <= k < math.inf):
-            raise BadValue(f"Plate: clamp_stiffness = {k!r} N m/rad/m must be 0 or above, or None where the edge cannot turn")
-        if not isinstance(self.in_plane_load, (int, float)) or not math.isfinite(self.in_plane_load):
-            raise BadValue(f"Plate: in_plane_load = {self.in_plane_load!r} must be a number, in N/m")
+            raise BadValue(
+                f"Plate: clamp_stiffness = {k!r} N m/rad/m must be 0 or above, or None where the"
+                " edge cannot turn"
+            )
+        if not isinstance(self.in_plane_load, (int, float)) or not math.isfinite(
+            self.in_plane_load
+        ):
+            raise BadValue(
+                f"Plate: in_plane_load = {self.in_plane_load!r} must be a number, in N/m"
+            )
         if self.terms is not None and not (isinstance(self.terms, int) and 4 <= self.terms <= 40):
             raise BadValue(f"Plate: terms = {self.terms!r} must be from 4 to 40")
         if not all(isinstance(p, Patch) for p in self.patches):
@@ -122,12 +137,15 @@ class Plate:
     def _check_edges(self):
         if not isinstance(self.edges, str) or len(self.edges) != 4 or set(self.edges) - set(HELD):
             raise BadValue(
-                f"Plate: edges = {self.edges!r} must be four letters, for x = 0, y = 0, x = length, y = width: C clamped, "
-                "S simply supported, F free"
+                f"Plate: edges = {self.edges!r} must be four letters, for x = 0, y = 0, x = length,"
+                " y = width: C clamped, S simply supported, F free"
             )
         weak = self.edges.replace("C", "S") if self.clamp_stiffness == 0 else self.edges
         if "C" not in weak and weak.count("S") < 2:
-            raise BadValue(f"Plate: edges = {self.edges!r} let it move as a whole; clamp one edge, or support two")
+            raise BadValue(
+                f"Plate: edges = {self.edges!r} let it move as a whole; clamp one edge, or"
+                " support two"
+            )
 
     @staticmethod
     def paper(edges: str = "short", measured: bool = False, patches: bool = False) -> Plate:
@@ -136,17 +154,20 @@ class Plate:
         Parameters
         ----------
         edges : {"short", "long", "all"}
-            Which are clamped: cases c, b and a of table 2.2.  The experiment clamps the short ones.
+            Which are clamped: cases c, b and a of table 2.2.  The experiment clamps the
+            short ones.
         measured : bool
-            With patches, 9.3 % more stiffness, and a frame that presses with 6 kN/m: what ``fit_frame`` finds for the measured
-            158, 246 and 548 Hz, which it meets within 2.2 %.  Both are assumed.
+            With patches, 9.3 % more stiffness, and a frame that presses with 6 kN/m:
+            what ``fit_frame`` finds for the measured 158, 246 and 548 Hz, which it
+            meets within 2.2 %.  Both are assumed.
         patches : bool
-            With four patches near the clamped edges.  The thesis shows their places as a picture only: assumed.
+            With four patches near the clamped edges.  The thesis shows their places as
+            a picture only: assumed.
 
         References
         ----------
-        The touch-screen thesis, tables 2.1 and 2.2.  Its structural damping of 0.01 % contradicts its 15 um at 25 V by a factor
-        of 1000; 0.1 fits these, and is taken.
+        The touch-screen thesis, tables 2.1 and 2.2.  Its structural damping of 0.01 %
+        contradicts its 15 um at 25 V by a factor of 1000; 0.1 fits these, and is taken.
 
         Examples
         --------
@@ -155,10 +176,12 @@ class Plate:
         array([183.5, 251.3])
         """
         if not isinstance(edges, str) or edges not in PAPER_EDGES:
-            raise BadValue(f"Plate.paper: edges = {edges!r}; choose one of {', '.join(PAPER_EDGES)}")
+            raise BadValue(
+                f"Plate.paper: edges = {edges!r}; choose one of {', '.join(PAPER_EDGES)}"
+            )
         return _paper(PAPER_EDGES[edges], bool(measured), bool(patches or measured))
 
-    # Matrices ------------------------------------------------------------------------------------------------------------
+    # Matrices -------------------------------------------------------------------------
     @property
     def stiffness(self) -> float:
         """D = E h^3/(12 (1 - nu^2)) in N m."""
@@ -166,22 +189,28 @@ class Plate:
 
     @cached_property
     def axes(self) -> tuple[Axis, Axis]:
-        """The functions along x and y; an edge that gives way is a support with a spring."""
+        """The functions along x and y; an edge that gives way is a support with a
+        spring.
+        """
         held = self.edges if self.clamp_stiffness is None else self.edges.replace("C", "S")
         n = self.terms or (TERMS_PATCHED if self.patches else TERMS)
         return Axis(self.length, n, held[0], held[2]), Axis(self.width, n, held[1], held[3])
 
     @cached_property
     def matrices(self) -> dict[str, np.ndarray]:
-        """What stiffness and mass are made of: of D = 1, a load of 1, springs of 1 on the clamped edges, each patch's D = 1, and
-        the patches' mass.
+        """What stiffness and mass are made of: of D = 1, a load of 1, springs of 1 on
+        the clamped edges, each patch's D = 1, and the patches' mass.
         """
         X, Y = self.axes
         px, py, one = X.products(), Y.products(), np.eye(X.terms)
         springs = np.zeros((X.terms**2,) * 2)
-        for edge, (place, along_x) in zip(self.edges, ((0, 1), (0, 0), (self.length, 1), (self.width, 0)), strict=True):
+        for edge, (place, along_x) in zip(
+            self.edges, ((0, 1), (0, 0), (self.length, 1), (self.width, 0)), strict=True
+        ):
             if edge == "C" and self.clamp_stiffness is not None:
-                springs += np.kron(X.turning(place), one) if along_x else np.kron(one, Y.turning(place))
+                springs += (
+                    np.kron(X.turning(place), one) if along_x else np.kron(one, Y.turning(place))
+                )
         stiff, mass = np.zeros((len(self.patches), *springs.shape)), np.zeros_like(springs)
         for k, p in enumerate(self.patches):
             x0, x1, y0, y1 = p.rectangle()
@@ -212,13 +241,16 @@ class Plate:
         return {}
 
     def solved(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """Squared angular frequencies (n,) and coefficients (n, terms of x, terms of y) of the lowest modes; modal mass 1."""
+        """Squared angular frequencies (n,) and coefficients (n, terms of x, terms of y)
+        of the lowest modes; modal mass 1.
+        """
         from scipy.linalg import eigh
 
         most = self.axes[0].terms ** 2 // 4
         if not isinstance(n, (int, np.integer)) or not 0 < n <= most:
             raise BadValue(
-                f"Plate: {n!r} modes of {self.axes[0].terms} terms; ask for 1 to {most}, the lowest is number 0, or raise terms"
+                f"Plate: {n!r} modes of {self.axes[0].terms} terms; ask for 1 to {most}, the lowest"
+                " is number 0, or raise terms"
             )
         size = max(n, min(AT_ONCE, most))
         found = self._solved.get(size)
@@ -232,20 +264,25 @@ class Plate:
                 v *= half
             if w2[0] < 1e-9 * self.stiffness / (self.rho * self.thickness * self.length**4):
                 raise BadValue(
-                    f"Plate: it buckles under in_plane_load = {self.in_plane_load:g} N/m; take a smaller pressure, or "
-                    "stiffer edges"
+                    f"Plate: it buckles under in_plane_load = {self.in_plane_load:g} N/m; take a"
+                    " smaller pressure, or stiffer edges"
                 )
             v *= np.sign(v[np.abs(v).argmax(axis=0), np.arange(size)])
             v.flags.writeable = w2.flags.writeable = False  # all who ask later share them
-            found = self._solved[size] = w2, v.T.reshape(size, self.axes[0].terms, self.axes[1].terms)
+            found = self._solved[size] = (
+                w2,
+                v.T.reshape(size, self.axes[0].terms, self.axes[1].terms),
+            )
         return found[0][:n], found[1][:n]
 
     @property
     def voltages(self) -> tuple[float, float]:
         """The lowest and the highest voltage that all patches take."""
-        return max((p.lowest for p in self.patches), default=-math.inf), min((p.highest for p in self.patches), default=math.inf)
+        return max((p.lowest for p in self.patches), default=-math.inf), min(
+            (p.highest for p in self.patches), default=math.inf
+        )
 
-    # What it does --------------------------------------------------------------------------------------------------------
+    # What it does ---------------------------------------------------------------------
     def modes(self, n: int = 6) -> np.ndarray:
         """Natural frequencies of the lowest modes in Hz, rising, shape (n,).
 
@@ -257,7 +294,8 @@ class Plate:
         return np.sqrt(self.solved(n)[0]) / (2 * math.pi)
 
     def shape(self, mode: int, x, y) -> np.ndarray:
-        """Shape of a mode at places in m, in 1/sqrt(kg): the integral of rho h phi^2 is 1.
+        """Shape of a mode at places in m, in 1/sqrt(kg): the integral of rho h phi^2 is
+        1.
 
         Parameters
         ----------
@@ -275,20 +313,32 @@ class Plate:
         --------
         >>> from stimlib.plate import Plate
         >>> plate = Plate.paper()
-        >>> (plate.shape(0, [0.0, 0.053, 0.103], 0.0735) / plate.shape(0, 0.103, 0.0735)).round(3)
+        >>> (
+        ...     plate.shape(0, [0.0, 0.053, 0.103], 0.0735) / plate.shape(0, 0.103, 0.0735)
+        ... ).round(3)
         array([0.   , 0.565, 1.   ])
         """
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-        if x.size and not (x.min() >= 0 and x.max() <= self.length and y.min() >= 0 and y.max() <= self.width):
-            raise BadValue(f"Plate: a place beside the plate; x is 0 .. {self.length:g} m, y is 0 .. {self.width:g} m")
+        if x.size and not (
+            x.min() >= 0 and x.max() <= self.length and y.min() >= 0 and y.max() <= self.width
+        ):
+            raise BadValue(
+                f"Plate: a place beside the plate; x is 0 .. {self.length:g} m, y is 0 .."
+                f" {self.width:g} m"
+            )
         X, Y = self.axes
         c = self.solved(mode + 1)[1][mode]
         return np.einsum("pi,ij,pj->p", X.at(x.ravel()), c, Y.at(y.ravel())).reshape(x.shape)
 
     def forces(self, n: int, weights: Sequence[float] | None = None) -> np.ndarray:
-        """Modal force of 1 V on all patches, in N/(V sqrt(kg)), shape (n,); ``weights`` give each patch a factor of its own."""
+        """Modal force of 1 V on all patches, in N/(V sqrt(kg)), shape (n,); ``weights``
+        give each patch a factor of its own.
+        """
         if not self.patches:
-            raise BadValue("Plate: no patches to drive; give patches=[Patch(..)], or to frf a point, drive=(x, y)")
+            raise BadValue(
+                "Plate: no patches to drive; give patches=[Patch(..)], or to frf a point,"
+                " drive=(x, y)"
+            )
         w = np.ones(len(self.patches)) if weights is None else np.asarray(weights, float)
         if w.shape != (len(self.patches),):
             raise BadValue(f"Plate: {w.size} weights for {len(self.patches)} patches")
@@ -296,12 +346,17 @@ class Plate:
         total = np.zeros((X.terms, Y.terms))
         for factor, p in zip(w, self.patches, strict=True):
             x0, x1, y0, y1 = p.rectangle(p.margin)
-            along = np.outer(X.integral(x0, x1, 2), Y.integral(y0, y1)) + np.outer(X.integral(x0, x1), Y.integral(y0, y1, 2))
+            along = np.outer(X.integral(x0, x1, 2), Y.integral(y0, y1)) + np.outer(
+                X.integral(x0, x1), Y.integral(y0, y1, 2)
+            )
             total += factor * p.moment(self) * along
         return np.einsum("kij,ij->k", self.solved(n)[1], total)
 
-    def frf(self, drive, at, f, modes: int = 12, weights: Sequence[float] | None = None) -> np.ndarray:
-        """Displacement for a drive, over frequency: sum of phi(at) F/(w_k^2 - w^2 + i w w_k damping).
+    def frf(
+        self, drive, at, f, modes: int = 12, weights: Sequence[float] | None = None
+    ) -> np.ndarray:
+        """Displacement for a drive, over frequency: sum of phi(at) F/(w_k^2 - w^2 + i w
+        w_k damping).
 
         Parameters
         ----------
@@ -331,22 +386,30 @@ class Plate:
         >>> from stimlib.plate import Plate
         >>> plate = Plate.paper(measured=True)
         >>> centre = plate.length / 2, plate.width / 2
-        >>> round(float(1e6 * abs(plate.frf("patches", centre, plate.carrier()))), 2)  # um for each volt; the thesis says 0.6
+        >>> round(
+        ...     float(1e6 * abs(plate.frf("patches", centre, plate.carrier()))), 2
+        ... )  # um for each volt; the thesis says 0.6
         0.78
         """
         n = min(modes, self.axes[0].terms ** 2 // 4)
         if isinstance(drive, str) and drive == "patches":
             force = self.forces(n, weights)
         elif weights is None:
-            force = np.array([self.shape(k, *_place(drive, "drive", ", or 'patches'")) for k in range(n)])
+            force = np.array(
+                [self.shape(k, *_place(drive, "drive", ", or 'patches'")) for k in range(n)]
+            )
         else:
-            raise BadValue(f"Plate.frf: weights are of the patches, and drive = {drive!r:.60}; say drive='patches'")
+            raise BadValue(
+                f"Plate.frf: weights are of the patches, and drive = {drive!r:.60}; say"
+                " drive='patches'"
+            )
         gain = force * np.array([self.shape(k, *_place(at, "at")) for k in range(n)])
         w, wk = 2 * math.pi * np.asarray(f, float)[..., None], np.sqrt(self.solved(n)[0])
         return np.sum(gain / (wk**2 - w**2 + 1j * w * wk * self.damping), axis=-1)
 
     def carrier(self, at: tuple[float, float] | None = None) -> float:
-        """The frequency in Hz that moves a place most, its centre by default: of the mode with the largest resonance there.
+        """The frequency in Hz that moves a place most, its centre by default: of the
+        mode with the largest resonance there.
 
         With patches it is driven by them, else at that place.
         """
@@ -356,7 +419,8 @@ class Plate:
         return float(f[np.argmax([abs(self.frf(drive, at, v)) for v in f])])
 
     def frequencies(self, n: int = 6) -> Callable[[dict[str, Any]], Any]:
-        """The modes as a function of live numbers, for JAX: it can be differentiated and mapped.
+        """The modes as a function of live numbers, for JAX: it can be differentiated
+        and mapped.
 
         Parameters
         ----------
@@ -366,13 +430,14 @@ class Plate:
         Returns
         -------
         function
-            Of a dict with any of E, rho, clamp_stiffness, in_plane_load, to frequencies in Hz, shape (n,).  What the dict
-            does not name is this plate's.
+            Of a dict with any of E, rho, clamp_stiffness, in_plane_load, to frequencies
+            in Hz, shape (n,).  What the dict does not name is this plate's.
 
         Raises
         ------
         BadValue
-            A name that is none of these; a clamp_stiffness of a plate whose edges cannot turn.
+            A name that is none of these; a clamp_stiffness of a plate whose edges
+            cannot turn.
 
         Examples
         --------
@@ -383,16 +448,24 @@ class Plate:
         >>> (by * 70e9).round(2)  # half of each frequency: it goes with the root of E
         array([ 91.75, 125.65])
         """
-        known = {"E": self.E, "rho": self.rho, "clamp_stiffness": self.clamp_stiffness, "in_plane_load": self.in_plane_load}
+        known = {
+            "E": self.E,
+            "rho": self.rho,
+            "clamp_stiffness": self.clamp_stiffness,
+            "in_plane_load": self.in_plane_load,
+        }
         m = self.matrices
 
         def f(numbers: dict[str, Any]) -> Any:
             jnp = package("jax.numpy", "Plate.frequencies")
 
-            if set(numbers) - set(known) or (self.clamp_stiffness is None and "clamp_stiffness" in numbers):
+            if set(numbers) - set(known) or (
+                self.clamp_stiffness is None and "clamp_stiffness" in numbers
+            ):
                 raise BadValue(
-                    f"Plate.frequencies: cannot move {', '.join(numbers)}; known are {', '.join(known)}, of which the "
-                    "clamps' stiffness needs a plate that has one"
+                    f"Plate.frequencies: cannot move {', '.join(numbers)}; known are"
+                    f" {', '.join(known)}, of which the clamps' stiffness needs a plate that"
+                    " has one"
                 )
             v = known | numbers
             D = v["E"] * (self.stiffness / self.E)
@@ -412,7 +485,9 @@ def _place(at, name: str, more: str = "") -> tuple[float, float]:
     try:
         x, y = (float(v) for v in at)
     except (TypeError, ValueError):
-        raise BadValue(f"Plate: {name} = {at!r:.60} must be a place (x, y) in m from the plate's corner{more}") from None
+        raise BadValue(
+            f"Plate: {name} = {at!r:.60} must be a place (x, y) in m from the plate's corner{more}"
+        ) from None
     return x, y
 
 
@@ -428,22 +503,39 @@ def check_places(plate: Plate) -> None:
     for i, (x0, x1, y0, y1) in enumerate(rectangles):
         if x0 < 0 or y0 < 0 or x1 > plate.length or y1 > plate.width:
             raise BadValue(
-                f"Plate: patch {i}, {1e3 * x0:g} .. {1e3 * x1:g} mm by {1e3 * y0:g} .. {1e3 * y1:g} mm, hangs over the edge of "
-                f"{1e3 * plate.length:g} x {1e3 * plate.width:g} mm: measure its centre from the corner again"
+                f"Plate: patch {i}, {1e3 * x0:g} .. {1e3 * x1:g} mm by {1e3 * y0:g} .. {1e3 * y1:g}"
+                f" mm, hangs over the edge of {1e3 * plate.length:g} x {1e3 * plate.width:g} mm:"
+                " measure its centre from the corner again"
             )
         for j, (u0, u1, v0, v1) in enumerate(rectangles[:i]):
-            if plate.patches[i].side == plate.patches[j].side and x0 < u1 and u0 < x1 and y0 < v1 and v0 < y1:
-                raise BadValue(f"Plate: patches {j} and {i} lie on each other; measure their centres again, or turn one's side")
+            if (
+                plate.patches[i].side == plate.patches[j].side
+                and x0 < u1
+                and u0 < x1
+                and y0 < v1
+                and v0 < y1
+            ):
+                raise BadValue(
+                    f"Plate: patches {j} and {i} lie on each other; measure their centres again, or"
+                    " turn one's side"
+                )
 
 
 @cache
 def _paper(edges: str, measured: bool, patches: bool) -> Plate:
-    """One for all who ask: its modes, half a second of linear algebra, are then found once."""
+    """One for all who ask: its modes, half a second of linear algebra, are then found
+    once.
+    """
     plate = Plate(0.206, 0.147, 1.4e-3, 70e9, 0.24, 2500.0, edges, damping=0.1)
     if measured:
         plate = replace(plate, E=1.093 * plate.E, in_plane_load=-6.01e3)
     if patches:
         x, y = 11e-3, 42e-3
-        places = [(x, y), (plate.length - x, y), (x, plate.width - y), (plate.length - x, plate.width - y)]
+        places = [
+            (x, y),
+            (plate.length - x, y),
+            (x, plate.width - y),
+            (plate.length - x, plate.width - y),
+        ]
         plate = replace(plate, patches=tuple(Patch.duraact(*p) for p in places))
     return plate

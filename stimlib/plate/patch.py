@@ -32,9 +32,10 @@ class Host(Protocol):
 class Patch:
     """A piezoelectric sheet between two covers, glued on a plate.
 
-    The ceramic contracts along the plate by d31 V/thickness.  Its stress acts at a distance from the neutral plane of plate and
-    patch, so a voltage is a moment M per length along the edges of the electrode, and a mode phi gets the force
-    M V times the closed integral of d(phi)/dn along them.
+    The ceramic contracts along the plate by d31 V/thickness.  Its stress acts at a
+    distance from the neutral plane of plate and patch, so a voltage is a moment M per
+    length along the edges of the electrode, and a mode phi gets the force M V times the
+    closed integral of d(phi)/dn along them.
 
     Parameters
     ----------
@@ -68,7 +69,8 @@ class Patch:
 
     References
     ----------
-    Crawley and de Luis, AIAA Journal 25 (1987) 1373: a bonded sheet as moments along its edges.
+    Crawley and de Luis, AIAA Journal 25 (1987) 1373: a bonded sheet as moments along
+    its edges.
 
     Examples
     --------
@@ -99,31 +101,50 @@ class Patch:
         for f in fields(self):
             v = getattr(self, f.name)
             free = f.name in ("lowest", "highest")  # which may be without bound
-            if not isinstance(v, (int, float)) or not (math.isfinite(v) or (free and not math.isnan(v))):
+            if not isinstance(v, (int, float)) or not (
+                math.isfinite(v) or (free and not math.isnan(v))
+            ):
                 raise BadValue(f"Patch: {f.name} = {v!r} must be a number")
             if f.name in ("length", "width", "thickness", "E", "cover_E") and not 0 < v < math.inf:
                 raise BadValue(f"Patch: {f.name} = {v!r} must be above 0")
         if abs(self.d31) > STRONGEST or self.thickness > min(self.length, self.width):
             raise BadValue(
-                f"Patch: d31 = {self.d31:g} m/V and {self.thickness:g} m through of {self.length:g} x {self.width:g} m make no "
-                "sheet of ceramic: -180 pm/V is -180e-12, and sizes are in m"
+                f"Patch: d31 = {self.d31:g} m/V and {self.thickness:g} m through of {self.length:g}"
+                f" x {self.width:g} m make no sheet of ceramic: -180 pm/V is -180e-12, and sizes"
+                " are in m"
             )
         if self.side not in (1, -1):
             raise BadValue(f"Patch: side = {self.side!r}; 1 is the upper side, -1 the lower")
-        if not (0 <= self.margin < min(self.length, self.width) / 2 and self.cover >= 0 and self.mass >= 0):
-            raise BadValue("Patch: margin, cover and mass must be 0 or above, and the margin leave an electrode")
+        if not (
+            0 <= self.margin < min(self.length, self.width) / 2
+            and self.cover >= 0
+            and self.mass >= 0
+        ):
+            raise BadValue(
+                "Patch: margin, cover and mass must be 0 or above, and the margin leave an"
+                " electrode"
+            )
         if not self.lowest < self.highest or not (-1 < self.nu < 0.5 and -1 < self.cover_nu < 0.5):
-            raise BadValue("Patch: lowest must be below highest, and Poisson's ratios between -1 and 0.5")
+            raise BadValue(
+                "Patch: lowest must be below highest, and Poisson's ratios between -1 and 0.5"
+            )
 
     @classmethod
     def duraact(cls, x: float, y: float, turned: bool = False, side: int = 1) -> Patch:
         """The touch-screen thesis' patch, P-876.SP1; ``turned`` by 90 degrees.
 
-        16 x 13 x 0.5 mm outside, d31 = -180 pm/V and 62 GPa of the soft ceramic PIC255, and -100 .. 400 V are the manufacturer's.
-        Assumed are what no public source gives: a layer of 0.2 mm, an electrode 1 mm inside, covers of 4 GPa, 0.5 g.
+        16 x 13 x 0.5 mm outside, d31 = -180 pm/V and 62 GPa of the soft ceramic PIC255,
+        and -100 .. 400 V are the manufacturer's. Assumed are what no public source
+        gives: a layer of 0.2 mm, an electrode 1 mm inside, covers of 4 GPa, 0.5 g.
         """
         length, width = (13e-3, 16e-3) if turned else (16e-3, 13e-3)
-        more = {"cover": 0.15e-3, "margin": 1e-3, "mass": 0.5e-3, "lowest": -100.0, "highest": 400.0}
+        more = {
+            "cover": 0.15e-3,
+            "margin": 1e-3,
+            "mass": 0.5e-3,
+            "lowest": -100.0,
+            "highest": 400.0,
+        }
         return cls(x, y, length, width, -180e-12, 0.2e-3, side, **more)
 
     def rectangle(self, margin: float = 0.0) -> tuple[float, float, float, float]:
@@ -132,16 +153,25 @@ class Patch:
         return self.x - dx, self.x + dx, self.y - dy, self.y + dy
 
     def laminate(self, plate: Host) -> tuple[float, float]:
-        """Distance of the ceramic from the neutral plane (m), and bending stiffness that it adds to the plate's (N m)."""
+        """Distance of the ceramic from the neutral plane (m), and bending stiffness
+        that it adds to the plate's (N m).
+        """
         biaxial = self.cover_E / (1 - self.cover_nu)
         q = plate.E / (1 - plate.nu), biaxial, self.E / (1 - self.nu), biaxial
         d = plate.thickness, self.cover, self.thickness, self.cover
         z = [sum(d[:k]) + d[k] / 2 for k in range(4)]
-        neutral = sum(a * b * c for a, b, c in zip(q, d, z, strict=True)) / sum(a * b for a, b in zip(q, d, strict=True))
-        stiff = sum(a * (b**3 / 12 + b * (c - neutral) ** 2) for a, b, c in zip(q, d, z, strict=True)) / (q[0] * d[0] ** 3 / 12)
+        neutral = sum(a * b * c for a, b, c in zip(q, d, z, strict=True)) / sum(
+            a * b for a, b in zip(q, d, strict=True)
+        )
+        stiff = sum(
+            a * (b**3 / 12 + b * (c - neutral) ** 2) for a, b, c in zip(q, d, z, strict=True)
+        ) / (q[0] * d[0] ** 3 / 12)
         return z[2] - neutral, (stiff - 1) * plate.stiffness
 
     def moment(self, plate: Host) -> float:
-        """Moment per length of edge and volt, in N m/(m V), that bends the plate's upper side hollow."""
-        stress = -self.d31 * self.E / (1 - self.nu)  # N/(m V): times thickness, and the field is V/thickness
+        """Moment per length of edge and volt, in N m/(m V), that bends the plate's
+        upper side hollow.
+        """
+        # N/(m V): times thickness, and the field is V/thickness
+        stress = -self.d31 * self.E / (1 - self.nu)
         return self.side * stress * self.laminate(plate)[0]

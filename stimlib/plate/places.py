@@ -18,15 +18,21 @@ class Placement(NamedTuple):
     x: float  # centre of the one next to the corner, m
     y: float
     turned: bool
-    gain: float  # static displacement at the aim by the mode, m/V; at its resonance 1/damping times that
+    # static displacement at the aim by the mode, m/V; at its resonance 1/damping times
+    # that
+    gain: float
     patches: tuple[Patch, ...]
 
 
 @public
-def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points: int = 9, gap: float = 3e-3) -> list[Placement]:
-    """All places of four patches on a grid, best first, by how far they move the middle of the plate in one mode.
+def best_patches(
+    model: Plate, patch: Patch | None = None, mode: int = 0, points: int = 9, gap: float = 3e-3
+) -> list[Placement]:
+    """All places of four patches on a grid, best first, by how far they move the middle
+    of the plate in one mode.
 
-    Patches are mirrored, driven in phase, and taken as light and soft: modes are those of the bare plate.
+    Patches are mirrored, driven in phase, and taken as light and soft: modes are those
+    of the bare plate.
 
     Parameters
     ----------
@@ -39,7 +45,8 @@ def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points
     points : int
         Of the grid, along each of x and y, from the corner to the middle.
     gap : float
-        Between the outermost patches and the edges, and between the innermost two, in m.
+        Between the outermost patches and the edges, and between the innermost two, in
+        m.
 
     Returns
     -------
@@ -52,8 +59,9 @@ def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points
 
     References
     ----------
-    The touch-screen thesis, section 2.1: "patches must be placed close to the fixed edges".  That holds for edges that can hardly
-    turn: here from kappa = clamp_stiffness length/D of about 12 on.  With softer ones the middle is better.
+    The touch-screen thesis, section 2.1: "patches must be placed close to the fixed
+    edges".  That holds for edges that can hardly turn: here from kappa =
+    clamp_stiffness length/D of about 12 on.  With softer ones the middle is better.
 
     Examples
     --------
@@ -65,21 +73,28 @@ def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points
     check_plate("best_patches", model)
     patch = Patch.duraact(0.0, 0.0) if patch is None else patch
     if not isinstance(patch, Patch):
-        raise BadValue(f"best_patches: patch = {patch!r:.80} must be a Patch, such as Patch.duraact(0.0, 0.0)")
+        raise BadValue(
+            f"best_patches: patch = {patch!r:.80} must be a Patch, such as Patch.duraact(0.0, 0.0)"
+        )
     bare = replace(model, patches=())
     if not isinstance(points, int) or points < 2:
         raise BadValue(f"best_patches: points = {points!r} must be 2 or more")
     if not gap >= 0:
         raise BadValue(f"best_patches: gap = {gap!r} m must be 0 or above")
     c = bare.solved(mode + 1)[1][mode]
-    middle = float(bare.shape(mode, bare.length / 2, bare.width / 2)) / bare.solved(mode + 1)[0][mode]
+    middle = (
+        float(bare.shape(mode, bare.length / 2, bare.width / 2)) / bare.solved(mode + 1)[0][mode]
+    )
     X, Y = bare.axes
     found = []
     for turned in (False, True):
         one = replace(patch, length=patch.width, width=patch.length) if turned else patch
         dx, dy = one.length / 2 + gap, one.width / 2 + gap
         if 2 * dx > bare.length / 2 or 2 * dy > bare.width / 2:
-            raise BadValue(f"best_patches: four patches of {one.length:g} x {one.width:g} m with gaps of {gap:g} m do not fit")
+            raise BadValue(
+                f"best_patches: four patches of {one.length:g} x {one.width:g} m with gaps of"
+                f" {gap:g} m do not fit"
+            )
         moment = one.moment(bare)
         for x in np.linspace(dx, bare.length / 2 - dx, points):
             for y in np.linspace(dy, bare.width / 2 - dy, points):
@@ -88,6 +103,10 @@ def best_patches(model: Plate, patch: Patch | None = None, mode: int = 0, points
                 force = 0.0
                 for p in four:
                     x0, x1, y0, y1 = p.rectangle(p.margin)
-                    force += X.integral(x0, x1, 2) @ c @ Y.integral(y0, y1) + X.integral(x0, x1) @ c @ Y.integral(y0, y1, 2)
-                found.append(Placement(float(x), float(y), turned, float(moment * force * middle), four))
+                    force += X.integral(x0, x1, 2) @ c @ Y.integral(y0, y1) + X.integral(
+                        x0, x1
+                    ) @ c @ Y.integral(y0, y1, 2)
+                found.append(
+                    Placement(float(x), float(y), turned, float(moment * force * middle), four)
+                )
     return sorted(found, key=lambda p: -abs(p.gain))

@@ -1,4 +1,6 @@
-"""A whole profile of displacement from a few measured points, because the shape of the mode is known."""
+"""A whole profile of displacement from a few measured points, because the shape of the
+mode is known.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,12 @@ Fit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @public
 def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: str = "fit") -> Fit:
-    """The shape of the lowest mode through measured displacements, for ``equalize(x, measured, kind=mode_fit(plate))``.
+    """The shape of the lowest mode through measured displacements, for ``equalize(x,
+    measured, kind=mode_fit(plate))``.
 
-    Fitted are the amplitude, where the middle is (within 20 mm), and how far the clamped edges give way (kappa from 2 to 200);
-    errors of the measurements count in proportion to them.
+    Fitted are the amplitude, where the middle is (within 20 mm), and how far the
+    clamped edges give way (kappa from 2 to 200); errors of the measurements count in
+    proportion to them.
 
     Parameters
     ----------
@@ -35,13 +39,15 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     y : float, optional
         Line of the measurement, in m; default the middle.
     clamp : {"fit", "known"}
-        "known" keeps the model's clamp_stiffness: less to find, so less noise comes through.
+        "known" keeps the model's clamp_stiffness: less to find, so less noise comes
+        through.
 
     Returns
     -------
     function
-        Of knots (m) and displacements, to a table of 65 places and displacements between the first and last knot.  It raises
-        BadValue for too few knots, knots beside the plate, and for measurements that are more than 20 % off the mode.
+        Of knots (m) and displacements, to a table of 65 places and displacements
+        between the first and last knot.  It raises BadValue for too few knots, knots
+        beside the plate, and for measurements that are more than 20 % off the mode.
 
     Raises
     ------
@@ -50,8 +56,9 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
 
     Notes
     -----
-    Five knots every 25 mm of a plate with kappa = 15, each 1 % off (standard deviation): the worst place is 95 times of 100
-    within 2.1 %, and 1.8 % with the clamp known.
+    Five knots every 25 mm of a plate with kappa = 15, each 1 % off (standard
+    deviation): the worst place is 95 times of 100 within 2.1 %, and 1.8 % with the
+    clamp known.
 
     Examples
     --------
@@ -69,13 +76,24 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     if clamp not in ("fit", "known"):
         raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")
     if not 0 <= y <= model.width:
-        raise BadValue(f"mode_fit: y = {y!r} m lies beside the plate, which is {model.width:g} m wide")
-    if abs(model.shape(0, model.length / 2, y)) < LEAST * abs(model.shape(0, model.length / 2, model.width / 2)):
-        raise BadValue(f"mode_fit: at y = {y!r} m, on an edge that is held, nothing moves; measure along another line")
+        raise BadValue(
+            f"mode_fit: y = {y!r} m lies beside the plate, which is {model.width:g} m wide"
+        )
+    if abs(model.shape(0, model.length / 2, y)) < LEAST * abs(
+        model.shape(0, model.length / 2, model.width / 2)
+    ):
+        raise BadValue(
+            f"mode_fit: at y = {y!r} m, on an edge that is held, nothing moves; measure along"
+            " another line"
+        )
     fitted = clamp == "fit" and "C" in (model.edges[0], model.edges[2])
     along = np.linspace(0, model.length, 121)
     bare = replace(model, patches=(), terms=None)
-    kinds = [replace(bare, clamp_stiffness=float(k) * bare.stiffness / bare.length) for k in KAPPAS] if fitted else [bare]
+    kinds = (
+        [replace(bare, clamp_stiffness=float(k) * bare.stiffness / bare.length) for k in KAPPAS]
+        if fitted
+        else [bare]
+    )
     rows = np.array([np.abs(m.shape(0, along, y)) for m in kinds])
 
     def shape(places: np.ndarray, kappa: float) -> np.ndarray:
@@ -90,30 +108,42 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
         least = 4 if fitted else 3
         if knots.size < least:
             raise BadValue(
-                f"mode_fit: {knots.size} knots cannot tell amplitude, middle{' and clamp' if fitted else ''} from noise; measure "
-                f"at least {least} places" + (", or 3 with clamp='known'" if fitted else "")
+                f"mode_fit: {knots.size} knots cannot tell amplitude,"
+                f" middle{' and clamp' if fitted else ''} from noise; measure at least {least}"
+                " places" + (", or 3 with clamp='known'" if fitted else "")
             )
         if not (np.isfinite(d).all() and (d > 0).all() and (np.diff(knots) > 0).all()):
-            raise BadValue("mode_fit: knots must rise, and displacements be numbers above 0; measure those that are not again")
+            raise BadValue(
+                "mode_fit: knots must rise, and displacements be numbers above 0; measure those"
+                " that are not again"
+            )
         at = knots + origin
         if not (at[0] >= SHIFT and at[-1] <= model.length - SHIFT):
             raise BadValue(
-                f"mode_fit: knots from {at[0]:g} to {at[-1]:g} m of a plate of {model.length:g} m; measure at least {SHIFT:g} m "
-                "from the edges, and give origin=, where on the plate position 0 is"
+                f"mode_fit: knots from {at[0]:g} to {at[-1]:g} m of a plate of {model.length:g} m;"
+                f" measure at least {SHIFT:g} m from the edges, and give origin=, where on the"
+                " plate position 0 is"
             )
 
         def relative(p: np.ndarray) -> np.ndarray:
             s = shape(at - p[0], np.exp(p[1]) if fitted else 1.0) / d
             return s * (s.sum() / (s @ s)) - 1  # with the best amplitude
 
-        start, low, high = [0.0, np.log(15.0)], [-SHIFT, np.log(KAPPAS[0])], [SHIFT, np.log(KAPPAS[-1])]
+        start, low, high = (
+            [0.0, np.log(15.0)],
+            [-SHIFT, np.log(KAPPAS[0])],
+            [SHIFT, np.log(KAPPAS[-1])],
+        )
         count = 2 if fitted else 1
-        found = least_squares(relative, start[:count], bounds=(low[:count], high[:count]), x_scale=[0.01, 1.0][:count])
+        found = least_squares(
+            relative, start[:count], bounds=(low[:count], high[:count]), x_scale=[0.01, 1.0][:count]
+        )
         worst = int(np.abs(found.fun).argmax())
         if abs(found.fun[worst]) > FAR:
             raise BadValue(
-                f"mode_fit: knot {worst}, at {knots[worst]:g}, is {100 * abs(found.fun[worst]):.0f} % off the shape of the "
-                "lowest mode; measure it again, at the frequency of that mode, or take another kind"
+                f"mode_fit: knot {worst}, at {knots[worst]:g}, is {100 * abs(found.fun[worst]):.0f}"
+                " % off the shape of the lowest mode; measure it again, at the frequency of that"
+                " mode, or take another kind"
             )
         kappa = float(np.exp(found.x[1])) if fitted else 1.0
         s = shape(at - found.x[0], kappa) / d

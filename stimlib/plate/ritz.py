@@ -1,8 +1,10 @@
-"""Rayleigh and Ritz's method for a thin rectangular plate: products of Jacobi polynomials that keep the edges by themselves.
+"""Rayleigh and Ritz's method for a thin rectangular plate: products of Jacobi
+polynomials that keep the edges by themselves.
 
-A function of one axis is (1 - s)^p (1 + s)^q P_k^(2p, 2q)(s), s from -1 to 1, with p and q = 0, 1, 2 for an edge that is free,
-simply supported or clamped.  They are orthonormal, so the mass matrix of a bare plate is rho h times 1; all are polynomials, so
-Gauss's sums are exact.
+A function of one axis is (1 - s)^p (1 + s)^q P_k^(2p, 2q)(s), s from -1 to 1, with p
+and q = 0, 1, 2 for an edge that is free, simply supported or clamped.  They are
+orthonormal, so the mass matrix of a bare plate is rho h times 1; all are polynomials,
+so Gauss's sums are exact.
 """
 
 from __future__ import annotations
@@ -14,19 +16,27 @@ import numpy as np
 from numpy.polynomial import legendre
 
 HELD = {"F": 0, "S": 1, "C": 2}
-"""Order of the zero of each function at an edge that is free, simply supported, clamped."""
+"""Order of the zero of each function at an edge that is free, simply supported,
+clamped.
+"""
 
 
 @cache
 def basis(terms: int, low: int, high: int) -> tuple[np.ndarray, ...]:
-    """Legendre series of the functions of one axis on -1 .. 1, orthonormal there, and of their first two derivatives.
+    """Legendre series of the functions of one axis on -1 .. 1, orthonormal there, and
+    of their first two derivatives.
 
     Shape (degree + 1, terms) each.
     """
     from scipy.special import eval_jacobi
 
     s, w = legendre.leggauss(terms + low + high + 2)
-    f = np.stack([(1 - s) ** high * (1 + s) ** low * eval_jacobi(k, 2 * high, 2 * low, s) for k in range(terms)])
+    f = np.stack(
+        [
+            (1 - s) ** high * (1 + s) ** low * eval_jacobi(k, 2 * high, 2 * low, s)
+            for k in range(terms)
+        ]
+    )
     f /= np.sqrt(f**2 @ w)[:, None]
     degree = terms - 1 + low + high
     c = (legendre.legvander(s, degree) * (np.arange(degree + 1) + 0.5) * w[:, None]).T @ f.T
@@ -40,7 +50,9 @@ nodes = cache(legendre.leggauss)
 
 @dataclass(frozen=True)
 class Axis:
-    """The functions f_i of one axis, 0 .. length in m, and integrals of their products."""
+    """The functions f_i of one axis, 0 .. length in m, and integrals of their
+    products.
+    """
 
     length: float
     terms: int
@@ -51,14 +63,19 @@ class Axis:
     def series(self) -> list[np.ndarray]:
         """Legendre series in s = 2 x/length - 1 of f, f' and f''."""
         scale = 2 / self.length
-        found = [c * scale ** (0.5 + k) for k, c in enumerate(basis(self.terms, HELD[self.low], HELD[self.high]))]
+        found = [
+            c * scale ** (0.5 + k)
+            for k, c in enumerate(basis(self.terms, HELD[self.low], HELD[self.high]))
+        ]
         for c in found:
             c.flags.writeable = False  # all who ask share them
         return found
 
     def _powers(self, x) -> np.ndarray:
         """Legendre's polynomials at places, shape (places, degree + 1)."""
-        return legendre.legvander(2 * np.asarray(x, float) / self.length - 1, len(self.series[0]) - 1)
+        return legendre.legvander(
+            2 * np.asarray(x, float) / self.length - 1, len(self.series[0]) - 1
+        )
 
     def at(self, x, derivative: int = 0) -> np.ndarray:
         """Values at places, shape (places, terms)."""
@@ -69,7 +86,9 @@ class Axis:
         return low + (high - low) * (s + 1) / 2, w * (high - low) / 2
 
     def products(self, low: float = 0.0, high: float | None = None) -> tuple[np.ndarray, ...]:
-        """Integrals of f_i f_j, f_i' f_j', f_i'' f_j'' and f_i'' f_j from low to high."""
+        """Integrals of f_i f_j, f_i' f_j', f_i'' f_j'' and f_i'' f_j from low to
+        high.
+        """
         x, w = self._gauss(low, self.length if high is None else high)
         powers = self._powers(x)
         f, g, h = (powers @ c for c in self.series)
@@ -92,4 +111,9 @@ def bending(x: tuple[np.ndarray, ...], y: tuple[np.ndarray, ...], nu: float) -> 
     The integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + 2 (1 - nu) w_xy^2.
     """
     coupled = np.kron(x[3], y[3].T)
-    return np.kron(x[2], y[0]) + np.kron(x[0], y[2]) + nu * (coupled + coupled.T) + 2 * (1 - nu) * np.kron(x[1], y[1])
+    return (
+        np.kron(x[2], y[0])
+        + np.kron(x[0], y[2])
+        + nu * (coupled + coupled.T)
+        + 2 * (1 - nu) * np.kron(x[1], y[1])
+    )

@@ -1,4 +1,6 @@
-"""The plate in a scene: displacement under a moving finger for a voltage on the patches."""
+"""The plate in a scene: displacement under a moving finger for a voltage on the
+patches.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ UNMOVED = 1e-6  # of the largest static answer
 @public
 @dataclass(frozen=True)
 class Finger:
-    """What a finger adds to the plate where it touches; a finger pad is about 0.1 g, 1 N s/m and 500 N/m, and differs much.
+    """What a finger adds to the plate where it touches; a finger pad is about 0.1 g, 1
+    N s/m and 500 N/m, and differs much.
 
     Parameters
     ----------
@@ -54,7 +57,9 @@ class Finger:
 
 
 def series_of(model: Plate, k: int) -> tuple[np.ndarray, float]:
-    """Legendre series of a mode's shape, 1 where it is largest, and that largest value in 1/sqrt(kg)."""
+    """Legendre series of a mode's shape, 1 where it is largest, and that largest value
+    in 1/sqrt(kg).
+    """
     X, Y = model.axes
     c = X.series[0] @ model.solved(k + 1)[1][k] @ Y.series[0].T
     s = np.linspace(-1, 1, 201)
@@ -62,26 +67,33 @@ def series_of(model: Plate, k: int) -> tuple[np.ndarray, float]:
     return c / top, top
 
 
-def driven(model: Plate, modes: int, weights: Sequence[float] | None) -> tuple[list[int], np.ndarray]:
+def driven(
+    model: Plate, modes: int, weights: Sequence[float] | None
+) -> tuple[list[int], np.ndarray]:
     """The lowest modes that the patches move, and the modal forces of all."""
     force = model.forces(LOOKED_AT, weights)
     size = np.abs(force) / model.solved(LOOKED_AT)[0]
     found = [int(k) for k in np.flatnonzero(size > UNMOVED * size.max())]
     if not 0 < modes <= len(found):
-        raise BadValue(f"plate: modes = {modes}; of the lowest {LOOKED_AT} the patches move {len(found)}")
+        raise BadValue(
+            f"plate: modes = {modes}; of the lowest {LOOKED_AT} the patches move {len(found)}"
+        )
     return found[:modes], force
 
 
 def loaded(voltage: Block, freq: float, q: float, phi2: Block, finger: Finger) -> Block:
     """A mode with a finger on it, phi2 = phi^2 in 1/kg where it is.
 
-    (1 + m phi2) q'' + (w0/Q + c phi2) q' + (w0^2 + k phi2) q = w0^2 V, its numbers those of this sample, by the trapezoidal rule.
+    (1 + m phi2) q'' + (w0/Q + c phi2) q' + (w0^2 + k phi2) q = w0^2 V, its numbers
+    those of this sample, by the trapezoidal rule.
     """
     w = 2 * math.pi * freq
     heavy = 1.0 + constant(finger.mass, "kg") * phi2
     stiff = 1.0 + constant(finger.stiffness / w**2, "kg") * phi2
     lossy = 1.0 / q + constant(finger.damping / w, "kg") * phi2
-    y = svf(voltage, constant(freq, "Hz") * sqrt(stiff / heavy), sqrt(heavy * stiff) / lossy, "lowpass")
+    y = svf(
+        voltage, constant(freq, "Hz") * sqrt(stiff / heavy), sqrt(heavy * stiff) / lossy, "lowpass"
+    )
     return y / stiff
 
 
@@ -95,15 +107,18 @@ def plate(
     weights: Sequence[float] | None = None,
     finger: Finger | None = None,
 ) -> Block:
-    """Displacement of a plate under a finger, from the voltage on its patches: a sum over modes of shape(x, y) times ``mode``.
+    """Displacement of a plate under a finger, from the voltage on its patches: a sum
+    over modes of shape(x, y) times ``mode``.
 
-    Each mode is exact for a voltage that is straight between samples.  With a finger it is ``svf``, whose numbers follow the
-    finger: a load couples the modes, which is left out, and the trapezoidal rule bends frequencies far above the mode.
+    Each mode is exact for a voltage that is straight between samples.  With a finger it
+    is ``svf``, whose numbers follow the finger: a load couples the modes, which is left
+    out, and the trapezoidal rule bends frequencies far above the mode.
 
     Parameters
     ----------
     x, y : float or Block
-        Place of the finger in m, from the plate's corner; beyond its edges the value there is held.
+        Place of the finger in m, from the plate's corner; beyond its edges the value
+        there is held.
     voltage : Block
         In V.
     model : Plate
@@ -144,7 +159,10 @@ def plate(
     """
     check_plate("plate", model)
     if not isinstance(finger, Finger | None):
-        raise BadValue(f"plate: finger = {finger!r:.80} must be a Finger, such as Finger(1e-4, 1.0, 500.0), or None")
+        raise BadValue(
+            f"plate: finger = {finger!r:.80} must be a Finger, such as Finger(1e-4, 1.0, 500.0), or"
+            " None"
+        )
     V = with_unit(voltage, "V")
     if V.dim != unit("V"):
         raise UnitError(f"plate: voltage {V!r} [{V.dim}] must be in V")

@@ -1,1 +1,3 @@
-"""What a scene becomes, and how it is driven: processor, rendering, the safety stage."""
+"""What a scene becomes, and how it is driven: processor, rendering, the safety
+stage.
+"""

@@ -15,19 +15,22 @@ from ..errors import BadValue
 from .given import columns, explain, key, length
 
 WORTHWHILE = 2048
-"""Samples, of all copies together, for which it is worth while to wake another thread."""
+"""Samples, of all copies together, for which it is worth while to wake another
+thread.
+"""
 
 
 class Copies(Sequence[Any]):
     """Copies of one processor that run together, in threads that never wait for Python.
 
-    Made by ``Processor.many``.  ``runs[k]`` is copy k, a ``Processor`` of its own: set, reset or process it alone, ask for its
-    state or its response.
+    Made by ``Processor.many``.  ``runs[k]`` is copy k, a ``Processor`` of its own: set,
+    reset or process it alone, ask for its state or its response.
 
     Notes
     -----
-    Threads take one copy after the other, so copies with more to do (an open gate) hold nobody up.  With target="python" they
-    run one after another.  As with a processor, while ``process`` runs in one thread no other may touch the copies.
+    Threads take one copy after the other, so copies with more to do (an open gate) hold
+    nobody up.  With target="python" they run one after another.  As with a processor,
+    while ``process`` runs in one thread no other may touch the copies.
     """
 
     def __init__(self, proc: Any, seeds: Sequence[int], threads: int | None = None):
@@ -38,10 +41,13 @@ class Copies(Sequence[Any]):
         if not isinstance(self.threads, (int, np.integer)) or self.threads < 1:
             raise BadValue(f"many: threads = {threads!r} must be a whole number, at least 1")
         each = proc._engine.nbytes + 8 * proc._size  # and the state at sample 0
-        limits.check("state_bytes", copies * each, f"bytes of the states and buffers of {copies} copies")
+        limits.check(
+            "state_bytes", copies * each, f"bytes of the states and buffers of {copies} copies"
+        )
         self._all = [proc._copy(k, 8 + copies) for k in [key(seed) for seed in seeds]]
         self._run = proc._engine.together([p._engine for p in self._all])
-        self._pool = ThreadPoolExecutor(max(1, self.threads - 1), "stimlib-copies")  # beside the one that calls
+        # beside the one that calls
+        self._pool = ThreadPoolExecutor(max(1, self.threads - 1), "stimlib-copies")
 
     def __len__(self) -> int:
         return len(self._all)
@@ -58,7 +64,8 @@ class Copies(Sequence[Any]):
         Parameters
         ----------
         x : ndarray, shape (n_inputs, n) or (copies, n_inputs, n), float64, C-contiguous
-            One motion for all, or one for each; or a number of samples, as in ``Processor.process``.
+            One motion for all, or one for each; or a number of samples, as in
+            ``Processor.process``.
         out : ndarray, shape (copies, n_outputs, n), float64, C-contiguous, optional
             Written and returned when given.
 
@@ -69,12 +76,15 @@ class Copies(Sequence[Any]):
         Raises
         ------
         BadValue
-            A wrong shape, type or layout; an ``out`` that shares memory with x (``out`` may be x).  Nothing has run then.
+            A wrong shape, type or layout; an ``out`` that shares memory with x (``out``
+            may be x).  Nothing has run then.
 
         Examples
         --------
         >>> import numpy as np, stimlib
-        >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
+        >>> proc = stimlib.compile(
+        ...     stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python"
+        ... )
         >>> proc.many(seeds=[0, 0]).process(np.array([[[1.0, 2.0]], [[3.0, 4.0]]]))
         array([[[2., 4.]],
         <BLANKLINE>
@@ -87,7 +97,9 @@ class Copies(Sequence[Any]):
         if out is None:
             out = np.empty((copies, len(outputs), n))
         explain("out", out, outputs, (copies, len(outputs), n))
-        if np.may_share_memory(x, out) and not (x.shape == out.shape and x.ctypes.data == out.ctypes.data):
+        if np.may_share_memory(x, out) and not (
+            x.shape == out.shape and x.ctypes.data == out.ctypes.data
+        ):
             raise BadValue("process: out and x share memory: use another array, or x itself")
         work = partial(self._run, np.zeros(1, np.int64), x if x.ndim == 3 else x[None], out)
         helpers: list[Future] = []
@@ -102,7 +114,9 @@ class Copies(Sequence[Any]):
             h.result()
         return out
 
-    def set(self, name: str, value: float | Sequence[float] | np.ndarray, ramp: float = 0.02) -> None:
+    def set(
+        self, name: str, value: float | Sequence[float] | np.ndarray, ramp: float = 0.02
+    ) -> None:
         """Change a parameter of all copies from their next sample on.
 
         Parameters
@@ -116,12 +130,15 @@ class Copies(Sequence[Any]):
         Raises
         ------
         UnknownName, BadValue
-            As ``Processor.set``; not as many values as copies.  Nothing is changed then.
+            As ``Processor.set``; not as many values as copies.  Nothing is changed
+            then.
 
         Examples
         --------
         >>> import stimlib
-        >>> proc = stimlib.compile(stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=1000, target="python")
+        >>> proc = stimlib.compile(
+        ...     stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=1000, target="python"
+        ... )
         >>> runs = proc.many(seeds=range(3))
         >>> runs.set("a", [1.0, 2.0, 3.0])
         >>> runs[2].params
@@ -134,20 +151,27 @@ class Copies(Sequence[Any]):
             p.set(name, v, seconds)
 
     def reset(self, seeds: Sequence[int] | None = None) -> None:
-        """Every copy back to sample 0, parameters at their initial values; with seeds, one for each, every noise gets new keys.
+        """Every copy back to sample 0, parameters at their initial values; with seeds,
+        one for each, every noise gets new keys.
 
         Raises
         ------
         BadValue
             Not as many seeds as copies, or what is no seed.  Nothing is reset then.
         """
-        keys = [p.seed for p in self] if seeds is None else [key(seed) for seed in self._each(seeds, "reset: seeds")]
+        keys = (
+            [p.seed for p in self]
+            if seeds is None
+            else [key(seed) for seed in self._each(seeds, "reset: seeds")]
+        )
         for p, k in zip(self, keys, strict=True):
             p.reset(k)
 
     @property
     def state(self) -> np.ndarray:
-        """The state of each copy, shape (copies, words), uint64; assign it to go on from there.  See ``Processor.state``."""
+        """The state of each copy, shape (copies, words), uint64; assign it to go on
+        from there.  See ``Processor.state``.
+        """
         return np.stack([p.state for p in self])
 
     @state.setter
@@ -158,7 +182,9 @@ class Copies(Sequence[Any]):
 
     @property
     def fault(self) -> list[tuple[str, int] | None]:
-        """Of each copy: (output, sample index) of its first non-finite sample, or None."""
+        """Of each copy: (output, sample index) of its first non-finite sample, or
+        None.
+        """
         return [p.fault for p in self]
 
     def _each(self, values: Any, what: str) -> list[Any]:
@@ -166,6 +192,7 @@ class Copies(Sequence[Any]):
         given = length(values)
         if given != len(self):
             raise BadValue(
-                f"{what}: give one for each of {len(self)} copies, {f'not {values!r}' if given is None else f'got {given}'}"
+                f"{what}: give one for each of {len(self)} copies,"
+                f" {f'not {values!r}' if given is None else f'got {given}'}"
             )
         return list(values)

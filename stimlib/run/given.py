@@ -42,10 +42,15 @@ def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None,
     wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
     if not isinstance(a, np.ndarray) or isinstance(a, np.ma.MaskedArray):
         raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
-    if not any(a.ndim == len(s) and all(n in (None, m) for n, m in zip(s, a.shape, strict=True)) for s in shapes):
+    if not any(
+        a.ndim == len(s) and all(n in (None, m) for n, m in zip(s, a.shape, strict=True))
+        for s in shapes
+    ):
         raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
     if a.dtype != np.float64:
-        raise BadValue(f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)")
+        raise BadValue(
+            f"process: {name} must be {wanted}; got {a.dtype}: convert with {name}.astype(float)"
+        )
     if not a.flags.c_contiguous:
         raise BadValue(f"process: {name} must be C-contiguous; use np.ascontiguousarray({name})")
     if not a.flags.aligned:

@@ -29,12 +29,17 @@ class Plan(NamedTuple):
 
     def __str__(self):
         clock = max(len(r.clock) for r in self.rows)
-        lines = [f"{len(self.rows)} rows at {self.fs:g} Hz (* = runs without input, also before sample 0)"]
+        lines = [
+            f"{len(self.rows)} rows at {self.fs:g} Hz (* = runs without input, also before"
+            " sample 0)"
+        ]
         for r in self.rows:
             text = r.block if r.kind in ("block", "input", "const") else f"{r.kind} {r.block}"
             args = ", ".join(map(str, r.args))
             mark = "*" if r.autonomous else " "
-            lines.append(f"{r.number:4d} {mark} {r.clock:{clock}s}  {text}{'  <- ' if args else ''}{args}")
+            lines.append(
+                f"{r.number:4d} {mark} {r.clock:{clock}s}  {text}{'  <- ' if args else ''}{args}"
+            )
         return "\n".join(lines + [f"removed: {t}" for t in self.removed])
 
     def _repr_html_(self) -> str:

@@ -15,7 +15,17 @@ import numpy as np
 
 from ..core.graph import kind, pack
 from ..core.packages import package
-from ..core.program import PARAMS, Program, check_memory, design_of, first_states, lead, number, program_of, rate
+from ..core.program import (
+    PARAMS,
+    Program,
+    check_memory,
+    design_of,
+    first_states,
+    lead,
+    number,
+    program_of,
+    rate,
+)
 from ..errors import BadValue, SceneError, StimlibError, UnknownName, public
 from .copies import Copies
 from .given import columns, explain, key
@@ -42,14 +52,25 @@ class Change(NamedTuple):
 
 
 @overload
-def compile(scene: Scene, fs: float, target: Literal["numba", "python"] = "numba", seed: int = 0) -> Processor: ...
+def compile(
+    scene: Scene, fs: float, target: Literal["numba", "python"] = "numba", seed: int = 0
+) -> Processor: ...
 @overload
 def compile(
-    scene: Scene, fs: float, target: Literal["jax"], seed: int = 0, *, dtype: str = "float64", surrogate: float | None = None
+    scene: Scene,
+    fs: float,
+    target: Literal["jax"],
+    seed: int = 0,
+    *,
+    dtype: str = "float64",
+    surrogate: float | None = None,
 ) -> Function: ...
 @public
-def compile(scene: Scene, fs: float, target: str = "numba", seed: int = 0, **options) -> Processor | Function:
-    """Turn a scene into a streaming processor, or into a function for batches and gradients.
+def compile(
+    scene: Scene, fs: float, target: str = "numba", seed: int = 0, **options
+) -> Processor | Function:
+    """Turn a scene into a streaming processor, or into a function for batches and
+    gradients.
 
     Parameters
     ----------
@@ -57,14 +78,17 @@ def compile(scene: Scene, fs: float, target: str = "numba", seed: int = 0, **opt
     fs : float
         Sample rate in Hz.
     target : {"numba", "python", "jax"}
-        The compiler, or the reference interpreter, of a streaming processor; both give the same bits.  Or JAX, for whole signals:
-        equal to rounding, see ``stimlib.targets.jax.function.Function``.
+        The compiler, or the reference interpreter, of a streaming processor; both give
+        the same bits.  Or JAX, for whole signals: equal to rounding, see
+        ``stimlib.targets.jax.function.Function``.
     seed : int
         Key of all noise of this run, besides each source's own seed.
     dtype : {"float64", "float32"}
-        With JAX: of noise, long sums and outputs; motion, velocities and gates are float64 always.
+        With JAX: of noise, long sums and outputs; motion, velocities and gates are
+        float64 always.
     surrogate : float, optional
-        With JAX: relative width of the smooth edge whose derivative a gate borrows; None: its derivative is 0.
+        With JAX: relative width of the smooth edge whose derivative a gate borrows;
+        None: its derivative is 0.
 
     Returns
     -------
@@ -73,16 +97,20 @@ def compile(scene: Scene, fs: float, target: str = "numba", seed: int = 0, **opt
     Raises
     ------
     BadValue
-        fs not above 0 or too low for a pass band; unknown target; a tolerance that cannot be met.
+        fs not above 0 or too low for a pass band; unknown target; a tolerance that
+        cannot be met.
     SceneError
-        A step that cannot be compiled; noise keys that collide; filters on noise longer than the lead.
+        A step that cannot be compiled; noise keys that collide; filters on noise longer
+        than the lead.
 
     Examples
     --------
     >>> import numpy as np, stimlib
     >>> x = stimlib.Input("x", "m")
     >>> scene = stimlib.Scene({"force": stimlib.constant(2000.0, "N/m") * x})
-    >>> stimlib.compile(scene, fs=8000, target="python").process(np.array([[0.0, 0.01]]))
+    >>> stimlib.compile(scene, fs=8000, target="python").process(
+    ...     np.array([[0.0, 0.01]])
+    ... )
     array([[ 0., 20.]])
     """
     if target == "jax":
@@ -90,7 +118,9 @@ def compile(scene: Scene, fs: float, target: str = "numba", seed: int = 0, **opt
         from ..targets.jax.function import OPTIONS, Function
 
         if unknown := [name for name in options if name not in OPTIONS]:
-            raise BadValue(f"{', '.join(unknown)}: target='jax' has the options {', '.join(OPTIONS)}")
+            raise BadValue(
+                f"{', '.join(unknown)}: target='jax' has the options {', '.join(OPTIONS)}"
+            )
         return Function(scene, fs, seed, **options)
     if options:
         raise BadValue(f"{', '.join(options)}: only target='jax' has this option")
@@ -99,34 +129,48 @@ def compile(scene: Scene, fs: float, target: str = "numba", seed: int = 0, **opt
 
 @public
 class Processor:
-    """A compiled scene: a pure function of (state, input block) with the state kept inside.
+    """A compiled scene: a pure function of (state, input block) with the state kept
+    inside.
 
-    Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y; ``params`` are the parameters;
-    ``units`` gives the unit of each of them; ``log`` lists every change by sample index.
+    Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y;
+    ``params`` are the parameters; ``units`` gives the unit of each of them; ``log``
+    lists every change by sample index.
 
     Notes
     -----
-    Processors are independent of each other: compile and run as many as you like in as many threads.  One processor is for
-    one thread at a time.  ``set``, ``reset`` and ``state`` wait for each other, and ``index``, ``params``, ``fault`` may be
-    read at any time; but while ``process`` runs in one thread, no other may call ``process``, ``reset`` or ``state``: that
-    breaks nothing but the samples.  Sinks change parameters of a running processor by ``sink.set``.
+    Processors are independent of each other: compile and run as many as you like in as
+    many threads.  One processor is for one thread at a time.  ``set``, ``reset`` and
+    ``state`` wait for each other, and ``index``, ``params``, ``fault`` may be read at
+    any time; but while ``process`` runs in one thread, no other may call ``process``,
+    ``reset`` or ``state``: that breaks nothing but the samples.  Sinks change
+    parameters of a running processor by ``sink.set``.
 
-    A processor that gets another of the same scene and fs as ``begun`` takes its start over, instead of running what comes
-    before sample 0 again.
+    A processor that gets another of the same scene and fs as ``begun`` takes its start
+    over, instead of running what comes before sample 0 again.
     """
 
-    def __init__(self, scene: Scene, fs: float, target: str = "numba", seed: int = 0, begun: Processor | None = None):
+    def __init__(
+        self,
+        scene: Scene,
+        fs: float,
+        target: str = "numba",
+        seed: int = 0,
+        begun: Processor | None = None,
+    ):
         began = time.perf_counter()
         fs = rate(fs)
         if target == "jax":
             raise BadValue(
-                "a Processor streams; target='jax' is for stimlib.compile, which then gives a function of whole signals"
+                "a Processor streams; target='jax' is for stimlib.compile, which then gives a"
+                " function of whole signals"
             )
         if target not in TARGETS:
             raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
         self.scene, self.fs, self.target = scene, fs, target
         self.program: Program = program_of(scene)
-        self.design = design_of(self.program, fs, 5000.0 if target == "python" and begun is None else 20.0)
+        self.design = design_of(
+            self.program, fs, 5000.0 if target == "python" and begun is None else 20.0
+        )
         check_memory(self.program, self.design, fs)
         if target == "numba":
             from ..targets.numba.engine import Engine
@@ -138,13 +182,18 @@ class Processor:
         self.outputs: tuple[str, ...] = tuple(self.program.outputs)
         blocks = self.program.instances
         self.units: dict[str, str] = {
-            n: str(blocks[i].block.dim) for group in (self.program.inputs, self.program.params) for n, i in group.items()
-        } | {n: str(b.dim) for n, b in scene.outputs.items()}  # equal outputs share an instance, not a unit
+            n: str(blocks[i].block.dim)
+            for group in (self.program.inputs, self.program.params)
+            for n, i in group.items()
+        } | {
+            n: str(b.dim) for n, b in scene.outputs.items()
+        }  # equal outputs share an instance, not a unit
         self.seed = 0
         self.params: dict[str, float] = {}
         self.log: list[Change] = []
         sizes = [pack(s).size for _, s in self.design]
-        self._place = np.cumsum([0, *sizes[:-1]]).tolist()  # of each instance's state among the words
+        # of each instance's state among the words
+        self._place = np.cumsum([0, *sizes[:-1]]).tolist()
         self._guards = [(name, self._place[i]) for name, i in self.program.outputs.items()]
         # states at sample 0, by seed: the same on all targets
         self._fresh: dict[int, np.ndarray] = {} if begun is None else begun._fresh.copy()
@@ -154,23 +203,30 @@ class Processor:
         text = repr((self.program.hash, fs.hex(), shapes))
         self._first = first_states(self.program, self.design, self._engine.start)
         autonomous = {q.clock for q in blocks if q.autonomous and q.kind in ("block", "open")}
-        self._early = [c for c in range(len(self.program.parents) - 1, PARAMS, -1) if c in autonomous]  # clocks with a lead
+        # clocks with a lead
+        self._early = [
+            c for c in range(len(self.program.parents) - 1, PARAMS, -1) if c in autonomous
+        ]
         self._identity = np.frombuffer(hashlib.sha256(text.encode()).digest()[:8], np.uint64)
         self._lock = threading.RLock()
         self.reset(seed)
         logger.debug("%r: %d rows, ready in %.3f s", self, len(blocks), time.perf_counter() - began)
 
     def __repr__(self):
-        return f"Processor({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)}, fs={self.fs:g}, {self.target})"
+        return (
+            f"Processor({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)},"
+            f" fs={self.fs:g}, {self.target})"
+        )
 
-    # Running -----------------------------------------------------------------------------------------------------
+    # Running --------------------------------------------------------------------------
     def process(self, x: np.ndarray | int, out: np.ndarray | None = None) -> np.ndarray:
         """The next n samples.
 
         Parameters
         ----------
         x : ndarray, shape (n_inputs, n), float64, C-contiguous; or int
-            Rows in the order of ``inputs``, in their units.  The number n serves a scene without inputs.
+            Rows in the order of ``inputs``, in their units.  The number n serves a
+            scene without inputs.
         out : ndarray, shape (n_outputs, n), float64, C-contiguous, optional
             Written and returned when given; no memory is allocated then.
 
@@ -181,13 +237,15 @@ class Processor:
         Raises
         ------
         BadValue
-            A wrong shape, type or layout; an ``out`` that shares memory with x other than in whole rows (``out`` may be x).
-            Nothing has run then.
+            A wrong shape, type or layout; an ``out`` that shares memory with x other
+            than in whole rows (``out`` may be x). Nothing has run then.
 
         Examples
         --------
         >>> import numpy as np, stimlib
-        >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
+        >>> proc = stimlib.compile(
+        ...     stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python"
+        ... )
         >>> proc.process(np.ones((1, 3)))
         array([[2., 2., 2.]])
         """
@@ -205,9 +263,13 @@ class Processor:
         explain("x", x, self.inputs, (len(self.inputs), None))
         explain("out", out, self.outputs, (len(self.outputs), x.shape[1]))
         if np.may_share_memory(x, out):
-            raise BadValue("process: out and x share memory, shifted by a part of a row: use another array, or x itself")
+            raise BadValue(
+                "process: out and x share memory, shifted by a part of a row: use another array, or"
+                " x itself"
+            )
         assert out is not None
-        if not self._run(*(np.ndarray(a.shape, float, a) for a in (x, out))):  # of classes derived from numpy's array
+        # of classes derived from numpy's array
+        if not self._run(*(np.ndarray(a.shape, float, a) for a in (x, out))):
             return out
         raise AssertionError("process refused arrays that look right")
 
@@ -216,14 +278,15 @@ class Processor:
         """Samples processed since reset."""
         return self._engine.count
 
-    # State -------------------------------------------------------------------------------------------------------
+    # State ----------------------------------------------------------------------------
     @property
     def state(self) -> np.ndarray:
         """Everything that the next sample depends on: one flat uint64 array (a copy).
 
-        Word 0 tells the scene with all its design numbers and fs, word 1 the sample index; then all states in canonical
-        order, the same on every target.  Assign it to go on from there: ``params`` are then those of the state, and the log
-        is empty.  BadValue for a state of another scene or sample rate.
+        Word 0 tells the scene with all its design numbers and fs, word 1 the sample
+        index; then all states in canonical order, the same on every target.  Assign it
+        to go on from there: ``params`` are then those of the state, and the log is
+        empty.  BadValue for a state of another scene or sample rate.
         """
         with self._lock:
             words = self._engine.words
@@ -241,12 +304,15 @@ class Processor:
             words = np.zeros(0)
         if words.dtype != np.uint64 or words.shape != (self._size,):
             raise BadValue(
-                f"state must be uint64 of shape ({self._size},), as proc.state gives it; got {words.dtype} {words.shape}"
+                f"state must be uint64 of shape ({self._size},), as proc.state gives it; got"
+                f" {words.dtype} {words.shape}"
             )
         if words[0] != self._identity[0]:
             raise BadValue("this state belongs to another scene or sample rate")
         if words[1] > LONGEST:
-            raise BadValue(f"this state is at sample {words[1]}, which no run reaches: it is damaged")
+            raise BadValue(
+                f"this state is at sample {words[1]}, which no run reaches: it is damaged"
+            )
         return words
 
     def _go_on(self, words: np.ndarray) -> None:
@@ -255,10 +321,14 @@ class Processor:
             self._engine.count = int(words[1])
             self.log.clear()
             target = words[2:].view(np.float64)
-            self.params = {name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()}  # graph.ParamState
+            # graph.ParamState
+            self.params = {
+                name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()
+            }
 
     def reset(self, seed: int | None = None) -> None:
-        """Back to sample 0, parameters at their initial values; with a seed, every noise gets new keys.
+        """Back to sample 0, parameters at their initial values; with a seed, every
+        noise gets new keys.
 
         Parameters
         ----------
@@ -303,7 +373,9 @@ class Processor:
         Examples
         --------
         >>> import numpy as np, stimlib
-        >>> proc = stimlib.compile(stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=4, target="python")
+        >>> proc = stimlib.compile(
+        ...     stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=4, target="python"
+        ... )
         >>> proc.set("a", 2.0, ramp=1.0)
         >>> proc.process(np.empty((0, 5)))
         array([[1.25, 1.5 , 1.75, 2.  , 2.  ]])
@@ -317,20 +389,26 @@ class Processor:
     def _setting(self, name: Any, value: Any, ramp: Any) -> tuple[float, float]:
         """Value and ramp as numbers, if they can be meant."""
         if not isinstance(name, str) or name not in self.program.params:
-            raise UnknownName(f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}")
+            raise UnknownName(
+                f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}"
+            )
         value, ramp = number(value, f"set({name!r}): value"), number(ramp, f"set({name!r}): ramp")
         if not math.isfinite(value):
             raise BadValue(f"set({name!r}, {value}): the value must be finite")
         if not (math.isfinite(ramp * self.fs) and ramp >= 0):
-            raise BadValue(f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0")
+            raise BadValue(
+                f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0"
+            )
         return value, ramp
 
-    # Many at once --------------------------------------------------------------------------------------------------
+    # Many at once ---------------------------------------------------------------------
     def many(self, seeds: Sequence[int], threads: int | None = None) -> Copies:
-        """Copies of this processor that run together, each with its own seed, parameters and motion.
+        """Copies of this processor that run together, each with its own seed,
+        parameters and motion.
 
-        They share tables and code, and begin at sample 0 with the scene's parameters.  Copy k gives the bits of
-        ``stimlib.compile(scene, fs, target, seeds[k])``, whatever the others do and however many threads there are.
+        They share tables and code, and begin at sample 0 with the scene's parameters.
+        Copy k gives the bits of ``stimlib.compile(scene, fs, target, seeds[k])``,
+        whatever the others do and however many threads there are.
 
         Parameters
         ----------
@@ -346,7 +424,8 @@ class Processor:
         Raises
         ------
         BadValue
-            No seeds, or what is none; threads below 1; more memory than ``stimlib.limits.state_bytes``.
+            No seeds, or what is none; threads below 1; more memory than
+            ``stimlib.limits.state_bytes``.
 
         Examples
         --------
@@ -369,21 +448,26 @@ class Processor:
         other.reset(seed)
         return other
 
-    # Telling -----------------------------------------------------------------------------------------------------
+    # Telling --------------------------------------------------------------------------
     @property
     def fault(self) -> tuple[str, int] | None:
-        """(output, sample index) of the first non-finite sample that a guard stopped, or None."""
+        """(output, sample index) of the first non-finite sample that a guard stopped,
+        or None.
+        """
         words = self._engine.peek()
         left = words.view(np.float64)
-        found = [(int(words[at + 2]), name) for name, at in self._guards if left[at + 1] >= 0]  # see graph.GuardState
+        # see graph.GuardState
+        found = [(int(words[at + 2]), name) for name, at in self._guards if left[at + 1] >= 0]
         return min(found)[::-1] if found else None
 
     @property
     def address(self) -> tuple[int, int]:
-        """(entry, context): call entry(context, x, y, n), C signature void (*)(int64*, double*, double*, int64).
+        """(entry, context): call entry(context, x, y, n), C signature void (*)(int64*,
+        double*, double*, int64).
 
-        x and y are row-major (n_inputs, n) and (n_outputs, n).  For sinks that run without the interpreter; keep the
-        processor alive as long as the addresses are in use.
+        x and y are row-major (n_inputs, n) and (n_outputs, n).  For sinks that run
+        without the interpreter; keep the processor alive as long as the addresses are
+        in use.
         """
         if self._engine.address is None:
             raise SceneError("only the numba target has an address")
@@ -402,13 +486,16 @@ class Processor:
 
     @property
     def latency(self) -> dict[tuple[str, str], tuple[float, float]]:
-        """(min, max) latency in samples over all paths, by (output, input); noise sources count as inputs."""
+        """(min, max) latency in samples over all paths, by (output, input); noise
+        sources count as inputs.
+        """
         from ..core.response import latency
 
         return latency(self.program, self.design)
 
     def response(self, output: str, input: str, f: np.ndarray) -> np.ndarray:
-        """Discrete frequency response from an input (or noise source) to an output, parameters as they are.
+        """Discrete frequency response from an input (or noise source) to an output,
+        parameters as they are.
 
         Parameters
         ----------
@@ -431,10 +518,14 @@ class Processor:
         Examples
         --------
         >>> import numpy as np, stimlib
-        >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python")
+        >>> proc = stimlib.compile(
+        ...     stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=1000, target="python"
+        ... )
         >>> proc.response("y", "x", np.array([10.0]))
         array([2.+0.j])
         """
         from ..core.response import response
 
-        return response(self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float))
+        return response(
+            self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float)
+        )

@@ -50,11 +50,11 @@ def stream(
     Parameters
     ----------
     scene : Scene or Processor
-        A processor goes on from where it is, with its own rate, parameters, seed and target; time 0 of the motion is its
-        next sample.
+        A processor goes on from where it is, with its own rate, parameters, seed and
+        target; time 0 of the motion is its next sample.
     motion : dict of str to callable or ndarray, optional
-        For every input a pure function of time (array of s -> array in the input's unit) or float64 samples at fs.
-        A scene without inputs needs none.
+        For every input a pure function of time (array of s -> array in the input's
+        unit) or float64 samples at fs. A scene without inputs needs none.
     fs, seconds, params, seed, target, on_fault
         As for ``render``; what becomes of a fault comes with the last block.
     block : int
@@ -63,7 +63,8 @@ def stream(
     Yields
     ------
     ndarray, shape (n_outputs, n)
-        Yours to keep.  ``stimlib.run.walk.walk`` gives the same samples in one array that it uses again.
+        Yours to keep.  ``stimlib.run.walk.walk`` gives the same samples in one array
+        that it uses again.
 
     Warns
     -----
@@ -73,7 +74,8 @@ def stream(
     Raises
     ------
     BadValue, UnknownName
-        Inputs missing or surplus, too short, or endless; fs missing, or given for a processor, which has one.
+        Inputs missing or surplus, too short, or endless; fs missing, or given for a
+        processor, which has one.
     FaultError
         As ``render``.
 
@@ -90,7 +92,10 @@ def stream(
     elif fs is None and not params and not seed:
         proc = scene
     else:
-        raise BadValue("stream: a Processor has its own fs, params and seed: give a Scene with them, or the Processor without")
+        raise BadValue(
+            "stream: a Processor has its own fs, params and seed: give a Scene with them, or the"
+            " Processor without"
+        )
     if block < 1:
         raise BadValue(f"stream: block = {block} must be at least 1 sample")
     frames, sources = _plan(proc, motion, seconds)
@@ -105,13 +110,22 @@ def stream(
     return parts()
 
 
-def _driven(scene: Any, fs: float | None, params: Mapping[str, float] | None, seed: int, target: str, on_fault: str) -> Processor:
+def _driven(
+    scene: Any,
+    fs: float | None,
+    params: Mapping[str, float] | None,
+    seed: int,
+    target: str,
+    on_fault: str,
+) -> Processor:
     """A processor at sample 0, with its parameters."""
     if on_fault not in FAULTS:
         raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
     proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
     if not isinstance(params, Mapping | None):
-        raise BadValue(f"params must map names of parameters to values, got {type(params).__name__}")
+        raise BadValue(
+            f"params must map names of parameters to values, got {type(params).__name__}"
+        )
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     return proc
@@ -126,8 +140,12 @@ def _tell(fault: tuple[str, int] | None, fs: float, on_fault: str) -> None:
     warnings.warn(text, RuntimeWarning, stacklevel=outside())
 
 
-def _plan(proc: Processor, motion: Motion | None, seconds: float | None) -> tuple[int, dict[str, Any]]:
-    """Number of samples, by default those of the shortest recording, and the checked motion."""
+def _plan(
+    proc: Processor, motion: Motion | None, seconds: float | None
+) -> tuple[int, dict[str, Any]]:
+    """Number of samples, by default those of the shortest recording, and the checked
+    motion.
+    """
     sources = sources_of(motion, proc.inputs, 0)
     if seconds is not None:
         frames = frames_of(seconds, proc.fs)
@@ -166,19 +184,24 @@ class Rendering:
 
     def __repr__(self):
         fault = "" if self.fault is None else ", FAULT: {} from sample {} on".format(*self.fault)
-        return f"Rendering({', '.join(self.outputs)}: {self.y.shape[1] / self.fs:g} s at {self.fs:g} Hz{fault})"
+        return (
+            f"Rendering({', '.join(self.outputs)}: {self.y.shape[1] / self.fs:g} s at {self.fs:g}"
+            f" Hz{fault})"
+        )
 
-    # Looking at it, and taking it elsewhere --------------------------------------------------------------------------
+    # Looking at it, and taking it elsewhere -------------------------------------------
     def _repr_html_(self) -> str:
         return importlib.import_module("stimlib.analysis.picture").html_of(self)
 
     def plot(self) -> Figure:
-        """Each signal over time; of each output its vibration in close-up, its course over position and its spectrum.
+        """Each signal over time; of each output its vibration in close-up, its course
+        over position and its spectrum.
 
         Returns
         -------
         matplotlib.figure.Figure
-            Yours to change and to save.  A notebook shows it once pyplot was imported, and the rendering itself always.
+            Yours to change and to save.  A notebook shows it once pyplot was imported,
+            and the rendering itself always.
 
         Examples
         --------
@@ -198,7 +221,8 @@ class Rendering:
         path : path
             .wav, .rf64, .w64, .caf or .flac; the sidecar is ``path`` + ".json".
         **options
-            format, subtype, full_scale, progress and overwrite of ``stimlib.files.audio.write``.
+            format, subtype, full_scale, progress and overwrite of
+            ``stimlib.files.audio.write``.
 
         Returns
         -------
@@ -216,7 +240,9 @@ class Rendering:
         >>> import numpy as np, stimlib, tempfile
         >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
         >>> with tempfile.TemporaryDirectory() as folder:
-        ...     stimlib.render(scene, {"x": np.arange(100.0)}, fs=1000).save(folder + "/y.wav").peak
+        ...     stimlib.render(scene, {"x": np.arange(100.0)}, fs=1000).save(
+        ...         folder + "/y.wav"
+        ...     ).peak
         {'y': 198.0}
         """
         return importlib.import_module("stimlib.files.audio").save(path, self, **options)
@@ -227,13 +253,14 @@ class Rendering:
         return {name: str(block.dim) for name, block in self.scene.outputs.items()}
 
     def to_xarray(self) -> Any:
-        """The outputs as a Dataset over time, with their units; xarray must be installed.
+        """The outputs as a Dataset over time, with their units; xarray must be
+        installed.
 
         Returns
         -------
         xarray.Dataset
-            A copy of each output, shape (n,), over ``time`` in s; attributes say the unit, fs in Hz, seed, parameters (as JSON)
-            and the scene's hash.
+            A copy of each output, shape (n,), over ``time`` in s; attributes say the
+            unit, fs in Hz, seed, parameters (as JSON) and the scene's hash.
 
         Raises
         ------
@@ -242,11 +269,19 @@ class Rendering:
 
         Examples
         --------
-        ``stimlib.render(scene, motion, fs=8000).to_xarray()["force"].sel(time=slice(0.1, 0.2)).plot()``
+        ``stimlib.render(scene, motion,
+        fs=8000).to_xarray()["force"].sel(time=slice(0.1, 0.2)).plot()``
         """
         xarray = package("xarray", "to_xarray")
-        outputs = {name: ("time", self[name].copy(), {"units": self.units[name]}) for name in self.outputs}
-        facts = {"fs": self.fs, "seed": str(self.seed), "params": json.dumps(self.params), "scene_hash": self.scene.hash}
+        outputs = {
+            name: ("time", self[name].copy(), {"units": self.units[name]}) for name in self.outputs
+        }
+        facts = {
+            "fs": self.fs,
+            "seed": str(self.seed),
+            "params": json.dumps(self.params),
+            "scene_hash": self.scene.hash,
+        }
         return xarray.Dataset(outputs, {"time": ("time", self.t, {"units": "s"})}, facts)
 
     def to_pandas(self) -> Any:
@@ -255,7 +290,8 @@ class Rendering:
         Returns
         -------
         pandas.DataFrame
-            A copy: one column per output, in its unit, over the index ``time`` in s; ``attrs["units"]`` says the units.
+            A copy: one column per output, in its unit, over the index ``time`` in s;
+            ``attrs["units"]`` says the units.
 
         Raises
         ------
@@ -273,7 +309,8 @@ class Rendering:
         return frame
 
     def audio(self, output: str | None = None) -> Any:
-        """An output to listen to in a notebook, scaled so that its largest sample is full scale; IPython must be installed.
+        """An output to listen to in a notebook, scaled so that its largest sample is
+        full scale; IPython must be installed.
 
         Parameters
         ----------
@@ -317,8 +354,8 @@ def render(
     ----------
     scene : Scene
     motion : dict of str to callable or ndarray, optional
-        For every input a pure function of time (array of s -> array in the input's unit) or float64 samples at fs.
-        A scene without inputs needs none.
+        For every input a pure function of time (array of s -> array in the input's
+        unit) or float64 samples at fs. A scene without inputs needs none.
     fs : float
         Sample rate in Hz.
     seconds : float, optional
@@ -338,30 +375,39 @@ def render(
     Warns
     -----
     RuntimeWarning
-        An output was not finite: from that sample on it fades out.  The run is longer than the horizon of a springpot.
-        A generator or an array moves an input in m at more than 1 m/s: its depth is probably in mm, or the array was
-        recorded at another rate than fs.
+        An output was not finite: from that sample on it fades out.  The run is longer
+        than the horizon of a springpot. A generator or an array moves an input in m at
+        more than 1 m/s: its depth is probably in mm, or the array was recorded at
+        another rate than fs.
 
     Raises
     ------
     BadValue, UnknownName
-        As ``compile``, ``stream`` and ``Processor.set``; more samples than ``stimlib.limits.render_bytes`` (``stream`` and
-        files have no such limit).
+        As ``compile``, ``stream`` and ``Processor.set``; more samples than
+        ``stimlib.limits.render_bytes`` (``stream`` and files have no such limit).
     FaultError
         An output was not finite, and ``on_fault`` is "raise".
 
     Examples
     --------
     >>> import numpy as np, stimlib
-    >>> scene = stimlib.Scene({"force": stimlib.Param("k", 2000.0, "N/m") * stimlib.Input("x", "m")})
-    >>> stimlib.render(scene, {"x": np.array([0.0, 0.01])}, fs=8000, params={"k": 1000.0})["force"]
+    >>> scene = stimlib.Scene(
+    ...     {"force": stimlib.Param("k", 2000.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
+    >>> stimlib.render(
+    ...     scene, {"x": np.array([0.0, 0.01])}, fs=8000, params={"k": 1000.0}
+    ... )["force"]
     array([ 0., 10.])
     """
     proc = _driven(scene, fs, params, seed, target, on_fault)
     frames, sources = _plan(proc, motion, seconds)
-    limits.check("render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s")
+    limits.check(
+        "render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s"
+    )
     warn_beyond(proc.program, proc.fs, frames)
     warn_fast(sources, scene, frames / proc.fs, proc.fs)
     y = samples(proc, rows_of(sources, proc.fs), frames)
     _tell(proc.fault, proc.fs, on_fault)
-    return Rendering(scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion or {}))
+    return Rendering(
+        scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion or {})
+    )

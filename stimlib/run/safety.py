@@ -1,7 +1,9 @@
-"""What stands between a scene and a device: limits, counts and a fade, as blocks that are compiled with the scene.
+"""What stands between a scene and a device: limits, counts and a fade, as blocks that
+are compiled with the scene.
 
-Because they are blocks, a sink, an offline rendering and the replay of a log do the same to every sample, bit for bit.
-Where nothing is limited and the gain is 1, the samples are the scene's own.
+Because they are blocks, a sink, an offline rendering and the replay of a log do the
+same to every sample, bit for bit. Where nothing is limited and the gain is 1, the
+samples are the scene's own.
 """
 
 from __future__ import annotations
@@ -19,10 +21,14 @@ from ..core.scene import Scene
 from ..errors import BadValue, SceneError, UnitError, UnknownName, public
 
 GAIN = "sink_gain"
-"""The parameter of the fade: 1 while a session plays, on its way to 0 when it is stopped or the hand is away."""
+"""The parameter of the fade: 1 while a session plays, on its way to 0 when it is
+stopped or the hand is away.
+"""
 
 STEPS = 128
-"""A fade has at least so many samples, so that full scale ends in steps of less than 1 % at every sample rate."""
+"""A fade has at least so many samples, so that full scale ends in steps of less than 1
+% at every sample rate.
+"""
 
 
 @public
@@ -33,16 +39,19 @@ class Safety:
     Parameters
     ----------
     full_scale : float or dict of str to float
-        The value, in each output's unit, that is 1.0 at the device; one number serves all outputs, which then have one unit.
+        The value, in each output's unit, that is 1.0 at the device; one number serves
+        all outputs, which then have one unit.
     slew : float or dict of str to float, optional
-        Fastest change, in the output's unit per second; one number as for ``full_scale``.
+        Fastest change, in the output's unit per second; one number as for
+        ``full_scale``.
     peak : float, optional
         Peak force in N that the motor bears, of every output in N.
     static : float, optional
-        Static force in N that it bears, of every output in N: see ``stimlib.blocks.static_limit``.
+        Static force in N that it bears, of every output in N: see
+        ``stimlib.blocks.static_limit``.
     fade : float
-        Seconds of the fades before the first sample, after the last and at a stop, 0.02 to 0.5; where these are fewer than
-        128 samples, 128 samples.
+        Seconds of the fades before the first sample, after the last and at a stop, 0.02
+        to 0.5; where these are fewer than 128 samples, 128 samples.
 
     Raises
     ------
@@ -74,11 +83,17 @@ class Safety:
                 v = _above_0(f.name, v)
             object.__setattr__(self, f.name, v)
         if not 0.02 <= self.fade <= 0.5:
-            raise BadValue(f"Safety: fade = {self.fade} s must be 0.02 to 0.5: faster is felt as a thump, slower delays the stop")
+            raise BadValue(
+                f"Safety: fade = {self.fade} s must be 0.02 to 0.5: faster is felt as a thump,"
+                " slower delays the stop"
+            )
 
     def to_dict(self) -> dict[str, Any]:
         """The same as plain JSON data; ``Safety(**data)`` makes it again."""
-        return {f.name: dict(v) if isinstance(v := getattr(self, f.name), Mapping) else v for f in dc.fields(self)}
+        return {
+            f.name: dict(v) if isinstance(v := getattr(self, f.name), Mapping) else v
+            for f in dc.fields(self)
+        }
 
     def samples(self, fs: float) -> int:
         """Length of a fade at a sample rate."""
@@ -98,9 +113,14 @@ class Safety:
         v = getattr(self, field)
         if not isinstance(v, Mapping):
             return v
-        wrong = [n for n in v if n not in outputs] + [n for n in outputs if n not in v and field == "full_scale"]
+        wrong = [n for n in v if n not in outputs] + [
+            n for n in outputs if n not in v and field == "full_scale"
+        ]
         if wrong:
-            raise UnknownName(f"Safety: {field} does not fit the outputs at {', '.join(wrong)}; they are {', '.join(outputs)}")
+            raise UnknownName(
+                f"Safety: {field} does not fit the outputs at {', '.join(wrong)}; they are"
+                f" {', '.join(outputs)}"
+            )
         return v.get(output)
 
 
@@ -118,9 +138,11 @@ def _above_0(name: str, v: Any) -> float:
 def protect(scene: Scene, safety: Safety) -> Scene:
     """A scene whose outputs are safe for a device.
 
-    Every output is limited to the peak force (outputs in N) and to full scale; then come its guard against what is not
-    finite, the static force (outputs in N), the slew limit, and the fade: times the parameter ``sink_gain``, which is 0 until
-    it is set.  Limits come first, so that the guard fades from what the device was given, not from what the scene ran away to.
+    Every output is limited to the peak force (outputs in N) and to full scale; then
+    come its guard against what is not finite, the static force (outputs in N), the slew
+    limit, and the fade: times the parameter ``sink_gain``, which is 0 until it is set.
+    Limits come first, so that the guard fades from what the device was given, not from
+    what the scene ran away to.
 
     Parameters
     ----------
@@ -147,18 +169,27 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     --------
     >>> import numpy as np, stimlib
     >>> force = stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")
-    >>> proc = stimlib.compile(protect(stimlib.Scene({"force": force}), Safety(full_scale=50.0)), fs=8000)
+    >>> proc = stimlib.compile(
+    ...     protect(stimlib.Scene({"force": force}), Safety(full_scale=50.0)), fs=8000
+    ... )
     >>> proc.set("sink_gain", 1.0, ramp=0.0)
     >>> proc.process(np.array([[0.01, 0.02, 0.03]]))
     array([[20., 40., 50.]])
     """
     if GAIN in scene.params or GAIN in scene.inputs:
-        raise SceneError(f"the name {GAIN!r} is kept for the fade of a device: rename it in the scene")
+        raise SceneError(
+            f"the name {GAIN!r} is kept for the fade of a device: rename it in the scene"
+        )
     gain = Param(GAIN, 0.0)
     names = tuple(scene.outputs)
-    if (safety.peak or safety.static) and not any(str(b.dim) == "N" for b in scene.outputs.values()):
+    if (safety.peak or safety.static) and not any(
+        str(b.dim) == "N" for b in scene.outputs.values()
+    ):
         units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
-        raise BadValue(f"Safety: peak and static limit outputs in N, and this scene has none: {units}; use full_scale or slew")
+        raise BadValue(
+            f"Safety: peak and static limit outputs in N, and this scene has none: {units}; use"
+            " full_scale or slew"
+        )
     for field in ("full_scale", "slew"):
         told = getattr(safety, field)
         if isinstance(told, float) and len({str(b.dim) for b in scene.outputs.values()}) > 1:
@@ -166,8 +197,8 @@ def protect(scene: Scene, safety: Safety) -> Scene:
             each = ", ".join(f"{n!r}: .." for n in names)
             option = f"--{field.replace('_', '-')} " + ",".join(f"{n}=.." for n in names)
             raise UnitError(
-                f"Safety: {field} = {told:g} cannot be of outputs in different units ({units}): give {{{each}}}, on the command "
-                f"line {option}"
+                f"Safety: {field} = {told:g} cannot be of outputs in different units ({units}):"
+                f" give {{{each}}}, on the command line {option}"
             )
     scales = safety.scales(names)
     outputs: dict[str, Block] = {}
@@ -189,7 +220,8 @@ def protect(scene: Scene, safety: Safety) -> Scene:
 
 
 def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.ndarray:
-    """Frames as a device gets them: what ``devices/callback.py`` does, for replay and tests.
+    """Frames as a device gets them: what ``devices/callback.py`` does, for replay and
+    tests.
 
     Parameters
     ----------
@@ -220,7 +252,8 @@ def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.
 
 
 class Watch:
-    """Reads a running processor's counts: what its safety stage limited, and which outputs have failed.
+    """Reads a running processor's counts: what its safety stage limited, and which
+    outputs have failed.
 
     Parameters
     ----------
@@ -256,10 +289,14 @@ class Watch:
             q = instances[i]
             if not q.args or (isinstance(q.block, Guard) and i != at):
                 return found
-            i = next((a for a in q.args if not isinstance(instances[a].block, (Param, Const))), q.args[0])
+            i = next(
+                (a for a in q.args if not isinstance(instances[a].block, (Param, Const))), q.args[0]
+            )
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """Samples that each stage has changed, {stage: {output: count}}; only what is not 0."""
+        """Samples that each stage has changed, {stage: {output: count}}; only what is
+        not 0.
+        """
         words = self._proc._engine.peek()
         out: dict[str, dict[str, int]] = {}
         for stage, name, at in self._tallies:
@@ -271,4 +308,7 @@ class Watch:
         """Outputs that their guard has stopped, and the sample index of each."""
         words = self._proc._engine.peek()
         left = words.view(np.float64)
-        return {name: int(words[at + 2]) for name, at in reversed(self._guards) if left[at + 1] >= 0}  # see graph.GuardState
+        # see graph.GuardState
+        return {
+            name: int(words[at + 2]) for name, at in reversed(self._guards) if left[at + 1] >= 0
+        }

@@ -1,4 +1,6 @@
-"""A processor along a motion: the one loop that rendering, files, replay and proofs share."""
+"""A processor along a motion: the one loop that rendering, files, replay and proofs
+share.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from .processor import Change
 
 Array = NDArray[np.float64]
 Rows = Callable[[int, int], Array] | Array
-"""The motion of samples at .. stop - 1, shape (n_inputs, stop - at), rows in the processor's order; or that of all samples."""
+"""The motion of samples at .. stop - 1, shape (n_inputs, stop - at), rows in the
+processor's order; or that of all samples.
+"""
 
 
 def rows_of(sources: dict[str, Any], fs: float) -> Rows:
@@ -30,7 +34,8 @@ def walk(
     start: int = 0,
     block: int | Callable[[], int] = 8192,
 ) -> Iterator[tuple[int, Array]]:
-    """Run a processor over samples start .. stop - 1, each change of a parameter made right before its sample.
+    """Run a processor over samples start .. stop - 1, each change of a parameter made
+    right before its sample.
 
     Parameters
     ----------
@@ -38,9 +43,11 @@ def walk(
         Its next sample is ``start``.
     motion : callable or ndarray of float64, shape (n_inputs, stop)
     changes : iterable of Change
-        In the order of their samples.  Those before ``start`` have been made already, those from ``stop`` on are left out.
+        In the order of their samples.  Those before ``start`` have been made already,
+        those from ``stop`` on are left out.
     block : int or callable
-        Most samples at once; a callable is asked each time.  The samples do not depend on it.
+        Most samples at once; a callable is asked each time.  The samples do not depend
+        on it.
 
     Yields
     ------
@@ -51,8 +58,15 @@ def walk(
     --------
     >>> import numpy as np, stimlib
     >>> from stimlib.run.processor import Change
-    >>> proc = stimlib.compile(stimlib.Scene({"y": stimlib.Param("k", 1.0) * stimlib.Input("x")}), fs=1000, target="python")
-    >>> [(at, y.tolist()) for at, y in walk(proc, np.ones((1, 3)), 3, [Change(2, "k", 5.0, 0.0)])]
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": stimlib.Param("k", 1.0) * stimlib.Input("x")}),
+    ...     fs=1000,
+    ...     target="python",
+    ... )
+    >>> [
+    ...     (at, y.tolist())
+    ...     for at, y in walk(proc, np.ones((1, 3)), 3, [Change(2, "k", 5.0, 0.0)])
+    ... ]
     [(0, [[1.0, 1.0]]), (2, [[5.0]])]
     """
     due = [c for c in changes if start <= c.at < stop][::-1]

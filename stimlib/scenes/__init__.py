@@ -14,9 +14,20 @@ from .viscoelastic import viscoelastic
 from .wall import wall
 
 __all__ = [
-    "bumps", "bumps_set", "click", "detents", "friction", "grating", "impact", "soft_surface", "squeeze", "texture",
-    "touch_screen", "viscoelastic", "wall",
-]  # fmt: skip
+    "bumps",
+    "bumps_set",
+    "click",
+    "detents",
+    "friction",
+    "grating",
+    "impact",
+    "soft_surface",
+    "squeeze",
+    "texture",
+    "touch_screen",
+    "viscoelastic",
+    "wall",
+]
 
 SHIPPED = {
     "squeeze": squeeze,
@@ -32,4 +43,6 @@ SHIPPED = {
     "soft_surface": soft_surface,
     "touch_screen": touch_screen,
 }
-"""What the command line calls a scene, by name; the default of every argument is the paper's, where there is one."""
+"""What the command line calls a scene, by name; the default of every argument is the
+paper's, where there is one.
+"""

@@ -1,6 +1,8 @@
-"""Haptic bumps on a touch screen that vibrates at its resonance: the touch-screen thesis, chapters 3 and 4.
+"""Haptic bumps on a touch screen that vibrates at its resonance: the touch-screen
+thesis, chapters 3 and 4.
 
-"Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen"; see docs/reference/papers.rst.
+"Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen";
+see docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -36,10 +38,11 @@ def bumps(
     sampling: str = "area",
     rectify: str | None = "half",
 ) -> Scene:
-    """Voltage of the piezo patches under a finger that explores bumps: V = gain A e(x/wavelength) c(t).
+    """Voltage of the piezo patches under a finger that explores bumps: V = gain A
+    e(x/wavelength) c(t).
 
-    e is the unipolar envelope of ``bump``, wavelength = length/bumps; c is the positive half wave of the carrier at the
-    plate's first resonance.
+    e is the unipolar envelope of ``bump``, wavelength = length/bumps; c is the positive
+    half wave of the carrier at the plate's first resonance.
 
     Parameters
     ----------
@@ -50,7 +53,8 @@ def bumps(
     duty : float
         Part of each bump that is ridge, live as ``duty``.
     amplitude : float
-        Peak A in V before the amplifier, live as ``A``; at 0 the envelope and the carrier are skipped.
+        Peak A in V before the amplifier, live as ``A``; at 0 the envelope and the
+        carrier are skipped.
     length : float
         Of the explored region, in m.
     freq, phase : float
@@ -64,7 +68,8 @@ def bumps(
     headroom : {"clip", "scale"}
         What happens where the limit is passed; see ``equalize``.
     contact : bool
-        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and re-contact starts anew.
+        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and
+        re-contact starts anew.
     sampling : {"area", "point"}
         Of the envelope.
     rectify : {"half", "full", None}
@@ -78,7 +83,8 @@ def bumps(
     Raises
     ------
     BadValue
-        Numbers that make no sense: bumps or length not above 0, a duty outside (0, 1], a carrier above fs/2, and so on.
+        Numbers that make no sense: bumps or length not above 0, a duty outside (0, 1],
+        a carrier above fs/2, and so on.
 
     References
     ----------
@@ -133,12 +139,14 @@ class Stimulus(NamedTuple):
 
 @public
 def bumps_set() -> list[Stimulus]:
-    """The 81 stimuli of the experiment, in the order in which the paper names its parameters.
+    """The 81 stimuli of the experiment, in the order in which the paper names its
+    parameters.
 
     Returns
     -------
     list of Stimulus
-        Waveform, number of bumps, duty, amplitude; and ridge and groove width (m), displacement (m) as attributes.
+        Waveform, number of bumps, duty, amplitude; and ridge and groove width (m),
+        displacement (m) as attributes.
 
     References
     ----------
@@ -155,4 +163,9 @@ def bumps_set() -> list[Stimulus]:
     >>> round(1e3 * stimuli[40].ridge, 2), round(1e3 * stimuli[40].groove, 2)
     (8.33, 8.33)
     """
-    return [Stimulus(*s) for s in product(("sine", "square", "sawtooth"), (2, 6, 18), (0.2, 0.5, 0.8), (0.5, 4.0, 7.5))]
+    return [
+        Stimulus(*s)
+        for s in product(
+            ("sine", "square", "sawtooth"), (2, 6, 18), (0.2, 0.5, 0.8), (0.5, 4.0, 7.5)
+        )
+    ]

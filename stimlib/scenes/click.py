@@ -24,8 +24,8 @@ def click(
 ) -> Scene:
     """Force of a button over its travel, and a decaying vibration at each snap.
 
-    F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq t); q is 1 from x >= at until
-    x < back, t the time since q rose.
+    F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi
+    freq t); q is 1 from x >= at until x < back, t the time since q rose.
 
     Parameters
     ----------
@@ -54,7 +54,8 @@ def click(
 
     References
     ----------
-    Our own, of the blocks ``button``, ``wall`` and ``ring``; the numbers are no measurement.
+    Our own, of the blocks ``button``, ``wall`` and ``ring``; the numbers are no
+    measurement.
 
     Examples
     --------
@@ -66,4 +67,8 @@ def click(
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     key = button(x, Param("peak", peak, "N"), drop, at, back, touching)
     vibration = Param("A", A, "N") * ring(rising(key.pressed), freq, decay)
-    return Scene({"force": key.force + bottom(x, stiffness, at=travel, contact=touching) + vibration}, law="click", given=given)
+    return Scene(
+        {"force": key.force + bottom(x, stiffness, at=travel, contact=touching) + vibration},
+        law="click",
+        given=given,
+    )

@@ -12,9 +12,14 @@ from ..errors import BadValue, public
 
 @public
 def detents(
-    count: int = 24, depth: float = 0.02, friction: float = 0.004, presliding: float = 0.01, contact: bool = False
+    count: int = 24,
+    depth: float = 0.02,
+    friction: float = 0.004,
+    presliding: float = 0.01,
+    contact: bool = False,
 ) -> Scene:
-    """Torque of a knob with regular detents and dry friction: depth sin(count angle) + Coulomb's friction of a spring.
+    """Torque of a knob with regular detents and dry friction: depth sin(count angle) +
+    Coulomb's friction of a spring.
 
     Parameters
     ----------
@@ -25,7 +30,8 @@ def detents(
     friction : float
         Torque of the friction in N m, live as ``friction``.
     presliding : float
-        Angle in rad that the friction gives way before it slips, at the ``friction`` given here.
+        Angle in rad that the friction gives way before it slips, at the ``friction``
+        given here.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not).
 

@@ -10,9 +10,14 @@ from ..errors import public
 
 @public
 def friction(
-    normal: float = 1.0, static: float = 0.8, kinetic: float = 0.5, stiffness: float = 1000.0, contact: bool = False
+    normal: float = 1.0,
+    static: float = 0.8,
+    kinetic: float = 0.5,
+    stiffness: float = 1000.0,
+    contact: bool = False,
 ) -> Scene:
-    """Force of a finger that sticks like a spring, slips at static normal, and sticks again at kinetic normal.
+    """Force of a finger that sticks like a spring, slips at static normal, and sticks
+    again at kinetic normal.
 
     Parameters
     ----------
@@ -49,5 +54,7 @@ def friction(
     touching = Input("contact") if contact else 1.0
     N = Param("normal", normal, "N")
     return Scene(
-        {"force": blocks.stick_slip(Input("x", "m"), N, static, kinetic, stiffness, touching)}, law="friction", given=given
+        {"force": blocks.stick_slip(Input("x", "m"), N, static, kinetic, stiffness, touching)},
+        law="friction",
+        given=given,
     )

@@ -1,4 +1,6 @@
-"""A grooved and rough surface under a finger that strokes it: what is felt is tied to the place."""
+"""A grooved and rough surface under a finger that strokes it: what is felt is tied to
+the place.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +24,11 @@ def grating(
     longest: float = 0.05,
     contact: bool = False,
 ) -> Scene:
-    """Force along the skin of a surface: two gratings, and roughness of spectrum 1/f^slope, the same on every way there.
+    """Force along the skin of a surface: two gratings, and roughness of spectrum
+    1/f^slope, the same on every way there.
 
-    F(x) = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x).  Each sample is the mean over the
-    movement of one sample period.
+    F(x) = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x).
+    Each sample is the mean over the movement of one sample period.
 
     Parameters
     ----------
@@ -42,7 +45,8 @@ def grating(
     shortest, longest : float
         Wavelengths in m between which its spectrum follows the law.
     contact : bool
-        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and re-contact starts anew.
+        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and
+        re-contact starts anew.
 
     Returns
     -------
@@ -56,7 +60,8 @@ def grating(
 
     References
     ----------
-    Gratings as a model of texture, and 1/f spectra of rough ones: Wiertlewski, Lozada and Hayward, IEEE Trans. Robotics 27, 2011.
+    Gratings as a model of texture, and 1/f spectra of rough ones: Wiertlewski, Lozada
+    and Hayward, IEEE Trans. Robotics 27, 2011.
 
     Examples
     --------
@@ -69,5 +74,7 @@ def grating(
     on = Input("contact") if contact else 1.0
     force = Param("depth", depth, "N") * ribs(x, [(coarse, 1.0, 0.0)], contact=on)
     force += Param("fine_depth", fine_depth, "N") * ribs(x, [(fine, 1.0, 0.0)], contact=on)
-    force += Param("roughness", roughness, "N") * spatial_noise(x, slope, seed, shortest, longest, on)
+    force += Param("roughness", roughness, "N") * spatial_noise(
+        x, slope, seed, shortest, longest, on
+    )
     return Scene({"force": force}, law="grating", given=given)

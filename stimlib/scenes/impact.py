@@ -14,9 +14,11 @@ def impact(
     k: float = 1000.0, b: float = 0.0, A: float = 20.0, freq: float = 150.0, decay: float = 0.01, cutoff: float = 500.0,
     contact: bool = False,
 ) -> Scene:  # fmt: skip
-    """Force of a wall at x = 0 and, from each impact on, a decaying vibration: A v exp(-t/decay) sin(2 pi freq t).
+    """Force of a wall at x = 0 and, from each impact on, a decaying vibration: A v
+    exp(-t/decay) sin(2 pi freq t).
 
-    v is the velocity of the impact, through two poles; none is felt where it is not above 0.
+    v is the velocity of the impact, through two poles; none is felt where it is not
+    above 0.
 
     Parameters
     ----------
@@ -25,7 +27,8 @@ def impact(
     A : float
         Amplitude for a velocity, in N s/m, live as ``A``.
     freq, decay : float
-        Of the vibration, in Hz and s: low and short for rubber, high and long for metal.
+        Of the vibration, in Hz and s: low and short for rubber, high and long for
+        metal.
     cutoff : float
         Of the velocity, in Hz; below fs/2.
     contact : bool
@@ -43,8 +46,9 @@ def impact(
 
     References
     ----------
-    Okamura, Dennerlein and Howe, "Vibration feedback models for virtual environments", IEEE Int. Conf. Robotics and Automation
-    (1998): Q(t) = A v exp(-B t) sin(w t). The numbers here are no measurement.
+    Okamura, Dennerlein and Howe, "Vibration feedback models for virtual environments",
+    IEEE Int. Conf. Robotics and Automation (1998): Q(t) = A v exp(-B t) sin(w t). The
+    numbers here are no measurement.
 
     Examples
     --------
@@ -56,4 +60,8 @@ def impact(
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     wall = blocks.wall(x, Param("k", k, "N/m"), b, contact=touching)
     struck = rising(x) * maximum(velocity(x, cutoff, touching), 0)
-    return Scene({"force": wall + Param("A", A, "N*s/m") * ring(struck, freq, decay)}, law="impact", given=given)
+    return Scene(
+        {"force": wall + Param("A", A, "N*s/m") * ring(struck, freq, decay)},
+        law="impact",
+        given=given,
+    )

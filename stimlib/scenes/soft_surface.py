@@ -1,6 +1,7 @@
 """A soft object with hard nodules on a screen, felt by the eye: Li et al. (2016).
 
-"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments"; see docs/reference/papers.rst.
+"Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
+see docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -27,16 +28,19 @@ def soft_surface(
     frames: bool = False,
     contact: bool = False,
 ) -> Scene:
-    """A soft surface over hard nodules: an avatar that is held back, and goes less deep, where it is harder.
+    """A soft surface over hard nodules: an avatar that is held back, and goes less
+    deep, where it is harder.
 
     Parameters
     ----------
     mode : {"cursor", "deformation", "combined", "vibration", "multipoint"}
-        What tells of stiffness: the speed of the avatar; its depth; both; a vibration for as long as the avatar would be held
-        back; the depths of three avatars on a triangle, which share the force.
+        What tells of stiffness: the speed of the avatar; its depth; both; a vibration
+        for as long as the avatar would be held back; the depths of three avatars on a
+        triangle, which share the force.
     device : {"pen", "mouse"}
-        A pen gives pressure, and its avatar waits (``delay_avatar``).  A mouse pushes with a constant force, and its cursor slows
-        down (``cursor``); it has no mode "vibration".
+        A pen gives pressure, and its avatar waits (``delay_avatar``).  A mouse pushes
+        with a constant force, and its cursor slows down (``cursor``); it has no mode
+        "vibration".
     S : Levels, optional
         The map, see ``stimlib.soft``; by default the block with the nodules A, B and C.
     push : float
@@ -46,22 +50,25 @@ def soft_surface(
     side : float
         Of the triangle in m.
     frames : bool
-        The laws to the letter, once per frame of 30 ms; by default those that mean the same at every rate.
+        The laws to the letter, once per frame of 30 ms; by default those that mean the
+        same at every rate.
     contact : bool
-        Also take an input ``contact`` (1 touching, 0 not).  Without it a pen touches where its pressure is above 0, a mouse
-        always.
+        Also take an input ``contact`` (1 touching, 0 not).  Without it a pen touches
+        where its pressure is above 0, a mouse always.
 
     Returns
     -------
     Scene
-        Inputs ``x``, ``y`` in m from the corner of the surface, and of a pen ``press``, the force level 0 to 1.  Outputs ``x1``,
-        ``y1`` in m (to 3 in mode multipoint); ``depth1`` in m where the mode shows depths; ``force``, the normal force in N; in
-        mode vibration ``vibration``, 0 or 1.
+        Inputs ``x``, ``y`` in m from the corner of the surface, and of a pen ``press``,
+        the force level 0 to 1.  Outputs ``x1``, ``y1`` in m (to 3 in mode multipoint);
+        ``depth1`` in m where the mode shows depths; ``force``, the normal force in N;
+        in mode vibration ``vibration``, 0 or 1.
 
     Raises
     ------
     BadValue
-        An unknown mode or device, a vibration of a mouse; numbers not above 0; what ``stiffness_map`` refuses.
+        An unknown mode or device, a vibration of a mouse; numbers not above 0; what
+        ``stiffness_map`` refuses.
 
     References
     ----------
@@ -89,8 +96,14 @@ def soft_surface(
     S = block() if S is None else as_levels("soft_surface", S)
     given |= {"S": S}
     x, y = Input("x", "m"), Input("y", "m")
-    touching: Block = Input("contact") if contact else Input("press") > 0.0 if device == "pen" else as_block(1.0)
-    force = press(Input("press"), touching) if device == "pen" else Param("push", push, "N") * (touching > 0.0)
+    touching: Block = (
+        Input("contact") if contact else Input("press") > 0.0 if device == "pen" else as_block(1.0)
+    )
+    force = (
+        press(Input("press"), touching)
+        if device == "pen"
+        else Param("push", push, "N") * (touching > 0.0)
+    )
 
     law = "frames" if frames else None
     places: list[tuple[Block, Block]] = [(x, y)]

@@ -1,6 +1,8 @@
-"""Squeezing a virtual object with thumb and index finger: the UGrip paper, sections 1.1 and 2.1.
+"""Squeezing a virtual object with thumb and index finger: the UGrip paper, sections 1.1
+and 2.1.
 
-"A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see docs/reference/papers.rst.
+"A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see
+docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -44,9 +46,11 @@ def squeeze(
 ) -> Scene:
     """Forces of a squeezed object: a spring, and vibration while it is being loaded.
 
-    For each finger, with its own noise, F = k x + dF and, eq. (2), dF = A r dp/dt with r = Z_n v.  In the experiment
-    Z_n = k/s is used on the increment dx per sample of the paper's 8 kHz controller, so that the vibration's amplitude is
-    constant at constant loading rate (fig. 4): dF = A (k tau v)(tau dp/dt), tau = 1/8000 s at every sample rate.
+    For each finger, with its own noise, F = k x + dF and, eq. (2), dF = A r dp/dt with
+    r = Z_n v.  In the experiment Z_n = k/s is used on the increment dx per sample of
+    the paper's 8 kHz controller, so that the vibration's amplitude is constant at
+    constant loading rate (fig. 4): dF = A (k tau v)(tau dp/dt), tau = 1/8000 s at every
+    sample rate.
 
     Parameters
     ----------
@@ -57,12 +61,13 @@ def squeeze(
     level : float
         Noise level, live as ``level``; 1 is pink noise with one-sided PSD 1/(pi f).
     fingers : int
-        Inputs ``x1``, ``x2``, .. in m, compression positive; outputs ``force1``, ``force2``, .. in N.
+        Inputs ``x1``, ``x2``, .. in m, compression positive; outputs ``force1``,
+        ``force2``, .. in N.
     seed : int
         Of the noise; finger i has stream i.
     passband : float
-        Of the differentiator, in Hz; the stop band begins 500 Hz above, which order 128 at 8 kHz reaches.  At low sample
-        rates that is above fs/2, and there is none.
+        Of the differentiator, in Hz; the stop band begins 500 Hz above, which order 128
+        at 8 kHz reaches.  At low sample rates that is above fs/2, and there is none.
     f_low, tol_db : float
         Lower edge (Hz) and accuracy of the pink noise.
     cutoff : float
@@ -70,11 +75,14 @@ def squeeze(
     resolution : float
         Encoder step in m, for the loading gate.
     contact : bool
-        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and re-contact starts anew.
+        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and
+        re-contact starts anew.
     limits : bool
-        Hold the force to what the paper's motors bear: 100 N peak, 37 N static.  Off: a grip of 90 N is normal input.
+        Hold the force to what the paper's motors bear: 100 N peak, 37 N static.  Off: a
+        grip of 90 N is normal input.
     motor_constant : float, optional
-        n B in N/A; with it come outputs ``current1``, ``current2``, .. in A (the geometry factor is a placeholder).
+        n B in N/A; with it come outputs ``current1``, ``current2``, .. in A (the
+        geometry factor is a placeholder).
 
     References
     ----------

@@ -1,4 +1,6 @@
-"""A measured surface under a tool: Culbertson, Unwin and Kuchenbecker, IEEE Trans. Haptics 7 (2014)."""
+"""A measured surface under a tool: Culbertson, Unwin and Kuchenbecker, IEEE Trans.
+Haptics 7 (2014).
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,14 @@ def texture(
     cutoff: float = 20.0,
     contact: bool = False,
 ) -> Scene:
-    """Acceleration of a tool that strokes a measured surface: noise through a model that follows speed and normal force.
+    """Acceleration of a tool that strokes a measured surface: noise through a model
+    that follows speed and normal force.
 
     Parameters
     ----------
     model : TextureModel or path, optional
-        See ``load_texture`` and ``stimlib.fitting.texture.fit_texture``.  By default an invented one of stimlib's, because those
-        of the toolkit may not be passed on.
+        See ``load_texture`` and ``stimlib.fitting.texture.fit_texture``.  By default an
+        invented one of stimlib's, because those of the toolkit may not be passed on.
     level : float
         Factor on the acceleration, live as ``level``.
     seed : int
@@ -33,7 +36,8 @@ def texture(
     cutoff : float
         Of the velocity estimate, in Hz.
     contact : bool
-        Also take an input ``contact`` (1 touching, 0 not): a lift is as no force, and re-contact starts anew.
+        Also take an input ``contact`` (1 touching, 0 not): a lift is as no force, and
+        re-contact starts anew.
 
     Returns
     -------
@@ -43,7 +47,8 @@ def texture(
     Raises
     ------
     BadValue
-        A file that is no texture; numbers out of range; at compile time, a sample rate that is no whole multiple of the model's.
+        A file that is no texture; numbers out of range; at compile time, a sample rate
+        that is no whole multiple of the model's.
 
     Examples
     --------

@@ -1,6 +1,8 @@
-"""Bumps on a touch screen down to the finger: voltage on the patches, and the plate's displacement under the finger.
+"""Bumps on a touch screen down to the finger: voltage on the patches, and the plate's
+displacement under the finger.
 
-The touch-screen thesis, chapters 2 to 4, with a model in the place of its plate; see docs/reference/scenes/touch_screen.rst.
+The touch-screen thesis, chapters 2 to 4, with a model in the place of its plate; see
+docs/reference/scenes/touch_screen.rst.
 """
 
 from __future__ import annotations
@@ -39,21 +41,24 @@ def touch_screen(
     rectify: str | None = None,
     model: Plate | None = None,
 ) -> Scene:
-    """Displacement under a finger that explores bumps: bumps, equal displacement, faster resonance, amplifier, plate.
+    """Displacement under a finger that explores bumps: bumps, equal displacement,
+    faster resonance, amplifier, plate.
 
-    The carrier's frequency, the profile that is equalised, the mode that is made faster and the voltages that the patches take
-    all come from the plate's model.
+    The carrier's frequency, the profile that is equalised, the mode that is made faster
+    and the voltages that the patches take all come from the plate's model.
 
     Parameters
     ----------
     waveform, bumps, duty, length
         As of ``bumps``; the explored length lies in the middle of the plate.
     amplitude : float
-        Peak A in V before the amplifier, live as ``A``.  Where the patches cannot take the voltage that this asks for, a
-        warning says what is lost: by default above 1.09 V, so that of the thesis' 0.5 (the default here), 4 and 7.5 V the
-        latter two are not shown whole.
+        Peak A in V before the amplifier, live as ``A``.  Where the patches cannot take
+        the voltage that this asks for, a warning says what is lost: by default above
+        1.09 V, so that of the thesis' 0.5 (the default here), 4 and 7.5 V the latter
+        two are not shown whole.
     swap : float
-        How many times as fast the first resonance shall answer, see ``pole_swap``; 1 leaves it as it is.
+        How many times as fast the first resonance shall answer, see ``pole_swap``; 1
+        leaves it as it is.
     gain : float
         Of the amplifier.
     modes : int
@@ -61,29 +66,33 @@ def touch_screen(
     finger : bool
         Whether the finger loads the plate, with 0.1 g, 1 N s/m and 500 N/m (assumed).
     rectify : {None, "half", "full"}
-        Of the carrier.  The thesis takes "half"; what it holds besides the carrier, at 0 Hz and at twice the frequency, the swap
-        would raise ``swap`` times.
+        Of the carrier.  The thesis takes "half"; what it holds besides the carrier, at
+        0 Hz and at twice the frequency, the swap would raise ``swap`` times.
     model : Plate, optional
-        With patches, which say the voltages that they take; default ``Plate.paper(measured=True)``.
+        With patches, which say the voltages that they take; default
+        ``Plate.paper(measured=True)``.
 
     Returns
     -------
     Scene
-        Input ``x`` in m, 0 .. length; outputs ``voltage`` in V and ``displacement`` in m.
+        Input ``x`` in m, 0 .. length; outputs ``voltage`` in V and ``displacement`` in
+        m.
 
     Raises
     ------
     BadValue
-        Numbers that make no sense; an explored length that reaches to the plate's edges; a plate without patches, or
-        whose patches move another mode more than the lowest.
+        Numbers that make no sense; an explored length that reaches to the plate's
+        edges; a plate without patches, or whose patches move another mode more than the
+        lowest.
 
     Warns
     -----
     RuntimeWarning
-        The amplifier would hold the voltage at the patches' limits.  It is computed from the drive's formula, at the top of a
-        bump where the plate moves least, in steady state: carrier, equalisation, pole swap, gain.  At the edges of
-        "square" bumps the swap asks for up to ``swap`` times as much, for a few periods.  What is set later, by ``A``, is
-        counted by ``verify``.
+        The amplifier would hold the voltage at the patches' limits.  It is computed
+        from the drive's formula, at the top of a bump where the plate moves least, in
+        steady state: carrier, equalisation, pole swap, gain.  At the edges of "square"
+        bumps the swap asks for up to ``swap`` times as much, for a few periods.  What
+        is set later, by ``A``, is counted by ``verify``.
 
     References
     ----------
@@ -106,7 +115,9 @@ def touch_screen(
     _check_model(glass, length, resonance)
     profile = length * KNOTS, np.abs(glass.shape(0, origin + length * KNOTS, y))
     x, A = Input("x", "m"), Param("A", amplitude, "V")
-    V = A * bump(x * constant(bumps / length, "1/m"), waveform, Param("duty", duty), contact=nonzero(A))
+    V = A * bump(
+        x * constant(bumps / length, "1/m"), waveform, Param("duty", duty), contact=nonzero(A)
+    )
     V = V * carrier(Param("freq", resonance, "Hz"), rectify)
     V = equalize(x, profile, signal=V, kind=mode_fit(glass, origin, y, clamp="known"))
     with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond any plate
@@ -121,16 +132,18 @@ def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -
     """Warn where a carrier of this peak, made faster, passes what the patches take."""
     sine, k = np.sin(2 * np.pi * np.arange(720) / 720), np.arange(361)
     lines = np.fft.rfft({None: sine, "half": np.maximum(sine, 0), "full": np.abs(sine)}[rectify])
-    top, bottom = (1 - k * k + 1j * k * glass.damping * faster for faster in (1.0, swap))  # in the frequency of the mode
+    # in the frequency of the mode
+    top, bottom = (1 - k * k + 1j * k * glass.damping * faster for faster in (1.0, swap))
     asked = np.clip(np.nan_to_num(peak * np.fft.irfft(lines * swap * top / bottom)), -1e30, 1e30)
     shown = np.clip(asked, *glass.voltages)
     if (shown != asked).any():
         one, other = (abs(np.fft.rfft(v)[2 if rectify == "full" else 1]) for v in (asked, shown))
         warnings.warn(
-            f"touch_screen: at the top of a bump, where the plate moves least, the drive asks for {asked.min():.4g} .. "
-            f"{asked.max():.4g} V and the patches take {glass.voltages[0]:g} .. {glass.voltages[1]:g} V: "
-            f"{100 * np.mean(shown != asked):.0f} % of the samples there are held, and {100 * (1 - other / one):.0f} % of the "
-            "vibration is lost; give a smaller amplitude, gain or swap",
+            "touch_screen: at the top of a bump, where the plate moves least, the drive asks for"
+            f" {asked.min():.4g} .. {asked.max():.4g} V and the patches take {glass.voltages[0]:g}"
+            f" .. {glass.voltages[1]:g} V: {100 * np.mean(shown != asked):.0f} % of the samples"
+            f" there are held, and {100 * (1 - other / one):.0f} % of the vibration is lost; give a"
+            " smaller amplitude, gain or swap",
             RuntimeWarning,
             stacklevel=outside(),
         )
@@ -138,16 +151,19 @@ def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -
 
 def _check_model(glass: Plate, length: float, resonance: float) -> None:
     if not glass.patches:
-        raise BadValue("touch_screen: model has no patches to drive; give it some, Plate(.., patches=[Patch(..)])")
+        raise BadValue(
+            "touch_screen: model has no patches to drive; give it some, Plate(..,"
+            " patches=[Patch(..)])"
+        )
     most = glass.length - 2 * SHIFT
     if length > most:
         raise BadValue(
-            f"touch_screen: length = {length:g} m reaches to the edges of the plate's {glass.length:g} m; explore at most "
-            f"{most:g} m"
+            f"touch_screen: length = {length:g} m reaches to the edges of the plate's"
+            f" {glass.length:g} m; explore at most {most:g} m"
         )
     lowest = glass.modes(1)[0]
     if resonance != lowest:
         raise BadValue(
-            f"touch_screen: these patches move the middle most at {resonance:.1f} Hz, and this scene is of the lowest mode, "
-            f"{lowest:.1f} Hz; place them by best_patches"
+            f"touch_screen: these patches move the middle most at {resonance:.1f} Hz, and this"
+            f" scene is of the lowest mode, {lowest:.1f} Hz; place them by best_patches"
         )

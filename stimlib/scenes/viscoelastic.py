@@ -1,6 +1,8 @@
-"""Viscoelastic materials along the spectrum from spring to dashpot: Çaldıran's thesis, chapters 3 and 4.
+"""Viscoelastic materials along the spectrum from spring to dashpot: Çaldıran's thesis,
+chapters 3 and 4.
 
-Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see docs/reference/papers.rst.
+Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see
+docs/reference/papers.rst.
 """
 
 from __future__ import annotations
@@ -26,10 +28,11 @@ def viscoelastic(
     tol: float = 1e-10,
     contact: bool = False,
 ) -> Scene:
-    """Force of a springpot that answers as strongly, at the frequency w, as a spring of stiffness chi_0.
+    """Force of a springpot that answers as strongly, at the frequency w, as a spring of
+    stiffness chi_0.
 
-    f = chi D^alpha y with chi = firmness chi_0 / w^alpha, eq. (4.1).  ``alpha`` sets what the thesis calls bounciness (the
-    phase alpha pi/2), ``firmness`` the strength.
+    f = chi D^alpha y with chi = firmness chi_0 / w^alpha, eq. (4.1).  ``alpha`` sets
+    what the thesis calls bounciness (the phase alpha pi/2), ``firmness`` the strength.
 
     Parameters
     ----------
@@ -42,10 +45,11 @@ def viscoelastic(
     w : float
         Angular frequency of equal force in rad/s.
     scheme, tol
-        See ``springpot``; the thesis' operator is "gl", its own ways to compute it are "gl-downsampled" and
-        "gl-short-memory".
+        See ``springpot``; the thesis' operator is "gl", its own ways to compute it are
+        "gl-downsampled" and "gl-short-memory".
     contact : bool
-        Also take an input ``contact`` (1 touching, 0 not): off contact the force is 0, and re-contact starts anew at rest.
+        Also take an input ``contact`` (1 touching, 0 not): off contact the force is 0,
+        and re-contact starts anew at rest.
 
     Returns
     -------
@@ -54,7 +58,8 @@ def viscoelastic(
 
     References
     ----------
-    Çaldıran's thesis, eqs. (3.1), (3.2), (4.1), sections 3.4 and 4.1; 1 kHz in the thesis.
+    Çaldıran's thesis, eqs. (3.1), (3.2), (4.1), sections 3.4 and 4.1; 1 kHz in the
+    thesis.
 
     Examples
     --------
@@ -66,6 +71,7 @@ def viscoelastic(
     y = Input("y", "m")
     chi = equal_force(chi_0, 0.0, alpha, w)
     touching = Input("contact") if contact else None
-    horizon = 60.0 if scheme == "gl-downsampled" else 86400.0  # the downsampled method keeps all of it
+    # the downsampled method keeps all of it
+    horizon = 60.0 if scheme == "gl-downsampled" else 86400.0
     unit = springpot(y, chi, alpha, scheme, tol, horizon, contact=touching)
     return Scene({"force": Param("firmness", firmness) * unit}, law="viscoelastic", given=given)

@@ -10,7 +10,8 @@ from ..errors import public
 
 @public
 def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = False) -> Scene:
-    """Force of a stiff wall with a damper beyond a place: F = max(0, k p + b v) where p = x - at > 0.
+    """Force of a stiff wall with a damper beyond a place: F = max(0, k p + b v) where p
+    = x - at > 0.
 
     Parameters
     ----------
@@ -33,7 +34,8 @@ def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = Fal
 
     References
     ----------
-    Colgate and Schenkel, "Passivity of a class of sampled-data systems", J. Robotic Systems 14 (1997): the virtual wall.
+    Colgate and Schenkel, "Passivity of a class of sampled-data systems", J. Robotic
+    Systems 14 (1997): the virtual wall.
 
     Examples
     --------
@@ -43,5 +45,7 @@ def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = Fal
     """
     given = dict(locals())
     touching = Input("contact") if contact else 1.0
-    force = blocks.wall(Input("x", "m"), Param("k", k, "N/m"), Param("b", b, "N*s/m"), at, contact=touching)
+    force = blocks.wall(
+        Input("x", "m"), Param("k", k, "N/m"), Param("b", b, "N*s/m"), at, contact=touching
+    )
     return Scene({"force": force}, law="wall", given=given)

@@ -1,4 +1,6 @@
-"""Soft objects on a screen: stiffness maps, and pictures of a surface that gives way."""
+"""Soft objects on a screen: stiffness maps, and pictures of a surface that gives
+way.
+"""
 
 from ..blocks.stiffness import Levels
 from .maps import BLOCK, SIDES, THIRTEEN, array, block, buried, image, nodules, sides

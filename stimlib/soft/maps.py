@@ -26,13 +26,20 @@ RADII = {"A": 0.006, "B": 0.005, "C": 0.004}
 """Of the nodules in m; the source says that A > B > C, the numbers are ours."""
 SMALLEST = 1e-9
 """Radius of a ball in m."""
-SIDES: dict[str, float | None] = {"A1": RADII["A"], "B1": RADII["B"], "C1": RADII["C"], "none": None}
+SIDES: dict[str, float | None] = {
+    "A1": RADII["A"],
+    "B1": RADII["B"],
+    "C1": RADII["C"],
+    "none": None,
+}
 """What may be under one side of the surface: the radius of a nodule in m, or None."""
 THIRTEEN = tuple((a, b) for a in SIDES for b in SIDES if a != b or a == "none")
-"""The combinations (left, right) of the experiment with a mouse: all 16 but two equal nodules.
+"""The combinations (left, right) of the experiment with a mouse: all 16 but two equal
+nodules.
 
-The source says that there were thirteen, and its rates are of 18 nodules and 8 empty sides.  84 choices fit; this is the only one
-that stays what it is when sides or nodules are exchanged.
+The source says that there were thirteen, and its rates are of 18 nodules and 8 empty
+sides.  84 choices fit; this is the only one that stays what it is when sides or nodules
+are exchanged.
 """
 
 
@@ -50,7 +57,8 @@ def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Lev
     Raises
     ------
     BadValue
-        Levels outside 0 to 1 or not finite, fewer than two rows or columns, more than ``limits.map_points``; a size not above 0.
+        Levels outside 0 to 1 or not finite, fewer than two rows or columns, more than
+        ``limits.map_points``; a size not above 0.
 
     Examples
     --------
@@ -62,8 +70,11 @@ def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Lev
 
 
 @public
-def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | None = None) -> Levels:
-    """A map from a PNG picture: white is hard (1), black as soft as the object (0), the lowest row at y = 0.
+def image(
+    path: str | os.PathLike[str], width: float = BLOCK, height: float | None = None
+) -> Levels:
+    """A map from a PNG picture: white is hard (1), black as soft as the object (0), the
+    lowest row at y = 0.
 
     Parameters
     ----------
@@ -77,8 +88,8 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
     Raises
     ------
     BadValue
-        No PNG file, or a damaged one; fewer than two rows or columns, or more pixels than ``limits.map_points``; a size not
-        above 0.
+        No PNG file, or a damaged one; fewer than two rows or columns, or more pixels
+        than ``limits.map_points``; a size not above 0.
 
     Examples
     --------
@@ -108,7 +119,10 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
         raise BadValue(f"{path} is a damaged PNG file ({type(e).__name__}: {e})") from None
     grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)
     if min(grey.shape) < 2:
-        raise BadValue(f"{path}: a map needs two rows and two columns of pixels at least; this picture has {rows} and {columns}")
+        raise BadValue(
+            f"{path}: a map needs two rows and two columns of pixels at least; this picture has"
+            f" {rows} and {columns}"
+        )
     width = design_value(f"{path}: width", "float", width)
     if height is None:
         height = width * (rows - 1) / (columns - 1)
@@ -117,13 +131,20 @@ def image(path: str | os.PathLike[str], width: float = BLOCK, height: float | No
 
 @public
 def nodules(
-    balls: Sequence[tuple[float, ...]], width: float = BLOCK, height: float = BLOCK, spacing: float = 0.002, shape: str = "ball"
+    balls: Sequence[tuple[float, ...]],
+    width: float = BLOCK,
+    height: float = BLOCK,
+    spacing: float = 0.002,
+    shape: str = "ball",
 ) -> Levels:
-    """A map of hard balls inside a soft block: S = 1 - product of (1 - s) over the balls.
+    """A map of hard balls inside a soft block: S = 1 - product of (1 - s) over the
+    balls.
 
-    ``ball``: s = min(1, (b/6 mm)^3 (12.5 mm/z)^4) / (1 + (rho/z)^2)^3 for the radius b, the depth z of the centre and the
-    distance rho from it.  The fall-off is that of a small rigid ball in the stiffness under a contact (Boussinesq's energy
-    at the ball); the scale is chosen so that nodule A gives 1.  ``gaussian`` has the same height and half width.  All ours.
+    ``ball``: s = min(1, (b/6 mm)^3 (12.5 mm/z)^4) / (1 + (rho/z)^2)^3 for the radius b,
+    the depth z of the centre and the distance rho from it.  The fall-off is that of a
+    small rigid ball in the stiffness under a contact (Boussinesq's energy at the ball);
+    the scale is chosen so that nodule A gives 1.  ``gaussian`` has the same height and
+    half width.  All ours.
 
     Parameters
     ----------
@@ -132,18 +153,21 @@ def nodules(
     width, height : float
         Of the block in m.
     spacing : float
-        Of the table in m; at 2 mm, and 12.5 mm deep, the spline through it errs by 6e-4 at most.
+        Of the table in m; at 2 mm, and 12.5 mm deep, the spline through it errs by 6e-4
+        at most.
     shape : {"ball", "gaussian"}
 
     Raises
     ------
     BadValue
-        A ball without room below the surface (radius above depth), below 1 nm, or not of 3 or 4 numbers; sizes not above 0; an
-        unknown shape; more levels than ``limits.map_points``.
+        A ball without room below the surface (radius above depth), below 1 nm, or not
+        of 3 or 4 numbers; sizes not above 0; an unknown shape; more levels than
+        ``limits.map_points``.
 
     References
     ----------
-    Li et al. (2016), "Experimental protocol": the block and its nodules; the measured map is not published.
+    Li et al. (2016), "Experimental protocol": the block and its nodules; the measured
+    map is not published.
 
     Examples
     --------
@@ -166,12 +190,17 @@ def nodules(
 
 
 def nodes(name: str, width: float, height: float, spacing: float) -> tuple[int, int]:
-    """Rows and columns of a grid over a rectangle; BadValue unless its sizes make sense."""
+    """Rows and columns of a grid over a rectangle; BadValue unless its sizes make
+    sense.
+    """
     for what, v in (("width", width), ("height", height), ("spacing", spacing)):
         if not design_value(f"{name}: {what}", "float", v) > 0:
             raise BadValue(f"{name}: {what} = {v!r} m must be above 0")
-    rows, columns = (float(np.ceil(v / spacing - 1e-9)) + 1 for v in (height, width))  # inf where there is no end
-    bounds.limits.check("map_points", rows * columns, f"{name}: nodes of the grid; take a larger spacing")
+    # inf where there is no end
+    rows, columns = (float(np.ceil(v / spacing - 1e-9)) + 1 for v in (height, width))
+    bounds.limits.check(
+        "map_points", rows * columns, f"{name}: nodes of the grid; take a larger spacing"
+    )
     return int(rows), int(columns)
 
 
@@ -179,11 +208,19 @@ def _ball(ball: Any) -> tuple[float, float, float, float]:
     try:
         x, y, b, z = (float(v) for v in (*ball, *((DEPTH,) if len(ball) == 3 else ())))
     except (TypeError, ValueError):
-        raise BadValue(f"nodules: {ball!r:.100} is not x, y, radius and, if wanted, depth, in m") from None
-    if not (b >= SMALLEST and all(abs(v) <= 1 / SMALLEST for v in (x, y, z))):  # whose powers are numbers
-        raise BadValue(f"nodules: a ball at {x:g}, {y:g} of radius {b:g}, {z:g} m deep: take numbers in m, radius 1 nm at least")
+        raise BadValue(
+            f"nodules: {ball!r:.100} is not x, y, radius and, if wanted, depth, in m"
+        ) from None
+    # whose powers are numbers
+    if not (b >= SMALLEST and all(abs(v) <= 1 / SMALLEST for v in (x, y, z))):
+        raise BadValue(
+            f"nodules: a ball at {x:g}, {y:g} of radius {b:g}, {z:g} m deep: take numbers in m,"
+            " radius 1 nm at least"
+        )
     if b > z:
-        raise BadValue(f"nodules: a ball of radius {b:g} m needs its centre that deep at least, not {z:g} m")
+        raise BadValue(
+            f"nodules: a ball of radius {b:g} m needs its centre that deep at least, not {z:g} m"
+        )
     return x, y, b, z
 
 
@@ -225,13 +262,15 @@ def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
     Parameters
     ----------
     turn : float
-        In rad, against the clock; "the orientation of the stiffness map was different from test to test".
+        In rad, against the clock; "the orientation of the stiffness map was different
+        from test to test".
     spacing : float
         See ``nodules``.
 
     Notes
     -----
-    The places are ours: 30 mm from the middle, A straight ahead, then B and C against the clock.
+    The places are ours: 30 mm from the middle, A straight ahead, then B and C against
+    the clock.
 
     References
     ----------
@@ -270,4 +309,7 @@ def buried(turn: float = 0.0) -> dict[str, tuple[float, float]]:
     """
     turn = design_value("block: turn", "float", turn)
     angles = (turn + math.pi / 2 + i * 2 * math.pi / 3 for i in range(3))
-    return {name: (BLOCK / 2 + 0.03 * math.cos(a), BLOCK / 2 + 0.03 * math.sin(a)) for name, a in zip(RADII, angles, strict=True)}
+    return {
+        name: (BLOCK / 2 + 0.03 * math.cos(a), BLOCK / 2 + 0.03 * math.sin(a))
+        for name, a in zip(RADII, angles, strict=True)
+    }

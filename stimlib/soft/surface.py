@@ -30,14 +30,18 @@ RADIUS = 0.005
 """Of an indenter, in m; ours."""
 AVATARS = "#2060c0", "#d03030", "#e8c020"  # "blue, red, and yellow dots"
 FASTEST = 50
-"""Pictures per second of a GIF: it counts in 1/100 s, and browsers slow down what shows a picture for less than two."""
+"""Pictures per second of a GIF: it counts in 1/100 s, and browsers slow down what shows
+a picture for less than two.
+"""
 SKIN = np.array([0.95, 0.84, 0.76])
 LIGHT = np.array([-0.5, -0.5, 0.7071])  # from the left and from before, 45 degrees high
 
 
 @cache
 def _dents(count: int, radius: float, join: str) -> Processor:
-    """What computes how far the surface is down, at as many places as it gets samples."""
+    """What computes how far the surface is down, at as many places as it gets
+    samples.
+    """
     rho, depth = ([Input(f"{name}{i}", "m") for i in range(count)] for name in ("rho", "depth"))
     return compile(Scene({"down": deformation(rho, depth, radius, join)}), fs=1)
 
@@ -72,7 +76,8 @@ def surface(
     Raises
     ------
     BadValue
-        Indenters that are not three finite numbers each; a size or spacing not above 0; more nodes than ``limits.map_points``.
+        Indenters that are not three finite numbers each; a size or spacing not above 0;
+        more nodes than ``limits.map_points``.
 
     References
     ----------
@@ -100,8 +105,11 @@ def surface(
     x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
     rho = np.hypot(x.ravel() - at[:, :1], y.ravel() - at[:, 1:2])
     for row in rho:
-        row[row.argmin()] *= row.min() > spacing  # nobody is nearer; beyond the edge there is no node
-    given = {f"rho{i}": row for i, row in enumerate(rho)} | {f"depth{i}": 0 * rho[0] + d for i, d in enumerate(at[:, 2])}
+        # nobody is nearer; beyond the edge there is no node
+        row[row.argmin()] *= row.min() > spacing
+    given = {f"rho{i}": row for i, row in enumerate(rho)} | {
+        f"depth{i}": 0 * rho[0] + d for i, d in enumerate(at[:, 2])
+    }
     proc = _dents(len(at), float(radius), join)
     return -proc.process(np.array([given[name] for name in proc.inputs]))[0].reshape(rows, columns)
 
@@ -110,27 +118,60 @@ def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
     """x, y, depth of the avatars of a rendering at a sample."""
     names = [i for i in "123" if f"x{i}" in result.outputs and f"y{i}" in result.outputs]
     if not names:
-        raise BadValue(f"a picture needs the outputs x1 and y1 of soft_surface; there are {', '.join(result.outputs)}")
+        raise BadValue(
+            "a picture needs the outputs x1 and y1 of soft_surface; there are"
+            f" {', '.join(result.outputs)}"
+        )
     depth = [result[f"depth{i}"][k] if f"depth{i}" in result.outputs else 0.0 for i in names]
-    return [(float(result[f"x{i}"][k]), float(result[f"y{i}"][k]), float(d)) for i, d in zip(names, depth, strict=True)]
+    return [
+        (float(result[f"x{i}"][k]), float(result[f"y{i}"][k]), float(d))
+        for i, d in zip(names, depth, strict=True)
+    ]
 
 
-def _draw(axes: Any, indenters: list, width: float, height: float, radius: float, join: str) -> None:
-    """The surface with shades, seen from 45 degrees above, and a ball for each avatar; lengths in mm."""
+def _draw(
+    axes: Any, indenters: list, width: float, height: float, radius: float, join: str
+) -> None:
+    """The surface with shades, seen from 45 degrees above, and a ball for each avatar;
+    lengths in mm.
+    """
     axes.clear()
     h = 1000 * surface(indenters, width, height, radius, None, join)
-    x, y = np.meshgrid(np.linspace(0, 1000 * width, h.shape[1]), np.linspace(0, 1000 * height, h.shape[0]))
+    x, y = np.meshgrid(
+        np.linspace(0, 1000 * width, h.shape[1]), np.linspace(0, 1000 * height, h.shape[0])
+    )
     down_y, down_x = np.gradient(h, y[:, 0], x[0])
     lit = (-down_x * LIGHT[0] - down_y * LIGHT[1] + LIGHT[2]) / np.sqrt(down_x**2 + down_y**2 + 1)
     shade = (0.25 + 0.75 * np.clip(lit, 0, 1) / LIGHT[2]).clip(0, 1)[..., None]
     axes.computed_zorder = False  # or a ball in a dent hides behind the rim
-    axes.plot_surface(x, y, h, rstride=1, cstride=1, facecolors=shade * SKIN, shade=False, linewidth=0, antialiased=False)
+    axes.plot_surface(
+        x,
+        y,
+        h,
+        rstride=1,
+        cstride=1,
+        facecolors=shade * SKIN,
+        shade=False,
+        linewidth=0,
+        antialiased=False,
+    )
     turn, rise = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
-    ball = 1000 * radius * np.array([np.cos(turn) * np.sin(rise), np.sin(turn) * np.sin(rise), np.cos(rise)])
+    ball = (
+        1000
+        * radius
+        * np.array([np.cos(turn) * np.sin(rise), np.sin(turn) * np.sin(rise), np.cos(rise)])
+    )
     for (px, py, d), colour in zip(indenters, AVATARS, strict=False):
         middle = 1000 * np.array([px, py, radius - d])[:, None, None]
         axes.plot_surface(*(ball + middle), color=colour, linewidth=0, zorder=3)
-    axes.set(xlim=(0, 1000 * width), ylim=(0, 1000 * height), zlim=(-16, 10), xlabel="x / mm", ylabel="y / mm", zticks=[])
+    axes.set(
+        xlim=(0, 1000 * width),
+        ylim=(0, 1000 * height),
+        zlim=(-16, 10),
+        xlabel="x / mm",
+        ylabel="y / mm",
+        zticks=[],
+    )
     axes.set_box_aspect((width, height, 0.026), zoom=1.15)
     axes.grid(False)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
@@ -152,12 +193,14 @@ def picture(
     radius: float = RADIUS,
     join: str = "mean",
 ) -> Figure:
-    """The surface and its avatars at one time of a rendering: in perspective, at 45 degrees towards the viewer, with shades.
+    """The surface and its avatars at one time of a rendering: in perspective, at 45
+    degrees towards the viewer, with shades.
 
     Parameters
     ----------
     result : Rendering
-        Of ``soft_surface``, or of any scene with outputs x1, y1 and, if wanted, depth1, and so on to 3.
+        Of ``soft_surface``, or of any scene with outputs x1, y1 and, if wanted, depth1,
+        and so on to 3.
     at : float, optional
         In s; by default where the indenters are deepest.
     width, height : float
@@ -176,8 +219,9 @@ def picture(
 
     References
     ----------
-    Li et al. (2016), "Single-point pseudo-haptic interaction": "a perspective view with an angle of 45 degrees towards the user
-    and deformations are emphasized using shadow effects"; the avatar is a blue sphere, of three blue, red and yellow.
+    Li et al. (2016), "Single-point pseudo-haptic interaction": "a perspective view with
+    an angle of 45 degrees towards the user and deformations are emphasized using shadow
+    effects"; the avatar is a blue sphere, of three blue, red and yellow.
 
     Examples
     --------
@@ -222,16 +266,19 @@ def film(
     join: str = "mean",
     progress_bar: bool = True,
 ) -> int:
-    """The pictures of ``picture``, one after the other: a GIF, or PNG files in a folder.
+    """The pictures of ``picture``, one after the other: a GIF, or PNG files in a
+    folder.
 
     Parameters
     ----------
     result : Rendering
         See ``picture``.
     path : path
-        ``.gif``, whole or not at all; without a suffix a folder, which gets ``frame_0000.png`` and so on.
+        ``.gif``, whole or not at all; without a suffix a folder, which gets
+        ``frame_0000.png`` and so on.
     fps : float
-        Pictures per second, of a GIF 50 at most; the film takes as long as the movement did, to 1/100 s.
+        Pictures per second, of a GIF 50 at most; the film takes as long as the movement
+        did, to 1/100 s.
     start, stop : float
         In s; by default all of it.
     width, height, radius, join
@@ -247,8 +294,9 @@ def film(
     Raises
     ------
     BadValue
-        Another suffix, times outside the rendering or in the wrong order, fps not above 0 or more than a GIF has, what
-        ``picture`` refuses; pictures that would take more than ``limits.render_bytes``.
+        Another suffix, times outside the rendering or in the wrong order, fps not above
+        0 or more than a GIF has, what ``picture`` refuses; pictures that would take
+        more than ``limits.render_bytes``.
     SinkError
         Where nothing can be written.
 
@@ -257,8 +305,16 @@ def film(
     >>> import numpy as np, stimlib
     >>> from stimlib.scenes import soft_surface
     >>> from stimlib.soft import film
-    >>> hand = {"x": np.linspace(0.03, 0.09, 100), "y": np.full(100, 0.06), "press": np.full(100, 0.8)}
-    >>> film(stimlib.render(soft_surface("deformation"), hand, fs=1000), "soft.gif", fps=20)
+    >>> hand = {
+    ...     "x": np.linspace(0.03, 0.09, 100),
+    ...     "y": np.full(100, 0.06),
+    ...     "press": np.full(100, 0.8),
+    ... }
+    >>> film(
+    ...     stimlib.render(soft_surface("deformation"), hand, fs=1000),
+    ...     "soft.gif",
+    ...     fps=20,
+    ... )
     2
     """
     FigureCanvasAgg = package("matplotlib.backends.backend_agg", "a film").FigureCanvasAgg
@@ -267,11 +323,15 @@ def film(
     path = Path(path)
     if path.suffix.lower() not in ("", ".gif"):
         raise BadValue(
-            f"film: {path} ends in {path.suffix!r}; write a .gif, or PNG files into a folder, whose name has no suffix"
+            f"film: {path} ends in {path.suffix!r}; write a .gif, or PNG files into a folder, whose"
+            " name has no suffix"
         )
     samples = _samples(result, fps, start, stop)
     if path.suffix and fps > FASTEST:
-        raise BadValue(f"film: a GIF shows {FASTEST} pictures a second at most, not {fps:g}; take fewer, or write into a folder")
+        raise BadValue(
+            f"film: a GIF shows {FASTEST} pictures a second at most, not {fps:g}; take fewer, or"
+            " write into a folder"
+        )
     figure = Figure(figsize=(4.8, 3.6), dpi=100)
     canvas = FigureCanvasAgg(figure)
     axes = _axes(figure)
@@ -302,15 +362,21 @@ def _samples(result: Rendering, fps: float, start: float, stop: float | None) ->
     if last < first:
         raise BadValue(f"film: stop = {stop!r} s is before start = {start!r} s")
     count = float(np.floor((last - first) / result.fs * fps + 1e-9)) + 1
-    bounds.limits.check("render_bytes", 480 * 360 * 4.0 * count, f"film: bytes of {count:g} pictures in memory")
+    bounds.limits.check(
+        "render_bytes", 480 * 360 * 4.0 * count, f"film: bytes of {count:g} pictures in memory"
+    )
     return [first + round(i * result.fs / fps) for i in range(int(count))]
 
 
 def _gif(pictures: Iterable[NDArray[np.uint8]], fps: float) -> bytes:
-    """A film of RGB pictures that keeps time: a GIF counts in 1/100 s, so what one picture lacks the next one gets."""
+    """A film of RGB pictures that keeps time: a GIF counts in 1/100 s, so what one
+    picture lacks the next one gets.
+    """
     shown = [*pictures]
     ticks = np.rint(np.arange(len(shown) + 1) * 100 / fps).astype(int)
-    return _coded(shown, "GIF", save_all=True, loop=0, duration=[10 * int(n) for n in np.diff(ticks)])
+    return _coded(
+        shown, "GIF", save_all=True, loop=0, duration=[10 * int(n) for n in np.diff(ticks)]
+    )
 
 
 def _coded(pictures: list[NDArray[np.uint8]], kind: str, **words: Any) -> bytes:

@@ -1,1 +1,3 @@
-"""How fast it is on this machine: times of what takes turns, the noise chain beside numpy + scipy, and what the core allows."""
+"""How fast it is on this machine: times of what takes turns, the noise chain beside
+numpy + scipy, and what the core allows.
+"""

@@ -1,7 +1,8 @@
-"""The noise chain of the squeeze (white, pink, differentiator), whole and its stages, beside numpy + scipy and its limit.
+"""The noise chain of the squeeze (white, pink, differentiator), whole and its stages,
+beside numpy + scipy and its limit.
 
-Both sides do the same work for each sample, from the same design.  The peer runs in chunks that stay in the cache, carries its
-states on, and keeps its memory.
+Both sides do the same work for each sample, from the same design.  The peer runs in
+chunks that stay in the cache, carries its states on, and keeps its memory.
 """
 
 from __future__ import annotations
@@ -27,10 +28,11 @@ CHUNKS = (4096, 8192, 16384, 32768, 65536)  # of the peer
 F_LOW, TOL_DB, PASSBAND, STOPBAND = 10.0, 0.01, 1000.0, 1500.0
 ROWS = 64  # of the peer's matrix product
 
-# Operations a sample, each at the price of one FMA: what the definitions of the blocks cannot do without.
-# White, for two samples: Philox and its words 103, the radius 28 (a division and a square root count 1 each), the turn 34, 2
-# products.  Pink, with 8 modes: an FMA into each state and one out of it, 7 adds of the tree, 5 for d, TINY and silence.
-# Differentiator: 129 taps in eights, 7 adds.
+# Operations a sample, each at the price of one FMA: what the definitions of the blocks
+# cannot do without. White, for two samples: Philox and its words 103, the radius 28 (a
+# division and a square root count 1 each), the turn 34, 2 products.  Pink, with 8
+# modes: an FMA into each state and one out of it, 7 adds of the tree, 5 for d, TINY and
+# silence. Differentiator: 129 taps in eights, 7 adds.
 WHITE = (103 + 28 + 34 + 2) / 2
 PINK = 8 * 2 + 7 + 5
 FIR = 136 + 7
@@ -42,11 +44,14 @@ class Stage(NamedTuple):
     scene: Scene
     peers: dict[str, Job]
     operations: float
-    """For each sample; ``stimlib.speed.peak.peak(operations * samples)`` is the limit."""
+    """For each sample; ``stimlib.speed.peak.peak(operations * samples)`` is the
+    limit.
+    """
 
 
 def design() -> tuple[np.ndarray, np.ndarray]:
-    """Second-order sections of the pink filter, (n, 6), and the differentiator's taps, (129,): what all peers are given.
+    """Second-order sections of the pink filter, (n, 6), and the differentiator's taps,
+    (129,): what all peers are given.
 
     Examples
     --------
@@ -64,7 +69,8 @@ def design() -> tuple[np.ndarray, np.ndarray]:
 
 
 class Peer:
-    """numpy + scipy in chunks: PCG64, ``sosfilt`` with its state carried on, and one of three ways to run the taps.
+    """numpy + scipy in chunks: PCG64, ``sosfilt`` with its state carried on, and one of
+    three ways to run the taps.
 
     Parameters
     ----------
@@ -86,9 +92,17 @@ class Peer:
         self.rng, self.zi = np.random.Generator(np.random.PCG64(1)), np.zeros((len(self.sos), 2))
         h = self.taps.size - 1
         self.w, self.line = np.zeros(chunk), np.zeros(h + chunk)
-        self.run_taps = {"convolve": self._convolve, "oaconvolve": self._oaconvolve, "matrix": self._matrix}[way]
+        self.run_taps = {
+            "convolve": self._convolve,
+            "oaconvolve": self._oaconvolve,
+            "matrix": self._matrix,
+        }[way]
         windows = np.lib.stride_tricks.sliding_window_view(self.line, h + ROWS)[::ROWS]
-        self.windows, self.parts, self.y = windows, np.empty(windows.shape), np.empty((chunk // ROWS, ROWS))
+        self.windows, self.parts, self.y = (
+            windows,
+            np.empty(windows.shape),
+            np.empty((chunk // ROWS, ROWS)),
+        )
         self.matrix = np.zeros((h + ROWS, ROWS))
         for k in range(ROWS):
             self.matrix[k : k + h + 1, k] = self.taps[::-1]
@@ -130,12 +144,14 @@ def stages(samples: int = SAMPLES) -> dict[str, Stage]:
     Parameters
     ----------
     samples : int
-        That a job of a peer makes; a multiple of those of ``CHUNKS`` that are not longer.
+        That a job of a peer makes; a multiple of those of ``CHUNKS`` that are not
+        longer.
 
     Returns
     -------
     dict of str to Stage
-        Each peer in all chunks (and all ways to run the taps); ``fastest_peer`` finds the best.
+        Each peer in all chunks (and all ways to run the taps); ``fastest_peer`` finds
+        the best.
 
     Examples
     --------
@@ -156,26 +172,40 @@ def stages(samples: int = SAMPLES) -> dict[str, Stage]:
         return job
 
     def peers(name: str, part: Callable[[Peer], object]) -> dict[str, Job]:
-        return {f"{name}, chunks of {chunk}": repeated(chunk, "convolve", part) for chunk in lengths}
+        return {
+            f"{name}, chunks of {chunk}": repeated(chunk, "convolve", part) for chunk in lengths
+        }
 
     def by_ways(name: str, part: Callable[[Peer], object]) -> dict[str, Job]:
-        return {f"{name}{text}, chunks of {c}": repeated(c, way, part) for way, text in WAYS.items() for c in lengths}
+        return {
+            f"{name}{text}, chunks of {c}": repeated(c, way, part)
+            for way, text in WAYS.items()
+            for c in lengths
+        }
 
     def diff(y: Block) -> Block:
         return differentiator(y, passband=PASSBAND, stopband=STOPBAND)
 
     pink = pink_noise(1 / pi, seed=1, f_low=F_LOW, tol_db=TOL_DB)
     return {
-        "white noise": Stage(Scene({"y": white_noise(seed=1)}), peers("numpy PCG64", Peer.white), WHITE),
+        "white noise": Stage(
+            Scene({"y": white_noise(seed=1)}), peers("numpy PCG64", Peer.white), WHITE
+        ),
         "pink filter": Stage(
             Scene({"y": pinking(x, f_low=F_LOW, tol_db=TOL_DB)}),
             peers("scipy sosfilt", lambda p: p.pink(given[: p.w.size])),
             PINK,
         ),
-        "pink noise": Stage(Scene({"y": pink}), peers("numpy + scipy", lambda p: p.pink(p.white())), WHITE + PINK),
-        "differentiator": Stage(Scene({"y": diff(x)}), by_ways("", lambda p: p.fir(given[: p.w.size])), FIR),
+        "pink noise": Stage(
+            Scene({"y": pink}), peers("numpy + scipy", lambda p: p.pink(p.white())), WHITE + PINK
+        ),
+        "differentiator": Stage(
+            Scene({"y": diff(x)}), by_ways("", lambda p: p.fir(given[: p.w.size])), FIR
+        ),
         "noise chain": Stage(
-            Scene({"y": diff(pink)}), by_ways("numpy + scipy, ", lambda p: p.fir(p.pink(p.white()))), WHITE + PINK + FIR
+            Scene({"y": diff(pink)}),
+            by_ways("numpy + scipy, ", lambda p: p.fir(p.pink(p.white()))),
+            WHITE + PINK + FIR,
         ),
     }
 
@@ -186,15 +216,25 @@ def fastest_peer(stage: Stage, rounds: int = 3) -> dict[str, Job]:
     Examples
     --------
     >>> from stimlib.speed.chain import Stage, fastest_peer
-    >>> list(fastest_peer(Stage(None, {"slow": lambda: sum(range(100000)), "quick": lambda: None}, 1.0)))
+    >>> list(
+    ...     fastest_peer(
+    ...         Stage(
+    ...             None,
+    ...             {"slow": lambda: sum(range(100000)), "quick": lambda: None},
+    ...             1.0,
+    ...         )
+    ...     )
+    ... )
     ['quick']
     """
     name = fastest(stage.peers, rounds)
     return {name: stage.peers[name]}
 
 
-# Scenes that run ------------------------------------------------------------------------------------------------------
-def puller(scene: Scene, x: np.ndarray | None = None, samples: int = SAMPLES, fs: float = FS) -> Job:
+# Scenes that run ----------------------------------------------------------------------
+def puller(
+    scene: Scene, x: np.ndarray | None = None, samples: int = SAMPLES, fs: float = FS
+) -> Job:
     """A job that streams a scene in blocks of 8192 from sample 0 on.
 
     Parameters
@@ -214,7 +254,11 @@ def puller(scene: Scene, x: np.ndarray | None = None, samples: int = SAMPLES, fs
     """
     proc = compile(scene, fs)
     x = np.zeros((1, samples)) if x is None else np.atleast_2d(x)
-    x = np.broadcast_to(x, (len(proc.inputs), x.shape[1])) if proc.inputs else np.empty((0, samples))
+    x = (
+        np.broadcast_to(x, (len(proc.inputs), x.shape[1]))
+        if proc.inputs
+        else np.empty((0, samples))
+    )
     blocks = [np.ascontiguousarray(x[:, a : a + BLOCK]) for a in range(0, x.shape[1], BLOCK)]
     outs = {n: np.empty((len(proc.outputs), n)) for n in {b.shape[1] for b in blocks}}
 
@@ -227,7 +271,8 @@ def puller(scene: Scene, x: np.ndarray | None = None, samples: int = SAMPLES, fs
 
 
 def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
-    """Positions in m, shape (samples,), by what the gate of the squeeze does: always open, in bursts, closed.
+    """Positions in m, shape (samples,), by what the gate of the squeeze does: always
+    open, in bursts, closed.
 
     Examples
     --------
@@ -236,10 +281,14 @@ def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
     [('gate open', 0.1), ('0.5 s bursts', 0.05), ('gate closed', 0.0)]
     """
     t = np.arange(samples) / fs
-    return {"gate open": 0.1 * t, "0.5 s bursts": 0.1 * np.minimum(t % 1.0, 1.0 - t % 1.0), "gate closed": np.zeros(samples)}
+    return {
+        "gate open": 0.1 * t,
+        "0.5 s bursts": 0.1 * np.minimum(t % 1.0, 1.0 - t % 1.0),
+        "gate closed": np.zeros(samples),
+    }
 
 
-# Single calls ---------------------------------------------------------------------------------------------------------
+# Single calls -------------------------------------------------------------------------
 def caller(proc: Processor, x: np.ndarray, n: int) -> Job:
     """A job of many calls of ``process(x, out)``: all of x, n samples a call.
 

@@ -1,7 +1,8 @@
-"""The most that a core can do: fused multiply-adds (FMA) that do not wait for each other, in float64.
+"""The most that a core can do: fused multiply-adds (FMA) that do not wait for each
+other, in float64.
 
-The time of this loop for as many operations as a chain has is the chain's limit; what a chain takes longer is for loads, stores,
-latency and loops.
+The time of this loop for as many operations as a chain has is the chain's limit; what a
+chain takes longer is for loads, stores, latency and loops.
 """
 
 from __future__ import annotations
@@ -12,12 +13,15 @@ from typing import Any
 
 from .timing import fastest
 
-SUMS = 12  # vectors that are added to at once: enough to hide the latency of two units, and they fit into 16 registers
+# vectors that are added to at once: enough to hide the latency of two units, and they
+# fit into 16 registers
+SUMS = 12
 LANES = (2, 4, 8)  # float64 in a vector of 128, 256 and 512 bits
 
 
 def peak(count: float) -> Callable[[], float]:
-    """A job that does so many independent FMAs in float64 on one core, in vectors of the width that is fastest here.
+    """A job that does so many independent FMAs in float64 on one core, in vectors of
+    the width that is fastest here.
 
     Parameters
     ----------
@@ -27,7 +31,8 @@ def peak(count: float) -> Callable[[], float]:
     Returns
     -------
     callable
-        Without arguments; what it returns has no meaning, but that nothing was left out.
+        Without arguments; what it returns has no meaning, but that nothing was left
+        out.
 
     Examples
     --------
@@ -51,7 +56,9 @@ def _job(lanes: int, count: float) -> Callable[[], float]:
 
 @cache
 def _loop(lanes: int) -> Callable[[int], float]:
-    """Compiled: turn after turn, each of SUMS vectors becomes itself times a number plus a number."""
+    """Compiled: turn after turn, each of SUMS vectors becomes itself times a number
+    plus a number.
+    """
     from llvmlite import ir
     from numba import njit, types
     from numba.core import cgutils
@@ -65,9 +72,16 @@ def _loop(lanes: int) -> Callable[[int], float]:
     @intrinsic
     def sums(ctx: Any, n: Any) -> Any:
         def code(c: Any, b: Any, sig: Any, v: Any) -> Any:
-            fma = cgutils.get_or_insert_function(b.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{lanes}f64")
-            factor, term = (ir.Constant(vector, [x] * lanes) for x in (0.999, 0.001))  # towards 1: never slow, never lost
-            before, loop, done = b.basic_block, b.append_basic_block("turn"), b.append_basic_block("done")
+            fma = cgutils.get_or_insert_function(
+                b.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{lanes}f64"
+            )
+            # towards 1: never slow, never lost
+            factor, term = (ir.Constant(vector, [x] * lanes) for x in (0.999, 0.001))
+            before, loop, done = (
+                b.basic_block,
+                b.append_basic_block("turn"),
+                b.append_basic_block("done"),
+            )
             b.branch(loop)
             b.position_at_end(loop)
             i, old = b.phi(I64), [b.phi(vector) for _ in range(SUMS)]
@@ -76,7 +90,8 @@ def _loop(lanes: int) -> Callable[[int], float]:
             i.add_incoming(I64(0), before)
             i.add_incoming(after, loop)
             for k, x in enumerate(old):
-                x.add_incoming(ir.Constant(vector, [k + 2.0] * lanes), before)  # each its own, or they would be one
+                # each its own, or they would be one
+                x.add_incoming(ir.Constant(vector, [k + 2.0] * lanes), before)
                 x.add_incoming(new[k], loop)
             b.cbranch(b.icmp_signed("<", after, v[0]), loop, done)
             b.position_at_end(done)

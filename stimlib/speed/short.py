@@ -24,7 +24,9 @@ HOUR = 3_600_000  # samples at 1 kHz
 
 
 class Speed(NamedTuple):
-    """How long something takes; where there is one, beside a peer and the limit of the core."""
+    """How long something takes; where there is one, beside a peer and the limit of the
+    core.
+    """
 
     what: str
     ns: float
@@ -32,18 +34,22 @@ class Speed(NamedTuple):
     peer: str = ""
     peer_ns: float | None = None
     times: float | None = None
-    """How many times as long the peer takes: the median of the ratios within a round."""
+    """How many times as long the peer takes: the median of the ratios within a
+    round.
+    """
     share: float | None = None
     """Of the limit, the time of as many independent FMAs."""
 
 
 def measure(samples: int = SAMPLES, hour: int = HOUR, rounds: int = 9) -> list[Speed]:
-    """The noise chain and its stages, a springpot, the shipped scenes, and single calls, on this machine.
+    """The noise chain and its stages, a springpot, the shipped scenes, and single
+    calls, on this machine.
 
     Parameters
     ----------
     samples : int
-        Of a job; a multiple of those of ``stimlib.speed.chain.CHUNKS`` that are not longer.
+        Of a job; a multiple of those of ``stimlib.speed.chain.CHUNKS`` that are not
+        longer.
     hour : int
         Samples of the springpot's job.
     rounds : int
@@ -62,26 +68,49 @@ def measure(samples: int = SAMPLES, hour: int = HOUR, rounds: int = 9) -> list[S
     found = []
     for name, stage in stages(samples).items():
         peer = fastest_peer(stage, min(rounds, 3))
-        found.append(_beside(name, puller(stage.scene, samples=samples), peer, samples, rounds, peak(stage.operations * samples)))
+        found.append(
+            _beside(
+                name,
+                puller(stage.scene, samples=samples),
+                peer,
+                samples,
+                rounds,
+                peak(stage.operations * samples),
+            )
+        )
     found.append(_beside("springpot, 1e-10, 1 h at 1 kHz", *_springpot(hour), hour, min(rounds, 5)))
     moves = movements(samples)
-    jobs: dict[str, Job] = {f"squeeze, 2 fingers, {gate}": puller(squeeze(), x) for gate, x in moves.items()}
+    jobs: dict[str, Job] = {
+        f"squeeze, 2 fingers, {gate}": puller(squeeze(), x) for gate, x in moves.items()
+    }
     jobs["bumps, sine"] = puller(bumps("sine"), 0.1 - np.abs(moves["gate open"] % 0.2 - 0.1))
-    found += [Speed(what, seconds / samples * 1e9) for what, seconds in medians(interleaved(jobs, rounds)).items()]
+    found += [
+        Speed(what, seconds / samples * 1e9)
+        for what, seconds in medians(interleaved(jobs, rounds)).items()
+    ]
     calls = min(samples, 10000)
     one = {
-        f"one sample a call, {gate}": caller(compile(squeeze(), FS), np.tile(moves[gate][:calls], (2, 1)), 1)
+        f"one sample a call, {gate}": caller(
+            compile(squeeze(), FS), np.tile(moves[gate][:calls], (2, 1)), 1
+        )
         for gate in ("gate open", "gate closed")
     }
-    return found + [Speed(what, seconds / calls * 1e9) for what, seconds in medians(interleaved(one, rounds)).items()]
+    return found + [
+        Speed(what, seconds / calls * 1e9)
+        for what, seconds in medians(interleaved(one, rounds)).items()
+    ]
 
 
-def _beside(what: str, ours: Job, peers: dict[str, Job], n: int, rounds: int, limit: Job | None = None) -> Speed:
+def _beside(
+    what: str, ours: Job, peers: dict[str, Job], n: int, rounds: int, limit: Job | None = None
+) -> Speed:
     (peer,) = peers
     times = interleaved({"": ours} | peers | ({"limit": limit} if limit else {}), rounds)
     middle = medians(times)
     share = ratio(times, "limit", "") if limit else None
-    return Speed(what, middle[""] / n * 1e9, peer, middle[peer] / n * 1e9, ratio(times, peer, ""), share)
+    return Speed(
+        what, middle[""] / n * 1e9, peer, middle[peer] / n * 1e9, ratio(times, peer, ""), share
+    )
 
 
 def _springpot(n: int, alpha: float = 0.4) -> tuple[Job, dict[str, Job]]:
@@ -108,11 +137,22 @@ def table(speeds: list[Speed]) -> Table:
     from rich.text import Text
 
     out = Table(caption=Text(machine()), caption_justify="left")
-    for column in ("", "ns a sample", "beside it", "ns a sample", "times as long", "share of the limit"):
-        out.add_column(column, justify="left" if column in ("", "beside it") else "right", no_wrap=column == "")
+    for column in (
+        "",
+        "ns a sample",
+        "beside it",
+        "ns a sample",
+        "times as long",
+        "share of the limit",
+    ):
+        out.add_column(
+            column, justify="left" if column in ("", "beside it") else "right", no_wrap=column == ""
+        )
     for s in speeds:
         ns, peer_ns, times, share = (
-            "" if v is None else f"{v:.3g}" if v < 1000 else f"{v:.0f}" for v in s if not isinstance(v, str)
+            "" if v is None else f"{v:.3g}" if v < 1000 else f"{v:.0f}"
+            for v in s
+            if not isinstance(v, str)
         )
         out.add_row(s.what, ns, s.peer, peer_ns, times, share)
     return out
@@ -150,17 +190,39 @@ def picture(speeds: list[Speed], path: str | os.PathLike) -> None:
     rows = range(len(speeds))
     ax.plot([s.ns for s in speeds], rows, "o", color="C0", label="stimlib", zorder=3)
     peers = [(k, s, s.peer_ns) for k, s in enumerate(speeds) if s.peer_ns is not None]
-    ax.plot([ns for _, _, ns in peers], [k for k, _, _ in peers], "s", color="C1", label="numpy + scipy at their best", zorder=3)
+    ax.plot(
+        [ns for _, _, ns in peers],
+        [k for k, _, _ in peers],
+        "s",
+        color="C1",
+        label="numpy + scipy at their best",
+        zorder=3,
+    )
     limits = [(k, s.ns * s.share) for k, s in enumerate(speeds) if s.share is not None]
-    ax.plot([v for _, v in limits], [k for k, _ in limits], "|", color="0.3", ms=12, mew=2, label="limit of the core")
+    ax.plot(
+        [v for _, v in limits],
+        [k for k, _ in limits],
+        "|",
+        color="0.3",
+        ms=12,
+        mew=2,
+        label="limit of the core",
+    )
     for k, s, ns in peers:
         ax.plot([s.ns, ns], [k, k], color="0.7", zorder=1)
         words = {"textcoords": "offset points", "va": "center", "fontsize": "small"}
         ax.annotate(f"{s.times:.1f} times as long", (max(s.ns, ns), k), xytext=(8, 0), **words)
-    ax.set(xscale="log", xlabel="nanoseconds a sample, one core", yticks=rows, yticklabels=[s.what for s in speeds])
+    ax.set(
+        xscale="log",
+        xlabel="nanoseconds a sample, one core",
+        yticks=rows,
+        yticklabels=[s.what for s in speeds],
+    )
     ax.set_ylim(len(speeds) - 0.5, -0.5)
     ax.grid(alpha=0.3)
-    ax.legend(loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3, frameon=False, fontsize="small")
+    ax.legend(
+        loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3, frameon=False, fontsize="small"
+    )
     fig.supxlabel(machine(), fontsize=6, color="0.4")
     with rc_context({"svg.fonttype": "none"}):  # words stay words
         save(fig, path)

@@ -1,4 +1,6 @@
-"""Times of jobs that take turns in one process, so that a machine whose speed drifts disturbs all of them alike."""
+"""Times of jobs that take turns in one process, so that a machine whose speed drifts
+disturbs all of them alike.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +26,12 @@ def interleaved(
     rounds : int
         How often each is timed.
     warm_up : int
-        Rounds before that, which are not counted: for caches, and what is compiled on the first call.
+        Rounds before that, which are not counted: for caches, and what is compiled on
+        the first call.
 
     clock : callable
-        What time is read from; ``time.process_time`` counts only what this process computes, whatever else the machine does.
+        What time is read from; ``time.process_time`` counts only what this process
+        computes, whatever else the machine does.
 
     Returns
     -------
@@ -38,7 +42,11 @@ def interleaved(
     --------
     >>> from stimlib.speed.timing import interleaved
     >>> order = []
-    >>> times = interleaved({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, rounds=2, warm_up=1)
+    >>> times = interleaved(
+    ...     {"a": lambda: order.append("a"), "b": lambda: order.append("b")},
+    ...     rounds=2,
+    ...     warm_up=1,
+    ... )
     >>> "".join(order), len(times["a"])
     ('ababab', 2)
     """
@@ -67,7 +75,8 @@ def medians(times: Times) -> dict[str, float]:
 
 
 def ratio(times: Times, slow: str, fast: str) -> float:
-    """How many times as long ``slow`` took as ``fast``: the median of the ratios within a round.
+    """How many times as long ``slow`` took as ``fast``: the median of the ratios within
+    a round.
 
     Examples
     --------
@@ -79,7 +88,8 @@ def ratio(times: Times, slow: str, fast: str) -> float:
 
 
 def fastest(jobs: Jobs, rounds: int = 3) -> str:
-    """Name of the job with the shortest time: which form of a peer to compare with, found before it is compared.
+    """Name of the job with the shortest time: which form of a peer to compare with,
+    found before it is compared.
 
     Examples
     --------
@@ -106,5 +116,7 @@ def machine() -> str:
         model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         pass
-    packages = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite"))
+    packages = ", ".join(
+        f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite")
+    )
     return f"{model}; Python {platform.python_version()}; {packages}"

@@ -1,4 +1,6 @@
-"""From rows to jobs and back: jobs of about a second, and what becomes of those whose process dies."""
+"""From rows to jobs and back: jobs of about a second, and what becomes of those whose
+process dies.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from .work import as_bytes, figures_table, from_bytes
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TASK = 1.0  # s of work in one job: what a killed sweep can lose of finished work, besides what waits to be written
+# s of work in one job: what a killed sweep can lose of finished work, besides what
+# waits to be written
+TASK = 1.0
 SENT = 0.015  # s of client and scheduler for one job, one after another (benchmarks/cluster.py)
 MOST_ROWS = 20_000  # of a job
 DEATHS = 3  # of a process by one row alone, until the row is what is wrong
@@ -62,7 +66,8 @@ def drive(
     advance: Callable[..., None],
     look: bool = False,
 ) -> None:
-    """Run all rows, in jobs of about a second, no more of them at once than keep all workers busy.
+    """Run all rows, in jobs of about a second, no more of them at once than keep all
+    workers busy.
 
     Parameters
     ----------
@@ -86,7 +91,9 @@ def drive(
             if again:
                 job = again.popleft()
             else:
-                job = Job(todo.slice(at, job_rows(todo.num_rows - at, engine.workers(), row_seconds)))
+                job = Job(
+                    todo.slice(at, job_rows(todo.num_rows - at, engine.workers(), row_seconds))
+                )
                 at += job.rows.num_rows
             engine.submit(job, as_bytes(job.rows), look, job_seconds(engine.workers()))
             flying += 1
@@ -101,7 +108,9 @@ def drive(
                 again.append(alone)
                 continue
             times = "" if result.final else f"{DEATHS} times: "
-            figures = figures_table(plan, [{"error": times + result.why, "content": result.content}])
+            figures = figures_table(
+                plan, [{"error": times + result.why, "content": result.content}]
+            )
             rows = alone.rows
         else:
             figures, seconds = from_bytes(result[0]), result[1]
@@ -114,7 +123,9 @@ def drive(
 
 
 def job_seconds(workers: int) -> float:
-    """Return how long a job runs until it hands back what it has done; so long that no worker waits for the client."""
+    """Return how long a job runs until it hands back what it has done; so long that no
+    worker waits for the client.
+    """
     return max(TASK, SENT * workers)
 
 
@@ -128,5 +139,8 @@ def joined(plan: Plan, rows: pa.Table, figures: pa.Table) -> pa.Table:
     """Rows with their figures, in the columns of a part."""
     for name in figures.column_names:
         field = figures.field(name)
-        rows = rows.append_column(field.with_metadata({"unit": plan.units[name]}) if name in plan.units else field, figures[name])
+        rows = rows.append_column(
+            field.with_metadata({"unit": plan.units[name]}) if name in plan.units else field,
+            figures[name],
+        )
     return rows

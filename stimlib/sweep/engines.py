@@ -23,7 +23,9 @@ POLL = 0.01  # s
 
 
 class Here:
-    """This process itself, where a debugger can follow; nothing protects it from what a row does."""
+    """This process itself, where a debugger can follow; nothing protects it from what a
+    row does.
+    """
 
     def __init__(self, plan: Plan, motions: Motions):
         self._runner = Runner(plan, motions)
@@ -57,7 +59,10 @@ class Local:
     """Processes of one thread each on this machine; one, until more are asked for."""
 
     def __init__(self, plan: Plan, motions: Motions):
-        self._seconds, memory = plan.limits["row_seconds"], int(min(plan.limits["row_bytes"], 2**62))
+        self._seconds, memory = (
+            plan.limits["row_seconds"],
+            int(min(plan.limits["row_bytes"], 2**62)),
+        )
         self._pool = Pool(1, begin, packed((plan, motions)), memory=memory)
 
     def __enter__(self) -> Self:
@@ -76,7 +81,9 @@ class Local:
     def workers(self) -> int:
         return self._pool.workers
 
-    def submit(self, what: Any, data: bytes, look: bool, seconds: float, motions: bytes = b"") -> None:
+    def submit(
+        self, what: Any, data: bytes, look: bool, seconds: float, motions: bytes = b""
+    ) -> None:
         self._pool.submit(what, run_kept, data, look, seconds, motions, seconds=self._seconds)
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
@@ -91,22 +98,30 @@ class Local:
 def packed(what: Any) -> bytes:
     """A pickle that also carries functions of a script or a notebook."""
     try:
-        return package("cloudpickle", "a sweep in several processes", "'stimlib[sweep]'").dumps(what)
+        return package("cloudpickle", "a sweep in several processes", "'stimlib[sweep]'").dumps(
+            what
+        )
     except Exception as e:  # of objects of the user's, too
-        raise BadValue(f"sweep: scene, motion or measures cannot be sent to another process: {e}") from e
+        raise BadValue(
+            f"sweep: scene, motion or measures cannot be sent to another process: {e}"
+        ) from e
 
 
 class Cluster:
-    """A Dask cluster: the same jobs as futures, some for each thread, so that a million rows are never a million futures.
+    """A Dask cluster: the same jobs as futures, some for each thread, so that a million
+    rows are never a million futures.
 
-    Plan and motions are tasks and not scattered: data that was scattered dies with the worker that holds it.
+    Plan and motions are tasks and not scattered: data that was scattered dies with the
+    worker that holds it.
     """
 
     def __init__(self, on: Any, plan: Plan, motions: Motions):
         self._distributed = _distributed()
         self._own = isinstance(on, str)
         if not self._own and not isinstance(on, self._distributed.Client):
-            raise BadValue(f"on = {on!r:.80} must be a dask.distributed Client, or the address of a scheduler")
+            raise BadValue(
+                f"on = {on!r:.80} must be a dask.distributed Client, or the address of a scheduler"
+            )
         self._plan, self._motions = plan, motions
         self._on = on
         self._name = uuid4().hex
@@ -115,10 +130,14 @@ class Cluster:
         self._client = connected(self._on) if self._own else self._on
         try:
             self._check()
-            # no key from what they hold: another sweep may call another factory or motion by the same names
+            # no key from what they hold: another sweep may call another factory or
+            # motion by the same names
             self._held = self._client.submit(same, self._plan, key=f"plan-{self._name}")
             self._hands = {
-                name: (digest, self._client.submit(same, given, key=f"motion-{self._name}-{digest.hex()}"))
+                name: (
+                    digest,
+                    self._client.submit(same, given, key=f"motion-{self._name}-{digest.hex()}"),
+                )
                 for name, (digest, given) in self._motions.items()
             }
         except BaseException:
@@ -145,13 +164,22 @@ class Cluster:
         """Every worker has the packages that this process has."""
         for worker, found in self._client.run(versions, on_error="return").items():
             if isinstance(found, BaseException):
-                raise MissingPackage(f"worker {worker} cannot run stimlib: {found}: install stimlib[sweep] there, as here")
+                raise MissingPackage(
+                    f"worker {worker} cannot run stimlib: {found}: install stimlib[sweep] there, as"
+                    " here"
+                )
             if other := differing(found, self._plan.versions):
-                raise BadValue(f"worker {worker} has {other} as here: the figures would differ; install the same there")
+                raise BadValue(
+                    f"worker {worker} has {other} as here: the figures would differ; install the"
+                    " same there"
+                )
 
     def workers(self) -> int:
         if time.monotonic() > self._asked + 2.0:
-            self._threads, self._asked = max(1, sum(self._client.nthreads().values())), time.monotonic()
+            self._threads, self._asked = (
+                max(1, sum(self._client.nthreads().values())),
+                time.monotonic(),
+            )
         return self._threads
 
     def room(self) -> int:
@@ -165,7 +193,9 @@ class Cluster:
         names = table["motion"].unique().to_pylist() if "motion" in table.column_names else [""]
         hands = [(name, *self._hands[name]) for name in names]
         keys, futures = [h[:2] for h in hands], [h[2] for h in hands]
-        future = self._client.submit(run_beside, self._name, self._held, keys, futures, data, look, seconds, pure=False)
+        future = self._client.submit(
+            run_beside, self._name, self._held, keys, futures, data, look, seconds, pure=False
+        )
         self._flying[future] = what
         self._done.add(future)
 
@@ -178,20 +208,32 @@ class Cluster:
         except self._distributed.KilledWorker as e:
             return what, Death(f"the Dask workers that ran it died: {e}", 0, NO_SCENE, False)
         except (self._distributed.CancelledError, OSError) as e:
-            raise SinkError(f"the cluster went away ({type(e).__name__}); what is done is kept where out= was given") from e
+            raise SinkError(
+                f"the cluster went away ({type(e).__name__}); what is done is kept where out= was"
+                " given"
+            ) from e
         finally:
             future.release()
 
     def _wait(self) -> None:
-        """Until a job is done; that a cluster has no workers is said, and they are waited for: a queue may take its time."""
+        """Until a job is done; that a cluster has no workers is said, and they are
+        waited for: a queue may take its time.
+        """
         said, look = False, time.monotonic() + LONELY
         while not self._done.has_ready():
             time.sleep(POLL)
             if not said and time.monotonic() > look:
                 look, said = time.monotonic() + LONELY, not self._client.nthreads()
                 if said:
-                    text = f"the cluster at {self._client.scheduler.address} has no workers: the sweep waits for some to come"
-                    warnings.warn(f"{text} (look at its queue, or stop with Ctrl-C)", RuntimeWarning, stacklevel=outside())
+                    text = (
+                        f"the cluster at {self._client.scheduler.address} has no workers: the sweep"
+                        " waits for some to come"
+                    )
+                    warnings.warn(
+                        f"{text} (look at its queue, or stop with Ctrl-C)",
+                        RuntimeWarning,
+                        stacklevel=outside(),
+                    )
 
 
 def _distributed() -> Any:
@@ -220,13 +262,23 @@ def same(what: Any) -> Any:
 
 
 _beside: dict[int, tuple[str, Local, set[bytes]]] = {}
-"""In a worker of Dask, by thread: name of the sweep, the process beside it, and the motions that it has."""
+"""In a worker of Dask, by thread: name of the sweep, the process beside it, and the
+motions that it has.
+"""
 
 
 def run_beside(
-    sweep: str, plan: Plan, keys: list[tuple[str, bytes]], motions: list[Any], data: bytes, look: bool, seconds: float
+    sweep: str,
+    plan: Plan,
+    keys: list[tuple[str, bytes]],
+    motions: list[Any],
+    data: bytes,
+    look: bool,
+    seconds: float,
 ) -> tuple[bytes, float] | Death:
-    """Run a job in a process beside a worker of Dask: what ends that is one row, and the worker goes on."""
+    """Run a job in a process beside a worker of Dask: what ends that is one row, and
+    the worker goes on.
+    """
     if (here := versions()) != plan.versions:
         raise BadValue(f"this worker has other versions: {differing(here, plan.versions)}")
     given = {name: (digest, m) for (name, digest), m in zip(keys, motions, strict=True)}

@@ -1,4 +1,6 @@
-"""What the code and data behind a user's function are, as a hash of what is in memory."""
+"""What the code and data behind a user's function are, as a hash of what is in
+memory.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,18 @@ from .measures import Measure
 
 INSTALLED = [Path(sysconfig.get_path("stdlib")).resolve(), Path(__file__).resolve().parents[1]]
 """Folders of modules that are identified by their name and version."""
-ATOMS = (type(None), bool, int, float, complex, str, bytes, range, type(Ellipsis), type(NotImplemented))
+ATOMS = (
+    type(None),
+    bool,
+    int,
+    float,
+    complex,
+    str,
+    bytes,
+    range,
+    type(Ellipsis),
+    type(NotImplemented),
+)
 DESCRIPTORS = (
     types.MethodDescriptorType,
     types.WrapperDescriptorType,
@@ -60,9 +73,10 @@ LISTS = {"__globals__", "f_globals", "__subclasses__", "__annotations__"}
 def identity(what: Any, called: str) -> str:
     """Return a hash that changes whenever what a function computes changes.
 
-    It follows the bytecode as Python loaded it, and everything that the code reaches: global
-    variables, imported modules, defaults, closures, attributes, classes with their bases and
-    methods.  A function or class of an installed package counts with its name and version.
+    It follows the bytecode as Python loaded it, and everything that the code reaches:
+    global variables, imported modules, defaults, closures, attributes, classes with
+    their bases and methods.  A function or class of an installed package counts with
+    its name and version.
 
     Parameters
     ----------
@@ -94,7 +108,9 @@ def identity(what: Any, called: str) -> str:
 
 
 def own_classes(scene: Scene) -> list[type[Block]]:
-    """Return the classes of a scene's blocks that are not stimlib's, in the order of first use."""
+    """Return the classes of a scene's blocks that are not stimlib's, in the order of
+    first use.
+    """
     kinds = dict.fromkeys(type(b) for b in reach(scene.outputs.values()))
     return [k for k in kinds if _is_own(k.__module__)]
 
@@ -102,18 +118,23 @@ def own_classes(scene: Scene) -> list[type[Block]]:
 def _hidden(path: str, what: Any) -> BadValue:
     kind = f"{type(what).__module__}.{type(what).__qualname__}".removeprefix("builtins.")
     return BadValue(
-        f"{path} is a {kind}, whose content cannot be seen, so a change of it could not be noticed; make it "
-        'a column of the rows, a dataclass or an array, or state @measure(.., version="1") and a new version with each change'
+        f"{path} is a {kind}, whose content cannot be seen, so a change of it could not be noticed;"
+        " make it a column of the rows, a dataclass or an array, or state @measure(..,"
+        ' version="1") and a new version with each change'
     )
 
 
 class _Walk:
-    """One pass over a function and what it reaches; what was met before is not walked again."""
+    """One pass over a function and what it reaches; what was met before is not walked
+    again.
+    """
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[Any, str]] = {}  # the object is kept, so that its id stays its own
+        # the object is kept, so that its id stays its own
+        self._known: dict[int, tuple[Any, str]] = {}
         self._open: list[int] = []
-        self._lowest = math.inf  # in self._open, of what was met again inside of the object that is walked
+        # in self._open, of what was met again inside of the object that is walked
+        self._lowest = math.inf
         self._cyclic = 0
 
     def of(self, what: Any, path: str) -> str:
@@ -150,7 +171,10 @@ class _Walk:
         """Return names and hashes of a mapping's values."""
         parts = []
         for name, value in values.items():
-            parts += [self.of(name, path), self.of(value, f"{path}.{name:.40}" if isinstance(name, str) else path)]
+            parts += [
+                self.of(name, path),
+                self.of(value, f"{path}.{name:.40}" if isinstance(name, str) else path),
+            ]
         return parts
 
     def _parts(self, what: Any, path: str) -> list[str]:
@@ -161,7 +185,9 @@ class _Walk:
             own = [kind] if _is_own(kind.__module__) else []
             return [what.hash, *self._all([*own, *own_classes(what)], path)]
         if isinstance(what, Block):
-            return [self.of(Scene({"y": Pick(what, what.outputs[0]) if what.outputs else what}), path)]
+            return [
+                self.of(Scene({"y": Pick(what, what.outputs[0]) if what.outputs else what}), path)
+            ]
         if isinstance(what, Generated | Recording) and not _is_own(kind.__module__):
             return [repr(what)]  # which makes it again; a recording states the sha256 of its file
         if kind is np.ndarray and not what.dtype.hasobject:
@@ -197,7 +223,7 @@ class _Walk:
             return self._compiled(what, path)
         return self._instance(what, path)
 
-    # Code ------------------------------------------------------------------------------------
+    # Code -----------------------------------------------------------------------------
     def _code(self, code: types.CodeType, path: str) -> list[str]:
         if found := LISTS & {*code.co_names}:
             raise _by_name(path, min(found))
@@ -216,7 +242,12 @@ class _Walk:
         code = f.__code__
         if f.__doc__ is not None and code.co_consts[:1] == (f.__doc__,):
             code = code.replace(co_consts=(None, *code.co_consts[1:]))  # the docstring is not run
-        parts = [f.__qualname__, *self._code(code, path), self.of(f.__defaults__, path), self.of(f.__kwdefaults__, path)]
+        parts = [
+            f.__qualname__,
+            *self._code(code, path),
+            self.of(f.__defaults__, path),
+            self.of(f.__kwdefaults__, path),
+        ]
         parts.append(self.of(f.__dict__, path))
         for name, cell in zip(code.co_freevars, f.__closure__ or (), strict=True):
             try:
@@ -233,7 +264,14 @@ class _Walk:
                 parts += [name, self.of(getattr(builtins, name), path)]
         for name, module, wanted in _imports(f):
             whole = not wanted and _is_own(module.__name__)
-            parts += [name, *([self.of(module, path)] if whole else self._attributes(module, wanted or _words(f.__code__), path))]
+            parts += [
+                name,
+                *(
+                    [self.of(module, path)]
+                    if whole
+                    else self._attributes(module, wanted or _words(f.__code__), path)
+                ),
+            ]
         return parts
 
     def _named(self, name: str, value: Any, code: types.CodeType, path: str) -> list[str]:
@@ -243,17 +281,18 @@ class _Walk:
             return [name, *whole, *self._attributes(value, _words(code), path)]
         package = type(value).__module__
         if not _is_own(package) and getattr(sys.modules.get(package), name, None) is value:
-            return [name, _version(package)]  # an object that a package made, such as scipy.stats.norm
+            # an object that a package made, such as scipy.stats.norm
+            return [name, _version(package)]
         return [name, self.of(value, path)]
 
-    # Modules and classes ---------------------------------------------------------------------
+    # Modules and classes --------------------------------------------------------------
     def _attributes(self, module: types.ModuleType, names: set[str], path: str) -> list[str]:
         """Return the parts of those attributes of a module that code names."""
         own = _is_own(module.__name__)
         if wrong := BY_NAME & names & vars(module).keys():
             raise BadValue(
-                f"{path}.{min(wrong)} finds code by a name, so what is computed cannot be seen; import it at the top, "
-                'or state @measure(.., version="1")'
+                f"{path}.{min(wrong)} finds code by a name, so what is computed cannot be seen;"
+                ' import it at the top, or state @measure(.., version="1")'
             )
         names = names | {"__getattr__"}
         parts = [module.__name__, "" if own else _version(module.__name__)]
@@ -268,7 +307,11 @@ class _Walk:
                 self._open.append(hash(key))
                 parts += [name, *self._attributes(value, names, f"{path}.{name}")]
                 self._open.pop()
-            elif own or type(value) in ATOMS or _is_own(getattr(value, "__module__", None) or "builtins"):
+            elif (
+                own
+                or type(value) in ATOMS
+                or _is_own(getattr(value, "__module__", None) or "builtins")
+            ):
                 parts += [name, self.of(value, f"{path}.{name}")]
             else:
                 parts += [name, getattr(value, "__name__", "")]
@@ -279,19 +322,33 @@ class _Walk:
             return [module.__name__, _version(module.__name__)]
         if file := _extension(module.__name__):
             return [hashlib.sha256(Path(file).read_bytes()).hexdigest()]
-        return self._items({n: v for n, v in sorted(vars(module).items()) if not (n.startswith("__") and n.endswith("__"))}, path)
+        return self._items(
+            {
+                n: v
+                for n, v in sorted(vars(module).items())
+                if not (n.startswith("__") and n.endswith("__"))
+            },
+            path,
+        )
 
     def _class(self, kind: type, path: str) -> list[str]:
         if _is_named(kind):
             return [_name(kind)]
-        skipped = NOT_RUN | {"source"} if issubclass(kind, Block) else NOT_RUN  # the text of its whole file
+        # the text of its whole file
+        skipped = NOT_RUN | {"source"} if issubclass(kind, Block) else NOT_RUN
         held = {n: v for n, v in sorted(vars(kind).items()) if n not in skipped}
         if _extension(kind.__module__):
             return [kind.__qualname__, *self._module(sys.modules[kind.__module__], path)]
-        return [kind.__qualname__, *self._all([type(kind), *kind.__bases__], path), *self._items(held, path)]
+        return [
+            kind.__qualname__,
+            *self._all([type(kind), *kind.__bases__], path),
+            *self._items(held, path),
+        ]
 
     def _compiled(self, f: Any, path: str) -> list[str]:
-        """Return the parts of a function that is not Python's: its name, and what it is bound to."""
+        """Return the parts of a function that is not Python's: its name, and what it is
+        bound to.
+        """
         bound = getattr(f, "__self__", None)
         name = f.__name__
         if bound is builtins and name in BY_NAME:
@@ -306,9 +363,11 @@ class _Walk:
             return [f.__name__, *self._module(bound, path)]
         return [f"{getattr(f, '__module__', '')}.{f.__name__}"]
 
-    # Objects ---------------------------------------------------------------------------------
+    # Objects --------------------------------------------------------------------------
     def _instance(self, what: Any, path: str) -> list[str]:
-        """Return the parts of an object: class and content; of what wraps a function, that too."""
+        """Return the parts of an object: class and content; of what wraps a function,
+        that too.
+        """
         kind = type(what)
         name, holder = getattr(what, "__qualname__", None), getattr(what, "__module__", None)
         if isinstance(name, str) and isinstance(holder, str):  # compiled by Cython, say
@@ -325,12 +384,18 @@ class _Walk:
             if base in (object, set, frozenset):
                 return parts
         elif isinstance(what, functools._lru_cache_wrapper):
-            if not any(f is what.__wrapped__ for f in gc.get_referents(what)):  # it has the attributes of another function
+            # it has the attributes of another function
+            if not any(f is what.__wrapped__ for f in gc.get_referents(what)):
                 raise _hidden(path, what)
             return [*parts, self.of(vars(what), path)]
         elif hasattr(what, "__wrapped__") and kind.__module__.partition(".")[0] == "numba":
-            stated = not getattr(what, "_can_compile", True)  # else the signatures are those of the calls so far
-            signatures = [c.signature for c in what.overloads.values()] if stated else getattr(what, "_sig", "")
+            # else the signatures are those of the calls so far
+            stated = not getattr(what, "_can_compile", True)
+            signatures = (
+                [c.signature for c in what.overloads.values()]
+                if stated
+                else getattr(what, "_sig", "")
+            )
             options = getattr(what, "targetoptions", ""), getattr(what, "locals", ""), signatures
             return [*parts, repr(options), self.of(what.__wrapped__, path)]
         else:
@@ -350,8 +415,8 @@ class _Walk:
 
 def _by_name(path: str, name: str) -> BadValue:
     return BadValue(
-        f"{path}: uses {name}, so what it computes from cannot be seen; name the function or number itself, "
-        'or state @measure(.., version="1")'
+        f"{path}: uses {name}, so what it computes from cannot be seen; name the function or number"
+        ' itself, or state @measure(.., version="1")'
     )
 
 
@@ -369,7 +434,7 @@ def _content(what: Any) -> dict[str, Any]:
     return held | dict(sorted(getattr(what, "__dict__", {}).items()))
 
 
-# What code names -------------------------------------------------------------------------------
+# What code names ----------------------------------------------------------------------
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
     yield code
     for c in code.co_consts:
@@ -379,7 +444,12 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 def _loaded(code: types.CodeType) -> set[str]:
     """Return the names of the global variables that code reads."""
-    return {i.argval for c in _codes(code) for i in dis.get_instructions(c) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    return {
+        i.argval
+        for c in _codes(code)
+        for i in dis.get_instructions(c)
+        if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")
+    }
 
 
 def _words(code: types.CodeType) -> set[str]:
@@ -388,11 +458,23 @@ def _words(code: types.CodeType) -> set[str]:
 
 
 def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator[types.ModuleType]:
-    """Yield the own modules that code uses otherwise than by one of their attributes; value is what it calls name."""
+    """Yield the own modules that code uses otherwise than by one of their attributes;
+    value is what it calls name.
+    """
     for c in _codes(code):
         steps = [i for i in dis.get_instructions(c) if i.opname != "EXTENDED_ARG"]
         for at, i in enumerate(steps):
-            if i.opname not in ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLOSURE", "LOAD_CLASSDEREF") or i.argval != name:
+            if (
+                i.opname
+                not in (
+                    "LOAD_GLOBAL",
+                    "LOAD_NAME",
+                    "LOAD_DEREF",
+                    "LOAD_CLOSURE",
+                    "LOAD_CLASSDEREF",
+                )
+                or i.argval != name
+            ):
                 continue
             found: Any = value
             for after in steps[at + 1 :]:
@@ -406,7 +488,9 @@ def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator
 
 
 def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set[str]]]:
-    """Yield the modules that a function imports when it runs, and the names that it takes from each."""
+    """Yield the modules that a function imports when it runs, and the names that it
+    takes from each.
+    """
     package = f.__globals__.get("__package__") or ""
     for code in _codes(f.__code__):
         steps = [i for i in dis.get_instructions(code) if i.opname != "EXTENDED_ARG"]
@@ -414,7 +498,9 @@ def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set
             if i.opname != "IMPORT_NAME":
                 continue
             level = steps[at - 2].argval
-            name = importlib.util.resolve_name("." * level + i.argval, package) if level else i.argval
+            name = (
+                importlib.util.resolve_name("." * level + i.argval, package) if level else i.argval
+            )
             try:
                 module = importlib.import_module(name)
             except ImportError:  # it may be meant: the function says what then
@@ -432,7 +518,7 @@ def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set
                 yield top, sys.modules[top], set()
 
 
-# Of others -------------------------------------------------------------------------------------
+# Of others ----------------------------------------------------------------------------
 @functools.cache
 def _installed(file: str) -> bool:
     path = Path(file)
@@ -442,7 +528,9 @@ def _installed(file: str) -> bool:
 
 
 def _is_own(name: str) -> bool:
-    """Whether a module is the user's: a file outside of installed packages, a script, or a notebook."""
+    """Whether a module is the user's: a file outside of installed packages, a script,
+    or a notebook.
+    """
     if name in sys.builtin_module_names or name in sys.stdlib_module_names:
         return False
     module = sys.modules.get(name)
@@ -452,13 +540,17 @@ def _is_own(name: str) -> bool:
 
 
 def _extension(name: str) -> str:
-    """Return the file of the user's module with this name, if it is a compiled extension, or an empty text."""
+    """Return the file of the user's module with this name, if it is a compiled
+    extension, or an empty text.
+    """
     file = getattr(sys.modules.get(name), "__file__", None) or ""
     return "" if file.endswith(".py") or not _is_own(name) else file
 
 
 def _is_named(what: Any) -> bool:
-    """Whether an installed package has exactly this function or class under its name."""
+    """Whether an installed package has exactly this function or class under its
+    name.
+    """
     if _is_own(getattr(what, "__module__", None) or ""):
         return False
     found: Any = sys.modules.get(what.__module__)

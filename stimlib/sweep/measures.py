@@ -1,4 +1,6 @@
-"""What a rendering is reduced to: figures with units, by name or by functions of your own."""
+"""What a rendering is reduced to: figures with units, by name or by functions of your
+own.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from ..motion.source import positions, sources_of
 from ..run.rendering import Rendering
 
 Array = np.ndarray
-NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # of the third octaves of a decade, IEC 61260-1
+# of the third octaves of a decade, IEC 61260-1
+NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
 
 
 @dataclass(frozen=True)
@@ -33,21 +36,30 @@ class Measure:
     function: Callable[..., Any]
     """Of a rendering and of what ``prepare`` gave: one number for each figure."""
     prepare: Callable[[dict[str, Array], float], Any] | None = None
-    """Of the inputs (name to samples) and fs: what depends on the motion alone, made once for each motion."""
+    """Of the inputs (name to samples) and fs: what depends on the motion alone, made
+    once for each motion.
+    """
     version: str | None = None
     """Stated by the author, where it stands for the content of the functions."""
 
     def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
-        """The figures of a rendering; BadValue that names the measure where it gives something else."""
+        """The figures of a rendering; BadValue that names the measure where it gives
+        something else.
+        """
         try:
             given = np.ravel(self.function(rendering, ready))
             if given.dtype.kind in "cUS":
                 raise TypeError(f"{given[:3].tolist()} are no real numbers")
             values = [float(v) for v in given]
         except Exception as e:
-            raise BadValue(f"{self.name}: {e if isinstance(e, StimlibError) else f'{type(e).__name__}: {e}'}") from e
+            raise BadValue(
+                f"{self.name}: {e if isinstance(e, StimlibError) else f'{type(e).__name__}: {e}'}"
+            ) from e
         if len(values) != len(self.units):
-            raise BadValue(f"{self.name} gives {len(values)} numbers, and has {len(self.units)}: {', '.join(self.units)}")
+            raise BadValue(
+                f"{self.name} gives {len(values)} numbers, and has {len(self.units)}:"
+                f" {', '.join(self.units)}"
+            )
         return values
 
 
@@ -67,13 +79,15 @@ def measure(
     unit_ : str, optional
         Of the one figure, which has the function's name.
     prepare : callable, optional
-        ``prepare(inputs, fs)``, called once for each motion with its samples by input name, shape (n,): what it gives comes as
-        second argument of the function.
+        ``prepare(inputs, fs)``, called once for each motion with its samples by input
+        name, shape (n,): what it gives comes as second argument of the function.
     version : str, optional
-        What the figures count as in a kept sweep, in place of the content of the functions: state it where a function uses
-        something whose content cannot be seen, and state another one after each change.
+        What the figures count as in a kept sweep, in place of the content of the
+        functions: state it where a function uses something whose content cannot be
+        seen, and state another one after each change.
     **figures : str
-        Names and units of several figures: the function then gives a number for each, in this order.
+        Names and units of several figures: the function then gives a number for each,
+        in this order.
 
     Returns
     -------
@@ -96,7 +110,9 @@ def measure(
     ... def onset(rendering):
     ...     force = rendering["force"]
     ...     return rendering.t[np.argmax(force > 1.0)], force.max()
-    >>> scene = stimlib.Scene({"force": stimlib.constant(1000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> scene = stimlib.Scene(
+    ...     {"force": stimlib.constant(1000.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> run = stimlib.render(scene, {"x": np.array([0.0, 0.001, 0.002])}, fs=1000)
     >>> measured(run, [lowest, onset])
     {'lowest': 0.0, 'first': 0.002, 'largest': 2.0}
@@ -104,14 +120,23 @@ def measure(
     if not isinstance(version, str | None):
         raise BadValue(f'measure: version = {version!r:.80} must be a text, such as version="1"')
     if (unit_ is None) == (not figures) or not isinstance(unit_, str | None):
-        raise BadValue('measure: give the unit of the figure, measure("N"), or several by name, measure(onset="s", slope="N/s")')
+        raise BadValue(
+            'measure: give the unit of the figure, measure("N"), or several by name,'
+            ' measure(onset="s", slope="N/s")'
+        )
 
     for text in figures.values() if unit_ is None else [unit_]:
         unit(text)
 
     def made(function: Callable[..., Any]) -> Measure:
         units = {function.__name__: unit_} if unit_ is not None else figures
-        return Measure(function.__name__, units, function if prepare else partial(_alone, function), prepare, version)
+        return Measure(
+            function.__name__,
+            units,
+            function if prepare else partial(_alone, function),
+            prepare,
+            version,
+        )
 
     return made
 
@@ -139,7 +164,10 @@ def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) ->
     --------
     >>> from stimlib.scenes import squeeze
     >>> from stimlib.sweep.measures import measures_of
-    >>> [dict(m.units) for m in measures_of(["peak", "band(20, 1000, force1)"], squeeze())]
+    >>> [
+    ...     dict(m.units)
+    ...     for m in measures_of(["peak", "band(20, 1000, force1)"], squeeze())
+    ... ]
     [{'peak_force1': 'N', 'peak_force2': 'N'}, {'band_20_1000_force1': 'N'}]
     """
     listed = [asked] if isinstance(asked, str | Measure) or callable(asked) else list(asked)
@@ -151,7 +179,9 @@ def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) ->
 
 
 @public
-def measured(rendering: Rendering, measures: Sequence[str | Measure] | str | Measure) -> dict[str, float]:
+def measured(
+    rendering: Rendering, measures: Sequence[str | Measure] | str | Measure
+) -> dict[str, float]:
     """The figures of one rendering, as a sweep has them.
 
     Parameters
@@ -175,27 +205,42 @@ def measured(rendering: Rendering, measures: Sequence[str | Measure] | str | Mea
     >>> import stimlib
     >>> from stimlib.motion.generators import sinusoid
     >>> from stimlib.sweep import measured
-    >>> scene = stimlib.Scene({"force": stimlib.constant(1000.0, "N/m") * stimlib.Input("x", "m")})
+    >>> scene = stimlib.Scene(
+    ...     {"force": stimlib.constant(1000.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
     >>> run = stimlib.render(scene, {"x": sinusoid(0.001, 50)}, fs=8000, seconds=1.0)
-    >>> {name: round(v, 6) for name, v in measured(run, ["rms", "peak", "band(20, 100)"]).items()}
+    >>> {
+    ...     name: round(v, 6)
+    ...     for name, v in measured(run, ["rms", "peak", "band(20, 100)"]).items()
+    ... }
     {'rms_force': 0.707107, 'peak_force': 1.0, 'band_20_100_force': 0.707107}
     """
     found = measures_of(measures, rendering.scene)
     inputs = tuple(rendering.scene.inputs)
-    x = positions(sources_of(rendering.motion, inputs, rendering.y.shape[1]), 0, rendering.y.shape[1], rendering.fs)
+    x = positions(
+        sources_of(rendering.motion, inputs, rendering.y.shape[1]),
+        0,
+        rendering.y.shape[1],
+        rendering.fs,
+    )
     values = figures_of(found, rendering, prepared(found, inputs, x, rendering.fs))
     return dict(zip((name for m in found for name in m.units), values, strict=True))
 
 
 def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: float) -> list[Any]:
-    """What each measure makes of the inputs' samples, shape (inputs, n), which none of them can change."""
+    """What each measure makes of the inputs' samples, shape (inputs, n), which none of
+    them can change.
+    """
     given = dict(zip(inputs, unwritable(x), strict=True)) or {"": np.empty(x.shape[1])}
     return [m.prepare(given, fs) if m.prepare else None for m in found]
 
 
 def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[Any]) -> list[float]:
     """The figures of all measures, none of which can change what the next one sees."""
-    motion = {name: unwritable(s) if isinstance(s, np.ndarray) else s for name, s in rendering.motion.items()}
+    motion = {
+        name: unwritable(s) if isinstance(s, np.ndarray) else s
+        for name, s in rendering.motion.items()
+    }
     seen = replace(rendering, y=unwritable(rendering.y), motion=motion)
     return [v for m, r in zip(found, ready, strict=True) for v in m(seen, r)]
 
@@ -212,10 +257,16 @@ def _measure(asked: Any, scene: Scene) -> Measure:
         return asked
     if not isinstance(asked, str):
         name = getattr(asked, "__name__", None) or type(asked).__name__
-        raise BadValue(f'measures: {name} has no units: write @measure("N") above the function, with the unit of its figure')
+        raise BadValue(
+            f'measures: {name} has no units: write @measure("N") above the function, with the unit'
+            " of its figure"
+        )
     name, args = _call(asked)
     if name not in NAMED:
-        raise UnknownName(f"measures: there is no {name!r}; there are {', '.join(NAMED)}, and functions with @measure")
+        raise UnknownName(
+            f"measures: there is no {name!r}; there are {', '.join(NAMED)}, and functions with"
+            " @measure"
+        )
     try:
         return NAMED[name](scene, *args)
     except TypeError as e:
@@ -223,7 +274,9 @@ def _measure(asked: Any, scene: Scene) -> Measure:
 
 
 def _call(text: str) -> tuple[str, list[float | str]]:
-    """The name of a measure and its arguments, numbers or names; nothing is evaluated."""
+    """The name of a measure and its arguments, numbers or names; nothing is
+    evaluated.
+    """
     try:
         match ast.parse(text.strip(), mode="eval").body:
             case ast.Name(name):
@@ -232,7 +285,10 @@ def _call(text: str) -> tuple[str, list[float | str]]:
                 return name, [a.id if isinstance(a, ast.Name) else _number(a) for a in args]
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         pass
-    raise BadValue(f"measures: {text!r:.80} is no measure: write a name, or a call such as band(20, 1000, force1)")
+    raise BadValue(
+        f"measures: {text!r:.80} is no measure: write a name, or a call such as band(20, 1000,"
+        " force1)"
+    )
 
 
 def _number(node: ast.expr) -> float:
@@ -242,11 +298,14 @@ def _number(node: ast.expr) -> float:
     return float(value)
 
 
-# Those with names ----------------------------------------------------------------------------------------------------
+# Those with names ---------------------------------------------------------------------
 def _outputs(scene: Scene, names: Sequence[Any], what: str) -> list[str]:
     """The outputs that are named, or all."""
     if wrong := [n for n in names if n not in scene.outputs]:
-        raise UnknownName(f"measures: {what}: the scene has no output {wrong[0]!r}; it has {', '.join(scene.outputs)}")
+        raise UnknownName(
+            f"measures: {what}: the scene has no output {wrong[0]!r}; it has"
+            f" {', '.join(scene.outputs)}"
+        )
     return list(names) or list(scene.outputs)
 
 
@@ -254,14 +313,18 @@ def _dim(scene: Scene, name: str) -> str:
     return str(scene.outputs[name].dim)
 
 
-def _of_each(f: Callable[..., float], names: Sequence[str], rendering: Rendering, ready: Any) -> list[float]:
+def _of_each(
+    f: Callable[..., float], names: Sequence[str], rendering: Rendering, ready: Any
+) -> list[float]:
     return [f(rendering[n], ready) for n in names]
 
 
 def rms(scene: Scene, *outputs: Any) -> Measure:
     """Root of the mean square, sqrt(mean(y^2))."""
     names = _outputs(scene, outputs, "rms")
-    return Measure("rms", {f"rms_{n}": _dim(scene, n) for n in names}, partial(_of_each, _rms, names))
+    return Measure(
+        "rms", {f"rms_{n}": _dim(scene, n) for n in names}, partial(_of_each, _rms, names)
+    )
 
 
 def _rms(y: Array, _: Any) -> float:
@@ -271,7 +334,9 @@ def _rms(y: Array, _: Any) -> float:
 def peak(scene: Scene, *outputs: Any) -> Measure:
     """Largest magnitude, max |y|."""
     names = _outputs(scene, outputs, "peak")
-    return Measure("peak", {f"peak_{n}": _dim(scene, n) for n in names}, partial(_of_each, _peak, names))
+    return Measure(
+        "peak", {f"peak_{n}": _dim(scene, n) for n in names}, partial(_of_each, _peak, names)
+    )
 
 
 def _peak(y: Array, _: Any) -> float:
@@ -279,10 +344,12 @@ def _peak(y: Array, _: Any) -> float:
 
 
 def band(scene: Scene, low: Any, high: Any, *outputs: Any) -> Measure:
-    """Rms in a band: the root of the integral of the power spectral density from low (Hz) to below high.
+    """Rms in a band: the root of the integral of the power spectral density from low
+    (Hz) to below high.
 
-    Of the whole record without its mean, under a Hann window: ``scipy.signal.periodogram(y, fs, "hann")``.  A band above fs/2,
-    or between two lines of the spectrum (of a short record), is nan.
+    Of the whole record without its mean, under a Hann window:
+    ``scipy.signal.periodogram(y, fs, "hann")``.  A band above fs/2, or between two
+    lines of the spectrum (of a short record), is nan.
     """
     edges = _edges(low, high, "band")
     names = _outputs(scene, outputs, "band")
@@ -298,16 +365,21 @@ def _band(y: Array, ready: Any) -> float:
 
 
 def psd(scene: Scene, low: Any = 10.0, high: Any = 1000.0, *outputs: Any) -> Measure:
-    """Mean one-sided power spectral density in each third octave whose middle is from low to high (Hz), unit^2/Hz.
+    """Mean one-sided power spectral density in each third octave whose middle is from
+    low to high (Hz), unit^2/Hz.
 
-    The same spectrum as ``band``; middles 10^(k/10) Hz, the names of IEC 61260-1.  A third octave between two lines of the
-    spectrum (of a short record) is nan.
+    The same spectrum as ``band``; middles 10^(k/10) Hz, the names of IEC 61260-1.  A
+    third octave between two lines of the spectrum (of a short record) is nan.
     """
     low, high = _edges(low, high, "psd")
     names = _outputs(scene, outputs, "psd")
     nominal = {k: NOMINAL[k % 10] * 10.0 ** (k // 10) for k in range(-40, 60)}
     thirds = [k for k, f in nominal.items() if low * 0.99 <= f <= high * 1.01]
-    units = {f"psd_{nominal[k]:g}_{n}": str(scene.outputs[n].dim ** 2 / unit("Hz")) for n in names for k in thirds}
+    units = {
+        f"psd_{nominal[k]:g}_{n}": str(scene.outputs[n].dim ** 2 / unit("Hz"))
+        for n in names
+        for k in thirds
+    }
     edges = tuple((10 ** ((k - 0.5) / 10), 10 ** ((k + 0.5) / 10)) for k in thirds)
     return Measure("psd", units, partial(_psd, names), partial(_bins, edges))
 
@@ -315,7 +387,9 @@ def psd(scene: Scene, low: Any = 10.0, high: Any = 1000.0, *outputs: Any) -> Mea
 def _psd(names: Sequence[str], rendering: Rendering, ready: Any) -> list[float]:
     window, parts, _ = ready
     densities = [_density(rendering[n], window, slice(None)) for n in names]
-    return [float(np.mean(d[p])) if p.stop > p.start else math.nan for d in densities for p in parts]
+    return [
+        float(np.mean(d[p])) if p.stop > p.start else math.nan for d in densities for p in parts
+    ]
 
 
 def _edges(low: Any, high: Any, what: str) -> tuple[float, float]:
@@ -324,8 +398,12 @@ def _edges(low: Any, high: Any, what: str) -> tuple[float, float]:
     return low, high
 
 
-def _bins(edges: Sequence[tuple[float, float]], x: dict[str, Array], fs: float) -> tuple[Array, list[slice], float]:
-    """Window (with the scale of a density), lines of the spectrum in each band, and their distance in Hz."""
+def _bins(
+    edges: Sequence[tuple[float, float]], x: dict[str, Array], fs: float
+) -> tuple[Array, list[slice], float]:
+    """Window (with the scale of a density), lines of the spectrum in each band, and
+    their distance in Hz.
+    """
     n = next(iter(x.values())).size
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n)
     f = np.fft.rfftfreq(n, 1 / fs)
@@ -341,7 +419,8 @@ def _density(y: Array, window: Array, part: slice) -> Array:
 
 
 def cues(scene: Scene, *names: Any) -> Measure:
-    """The physical cues of an interaction (``stimlib.analysis.cues``), of a displacement and a force: ``cues(x1, force1)``.
+    """The physical cues of an interaction (``stimlib.analysis.cues``), of a
+    displacement and a force: ``cues(x1, force1)``.
 
     By default of the only input in m and the only output in N.
     """
@@ -351,8 +430,8 @@ def cues(scene: Scene, *names: Any) -> Measure:
     ]
     if len(pair) != 2 or pair[0] not in scene.inputs or pair[1] not in scene.outputs:
         raise BadValue(
-            f"measures: cues: name a displacement and a force, such as cues(x1, force1); inputs: {', '.join(scene.inputs)}; "
-            f"outputs: {', '.join(scene.outputs)}"
+            "measures: cues: name a displacement and a force, such as cues(x1, force1); inputs:"
+            f" {', '.join(scene.inputs)}; outputs: {', '.join(scene.outputs)}"
         )
     x, force = pair
     units = {f"{name}_{force}": CUE_UNITS[name] for name in Cues._fields}
@@ -376,9 +455,13 @@ def _verified(rendering: Rendering, _: None) -> float:
     return float(verify(rendering.scene, rendering.motion, rendering).passed)
 
 
-CUE_UNITS = dict.fromkeys(("k_S", "k_L", "k_I", "k_fit"), "N/m") | dict.fromkeys(("b_L", "b_fit"), "N*s/m")
+CUE_UNITS = dict.fromkeys(("k_S", "k_L", "k_I", "k_fit"), "N/m") | dict.fromkeys(
+    ("b_L", "b_fit"), "N*s/m"
+)
 CUE_UNITS |= dict.fromkeys(("f_max", "f_mean"), "N") | dict.fromkeys(("y_max", "y_mean"), "m")
-CUE_UNITS |= dict.fromkeys(("v_max", "v_mean"), "m/s") | dict.fromkeys(("loss_factor", "eta_as_printed"), "1")
+CUE_UNITS |= dict.fromkeys(("v_max", "v_mean"), "m/s") | dict.fromkeys(
+    ("loss_factor", "eta_as_printed"), "1"
+)
 CUE_UNITS |= {"frequency": "1/s", "phi": "1", "W": "J"}
 
 NAMED: dict[str, Callable[..., Measure]] = {

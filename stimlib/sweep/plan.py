@@ -1,4 +1,6 @@
-"""What all rows of a sweep share, and by what a row is known again: content, never order, place or name."""
+"""What all rows of a sweep share, and by what a row is known again: content, never
+order, place or name.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,11 @@ CHUNK = 100_000  # rows that are Python objects at once
 
 def versions() -> dict[str, str]:
     """Of everything that the bits of a figure may depend on."""
-    return {"python": platform.python_version(), **{p: version(p) for p in PACKAGES}, "source": _source_hash()}
+    return {
+        "python": platform.python_version(),
+        **{p: version(p) for p in PACKAGES},
+        "source": _source_hash(),
+    }
 
 
 @cache
@@ -68,7 +74,9 @@ class Plan:
     limits: dict[str, float]
     """Those in force where the sweep began."""
     code_keys: dict[str, str]
-    """What the code counts as that makes scenes and motions, as a new process imports it."""
+    """What the code counts as that makes scenes and motions, as a new process imports
+    it.
+    """
 
     def scene(self, row: Mapping[str, Any]) -> Scene:
         """The scene of a row."""
@@ -80,9 +88,11 @@ class Plan:
         return made
 
 
-# Motions -----------------------------------------------------------------------------------------------------------------
+# Motions ------------------------------------------------------------------------------
 def motion_of(given: Any, scene: Scene) -> dict[str, Any]:
-    """The motion of every input of a scene: by name as ``render`` takes it; one function, array or recording is of all inputs."""
+    """The motion of every input of a scene: by name as ``render`` takes it; one
+    function, array or recording is of all inputs.
+    """
     if isinstance(given, Recording):
         return given.for_inputs(scene.inputs)
     return dict(given) if isinstance(given, Mapping) else dict.fromkeys(scene.inputs, given)
@@ -94,15 +104,21 @@ def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
         lengths = [len(s) / fs for s in motion.values() if not callable(s)]
         lengths += [s.info["duration"] for s in motion.values() if hasattr(s, "info")]
         if not lengths:
-            raise BadValue("motion given as functions of time goes on for ever: say how many seconds each row has")
+            raise BadValue(
+                "motion given as functions of time goes on for ever: say how many seconds each"
+                " row has"
+            )
         seconds = min(lengths)
     n = frames_of(seconds, fs)
-    limits.check("render_bytes", 16 * n * max(1, len(motion)), f"sweep: bytes of a row of {seconds:g} s")
+    limits.check(
+        "render_bytes", 16 * n * max(1, len(motion)), f"sweep: bytes of a row of {seconds:g} s"
+    )
     return n
 
 
 def motion_digest(given: Any, name: str, fs: float, seconds: float | None) -> bytes:
-    """Return 16 bytes that stand for a motion as it was given, and for how much of it is used.
+    """Return 16 bytes that stand for a motion as it was given, and for how much of it
+    is used.
 
     A function counts with its name: its samples are part of the content of each row.
     """
@@ -122,12 +138,12 @@ def _source(source: Any, name: str) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
-# Content -------------------------------------------------------------------------------------------------------------
+# Content ------------------------------------------------------------------------------
 def scene_digest(scene: Scene, fs: float, design: list[tuple[Any, Any]] | None = None) -> bytes:
     """Return 32 bytes that stand for a scene as it runs.
 
-    That is its blocks with their numbers, what their design gives at this sample rate, and the
-    code of all blocks that are not stimlib's.
+    That is its blocks with their numbers, what their design gives at this sample rate,
+    and the code of all blocks that are not stimlib's.
 
     Parameters
     ----------
@@ -146,7 +162,9 @@ def scene_digest(scene: Scene, fs: float, design: list[tuple[Any, Any]] | None =
     return h.digest()
 
 
-def shared_key(make: Any, measures: list[str], fs: float, roles: Roles) -> tuple[str, dict[str, Any]]:
+def shared_key(
+    make: Any, measures: list[str], fs: float, roles: Roles
+) -> tuple[str, dict[str, Any]]:
     """Return the key of a plan, and the facts that it is made of.
 
     What a scene is made of is no part of it, but of each row's content.
@@ -168,23 +186,33 @@ def measure_keys(measures: tuple[str | Measure, ...]) -> list[str]:
 
 
 def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
-    """Return what a factory and functions of motion count as: the hash of their content, or nothing where that cannot be seen."""
+    """Return what a factory and functions of motion count as: the hash of their
+    content, or nothing where that cannot be seen.
+    """
     parts = {"scene": make}
     for name, motion in motions.items():
-        parts |= {f"motion {name} {key}": m for key, m in (motion if isinstance(motion, Mapping) else {"": motion}).items()}
+        parts |= {
+            f"motion {name} {key}": m
+            for key, m in (motion if isinstance(motion, Mapping) else {"": motion}).items()
+        }
     keys = {}
     for name, what in parts.items():
-        if isinstance(what, Scene) or (callable(what) and not isinstance(what, Generated | Recording)):
-            with suppress(Exception):  # of objects of the user's, which need no identity where nothing is kept
+        if isinstance(what, Scene) or (
+            callable(what) and not isinstance(what, Generated | Recording)
+        ):
+            # of objects of the user's, which need no identity where nothing is kept
+            with suppress(Exception):
                 keys[" ".join(name.split())] = identity(what, name)
     return keys
 
 
-# Rows ----------------------------------------------------------------------------------------------------------------
+# Rows ---------------------------------------------------------------------------------
 def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Array:
-    """Return 16 bytes for each row: of the plan, the row's numbers and its motion as given.
+    """Return 16 bytes for each row: of the plan, the row's numbers and its motion as
+    given.
 
-    Not of order, number or names of motions: a sweep may grow, and parts may have any size.
+    Not of order, number or names of motions: a sweep may grow, and parts may have any
+    size.
     """
     pa = arrow()
     n = table.num_rows
@@ -194,7 +222,9 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
         columns.append(_digests(pa, table["motion"], digests))
     else:
         columns.append(np.tile(np.frombuffer(digests[""], np.uint8), (n, 1)))
-    columns += [_words(pa, table[name]) for name in sorted((*plan.roles.live, *plan.roles.arguments))]
+    columns += [
+        _words(pa, table[name]) for name in sorted((*plan.roles.live, *plan.roles.arguments))
+    ]
     records = np.concatenate(columns, axis=1)
     shared = hashlib.blake2b(bytes.fromhex(plan.key), digest_size=KEY)
 
@@ -204,7 +234,9 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
         return h.digest()
 
     whole = records.view(f"V{records.shape[1]}").ravel()
-    keys = b"".join(b"".join(map(key, whole[at : at + CHUNK].tolist())) for at in range(0, n, CHUNK))
+    keys = b"".join(
+        b"".join(map(key, whole[at : at + CHUNK].tolist())) for at in range(0, n, CHUNK)
+    )
     return pa.FixedSizeBinaryArray.from_buffers(pa.binary(KEY), n, [None, pa.py_buffer(keys)])
 
 
@@ -215,7 +247,9 @@ def _words(pa: Any, column: Any) -> np.ndarray:
         return _digests(pa, column, None)
     words = np.zeros((len(column), KEY), np.uint8)
     words[:, :8] = np.frombuffer(kind.encode().ljust(8), np.uint8)
-    values = column.to_numpy(zero_copy_only=False) if isinstance(column, pa.Array) else column.to_numpy()
+    values = (
+        column.to_numpy(zero_copy_only=False) if isinstance(column, pa.Array) else column.to_numpy()
+    )
     wide = values.astype(np.uint64) if kind == "bool" else values
     words[:, 8:] = np.ascontiguousarray(wide).view(np.uint8).reshape(-1, 8)
     return words
@@ -225,15 +259,22 @@ def _digests(pa: Any, column: Any, known: Mapping[str, bytes] | None) -> np.ndar
     column = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
     coded = column.dictionary_encode()
     coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
-    values = [hashlib.sha256(t.encode()).digest()[:KEY] if known is None else known[t] for t in coded.dictionary.to_pylist()]
+    values = [
+        hashlib.sha256(t.encode()).digest()[:KEY] if known is None else known[t]
+        for t in coded.dictionary.to_pylist()
+    ]
     return np.frombuffer(b"".join(values), np.uint8).reshape(-1, KEY)[coded.indices.to_numpy()]
 
 
 def in_order(table: pa.Table, roles: Roles) -> np.ndarray:
-    """Indices of the rows by arguments, then motion, then seed: so that little is made twice."""
+    """Indices of the rows by arguments, then motion, then seed: so that little is made
+    twice.
+    """
     names = [n for n in (*roles.arguments, "motion", "seed") if n in table.column_names]
     codes = []
     for name in names:
         column = table[name].combine_chunks()
-        codes.append(column.to_numpy() if name == "seed" else column.dictionary_encode().indices.to_numpy())
+        codes.append(
+            column.to_numpy() if name == "seed" else column.dictionary_encode().indices.to_numpy()
+        )
     return np.lexsort(codes[::-1]) if codes else np.arange(table.num_rows)

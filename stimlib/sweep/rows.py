@@ -1,4 +1,6 @@
-"""The rows of a sweep: a grid, or a table from anywhere, as Arrow columns of a few types; and which column is what."""
+"""The rows of a sweep: a grid, or a table from anywhere, as Arrow columns of a few
+types; and which column is what.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +38,8 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
     Parameters
     ----------
     **axes : iterable
-        The values of each column: numbers, texts or truth values, of one kind.  Of a mapping its keys, so that motions by
-        name can be an axis.
+        The values of each column: numbers, texts or truth values, of one kind.  Of a
+        mapping its keys, so that motions by name can be an axis.
 
     Returns
     -------
@@ -52,25 +54,49 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
     Examples
     --------
     >>> from stimlib.sweep import grid
-    >>> {name: column.tolist() for name, column in grid(k=[500.0, 1000.0], seed=range(2)).items()}
+    >>> {
+    ...     name: column.tolist()
+    ...     for name, column in grid(k=[500.0, 1000.0], seed=range(2)).items()
+    ... }
     {'k': [500.0, 500.0, 1000.0, 1000.0], 'seed': [0, 1, 0, 1]}
     """
     values = {}
     for name, axis in axes.items():
         if isinstance(axis, str | bytes) or not isinstance(axis, Iterable):
-            raise BadValue(f"grid: {name} = {shortened(axis)} must be a list of values, such as [{axis!r}]")
+            raise BadValue(
+                f"grid: {name} = {shortened(axis)} must be a list of values, such as [{axis!r}]"
+            )
         listed = axis if isinstance(axis, np.ndarray) else list(axis)
-        kinds = {"number" if isinstance(v, int | float | np.number) and not isinstance(v, bool) else type(v) for v in listed}
+        kinds = {
+            (
+                "number"
+                if isinstance(v, int | float | np.number) and not isinstance(v, bool)
+                else type(v)
+            )
+            for v in listed
+        }
         listed = whole_numbers(name, listed)
         try:
             values[name] = np.asarray(listed)
         except ValueError as e:
             raise BadValue(f"grid: {name} = {shortened(axis)} must be one row of values") from e
-        if values[name].ndim != 1 or not values[name].size or values[name].dtype.kind not in "biufU" or len(kinds) > 1:
-            raise BadValue(f"grid: {name} = {shortened(axis)} must have values, all numbers, all texts or all truth values")
+        if (
+            values[name].ndim != 1
+            or not values[name].size
+            or values[name].dtype.kind not in "biufU"
+            or len(kinds) > 1
+        ):
+            raise BadValue(
+                f"grid: {name} = {shortened(axis)} must have values, all numbers, all texts or all"
+                " truth values"
+            )
     if not values:
         raise BadValue("grid: name an axis, such as grid(k=[500.0, 1000.0], seed=range(10))")
-    limits.check("render_bytes", 8 * len(values) * math.prod(v.size for v in values.values()), "grid: bytes of its columns")
+    limits.check(
+        "render_bytes",
+        8 * len(values) * math.prod(v.size for v in values.values()),
+        "grid: bytes of its columns",
+    )
     inner = 1
     for name, column in reversed(values.items()):
         values[name] = np.repeat(column, inner)
@@ -79,7 +105,9 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
 
 
 def whole_numbers(name: str, column: Any) -> Any:
-    """A column; as uint64 where its numbers are whole and need the 64th bit, as seeds may; BadValue where that is not enough."""
+    """A column; as uint64 where its numbers are whole and need the 64th bit, as seeds
+    may; BadValue where that is not enough.
+    """
     whole = [int(v) for v in column if isinstance(v, int | np.integer) and not isinstance(v, bool)]
     least, most = min(whole, default=0), max(whole, default=0)
     if -(2**63) <= least and most < 2**63:
@@ -87,22 +115,28 @@ def whole_numbers(name: str, column: Any) -> Any:
     if len(whole) < len(column) or least < 0 or most >= 2**64:
         beyond = least if least < -(2**63) else most
         at = column.index(beyond)
-        raise BadValue(f"rows: {name} = {shortened(beyond)} in row {at} has no place in 64 bits beside the others; give floats")
+        raise BadValue(
+            f"rows: {name} = {shortened(beyond)} in row {at} has no place in 64 bits beside the"
+            " others; give floats"
+        )
     return np.asarray(column, np.uint64)
 
 
 def table_of(rows: Any) -> pa.Table:
-    """Rows as an Arrow table with columns of int64, uint64, float64, bool and string, without a gap.
+    """Rows as an Arrow table with columns of int64, uint64, float64, bool and string,
+    without a gap.
 
     Parameters
     ----------
     rows : mapping of str to sequence, table, or path
-        Columns by name; a table of pandas, or of polars, Arrow and others that speak Arrow's C stream; a CSV or Parquet file.
+        Columns by name; a table of pandas, or of polars, Arrow and others that speak
+        Arrow's C stream; a CSV or Parquet file.
 
     Raises
     ------
     BadValue
-        No rows; columns of unequal length; a missing value; values that are no numbers, texts or truth values.
+        No rows; columns of unequal length; a missing value; values that are no numbers,
+        texts or truth values.
     MissingPackage
         pyarrow is not installed.
 
@@ -146,16 +180,25 @@ def _read(pa: Any, rows: Any) -> pa.Table:
     if isinstance(rows, Mapping):
         for name, column in rows.items():
             if isinstance(column, str) or not hasattr(column, "__len__"):
-                raise BadValue(f"rows: {name} = {shortened(column)} must be a list of values, one for each row")
+                raise BadValue(
+                    f"rows: {name} = {shortened(column)} must be a list of values, one for each row"
+                )
         lengths = {name: len(column) for name, column in rows.items()}
         if len(set(lengths.values())) > 1:
-            raise BadValue(f"rows: the columns have unequal lengths: {', '.join(f'{n} {k}' for n, k in lengths.items())}")
-        return pa.table({n: c if hasattr(c, "dtype") else whole_numbers(n, list(c)) for n, c in rows.items()})
+            raise BadValue(
+                "rows: the columns have unequal lengths:"
+                f" {', '.join(f'{n} {k}' for n, k in lengths.items())}"
+            )
+        return pa.table(
+            {n: c if hasattr(c, "dtype") else whole_numbers(n, list(c)) for n, c in rows.items()}
+        )
     if hasattr(rows, "iloc"):
         return pa.Table.from_pandas(rows, preserve_index=False)
     if hasattr(rows, "__arrow_c_stream__"):
         return pa.table(rows)
-    raise BadValue(f"rows must be columns by name, a table, or the path of one; got {type(rows).__name__}")
+    raise BadValue(
+        f"rows must be columns by name, a table, or the path of one; got {type(rows).__name__}"
+    )
 
 
 def _plain(pa: Any, field: Any, column: Any) -> Any:
@@ -174,9 +217,15 @@ def _plain(pa: Any, field: Any, column: Any) -> Any:
         wanted = pa.string()
     if column.null_count:
         at = column.is_null().index(True).as_py()
-        raise BadValue(f"rows: {field.name} has no value in row {at} (the first is 0); leave such rows out, or fill them")
+        raise BadValue(
+            f"rows: {field.name} has no value in row {at} (the first is 0); leave such rows out, or"
+            " fill them"
+        )
     if wanted is None:
-        raise BadValue(f"rows: {field.name} has values of type {field.type}; give numbers, texts or truth values")
+        raise BadValue(
+            f"rows: {field.name} has values of type {field.type}; give numbers, texts or truth"
+            " values"
+        )
     column = column.cast(wanted).combine_chunks()
     return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
 
@@ -185,16 +234,24 @@ class Roles(NamedTuple):
     """Which columns are what, besides ``seed`` and ``motion``."""
 
     live: tuple[str, ...]
-    """Parameters, set before the first sample as ``render(params=..)`` does: the program stays the same."""
+    """Parameters, set before the first sample as ``render(params=..)`` does: the
+    program stays the same.
+    """
     arguments: tuple[str, ...]
     """Of the factory: a scene of its own for each combination."""
 
 
-def roles_of(make: Scene | Callable[..., Scene], scene: Scene, names: Collection[str], live: Collection[str] | None) -> Roles:
+def roles_of(
+    make: Scene | Callable[..., Scene],
+    scene: Scene,
+    names: Collection[str],
+    live: Collection[str] | None,
+) -> Roles:
     """What each column is.
 
-    A parameter that shapes what runs before sample 0, such as the level of a filtered noise, is not the same as live number
-    and as argument: the lead ran with the other value.  So nothing is guessed where a name is both.
+    A parameter that shapes what runs before sample 0, such as the level of a filtered
+    noise, is not the same as live number and as argument: the lead ran with the other
+    value.  So nothing is guessed where a name is both.
 
     Parameters
     ----------
@@ -205,14 +262,16 @@ def roles_of(make: Scene | Callable[..., Scene], scene: Scene, names: Collection
     names : collection of str
         Of the columns.
     live : collection of str, optional
-        Which of them are parameters; needed where a name is a parameter and an argument of the factory.
+        Which of them are parameters; needed where a name is a parameter and an argument
+        of the factory.
 
     Raises
     ------
     UnknownName
         A column, or a name in ``live``, that means nothing.
     BadValue
-        A name that is both a parameter and an argument, and ``live`` does not say which is meant.
+        A name that is both a parameter and an argument, and ``live`` does not say which
+        is meant.
     """
     columns = [n for n in names if n not in OWN]
     if own := [n for n in columns if n in MADE]:
@@ -223,8 +282,9 @@ def roles_of(make: Scene | Callable[..., Scene], scene: Scene, names: Collection
     absent = [n for n in live or () if n not in columns]
     if wrong or absent:
         raise UnknownName(
-            f"live: {(wrong or absent)[0]} is {'no parameter of the scene' if wrong else 'no column of the rows'}; "
-            f"parameters: {', '.join(params) or 'none'}; columns: {', '.join(columns) or 'none'}"
+            f"live: {(wrong or absent)[0]} is"
+            f" {'no parameter of the scene' if wrong else 'no column of the rows'}; parameters:"
+            f" {', '.join(params) or 'none'}; columns: {', '.join(columns) or 'none'}"
         )
     if live is not None:
         chosen = set(live)
@@ -233,14 +293,17 @@ def roles_of(make: Scene | Callable[..., Scene], scene: Scene, names: Collection
         if both := [n for n in columns if n in chosen and n in known]:
             example = ", ".join(repr(n) for n in both)
             raise BadValue(
-                f"rows: {', '.join(both)}: both a live parameter and an argument of {name_of(make)}: say live=[{example}] to set "
-                "parameters of one compiled scene (quick), or live=[] to make a scene of each value"
+                f"rows: {', '.join(both)}: both a live parameter and an argument of"
+                f" {name_of(make)}: say live=[{example}] to set parameters of one compiled scene"
+                " (quick), or live=[] to make a scene of each value"
             )
     rest = [n for n in columns if n not in chosen]
     if unknown := [n for n in rest if n not in known]:
         there = f"parameters: {', '.join(params) or 'none'}"
         there += f"; arguments: {', '.join(known) or 'none'}" if not isinstance(make, Scene) else ""
-        raise UnknownName(f"rows: there is no {', '.join(unknown)} in the scene; {there}; besides: seed, motion")
+        raise UnknownName(
+            f"rows: there is no {', '.join(unknown)} in the scene; {there}; besides: seed, motion"
+        )
     return Roles(tuple(n for n in columns if n in chosen), tuple(rest))
 
 
@@ -258,7 +321,8 @@ def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:
 
 
 def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str]) -> pa.Table:
-    """The table with live columns as finite float64, seeds as uint64 and a column ``motion`` of known names.
+    """The table with live columns as finite float64, seeds as uint64 and a column
+    ``motion`` of known names.
 
     Raises
     ------
@@ -273,20 +337,34 @@ def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str
         if name in roles.live:
             said = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
             if said and unit(said) != scene.params[name].dim:
-                raise UnitError(f"rows: {name} is in {said}, and the parameter in {scene.params[name].dim}")
+                raise UnitError(
+                    f"rows: {name} is in {said}, and the parameter in {scene.params[name].dim}"
+                )
             if pa.types.is_string(field.type) or pa.types.is_boolean(field.type):
-                raise BadValue(f"rows: {name} is a parameter, so it needs numbers; got {field.type}: {column[0].as_py()!r}")
+                raise BadValue(
+                    f"rows: {name} is a parameter, so it needs numbers; got {field.type}:"
+                    f" {column[0].as_py()!r}"
+                )
             values = column.to_numpy().astype(np.float64)
             if not np.isfinite(values).all():
                 bad = int(np.argmin(np.isfinite(values)))
-                raise BadValue(f"rows: {name} = {values[bad]} in row {bad} (the first is 0) must be finite")
-            table = table.set_column(at, pa.field(name, pa.float64(), metadata={"unit": str(scene.params[name].dim)}), [values])
+                raise BadValue(
+                    f"rows: {name} = {values[bad]} in row {bad} (the first is 0) must be finite"
+                )
+            table = table.set_column(
+                at,
+                pa.field(name, pa.float64(), metadata={"unit": str(scene.params[name].dim)}),
+                [values],
+            )
         elif name == "seed":
-            table = table.set_column(at, pa.field(name, pa.uint64(), metadata={"unit": "1"}), [_seeds(pa, column)])
+            table = table.set_column(
+                at, pa.field(name, pa.uint64(), metadata={"unit": "1"}), [_seeds(pa, column)]
+            )
         elif name == "motion":
             if unknown := sorted(set(column.unique().to_pylist()) - set(motions), key=str):
                 raise UnknownName(
-                    f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by name; it has {_some(motions)}"
+                    f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by"
+                    f" name; it has {_some(motions)}"
                 )
     return table
 
@@ -296,7 +374,10 @@ def _seeds(pa: Any, column: Any) -> np.ndarray:
     good = values.dtype.kind in "iu" and bool((values >= 0).all())
     if not good:
         bad = int(np.argmin(values >= 0)) if values.dtype.kind in "iuf" else 0
-        raise BadValue(f"rows: seed = {values[bad]} in row {bad} (the first is 0) must be a whole number from 0 to 2**64 - 1")
+        raise BadValue(
+            f"rows: seed = {values[bad]} in row {bad} (the first is 0) must be a whole number from"
+            " 0 to 2**64 - 1"
+        )
     return values.astype(np.uint64)
 
 

@@ -1,4 +1,6 @@
-"""The folder of a sweep: parts of Parquet, each there whole or not at all, and a sidecar that says what they are."""
+"""The folder of a sweep: parts of Parquet, each there whole or not at all, and a
+sidecar that says what they are.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ if TYPE_CHECKING:
 
 SIDECAR = "sweep.json"
 VERSION = 2
-EVERY = 1.0  # s between parts: finished work that a killed run can lose, besides the second of a job
+# s between parts: finished work that a killed run can lose, besides the second of a job
+EVERY = 1.0
 LARGEST = 200_000  # rows of a part
 
 
@@ -44,7 +47,8 @@ class Store:
     Raises
     ------
     SinkError
-        The folder cannot be made or written, belongs to something else, or another sweep is writing into it.
+        The folder cannot be made or written, belongs to something else, or another
+        sweep is writing into it.
     BadValue
         It has another sweep; the message says in what that differs.
     """
@@ -66,7 +70,10 @@ class Store:
 
     def __enter__(self) -> Self:
         if self.folder is not None:
-            busy = f"another sweep is writing into {self.folder}: wait for its end, or name another folder"
+            busy = (
+                f"another sweep is writing into {self.folder}: wait for its end, or name another"
+                " folder"
+            )
             self._lock = regular.lock(self.folder, busy)
             try:
                 self._open(self.folder)
@@ -85,8 +92,13 @@ class Store:
     def _open(self, folder: Path) -> None:
         sidecar = folder / SIDECAR
         known = self._same(sidecar) if sidecar.exists() else {}
-        if not known and (other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]):
-            raise SinkError(f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an empty one")
+        if not known and (
+            other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]
+        ):
+            raise SinkError(
+                f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an"
+                " empty one"
+            )
         names = ["key", "content", *self._about["units"], "fault", "error"]
         paths = sorted(folder.glob("part-*.parquet"))
         with ThreadPoolExecutor() as threads:
@@ -95,7 +107,9 @@ class Store:
         if self.dry:
             return
         motions = known.get("motion", {}) | self._about["motion"]
-        if known != (told := {"stimlib_sweep": VERSION, **self._facts, **self._about, "motion": motions}):
+        if known != (
+            told := {"stimlib_sweep": VERSION, **self._facts, **self._about, "motion": motions}
+        ):
             regular.publish(sidecar, json.dumps(told, indent=1) + "\n")
         for path in (path for path, table in parts.items() if table is None):
             os.replace(path, aside := path.with_suffix(".damaged"))
@@ -111,17 +125,26 @@ class Store:
         except (ValueError, KeyError, TypeError, RecursionError) as e:
             if isinstance(e, StimlibError):
                 raise
-            raise SinkError(f"{sidecar} is damaged ({type(e).__name__}): name another folder") from None
+            raise SinkError(
+                f"{sidecar} is damaged ({type(e).__name__}): name another folder"
+            ) from None
         if version == 1:
             raise SinkError(
-                f"{sidecar.parent} was kept by an earlier stimlib, which could take figures of changed functions for those "
-                "of today; name another folder (its figures can still be read as Parquet)"
+                f"{sidecar.parent} was kept by an earlier stimlib, which could take figures of"
+                " changed functions for those of today; name another folder (its figures can still"
+                " be read as Parquet)"
             )
         if version != VERSION:
-            raise SinkError(f"{sidecar} is of version {version!r:.40}, this stimlib reads {VERSION}: update stimlib")
+            raise SinkError(
+                f"{sidecar} is of version {version!r:.40}, this stimlib reads {VERSION}: update"
+                " stimlib"
+            )
         if key != self._facts["key"]:
             other = [n for n, v in self._facts.items() if n != "key" and known.get(n) != v]
-            raise BadValue(f"{sidecar.parent} has another sweep, with other {', '.join(other) or 'facts'}: name another folder")
+            raise BadValue(
+                f"{sidecar.parent} has another sweep, with other {', '.join(other) or 'facts'}:"
+                " name another folder"
+            )
         return known
 
     def done(self, names: Sequence[str]) -> pa.Table:
@@ -156,7 +179,9 @@ class Store:
             table = arrow().concat_tables(self._waiting).combine_chunks()
             sink = arrow().BufferOutputStream()
             texts = [f.name for f in table.schema if f.type == arrow().string()]
-            arrow("pyarrow.parquet").write_table(table, sink, compression="zstd", use_dictionary=texts)
+            arrow("pyarrow.parquet").write_table(
+                table, sink, compression="zstd", use_dictionary=texts
+            )
             data = sink.getvalue().to_pybytes()
             regular.publish(self.folder / _name(data), data)
             self._waiting.clear()
@@ -172,7 +197,11 @@ def _part(path: Path, names: Collection[str]) -> pa.Table | None:
     """A part with these columns; None where it is damaged, or something else."""
     data = regular.read(path, "audio_bytes")
     try:
-        table = arrow("pyarrow.parquet").read_table(arrow().BufferReader(data)) if _name(data) == path.name else None
+        table = (
+            arrow("pyarrow.parquet").read_table(arrow().BufferReader(data))
+            if _name(data) == path.name
+            else None
+        )
     except (arrow().ArrowException, OSError):
         return None
     return table if table is not None and set(names) <= set(table.column_names) else None

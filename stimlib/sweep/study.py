@@ -25,7 +25,18 @@ from ..run.rendering import Rendering
 from .drive import drive, joined
 from .engines import Cluster, Here, Local, packed
 from .measures import NAMED, Measure, measures_of
-from .plan import Plan, code_keys, frames, in_order, measure_keys, motion_digest, motion_of, row_keys, shared_key, versions
+from .plan import (
+    Plan,
+    code_keys,
+    frames,
+    in_order,
+    measure_keys,
+    motion_digest,
+    motion_of,
+    row_keys,
+    shared_key,
+    versions,
+)
 from .rows import MADE, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .store import Store
 from .work import Motions, Runner, as_bytes, error_text, from_bytes
@@ -57,14 +68,20 @@ class Forecast(NamedTuple):
     def __str__(self) -> str:
         cores = sorted({1, 2, 4, 8, 16, 64, os.cpu_count() or 1})
         lines = [
-            f"{self.rows} rows, {self.there} of them there; {1000 * self.row_seconds:.3g} ms a row of {self.samples} samples; "
-            f"{self.memory / 1e6:.3g} MB of figures"
+            f"{self.rows} rows, {self.there} of them there; {1000 * self.row_seconds:.3g} ms a row"
+            f" of {self.samples} samples; {self.memory / 1e6:.3g} MB of figures"
         ]
         return "\n".join(lines + [f"{n:5d} cores: {_time(3600 * self.hours(n))}" for n in cores])
 
 
 def _time(seconds: float) -> str:
-    return f"{seconds:.3g} s" if seconds < 100 else f"{seconds / 60:.3g} min" if seconds < 6000 else f"{seconds / 3600:.3g} h"
+    return (
+        f"{seconds:.3g} s"
+        if seconds < 100
+        else f"{seconds / 60:.3g} min"
+        if seconds < 6000
+        else f"{seconds / 3600:.3g} h"
+    )
 
 
 @public
@@ -86,39 +103,48 @@ def sweep(
 ) -> pa.Table | Forecast:
     """Run a scene for every row of a table, and keep a few figures of each rendering.
 
-    A row that fails is a row with its error; the others go on.  With ``out``, what is done is kept: a sweep that was stopped or
-    killed goes on when it is called again, and one with more rows runs only those.  The figures of a row are the same bits
-    whatever ran beside it, in any order, number of workers or engine; processors of another kind may round differently.
+    A row that fails is a row with its error; the others go on.  With ``out``, what is
+    done is kept: a sweep that was stopped or killed goes on when it is called again,
+    and one with more rows runs only those.  The figures of a row are the same bits
+    whatever ran beside it, in any order, number of workers or engine; processors of
+    another kind may round differently.
 
-    All rows run in processes beside this one.  A row that takes longer than ``stimlib.limits.row_seconds`` or more memory than
-    ``row_bytes``, or that ends its process, is a row with that error.
+    All rows run in processes beside this one.  A row that takes longer than
+    ``stimlib.limits.row_seconds`` or more memory than ``row_bytes``, or that ends its
+    process, is a row with that error.
 
     Parameters
     ----------
     make : Scene or callable
         The scene; or a function that makes one, where rows change its arguments.
     rows : mapping of str to sequence, table, or path
-        ``grid(..)``, columns by name, a table of Arrow, pandas or polars, a CSV or Parquet file.  The column ``seed`` is that of
-        the noise (0 without it), ``motion`` the name of a motion; all others are parameters or arguments.
+        ``grid(..)``, columns by name, a table of Arrow, pandas or polars, a CSV or
+        Parquet file.  The column ``seed`` is that of the noise (0 without it),
+        ``motion`` the name of a motion; all others are parameters or arguments.
     motion : motion, Recording or dict, optional
-        As ``render`` takes it: input to function of time or samples.  One function, array or recording is of all inputs.  Where
-        the rows have a column ``motion``: a dict of such motions by name.  A scene without inputs needs none.
+        As ``render`` takes it: input to function of time or samples.  One function,
+        array or recording is of all inputs.  Where the rows have a column ``motion``: a
+        dict of such motions by name.  A scene without inputs needs none.
     measures : str, Measure or sequence of them
-        Names, such as ``"rms"``, ``"band(20, 1000)"``, ``"peak(force1)"``, ``"psd"``, ``"cues"``, ``"verify"``
-        (``stimlib.sweep.measures.NAMED``), and functions of a rendering with ``@measure``.
+        Names, such as ``"rms"``, ``"band(20, 1000)"``, ``"peak(force1)"``, ``"psd"``,
+        ``"cues"``, ``"verify"`` (``stimlib.sweep.measures.NAMED``), and functions of a
+        rendering with ``@measure``.
     fs : float
         Sample rate in Hz.
     seconds : float, optional
         Length of a run; by default that of its recording or array.
     live : collection of str, optional
-        With a function: which columns are parameters that are set, and not arguments.  Needed where a name is both.
+        With a function: which columns are parameters that are set, and not arguments.
+        Needed where a name is both.
     out : path, optional
         Folder for the figures, as Parquet.
     on : distributed.Client or str, optional
-        A Dask cluster, or its address such as ``"tcp://head:8786"``; by default this machine.
+        A Dask cluster, or its address such as ``"tcp://head:8786"``; by default this
+        machine.
     workers : int, optional
-        Processes on this machine; by default one for each core, and a single one where the work takes only seconds.  0: the rows
-        run in this process, where a debugger can follow, without a limit and without protection from what they do.
+        Processes on this machine; by default one for each core, and a single one where
+        the work takes only seconds.  0: the rows run in this process, where a debugger
+        can follow, without a limit and without protection from what they do.
     retry : bool
         Run rows that failed before once more.
     dry : bool
@@ -129,19 +155,24 @@ def sweep(
     Returns
     -------
     pyarrow.Table, or Forecast
-        The rows in their order, with a column of float64 for each figure (null where the row failed), ``fault`` (output and
-        sample from which on a rendering was not finite, or null) and ``error`` (or null).  The field metadata has units.
+        The rows in their order, with a column of float64 for each figure (null where
+        the row failed), ``fault`` (output and sample from which on a rendering was not
+        finite, or null) and ``error`` (or null).  The field metadata has units.
 
     Raises
     ------
     UnknownName, BadValue, UnitError, SceneError
-        What is wrong with rows, motion, measures or scene, before the first run; an error that the first, the middle and the
-        last row have in common; versions on a cluster that differ from those here; a folder with figures that another scene,
-        motion or version of them gave; with ``out``, a measure that uses something whose content cannot be seen.
+        What is wrong with rows, motion, measures or scene, before the first run; an
+        error that the first, the middle and the last row have in common; versions on a
+        cluster that differ from those here; a folder with figures that another scene,
+        motion or version of them gave; with ``out``, a measure that uses something
+        whose content cannot be seen.
     SinkError
-        The folder cannot be written or is that of something else; the cluster went away.
+        The folder cannot be written or is that of something else; the cluster went
+        away.
     MissingPackage
-        pyarrow, or for a cluster distributed, is not installed: ``pip install 'stimlib[sweep]'``.
+        pyarrow, or for a cluster distributed, is not installed: ``pip install
+        'stimlib[sweep]'``.
     KeyboardInterrupt
         On Ctrl-C; it says how many rows were done.
 
@@ -152,24 +183,54 @@ def sweep(
     >>> from stimlib.scenes import squeeze
     >>> from stimlib.sweep import grid, sweep
     >>> rows = grid(A=[0.0, 3.4], seed=range(3))
-    >>> table = sweep(squeeze(fingers=1), rows, motion=minimum_jerk(), measures=["peak"], fs=8000, seconds=0.2)
+    >>> table = sweep(
+    ...     squeeze(fingers=1),
+    ...     rows,
+    ...     motion=minimum_jerk(),
+    ...     measures=["peak"],
+    ...     fs=8000,
+    ...     seconds=0.2,
+    ... )
     >>> table.column_names, table.num_rows
     (['A', 'seed', 'peak_force1', 'fault', 'error'], 6)
     >>> table.field("peak_force1").metadata
     {b'unit': b'N'}
     """
     motion = {} if motion is None else motion
-    words = {"motion": motion, "measures": measures, "fs": rate(fs), "seconds": seconds, "live": live, "kept": out is not None}
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 0):
-        raise BadValue(f"sweep: workers = {workers!r} must be a whole number: processes, or 0 for this process itself")
+    words = {
+        "motion": motion,
+        "measures": measures,
+        "fs": rate(fs),
+        "seconds": seconds,
+        "live": live,
+        "kept": out is not None,
+    }
+    if workers is not None and (
+        isinstance(workers, bool) or not isinstance(workers, int) or workers < 0
+    ):
+        raise BadValue(
+            f"sweep: workers = {workers!r} must be a whole number: processes, or 0 for this process"
+            " itself"
+        )
     apart = workers != 0 and not isinstance(make, Scene)  # a function may end its process
-    table, plan, motions, facts, about, samples = (_planned_apart if apart else planned)(make, table_of(rows), words)
+    table, plan, motions, facts, about, samples = (_planned_apart if apart else planned)(
+        make, table_of(rows), words
+    )
     if not plan.units:
-        raise BadValue(f'a sweep needs measures, such as ["rms", "peak"]; there are {", ".join(NAMED)}')
+        raise BadValue(
+            f'a sweep needs measures, such as ["rms", "peak"]; there are {", ".join(NAMED)}'
+        )
     digests = {name: digest for name, (digest, _) in motions.items()}
     keyed = table.append_column("key", row_keys(plan, table, digests))
-    with Store(out if not dry or _is_folder(out) else None, facts, about, dry) as store, terminable():
-        engine: Any = Cluster(on, plan, motions) if on is not None else (Local if workers != 0 else Here)(plan, motions)
+    with (
+        Store(out if not dry or _is_folder(out) else None, facts, about, dry) as store,
+        terminable(),
+    ):
+        engine: Any = (
+            Cluster(on, plan, motions)
+            if on is not None
+            else (Local if workers != 0 else Here)(plan, motions)
+        )
         with engine:
             names = [*plan.units, "fault", "error"]
             done = store.done(names)
@@ -181,13 +242,19 @@ def sweep(
                     row_seconds = _run(plan, todo, store, engine, workers, dry, progress)
             except KeyboardInterrupt:
                 what = f"{store.rows - began} of {todo.num_rows} rows were done"
-                kept = "; run it again for the rest" if store.folder is not None else ", and are lost: with out= they are kept"
+                kept = (
+                    "; run it again for the rest"
+                    if store.folder is not None
+                    else ", and are lost: with out= they are kept"
+                )
                 raise KeyboardInterrupt(what + kept) from None
         if dry:
             n, columns = table.num_rows, len(plan.units) + table.num_columns
             return Forecast(n, n - todo.num_rows, row_seconds, samples, 8.0 * n * columns)
         done = store.done(names)
-        result = joined(plan, table, done.drop_columns(["key", "content"]).take(_places(keyed, done)))
+        result = joined(
+            plan, table, done.drop_columns(["key", "content"]).take(_places(keyed, done))
+        )
         return result.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
 
 
@@ -202,7 +269,8 @@ def rendering(
     seconds: float | None = None,
     live: Collection[str] | None = None,
 ) -> Rendering:
-    """One row of a sweep alone, to look at: the same samples, bit for bit, of which its figures were made.
+    """One row of a sweep alone, to look at: the same samples, bit for bit, of which its
+    figures were made.
 
     Parameters
     ----------
@@ -227,20 +295,31 @@ def rendering(
     >>> from stimlib.scenes import squeeze
     >>> from stimlib.sweep import grid, measured, rendering
     >>> rows = grid(A=[0.0, 3.4], seed=range(3))
-    >>> run = rendering(squeeze(fingers=1), rows, 5, motion=minimum_jerk(), fs=8000, seconds=0.2)
+    >>> run = rendering(
+    ...     squeeze(fingers=1), rows, 5, motion=minimum_jerk(), fs=8000, seconds=0.2
+    ... )
     >>> run.params["A"], run.seed, list(measured(run, "peak"))
     (3.4, 2, ['peak_force1'])
     """
     whole = table_of(rows)
     if not isinstance(at, int | np.integer) or not 0 <= at < whole.num_rows:
-        raise BadValue(f"rendering: there is no row {at!r}: give a number from 0 to {whole.num_rows - 1}")
+        raise BadValue(
+            f"rendering: there is no row {at!r}: give a number from 0 to {whole.num_rows - 1}"
+        )
     motion = {} if motion is None else motion
-    words = {"motion": motion, "measures": (), "fs": rate(fs), "seconds": seconds, "live": live, "kept": False}
+    words = {
+        "motion": motion,
+        "measures": (),
+        "fs": rate(fs),
+        "seconds": seconds,
+        "live": live,
+        "kept": False,
+    }
     table, plan, motions, *_ = planned(make, whole.slice(int(at), 1), words)
     return Runner(plan, motions).rendering(table.to_pylist()[0])[0]
 
 
-# Before the first run ------------------------------------------------------------------------------------------------
+# Before the first run -----------------------------------------------------------------
 class Planned(NamedTuple):
     """All that is known before the first run."""
 
@@ -272,12 +351,16 @@ class Seen(NamedTuple):
 
 
 def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
-    """Return all that can be known without a run, checked; the scene of some row is made here."""
+    """Return all that can be known without a run, checked; the scene of some row is
+    made here.
+    """
     return _complete(make, words, seen(make, table, words, 0))
 
 
 def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
-    """Return what `planned` does; scenes are made in another process, which they may end."""
+    """Return what `planned` does; scenes are made in another process, which they may
+    end.
+    """
     given = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
     memory = int(min(limits.row_bytes, 2**62))
     first, error = 0, None
@@ -290,12 +373,15 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
         first = error.at + 1
     if error is not None:
         raise error
-    here = code_keys(make, words["motion"] if "motion" in table.column_names else {"": words["motion"]})
+    here = code_keys(
+        make, words["motion"] if "motion" in table.column_names else {"": words["motion"]}
+    )
     if other := [name for name, key in found.code_keys.items() if key != here.get(name, key)]:
         found.warned.append(
-            f"sweep: {other[0]} is not the same in the processes that run the rows: they import your modules anew, so an "
-            "attribute that was set later, or a file that has changed, counts as it is in the file; give such values as "
-            "arguments or columns, or use workers=0"
+            f"sweep: {other[0]} is not the same in the processes that run the rows: they import"
+            " your modules anew, so an attribute that was set later, or a file that has changed,"
+            " counts as it is in the file; give such values as arguments or columns, or use"
+            " workers=0"
         )
     return _complete(make, words, found)
 
@@ -305,9 +391,18 @@ def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
         warnings.warn(text, RuntimeWarning, stacklevel=outside())
     given = words["motion"] if list(found.digests) != [""] else {"": words["motion"]}
     plan = Plan(
-        make, _asked(words), found.units, words["fs"], words["seconds"], found.roles, versions(), found.key,
-        found.measure_keys, dc.asdict(limits), found.code_keys,
-    )  # fmt: skip
+        make,
+        _asked(words),
+        found.units,
+        words["fs"],
+        words["seconds"],
+        found.roles,
+        versions(),
+        found.key,
+        found.measure_keys,
+        dc.asdict(limits),
+        found.code_keys,
+    )
     motions = {name: (digest, given[name]) for name, digest in found.digests.items()}
     return Planned(from_bytes(found.table), plan, motions, found.facts, found.about, found.samples)
 
@@ -334,14 +429,20 @@ def seen_apart(first: int) -> Seen:
 def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Seen:
     """Check rows, motions and measures against the scene of some row."""
     if not isinstance(make, Scene) and not callable(make):
-        raise BadValue(f"a sweep is of a scene, or of a function that makes one; got {type(make).__name__}")
+        raise BadValue(
+            f"a sweep is of a scene, or of a function that makes one; got {type(make).__name__}"
+        )
     fs, seconds, motion = words["fs"], words["seconds"], words["motion"]
     named = "motion" in table.column_names
     if named and not isinstance(motion, Mapping):
-        raise BadValue(f"the rows have a column motion, so motion must be a dict of motions by name, got {type(motion).__name__}")
+        raise BadValue(
+            "the rows have a column motion, so motion must be a dict of motions by name, got"
+            f" {type(motion).__name__}"
+        )
     given = dict(motion) if named else {"": motion}
     asked, code = _asked(words), code_keys(make, given)
-    keys = measure_keys(asked) if words["kept"] else []  # before anything runs that may keep something
+    # before anything runs that may keep something
+    keys = measure_keys(asked) if words["kept"] else []
     scene = some_scene(make, table, first)
     roles = roles_of(make, scene, table.column_names, words["live"])
     table = checked(table, scene, roles, given)
@@ -355,25 +456,36 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
     digests = {name: motion_digest(given[name], name, fs, seconds) for name in used}
     units = {name: u for m in measures_of(asked, scene) for name, u in m.units.items()}
     if own := [name for name in units if name in MADE]:
-        raise BadValue(f"measures: a sweep adds a column {own[0]} of its own: give your figure another name")
+        raise BadValue(
+            f"measures: a sweep adds a column {own[0]} of its own: give your figure another name"
+        )
     if clash := [name for name in units if name in table.column_names]:
-        raise BadValue(f"rows have a column {clash[0]}, and so do the measures: give yours another name")
+        raise BadValue(
+            f"rows have a column {clash[0]}, and so do the measures: give yours another name"
+        )
     key, facts = shared_key(make, keys, fs, roles)
     about = {
         "units": units,
-        "motion": {name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()},
+        "motion": {
+            name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()
+        },
         "scene_json": scene.to_dict() if isinstance(make, Scene) else None,
     }
-    return Seen(as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [], code)
+    return Seen(
+        as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [], code
+    )
 
 
 def _asked(words: Mapping[str, Any]) -> tuple[str | Measure, ...]:
     measures = words["measures"]
-    return tuple(measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures])
+    return tuple(
+        measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures]
+    )
 
 
 def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int = 0) -> Scene:
-    """Return the scene, or what the factory makes of the first of some rows of which it makes one.
+    """Return the scene, or what the factory makes of the first of some rows of which it
+    makes one.
 
     Parameters
     ----------
@@ -391,7 +503,9 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
         note(k, bytes(16))
         row = table.slice(rows[k], 1).to_pylist()[0]
         try:
-            scene = make(**{n: v for n, v in row.items() if n in known and n not in ("seed", "motion")})
+            scene = make(
+                **{n: v for n, v in row.items() if n in known and n not in ("seed", "motion")}
+            )
         except BaseException as e:
             if ended(e):
                 raise
@@ -400,29 +514,40 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
         if not isinstance(scene, Scene):
             raise SceneError(f"{name_of(make)} returns {type(scene).__name__}, not a Scene")
         return scene
-    raise BadValue(f"{name_of(make)} makes no scene of the first row: {error_text(error)}") from error  # type: ignore[arg-type]
+    raise BadValue(
+        f"{name_of(make)} makes no scene of the first row: {error_text(error)}"
+    ) from error  # type: ignore[arg-type]
 
 
 def _rows_to_try(n: int) -> list[int]:
     """Return some rows, the first, the last and the middle one before others."""
-    return list(dict.fromkeys(int(n * part) for part in (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)))
+    return list(
+        dict.fromkeys(
+            int(n * part) for part in (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
+        )
+    )
 
 
 def _is_folder(out: Any) -> bool:
     return out is not None and os.path.isdir(out)
 
 
-# The runs --------------------------------------------------------------------------------------------------------------
+# The runs -----------------------------------------------------------------------------
 def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
     """Return where each row is among those that are done, or null."""
-    return arrow("pyarrow.compute").index_in(keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks())
+    return arrow("pyarrow.compute").index_in(
+        keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks()
+    )
 
 
-def _confirmed(plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool) -> pa.Table:
-    """Return the rows that are done, without those that failed with another scene or motion than today's.
+def _confirmed(
+    plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool
+) -> pa.Table:
+    """Return the rows that are done, without those that failed with another scene or
+    motion than today's.
 
-    The scene of every row that is there is made again, once for each combination of arguments and
-    motion, and compared with the one that was run.
+    The scene of every row that is there is made again, once for each combination of
+    arguments and motion, and compared with the one that was run.
     """
     pa, pc = arrow(), arrow("pyarrow.compute")
     places = _places(keyed, done)
@@ -450,14 +575,21 @@ def _confirmed(plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers
         at = int(np.flatnonzero(np.asarray(pc.is_valid(places)))[int(np.argmax(changed))])
         why = made["error"][int(which[int(np.argmax(changed))])].as_py()
         raise BadValue(
-            f"row {at} (the first is 0) is kept with the figures of another scene or motion than those of today"
-            f"{f' ({why})' if why else ''}: a function, a block or a file has changed since; name another folder"
+            f"row {at} (the first is 0) is kept with the figures of another scene or motion than"
+            f" those of today{f' ({why})' if why else ''}: a function, a block or a file has"
+            " changed since; name another folder"
         )
-    return done.filter(pc.invert(pc.is_in(done["key"], value_set=there["key"].combine_chunks().filter(pa.array(other)))))
+    return done.filter(
+        pc.invert(
+            pc.is_in(done["key"], value_set=there["key"].combine_chunks().filter(pa.array(other)))
+        )
+    )
 
 
 def _missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
-    """Return the rows that are not there yet, each once; with retry those that failed, too."""
+    """Return the rows that are not there yet, each once; with retry those that failed,
+    too.
+    """
     pa, pc = arrow(), arrow("pyarrow.compute")
     places = _places(keyed, done)
     if retry:
@@ -470,10 +602,19 @@ def _missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
     return keyed.take(pa.array(np.sort(first)))
 
 
-def _run(plan: Plan, todo: pa.Table, store: Store, engine: Any, workers: int | None, dry: bool, progress: bool) -> float:
+def _run(
+    plan: Plan,
+    todo: pa.Table,
+    store: Store,
+    engine: Any,
+    workers: int | None,
+    dry: bool,
+    progress: bool,
+) -> float:
     """Run the rows, a few of them first; return how long one of those took.
 
-    An error of one kind that the first, the middle and the last row have is raised before the others run.
+    An error of one kind that the first, the middle and the last row have is raised
+    before the others run.
     """
     todo = todo.take(arrow().array(in_order(todo, plan.roles)))
     n, new = todo.num_rows, not store.tables
@@ -488,7 +629,9 @@ def _run(plan: Plan, todo: pa.Table, store: Store, engine: Any, workers: int | N
         errors_of = [t["error"][0].as_py() or "" for t in store.tables[-len(probes) :]]
         kinds = {text.partition(":")[0] for text in errors_of}
         if new and len(kinds) == 1 and (name := kinds.pop()).isidentifier():
-            raise getattr(errors, name, BadValue)(f"sweep: the first row fails, and so do others: {errors_of[0]}")
+            raise getattr(errors, name, BadValue)(
+                f"sweep: the first row fails, and so do others: {errors_of[0]}"
+            )
         if not dry:
             rest = todo.take(arrow().array(np.setdiff1d(np.arange(n), probes)))
             if rest.num_rows * row_seconds > QUICK:

@@ -1,4 +1,6 @@
-"""What a worker does with some rows: programs, motions and buffers are kept from row to row."""
+"""What a worker does with some rows: programs, motions and buffers are kept from row to
+row.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +81,8 @@ class Kept(OrderedDict[Any, T]):
 class Runner:
     """Runs rows of one plan, one after another, in one thread.
 
-    A row is reset, set and processed: the bits are those of ``render`` with its numbers, whatever ran before.
+    A row is reset, set and processed: the bits are those of ``render`` with its
+    numbers, whatever ran before.
     """
 
     def __init__(self, plan: Plan, motions: Motions):
@@ -91,7 +94,9 @@ class Runner:
         self._y = np.empty((0, 0))
 
     def content(self, row: Mapping[str, Any]) -> bytes:
-        """Return 16 bytes that stand for all that a row's samples are computed from: scene and motion."""
+        """Return 16 bytes that stand for all that a row's samples are computed from:
+        scene and motion.
+        """
         if not self.plan.measure_keys:  # nothing is kept
             return NO_SCENE
         made = self._made(row)
@@ -116,17 +121,29 @@ class Runner:
         for n in plan.roles.live:
             proc.set(n, row[n], ramp=0.0)
         y = proc.process(moved.x, self._y)
-        made = Rendering(program.scene, proc.fs, proc.seed, dict(proc.params), y, proc.outputs, proc.fault, moved.motion)
+        made = Rendering(
+            program.scene,
+            proc.fs,
+            proc.seed,
+            dict(proc.params),
+            y,
+            proc.outputs,
+            proc.fault,
+            moved.motion,
+        )
         return made, program, moved
 
     def figures(self, row: Mapping[str, Any]) -> tuple[list[float], str | None]:
         """A row's figures, and its fault."""
         rendering, program, moved = self.rendering(row)
         values = figures_of(program.measures, rendering, moved.ready or [])
-        return values, None if rendering.fault is None else "{} at sample {}".format(*rendering.fault)
+        return values, (
+            None if rendering.fault is None else "{} at sample {}".format(*rendering.fault)
+        )
 
     def run(self, rows: list[dict[str, Any]], look: bool = False, seconds: float = math.inf) -> Any:
-        """Return figures, fault, error and content of the first rows, of as many as the time allows.
+        """Return figures, fault, error and content of the first rows, of as many as the
+        time allows.
 
         An error is what that row says, not the end of the others.
 
@@ -174,8 +191,9 @@ class Runner:
         units = {name: u for m in measures for name, u in m.units.items()}
         if units != self.plan.units:
             raise BadValue(
-                f"the scene of this row gives {', '.join(units)} and the first one {', '.join(self.plan.units)}: "
-                "name outputs that all rows have, such as rms(force1)"
+                f"the scene of this row gives {', '.join(units)} and the first one"
+                f" {', '.join(self.plan.units)}: name outputs that all rows have, such as"
+                " rms(force1)"
             )
         return Program(scene, Processor(scene, self.plan.fs), measures)
 
@@ -188,7 +206,9 @@ class Runner:
             motion = motion_of(given, scene)
             n = frames(motion, self.plan.fs, self.plan.seconds)
             x = positions(sources_of(motion, inputs, n), 0, n, self.plan.fs)
-            self._digests[key] = hashlib.sha256(repr((inputs, x.shape)).encode() + x.tobytes()).digest()
+            self._digests[key] = hashlib.sha256(
+                repr((inputs, x.shape)).encode() + x.tobytes()
+            ).digest()
             return Moved(motion, x)
 
         return self._moved.get_or(key, self._most(), sampled)
@@ -209,7 +229,7 @@ def error_text(e: BaseException) -> str:
     return f"{type(e).__name__}: {text}"[:LONGEST_TEXT]
 
 
-# As a job ------------------------------------------------------------------------------------------------------------
+# As a job -----------------------------------------------------------------------------
 def begin(data: bytes) -> None:
     """Take plan and motions, in a process of the pool."""
     global _runner
@@ -218,12 +238,17 @@ def begin(data: bytes) -> None:
         setattr(limits, name, value)
     if plan.measure_keys and plan.measure_keys != measure_keys(plan.measures):
         raise BadValue(
-            "measures: a file of yours has changed since the sweep began, or a module that they use has another state here "
-            '(a cache, an attribute that was set); start it again, or state @measure(.., version="1")'
+            "measures: a file of yours has changed since the sweep began, or a module that they use"
+            " has another state here (a cache, an attribute that was set); start it again, or state"
+            ' @measure(.., version="1")'
         )
     given = {name: motion for name, (_, motion) in motions.items()}
-    if changed := [n for n, key in code_keys(plan.make, given).items() if key != plan.code_keys.get(n, key)]:
-        raise BadValue(f"{changed[0]}: a file of yours has changed since the sweep began; start it again")
+    if changed := [
+        n for n, key in code_keys(plan.make, given).items() if key != plan.code_keys.get(n, key)
+    ]:
+        raise BadValue(
+            f"{changed[0]}: a file of yours has changed since the sweep began; start it again"
+        )
     _runner = Runner(plan, motions)
 
 
@@ -244,7 +269,9 @@ def run_kept(data: bytes, look: bool, seconds: float, motions: bytes) -> tuple[b
 
 def differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
     """The packages of which two processes have different versions."""
-    return ", ".join(f"{p} {here.get(p)}, and not {v}" for p, v in there.items() if here.get(p) != v)
+    return ", ".join(
+        f"{p} {here.get(p)}, and not {v}" for p, v in there.items() if here.get(p) != v
+    )
 
 
 def figures_table(plan: Plan, rows: list[dict[str, Any]]) -> Any:
@@ -252,7 +279,9 @@ def figures_table(plan: Plan, rows: list[dict[str, Any]]) -> Any:
     pa = arrow()
     kinds = dict.fromkeys(plan.units, pa.float64())
     kinds |= {"fault": pa.string(), "error": pa.string(), "content": pa.binary(KEY)}
-    return pa.table({name: pa.array([row.get(name) for row in rows], kind) for name, kind in kinds.items()})
+    return pa.table(
+        {name: pa.array([row.get(name) for row in rows], kind) for name, kind in kinds.items()}
+    )
 
 
 def as_bytes(table: Any) -> bytes:

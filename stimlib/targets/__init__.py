@@ -1,1 +1,3 @@
-"""How a scene runs: the reference interpreter (python), the streaming compiler (numba), functions of whole signals (jax)."""
+"""How a scene runs: the reference interpreter (python), the streaming compiler (numba),
+functions of whole signals (jax).
+"""

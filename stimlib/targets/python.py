@@ -1,4 +1,6 @@
-"""The reference: the program sample by sample, no compiler.  What this prints is what a scene means."""
+"""The reference: the program sample by sample, no compiler.  What this prints is what a
+scene means.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from ..core.steps import sample
 
 
 class Engine:
-    """Runs a program; ``words`` is its whole state.  See ``stimlib.run.processor`` for the public face."""
+    """Runs a program; ``words`` is its whole state.  See ``stimlib.run.processor`` for
+    the public face.
+    """
 
     address = None
     start = staticmethod(start)
@@ -26,7 +30,9 @@ class Engine:
         self.s = [unpack(s, pack(s)) for _, s in design]
         blocks = [q.block for q in program.instances]
         works = [b.definition.work for b in blocks]
-        self.work = [np.zeros(work(p) if work else 0) for work, p in zip(works, self.p, strict=True)]
+        self.work = [
+            np.zeros(work(p) if work else 0) for work, p in zip(works, self.p, strict=True)
+        ]
         self.nbytes = sum(a.nbytes for a in (self.words, *self.work))
 
     def copy(self) -> Engine:
@@ -34,8 +40,12 @@ class Engine:
         return Engine(self.program, self.design, 0.0)
 
     @staticmethod
-    def together(engines: Sequence[Engine]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
-        """run(turn, x, out): one copy after the other, in one thread.  See ``stimlib.targets.numba.engine``."""
+    def together(
+        engines: Sequence[Engine],
+    ) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
+        """run(turn, x, out): one copy after the other, in one thread.  See
+        ``stimlib.targets.numba.engine``.
+        """
 
         def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
             for k, e in enumerate(engines):
@@ -44,7 +54,9 @@ class Engine:
         return run
 
     def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, Any]:
-        """Values of all instances at one sample of a clock, and of whatever that enables."""
+        """Values of all instances at one sample of a clock, and of whatever that
+        enables.
+        """
         on = [False] * len(self.program.parents)
         on[PARAMS] = on[clock] = True
         v: dict[int, Any] = dict(x)
@@ -76,11 +88,16 @@ class Engine:
         return y
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:
-        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not fit."""
+        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not
+        fit.
+        """
         inputs, outputs = list(self.program.inputs.values()), list(self.program.outputs.values())
         if x.shape != (len(inputs), x.shape[1]) or out.shape != (len(outputs), x.shape[1]):
             return 1
-        if any(a.dtype != np.float64 or not a.flags.c_contiguous for a in (x, out)) or not out.flags.writeable:
+        if (
+            any(a.dtype != np.float64 or not a.flags.c_contiguous for a in (x, out))
+            or not out.flags.writeable
+        ):
             return 1
         apart = out.ctypes.data - x.ctypes.data
         if x.size and -out.nbytes < apart < x.nbytes and apart % (8 * x.shape[1]):
@@ -99,14 +116,20 @@ class Engine:
                 self.sample({}, clock, warm=True)
 
     def set(self, i: int, target: float, left: float) -> None:
-        """Send Param instance i towards target over so many samples, from the next sample on."""
+        """Send Param instance i towards target over so many samples, from the next
+        sample on.
+        """
         assert isinstance(self.program.instances[i].block, Param)
         self.s[i] = self.s[i]._replace(target=np.float64(target), left=np.float64(left))
 
     @property
     def words(self) -> np.ndarray:
         """All states in canonical order (a copy)."""
-        parts = [pack(s) for s, q in zip(self.s, self.program.instances, strict=True) if q.kind == "block"]
+        parts = [
+            pack(s)
+            for s, q in zip(self.s, self.program.instances, strict=True)
+            if q.kind == "block"
+        ]
         return np.concatenate(parts) if parts else np.zeros(0, np.uint64)
 
     @words.setter

@@ -1,4 +1,6 @@
-"""Limits that hold for any force, and the two formulas of the UGrip paper around the motor."""
+"""Limits that hold for any force, and the two formulas of the UGrip paper around the
+motor.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,13 @@ from laws import assert_same, cut_at, float_words, random_cuts, run
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import differentiator, pink_noise
-from stimlib.blocks.actuator import PLACEHOLDER_GAMMA, force_limit, motor_current, skin_drive, static_limit
+from stimlib.blocks.actuator import (
+    PLACEHOLDER_GAMMA,
+    force_limit,
+    motor_current,
+    skin_drive,
+    static_limit,
+)
 from stimlib.errors import BadValue, UnitError
 
 F, X = Input("force", "N"), Input("x", "m")
@@ -45,7 +53,7 @@ def forces(kind, n, fs, size, rng):
 KINDS = ["grip", "square", "fast square", "noise", "bursts", "spikes", "ramp"]
 
 
-# The static limit ----------------------------------------------------------------------------------------------------
+# The static limit ---------------------------------------------------------------------
 @given(
     st.sampled_from(KINDS),
     st.floats(-1, 7).map(lambda e: 10.0**e),
@@ -57,10 +65,15 @@ def test_the_mean_square_never_exceeds_that_of_the_limit(kind, size, fs, tau, se
     x = forces(kind, 4000, fs, size, np.random.default_rng(seed))
     y = limited(fs, tau=tau).process(x[None])[0]
     assert mean_square(y, fs, tau).max() <= L**2 * (1 + 1e-12)
-    assert np.all(np.abs(y) <= np.abs(x)) and np.all(y * x >= 0), "only ever weaker, never turned around"
+    assert np.all(np.abs(y) <= np.abs(x)) and np.all(y * x >= 0), (
+        "only ever weaker, never turned around"
+    )
 
 
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=60), st.sampled_from([0.5, 20.0, 8000.0]))
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=60),
+    st.sampled_from([0.5, 20.0, 8000.0]),
+)
 def test_the_bound_holds_for_any_finite_numbers(values, fs):
     x = np.repeat(np.array(values), 5)
     y = limited(fs).process(x[None])[0]
@@ -82,7 +95,9 @@ def test_five_minutes(kind, size):
     assert slew <= 100.0**2 / (10.0 * 0.19 * L**2) * (1 + 1e-6), "no click"
 
 
-@pytest.mark.parametrize(("held", "wanted"), [(90.0, 35.6), (100.0, 35.7), (36.0, 33.6), (33.0, 33.0)])
+@pytest.mark.parametrize(
+    ("held", "wanted"), [(90.0, 35.6), (100.0, 35.7), (36.0, 33.6), (33.0, 33.0)]
+)
 def test_a_grip_settles_where_it_is_said_to(held, wanted):
     y = limited().process(np.full((1, 200_000), held))[0]
     G = y[-1] / held
@@ -95,7 +110,10 @@ def test_a_grip_settles_where_it_is_said_to(held, wanted):
 
 
 @given(
-    st.sampled_from(KINDS), st.floats(-3, 4).map(lambda e: 10.0**e), st.sampled_from([0.02, 1.0, 1000.0]), st.integers(0, 2**32)
+    st.sampled_from(KINDS),
+    st.floats(-3, 4).map(lambda e: 10.0**e),
+    st.sampled_from([0.02, 1.0, 1000.0]),
+    st.integers(0, 2**32),
 )
 def test_what_stays_below_the_knee_passes_bit_for_bit(kind, size, fs, seed):
     x = forces(kind, 3000, fs, size, np.random.default_rng(seed))
@@ -116,7 +134,11 @@ def test_it_recovers():
 
 
 def test_the_rate_of_samples_is_not_part_of_it():
-    y = [limited(fs).process(np.full((1, int(5 * fs)), 90.0))[0][int(t * fs)] for fs in (1000.0, 8000.0) for t in (1.0, 2.0, 4.0)]
+    y = [
+        limited(fs).process(np.full((1, int(5 * fs)), 90.0))[0][int(t * fs)]
+        for fs in (1000.0, 8000.0)
+        for t in (1.0, 2.0, 4.0)
+    ]
     np.testing.assert_allclose(y[:3], y[3:], rtol=2e-3)
 
 
@@ -124,7 +146,12 @@ def test_the_rate_of_samples_is_not_part_of_it():
 def test_compiled_is_the_reference_and_cuts_change_nothing(fs):
     n = 900
     rng = np.random.default_rng(2)
-    scene = Scene({"F": static_limit(force_limit(F, Param("peak", 95.0, "N")), tau=0.05), "G": static_limit(F, tau=0.01)})
+    scene = Scene(
+        {
+            "F": static_limit(force_limit(F, Param("peak", 95.0, "N")), tau=0.05),
+            "G": static_limit(F, tau=0.01),
+        }
+    )
     x = forces("noise", n, fs, 80.0, rng)[None]
     x[0, 400:450] = -0.0
     fast, slow = (stimlib.compile(scene, fs, target) for target in ("numba", "python"))
@@ -155,14 +182,22 @@ def test_what_is_not_finite_is_a_fault_and_no_force(bad, target):
     x = np.full((1, 200), 10.0)
     x[0, 50] = bad
     proc = stimlib.compile(
-        Scene({"peak": force_limit(F), "static": static_limit(F), "both": static_limit(force_limit(F))}), 1000, target
+        Scene(
+            {
+                "peak": force_limit(F),
+                "static": static_limit(F),
+                "both": static_limit(force_limit(F)),
+            }
+        ),
+        1000,
+        target,
     )
     y = proc.process(x)
     assert proc.fault is not None and proc.fault[1] == 50
     assert np.abs(y).max() <= 10.0 and not y[:, 80:].any()
 
 
-# The peak limit ------------------------------------------------------------------------------------------------------
+# The peak limit -----------------------------------------------------------------------
 def test_the_peak_limit():
     proc = stimlib.compile(Scene({"F": force_limit(F, 100.0)}), 1000)
     x = np.array([[0.0, -0.0, 99.9, 100.0, 100.1, -1e300, 1e300, -100.0, 5e-324]])
@@ -177,10 +212,15 @@ def test_a_live_peak():
     assert proc.process(np.array([[-70.0]]))[0, 0] == -20.0
 
 
-# Skin and motor ------------------------------------------------------------------------------------------------------
+# Skin and motor -----------------------------------------------------------------------
 def test_skin_drive_is_equation_1():
     dp = Input("dp", "N/s")
-    scene = Scene({"number": skin_drive(dp, 0.2, 1.6), "live": skin_drive(dp, Param("m", 0.2, "kg"), Param("B", 1.6, "N*s/m"))})
+    scene = Scene(
+        {
+            "number": skin_drive(dp, 0.2, 1.6),
+            "live": skin_drive(dp, Param("m", 0.2, "kg"), Param("B", 1.6, "N*s/m")),
+        }
+    )
     proc = stimlib.compile(scene, 1000)
     y = proc.process(np.array([[-3.0, 0.0, 8.0]]))
     np.testing.assert_allclose(y, np.array([[3.0, 0.0, -8.0]] * 2) * 0.2 / 1.6, rtol=1e-15)
@@ -192,7 +232,9 @@ def test_skin_drive_is_equation_1():
 def test_skin_drive_lets_the_skin_feel_the_pink_force():
     """Through inertia and damper, F/(m s^2) and -B s, the force p comes back."""
     p = constant(1.0, "N") * pink_noise(1.0, seed=1, f_low=10.0)
-    proc = stimlib.compile(Scene({"p": p, "F": skin_drive(differentiator(p, 1000.0), 0.3, 1.5)}), 8000, "python")
+    proc = stimlib.compile(
+        Scene({"p": p, "F": skin_drive(differentiator(p, 1000.0), 0.3, 1.5)}), 8000, "python"
+    )
     f = np.linspace(20, 900, 50)
     source = next(iter(proc.program.noises))
     s = 2j * np.pi * f
@@ -216,7 +258,11 @@ def test_the_current_makes_the_force(kind):
 def test_gamma_never_reaches_zero(gamma, x):
     knots = np.linspace(0, 0.04, len(gamma))
     for kind in ("linear", "pchip"):
-        proc = stimlib.compile(Scene({"I": motor_current(constant(1.0, "N"), X, 1.0, (knots, gamma), kind)}), 1000, "python")
+        proc = stimlib.compile(
+            Scene({"I": motor_current(constant(1.0, "N"), X, 1.0, (knots, gamma), kind)}),
+            1000,
+            "python",
+        )
         current = proc.process(np.array([[x]]))[0, 0]
         assert 1 / max(gamma) * (1 - 1e-9) <= current <= 1 / min(gamma) * (1 + 1e-9)
 
@@ -225,10 +271,15 @@ def test_the_placeholder_is_a_proportion_over_the_travel():
     assert PLACEHOLDER_GAMMA.x[0] == 0.0 and PLACEHOLDER_GAMMA.x[-1] == 0.04
     assert all(0 < g <= 1 for g in PLACEHOLDER_GAMMA.gamma)
     proc = stimlib.compile(Scene({"I": motor_current(F, X, Param("nB", 10.0, "N/A"))}), 8000)
-    assert proc.process(np.stack([{"force": 37.0, "x": 0.02}[n] * np.ones(1) for n in proc.inputs]))[0, 0] == 3.7
+    assert (
+        proc.process(np.stack([{"force": 37.0, "x": 0.02}[n] * np.ones(1) for n in proc.inputs]))[
+            0, 0
+        ]
+        == 3.7
+    )
 
 
-# Errors --------------------------------------------------------------------------------------------------------------
+# Errors -------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("make", "match"),
     [

@@ -1,4 +1,6 @@
-"""Bumps against their integrals in closed form, the carrier against exact arithmetic; what contact and parameters do."""
+"""Bumps against their integrals in closed form, the carrier against exact arithmetic;
+what contact and parameters do.
+"""
 
 from fractions import Fraction
 
@@ -33,7 +35,9 @@ def e(waveform, u, d):
         "square": np.ones_like(w),
         "sawtooth": w / d,
         "half_sine": np.sin(pi * w / d),
-        "sine": np.maximum(0, (np.cos(2 * pi * (w - d / 2)) - np.cos(pi * d)) / (1 - np.cos(pi * d))),
+        "sine": np.maximum(
+            0, (np.cos(2 * pi * (w - d / 2)) - np.cos(pi * d)) / (1 - np.cos(pi * d))
+        ),
     }[waveform]
     return np.where(w < d, top, 0.0)
 
@@ -48,7 +52,12 @@ def integral(waveform, u, d):
         sums = np.r_[0, np.cumsum(np.diff(knots) * (v[1:] + v[:-1]) / 2)]
         i = np.minimum(np.searchsorted(knots, m, "right") - 1, len(v) - 2)
         a = m - knots[i]
-        return k * sums[-1] + sums[i] + v[i] * a + a * a * (v[i + 1] - v[i]) / (knots[i + 1] - knots[i]) / 2
+        return (
+            k * sums[-1]
+            + sums[i]
+            + v[i] * a
+            + a * a * (v[i + 1] - v[i]) / (knots[i + 1] - knots[i]) / 2
+        )
     if waveform == "square":
         return k * d + m
     if waveform == "sawtooth":
@@ -57,20 +66,28 @@ def integral(waveform, u, d):
         return (k * 2 + 1 - np.cos(pi * m / d)) * d / pi
 
     def sine(m):
-        return (np.sin(2 * pi * m - pi * d) / (2 * pi) + np.sin(pi * d) / (2 * pi) - m * np.cos(pi * d)) / (1 - np.cos(pi * d))
+        return (
+            np.sin(2 * pi * m - pi * d) / (2 * pi) + np.sin(pi * d) / (2 * pi) - m * np.cos(pi * d)
+        ) / (1 - np.cos(pi * d))
 
     return k * sine(d) + sine(m)
 
 
 shapes = pytest.mark.parametrize("waveform", [*WAVEFORMS, TABLE], ids=[*WAVEFORMS, "table"])
-few_shapes = pytest.mark.parametrize("waveform", mostly(["square", "sawtooth"], [*WAVEFORMS, TABLE]), ids=[*WAVEFORMS, "table"])
+few_shapes = pytest.mark.parametrize(
+    "waveform", mostly(["square", "sawtooth"], [*WAVEFORMS, TABLE]), ids=[*WAVEFORMS, "table"]
+)
 
 
-# Envelopes -----------------------------------------------------------------------------------------------------------
+# Envelopes ----------------------------------------------------------------------------
 @few_shapes
 @given(
     st.floats(0.02, 1.0),
-    st.lists(st.tuples(st.floats(-3, 0.301), st.sampled_from([-1, 0, 1, 1]), st.integers(1, 400)), min_size=1, max_size=12),
+    st.lists(
+        st.tuples(st.floats(-3, 0.301), st.sampled_from([-1, 0, 1, 1]), st.integers(1, 400)),
+        min_size=1,
+        max_size=12,
+    ),
     st.sampled_from([2, 6, 18]),
     st.floats(-0.1, 0.1),
 )
@@ -80,7 +97,13 @@ def test_over_any_movement_the_bumps_add_up_to_their_integral(waveform, duty, pa
     u = np.r_[start, start + np.cumsum(v) / FS] * nb / 0.1
     y = bumps(waveform, duty).process(u[None])[0]
     assert y.min() >= 0 and y.max() <= 1
-    assert abs(np.sum(y[1:] * np.diff(u)) - (integral(waveform, u[-1], duty) - integral(waveform, u[0], duty))) <= 1e-12
+    assert (
+        abs(
+            np.sum(y[1:] * np.diff(u))
+            - (integral(waveform, u[-1], duty) - integral(waveform, u[0], duty))
+        )
+        <= 1e-12
+    )
 
 
 @pytest.mark.parametrize("waveform", mostly({"sawtooth"}, ["sine", "sawtooth"]))
@@ -95,7 +118,13 @@ def test_one_sample_of_another_duty(waveform):
 
 def test_no_rounding_leaves_0_to_1():
     u = np.cumsum(np.random.default_rng(0).standard_normal(20_000) * 3)
-    for waveform, duty in (("square", 1.0), ("square", 0.7), ([1.0, 1.0], 1.0), ("sine", 0.1), ([0.0, 0.0], 0.3)):
+    for waveform, duty in (
+        ("square", 1.0),
+        ("square", 0.7),
+        ([1.0, 1.0], 1.0),
+        ("sine", 0.1),
+        ([0.0, 0.0], 0.3),
+    ):
         y = bumps(waveform, duty).process(u[None])
         assert y.min() >= 0.0 and y.max() <= 1.0
 
@@ -104,7 +133,13 @@ def test_no_rounding_leaves_0_to_1():
 @pytest.mark.parametrize("sampling", ["area", "point"])
 def test_standing_at_an_edge(sampling, target):
     """A ridge begins with its first place and ends before its last."""
-    for waveform, first in (("square", 1.0), ("sawtooth", 0.0), ("sine", 0.0), ("half_sine", 0.0), ([0.75, 1.0], 0.75)):
+    for waveform, first in (
+        ("square", 1.0),
+        ("sawtooth", 0.0),
+        ("sine", 0.0),
+        ("half_sine", 0.0),
+        ([0.75, 1.0], 0.75),
+    ):
         proc = bumps(waveform, 0.25, target, sampling=sampling)
         for u, e in ((0.25, 0.0), (-0.75, 0.0), (3.0, first), (-1e-17, first)):
             proc.reset()
@@ -115,7 +150,8 @@ def test_standing_at_an_edge(sampling, target):
 @pytest.mark.parametrize("duty", [0.05, 0.5, 0.8, 1.0])
 def test_each_sample_is_the_mean_over_its_movement(waveform, duty):
     rng = np.random.default_rng(1)
-    u = np.cumsum(rng.choice([-1, 1], 4000) * 10 ** rng.uniform(-2, 1.3, 4000))  # up to 20 bumps a sample
+    # up to 20 bumps a sample
+    u = np.cumsum(rng.choice([-1, 1], 4000) * 10 ** rng.uniform(-2, 1.3, 4000))
     y = bumps(waveform, duty).process(u[None])[0, 1:]
     wanted = np.diff(integral(waveform, u, duty)) / np.diff(u)
     np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-11)
@@ -123,7 +159,9 @@ def test_each_sample_is_the_mean_over_its_movement(waveform, duty):
 
 @shapes
 def test_slow_movements_lose_no_digits(waveform):
-    """Where a difference of integrals would have none left: 1e-12 of a bump per sample."""
+    """Where a difference of integrals would have none left: 1e-12 of a bump per
+    sample.
+    """
     duty = 0.7
     u = 3 + 0.3 + 1e-12 * np.arange(50)
     y = bumps(waveform, duty).process(u[None])[0]
@@ -137,7 +175,8 @@ def test_a_finger_at_rest_feels_the_envelope_where_it_is(waveform, sampling):
     for u in (-2.3, -1.9, -0.7, -1e-18, 0.0, 0.123, 0.39, 0.41, 0.99, 1.0, 3.3, 1e6 + 0.25):
         proc.reset()
         y = proc.process(np.full((1, 5), u))[0]
-        wanted = e(waveform, np.array(u if abs(u) > 1e-9 else 0.0), 0.4)  # a place just below 0 is 0
+        # a place just below 0 is 0
+        wanted = e(waveform, np.array(u if abs(u) > 1e-9 else 0.0), 0.4)
         np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-14)
 
 
@@ -151,7 +190,9 @@ def test_point_sampling_is_the_envelope_itself(waveform):
 @shapes
 def test_to_and_fro_feel_the_same(waveform):
     u = np.cumsum(np.random.default_rng(3).uniform(0, 0.3, 500))
-    there, back = (bumps(waveform, 0.6).process(np.ascontiguousarray(v[None]))[0, 1:] for v in (u, u[::-1]))
+    there, back = (
+        bumps(waveform, 0.6).process(np.ascontiguousarray(v[None]))[0, 1:] for v in (u, u[::-1])
+    )
     np.testing.assert_allclose(there, back[::-1], rtol=0, atol=1e-14)
 
 
@@ -188,23 +229,37 @@ def test_duty_may_be_live(waveform):
 
 def test_a_table_of_straight_lines_is_the_waveform_itself():
     u = np.cumsum(np.random.default_rng(4).standard_normal(2000) * 0.2)
-    for table, waveform in (([0, 1], "sawtooth"), ([1, 1, 1, 1], "square"), (np.linspace(0, 1, 9), "sawtooth")):
+    for table, waveform in (
+        ([0, 1], "sawtooth"),
+        ([1, 1, 1, 1], "square"),
+        (np.linspace(0, 1, 9), "sawtooth"),
+    ):
         one, other = (bumps(w, 0.45).process(u[None]) for w in (table, waveform))
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-13)
 
 
 def test_the_ends_of_the_sine_family():
-    """Duty 1 is a raised cosine; a short ridge is a parabola; half_sine has the duty only as its width."""
+    """Duty 1 is a raised cosine; a short ridge is a parabola; half_sine has the duty
+    only as its width.
+    """
     z = np.linspace(0.001, 0.999, 400)
-    np.testing.assert_allclose(bumps("sine", 1.0, sampling="point").process(z[None])[0], np.sin(pi * z) ** 2, atol=1e-15)
+    np.testing.assert_allclose(
+        bumps("sine", 1.0, sampling="point").process(z[None])[0], np.sin(pi * z) ** 2, atol=1e-15
+    )
     short = bumps("sine", 1e-4, sampling="point").process(1e-4 * z[None])[0]
     np.testing.assert_allclose(short, 4 * z * (1 - z), atol=1e-7)
     for d in (0.01, 1.0):
-        np.testing.assert_allclose(bumps("half_sine", d, sampling="point").process(d * z[None])[0], np.sin(pi * z), atol=3e-15)
+        np.testing.assert_allclose(
+            bumps("half_sine", d, sampling="point").process(d * z[None])[0],
+            np.sin(pi * z),
+            atol=3e-15,
+        )
 
 
 def alias(y, k, top):
-    """Power below top (a part of fs) that is not on multiples of line k, in dB of the power on them."""
+    """Power below top (a part of fs) that is not on multiples of line k, in dB of the
+    power on them.
+    """
     P = np.abs(np.fft.rfft(y)) ** 2
     n = np.arange(P.size)
     low = (n > 0) & (n < top * y.size)
@@ -216,7 +271,10 @@ def test_area_sampling_has_20_dB_less_alias_below_1_kHz(duty):
     n = 1 << 16
     k = round(90 / FS * n) | 1  # 90 bumps/s, no common period with fs
     u = np.arange(-1, n) * k / n + 1.234567e-4
-    area, point = (alias(bumps("square", duty, sampling=s).process(u[None])[0, 1:], k, 1000 / FS) for s in ("area", "point"))
+    area, point = (
+        alias(bumps("square", duty, sampling=s).process(u[None])[0, 1:], k, 1000 / FS)
+        for s in ("area", "point")
+    )
     assert area <= point - 20
 
 
@@ -225,12 +283,19 @@ def test_area_sampling_has_20_dB_less_alias_below_1_kHz(duty):
 def test_cuts_and_targets_change_nothing(waveform, seed):
     rng = np.random.default_rng(seed)
     n = 300
-    u = np.cumsum(rng.standard_normal(n) * np.repeat(rng.choice([0.0, 1e-9, 1e-3, 0.1, 5.0], n // 20), 20))
+    u = np.cumsum(
+        rng.standard_normal(n) * np.repeat(rng.choice([0.0, 1e-9, 1e-3, 0.1, 5.0], n // 20), 20)
+    )
     u[rng.integers(0, n, 5)] = rng.choice([0.0, -0.0, 1.0, -1e-17, 1e-300, 3.5], 5)
     x = np.stack([u, np.repeat(rng.choice([1.0, 1.0, 1.0, 0.0, np.nan], n // 30), 30)])
     duty = float(rng.choice([0.2, 0.5, 1.0]))
-    procs = [bumps(waveform, duty, target, contact=Input("c")) for target in ("numba", "numba", "python")]
-    y = [run(p, x, cuts) for p, cuts in zip(procs, ([], random_cuts(n, rng), cut_at(n, 50)), strict=True)]
+    procs = [
+        bumps(waveform, duty, target, contact=Input("c")) for target in ("numba", "numba", "python")
+    ]
+    y = [
+        run(p, x, cuts)
+        for p, cuts in zip(procs, ([], random_cuts(n, rng), cut_at(n, 50)), strict=True)
+    ]
     assert_same(y[0], y[1])
     assert_same(y[0], y[2])
     assert_same(procs[0].state, procs[2].state)
@@ -258,12 +323,14 @@ def test_bump_errors():
 
 @shapes
 def test_files(waveform, tmp_path):
-    scene = Scene({"e": bump(Input("u"), waveform, Param("duty", 0.5)), "c": carrier(100.0, "half")})
+    scene = Scene(
+        {"e": bump(Input("u"), waveform, Param("duty", 0.5)), "c": carrier(100.0, "half")}
+    )
     scene.save(tmp_path / "s.json")
     assert stimlib.load(tmp_path / "s.json").hash == scene.hash
 
 
-# Carrier -------------------------------------------------------------------------------------------------------------
+# Carrier ------------------------------------------------------------------------------
 
 
 def carried(f=158.0, rectify=None, phase=0.0, fs=FS, target="numba", **kw):
@@ -299,7 +366,9 @@ def test_the_phase_is_exact_after_a_day(f, fs):
 def test_it_starts_at_its_phase(target):
     for phase in (0.0, 1.0, -2.5, 100.0):
         y = carried(158.0, None, phase, target=target).process(np.empty((0, 100)))[0]
-        np.testing.assert_allclose(y, np.sin(2 * pi * 158 * np.arange(100) / FS + phase), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(
+            y, np.sin(2 * pi * 158 * np.arange(100) / FS + phase), rtol=0, atol=1e-13
+        )
         scene = Scene({"c": carrier(Input("f", "Hz"), None, phase)})  # nothing runs before sample 0
         z = stimlib.compile(scene, FS, target).process(np.full((1, 100), 158.0))[0]
         assert_same(y, z)
@@ -314,11 +383,16 @@ def test_a_live_frequency_makes_no_jump(rectify):
     proc.set("f", 20.0, ramp=0)
     y.append(proc.process(np.empty((0, 500))))
     y = np.concatenate(y, axis=1)[0]
-    f = np.r_[np.full(333, 158.0), 158 + (431.7 - 158) * np.minimum(np.arange(1, 901) / 400, 1), np.full(500, 20.0)]
+    f = np.r_[
+        np.full(333, 158.0),
+        158 + (431.7 - 158) * np.minimum(np.arange(1, 901) / 400, 1),
+        np.full(500, 20.0),
+    ]
     phase = np.r_[0, 2 * pi * np.cumsum(f)[:-1] / FS]
     plain = np.sin(phase)
     wanted = {None: plain, "half": np.maximum(plain, 0), "full": np.abs(plain)}[rectify]
-    away = np.abs(np.sin(phase)) > (1.001 * np.sin(pi * f / FS) if rectify else -1)  # from the zero crossings
+    # from the zero crossings
+    away = np.abs(np.sin(phase)) > (1.001 * np.sin(pi * f / FS) if rectify else -1)
     np.testing.assert_allclose(y[away], wanted[away], rtol=0, atol=1e-11)
     assert np.abs(np.diff(y)).max() <= 2 * pi * 432 / FS
 
@@ -326,7 +400,9 @@ def test_a_live_frequency_makes_no_jump(rectify):
 @pytest.mark.parametrize("rectify", ["half", "full"])
 @pytest.mark.parametrize("f", [1.0, 158.0, 1000.3, 3700.0])
 def test_rectified_is_the_mean_around_each_sample(rectify, f):
-    """Against the integral of the rectified sine, undone by sin(x)/x so that the line at f keeps its amplitude."""
+    """Against the integral of the rectified sine, undone by sin(x)/x so that the line
+    at f keeps its amplitude.
+    """
     y = carried(f, rectify, 0.3).process(np.empty((0, 3000)))[0]
     t = f * np.arange(3000) / FS + 0.3 / (2 * pi)
 
@@ -364,7 +440,9 @@ def test_off_contact_the_phase_goes_on(rectify, target):
 
 def test_in_enabled_the_phase_stands_still():
     on = np.repeat([1.0, 0.0, 1.0], [50, 100, 80])
-    y = stimlib.compile(Scene({"c": enabled(carrier(157.9), by=Input("on"))}), FS).process(on[None])[0]
+    y = stimlib.compile(Scene({"c": enabled(carrier(157.9), by=Input("on"))}), FS).process(
+        on[None]
+    )[0]
     np.testing.assert_array_equal(y[on > 0], carried(157.9).process(np.empty((0, 130)))[0])
 
 
@@ -407,7 +485,9 @@ def test_zeros_have_no_sign():
         assert not (bits(y) == bits(np.array(-0.0))).any()
 
 
-@pytest.mark.parametrize(("rectify", "name"), [(None, "oscillator or carrier"), ("half", "carrier")])
+@pytest.mark.parametrize(
+    ("rectify", "name"), [(None, "oscillator or carrier"), ("half", "carrier")]
+)
 def test_an_error_of_a_sine_names_both_functions_that_make_it(rectify, name):
     with pytest.raises(BadValue, match="^carrier: freq = -5.0 Hz must be 0 or above"):
         carrier(-5.0, rectify)

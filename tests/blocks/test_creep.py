@@ -21,7 +21,10 @@ def integral_of_a_sine(t, alpha):
     """I^alpha sin(2 pi t), by its series."""
     with mp.workdps(30):
         w, t, p = 2 * mp.pi, mp.mpf(t), 1 + mp.mpf(alpha)
-        terms = ((-1) ** k * w ** (2 * k + 1) * t ** (2 * k + p) / mp.gamma(2 * k + 1 + p) for k in range(60))
+        terms = (
+            (-1) ** k * w ** (2 * k + 1) * t ** (2 * k + p) / mp.gamma(2 * k + 1 + p)
+            for k in range(60)
+        )
         return float(mp.fsum(terms))
 
 
@@ -34,7 +37,9 @@ def test_creep_is_exact_for_forces_that_are_straight_between_samples(alpha, fs):
 
 @pytest.mark.parametrize("alpha", [0.3, 0.5, 0.8])
 def test_creep_is_not_early(alpha):
-    """Against the continuous law of a sine from rest: 3e-6 of its peak at 1 kHz, where half a sample is 2e-3."""
+    """Against the continuous law of a sine from rest: 3e-6 of its peak at 1 kHz, where
+    half a sample is 2e-3.
+    """
     for fs in (250, 1000, 8000):
         n = np.linspace(0, fs, 26).astype(int)[1:]
         wanted = np.array([integral_of_a_sine(k / fs, alpha) for k in n.tolist()])
@@ -45,9 +50,15 @@ def test_creep_is_not_early(alpha):
 
 @pytest.mark.parametrize("alpha", [0.35, 0.8])
 def test_all_creep_has_one_convention_of_time(alpha):
-    """At low frequencies each block has the phase of its law: no part of a sample is left."""
+    """At low frequencies each block has the phase of its law: no part of a sample is
+    left.
+    """
     low = np.array([1.0])
-    law = {"springpot": (2j * np.pi * low) ** -alpha, "element": 1 / (1 + 0.2j * np.pi * low), "arm": 1 / (2j * np.pi * low)}
+    law = {
+        "springpot": (2j * np.pi * low) ** -alpha,
+        "element": 1 / (1 + 0.2j * np.pi * low),
+        "arm": 1 / (2j * np.pi * low),
+    }
     own = {
         "springpot": compliance(f, 1.0, alpha, "l1"),
         "element": compliance_kelvin_voigt(f, 1.0, tau=0.1),
@@ -55,7 +66,8 @@ def test_all_creep_has_one_convention_of_time(alpha):
     }
     proc = stimlib.compile(Scene(own | {"dashpot": compliance(f, 1.0, 1.0, "l1")}), 1000, "python")
     for name, wanted in (law | {"dashpot": law["arm"]}).items():
-        assert np.angle(proc.response(name, "f", low) / wanted)[0] == pytest.approx(0, abs=2e-5)  # half a sample: 3e-3
+        # half a sample: 3e-3
+        assert np.angle(proc.response(name, "f", low) / wanted)[0] == pytest.approx(0, abs=2e-5)
 
 
 @pytest.mark.parametrize("fs", [1000, 8000])
@@ -101,7 +113,12 @@ def test_chi_may_be_live():
 def test_mistakes():
     with pytest.raises(UnitError, match="not in N"):
         compliance(Input("y", "m"), 1.0, 0.5)
-    for words in ({"alpha": 1.5}, {"alpha": -0.1}, {"alpha": 0.5, "tol": 1e-20}, {"alpha": 0.5, "scheme": "gl-downsampled"}):
+    for words in (
+        {"alpha": 1.5},
+        {"alpha": -0.1},
+        {"alpha": 0.5, "tol": 1e-20},
+        {"alpha": 0.5, "scheme": "gl-downsampled"},
+    ):
         with pytest.raises(BadValue):
             compliance(f, 1.0, **words)
     with pytest.raises(BadValue):
@@ -117,7 +134,11 @@ def test_mistakes():
         (3.0, Param("a", 0.5), "compliance: alpha is a design number"),
         (0.0, 0.5, "compliance: chi = 0 must be above 0"),
         (-5.0, 0.5, "compliance: chi = -5 must be above 0"),
-        (constant(3.0, "N/m"), 0.5, "compliance: chi Const(3.0, 'N/m') is in N/m; give a plain number"),
+        (
+            constant(3.0, "N/m"),
+            0.5,
+            "compliance: chi Const(3.0, 'N/m') is in N/m; give a plain number",
+        ),
     ],
 )
 def test_an_error_of_a_compliance_has_the_numbers_that_were_given(chi, alpha, says):

@@ -16,14 +16,21 @@ x = Input("x")
 def test_it_is_a_shift(samples):
     u = np.random.default_rng(0).standard_normal(3000)
     lawful(delay(x, samples), 1000, x=u)
-    assert stimlib.compile(Scene({"y": delay(x, samples)}), 1000).latency["y", "x"] == (samples, samples)
+    assert stimlib.compile(Scene({"y": delay(x, samples)}), 1000).latency["y", "x"] == (
+        samples,
+        samples,
+    )
 
 
 @pytest.mark.parametrize(
-    ("seconds", "fs", "samples"), [(0.01, 8000.0, 80), (0.01, 44100.0, 441), (0.0016, 1000.0, 2), (0.0005001, 1000.0, 1)]
+    ("seconds", "fs", "samples"),
+    [(0.01, 8000.0, 80), (0.01, 44100.0, 441), (0.0016, 1000.0, 2), (0.0005001, 1000.0, 1)],
 )
 def test_seconds_are_rounded_to_samples(seconds, fs, samples):
-    assert stimlib.compile(Scene({"y": delay(x, seconds=seconds)}), fs).latency["y", "x"] == (samples, samples)
+    assert stimlib.compile(Scene({"y": delay(x, seconds=seconds)}), fs).latency["y", "x"] == (
+        samples,
+        samples,
+    )
 
 
 def test_delays_add_up():

@@ -1,4 +1,6 @@
-"""Equalising a mode of the plate: constant displacement between the knots, and what the limits do."""
+"""Equalising a mode of the plate: constant displacement between the knots, and what the
+limits do.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,9 @@ X = Input("x", "m")
 
 
 def mode(x, span=0.2):
-    """First bending mode of a beam clamped 0.2 m apart, 1 in its middle at x = 0.05 m; 0.543 at 0 and 0.1 m."""
+    """First bending mode of a beam clamped 0.2 m apart, 1 in its middle at x = 0.05 m;
+    0.543 at 0 and 0.1 m.
+    """
 
     def shape(z):
         b = 4.730040744862704
@@ -37,12 +41,24 @@ def run(block, x=SWEEP, **rows):
 
 
 @pytest.mark.parametrize(
-    ("kind", "error"), [(None, 0.0005), ("polynomial", 0.0005), ("cubic", 0.0045), ("pchip", 0.019), ("linear", 0.034)]
+    ("kind", "error"),
+    [
+        (None, 0.0005),
+        ("polynomial", 0.0005),
+        ("cubic", 0.0045),
+        ("pchip", 0.019),
+        ("linear", 0.034),
+    ],
 )
 def test_displacement_is_constant_between_the_knots(kind, error):
     felt = run(equalize(X, PROFILE, kind=kind)) * mode(MIDDLE)
     assert np.abs(felt - 1).max() <= error
-    assert np.abs(run(equalize(X, PROFILE, kind=kind), np.repeat(KNOTS, 2))[1::2] * mode(KNOTS) - 1).max() <= 1e-12
+    assert (
+        np.abs(
+            run(equalize(X, PROFILE, kind=kind), np.repeat(KNOTS, 2))[1::2] * mode(KNOTS) - 1
+        ).max()
+        <= 1e-12
+    )
 
 
 def test_inverting_the_displacement_beats_interpolating_gains():
@@ -67,7 +83,9 @@ def test_the_gain_is_that_of_the_middle_of_the_step():
 def test_re_contact_starts_anew(target):
     proc = stimlib.compile(Scene({"m": Midpoint(X, as_block(Input("c")))}), FS, target)
     x, c = [0.01, 0.03, np.nan, 9.0, 0.08, 0.06], [1.0, 1.0, 0.0, -1.0, 1.0, 1.0]
-    np.testing.assert_allclose(proc.process(np.array([x, c]))[0], [0.01, 0.02, 0.0, 0.0, 0.08, 0.07], rtol=1e-15)
+    np.testing.assert_allclose(
+        proc.process(np.array([x, c]))[0], [0.01, 0.02, 0.0, 0.0, 0.08, 0.07], rtol=1e-15
+    )
     assert proc.latency["m", "x"] == (0.5, 0.5)
 
 
@@ -75,7 +93,9 @@ def test_outside_the_table():
     x = np.repeat([-0.02, 0.0, 0.05, 0.1, 0.13], 2)
     edge = 1 / mode(0.0)
     np.testing.assert_allclose(run(equalize(X, PROFILE), x)[1::2], [edge, edge, 1, edge, edge])
-    np.testing.assert_allclose(run(equalize(X, PROFILE, outside="zero"), x)[1::2], [0, edge, 1, edge, 0])
+    np.testing.assert_allclose(
+        run(equalize(X, PROFILE, outside="zero"), x)[1::2], [0, edge, 1, edge, 0]
+    )
     proc = stimlib.compile(Scene({"y": equalize(X, PROFILE, outside="error")}), FS)
     proc.process(np.array([[0.0, 0.1, 0.1, 0.11, 0.05]]))
     assert proc.fault == ("y", 3)
@@ -94,7 +114,17 @@ def test_clip_holds_each_sample_at_the_limit():
 def test_scale_reduces_everything_alike(A):
     v = 50 * A * np.sin(2 * np.pi * 158 * np.arange(SWEEP.size) / FS)
     free = run(equalize(X, PROFILE, signal=Input("v", "V")), v=v)
-    y = run(equalize(X, PROFILE, 400.0, "scale", signal=Input("v", "V"), peak=constant(50.0) * Param("A", A, "V")), v=v)
+    y = run(
+        equalize(
+            X,
+            PROFILE,
+            400.0,
+            "scale",
+            signal=Input("v", "V"),
+            peak=constant(50.0) * Param("A", A, "V"),
+        ),
+        v=v,
+    )
     factor = min(1.0, 400 / (50 * A / mode(0.0)))
     np.testing.assert_allclose(y, factor * free, rtol=1e-9, atol=1e-9)
     assert np.abs(y).max() <= 400
@@ -102,7 +132,9 @@ def test_scale_reduces_everything_alike(A):
 
 def test_scale_follows_a_live_amplitude_and_may_be_silent():
     A = Param("A", 0.0, "V")
-    proc = stimlib.compile(Scene({"y": equalize(X, PROFILE, 400.0, "scale", signal=50 * A, peak=50 * A)}), FS)
+    proc = stimlib.compile(
+        Scene({"y": equalize(X, PROFILE, 400.0, "scale", signal=50 * A, peak=50 * A)}), FS
+    )
     edge = np.zeros((1, 3))
     assert not proc.process(edge).any()
     for A, wanted in ((1.0, 50 / mode(0.0)), (100.0, 400.0)):
@@ -141,7 +173,10 @@ def test_scenes_keep_their_profile(tmp_path):
     scene.save(tmp_path / "s.json")
     again = stimlib.load(tmp_path / "s.json")
     assert again.hash == scene.hash
-    assert_same(stimlib.compile(again, FS).process(SWEEP[None]), stimlib.compile(scene, FS).process(SWEEP[None]))
+    assert_same(
+        stimlib.compile(again, FS).process(SWEEP[None]),
+        stimlib.compile(scene, FS).process(SWEEP[None]),
+    )
 
 
 @pytest.mark.parametrize(
@@ -158,7 +193,10 @@ def test_scenes_keep_their_profile(tmp_path):
         ([1, 2, 3], r"\(knots, displacement\)"),
         (7.0, r"\(knots, displacement\)"),
         ((["a"], ["b"]), "rows of numbers"),
-        (([0, 1, 2, 3], [10, 0.1, 0.1, 10]), "between its knots the polynomial displacement falls to"),
+        (
+            ([0, 1, 2, 3], [10, 0.1, 0.1, 10]),
+            "between its knots the polynomial displacement falls to",
+        ),
     ],
 )
 def test_bad_profiles(profile, match):

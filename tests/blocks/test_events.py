@@ -16,7 +16,9 @@ X, E = Input("x"), Input("e")
 
 
 def run(block, *rows, fs=1000):
-    """Samples of a block over inputs, in their order; of one without, so many as given."""
+    """Samples of a block over inputs, in their order; of one without, so many as
+    given.
+    """
     proc = stimlib.compile(Scene({"y": block}), fs)
     x = np.empty((0, rows[0])) if not proc.inputs else np.array(rows, float)
     return proc.process(x)[0]
@@ -26,7 +28,7 @@ def impulse(n, *at):
     return np.isin(np.arange(n), at or (0,)).astype(float)
 
 
-# Lines -----------------------------------------------------------------------------------------------------------------
+# Lines --------------------------------------------------------------------------------
 def test_every_line_is_passed_once_each_way_at_any_speed():
     x = [0.5, 0.5, 1.0, 1.0, 0.999, 0.94, 7.2, -3.3, -3.3, -3.3, 0.0, 5.0, 1e9]
     y = run(b.crossing(X, 1.0, hysteresis=0.1), x)
@@ -52,11 +54,15 @@ def test_a_position_that_toggles_between_codes_passes_a_line_once():
 
 
 def test_a_split_event_lies_where_the_line_was_passed():
-    """Its sum is the number of lines, its mean the time of the passage, one sample later; both ways, several at once."""
+    """Its sum is the number of lines, its mean the time of the passage, one sample
+    later; both ways, several at once.
+    """
     u = np.array([0.0, 0.25, 1.25, 1.0, 0.75, 3.75, 3.75, 3.5, 2.75, 2.75])
     y = run(b.crossing(X, 1.0, split=True), u)
     assert y.sum() == 2.0
-    np.testing.assert_allclose(y, [0, 0, 0.25, 0.75, -1.0, 3 * (1 - 1.25 / 3), 1.25, 0, -1 + 2 / 3, -2 / 3], atol=1e-15)
+    np.testing.assert_allclose(
+        y, [0, 0, 0.25, 0.75, -1.0, 3 * (1 - 1.25 / 3), 1.25, 0, -1 + 2 / 3, -2 / 3], atol=1e-15
+    )
 
 
 def test_an_edge_is_no_first_sample_and_what_is_no_number_makes_none():
@@ -73,14 +79,24 @@ def test_an_edge_is_no_first_sample_and_what_is_no_number_makes_none():
 
 
 def test_a_split_event_knows_the_hysteresis_and_the_last_number():
-    assert run(b.crossing(X, 1.0, 0.25, split=True), [0.0, 1.0, 1.25, 1.25, 0.5, 0.5]).tolist() == [0, 0, 0.5, 0.5, -0.5, -0.5]
+    assert run(b.crossing(X, 1.0, 0.25, split=True), [0.0, 1.0, 1.25, 1.25, 0.5, 0.5]).tolist() == [
+        0,
+        0,
+        0.5,
+        0.5,
+        -0.5,
+        -0.5,
+    ]
     from stimlib.blocks.events import Crossing
 
     p, s = b.crossing(X, 1.0, split=True).design(1000)
     for x in (0.5, np.nan, 1.5):
         v, s = Crossing.step(p, s, x)
     assert (v, s.carry) == (0.5, 0.5)
-    assert stimlib.compile(Scene({"y": b.crossing(X, 1.0, split=True)}), 1000).latency["y", "x"][0] == 1.0
+    assert (
+        stimlib.compile(Scene({"y": b.crossing(X, 1.0, split=True)}), 1000).latency["y", "x"][0]
+        == 1.0
+    )
 
 
 def test_events_in_and_after_stretches_in_which_nothing_happens():
@@ -98,7 +114,10 @@ def test_events_in_and_after_stretches_in_which_nothing_happens():
     assert y.sum() == 1.0
     moved = run(b.crossing(X, 1.0, split=True), np.r_[np.linspace(0.5, 0.75, 128), 1.25])
     assert moved[128] == 0.5, "from the last sample of a stretch"
-    assert np.flatnonzero(run(b.once_within(E, 0.2), impulse(400, 0, 130, 200, 390))).tolist() == [0, 200]
+    assert np.flatnonzero(run(b.once_within(E, 0.2), impulse(400, 0, 130, 200, 390))).tolist() == [
+        0,
+        200,
+    ]
     gate = (np.arange(300) >= 150).astype(float)
     y = run(b.envelope(X, attack=0.0, sustain=0.5, decay=0.001, release=0.001), gate)
     assert not y[:150].any() and y[150] == 1.0 and y[299] == 0.5
@@ -109,7 +128,7 @@ def test_events_of_both_signs_are_counted_and_hold():
     assert run(b.sample_and_hold(X, E), [5, 6, 7], [0, -1, 0]).tolist() == [0, 6, 6]
 
 
-# Times -----------------------------------------------------------------------------------------------------------------
+# Times --------------------------------------------------------------------------------
 def test_events_at_times_are_at_the_nearest_sample():
     assert np.flatnonzero(run(b.at([0.0, 0.0104, 0.0106, 0.0107]), 20)).tolist() == [0, 10, 11]
     assert run(b.at([0.0106, 0.0107]), 20)[11] == 2.0
@@ -118,7 +137,9 @@ def test_events_at_times_are_at_the_nearest_sample():
 
 
 def test_a_period_does_not_drift():
-    """A day at 48 kHz: each event is where it should be, none is lost and none comes twice."""
+    """A day at 48 kHz: each event is where it should be, none is lost and none comes
+    twice.
+    """
     p, _ = b.every(1 / 158.3).design(48000)
     k = np.arange(158.3 * 86400 - 300, 158.3 * 86400).astype(int)
     wanted = np.floor(k * (48000 / 158.3) + 0.5)
@@ -133,7 +154,16 @@ def test_a_timeline_meets_its_points():
     for kind, wanted in {
         "linear": [1, 0.65, 0.307, -1, -0.15, 0.6915, 0.7, 0.7],
         "step": [1, 1, 1, -1, -1, -1, 0.7, 0.7],
-        "cosine": [1, 0.65, 0.3 + 0.7 * np.sin(np.pi / 200) ** 2, -1, -0.15, 0.7 - 1.7 * np.sin(np.pi / 400) ** 2, 0.7, 0.7],
+        "cosine": [
+            1,
+            0.65,
+            0.3 + 0.7 * np.sin(np.pi / 200) ** 2,
+            -1,
+            -0.15,
+            0.7 - 1.7 * np.sin(np.pi / 400) ** 2,
+            0.7,
+            0.7,
+        ],
     }.items():
         y = run(b.timeline(points, kind), 400)
         np.testing.assert_allclose(y[t], wanted, rtol=1e-14)
@@ -143,7 +173,7 @@ def test_a_timeline_meets_its_points():
         b.timeline(points, unit="N") + 1.0
 
 
-# What they make --------------------------------------------------------------------------------------------------------
+# What they make -----------------------------------------------------------------------
 def test_rings_overlap_and_are_exact():
     n = np.arange(4000)
     heights = np.where(np.random.default_rng(0).random(4000) < 0.01, 1.3, 0.0)
@@ -192,7 +222,10 @@ def test_a_decay_that_moves_alone_is_taken_at_every_sample():
 @pytest.mark.parametrize("rate", [0.0, 0.002, 0.3])
 def test_grains_overlap_and_silence_is_zero(rate):
     rng = np.random.default_rng(2)
-    shape, heights = rng.standard_normal(200), np.where(rng.random(1500) < rate, rng.standard_normal(1500), 0.0)
+    shape, heights = (
+        rng.standard_normal(200),
+        np.where(rng.random(1500) < rate, rng.standard_normal(1500), 0.0),
+    )
     y = run(b.grain(E, shape, rate=1000), heights)
     np.testing.assert_allclose(y, np.convolve(heights, shape)[:1500], rtol=0, atol=1e-13)
     assert y.any() == bool(rate)
@@ -200,7 +233,11 @@ def test_grains_overlap_and_silence_is_zero(rate):
 
 def test_a_grain_has_a_unit_an_end_and_a_law_at_its_own_rate():
     grain = b.grain(E, np.ones(20), rate=1000, unit="N")
-    assert str(grain.dim) == "N" and grain.memory(grain.design(1000)[0]) == 20 and grain.memory(grain.design(500)[0]) == 10
+    assert (
+        str(grain.dim) == "N"
+        and grain.memory(grain.design(1000)[0]) == 20
+        and grain.memory(grain.design(500)[0]) == 10
+    )
     assert len(grain.laws(1000)) == 1 and not grain.laws(500)
 
 
@@ -213,7 +250,10 @@ def test_a_recording_at_another_rate_keeps_its_waves(ratio):
     error = resampled(np.cos(2 * np.pi * f * n), 1, ratio) - np.cos(2 * np.pi * f * k / ratio)
     assert np.abs(error)[middle].max() < 1e-5
     above = 0.58 * ratio
-    assert above > 0.5 or np.abs(resampled(np.cos(2 * np.pi * above * n), 1, ratio))[middle].max() < 1e-5
+    assert (
+        above > 0.5
+        or np.abs(resampled(np.cos(2 * np.pi * above * n), 1, ratio))[middle].max() < 1e-5
+    )
 
 
 def test_a_fast_recording_needs_little_memory():
@@ -254,10 +294,14 @@ def test_what_comes_soon_after_an_event_is_lost():
     assert run(b.once_within(E, 1e-9), np.ones(5)).tolist() == [1] * 5
 
 
-# Words that do not fit -------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("made", [lambda v: b.ring(v, 100, 0.1), lambda v: b.grain(v, [1.0], 8000), b.count])
+# Words that do not fit ----------------------------------------------------------------
 @pytest.mark.parametrize(
-    "lasts", [X > 0.5, b.hysteresis(X, 1, 0), 1.0, Param("p", 1.0), b.count(E), b.sample_and_hold(X, E)], ids=str
+    "made", [lambda v: b.ring(v, 100, 0.1), lambda v: b.grain(v, [1.0], 8000), b.count]
+)
+@pytest.mark.parametrize(
+    "lasts",
+    [X > 0.5, b.hysteresis(X, 1, 0), 1.0, Param("p", 1.0), b.count(E), b.sample_and_hold(X, E)],
+    ids=str,
 )
 def test_what_lasts_is_no_event(made, lasts):
     with pytest.raises(BadValue, match=r"(ring|grain|count): .* is no event, it lasts; use rising"):
@@ -270,7 +314,12 @@ def test_what_lasts_is_no_event(made, lasts):
      (lambda e: b.crossing(e, 1.0), "give a position")],
 )  # fmt: skip
 def test_an_event_does_not_last(made, remedy):
-    for event in (b.rising(X), -b.falling(X), -2.0 * b.every(0.1) * X, abs(b.once_within(E, 0.1)) / 3.0):
+    for event in (
+        b.rising(X),
+        -b.falling(X),
+        -2.0 * b.every(0.1) * X,
+        abs(b.once_within(E, 0.1)) / 3.0,
+    ):
         assert is_event(event)
         with pytest.raises(BadValue, match=f"is an event, of one sample; .*{remedy}"):
             made(event)
@@ -296,12 +345,20 @@ def test_a_deep_product_is_looked_through_once():
         (lambda: b.timeline([(1, 0), (0, 1)]), BadValue, "0 s comes after 1 s"),
         (lambda: b.timeline([1, 2]), BadValue, "points must be pairs"),
         (lambda: b.timeline([(0, 1)], "cubic"), BadValue, "kind = 'cubic'; choose one of step"),
-        (lambda: b.crossing(X, stimlib.constant(0.01)), BadValue, r"Const\(0.01\); write the number 0.01"),
+        (
+            lambda: b.crossing(X, stimlib.constant(0.01)),
+            BadValue,
+            r"Const\(0.01\); write the number 0.01",
+        ),
         (lambda: b.ring(E, -1, 1), BadValue, "freq = -1 must be above 0"),
         (lambda: b.ring(E, 100, Input("d")), UnitError, "decay .* must be in s"),
         (lambda: b.ring(E, 100, 1, "square"), BadValue, "onset = 'square'; choose sine or cosine"),
         (lambda: b.grain(E, [[1.0]], 8000), BadValue, "one row of numbers"),
-        (lambda: b.burst(E, 0.1, 0.06), BadValue, "ramp = 0.06 s must be from 0 to half of duration"),
+        (
+            lambda: b.burst(E, 0.1, 0.06),
+            BadValue,
+            "ramp = 0.06 s must be from 0 to half of duration",
+        ),
         (lambda: b.envelope(X, attack=-1), BadValue, "attack = -1 must be 0 or above"),
         (lambda: b.once_within(E, 0), BadValue, "refractory = 0.0 must be above 0"),
     ],
@@ -313,13 +370,23 @@ def test_what_makes_no_sense_is_told_at_once(make, error, text):
 
 def test_tables_are_limited(monkeypatch):
     monkeypatch.setattr(stimlib.limits, "table_knots", 3)
-    for make, text in ((lambda: b.at(np.arange(4)), "at: times"), (lambda: b.timeline([(k, k) for k in range(4)]), "points")):
+    for make, text in (
+        (lambda: b.at(np.arange(4)), "at: times"),
+        (lambda: b.timeline([(k, k) for k in range(4)]), "points"),
+    ):
         with pytest.raises(BadValue, match=f"{text}.* limits.table_knots"):
             make()
     monkeypatch.setattr(stimlib.limits, "state_bytes", 100)
     x, t = np.ones(20), Input("t", "s")
-    blocks = {"grain": b.grain(E, x, 1000), "playback": b.playback(x, 1000), "moving_average": b.moving_average(X, 0.02)}
-    for name, block in {**blocks, "playback: bytes of its table": b.playback(x, 1000, at=t)}.items():
+    blocks = {
+        "grain": b.grain(E, x, 1000),
+        "playback": b.playback(x, 1000),
+        "moving_average": b.moving_average(X, 0.02),
+    }
+    for name, block in {
+        **blocks,
+        "playback: bytes of its table": b.playback(x, 1000, at=t),
+    }.items():
         with pytest.raises(BadValue, match=f"{name}.* limits.state_bytes"):
             block.design(1000)
 

@@ -1,4 +1,6 @@
-"""Finite impulse responses against numpy's convolution; the differentiator against calculus."""
+"""Finite impulse responses against numpy's convolution; the differentiator against
+calculus.
+"""
 
 import re
 
@@ -21,7 +23,15 @@ def test_it_is_a_convolution(size):
 
 
 @pytest.mark.parametrize(
-    ("taps", "latency"), [([1, 2, 1], 1), ([1, 0, -1], 1), ([1, 2, 2, 1], 1.5), ([3.0], 0), ([0, 0, 5.0], 2), ([1, 1, 0, 0], 0.5)]
+    ("taps", "latency"),
+    [
+        ([1, 2, 1], 1),
+        ([1, 0, -1], 1),
+        ([1, 2, 2, 1], 1.5),
+        ([3.0], 0),
+        ([0, 0, 5.0], 2),
+        ([1, 1, 0, 0], 0.5),
+    ],
 )
 def test_latency(taps, latency):
     assert stimlib.compile(Scene({"y": fir(x, taps)}), 1000).latency["y", "x"] == (latency, latency)
@@ -51,12 +61,15 @@ def test_the_papers_filter_has_order_128_at_8_khz():
     proc = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), 8000)
     h = proc.process(np.eye(1, 300))[0]
     assert np.flatnonzero(h)[-1] - np.flatnonzero(h)[0] <= 128
-    np.testing.assert_allclose(h[:129], -h[128::-1], atol=1e-18)  # odd: linear phase, nothing at 0 Hz
+    # odd: linear phase, nothing at 0 Hz
+    np.testing.assert_allclose(h[:129], -h[128::-1], atol=1e-18)
     assert proc.latency["v", "x"] == (64, 64)
 
 
 def test_a_constant_has_no_rate():
-    y = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), 8000).process(np.full((1, 500), 3.0))[0]
+    y = stimlib.compile(Scene({"v": differentiator(x, passband=1000.0)}), 8000).process(
+        np.full((1, 500), 3.0)
+    )[0]
     assert np.abs(y[128:]).max() < 1e-9
 
 
@@ -69,7 +82,10 @@ def test_a_recommended_pass_band_is_one_that_works(fs):
 
 
 def test_a_stop_band_above_half_the_rate_is_none():
-    one, other = (stimlib.compile(Scene({"v": differentiator(x, 100.0, stop)}), 1000) for stop in (600.0, 501.0))
+    one, other = (
+        stimlib.compile(Scene({"v": differentiator(x, 100.0, stop)}), 1000)
+        for stop in (600.0, 501.0)
+    )
     u = np.random.default_rng(5).standard_normal((1, 300))
     assert_same(one.process(u), other.process(u))
     f = np.linspace(1.0, 100.0, 50)

@@ -1,4 +1,5 @@
-"""The springpot against the full sum over its history, the continuous derivative, and its own certificate.
+"""The springpot against the full sum over its history, the continuous derivative, and
+its own certificate.
 
 The grid over an hour is long: STIMLIB_LONG=1 runs all of it.
 """
@@ -26,16 +27,27 @@ from stimlib.errors import BadValue, SceneError, UnitError
 
 LONG = bool(os.environ.get("STIMLIB_LONG"))
 LD = np.longdouble
-extended = pytest.mark.skipif(np.finfo(LD).nmant < 63, reason="needs a long double of more than 53 bits")
+extended = pytest.mark.skipif(
+    np.finfo(LD).nmant < 63, reason="needs a long double of more than 53 bits"
+)
 Y, A, C, G = Input("y", "m"), Input("a"), Input("c"), Input("g")
 TOLS = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]
 ALPHAS = [0.0, 1e-6, 0.05, 0.25, 0.5, 0.75, 0.95, 1 - 1e-6, 1.0]
 
 
-# References ----------------------------------------------------------------------------------------------------------
+# References ---------------------------------------------------------------------------
 def full(x, alpha, fs, at=None, scheme="gl", onset="steady", path=False):
-    """h^-alpha sum_j v_j d[n-j] at these samples, the whole history, by the law of ``checks``; with |d| where ``path``."""
-    return _full(np.asarray(x, float).tobytes(), alpha, fs, tuple(range(len(x)) if at is None else at), scheme, onset)[path]
+    """h^-alpha sum_j v_j d[n-j] at these samples, the whole history, by the law of
+    ``checks``; with |d| where ``path``.
+    """
+    return _full(
+        np.asarray(x, float).tobytes(),
+        alpha,
+        fs,
+        tuple(range(len(x)) if at is None else at),
+        scheme,
+        onset,
+    )[path]
 
 
 @cache  # the same for every tolerance
@@ -52,7 +64,8 @@ def moved(kind, n, fs, seed=7):
         "sinusoid": lambda: 0.01 * np.sin(2 * np.pi * t),
         "ramp": lambda: 0.02 * np.minimum(t, 0.5),
         "smooth": lambda: sum(
-            0.003 * rng.normal() * np.sin(2 * np.pi * rng.uniform(0.2, 5) * t + rng.uniform(0, 6)) for _ in range(8)
+            0.003 * rng.normal() * np.sin(2 * np.pi * rng.uniform(0.2, 5) * t + rng.uniform(0, 6))
+            for _ in range(8)
         ),
         "quantised": lambda: np.round(0.01 * np.sin(2 * np.pi * t) / 1e-6) * 1e-6,
         "counts": lambda: 2.0**-20 * np.arange(n),  # every difference has the same bits
@@ -96,7 +109,7 @@ def check_full(proc, x, alpha, fs, tol, at=None, scheme="gl", onset="steady", la
     return np.max(error[moving] / bound[at][moving], initial=0.0)
 
 
-# 1: the full sum, tol and the certificate ----------------------------------------------------------------------------
+# 1: the full sum, tol and the certificate ---------------------------------------------
 @extended
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -107,12 +120,25 @@ def test_every_sample_is_within_the_certificate_for_every_tol(alpha, scheme):
             proc = proc_of(None if live else alpha, fs, tol=tol, scheme=scheme)
             for kind in (*KINDS, "counts", "step"):
                 check_full(proc, moved(kind, n, fs), alpha, fs, tol, scheme=scheme)
-            check_full(proc, 5.0 + np.random.default_rng(1).standard_normal(n), alpha, fs, tol, scheme=scheme)
+            check_full(
+                proc,
+                5.0 + np.random.default_rng(1).standard_normal(n),
+                alpha,
+                fs,
+                tol,
+                scheme=scheme,
+            )
 
 
 @extended
-@pytest.mark.parametrize("fs_alpha", mostly({(1000.0, a) for a in ALPHAS} | {(8000.0, 0.5), (8000.0, 0.95)},
-    [*product([1000.0, 8000.0], ALPHAS)]), ids="{0[0]}-{0[1]}".format)  # fmt: skip
+@pytest.mark.parametrize(
+    "fs_alpha",
+    mostly(
+        {(1000.0, a) for a in ALPHAS} | {(8000.0, 0.5), (8000.0, 0.95)},
+        [*product([1000.0, 8000.0], ALPHAS)],
+    ),
+    ids="{0[0]}-{0[1]}".format,
+)
 def test_a_minute_to_the_last_digits(fs_alpha):
     fs, alpha = fs_alpha
     n = int(60 * fs)
@@ -143,7 +169,15 @@ HOURS = (
 @pytest.mark.parametrize(("fs", "alpha", "kind"), HOURS)
 def test_an_hour_to_the_last_digits(fs, alpha, kind):
     n = int(3600 * fs)
-    check_full(proc_of(alpha, fs, tol=1e-14), moved(kind, n, fs), alpha, fs, 1e-14, spots(n, 12), largest=1e-12)
+    check_full(
+        proc_of(alpha, fs, tol=1e-14),
+        moved(kind, n, fs),
+        alpha,
+        fs,
+        1e-14,
+        spots(n, 12),
+        largest=1e-12,
+    )
     _full.cache_clear()
 
 
@@ -160,13 +194,27 @@ def test_the_certificate_is_tight_for_what_moves_one_way(alpha, tol):
 @extended
 @settings(max_examples=25)
 @given(
-    st.floats(0, 1), st.sampled_from(TOLS), st.sampled_from(["gl", "l1"]), st.sampled_from(["steady", "step"]),
-    st.integers(0, 99), st.sampled_from([1.0, 1e-9, 1e6]),
-)  # fmt: skip
+    st.floats(0, 1),
+    st.sampled_from(TOLS),
+    st.sampled_from(["gl", "l1"]),
+    st.sampled_from(["steady", "step"]),
+    st.integers(0, 99),
+    st.sampled_from([1.0, 1e-9, 1e6]),
+)
 def test_any_movement_is_within_the_certificate(alpha, tol, scheme, onset, seed, size):
     rng = np.random.default_rng(seed)
-    x = size * np.cumsum(rng.standard_normal(150) * (rng.random(150) < rng.choice([0.05, 0.5, 1.0]))) + rng.choice([0.0, size])
-    check_full(proc_of(None, 500.0, tol=tol, scheme=scheme, onset=onset), x, alpha, 500.0, tol, scheme=scheme, onset=onset)
+    x = size * np.cumsum(
+        rng.standard_normal(150) * (rng.random(150) < rng.choice([0.05, 0.5, 1.0]))
+    ) + rng.choice([0.0, size])
+    check_full(
+        proc_of(None, 500.0, tol=tol, scheme=scheme, onset=onset),
+        x,
+        alpha,
+        500.0,
+        tol,
+        scheme=scheme,
+        onset=onset,
+    )
     _full.cache_clear()
 
 
@@ -183,24 +231,32 @@ def test_beyond_the_horizon_the_error_grows_slowly():
 def test_all_rates_and_horizons_compile():
     for fs in (1.0, 44_100.0, 1e6):
         for horizon in (1e-9, 1.0, 1e9):
-            f = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, horizon=horizon)}), fs).process(np.array([[0.0, 1.0, 1.0]]))
+            f = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, horizon=horizon)}), fs).process(
+                np.array([[0.0, 1.0, 1.0]])
+            )
             np.testing.assert_allclose(f[0], np.array([0, 1, 0.5]) * fs**0.5, rtol=1e-15)
 
 
 def test_the_longest_horizon_is_the_longest_run():
     with pytest.raises(BadValue, match="longer than any run"):
-        stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, horizon=np.nextafter(2.0**62, np.inf))}), 1.0, "python")
+        stimlib.compile(
+            Scene({"f": springpot(Y, 1.0, 0.5, horizon=np.nextafter(2.0**62, np.inf))}),
+            1.0,
+            "python",
+        )
     stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, horizon=2.0**62)}), 1.0, "python")
 
 
-# The continuous derivative -------------------------------------------------------------------------------------------
+# The continuous derivative ------------------------------------------------------------
 def of_ramp(t, alpha, speed, until):
     """D^alpha of a ramp that stops."""
     return speed * rgamma(2 - alpha) * (t ** (1 - alpha) - np.maximum(t - until, 0) ** (1 - alpha))
 
 
 def of_sine(t, alpha, w):
-    """D^alpha sin(w t) for t > 0, at rest before: the steady state less the integral along the branch cut."""
+    """D^alpha sin(w t) for t > 0, at rest before: the steady state less the integral
+    along the branch cut.
+    """
     h = 0.15
     u = np.arange(-40, 14, h)
     cut = h * np.exp((1 + alpha) * u) / (1 + np.exp(2 * u)) * w**alpha
@@ -218,11 +274,15 @@ def test_l1_is_exact_for_straight_lines(alpha, fs):
 
 
 def test_l1_of_a_sinusoid_and_its_order():
-    """1e-4 of the maximum at 1 kHz; halving the step divides the error by 2^(2 - alpha)."""
+    """1e-4 of the maximum at 1 kHz; halving the step divides the error by 2^(2 -
+    alpha).
+    """
     errors = []
     for fs in (1000.0, 2000.0, 4000.0):
         t = np.arange(1, int(3 * fs)) / fs
-        f = forces(proc_of(0.5, fs, scheme="l1"), np.sin(2 * np.pi * np.arange(int(3 * fs)) / fs))[0][1:]
+        f = forces(proc_of(0.5, fs, scheme="l1"), np.sin(2 * np.pi * np.arange(int(3 * fs)) / fs))[
+            0
+        ][1:]
         wanted = of_sine(t, 0.5, 2 * np.pi)
         errors.append(np.abs(f - wanted).max() / np.abs(wanted).max())
     assert errors[0] <= 1.5e-4
@@ -239,7 +299,7 @@ def test_gl_converges_to_the_derivative_with_first_order():
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2, rtol=0.05)
 
 
-# 2: ends, holds, cuts ------------------------------------------------------------------------------------------------
+# 2: ends, holds, cuts -----------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 @pytest.mark.parametrize("live", [False, True])
 @pytest.mark.parametrize("chi", [1.0, 317.3])
@@ -247,7 +307,10 @@ def test_spring_and_dashpot_are_exact(scheme, live, chi):
     fs, n = 1000.0, 3000
     x = 0.3 + moved("smooth", n, fs)
     for onset, before in (("steady", x[0]), ("step", 0.0)):
-        for alpha, wanted in ((0.0, chi * (x - before)), (1.0, chi * (np.diff(x, prepend=before) * fs))):
+        for alpha, wanted in (
+            (0.0, chi * (x - before)),
+            (1.0, chi * (np.diff(x, prepend=before) * fs)),
+        ):
             block = springpot(Y, chi, A if live else alpha, scheme=scheme, onset=onset)
             f = forces(stimlib.compile(Scene({"f": block}), fs), x, alpha if live else None)[0]
             assert_same(f, wanted, f"{scheme} {onset} {alpha}")
@@ -271,15 +334,21 @@ def test_orders_next_to_the_ends_are_near_them():
 
 def some_scene(live, **kw):
     alpha = A if live else 0.35
-    force, bound = springpot(Y, Param("chi", 20.0), alpha, contact=C, certificate=True, horizon=60.0, **kw)
+    force, bound = springpot(
+        Y, Param("chi", 20.0), alpha, contact=C, certificate=True, horizon=60.0, **kw
+    )
     return Scene({"f": force, "bound": bound})
 
 
 def some_input(proc, n, seed=0):
-    """Movement, contact now and then, an order that stands, ramps and jumps, touching both ends."""
+    """Movement, contact now and then, an order that stands, ramps and jumps, touching
+    both ends.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(n)
-    a = np.clip(np.where(t % 97 < 40, np.round(np.sin(t / 50) + 0.5, 1), 0.3 + 0.01 * (t % 61)), 0, 1)
+    a = np.clip(
+        np.where(t % 97 < 40, np.round(np.sin(t / 50) + 0.5, 1), 0.3 + 0.01 * (t % 61)), 0, 1
+    )
     x = np.cumsum(rng.standard_normal(n) * (t % 150 < 100)) * 1e-3
     c = np.where(np.sin(t / 31.0) > -0.7, 1.0, 0.0)
     return rows(proc, np.stack([x, a, c]), ["y", "a", "c"])
@@ -297,7 +366,13 @@ def test_cuts_targets_and_states(live, scheme, onset):
     end = fast.state
     assert fast.fault is None and whole.any(axis=1).all()
     rng = np.random.default_rng(1)
-    for cuts in (cut_at(n, 1), cut_at(n, 7), cut_at(n, 64), random_cuts(n, rng), random_cuts(n, rng)):
+    for cuts in (
+        cut_at(n, 1),
+        cut_at(n, 7),
+        cut_at(n, 64),
+        random_cuts(n, rng),
+        random_cuts(n, rng),
+    ):
         fast.reset()
         assert_same(run(fast, x, cuts), whole)
         assert_same(fast.state, end, "state")
@@ -337,7 +412,11 @@ def test_nothing_decays_into_denormals(live):
     proc.process(some_input(proc, n))
     floats = float_words(proc)
     for contact in (1.0, 0.0, 1.0):
-        held = rows(proc, np.stack([np.full(60_000, 0.01), np.full(60_000, 0.4), np.full(60_000, contact)]), ["y", "a", "c"])
+        held = rows(
+            proc,
+            np.stack([np.full(60_000, 0.01), np.full(60_000, 0.4), np.full(60_000, contact)]),
+            ["y", "a", "c"],
+        )
         for _ in range(4):
             f = proc.process(held)
             v = np.abs(proc.state[floats].view(np.float64))
@@ -351,14 +430,20 @@ def test_silence_is_zero():
     assert not forces(proc, np.zeros(20_000)).any()
 
 
-# Parameters --------------------------------------------------------------------------------------------------------
+# Parameters ---------------------------------------------------------------------------
 @extended
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 @pytest.mark.parametrize("tol", [1e-8, 1e-14])
 def test_a_live_order_is_the_full_sum_with_the_new_order(scheme, tol):
     fs, n = 1000.0, 1500
     x = moved("smooth", n, fs)
-    alpha = np.r_[np.full(400, 0.2), np.linspace(0.2, 1.0, 300), np.full(100, 1.0), np.full(200, 0.7), np.linspace(0.7, 0.0, 500)]
+    alpha = np.r_[
+        np.full(400, 0.2),
+        np.linspace(0.2, 1.0, 300),
+        np.full(100, 1.0),
+        np.full(200, 0.7),
+        np.linspace(0.7, 0.0, 500),
+    ]
     f, bound = forces(proc_of(None, fs, tol=tol, scheme=scheme), x, alpha)
     at = [*range(0, n, 37), 399, 400, 401, 699, 700, 799, 800, 801, 999, 1000, 1499]
     wanted = np.array([full(x, alpha[k], fs, [k], scheme)[0] for k in at])
@@ -373,8 +458,13 @@ def test_a_live_order_that_stands_is_the_fixed_order():
     x = moved("smooth", n, fs)
     for scheme in ("gl", "l1"):
         for alpha in (0.05, 0.5, 0.95):
-            fixed, live = forces(proc_of(alpha, fs, scheme=scheme), x), forces(proc_of(None, fs, scheme=scheme), x, alpha)
-            np.testing.assert_allclose(live[0], fixed[0], rtol=0, atol=2e-14 * np.abs(fixed[0]).max())
+            fixed, live = (
+                forces(proc_of(alpha, fs, scheme=scheme), x),
+                forces(proc_of(None, fs, scheme=scheme), x, alpha),
+            )
+            np.testing.assert_allclose(
+                live[0], fixed[0], rtol=0, atol=2e-14 * np.abs(fixed[0]).max()
+            )
             np.testing.assert_allclose(live[1], fixed[1], rtol=1e-12)
 
 
@@ -403,12 +493,23 @@ def test_live_coefficient_and_order_by_name():
     once = forces(proc_of(None, fs), x[0], np.r_[np.full(1000, 0.5), np.full(2000, 0.25)])[0]
     proc.set("chi", 30.0, ramp=0)
     proc.set("alpha", 0.25, ramp=0)
-    assert_same(np.r_[f, proc.process(x[:, 1000:].copy())[0]], np.r_[10.0 * once[:1000], 30.0 * once[1000:]])
+    assert_same(
+        np.r_[f, proc.process(x[:, 1000:].copy())[0]], np.r_[10.0 * once[:1000], 30.0 * once[1000:]]
+    )
 
 
 @pytest.mark.parametrize("target", ["numba", "python"])
 @pytest.mark.parametrize(
-    ("chi", "alpha"), [(1.0, -1e-9), (1.0, 1 + 1e-9), (1.0, np.nan), (-1e-9, 0.5), (np.nan, 0.5), (1.0, np.inf), (-np.inf, 0.5)]
+    ("chi", "alpha"),
+    [
+        (1.0, -1e-9),
+        (1.0, 1 + 1e-9),
+        (1.0, np.nan),
+        (-1e-9, 0.5),
+        (np.nan, 0.5),
+        (1.0, np.inf),
+        (-np.inf, 0.5),
+    ],
 )
 def test_a_live_number_out_of_range_is_a_fault(target, chi, alpha):
     n, at = 60, 20
@@ -420,7 +521,9 @@ def test_a_live_number_out_of_range_is_a_fault(target, chi, alpha):
     assert proc.fault == ("f", at)
     assert np.isfinite(f).all() and not f[45:].any()
     before = raw(scene, 1000, np.stack([x, g, a]), ["y", "g", "a"])[0]
-    assert np.isnan(before[at]) and np.isfinite(np.delete(before, at)).all(), "the history is not hurt"
+    assert np.isnan(before[at]) and np.isfinite(np.delete(before, at)).all(), (
+        "the history is not hurt"
+    )
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -431,13 +534,19 @@ def test_a_position_that_is_not_finite_is_a_fault_until_contact_is_made_anew(sch
     x, c = np.linspace(0, 0.1, n), np.ones(n)
     x[30], c[50:60] = bad, 0.0
     before = raw(scene, 1000, np.stack([x, c]), ["y", "c"])[0]
-    assert not np.isfinite(before[30]) and np.isfinite(before[:30]).all() and np.isfinite(before[50:]).all()
+    assert (
+        not np.isfinite(before[30])
+        and np.isfinite(before[:30]).all()
+        and np.isfinite(before[50:]).all()
+    )
     for target in ("numba", "python"):
         proc = stimlib.compile(scene, 1000, target)
-        assert_same(proc.process(rows(proc, np.stack([x, c]), ["y", "c"]))[0], guarded(before, 1000)[0])
+        assert_same(
+            proc.process(rows(proc, np.stack([x, c]), ["y", "c"]))[0], guarded(before, 1000)[0]
+        )
 
 
-# Contact and onset ---------------------------------------------------------------------------------------------------
+# Contact and onset --------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["gl", "l1", "gl-downsampled", "gl-short-memory"])
 @pytest.mark.parametrize("alpha", [0.0, 0.4, 1.0])
 def test_off_contact_the_force_is_zero_and_the_history_begins_anew(scheme, alpha):
@@ -446,7 +555,9 @@ def test_off_contact_the_force_is_zero_and_the_history_begins_anew(scheme, alpha
     c = np.zeros(n)
     c[50:200], c[330:331], c[400:] = 1.0, 1.0, 0.1
     x[230] = np.nan  # nobody looks
-    touching = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, scheme=scheme, contact=C, horizon=1.0)}), fs)
+    touching = stimlib.compile(
+        Scene({"f": springpot(Y, 1.0, alpha, scheme=scheme, contact=C, horizon=1.0)}), fs
+    )
     f = forces(touching, x, c=c)[0]
     assert not f[c == 0].any() and f[330] == 0.0
     always = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, scheme=scheme, horizon=1.0)}), fs)
@@ -457,7 +568,9 @@ def test_off_contact_the_force_is_zero_and_the_history_begins_anew(scheme, alpha
 @pytest.mark.parametrize("alpha", [A, 0.35])
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 def test_after_contact_nothing_is_left(scheme, alpha):
-    """Bit for bit: the state after one sample off contact does not tell what was felt."""
+    """Bit for bit: the state after one sample off contact does not tell what was
+    felt.
+    """
     proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, scheme=scheme, contact=C)}), 1000)
     n, ends = 400, []
     for kind in ("smooth", "ramp"):
@@ -471,7 +584,14 @@ def test_after_contact_nothing_is_left(scheme, alpha):
 def test_a_step_onset_is_for_the_first_contact(scheme):
     x, c = np.full(40, 0.01), np.r_[np.ones(20), np.zeros(5), np.ones(15)]
     f = forces(
-        stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme=scheme, onset="step", contact=C, horizon=1.0)}), 1000), x, c=c
+        stimlib.compile(
+            Scene(
+                {"f": springpot(Y, 1.0, 0.5, scheme=scheme, onset="step", contact=C, horizon=1.0)}
+            ),
+            1000,
+        ),
+        x,
+        c=c,
     )[0]
     assert f[0] == pytest.approx(0.01 * 1000**0.5 / (math.gamma(1.5) if scheme == "l1" else 1))
     assert np.all(f[1:20] > 0) and not f[20:].any()
@@ -482,11 +602,13 @@ def test_the_certificate_begins_anew_with_contact():
     force, bound = springpot(Y, 1.0, 0.5, contact=C, certificate=True)
     touching = stimlib.compile(Scene({"f": force, "bound": bound}), 1000)
     again = forces(touching, x, c=c)[1]
-    np.testing.assert_allclose(again[150:], forces(proc_of(0.5, 1000.0), x[150:].copy())[1], rtol=1e-12)
+    np.testing.assert_allclose(
+        again[150:], forces(proc_of(0.5, 1000.0), x[150:].copy())[1], rtol=1e-12
+    )
     assert not again[100:150].any()
 
 
-# The thesis' methods -------------------------------------------------------------------------------------------------
+# The thesis' methods ------------------------------------------------------------------
 def binomials(alpha, n):
     return np.array([float((-1) ** j * mpmath.binomial(alpha, j)) for j in range(n)])
 
@@ -495,7 +617,12 @@ def binomials(alpha, n):
 def test_downsampled_is_as_the_thesis_says(alpha):
     fs, n = 1000.0, 1234
     x = 0.1 + moved("smooth", n, fs)
-    f = forces(stimlib.compile(Scene({"f": springpot(Y, 2.0, alpha, scheme="gl-downsampled", horizon=2.0)}), fs), x)[0]
+    f = forces(
+        stimlib.compile(
+            Scene({"f": springpot(Y, 2.0, alpha, scheme="gl-downsampled", horizon=2.0)}), fs
+        ),
+        x,
+    )[0]
     w, y = binomials(alpha, 101), x - x[0]
     for k in (0, 1, 2, 99, 100, 101, 200, 201, 777, 1233):
         m = max(1, -(-k // 100))
@@ -510,7 +637,9 @@ def test_downsampled_is_as_the_thesis_says(alpha):
 def test_short_memory_is_the_last_seconds(alpha, fs, memory):
     n = int(0.4 * fs)
     x = 0.1 + moved("smooth", n, fs)
-    proc = stimlib.compile(Scene({"f": springpot(Y, 2.0, alpha, scheme="gl-short-memory", memory=memory)}), fs)
+    proc = stimlib.compile(
+        Scene({"f": springpot(Y, 2.0, alpha, scheme="gl-short-memory", memory=memory)}), fs
+    )
     f = forces(proc, x)[0]
     w = binomials(alpha, round(memory * fs))
     wanted = 2.0 * fs**alpha * np.convolve(x - x[0], w)[:n]
@@ -518,7 +647,9 @@ def test_short_memory_is_the_last_seconds(alpha, fs, memory):
 
 
 def test_short_memory_forgets_alike_at_every_rate():
-    """A hold ends at the force that the last 0.1 s leave; 100 samples at 8 kHz left 2.8 times as much."""
+    """A hold ends at the force that the last 0.1 s leave; 100 samples at 8 kHz left 2.8
+    times as much.
+    """
     held = {}
     for fs in (1000, 8000):
         proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme="gl-short-memory")}), fs)
@@ -531,23 +662,29 @@ def test_the_thesis_methods_are_the_full_sum_for_a_tenth_of_a_second_and_then_ar
     x = moved("sinusoid", n, fs)
     wanted = forces(proc_of(0.5, fs, tol=1e-14), x)[0]
     for scheme in ("gl-downsampled", "gl-short-memory"):
-        f = forces(stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme=scheme, horizon=3.0)}), fs), x)[0]
+        f = forces(
+            stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme=scheme, horizon=3.0)}), fs), x
+        )[0]
         error = np.abs(f - wanted) / np.abs(wanted).max()
         assert error[:100].max() < 1e-13 and error.max() > 0.02
 
 
 def test_the_history_of_downsampled_ends_in_a_fault():
-    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme="gl-downsampled", horizon=0.1)}), 1000)
+    proc = stimlib.compile(
+        Scene({"f": springpot(Y, 1.0, 0.5, scheme="gl-downsampled", horizon=0.1)}), 1000
+    )
     proc.process(np.linspace(0, 1, 150)[None])
     assert proc.fault == ("f", 100)
 
 
-# 4: responses --------------------------------------------------------------------------------------------------------
+# 4: responses -------------------------------------------------------------------------
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 @pytest.mark.parametrize("alpha", [0.0, 0.3, 0.8, 1.0])
 def test_the_response_is_that_of_the_impulse(scheme, alpha):
     fs = 1000.0
-    proc = stimlib.compile(Scene({"f": springpot(Y, 7.0, alpha, scheme=scheme, tol=1e-6, horizon=0.064)}), fs)
+    proc = stimlib.compile(
+        Scene({"f": springpot(Y, 7.0, alpha, scheme=scheme, tol=1e-6, horizon=0.064)}), fs
+    )
     n = 1 << 18
     x = np.zeros((1, n + 4))
     x[0, 4] = 1.0
@@ -560,9 +697,13 @@ def test_the_response_is_that_of_the_impulse(scheme, alpha):
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 @pytest.mark.parametrize("alpha", [0.0, 0.05, 0.3, 0.5, 0.8, 1.0])
 def test_the_response_is_the_physics(scheme, alpha):
-    """chi (i w)^alpha at low frequencies; at all frequencies the generating function of the scheme."""
+    """chi (i w)^alpha at low frequencies; at all frequencies the generating function of
+    the scheme.
+    """
     fs, chi = 8000.0, 40.0
-    proc = stimlib.compile(Scene({"f": springpot(Y, Param("chi", chi), alpha, scheme=scheme)}), fs, "python")
+    proc = stimlib.compile(
+        Scene({"f": springpot(Y, Param("chi", chi), alpha, scheme=scheme)}), fs, "python"
+    )
     f = np.geomspace(0.01, 4.0, 60)
     k = springpot_stiffness(chi, alpha, 2 * np.pi * f)
     H = proc.response("f", "y", f)
@@ -571,13 +712,17 @@ def test_the_response_is_the_physics(scheme, alpha):
     if scheme == "gl":
         f = np.geomspace(0.01, fs / 2, 100)
         np.testing.assert_allclose(
-            proc.response("f", "y", f), chi * (fs * (1 - np.exp(-2j * np.pi * f / fs))) ** alpha, rtol=1e-8
+            proc.response("f", "y", f),
+            chi * (fs * (1 - np.exp(-2j * np.pi * f / fs))) ** alpha,
+            rtol=1e-8,
         )
 
 
 def test_a_live_order_has_no_response():
     with pytest.raises(SceneError, match="not linear and time-invariant"):
-        stimlib.compile(Scene({"f": springpot(Y, 1.0, A)}), 1000, "python").response("f", "y", np.array([1.0]))
+        stimlib.compile(Scene({"f": springpot(Y, 1.0, A)}), 1000, "python").response(
+            "f", "y", np.array([1.0])
+        )
 
 
 def test_stiffness():
@@ -585,30 +730,43 @@ def test_stiffness():
     for alpha in (0.0, 0.2, 0.5, 0.93, 1.0):
         k = springpot_stiffness(300.0, alpha, w)
         np.testing.assert_allclose(k.complex[1:], 300.0 * (1j * w[1:]) ** alpha, rtol=1e-13)
-        np.testing.assert_allclose([k.storage, k.loss], [k.complex.real, k.complex.imag], rtol=1e-15)
+        np.testing.assert_allclose(
+            [k.storage, k.loss], [k.complex.real, k.complex.imag], rtol=1e-15
+        )
         np.testing.assert_allclose(k.magnitude, np.abs(k.complex), rtol=1e-13)
         np.testing.assert_array_equal(k.phase, alpha * np.pi / 2)
-    assert springpot_stiffness(3.0, 0.0, 5.0).loss == 0.0 and springpot_stiffness(3.0, 1.0, 5.0).storage == 0.0
+    assert (
+        springpot_stiffness(3.0, 0.0, 5.0).loss == 0.0
+        and springpot_stiffness(3.0, 1.0, 5.0).storage == 0.0
+    )
 
 
 def test_equal_force():
     """Eqs. (3.2), (4.1): the same magnitude at w = 2 pi."""
     for a1, a2 in ((0.0, 0.5), (0.25, 0.35), (1.0, 0.0)):
         chi2 = equal_force(300.0, a1, a2)
-        one, other = springpot_stiffness(300.0, a1, 2 * np.pi), springpot_stiffness(chi2, a2, 2 * np.pi)
+        one, other = (
+            springpot_stiffness(300.0, a1, 2 * np.pi),
+            springpot_stiffness(chi2, a2, 2 * np.pi),
+        )
         assert one.magnitude == pytest.approx(other.magnitude, rel=1e-14)
     assert equal_force(300.0, 0.0, 0.75) == pytest.approx(300 / (2 * np.pi) ** 0.75, rel=1e-15)
     assert equal_force(300.0, 0.2, 0.7, w=1.0) == 300.0
 
 
-# Linear, and the same physics at any rate ----------------------------------------------------------------------------
+# Linear, and the same physics at any rate ---------------------------------------------
 @pytest.mark.parametrize("scheme", ["gl", "l1", "gl-downsampled", "gl-short-memory"])
 def test_linear_and_time_invariant(scheme):
     fs, n = 1000.0, 500
     proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.4, scheme=scheme, horizon=2.0)}), fs)
     x, z = moved("smooth", n, fs, 1), moved("smooth", n, fs, 2)
     fx, fz = forces(proc, x)[0], forces(proc, z)[0]
-    np.testing.assert_allclose(forces(proc, 0.7 * x - 2.3 * z)[0], 0.7 * fx - 2.3 * fz, rtol=0, atol=1e-12 * np.abs(fz).max())
+    np.testing.assert_allclose(
+        forces(proc, 0.7 * x - 2.3 * z)[0],
+        0.7 * fx - 2.3 * fz,
+        rtol=0,
+        atol=1e-12 * np.abs(fz).max(),
+    )
     np.testing.assert_allclose(forces(proc, -4.0 * x)[0], -4.0 * fx, rtol=0, atol=1e-180)
     if scheme != "gl-downsampled":  # its points hang on the time since contact
         late = forces(proc, np.r_[np.full(77, x[0]), x])[0]
@@ -616,7 +774,10 @@ def test_linear_and_time_invariant(scheme):
 
 
 def test_the_rate_of_samples_is_not_part_of_the_physics():
-    one, other = (forces(proc_of(0.4, fs, scheme="l1"), moved("sinusoid", int(fs), fs))[0] for fs in (4000.0, 8000.0))
+    one, other = (
+        forces(proc_of(0.4, fs, scheme="l1"), moved("sinusoid", int(fs), fs))[0]
+        for fs in (4000.0, 8000.0)
+    )
     np.testing.assert_allclose(one, other[::2], rtol=0, atol=2e-5 * np.abs(one).max())
 
 
@@ -624,11 +785,14 @@ def test_what_else_runs_changes_nothing():
     x = moved("smooth", 300, 1000.0)
     alone = forces(stimlib.compile(Scene({"f": springpot(Y, 2.0, 0.4)}), 1000), x)[0]
     force, bound = springpot(Y, 2.0, 0.4, certificate=True)
-    proc = stimlib.compile(Scene({"other": springpot(Y, 3.0, 0.5), "bound": bound, "f": force, "w": b.white_noise(1)}), 1000)
+    proc = stimlib.compile(
+        Scene({"other": springpot(Y, 3.0, 0.5), "bound": bound, "f": force, "w": b.white_noise(1)}),
+        1000,
+    )
     assert_same(forces(proc, x)[2], alone)
 
 
-# Files, units, errors ------------------------------------------------------------------------------------------------
+# Files, units, errors -----------------------------------------------------------------
 def test_files(tmp_path):
     scene = some_scene(True)
     scene.save(tmp_path / "s.json")
@@ -636,7 +800,9 @@ def test_files(tmp_path):
 
 
 def test_units_and_sizes():
-    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5), "n": springpot(Input("n"), 1.0, A)}), 8000)
+    proc = stimlib.compile(
+        Scene({"f": springpot(Y, 1.0, 0.5), "n": springpot(Input("n"), 1.0, A)}), 8000
+    )
     assert proc.units["f"] == "N" and proc.units["n"] == "1"
     for fs in (1000.0, 8000.0):
         assert stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5)}), fs).state.size * 8 <= 1024
@@ -653,15 +819,29 @@ def test_units_and_sizes():
         (lambda: springpot(Y, 1.0, 0.5, tol=1e-15), BadValue, "tol=1e-14"),
         (lambda: springpot(Y, 1.0, A, tol=0.3), BadValue, "tol=0.1"),
         (lambda: springpot(Y, 1.0, 0.5, horizon=0.0), BadValue, "horizon"),
-        (lambda: springpot(Y, 1.0, 0.5, scheme="bdf2"), BadValue, "gl, l1, gl-downsampled, gl-short-memory"),
+        (
+            lambda: springpot(Y, 1.0, 0.5, scheme="bdf2"),
+            BadValue,
+            "gl, l1, gl-downsampled, gl-short-memory",
+        ),
         (lambda: springpot(Y, 1.0, 0.5, onset="soft"), BadValue, "steady, step"),
         (lambda: springpot(Y, 1.0, A, scheme="gl-downsampled"), BadValue, "plain number"),
-        (lambda: springpot(Y, 1.0, 0.5, scheme="gl-short-memory", certificate=True), BadValue, "no bound"),
+        (
+            lambda: springpot(Y, 1.0, 0.5, scheme="gl-short-memory", certificate=True),
+            BadValue,
+            "no bound",
+        ),
         (lambda: springpot(Y, 1.0, 0.5, tol=Param("tol", 1e-9)), BadValue, "design number"),
         (lambda: springpot(Input("f", "N"), 1.0, 0.5), UnitError, "not in m"),
         (lambda: springpot(Y, Param("chi", 1.0, "N/m"), 0.5), UnitError, "plain number"),
         (lambda: springpot(Y, 1.0, Input("s", "m")), UnitError, "without unit"),
-        (lambda: stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.5, scheme="gl-downsampled")}), 1000), BadValue, "horizon"),
+        (
+            lambda: stimlib.compile(
+                Scene({"f": springpot(Y, 1.0, 0.5, scheme="gl-downsampled")}), 1000
+            ),
+            BadValue,
+            "horizon",
+        ),
         (lambda: springpot_stiffness(1.0, 1.5, 1.0), BadValue, "alpha"),
         (lambda: springpot_stiffness(-1.0, 0.5, 1.0), BadValue, "chi"),
         (lambda: springpot_stiffness(1.0, 0.5, [-1.0]), BadValue, "w must"),
@@ -677,7 +857,9 @@ def test_bad_values_are_named(make, error, match):
 @extended
 @pytest.mark.parametrize("alpha", [0.5, 0.95])
 def test_the_second_words_are_needed(alpha, monkeypatch):
-    """A sum that leaks with the rate s and has one word stalls 2^-53/s below its value: a long way at equal steps shows it."""
+    """A sum that leaks with the rate s and has one word stalls 2^-53/s below its value:
+    a long way at equal steps shows it.
+    """
     from stimlib.design import exponentials as soe
 
     fs, n = 1000.0, 1_000_000
@@ -696,7 +878,9 @@ def test_the_second_words_are_needed(alpha, monkeypatch):
 def test_response_with_a_live_order_is_that_of_the_order_it_has():
     y = stimlib.Input("y", "m")
     f = np.array([0.5, 5.0, 50.0])
-    live = stimlib.compile(stimlib.Scene({"f": springpot(y, 25.0, stimlib.Param("alpha", 0.3))}), 1000)
+    live = stimlib.compile(
+        stimlib.Scene({"f": springpot(y, 25.0, stimlib.Param("alpha", 0.3))}), 1000
+    )
     for alpha in (0.3, 0.8):
         live.set("alpha", alpha, ramp=0.0)
         fixed = stimlib.compile(stimlib.Scene({"f": springpot(y, 25.0, alpha)}), 1000)

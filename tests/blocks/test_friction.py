@@ -1,4 +1,6 @@
-"""Friction against its differential equations by another route, its energy, its drift, and what is refused."""
+"""Friction against its differential equations by another route, its energy, its drift,
+and what is refused.
+"""
 
 from functools import cache
 
@@ -33,7 +35,11 @@ def block(law, x=X, normal=1.0, k=K):
 @cache
 def processor(law, fs=8000):
     """Friction whose normal force, and stiffness in proportion, are inputs."""
-    y = stick_slip(X, NORMAL, F, F / 2, K) if law == "stick_slip" else block(law, X, NORMAL, constant(K, "1/m") * NORMAL)
+    y = (
+        stick_slip(X, NORMAL, F, F / 2, K)
+        if law == "stick_slip"
+        else block(law, X, NORMAL, constant(K, "1/m") * NORMAL)
+    )
     return stimlib.compile(Scene({"F": y}), fs)
 
 
@@ -49,10 +55,12 @@ def work(law, x, normal=1.0):
     return np.cumsum(force(law, x, normal) * np.diff(x, prepend=x[0]))
 
 
-# Against the differential equation -----------------------------------------------------------------------------------
+# Against the differential equation ----------------------------------------------------
 @cache
 def way(name):
-    """A smooth way: a stroke of 80 mm with tremor, or a recorded hand through its places every 10 ms."""
+    """A smooth way: a stroke of 80 mm with tremor, or a recorded hand through its
+    places every 10 ms.
+    """
     t = np.linspace(0, 0.5, 51 if name != "stroke" else 2001)
     if name == "stroke":
         return CubicSpline(t, 0.04 * np.sin(2 * np.pi * t) + 1e-4 * np.sin(18 * np.pi * t + 1))
@@ -68,15 +76,24 @@ def deflections(law, name):
     pieces, z = [], 0.0
     for a, b in zip(cuts, cuts[1:], strict=False):
         s = np.sign(v((a + b) / 2))
-        r = solve_ivp(lambda t, z, s=s: [v(t) * SLOPES[law](z[0], s, v(t))], (a, b), [z], "DOP853", rtol=1e-12, atol=1e-16,
-            dense_output=True)  # fmt: skip
+        r = solve_ivp(
+            lambda t, z, s=s: [v(t) * SLOPES[law](z[0], s, v(t))],
+            (a, b),
+            [z],
+            "DOP853",
+            rtol=1e-12,
+            atol=1e-16,
+            dense_output=True,
+        )
         pieces.append(r.sol)
         z = r.y[0, -1]
     return cuts, pieces
 
 
 def mean_forces(law, name, fs):
-    """Of k z over the way of each sample in which the hand does not turn, by Gauss' rule; nan elsewhere."""
+    """Of k z over the way of each sample in which the hand does not turn, by Gauss'
+    rule; nan elsewhere.
+    """
     cuts, pieces = deflections(law, name)
     v = way(name).derivative()
     node, weight = np.polynomial.legendre.leggauss(8)
@@ -91,27 +108,52 @@ def mean_forces(law, name, fs):
 
 @pytest.mark.parametrize(
     ("law", "name"),
-    [("dahl", "stroke"), ("elastoplastic", "stroke"), ("elastoplastic", "touchpad scrub"), ("lugre", "touchpad scrub")],
+    [
+        ("dahl", "stroke"),
+        ("elastoplastic", "stroke"),
+        ("elastoplastic", "touchpad scrub"),
+        ("lugre", "touchpad scrub"),
+    ],
 )
 def test_a_law_is_its_differential_equation(law, name):
-    """What is left is a turn inside a sample: with the acceleration a it hides a way of a/(8 fs^2) there, and back."""
+    """What is left is a turn inside a sample: with the acceleration a it hides a way of
+    a/(8 fs^2) there, and back.
+    """
     cuts, _ = deflections(law, name)
     hidden = np.abs(way(name).derivative(2)(cuts[1:-1])).max() / 4
     for fs in (1000, 8000):
-        error = np.abs(force(law, way(name)(np.arange(int(0.5 * fs)) / fs), fs=fs) - mean_forces(law, name, fs)) / K
+        error = (
+            np.abs(
+                force(law, way(name)(np.arange(int(0.5 * fs)) / fs), fs=fs)
+                - mean_forces(law, name, fs)
+            )
+            / K
+        )
         assert np.nanmax(error) < hidden / fs**2, f"{np.nanmax(error) / C:.1e} of c at {fs} Hz"
     straight = np.arange(error.size) / fs < cuts[1]
     assert np.nanmedian(error[straight]) < 1e-10 * C
-    assert law != "dahl" or np.nanmax(error[straight]) < 1e-9 * C  # the others' have kinks, over which Gauss' rule is not exact
+    # the others' have kinks, over which Gauss' rule is not exact
+    assert law != "dahl" or np.nanmax(error[straight]) < 1e-9 * C
 
 
 def test_stick_slip_falls_at_its_places():
-    """Each tooth of (static - kinetic) normal/k, whatever the size of a sample; the mean of whole teeth is known."""
+    """Each tooth of (static - kinetic) normal/k, whatever the size of a sample; the
+    mean of whole teeth is known.
+    """
     tooth = (F - F / 2) / K
-    x = np.r_[0.0, C, C + 0.5 * tooth, C + 0.5 * tooth + 40 * tooth, C + 0.5 * tooth + 40.25 * tooth]
+    x = np.r_[
+        0.0, C, C + 0.5 * tooth, C + 0.5 * tooth + 40 * tooth, C + 0.5 * tooth + 40.25 * tooth
+    ]
     y = force("stick_slip", x)
-    np.testing.assert_allclose(y, K * np.array([0.0, C / 2, C - 0.75 * tooth, C - 0.5 * tooth, C - 0.375 * tooth]), atol=1e-13)
-    small, at = force("stick_slip", np.linspace(0.0, x[-1], 40_001)), np.linspace(0.0, x[-1], 40_001)
+    np.testing.assert_allclose(
+        y,
+        K * np.array([0.0, C / 2, C - 0.75 * tooth, C - 0.5 * tooth, C - 0.375 * tooth]),
+        atol=1e-13,
+    )
+    small, at = (
+        force("stick_slip", np.linspace(0.0, x[-1], 40_001)),
+        np.linspace(0.0, x[-1], 40_001),
+    )
     assert abs(np.sum(small[1:] * np.diff(at)) - np.sum(y[1:] * np.diff(x))) < 1e-15
     np.testing.assert_allclose(force("stick_slip", -x), -y, atol=1e-15)
 
@@ -125,7 +167,7 @@ def test_any_number_of_slips_in_a_sample_is_their_mean(normal):
     assert np.all(np.abs(y / (0.75 * F * normal * np.sign(dx)) - 1) <= 3 * few + 1e-12)
 
 
-# Energy --------------------------------------------------------------------------------------------------------------
+# Energy -------------------------------------------------------------------------------
 @pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
 def test_no_motion_and_no_normal_force_takes_energy_out(law):
     rng = np.random.default_rng(2)
@@ -139,47 +181,72 @@ def test_no_motion_and_no_normal_force_takes_energy_out(law):
 @pytest.mark.parametrize("law", ["coulomb", "elastoplastic"])
 @pytest.mark.longer
 def test_a_stiffness_that_follows_the_normal_force_is_passive(law):
-    """The trap: k in proportion to N, as of fingers; with z kept on a rise, 10 s of this give 0.25 mJ."""
+    """The trap: k in proportion to N, as of fingers; with z kept on a rise, 10 s of
+    this give 0.25 mJ.
+    """
     t = np.arange(80_000) / 8000
     x, normal = 1e-4 * np.sin(4 * np.pi * t), 1 - 0.8 * np.sin(8 * np.pi * t)
     w = work(law, x, 10 * normal)
     assert w.min() > -1e-18 and 2e-4 < w[-1]
 
 
-# Drift ---------------------------------------------------------------------------------------------------------------
+# Drift --------------------------------------------------------------------------------
 @cache
 def creep(law):
-    """Way of 50 g held by friction under 0.4 of its limit, shaken by 0.1 of it at 50 Hz, and the seconds that it took."""
+    """Way of 50 g held by friction under 0.4 of its limit, shaken by 0.1 of it at 50
+    Hz, and the seconds that it took.
+    """
     fs, seconds = 8000, 600 if STRESS else 20
-    push = minimum(elapsed() / constant(0.5, "s"), 1.0) * constant(F, "N") * (0.4 + 0.1 * oscillator(50.0))
+    push = (
+        minimum(elapsed() / constant(0.5, "s"), 1.0)
+        * constant(F, "N")
+        * (0.4 + 0.1 * oscillator(50.0))
+    )
 
     def body(x):
         before = delay(x, samples=1)
         damped = constant(fs * 1.0, "N/m") * (x - before)
-        return 2.0 * x - before + constant(1 / (fs**2 * 0.05), "m/N") * (push - block(law, x) - damped)
+        return (
+            2.0 * x - before + constant(1 / (fs**2 * 0.05), "m/N") * (push - block(law, x) - damped)
+        )
 
     proc = stimlib.compile(Scene({"x": loop(body, unit="m")}), fs)
     x = proc.process(np.empty((0, seconds * fs)))[0]
     return x[-1] - x[2 * fs], seconds - 2
 
 
-@pytest.mark.parametrize(("law", "mm_in_10_min"), [("coulomb", 0), ("elastoplastic", 0), ("dahl", 731), ("lugre", 493)])
+@pytest.mark.parametrize(
+    ("law", "mm_in_10_min"), [("coulomb", 0), ("elastoplastic", 0), ("dahl", 731), ("lugre", 493)]
+)
 def test_drift(law, mm_in_10_min):
     """Only the laws that are elastic below break-away stay."""
     moved, seconds = creep(law)
-    assert abs(moved * 1e3 * 598 / seconds - mm_in_10_min) < (0.02 * mm_in_10_min or 1e-3 * 598 / seconds)
+    assert abs(moved * 1e3 * 598 / seconds - mm_in_10_min) < (
+        0.02 * mm_in_10_min or 1e-3 * 598 / seconds
+    )
 
 
-# Ends of numbers -----------------------------------------------------------------------------------------------------
+# Ends of numbers ----------------------------------------------------------------------
 def test_a_normal_force_or_a_stiffness_that_fades_away_closes_no_guard():
-    """What smooths them goes through 1e-190: then c/q or limit/k are beyond the largest number."""
+    """What smooths them goes through 1e-190: then c/q or limit/k are beyond the largest
+    number.
+    """
     k = Input("k", "N/m")
-    made = {law: block(law, k=k) if law != "stick_slip" else stick_slip(X, NORMAL, F, F / 2, k) for law in (*LAWS, "stick_slip")}
-    made |= {"soft": stick_slip(X, 1.0, F, F / 2, k), "at_once": friction(X, NORMAL, F, k, static=STATIC, speed=1e-310)}
+    made = {
+        law: block(law, k=k) if law != "stick_slip" else stick_slip(X, NORMAL, F, F / 2, k)
+        for law in (*LAWS, "stick_slip")
+    }
+    made |= {
+        "soft": stick_slip(X, 1.0, F, F / 2, k),
+        "at_once": friction(X, NORMAL, F, k, static=STATIC, speed=1e-310),
+    }
     proc = stimlib.compile(Scene(made), 8000, "python")
     small = np.array([1e-100, 1e-160, 1e-190, 1e-300, 1e-310, 5e-324])
     one, n = np.ones(4), np.concatenate
-    rows = {"normal": n([one, small, one, np.ones(6), one]), "k": K * n([one, np.ones(6), one, small, one])}
+    rows = {
+        "normal": n([one, small, one, np.ones(6), one]),
+        "k": K * n([one, np.ones(6), one, small, one]),
+    }
     x = 1e-3 * np.arange(24.0)
     x[11] = x[10]  # held
     y = proc.process(np.array([rows.get(name, x) for name in proc.inputs]))
@@ -189,11 +256,13 @@ def test_a_normal_force_or_a_stiffness_that_fades_away_closes_no_guard():
 
 
 def test_the_least_movement_keeps_the_force():
-    """A product of a way of 5e-324 m and a deflection is 0, and not the force times the way."""
+    """A product of a way of 5e-324 m and a deflection is 0, and not the force times the
+    way.
+    """
     assert force("elastoplastic", np.array([-C / 2, 0.0, 5e-324]))[2] == pytest.approx(F / 2)
 
 
-# What is refused, and what is held -----------------------------------------------------------------------------------
+# What is refused, and what is held ----------------------------------------------------
 REFUSED = {
     "normal = -1": dict(normal=-1.0),
     "normal = -2": dict(normal=Param("N", -2.0, "N")),
@@ -224,7 +293,10 @@ def test_what_makes_no_sense_is_refused(says):
 
 def test_a_lugre_that_may_give_energy_is_made_on_demand():
     for words in ({"viscosity": 0.5}, {"viscosity": 0.0, "passive": False}):
-        assert friction(X, 1.0, 0.6, K, "lugre", static=0.9, damping=1.0, **words).viscosity == words["viscosity"]
+        assert (
+            friction(X, 1.0, 0.6, K, "lugre", static=0.9, damping=1.0, **words).viscosity
+            == words["viscosity"]
+        )
 
 
 @pytest.mark.parametrize(
@@ -245,7 +317,10 @@ def test_a_slip_makes_the_force_smaller(words):
 def test_units_must_fit():
     with pytest.raises(UnitError, match=r"one unit; .* constant\(1000.0, 'N'\)"):
         friction(Input("angle"), 1.0)
-    assert str(friction(Input("angle"), constant(0.02, "N*m"), stiffness=constant(1.0, "N*m")).dim) == "N*m"
+    assert (
+        str(friction(Input("angle"), constant(0.02, "N*m"), stiffness=constant(1.0, "N*m")).dim)
+        == "N*m"
+    )
 
 
 @pytest.mark.parametrize("law", [*LAWS, "stick_slip"])
@@ -255,41 +330,63 @@ def test_a_live_normal_force_below_zero_is_no_contact(law):
     assert (y[5:20] > 0.1).all() and not y[20:].any()
 
 
-# One sample after another, in Python -----------------------------------------------------------------------------------
+# One sample after another, in Python --------------------------------------------------
 ALL = {law: block(law) for law in LAWS} | {"stick_slip": stick_slip(X, 1.0)}
 
 
 def samples(blocks, *rows, fs=1000):
-    """Of each block, whose inputs are x and what else is given, in the order in which they are seen."""
+    """Of each block, whose inputs are x and what else is given, in the order in which
+    they are seen.
+    """
     proc = stimlib.compile(Scene(blocks), fs, "python")
     return dict(zip(blocks, proc.process(np.array(rows, float)), strict=True)), proc
 
 
 def test_no_contact_begins_strained():
-    """Neither the first one, far from 0, nor the next, far from where the last one ended."""
+    """Neither the first one, far from 0, nor the next, far from where the last one
+    ended.
+    """
     on = Input("contact")
-    blocks = {law: friction(X, 1.0, law=law, contact=on) for law in LAWS} | {"stick_slip": stick_slip(X, 1.0, contact=on)}
+    blocks = {law: friction(X, 1.0, law=law, contact=on) for law in LAWS} | {
+        "stick_slip": stick_slip(X, 1.0, contact=on)
+    }
     for name, y in samples(blocks, [0.5, 0.5001, 9.0, 0.3, 0.3001], [1, 1, 0, 1, 1])[0].items():
-        assert y[[0, 2, 3]].tolist() == [0, 0, 0] and y[1] > 0.02 and y[4] == pytest.approx(y[1]), name
+        assert y[[0, 2, 3]].tolist() == [0, 0, 0] and y[1] > 0.02 and y[4] == pytest.approx(y[1]), (
+            name
+        )
 
 
 def test_lugre_has_its_damper_and_its_viscosity():
-    """From rest over a way a c: z = c (1 - exp(-a)), in the mean c (1 - (1 - exp(-a))/a)."""
+    """From rest over a way a c: z = c (1 - exp(-a)), in the mean c (1 - (1 -
+    exp(-a))/a).
+    """
     a, damping, viscosity, fs = 0.25, 2.0, 3.0, 1000
-    y, _ = samples({"F": friction(X, 1.0, F, K, "lugre", damping=damping, viscosity=viscosity)}, [0.0, a * C], fs=fs)
+    y, _ = samples(
+        {"F": friction(X, 1.0, F, K, "lugre", damping=damping, viscosity=viscosity)},
+        [0.0, a * C],
+        fs=fs,
+    )
     z = C * -np.expm1(-a)
-    assert y["F"][1] == pytest.approx(K * (C - z / a) + fs * (damping * z + viscosity * a * C), rel=1e-12)
+    assert y["F"][1] == pytest.approx(
+        K * (C - z / a) + fs * (damping * z + viscosity * a * C), rel=1e-12
+    )
 
 
 def test_a_force_stays_where_the_stiffness_rises_and_falls_with_it():
     k = Input("k", "N/m")
-    y, _ = samples({"F": friction(X, 1.0, F, k, "coulomb")}, [0.0, 2e-4, 2e-4, 2e-4, 2e-4], [1000, 1000, 1000, 2000, 500])
+    y, _ = samples(
+        {"F": friction(X, 1.0, F, k, "coulomb")},
+        [0.0, 2e-4, 2e-4, 2e-4, 2e-4],
+        [1000, 1000, 1000, 2000, 500],
+    )
     np.testing.assert_allclose(y["F"], [0.0, 0.1, 0.2, 0.2, 0.05], rtol=1e-12)
 
 
 def test_a_limit_that_falls_takes_the_force_with_it():
     """Of a finger that stands still; LuGre's is the static one there."""
-    y, _ = samples({law: block(law, normal=NORMAL) for law in LAWS}, [0.0, 2e-3, 2e-3], [1.0, 1.0, 0.5])
+    y, _ = samples(
+        {law: block(law, normal=NORMAL) for law in LAWS}, [0.0, 2e-3, 2e-3], [1.0, 1.0, 0.5]
+    )
     for law in LAWS:
         assert y[law][2] == pytest.approx(0.5 * (STATIC if law == "lugre" else F), rel=1e-12), law
 

@@ -29,14 +29,22 @@ def test_linear_is_that_of_scipy():
     value, slope_x, slope_y = through(PLACES, "linear")
     np.testing.assert_allclose(value, f(PLACES.T), rtol=0, atol=1e-13)
     for slope, way in ((slope_x, [1e-6, 0.0]), (slope_y, [0.0, 1e-6])):  # straight within a piece
-        inside = np.all(np.floor((PLACES.T + way - ORIGIN) / SPACING) == np.floor((PLACES.T - way - ORIGIN) / SPACING), axis=1)
-        rise = (f(np.clip(PLACES.T + way, [XS[0], YS[0]], [XS[-1], YS[-1]])) - f(PLACES.T - way)) / 2e-6
+        inside = np.all(
+            np.floor((PLACES.T + way - ORIGIN) / SPACING)
+            == np.floor((PLACES.T - way - ORIGIN) / SPACING),
+            axis=1,
+        )
+        rise = (
+            f(np.clip(PLACES.T + way, [XS[0], YS[0]], [XS[-1], YS[-1]])) - f(PLACES.T - way)
+        ) / 2e-6
         np.testing.assert_allclose(slope[inside], rise[inside], rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("shape", [(7, 5), (4, 7)])
 def test_cubic_is_that_of_scipy(shape):
-    """A tensor product of cubic splines whose third derivative goes on beside the edges (not-a-knot)."""
+    """A tensor product of cubic splines whose third derivative goes on beside the edges
+    (not-a-knot).
+    """
     table = np.random.default_rng(4).standard_normal(shape)
     i, j = (o + d * np.arange(n) for o, d, n in zip(ORIGIN, SPACING, shape, strict=True))
     x, y = np.clip(PLACES[0], i[0], i[-1]), np.clip(PLACES[1], j[0], j[-1])
@@ -44,17 +52,22 @@ def test_cubic_is_that_of_scipy(shape):
     want = [f(x, y, dx, dy, grid=False) for dx, dy in ((0, 0), (1, 0), (0, 1))]
     np.testing.assert_allclose(through([x, y], "cubic", table)[0], want[0], rtol=0, atol=1e-12)
     inner = (x < i[-1]) & (y < j[-1])
-    np.testing.assert_allclose(through([x, y], "cubic", table)[1:, inner], np.array(want[1:])[:, inner], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        through([x, y], "cubic", table)[1:, inner], np.array(want[1:])[:, inner], rtol=0, atol=1e-11
+    )
 
 
 @pytest.mark.parametrize("kind", ["linear", "cubic"])
 def test_points_are_hit_and_edges_held(kind):
     i, j = np.meshgrid(XS, YS, indexing="ij")
-    np.testing.assert_allclose(through([i.ravel(), j.ravel()], kind)[0], TABLE.ravel(), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        through([i.ravel(), j.ravel()], kind)[0], TABLE.ravel(), rtol=0, atol=1e-13
+    )
     edge = through([[XS[0], XS[-1], XS[2], XS[2]], [YS[1], YS[1], YS[0], YS[-1]]], kind)
     for far in (1e-3, 1e300, np.inf):
         value, slope_x, slope_y = through(
-            [[XS[0] - far, XS[-1] + far, XS[2], XS[2]], [YS[1], YS[1], YS[0] - far, YS[-1] + far]], kind
+            [[XS[0] - far, XS[-1] + far, XS[2], XS[2]], [YS[1], YS[1], YS[0] - far, YS[-1] + far]],
+            kind,
         )
         np.testing.assert_allclose(value, edge[0], rtol=0, atol=1e-13)
         np.testing.assert_array_equal(slope_x[:2], 0.0)
@@ -70,8 +83,12 @@ def test_points_are_hit_and_edges_held(kind):
 
 @pytest.mark.parametrize("kind", ["linear", "cubic"])
 def test_two_points_each_way_are_a_plane_with_a_twist(kind):
-    value, slope_x, slope_y = through([[0.25], [1.5]], kind, [[0.0, 2.0], [4.0, 10.0]], (1.0, 3.0), 0.0)
-    np.testing.assert_allclose([value[0], slope_x[0], slope_y[0]], [0.25 * 4 + 0.5 * 2 + 0.125 * 4, 6.0, 1.0], atol=1e-13)
+    value, slope_x, slope_y = through(
+        [[0.25], [1.5]], kind, [[0.0, 2.0], [4.0, 10.0]], (1.0, 3.0), 0.0
+    )
+    np.testing.assert_allclose(
+        [value[0], slope_x[0], slope_y[0]], [0.25 * 4 + 0.5 * 2 + 0.125 * 4, 6.0, 1.0], atol=1e-13
+    )
 
 
 def test_units():

@@ -16,7 +16,9 @@ x = Input("x", "m")
 @pytest.mark.parametrize("cutoff", [5.0, 100.0, 400.0])
 def test_a_steady_movement_has_its_velocity(fs, cutoff):
     n = int(fs * (0.02 + 6 / cutoff))
-    y = stimlib.compile(Scene({"v": velocity(x, cutoff)}), fs).process(0.03 + 0.2 * np.arange(n)[None] / fs)[0]
+    y = stimlib.compile(Scene({"v": velocity(x, cutoff)}), fs).process(
+        0.03 + 0.2 * np.arange(n)[None] / fs
+    )[0]
     assert y[-1] == pytest.approx(0.2, rel=1e-8)
     assert np.all(np.diff(y) >= -1e-12) and y.max() < 0.2 * (1 + 1e-9), "no overshoot"
 
@@ -31,14 +33,19 @@ def test_off_contact_the_velocity_is_0_and_re_contact_is_no_jump():
     proc = stimlib.compile(Scene({"v": velocity(x, 100.0, touch)}), 8000)
     u = np.r_[0.1 * np.arange(800) / 8000, np.full(100, np.nan), np.full(300, 5.0)]
     on = np.r_[np.ones(800), np.zeros(100), np.ones(300)]
-    y = proc.process(np.array([{"x": np.nan_to_num(u, nan=2.0), "touch": on}[n] for n in proc.inputs]))[0]
+    y = proc.process(
+        np.array([{"x": np.nan_to_num(u, nan=2.0), "touch": on}[n] for n in proc.inputs])
+    )[0]
     assert y[799] == pytest.approx(0.1, rel=1e-6)
     assert not y[800:].any()
 
 
 def test_one_sample_without_contact_or_with_it():
     """Wherever it is in its tile."""
-    procs = [stimlib.compile(Scene({"v": velocity(x, 100.0, Input("touch"))}), 1000, t) for t in ("numba", "python")]
+    procs = [
+        stimlib.compile(Scene({"v": velocity(x, 100.0, Input("touch"))}), 1000, t)
+        for t in ("numba", "python")
+    ]
     u = np.random.default_rng(0).standard_normal(64)
     for at in (0, 1, 30, 62, 63):
         for touch in (np.arange(64) != at, np.arange(64) == at):
@@ -58,7 +65,9 @@ def test_without_any_contact_the_velocity_is_0(contact):
 @pytest.mark.parametrize("tau", [1e-6, 1e-3, 0.05, 3.0, 1e6])
 @pytest.mark.parametrize("fs", [100.0, 8000.0])
 def test_first_order_is_exact_for_straight_lines_between_samples(tau, fs):
-    """Against the solution of tau y' + y = x, sample by sample, with x straight in between."""
+    """Against the solution of tau y' + y = x, sample by sample, with x straight in
+    between.
+    """
     rng = np.random.default_rng(0)
     u = np.r_[0.0, rng.standard_normal(60)]
     y = stimlib.compile(Scene({"y": first_order(Input("u"), tau)}), fs).process(u[None])[0]
@@ -72,7 +81,9 @@ def test_first_order_is_exact_for_straight_lines_between_samples(tau, fs):
 
 
 def test_a_slow_first_order_has_gain_1_at_0_hz():
-    """Its leak of 1.25e-10 a sample has all digits; a pole next to 1 in one word was 1e-7 off."""
+    """Its leak of 1.25e-10 a sample has all digits; a pole next to 1 in one word was
+    1e-7 off.
+    """
     proc = stimlib.compile(Scene({"y": first_order(Input("u"), 1e6)}), 8000.0, "python")
     assert abs(proc.response("y", "u", np.array([0.0]))[0] - 1) < 1e-15
 
@@ -82,41 +93,62 @@ def test_first_order_against_a_solver():
     t = np.arange(400) / fs
     u = np.sin(40 * t) * t
     y = stimlib.compile(Scene({"y": first_order(Input("u"), tau)}), fs).process(u[None])[0]
-    exact = solve_ivp(lambda s, q: (np.sin(40 * s) * s - q) / tau, (0, t[-1]), [0.0], t_eval=t, rtol=1e-10, atol=1e-12).y[0]
+    exact = solve_ivp(
+        lambda s, q: (np.sin(40 * s) * s - q) / tau,
+        (0, t[-1]),
+        [0.0],
+        t_eval=t,
+        rtol=1e-10,
+        atol=1e-12,
+    ).y[0]
     np.testing.assert_allclose(y, exact, atol=2e-5)
 
 
 def test_first_order_keeps_a_constant():
-    y = stimlib.compile(Scene({"y": first_order(Input("u"), 0.01)}), 1000).process(np.full((1, 2000), 7.0))[0]
+    y = stimlib.compile(Scene({"y": first_order(Input("u"), 0.01)}), 1000).process(
+        np.full((1, 2000), 7.0)
+    )[0]
     np.testing.assert_allclose(y[-100:], 7.0, rtol=1e-13)
 
 
 @pytest.mark.parametrize("fs", [1000.0, 8000.0])
 def test_a_kelvin_voigt_element_is_k_plus_i_w_b_within_its_stated_error(fs):
-    """From 0.1 Hz to a tenth of the rate, for parts of equal size and 100 times one another."""
+    """From 0.1 Hz to a tenth of the rate, for parts of equal size and 100 times one
+    another.
+    """
     for f in np.geomspace(0.1, fs / 10, 13):
         w = 2 * np.pi * f
         for k, damping in ((1.0, 1 / w), (100.0, 1 / w), (1.0, 100 / w)):
             proc = stimlib.compile(Scene({"f": kelvin_voigt(x, k, damping)}), fs, "python")
-            got = proc.response("f", "x", np.array([f]))[0] * np.exp(0.5j * w / fs)  # half a sample later
+            # half a sample later
+            got = proc.response("f", "x", np.array([f]))[0] * np.exp(0.5j * w / fs)
             assert -((w / fs) ** 2) / 8 - 1e-12 <= got.real / k - 1 <= 1e-12
             assert -((w / fs) ** 2) / 24 - 1e-12 <= got.imag / (w * damping) - 1 <= 1e-12
 
 
 def test_a_kelvin_voigt_element_gives_the_mean_force_of_straight_motion():
-    """Against the integral of k x + b v over each sample; a hand that was always at 20 mm begins with k x alone."""
+    """Against the integral of k x + b v over each sample; a hand that was always at 20
+    mm begins with k x alone.
+    """
     fs, k, damping = 1000.0, 300.0, 12.0
     u = 0.02 + np.r_[0.0, np.random.default_rng(0).standard_normal(200).cumsum() * 1e-5]
-    force = stimlib.compile(Scene({"f": kelvin_voigt(x, Param("k", k, "N/m"), Param("b", damping, "N*s/m"))}), fs).process(
-        u[None]
-    )[0]
+    force = stimlib.compile(
+        Scene({"f": kelvin_voigt(x, Param("k", k, "N/m"), Param("b", damping, "N*s/m"))}), fs
+    ).process(u[None])[0]
     assert force[0] == k * u[0]
-    np.testing.assert_allclose(force[1:], k * (u[1:] + u[:-1]) / 2 + damping * np.diff(u) * fs, rtol=1e-14)
+    np.testing.assert_allclose(
+        force[1:], k * (u[1:] + u[:-1]) / 2 + damping * np.diff(u) * fs, rtol=1e-14
+    )
 
 
 def test_spring_and_damper():
     fs, k, d = 8000.0, 300.0, 12.0
-    scene = Scene({"f": kelvin_voigt(x, k, Param("b", d, "N*s/m"), cutoff=200.0), "s": spring(x, Param("k", k, "N/m"))})
+    scene = Scene(
+        {
+            "f": kelvin_voigt(x, k, Param("b", d, "N*s/m"), cutoff=200.0),
+            "s": spring(x, Param("k", k, "N/m")),
+        }
+    )
     proc = stimlib.compile(scene, fs)
     t = np.arange(8000) / fs
     u = 0.01 + 0.05 * t
@@ -125,7 +157,9 @@ def test_spring_and_damper():
     np.testing.assert_allclose(f[-100:], k * u[-100:] + d * 0.05, rtol=1e-9)
     w = 2 * np.pi * np.array([0.5, 2.0])
     late = np.exp(-1j * w * proc.latency["f", "x"][1] / fs)  # of the velocity; else k_C = k + i w b
-    np.testing.assert_allclose(proc.response("f", "x", w / 2 / np.pi), k + 1j * w * d * late, rtol=1e-4)
+    np.testing.assert_allclose(
+        proc.response("f", "x", w / 2 / np.pi), k + 1j * w * d * late, rtol=1e-4
+    )
     assert proc.units == {"x": "m", "b": "N*s/m", "k": "N/m", "f": "N", "s": "N"}
 
 
@@ -135,5 +169,7 @@ def test_a_gain_with_a_unit_makes_an_impedance():
 
 
 def test_a_spring_of_a_number_is_an_error_of_units():
-    with pytest.raises(UnitError, match=r"^spring: k \[m\] times Const\(2000.0\) \[1\] is \[m\], not a force"):
+    with pytest.raises(
+        UnitError, match=r"^spring: k \[m\] times Const\(2000.0\) \[1\] is \[m\], not a force"
+    ):
         spring(2000.0, Input("x", "m"))

@@ -1,4 +1,6 @@
-"""Pink noise: the filter as plain recursions, its level, and a start without a transient."""
+"""Pink noise: the filter as plain recursions, its level, and a start without a
+transient.
+"""
 
 import numpy as np
 import pytest
@@ -27,7 +29,9 @@ def test_its_start_is_drawn_apart_from_its_white_noise():
     p, s = block.design(2000)
     keys = []
     start = block.start(p, s, 9, lambda key, n: keys.append(key) or np.ones(n))
-    assert keys == [noise_key(9, 5, 2, 1)] and block.white.start((), block.white.design(2000)[1], 9).key == noise_key(9, 5, 2, 0)
+    assert keys == [noise_key(9, 5, 2, 1)] and block.white.start(
+        (), block.white.design(2000)[1], 9
+    ).key == noise_key(9, 5, 2, 0)
     assert not start.q[p.r == 0].any() and start.q[p.r != 0].all()
     assert block.work(p) == 8 * 64
 
@@ -48,7 +52,9 @@ def test_the_level_is_the_stated_one_at_any_rate(fs, psd):
 
 @pytest.mark.parametrize("f_low", [1.0, 30.0])
 def test_it_is_stationary_from_the_first_sample(f_low):
-    """The variance over many runs, at the first samples and later, is that of the response."""
+    """The variance over many runs, at the first samples and later, is that of the
+    response.
+    """
     fs, runs = 1000.0, 3000
     proc = stimlib.compile(Scene({"p": pink_noise(1.0, seed=1, f_low=f_low, tol_db=0.1)}), fs)
     y = np.empty((runs, 40))

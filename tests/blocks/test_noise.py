@@ -1,4 +1,6 @@
-"""White noise: level, independence of rate and scene.  Its arithmetic is in test_maths.py."""
+"""White noise: level, independence of rate and scene.  Its arithmetic is in
+test_maths.py.
+"""
 
 import mpmath
 import numpy as np
@@ -23,7 +25,12 @@ def test_it_is_flat(fs):
 
 def test_the_same_sample_at_every_rate():
     """A noise is a function of (keys, sample): the rate does not matter."""
-    assert_same(*(stimlib.compile(Scene({"n": white_noise(3, 4)}), fs).process(NOTHING) for fs in (1000.0, 48000.0)))
+    assert_same(
+        *(
+            stimlib.compile(Scene({"n": white_noise(3, 4)}), fs).process(NOTHING)
+            for fs in (1000.0, 48000.0)
+        )
+    )
 
 
 def test_what_it_is_for_all_time():
@@ -48,15 +55,23 @@ def test_a_gate_makes_the_same_noise_as_none():
 
 
 def test_samples_give_back_their_bits():
-    """Backwards: exp(-(x^2 + y^2)/2) is the first word of a pair, the angle of (x, y) the second."""
+    """Backwards: exp(-(x^2 + y^2)/2) is the first word of a pair, the angle of (x, y)
+    the second.
+    """
     n, low = 200, 2**32 - 1
     w = laws.philox((7, 0, 1, 0), (42, 0))
     y = stimlib.compile(Scene({"n": white_noise(7, 1)}), 8000, seed=42).process(np.empty((0, n)))[0]
     with mpmath.workdps(40):
-        for m, (x0, x1) in enumerate(zip(map(mpmath.mpf, y[::2].tolist()), map(mpmath.mpf, y[1::2].tolist()), strict=True)):
+        for m, (x0, x1) in enumerate(
+            zip(map(mpmath.mpf, y[::2].tolist()), map(mpmath.mpf, y[1::2].tolist()), strict=True)
+        ):
             a, b, c, d = laws.philox((m & low, m >> 32, 0, 0), (w[0], w[1]))
             half = (x0 * x0 + x1 * x1) / 2
-            assert abs(mpmath.exp(-half) - (mpmath.mpf(a | b << 32) + 0.5) / 2**64) <= 1e-15 * mpmath.exp(-half) * (1 + half)
-            turn = mpmath.mpf((d >> 30) - 0.5) / 4 + mpmath.mpf(((c | d << 32) >> 11) % 2**51) / 2**53
+            assert abs(
+                mpmath.exp(-half) - (mpmath.mpf(a | b << 32) + 0.5) / 2**64
+            ) <= 1e-15 * mpmath.exp(-half) * (1 + half)
+            turn = (
+                mpmath.mpf((d >> 30) - 0.5) / 4 + mpmath.mpf(((c | d << 32) >> 11) % 2**51) / 2**53
+            )
             apart = mpmath.atan2(x1, x0) / (2 * mpmath.pi) - turn
             assert abs(apart - mpmath.nint(apart)) <= 1e-16

@@ -1,4 +1,6 @@
-"""A steady start of every linear block: as if its signal had always been as it is at the first sample."""
+"""A steady start of every linear block: as if its signal had always been as it is at
+the first sample.
+"""
 
 import numpy as np
 import pytest
@@ -27,10 +29,15 @@ FILTERS = {
     "resonator": lambda x, **o: b.resonator(x, 50.0, 2.0, **o),
     "notch": lambda x, **o: b.notch(x, 50.0, 2.0, **o),
     "mode": lambda x, **o: b.mode(x, 50.0, 2.0, **o),
-} | {f"svf {m}": lambda x, m=m, **o: b.svf(x, 50.0, 2.0, m, **o) for m in ("lowpass", "bandpass", "highpass", "notch")}
+} | {
+    f"svf {m}": lambda x, m=m, **o: b.svf(x, 50.0, 2.0, m, **o)
+    for m in ("lowpass", "bandpass", "highpass", "notch")
+}
 CREEP = {
     "element": lambda f, **o: b.compliance_kelvin_voigt(f, 200.0, tau=0.02, **o),
-    "chain": lambda f, **o: b.compliance_generalized_kelvin_voigt(f, [(50.0, 0.01), (20.0, 0.03)], k0=70.0, **o),
+    "chain": lambda f, **o: b.compliance_generalized_kelvin_voigt(
+        f, [(50.0, 0.01), (20.0, 0.03)], k0=70.0, **o
+    ),
 }
 
 
@@ -54,20 +61,38 @@ def test_a_steady_start_is_the_end_of_a_long_hold(name):
 
 
 def test_what_a_hand_at_20_mm_does_in_its_first_sample():
-    """The default is a step from 0: 48.5 m/s of a differentiator at 8 kHz, and none with a steady start."""
+    """The default is a step from 0: 48.5 m/s of a differentiator at 8 kHz, and none
+    with a steady start.
+    """
     for onset, least, most in (("step", 40.0, 60.0), ("steady", 0.0, 1e-12)):
-        scene = Scene({"v": b.differentiator(X, passband=1000, onset=onset), "y": b.highpass(X, 1.0, onset=onset)})
+        scene = Scene(
+            {
+                "v": b.differentiator(X, passband=1000, onset=onset),
+                "y": b.highpass(X, 1.0, onset=onset),
+            }
+        )
         v, y = stimlib.compile(scene, 8000, "python").process(np.full((1, 200), 0.02))
-        assert least <= np.abs(v).max() <= most and np.abs(y).max() == (pytest.approx(0.02, rel=1e-3) if least else 0.0)
-    steady = {"v": b.velocity(X), "t": b.track(X), "s": b.springpot(X, 3.0, 0.5), "m": b.maxwell(X, 3.0, tau=1.0)}
+        assert least <= np.abs(v).max() <= most and np.abs(y).max() == (
+            pytest.approx(0.02, rel=1e-3) if least else 0.0
+        )
+    steady = {
+        "v": b.velocity(X),
+        "t": b.track(X),
+        "s": b.springpot(X, 3.0, 0.5),
+        "m": b.maxwell(X, 3.0, tau=1.0),
+    }
     y = stimlib.compile(Scene(steady), 8000, "python").process(np.full((1, 64), 0.02))
-    np.testing.assert_allclose(y, np.array([0.0, 0.02, 0.0, 0.0])[:, None] + np.zeros((1, 64)), rtol=0, atol=1e-17)
+    np.testing.assert_allclose(
+        y, np.array([0.0, 0.02, 0.0, 0.0])[:, None] + np.zeros((1, 64)), rtol=0, atol=1e-17
+    )
 
 
 def test_a_steady_start_of_a_noise_is_at_sample_0():
     """And not where the noise began, some samples before."""
     noise = b.white_noise(1)
-    late, now = stimlib.compile(Scene({"y": b.delay(noise, samples=2, onset="steady"), "n": noise}), 1000).process(4)
+    late, now = stimlib.compile(
+        Scene({"y": b.delay(noise, samples=2, onset="steady"), "n": noise}), 1000
+    ).process(4)
     assert late.tolist() == [now[0], now[0], now[0], now[1]]
 
 
@@ -79,7 +104,10 @@ def test_a_moving_cutoff_stays_steady():
 
 def test_response_and_latency_are_those_of_the_block():
     f = np.array([0.0, 3.0, 30.0])
-    one, other = (stimlib.compile(Scene({"y": b.lowpass(X, 20.0, onset=o)}), 1000, "python") for o in ("step", "steady"))
+    one, other = (
+        stimlib.compile(Scene({"y": b.lowpass(X, 20.0, onset=o)}), 1000, "python")
+        for o in ("step", "steady")
+    )
     np.testing.assert_array_equal(one.response("y", "x", f), other.response("y", "x", f))
     assert one.latency == other.latency
 
@@ -94,12 +122,23 @@ def test_reset_begins_anew():
 @pytest.mark.parametrize(
     ("make", "text"),
     [
-        (lambda: b.lowpass(X, 20.0, onset="rest"), "lowpass: onset = 'rest'; choose one of steady, step"),
-        (lambda: b.delay(X, 3, onset=""), "delay: onset = ''; choose one of"),
-        (lambda: b.maxwell(X, 3.0, tau=1.0, onset="rest"), "maxwell: onset = 'rest'; choose one of"),
-        (lambda: b.integrate(X, onset="steady"), "integrate: it answers a constant without end, so it has no steady start"),
         (
-            lambda: b.compliance_generalized_kelvin_voigt(constant(1.0, "N/m") * X, [], k0=1.0, b=2.0, onset="steady"),
+            lambda: b.lowpass(X, 20.0, onset="rest"),
+            "lowpass: onset = 'rest'; choose one of steady, step",
+        ),
+        (lambda: b.delay(X, 3, onset=""), "delay: onset = ''; choose one of"),
+        (
+            lambda: b.maxwell(X, 3.0, tau=1.0, onset="rest"),
+            "maxwell: onset = 'rest'; choose one of",
+        ),
+        (
+            lambda: b.integrate(X, onset="steady"),
+            "integrate: it answers a constant without end, so it has no steady start",
+        ),
+        (
+            lambda: b.compliance_generalized_kelvin_voigt(
+                constant(1.0, "N/m") * X, [], k0=1.0, b=2.0, onset="steady"
+            ),
             "it answers a constant without end",
         ),
     ],

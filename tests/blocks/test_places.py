@@ -1,4 +1,6 @@
-"""Surfaces: the same place is the same bits, and spectra and means are those of the law, by another route."""
+"""Surfaces: the same place is the same bits, and spectra and means are those of the
+law, by another route.
+"""
 
 import numpy as np
 import pytest
@@ -23,32 +25,48 @@ def noise(x, slope=1.0, seed=4, **how):
     return through(spatial_noise(Input("x", "m"), slope, seed, **how), x)
 
 
-# Noise over place ----------------------------------------------------------------------------------------------------
+# Noise over place ---------------------------------------------------------------------
 def test_a_place_has_its_bits_whatever_the_way_there():
     """Standing and moving, after any places before, in any processor, in any run."""
     rng = np.random.default_rng(1)
-    ends = np.stack([c := rng.uniform(-0.5, 0.5, 300), c + rng.choice([0.0, 1e-7, 3e-5, -4e-4, 0.02], 300)], axis=1)
+    ends = np.stack(
+        [c := rng.uniform(-0.5, 0.5, 300), c + rng.choice([0.0, 1e-7, 3e-5, -4e-4, 0.02], 300)],
+        axis=1,
+    )
     want = noise(ends.ravel())[1::2]
     order = rng.permutation(300)
     np.testing.assert_array_equal(noise(ends[order].ravel())[1::2], want[order])
     back = noise(ends[:, ::-1].ravel())[1::2]
     np.testing.assert_array_equal(back, want)  # the mean over a way is that of the way back
     proc = stimlib.compile(Scene({"y": spatial_noise(Input("x", "m"), 1.0, 4)}), 44100.0, seed=99)
-    np.testing.assert_array_equal(np.concatenate([proc.process(pair[None]) for pair in ends], axis=1)[0, 1::2], want)
+    np.testing.assert_array_equal(
+        np.concatenate([proc.process(pair[None]) for pair in ends], axis=1)[0, 1::2], want
+    )
     assert not np.any(noise(ends.ravel(), seed=5)[1::2] == want)
 
 
 # 0.04 to 16 m/s: with slope 1, four decades
-@pytest.mark.parametrize(("step", "slope"), [(5e-6, 1.0), (5e-5, 1.0), (5e-4, 1.0), (2e-3, 1.0), (5e-5, 0.5), (2e-4, 3.0)])
+@pytest.mark.parametrize(
+    ("step", "slope"),
+    [(5e-6, 1.0), (5e-5, 1.0), (5e-4, 1.0), (2e-3, 1.0), (5e-5, 0.5), (2e-4, 3.0)],
+)
 def test_its_spectrum_is_the_law(step, slope):
-    """S(f) sinc(f step)^2, whose power between the wavelengths is 1, within 0.5 dB in each octave."""
+    """S(f) sinc(f step)^2, whose power between the wavelengths is 1, within 0.5 dB in
+    each octave.
+    """
     n = 1 << 17
     window = np.hanning(n)
     y = [noise(step * np.arange(n) - 3.0, slope, seed) for seed in (1, 2)]
-    psd = np.mean([2 * step / np.sum(window**2) * np.abs(np.fft.rfft(v * window)) ** 2 for v in y], axis=0)
+    psd = np.mean(
+        [2 * step / np.sum(window**2) * np.abs(np.fft.rfft(v * window)) ** 2 for v in y], axis=0
+    )
     f = np.fft.rfftfreq(n, step)
     law = np.where(f > 0, f, 1.0) ** -slope * np.sinc(f * step) ** 2
-    law /= np.log(HIGH / LOW) if slope == 1 else (HIGH ** (1 - slope) - LOW ** (1 - slope)) / (1 - slope)
+    law /= (
+        np.log(HIGH / LOW)
+        if slope == 1
+        else (HIGH ** (1 - slope) - LOW ** (1 - slope)) / (1 - slope)
+    )
     top = min(0.35 / step, HIGH)
     octave = top / 2.0 ** np.arange(1, np.log2(top / max(1000 * f[1], LOW)))
     for a in octave:
@@ -61,9 +79,12 @@ def test_its_octaves_are_as_near_to_the_law_as_is_said():
         assert octaves(slope, LOW, HIGH).error_db < most
 
 
-@pytest.mark.parametrize("way", [1e-9, 3e-6, 4e-5, 1e-3, 2.23e-2])  # the last one: 1.1 cells of the coarsest, so up to 3
+# the last one: 1.1 cells of the coarsest, so up to 3
+@pytest.mark.parametrize("way", [1e-9, 3e-6, 4e-5, 1e-3, 2.23e-2])
 def test_it_is_the_mean_of_its_splines(way):
-    """Gauss's rule in each cell, from the published generator; up to a few cells of each octave in a sample."""
+    """Gauss's rule in each cell, from the published generator; up to a few cells of
+    each octave in a sample.
+    """
     x = np.linspace(-0.02, 0.02, 200)
     x = np.stack([x, x + way * np.cos(np.arange(200))], axis=1).ravel()
     block = spatial_noise(Input("x", "m"), 2.0, 6, shortest=1e-4, longest=0.03)
@@ -98,7 +119,7 @@ def test_bad_noise_is_refused(given, said):
         spatial_noise(Input("x", "m"), **given)
 
 
-# Gratings ------------------------------------------------------------------------------------------------------------
+# Gratings -----------------------------------------------------------------------------
 RIBS = [(2e-3, 0.2, 0.4), (0.3e-3, -0.05, 2.0), (0.11e-3, 0.01, 0.0)]
 
 
@@ -134,7 +155,7 @@ def test_bad_gratings_are_refused(parts, said):
         stimlib.compile(Scene({"y": grating(Input("x"), [(1e-320, 1.0, 0.0)])}), FS)
 
 
-# Both ----------------------------------------------------------------------------------------------------------------
+# Both ---------------------------------------------------------------------------------
 @pytest.mark.parametrize("block", [spatial_noise(Input("x", "m")), grating(Input("x", "m"), RIBS)])
 def test_what_is_not_a_number_is_a_fault_and_each_is_half_a_sample_late(block):
     proc = stimlib.compile(Scene({"y": block}), FS, "python")

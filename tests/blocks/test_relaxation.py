@@ -1,4 +1,6 @@
-"""Maxwell arms and Kelvin-Voigt chains against calculus in fifty digits, and the laws that every block keeps."""
+"""Maxwell arms and Kelvin-Voigt chains against calculus in fifty digits, and the laws
+that every block keeps.
+"""
 
 import mpmath as mp
 import numpy as np
@@ -9,7 +11,11 @@ import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import integrate, spring
 from stimlib.blocks.continuous import creep_compliance, maxwell_stiffness, relaxation_modulus
-from stimlib.blocks.creep import compliance_generalized_kelvin_voigt, compliance_kelvin_voigt, compliance_maxwell
+from stimlib.blocks.creep import (
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+)
 from stimlib.blocks.impedance import sampled
 from stimlib.blocks.relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from stimlib.checks import linear
@@ -32,7 +38,7 @@ def some_motion(n=120, seed=0):
     return np.r_[0.0, np.cumsum(steps)[: n - 1]]
 
 
-# The same from the law of ``checks.linear``, in extended precision --------------------------------------------------------
+# The same from the law of ``checks.linear``, in extended precision --------------------
 def exact(block, signal, fs):
     b = next(b for b in reach([block]) if type(b).__name__ in linear.RESPONSES)
     h = linear.RESPONSES[type(b).__name__](b, fs).response(len(signal))
@@ -55,7 +61,7 @@ def close(got, wanted, tol=4e-16):
     np.testing.assert_allclose(got, wanted, rtol=0, atol=tol * np.abs(wanted).max())
 
 
-# One time constant -----------------------------------------------------------------------------------------------------
+# One time constant --------------------------------------------------------------------
 def test_what_a_time_constant_becomes_is_right_to_rounding():
     for a in [0.0, *np.geomspace(1e-300, 1e300, 301), *np.geomspace(0.1, 10, 101)]:
         got = sampled(float(a))
@@ -76,7 +82,10 @@ def test_an_arm_is_exact_for_straight_lines(fs, tau):
     close(play(maxwell(y, k, tau=tau), signal, fs), wanted, 2e-15)
     if tau <= 1e-6:  # (2.3): a damper
         np.testing.assert_allclose(
-            wanted, k * tau * np.diff(signal, prepend=0.0) * fs, rtol=0, atol=4 * tau * fs * max(abs(wanted))
+            wanted,
+            k * tau * np.diff(signal, prepend=0.0) * fs,
+            rtol=0,
+            atol=4 * tau * fs * max(abs(wanted)),
         )
     if tau >= 1e6:  # (2.4): a spring
         close(wanted, k * signal, 1e-5)
@@ -115,18 +124,32 @@ def test_a_long_hold_relaxes_by_the_clock(tau):
     one = play(maxwell(y, 100.0, tau=tau), signal, fs)
     t = np.arange(n - 1) / fs
     wanted = one[1] * np.exp(-t / tau)
-    assert np.abs(one[1:] / wanted - 1).max() < 3e-16 + 2e-16 * t[-1] / tau + (1e-15 if tau <= 1 else 0)
+    assert np.abs(one[1:] / wanted - 1).max() < 3e-16 + 2e-16 * t[-1] / tau + (
+        1e-15 if tau <= 1 else 0
+    )
     lost = (one[1] - one[-1]) / one[1]
     assert lost == pytest.approx(-np.expm1(-t[-1] / tau), rel=1e-10, abs=2e-16)
     crept = play(compliance_kelvin_voigt(f, 100.0, tau=tau), signal, fs)
     first = (crept[1] - 0.02 / 100) / (-0.02 / 100)
-    np.testing.assert_allclose(crept[1:], 0.02 / 100 * (1 - first * np.exp(-t / tau)), rtol=0, atol=1e-15 * 0.02 / 100)
+    np.testing.assert_allclose(
+        crept[1:], 0.02 / 100 * (1 - first * np.exp(-t / tau)), rtol=0, atol=1e-15 * 0.02 / 100
+    )
     if tau >= 1e3:
         np.testing.assert_allclose(crept[-1], 0.02 / 100 * (t[-1] + 0.5 / fs) / tau, rtol=0.01)
 
 
-# Many ------------------------------------------------------------------------------------------------------------------
-ARMS = [(50.0, 1e-5), (20.0, 1e-3), (30.0, 0.01), (10.0, 0.1), (5.0, 0.7), (4.0, 3.0), (2.0, 20.0), (9.0, 1e3), (1.0, 1e9)]
+# Many ---------------------------------------------------------------------------------
+ARMS = [
+    (50.0, 1e-5),
+    (20.0, 1e-3),
+    (30.0, 0.01),
+    (10.0, 0.1),
+    (5.0, 0.7),
+    (4.0, 3.0),
+    (2.0, 20.0),
+    (9.0, 1e3),
+    (1.0, 1e9),
+]
 
 
 @pytest.mark.parametrize("fs", RATES)
@@ -138,7 +161,11 @@ def test_a_generalized_maxwell_model_is_the_sum_of_its_parts(fs):
     for k, tau in ARMS:
         parts = parts + maxwell(y, k, tau=tau)
     close(play(parts, signal, fs), wanted, 1e-15)
-    close(play(standard_linear_solid(y, 70.0, *ARMS[3]), signal, fs), 70 * signal + exact_arm(signal, fs, *ARMS[3]), 1e-15)
+    close(
+        play(standard_linear_solid(y, 70.0, *ARMS[3]), signal, fs),
+        70 * signal + exact_arm(signal, fs, *ARMS[3]),
+        1e-15,
+    )
 
 
 @pytest.mark.parametrize("fs", RATES)
@@ -152,13 +179,23 @@ def test_a_chain_is_the_sum_of_its_elements(fs):
 
 def test_arms_with_plain_numbers_are_one_bank():
     plan = stimlib.compile(Scene({"f": generalized_maxwell(y, 70.0, ARMS)}), 1000).program.instances
-    assert sorted(type(q.block).__name__ for q in plan if q.kind == "block") == ["Add", "Guard", "MaxwellArms", "Mul"]
+    assert sorted(type(q.block).__name__ for q in plan if q.kind == "block") == [
+        "Add",
+        "Guard",
+        "MaxwellArms",
+        "Mul",
+    ]
     one = stimlib.compile(Scene({"f": maxwell(y, 70.0, 1.0)}), 1000).program.instances
-    assert sorted(type(q.block).__name__ for q in one if q.kind == "block") == ["Guard", "MaxwellArms"]
+    assert sorted(type(q.block).__name__ for q in one if q.kind == "block") == [
+        "Guard",
+        "MaxwellArms",
+    ]
 
 
 def test_force_and_displacement_are_duals():
-    """What an arm answers to a motion, put on its compliance, is that motion again: order T, and none for slow arms."""
+    """What an arm answers to a motion, put on its compliance, is that motion again:
+    order T, and none for slow arms.
+    """
     fs = 8000.0
     t = np.arange(16000) / fs
     motion = 0.01 * (1 - np.cos(2 * np.pi * 1.5 * t))
@@ -167,16 +204,30 @@ def test_force_and_displacement_are_duals():
         close(play(compliance_maxwell(f, 80.0, tau=tau), force, fs), motion, 1e-5)
 
 
-# Live gains ------------------------------------------------------------------------------------------------------------
+# Live gains ---------------------------------------------------------------------------
 def test_a_live_stiffness_scales_a_unit_arm():
     signal = some_motion(seed=5)
     k = Param("k", 12.0, "N/m")
-    scene = Scene({"f": maxwell(y, k, tau=0.02), "g": generalized_maxwell(y, k, [(k, 0.02), (7.0, 0.1), (3.0, 0.4)])})
-    scene = Scene({**scene.outputs, "x": compliance_kelvin_voigt(f, k, tau=0.02), "z": compliance_maxwell(f, k, tau=0.02)})
+    scene = Scene(
+        {
+            "f": maxwell(y, k, tau=0.02),
+            "g": generalized_maxwell(y, k, [(k, 0.02), (7.0, 0.1), (3.0, 0.4)]),
+        }
+    )
+    scene = Scene(
+        {
+            **scene.outputs,
+            "x": compliance_kelvin_voigt(f, k, tau=0.02),
+            "z": compliance_maxwell(f, k, tau=0.02),
+        }
+    )
     proc = stimlib.compile(scene, 1000.0)
     assert proc.units["f"] == proc.units["g"] == "N" and proc.units["x"] == proc.units["z"] == "m"
     out = proc.process(np.array([signal, signal]))
-    arm, creep = exact_arm(signal, 1000.0, 12.0, 0.02), exact_kelvin_voigt(signal, 1000.0, 12.0, 0.02)
+    arm, creep = (
+        exact_arm(signal, 1000.0, 12.0, 0.02),
+        exact_kelvin_voigt(signal, 1000.0, 12.0, 0.02),
+    )
     close(out[0], np.array(arm), 1e-15)
     others = np.array(exact_arm(signal, 1000.0, 7.0, 0.1)) + exact_arm(signal, 1000.0, 3.0, 0.4)
     close(out[1], 12.0 * signal + arm + others, 1e-15)
@@ -187,10 +238,14 @@ def test_a_live_stiffness_scales_a_unit_arm():
     close(proc.process(np.array([signal, signal]))[0], 2 * out[0], 1e-15)
 
 
-# Onset and contact -----------------------------------------------------------------------------------------------------
+# Onset and contact --------------------------------------------------------------------
 def test_onset_rest_and_step():
     signal = some_motion(seed=6) + 0.3
-    close(play(maxwell(y, 5.0, tau=0.05), signal), play(maxwell(y, 5.0, tau=0.05), signal - 0.3), 1e-12)
+    close(
+        play(maxwell(y, 5.0, tau=0.05), signal),
+        play(maxwell(y, 5.0, tau=0.05), signal - 0.3),
+        1e-12,
+    )
     stepped = play(maxwell(y, 5.0, tau=0.05, onset="step"), signal)
     close(stepped, play(maxwell(y, 5.0, tau=0.05), np.r_[0.0, signal])[1:], 1e-15)
     assert play(maxwell(y, 5.0, tau=0.05), np.full(2000, 0.3)).any() == False  # noqa: E712
@@ -220,13 +275,16 @@ def test_contact_starts_anew(onset):
     assert_same(out[270:], play(rest, part), "second contact")
 
 
-# Laws ------------------------------------------------------------------------------------------------------------------
+# Laws ---------------------------------------------------------------------------------
 k_live = Param("k", 1.5, "N/m")
 CASES = {
     "arm": (maxwell(y, 5.0, 0.1), "y"),
     "many": (generalized_maxwell(y, 70.0, ARMS), "y"),
     "step": (standard_linear_solid(y, k_live, k_live, 0.02, onset="step"), "y"),
-    "contact": (generalized_maxwell(y, 1.0, [(2.0, 0.01), (k_live, 0.1)], contact=Input("c") > 0.0), "yc"),
+    "contact": (
+        generalized_maxwell(y, 1.0, [(2.0, 0.01), (k_live, 0.1)], contact=Input("c") > 0.0),
+        "yc",
+    ),
     "creep": (compliance_kelvin_voigt(f, 3.0, 0.2), "f"),
     "flow": (compliance_maxwell(f, k_live, tau=0.01), "f"),
     "chain": (compliance_generalized_kelvin_voigt(f, ARMS, k0=50.0, b=0.4), "f"),
@@ -240,7 +298,11 @@ def test_cuts_targets_and_states(name, fs):
     scene, n = Scene({"out": CASES[name][0]}), 500
     fast, slow = (stimlib.compile(scene, fs, target) for target in ("numba", "python"))
     rng = np.random.default_rng(8)
-    motion = {"y": some_motion(n, 8), "f": some_motion(n, 9), "c": np.repeat(rng.choice([-1.0, 1.0], n // 20 + 1), 20)[:n]}
+    motion = {
+        "y": some_motion(n, 8),
+        "f": some_motion(n, 9),
+        "c": np.repeat(rng.choice([-1.0, 1.0], n // 20 + 1), 20)[:n],
+    }
     x = np.array([motion[i] for i in fast.inputs])
     sets = some_sets(fast, n, rng)
     wanted = run(fast, x, (), sets)
@@ -263,11 +325,15 @@ def test_cuts_targets_and_states(name, fs):
 
 @pytest.mark.parametrize("name", ["arm", "many", "creep", "chain"])
 def test_response_is_that_of_the_samples(name):
-    """An impulse, and the law behind the spectrum of a triangle, with all its aliases."""
+    """An impulse, and the law behind the spectrum of a triangle, with all its
+    aliases.
+    """
     fs, n = 1000.0, 1 << 12
     block, signal = CASES[name][0], CASES[name][1]
     proc = stimlib.compile(Scene({"out": block}), fs)
-    z = 0.99  # the slow ones never settle: damp the impulse's answer, which is a response off the unit circle
+    # the slow ones never settle: damp the impulse's answer, which is a response off the
+    # unit circle
+    z = 0.99
     h = np.zeros((1, n + 8))
     h[0, 8] = 1.0
     h = proc.process(h)[0, 8:] * z ** np.arange(n)
@@ -289,12 +355,16 @@ def test_response_is_that_of_the_samples(name):
     g = w[:, None] / 2 / np.pi + aliases * fs
     wanted = np.sum(np.sinc(g / fs) ** 2 * law(2j * np.pi * g), axis=1)
     np.testing.assert_allclose(
-        proc.response("out", signal, w / 2 / np.pi), wanted, rtol=2e-3 if name in ("arm", "many") else 1e-6
+        proc.response("out", signal, w / 2 / np.pi),
+        wanted,
+        rtol=2e-3 if name in ("arm", "many") else 1e-6,
     )
 
 
 def test_transfer_is_the_arm_at_low_frequencies():
-    """Eqs. (2.5), (2.6): storage and loss to 1e-6 at a thousandth of the sample rate, with the delay that the block tells."""
+    """Eqs. (2.5), (2.6): storage and loss to 1e-6 at a thousandth of the sample rate,
+    with the delay that the block tells.
+    """
     for tau in (1e-6, 1e-3, 0.1, 10.0, 1e12):
         proc = stimlib.compile(Scene({"f": maxwell(y, 200.0, tau=tau)}), 8000.0)
         freq = np.array([0.01, 0.1, 1.0])
@@ -303,9 +373,17 @@ def test_transfer_is_the_arm_at_low_frequencies():
         assert 0 <= late <= 0.5
         got = proc.response("f", "y", freq) * np.exp(2j * np.pi * freq * late / 8000)
         np.testing.assert_allclose(got, law, rtol=1e-6 if tau < 1e-2 else 2e-4)
-    fast, slow = (stimlib.compile(Scene({"f": maxwell(y, 1.0, tau=v)}), 8000.0).latency["f", "y"][0] for v in (1e-12, 1e12))
+    fast, slow = (
+        stimlib.compile(Scene({"f": maxwell(y, 1.0, tau=v)}), 8000.0).latency["f", "y"][0]
+        for v in (1e-12, 1e12)
+    )
     assert fast == pytest.approx(0.5, abs=1e-6) and slow == pytest.approx(0, abs=1e-6)
-    assert stimlib.compile(Scene({"f": generalized_maxwell(y, 1.0, ARMS)}), 8000.0).latency["f", "y"][0] == 0.0
+    assert (
+        stimlib.compile(Scene({"f": generalized_maxwell(y, 1.0, ARMS)}), 8000.0).latency["f", "y"][
+            0
+        ]
+        == 0.0
+    )
 
 
 def test_response_at_0_hz():
@@ -315,19 +393,23 @@ def test_response_at_0_hz():
         (maxwell(y, 2.0, tau=1e308), "y", 2.0),
         (compliance_kelvin_voigt(f, 2.0, tau=1.0), "f", 0.5),
     ):
-        assert stimlib.compile(Scene({"out": block}), 1000.0).response("out", source, zero)[0] == pytest.approx(wanted)
+        assert stimlib.compile(Scene({"out": block}), 1000.0).response("out", source, zero)[
+            0
+        ] == pytest.approx(wanted)
     flow = compliance_maxwell(f, 2.0, tau=1.0)
     assert abs(stimlib.compile(Scene({"out": flow}), 1000.0).response("out", "f", zero)[0]) > 1e250
 
 
-# Closed forms ----------------------------------------------------------------------------------------------------------
+# Closed forms -------------------------------------------------------------------------
 def test_a_fast_ramp_relaxes_along_the_modulus_and_a_slow_one_does_not():
     """Fig. 1.1a."""
     fs, arms = 8000.0, [(50.0, 0.3), (20.0, 0.05)]
     t = np.arange(16000) / fs
     fast = play(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / (1 / fs), 1), fs)
     held = t[1:]
-    np.testing.assert_allclose(fast[1:], 0.01 * relaxation_modulus(held - 0.5 / fs, 30.0, arms), rtol=1e-6)
+    np.testing.assert_allclose(
+        fast[1:], 0.01 * relaxation_modulus(held - 0.5 / fs, 30.0, arms), rtol=1e-6
+    )
     slow = play(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / 1.5, 1), fs)
     assert fast.max() > 0.99 and slow.max() < 0.43  # of 1 N, 0.3 N in the end
     assert fast[-1] == pytest.approx(0.3, rel=3e-3)
@@ -355,19 +437,28 @@ def talbot(F, t):
 def mittag_leffler(alpha, beta, z):
     """sum z^k/Gamma(alpha k + beta), with digits to spare for the cancellation."""
     with mp.workdps(80):
-        return float(mp.fsum(mp.mpf(z) ** k * mp.rgamma(mp.mpf(alpha) * k + beta) for k in range(1200)))
+        return float(
+            mp.fsum(mp.mpf(z) ** k * mp.rgamma(mp.mpf(alpha) * k + beta) for k in range(1200))
+        )
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.5, 0.9, 1.0])
 def test_closed_forms_are_laplace_transforms_of_the_laws(alpha):
-    """Relaxation is k_C(s)/s, creep 1/(s k_C(s)), by numbers; with a springpot beside or in the chain."""
+    """Relaxation is k_C(s)/s, creep 1/(s k_C(s)), by numbers; with a springpot beside
+    or in the chain.
+    """
     t, chi, arms = np.array([0.03, 0.4, 2.0]), 40.0, [(50.0, 0.3), (20.0, 0.05)]
 
     def stiffness(s):
         return 30 + sum(k * s * tau / (1 + s * tau) for k, tau in arms) + chi * s**alpha
 
     def compliance(s):
-        return mp.mpf(1) / 30 + 1 / (7 * s) + sum(1 / (k * (1 + s * tau)) for k, tau in arms) + 1 / (chi * s**alpha)
+        return (
+            mp.mpf(1) / 30
+            + 1 / (7 * s)
+            + sum(1 / (k * (1 + s * tau)) for k, tau in arms)
+            + 1 / (chi * s**alpha)
+        )
 
     got = relaxation_modulus(t, 30.0, arms, (chi, alpha))
     np.testing.assert_allclose(got, [talbot(lambda s: stiffness(s) / s, v) for v in t], rtol=1e-9)
@@ -377,13 +468,17 @@ def test_closed_forms_are_laplace_transforms_of_the_laws(alpha):
 
 @pytest.mark.parametrize("alpha", [0.2, 0.5, 0.8, 1.0])
 def test_fractional_arms_end_in_the_closed_forms(alpha):
-    """A springpot in series with a spring relaxes as k E_a(-k t^a/chi); at a = 1 that is the Maxwell arm."""
+    """A springpot in series with a spring relaxes as k E_a(-k t^a/chi); at a = 1 that
+    is the Maxwell arm.
+    """
     k, chi = 5.0, 2.0
     for t in (0.01, 0.1, 0.5):
         series = talbot(lambda s: k * chi * s**alpha / (k + chi * s**alpha) / s, t)
         assert series == pytest.approx(k * mittag_leffler(alpha, 1, -k * t**alpha / chi), rel=1e-9)
         beside = talbot(lambda s: 1 / (k + chi * s**alpha) / s, t)  # fractional Kelvin-Voigt, creep
-        assert beside == pytest.approx((1 - mittag_leffler(alpha, 1, -k * t**alpha / chi)) / k, rel=1e-9)
+        assert beside == pytest.approx(
+            (1 - mittag_leffler(alpha, 1, -k * t**alpha / chi)) / k, rel=1e-9
+        )
         if alpha == 1.0:
             assert series == pytest.approx(relaxation_modulus(t, 0.0, [(k, chi / k)]), rel=1e-9)
             assert beside == pytest.approx(creep_compliance(t, elements=[(k, chi / k)]), rel=1e-9)
@@ -404,7 +499,7 @@ def test_stiffness_of_an_arm():
     assert s.phase[0] == np.pi / 2
 
 
-# What is refused ---------------------------------------------------------------------------------------------------------
+# What is refused ----------------------------------------------------------------------
 @pytest.mark.parametrize(
     "make",
     [
@@ -468,12 +563,17 @@ def test_a_scene_file_keeps_every_bit(tmp_path):
     scene = Scene({"f": CASES["many"][0], "x": CASES["chain"][0]})
     scene.save(tmp_path / "s.json")
     x = np.array([some_motion(200, 1), some_motion(200, 2)])
-    assert_same(stimlib.compile(stimlib.load(tmp_path / "s.json"), 8000).process(x), stimlib.compile(scene, 8000).process(x))
+    assert_same(
+        stimlib.compile(stimlib.load(tmp_path / "s.json"), 8000).process(x),
+        stimlib.compile(scene, 8000).process(x),
+    )
 
 
 @pytest.mark.parametrize("arms", [50.0, None, np.ones(3), [50.0, 0.1], [(1.0, 2.0, 3.0)]])
 def test_arms_that_are_no_pairs_are_refused_by_name(arms):
     with pytest.raises(BadValue, match="^generalized_maxwell: arms = .* must be a list"):
         generalized_maxwell(Input("y", "m"), 10.0, arms)
-    with pytest.raises(BadValue, match="^compliance_generalized_kelvin_voigt: elements = .* must be a list"):
+    with pytest.raises(
+        BadValue, match="^compliance_generalized_kelvin_voigt: elements = .* must be a list"
+    ):
         compliance_generalized_kelvin_voigt(Input("f", "N"), arms)

@@ -1,4 +1,6 @@
-"""A springpot in series with a spring or a dashpot, against Mittag-Leffler functions and against sums of displacements."""
+"""A springpot in series with a spring or a dashpot, against Mittag-Leffler functions
+and against sums of displacements.
+"""
 
 import mpmath as mp
 import numpy as np
@@ -25,7 +27,9 @@ def mittag_leffler(a, b, x):
 
 
 def errors(alpha, scheme, fs):
-    """Largest error, of the largest force, of a ramp from rest: k v t E_{alpha,2}(-(k/chi) t^alpha)."""
+    """Largest error, of the largest force, of a ramp from rest: k v t
+    E_{alpha,2}(-(k/chi) t^alpha).
+    """
     proc = stimlib.compile(Scene({"f": springpot_series(y, CHI, alpha, k=K, scheme=scheme)}), fs)
     f = proc.process(SPEED * np.arange(fs // 4 + 1)[None] / fs)[0]
     at = [fs // 50, fs // 20, fs // 10, fs // 4]
@@ -38,16 +42,22 @@ def test_the_fractional_maxwell_arm_converges_to_its_stated_order(alpha):
     coarse, fine = errors(alpha, "l1", 1000), errors(alpha, "l1", 8000)
     assert coarse < 2e-3
     assert np.log2(coarse / fine) / 3 == pytest.approx(2 - alpha, abs=0.15)
-    assert np.log2(errors(alpha, "gl", 1000) / errors(alpha, "gl", 8000)) / 3 == pytest.approx(1.0, abs=0.15)
+    assert np.log2(errors(alpha, "gl", 1000) / errors(alpha, "gl", 8000)) / 3 == pytest.approx(
+        1.0, abs=0.15
+    )
 
 
 @pytest.mark.parametrize("words", [{"k": 1000.0}, {"b": 20.0}])
 def test_displacements_in_series_add_up(words):
-    """Moved along f/k + I^alpha f/chi (or with the integral of f/b), the arm gives f back: the same sums."""
+    """Moved along f/k + I^alpha f/chi (or with the integral of f/b), the arm gives f
+    back: the same sums.
+    """
     f = Input("f", "N")
     own = f / stimlib.constant(K, "N/m") if "k" in words else compliance(f, words["b"], 1.0)
     moved = own + compliance(f, CHI, 0.4)
-    proc = stimlib.compile(Scene({"f": springpot_series(moved, CHI, 0.4, scheme="gl", **words)}), 1000)
+    proc = stimlib.compile(
+        Scene({"f": springpot_series(moved, CHI, 0.4, scheme="gl", **words)}), 1000
+    )
     force = np.r_[0.0, np.random.default_rng(0).standard_normal(5000).cumsum()][None]
     np.testing.assert_allclose(proc.process(force), force, rtol=0, atol=1e-8 * np.abs(force).max())
 
@@ -55,7 +65,9 @@ def test_displacements_in_series_add_up(words):
 def test_limits():
     move = 0.01 * np.sin(np.arange(2000) / 100)[None]
     stiff = stimlib.compile(Scene({"f": springpot_series(y, CHI, 0.5, k=1e14)}), 1000).process(move)
-    alone = stimlib.compile(Scene({"f": stimlib.blocks.springpot(y, CHI, 0.5, "l1")}), 1000).process(move)
+    alone = stimlib.compile(
+        Scene({"f": stimlib.blocks.springpot(y, CHI, 0.5, "l1")}), 1000
+    ).process(move)
     np.testing.assert_allclose(stiff, alone, rtol=0, atol=1e-9 * np.abs(alone).max())
     soft = stimlib.compile(Scene({"f": springpot_series(y, 1e14, 0.5, k=K)}), 1000).process(move)
     np.testing.assert_allclose(soft, K * (move - move[0, 0]), rtol=0, atol=1e-6)

@@ -1,4 +1,6 @@
-"""Soft objects: the laws of Li et al. (2016) against sequences worked out by hand, places against scipy."""
+"""Soft objects: the laws of Li et al. (2016) against sequences worked out by hand,
+places against scipy.
+"""
 
 from itertools import pairwise
 
@@ -25,7 +27,7 @@ def near(a, want, tol=5e-7):
     np.testing.assert_allclose(a, want, rtol=0, atol=tol)
 
 
-# The map ---------------------------------------------------------------------------------------------------------------
+# The map ------------------------------------------------------------------------------
 def test_levels_between_are_those_of_scipy_and_held_at_the_edges():
     rng = np.random.default_rng(1)
     table = rng.uniform(0.4, 0.6, (7, 9))
@@ -34,14 +36,16 @@ def test_levels_between_are_those_of_scipy_and_held_at_the_edges():
     x[:3], y[:3] = (0.0, 0.12, 0.06), (0.0, 0.06, 0.03)
     want = spline.ev(np.clip(y, 0, 0.06), np.clip(x, 0, 0.12))
     near(run({"S": b.stiffness_map(X, Y, (table, 0.12, 0.06))}, [x, y])[0], want, 1e-12)
-    step = RectBivariateSpline(np.arange(4.0), np.arange(6.0), jump := np.repeat([[0, 0, 0, 1, 1, 1]], 4, 0), s=0)
+    step = RectBivariateSpline(
+        np.arange(4.0), np.arange(6.0), jump := np.repeat([[0, 0, 0, 1, 1, 1]], 4, 0), s=0
+    )
     x = np.linspace(0, 5, 200)
     got = run({"S": b.stiffness_map(X, Y, (jump, 5.0, 3.0))}, [x, 0 * x + 1])[0]
     near(got, np.clip(step.ev(1.0, x), 0, 1), 1e-12)  # which swings beyond 0 and 1
     assert got.min() == 0 and got.max() == 1 and step.ev(1.0, x).max() > 1.05
 
 
-# Eq. (1) -----------------------------------------------------------------------------------------------------------------
+# Eq. (1) ------------------------------------------------------------------------------
 def speeds(S):
     out = [1.0]
     for a, s in pairwise(S):
@@ -51,33 +55,63 @@ def speeds(S):
 
 def test_eq_1_to_the_letter():
     S = [0, 0, 0.2, 0.2, 0.6, 0.6, 0.2, 0, 1, 0.5, 0, 0]
-    v = [1, 1, 3/4, 3/4, 15/56, 15/56, 75/196, 125/294, 25/1176, 125/3528, 625/10584, 625/10584]  # fmt: skip
+    v = [
+        1,
+        1,
+        3 / 4,
+        3 / 4,
+        15 / 56,
+        15 / 56,
+        75 / 196,
+        125 / 294,
+        25 / 1176,
+        125 / 3528,
+        625 / 10584,
+        625 / 10584,
+    ]
     near(speeds(S), v)
     near(speeds([0.2, 0.6, 0.2])[-1], 25 / 49)  # not reversible
     near(speeds([0.5, 0.5 + 1e-15, 0.5]), 1, 0)  # what a spline rounds is no step
     way = [np.r_[np.linspace(0, 0.6, n + 1), np.linspace(0.6, 0, n + 1)[1:]] for n in (1, 2, 3, 6)]
-    near([speeds(w)[-1] for w in way], [0.625, 0.36982249, 0.25005716, 0.08534846])  # and of the frame rate
+    # and of the frame rate
+    near([speeds(w)[-1] for w in way], [0.625, 0.36982249, 0.25005716, 0.08534846])
 
 
 def test_the_cursor_of_frames_takes_its_steps_in_frames():
-    """Frames of 4 samples; ways of the device by which the cursor comes to S = .2, .6, .2 of the ramp, and 1 mm on."""
+    """Frames of 4 samples; ways of the device by which the cursor comes to S = .2, .6,
+    .2 of the ramp, and 1 mm on.
+    """
     way = np.cumsum([0, 2, 4 / (3 / 4), -4 / (15 / 56), 1 / (75 / 196)])
-    x = run({"x": b.cursor(X, ZERO, RAMP, "frames", frame=0.004, bounds=(0.01, 2.0)).x}, np.repeat(way * 1e-3, 4))[0]
+    x = run(
+        {"x": b.cursor(X, ZERO, RAMP, "frames", frame=0.004, bounds=(0.01, 2.0)).x},
+        np.repeat(way * 1e-3, 4),
+    )[0]
     near(1000 * x, np.repeat([0, 2, 6, 2, 3], 4), 1e-9)
-    x = run({"x": b.cursor(X, ZERO, RAMP, "frames", frame=0.001, bounds=(0.3, 2.0)).x}, 1e-3 * way[:4])[0]
+    x = run(
+        {"x": b.cursor(X, ZERO, RAMP, "frames", frame=0.001, bounds=(0.3, 2.0)).x}, 1e-3 * way[:4]
+    )[0]
     near(1000 * x[3], 6 - 0.3 * 4 / (15 / 56))
 
 
 def test_a_cursor_of_frames_has_a_highest_speed_and_begins_anew_after_a_lift():
     def path(touch, way, **words):
         place = b.cursor(X, ZERO, RAMP, "frames", contact=Input("touch"), frame=0.004, **words).x
-        proc, rows = stimlib.compile(Scene({"x": place}), 1000, "python"), {"touch": touch, "x": way}
+        proc, rows = (
+            stimlib.compile(Scene({"x": place}), 1000, "python"),
+            {
+                "touch": touch,
+                "x": way,
+            },
+        )
         return 1000 * proc.process(np.array([rows[name] for name in proc.inputs]))[0]
 
     way = np.repeat([6, 2, 3], 4) * 1e-3
-    near(path(np.ones(12), way, bounds=(0.3, 1.2)), np.repeat([6, 2, 3.2], 4), 1e-9)  # eq. (1) alone: 10/7
+    # eq. (1) alone: 10/7
+    near(path(np.ones(12), way, bounds=(0.3, 1.2)), np.repeat([6, 2, 3.2], 4), 1e-9)
     touch, way = np.ones(16), np.repeat([0, 6, 4, 5], [4, 6, 1, 5]) * 1e-3
-    touch[9] = 0.0  # after a frame at the speed 0.3125; then the next frame is 4 samples after the new start
+    # after a frame at the speed 0.3125; then the next frame is 4 samples after the new
+    # start
+    touch[9] = 0.0
     near(path(touch, way), np.repeat([0, 6, 4, 5], [4, 6, 4, 2]), 1e-9)
 
 
@@ -98,7 +132,11 @@ def test_the_ratio_and_the_mid_point():
     path = 1000 * run({"x": b.cursor(X, ZERO, RAMP).x}, p)[0]
     near(path, [0, 0.916361, 1.695821, 2.973171, 4.829973, 2.973171, 1.695821, 0.916361, 0])
     across = b.cursor(ZERO, Y, (np.transpose(RAMP[0]), 0.01, 0.01)).y
-    near(1000 * stimlib.compile(Scene({"y": across}), 1000, "python").process(p[None])[0], path, 1e-12)
+    near(
+        1000 * stimlib.compile(Scene({"y": across}), 1000, "python").process(p[None])[0],
+        path,
+        1e-12,
+    )
 
 
 BUMP_X = np.linspace(-0.03, 0.03, 97)
@@ -127,12 +165,14 @@ def test_the_reversible_cursor_is_within_its_bound_and_leads_back(fs):
     x = run({"x": b.cursor(X, ZERO, BUMP).x}, p, fs)[0]
     table = 2e-6  # of the spline through 97 levels, and of its slopes
     per = h * h * ratio(S(0.06))
-    assert x[n] - 0.06 == pytest.approx(per * quad(error, 0, 0.06, limit=200)[0], rel=0.1, abs=table)
+    assert x[n] - 0.06 == pytest.approx(
+        per * quad(error, 0, 0.06, limit=200)[0], rel=0.1, abs=table
+    )
     assert abs(x[n] - 0.06) <= per * quad(lambda x: abs(error(x)), 0, 0.06, limit=200)[0] + table
     near(x[::-1], x, 1e-13)
 
 
-# Eq. (2) -----------------------------------------------------------------------------------------------------------------
+# Eq. (2) ------------------------------------------------------------------------------
 def test_eq_2_and_nothing_without_contact():
     level = [0, 0.1, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.9, 1]
     want = [
@@ -154,7 +194,7 @@ def test_eq_2_and_nothing_without_contact():
     near(touched[0], [0.1008, 0.826490, 0])  # the inputs are sorted: contact, level
 
 
-# Eq. (3) -----------------------------------------------------------------------------------------------------------------
+# Eq. (3) ------------------------------------------------------------------------------
 FORCES = [0.2, 0.2, 0.25, 0.35, 0.55, 0.5, 0.3, 0.9, 0.95, 1.05, 0.2, 0.2]
 TIMES = [0, 30, 60, 90, 170, 300, 330, 360, 690, 720, 800, 830]  # ms
 
@@ -166,12 +206,15 @@ def test_eq_3_to_the_letter():
     x = np.arange(860) * 1e-4
     force = Input("f", "N")
     a = b.delay_avatar(X, ZERO, force, "frames")
-    proc = stimlib.compile(Scene({"x": a.x, "wait": a.wait, "lag": a.lag, "drive": b.vibration(a.wait)}), 1000)
+    proc = stimlib.compile(
+        Scene({"x": a.x, "wait": a.wait, "lag": a.lag, "drive": b.vibration(a.wait)}), 1000
+    )
     rows = {"f": f, "x": x}
     y = dict(zip(proc.outputs, proc.process(np.array([rows[i] for i in proc.inputs])), strict=True))
     near(1000 * y["wait"][TIMES], [0, 0, 0, 50, 100, 0, 0, 300, 0, 50, 0, 0])
     assert np.count_nonzero(y["wait"]) == 4
-    held = np.repeat(TIMES, np.diff([*TIMES, 860]))  # the avatar stands where the pen was as the frame began
+    # the avatar stands where the pen was as the frame began
+    held = np.repeat(TIMES, np.diff([*TIMES, 860]))
     near(y["x"], 1e-4 * held, 0)
     near(y["lag"], 1e-3 * (np.arange(860) - held), 1e-12)
     on = np.zeros(860)
@@ -213,7 +256,9 @@ def test_the_avatar_never_jumps():
 @pytest.mark.parametrize("fs", [1000.0, 8000.0])
 @pytest.mark.parametrize("notice", [0.0, 0.1])
 def test_an_avatar_stands_for_the_same_time_at_any_rate(fs, notice):
-    """m times what the force rises by: 0.5 s/N times 0.4 N over a nodule; a threshold keeps less than 50 ms of it."""
+    """m times what the force rises by: 0.5 s/N times 0.4 N over a nodule; a threshold
+    keeps less than 50 ms of it.
+    """
     S = np.sin(np.pi * np.linspace(0, 1, 25)) ** 2
     force = constant(0.4, "N") * b.stiffness_map(X, ZERO, (np.array([S, S]), 0.1, 0.01))
     a = b.delay_avatar(X, ZERO, force, notice=notice)
@@ -229,17 +274,23 @@ def test_lifts_begin_anew():
     a = b.delay_avatar(X, ZERO, constant(10.0, "N/m") * X, contact=c > 0.0, notice=0.0)
     m = b.cursor(X, ZERO, RAMP, contact=c > 0.0)
     proc = stimlib.compile(Scene({"a": a.x, "lag": a.lag, "m": m.x}), 1000)
-    rows = {"c": np.array([0, 1, 1, 1, 0, 0, 1, 1.0]), "x": np.array([3, 4, 6, 6, 9, 9, 2, 2]) * 1e-3}
+    rows = {
+        "c": np.array([0, 1, 1, 1, 0, 0, 1, 1.0]),
+        "x": np.array([3, 4, 6, 6, 9, 9, 2, 2]) * 1e-3,
+    }
     y = proc.process(np.array([rows[i] for i in proc.inputs]))
     near(1000 * y[0][[0, 1, 5, 6]], [0, 4, 1000 * y[0, 3], 2], 1e-12)
     assert y[1, 3] > 0 and y[1, 6] == 0
     near(1000 * y[2][[0, 1, 4, 6, 7]], [0, 4, 1000 * y[2, 3], 2, 2], 1e-12)
 
 
-# Depth and deformation -----------------------------------------------------------------------------------------------
+# Depth and deformation ----------------------------------------------------------------
 def test_depths():
     force, S = Input("a", "N"), Input("b")
-    d = run({"d": b.indentation(force, S)}, [[1, 1, 1, 2, 2, 2, 6.776651, 6.776651 / 3, 9], [0, 0.5, 1, 0, 0.5, 1, 0, 0, 0]])
+    d = run(
+        {"d": b.indentation(force, S)},
+        [[1, 1, 1, 2, 2, 2, 6.776651, 6.776651 / 3, 9], [0, 0.5, 1, 0, 0.5, 1, 0, 0, 0]],
+    )
     near(1000 * d[0], [2.5, 1.25, 5 / 6, 5, 2.5, 5 / 3, 15, 5.647209, 15])
 
 
@@ -259,7 +310,10 @@ HEIGHTS = {
 
 def test_the_four_ranges():
     d = np.repeat(list(HEIGHTS), 8)
-    got = run({"down": b.deformation(Input("a", "m"), Input("b", "m"))}, 1e-3 * np.array([np.tile(RHO, len(HEIGHTS)), d]))[0]
+    got = run(
+        {"down": b.deformation(Input("a", "m"), Input("b", "m"))},
+        1e-3 * np.array([np.tile(RHO, len(HEIGHTS)), d]),
+    )[0]
     near(1000 * got.reshape(-1, 8), list(HEIGHTS.values()))
     for border in ((2 - 3**0.5) * 2.5, 5, 10):  # continuous there
         two = 1e-3 * np.array([np.tile(RHO, 2), np.repeat([border, border * (1 + 1e-9)], 8)])
@@ -270,8 +324,14 @@ def test_the_four_ranges():
 def test_a_dent_is_the_same_on_both_sides_and_none_where_there_is_no_number():
     dent = b.deformation(Input("a", "m"), Input("b", "m"))
     p, _ = dent.design(1000.0)
-    assert dent.step(p, (), -0.0075, 0.0075)[0] == dent.step(p, (), 0.0075, 0.0075)[0] == pytest.approx(0.00125)
-    assert np.isnan([dent.step(p, (), np.nan, 0.0075)[0], dent.step(p, (), 0.0075, np.nan)[0]]).all()
+    assert (
+        dent.step(p, (), -0.0075, 0.0075)[0]
+        == dent.step(p, (), 0.0075, 0.0075)[0]
+        == pytest.approx(0.00125)
+    )
+    assert np.isnan(
+        [dent.step(p, (), np.nan, 0.0075)[0], dent.step(p, (), 0.0075, np.nan)[0]]
+    ).all()
 
 
 def test_half_a_sample_of_vibration_is_one():
@@ -284,18 +344,23 @@ def test_overlaps():
     x = 1e-3 * np.array([20, 25, 27.5, 30, 32.5, 40])  # between indenters of 15 mm at 20 and 40 mm
     rho = [abs(X - constant(c, "m")) for c in (0.02, 0.04)]
     deep = [constant(0.015, "m")] * 2
-    mean, deepest = (run({"down": b.deformation(rho, deep, join=j)}, x)[0] for j in ("mean", "deepest"))
+    mean, deepest = (
+        run({"down": b.deformation(rho, deep, join=j)}, x)[0] for j in ("mean", "deepest")
+    )
     near(1000 * mean, [15, 10, 5, 5, 5, 15])  # 25: 10 and 0; 27.5: 7.5 and 2.5
     near(1000 * deepest, [15, 10, 7.5, 5, 7.5, 15])
 
 
 def test_three_on_a_triangle():
     places = b.triangle(X, Y)
-    got = run({f"{n}{i}": v for i, place in enumerate(places) for n, v in zip("xy", place, strict=True)}, [[0.03], [0.03]])[:, 0]
+    got = run(
+        {f"{n}{i}": v for i, place in enumerate(places) for n, v in zip("xy", place, strict=True)},
+        [[0.03], [0.03]],
+    )[:, 0]
     near(1000 * got, [30, 41.547005, 20, 24.226497, 40, 24.226497])
 
 
-# What is refused -------------------------------------------------------------------------------------------------------
+# What is refused ----------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -306,12 +371,18 @@ def test_three_on_a_triangle():
         (lambda: b.stiffness_map(X, Y, (np.zeros((1001, 1001)), 1.0, 1.0)), "limits.map_points"),
         (lambda: b.stiffness_map(X, Y, (RAMP[0], 0.0, 1.0)), "width = 0.0 m must be above 0"),
         (lambda: b.stiffness_map(X, Y, [[0, 1], [0, 1]]), "S = .* must be a map"),
-        (lambda: b.cursor(X, Y, RAMP, "frames", bounds=0.1), r"cursor: bounds = 0.1 must be a tuple \(a number, a number\)"),
+        (
+            lambda: b.cursor(X, Y, RAMP, "frames", bounds=0.1),
+            r"cursor: bounds = 0.1 must be a tuple \(a number, a number\)",
+        ),
         (lambda: b.cursor(X, Y, RAMP, "newton"), "choose one of reversible, frames"),
         (lambda: b.cursor(X, Y, RAMP, "frames", bounds=(1.5, 2.0)), "not within bounds"),
         (lambda: b.cursor(X, Y, RAMP, "frames", bounds=(0.1, 0.9)), "not within bounds"),
         (lambda: b.cursor(X, Y, RAMP, "frames", frame=0.0), "frame"),
-        (lambda: b.delay_avatar(X, Y, constant(1.0, "N"), "frame"), "choose one of streaming, frames"),
+        (
+            lambda: b.delay_avatar(X, Y, constant(1.0, "N"), "frame"),
+            "choose one of streaming, frames",
+        ),
         (lambda: b.delay_avatar(X, Y, constant(1.0, "N"), notice=-0.1), "notice"),
         (lambda: b.delay_avatar(X, Y, constant(1.0, "N"), most=0.0), "most"),
         (lambda: b.vibration(constant(1.0, "s"), 0.0), "factor"),

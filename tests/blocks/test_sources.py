@@ -1,4 +1,6 @@
-"""Oscillators, sweeps, pulse trains and recordings against integrals, fractions and many digits."""
+"""Oscillators, sweeps, pulse trains and recordings against integrals, fractions and
+many digits.
+"""
 
 from fractions import Fraction
 
@@ -17,7 +19,9 @@ X = Input("x")
 
 
 def run(block, *rows, fs=1000):
-    """Samples of a block over inputs, in their order; of one without, so many as given."""
+    """Samples of a block over inputs, in their order; of one without, so many as
+    given.
+    """
     proc = stimlib.compile(Scene({"y": block}), fs)
     x = np.empty((0, rows[0])) if not proc.inputs else np.array(rows, float)
     return proc.process(x)[0]
@@ -45,11 +49,15 @@ def test_what_does_not_move_stays():
     assert run(b.oscillator(0.0, "square", phase=4.0), 5).tolist() == [-1.0] * 5
     assert run(b.oscillator(0.0, "sawtooth", phase=np.pi), 5).tolist() == [0.0] * 5
     assert run(b.oscillator(0.0, "square", phase=1.0), 2).tolist() == [1.0] * 2
-    np.testing.assert_allclose(run(b.oscillator(0.0, "triangle", phase=np.pi / 4), 2), 0.5, rtol=1e-15)
+    np.testing.assert_allclose(
+        run(b.oscillator(0.0, "triangle", phase=np.pi / 4), 2), 0.5, rtol=1e-15
+    )
 
 
 def test_area_takes_the_aliases_of_a_sawtooth_down():
-    """4 dB of the worst, 18 of the worst below 1 kHz; of 200 Hz at 8 kHz: see the docstring."""
+    """4 dB of the worst, 18 of the worst below 1 kHz; of 200 Hz at 8 kHz: see the
+    docstring.
+    """
     n, m = 1 << 14, 411
     y = run(b.oscillator(8000 * m / n, "sawtooth", phase=2.0), n, fs=8000)
     naive = WAVES["sawtooth"](np.arange(n) * m / n + 1 / np.pi)
@@ -64,7 +72,9 @@ def test_area_takes_the_aliases_of_a_sawtooth_down():
 
 
 def test_a_phase_is_kept_for_a_day():
-    """The word added at each sample is the nearest to the exact one: 1e-9 rad after 24 h at 48 kHz."""
+    """The word added at each sample is the nearest to the exact one: 1e-9 rad after 24
+    h at 48 kHz.
+    """
     p, _ = b.oscillator(158.3, "square").design(48000)
     drift = (Fraction(int(increment(p, 158.3)), 2**64) - Fraction(158.3) / 48000) * 86400 * 48000
     assert abs(2 * np.pi * float(drift)) < 1e-9
@@ -86,7 +96,9 @@ def test_the_phase_of_an_hour_of_sweep(kind, tol):
     assert Chirp.step(p, (), 3600.0)[0] == 0.0
 
 
-@pytest.mark.parametrize("source", [b.chirp(400, 400, 9.0), b.playback([1.0], 1000, loop=True), b.every(0.001)])
+@pytest.mark.parametrize(
+    "source", [b.chirp(400, 400, 9.0), b.playback([1.0], 1000, loop=True), b.every(0.001)]
+)
 def test_nothing_sounds_before_sample_0(source):
     """A filter of a source runs before sample 0."""
     assert run(b.moving_average(source, 0.01), 1)[0] == run(source, 1)[0] / 10
@@ -103,7 +115,9 @@ def test_a_duty_that_is_a_signal_is_held_and_told_where_it_is_no_number():
 
 
 def test_a_sweep_may_stand():
-    np.testing.assert_allclose(run(b.chirp(50, 50, 1.0, "exponential"), 40), np.sin(np.pi * np.arange(40) / 10), atol=1e-14)
+    np.testing.assert_allclose(
+        run(b.chirp(50, 50, 1.0, "exponential"), 40), np.sin(np.pi * np.arange(40) / 10), atol=1e-14
+    )
 
 
 def test_jittered_pulses_keep_their_order_and_none_is_lost():
@@ -113,7 +127,8 @@ def test_jittered_pulses_keep_their_order_and_none_is_lost():
     assert y.sum() == 400
     period = np.arange(1, 400) * 25
     at = np.repeat(np.arange(10_000), y.astype(int))
-    wanted = np.floor(period + 25 * (0.5 + jitter[period - 1]))  # read at the sample that ends the period before
+    # read at the sample that ends the period before
+    wanted = np.floor(period + 25 * (0.5 + jitter[period - 1]))
     assert np.abs(at[1:] - wanted).max() <= 1
     regular = np.flatnonzero(run(b.pulse_train(30.0), 1000))
     assert regular.tolist() == np.floor((np.arange(30) + 0.5) * 1000 / 30).tolist()
@@ -122,15 +137,21 @@ def test_jittered_pulses_keep_their_order_and_none_is_lost():
 def test_a_recording_is_played_once_or_again_and_again():
     x = np.array([1.0, -2.0, 3.0])
     assert run(b.playback(x, rate=1000), 6).tolist() == [1, -2, 3, 0, 0, 0]
-    np.testing.assert_array_equal(run(b.playback(x, rate=300, loop=True), 25), np.resize(resampled(x, 300, 1000), 25))
+    np.testing.assert_array_equal(
+        run(b.playback(x, rate=300, loop=True), 25), np.resize(resampled(x, 300, 1000), 25)
+    )
 
 
 @pytest.mark.parametrize(("rate", "loop"), [(1000, False), (300, True), (4000, True)])
 def test_a_recording_is_heard_at_any_time_of_it(rate, loop):
-    """Forwards at up to its own speed, backwards, around; a wave at 0.44 of the lower rate."""
+    """Forwards at up to its own speed, backwards, around; a wave at 0.44 of the lower
+    rate.
+    """
     f = 0.44 * min(rate, 1000)
     x = np.cos(2 * np.pi * f * np.arange(rate) / rate + 1)
-    t = np.cumsum(np.random.default_rng(0).uniform(-0.3, 1.0, 2000)) / 1000 + (-2.9 if loop else 0.1)
+    t = np.cumsum(np.random.default_rng(0).uniform(-0.3, 1.0, 2000)) / 1000 + (
+        -2.9 if loop else 0.1
+    )
     block = b.playback(x, rate, loop, at=Input("t", "s"))
     y = run(block, t)
     assert (t[-1] < 0.9 or loop) and np.abs(y - np.cos(2 * np.pi * f * t + 1)).max() < 1e-5
@@ -140,7 +161,10 @@ def test_a_recording_is_heard_at_any_time_of_it(rate, loop):
 
 def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
     x = np.cos(2 * np.pi * 580 * np.arange(4000) / 4000)
-    assert np.abs(run(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max() < 1e-5
+    assert (
+        np.abs(run(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max()
+        < 1e-5
+    )
 
 
 @pytest.mark.parametrize("at", [None, Input("t", "s")])
@@ -151,25 +175,54 @@ def test_a_recording_has_a_unit(at):
 def test_noise_of_a_band_has_its_level_at_every_rate():
     for fs in (1000, 4000):
         y = run(b.band_noise(100, 300, psd=0.01, seed=1, order=6), 20 * fs, fs=fs)[fs:]
-        assert abs(np.mean(y**2) / 2.0 - 1) < 0.08  # 200 Hz for 19 s: 1.6 % of chance, and 1 % of flanks
+        # 200 Hz for 19 s: 1.6 % of chance, and 1 % of flanks
+        assert abs(np.mean(y**2) / 2.0 - 1) < 0.08
 
 
 @pytest.mark.parametrize(
     ("make", "error", "text"),
     [
-        (lambda: b.oscillator(100, "saw"), BadValue, "waveform = 'saw'; choose one of sine, triangle, sawtooth"),
-        (lambda: b.oscillator(-1.0, "square"), BadValue, "oscillator: freq = -1 Hz must be 0 or above"),
-        (lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"), BadValue, "oscillator: freq = -1 Hz must be 0 or above"),
-        (lambda: b.oscillator(100, "square", duty=1.0), BadValue, "duty = 1 must be above 0 and below 1"),
+        (
+            lambda: b.oscillator(100, "saw"),
+            BadValue,
+            "waveform = 'saw'; choose one of sine, triangle, sawtooth",
+        ),
+        (
+            lambda: b.oscillator(-1.0, "square"),
+            BadValue,
+            "oscillator: freq = -1 Hz must be 0 or above",
+        ),
+        (
+            lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"),
+            BadValue,
+            "oscillator: freq = -1 Hz must be 0 or above",
+        ),
+        (
+            lambda: b.oscillator(100, "square", duty=1.0),
+            BadValue,
+            "duty = 1 must be above 0 and below 1",
+        ),
         (
             lambda: b.oscillator(X, "square"),
             UnitError,
             r"freq Input\('x'\) \[1\] must be in Hz; multiply it by .*'Hz'",
         ),
-        (lambda: b.chirp(Param("f", 10.0, "Hz"), 20, 1), BadValue, r"Param\('f', 10.0, 'Hz'\); oscillator\(freq\) has a freq"),
-        (lambda: b.oscillator(100, "square", Input("d", "m")), UnitError, "duty .* must have no unit"),
+        (
+            lambda: b.chirp(Param("f", 10.0, "Hz"), 20, 1),
+            BadValue,
+            r"Param\('f', 10.0, 'Hz'\); oscillator\(freq\) has a freq",
+        ),
+        (
+            lambda: b.oscillator(100, "square", Input("d", "m")),
+            UnitError,
+            "duty .* must have no unit",
+        ),
         (lambda: b.pulse_train(10, Input("j", "s")), UnitError, "jitter .* part of a period"),
-        (lambda: b.chirp(10, 20, 1, "cubic"), BadValue, "kind = 'cubic'; choose one of linear, exponential"),
+        (
+            lambda: b.chirp(10, 20, 1, "cubic"),
+            BadValue,
+            "kind = 'cubic'; choose one of linear, exponential",
+        ),
         (lambda: b.chirp(0, 20, 1), BadValue, "chirp: f0 = 0.0 must be above 0"),
         (lambda: b.at("noon"), BadValue, "at: times must be numbers"),
         (lambda: b.playback([], 8000), BadValue, "playback: samples must be one row"),
@@ -179,7 +232,11 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
             UnitError,
             r"at Input\('x', 'm'\) \[m\] must be in s; multiply it by a constant\(.., 's/\(m\)'\)",
         ),
-        (lambda: b.playback([1.0], 8000, at=b.every(1.0)), BadValue, r"is an event, of one sample; give a time"),
+        (
+            lambda: b.playback([1.0], 8000, at=b.every(1.0)),
+            BadValue,
+            r"is an event, of one sample; give a time",
+        ),
         (lambda: b.band_noise(300, 100, 1, seed=1), BadValue, "low = 300 Hz must be below high"),
         (lambda: b.band_noise(100, 300, 0, seed=1), BadValue, "psd = 0.0 must be above 0"),
     ],
@@ -189,7 +246,10 @@ def test_what_makes_no_sense_is_told_at_once(make, error, text):
         make()
 
 
-@pytest.mark.parametrize("make", [lambda: b.oscillator(500, "pulse"), lambda: b.chirp(10, 600, 1), lambda: b.pulse_train(600)])
+@pytest.mark.parametrize(
+    "make",
+    [lambda: b.oscillator(500, "pulse"), lambda: b.chirp(10, 600, 1), lambda: b.pulse_train(600)],
+)
 def test_what_does_not_fit_the_sample_rate_is_told_when_it_is_compiled(make):
     with pytest.raises(BadValue, match="does not fit below fs/2 = 500 Hz"):
         stimlib.compile(Scene({"y": make()}), 1000)

@@ -1,4 +1,6 @@
-"""Measured textures: the model between its points, files good and bad, and the block against the model's own spectrum."""
+"""Measured textures: the model between its points, files good and bad, and the block
+against the model's own spectrum.
+"""
 
 import dataclasses as dc
 import re
@@ -14,19 +16,29 @@ from stimlib.core.bounds import limits
 from stimlib.design.texture import TextureModel, frequencies, made_up, polynomial, upsampler
 from stimlib.errors import SceneFileError, UnitError
 
-MODEL = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))  # as in contract.py, so that it is compiled once
+# as in contract.py, so that it is compiled once
+MODEL = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))
 LOUD = dc.replace(MODEL, gain=np.linspace(0.5, 2.0, 9))
 PLACES = [(0.03, 0.4), (0.05, 1.0), (0.08, 2.0), (0.15, 2.5), (0.02, 3.5)]  # the last one beyond
 
 
 def driven(fs):
     """The block with all three of its signals given."""
-    numbers = LOUD.speed, LOUD.force, LOUD.triangles, LOUD.lsf, LOUD.ma, LOUD.variance, LOUD.gain, LOUD.rate
+    numbers = (
+        LOUD.speed,
+        LOUD.force,
+        LOUD.triangles,
+        LOUD.lsf,
+        LOUD.ma,
+        LOUD.variance,
+        LOUD.gain,
+        LOUD.rate,
+    )
     given = Input("white"), Input("v", "m/s"), Input("f", "N")
     return stimlib.compile(Scene({"a": Texture(*given, *numbers)}), fs)
 
 
-# The model ---------------------------------------------------------------------------------------------------------------
+# The model ----------------------------------------------------------------------------
 @pytest.mark.parametrize("p", range(10))
 def test_a_polynomial_from_its_frequencies_by_two_routes(p):
     roots = 0.9 * np.exp(1j * np.linspace(0.3, 2.5, p // 2)) * np.linspace(1.0, 0.5, p // 2)
@@ -44,14 +56,19 @@ def test_what_is_not_stable_has_no_frequencies():
 
 
 def test_weights_are_those_of_the_triangle_at_every_place():
-    sliver = dc.replace(MODEL, triangles=np.r_[[[0, 1, 2], [2, 1, 0]], MODEL.triangles[::-1]])  # three on a line, both ways
+    # three on a line, both ways
+    sliver = dc.replace(MODEL, triangles=np.r_[[[0, 1, 2], [2, 1, 0]], MODEL.triangles[::-1]])
     for model in (MODEL, sliver):
         for i in range(9):
-            np.testing.assert_allclose(model.weights(model.speed[i], model.force[i]), np.eye(9)[i], atol=1e-12)
+            np.testing.assert_allclose(
+                model.weights(model.speed[i], model.force[i]), np.eye(9)[i], atol=1e-12
+            )
         for v, f in np.random.default_rng(1).uniform(0, (0.15, 2.5), (50, 2)):
             w = model.weights(v, f)
             assert (w >= 0).all() and np.count_nonzero(w) <= 3
-            np.testing.assert_allclose([w.sum(), w @ model.speed, w @ model.force], [1, v, f], atol=1e-12)
+            np.testing.assert_allclose(
+                [w.sum(), w @ model.speed, w @ model.force], [1, v, f], atol=1e-12
+            )
     np.testing.assert_array_equal(MODEL.weights(9.0, -1.0), MODEL.weights(0.15, 0.0))
     fine = made_up(1, np.linspace(0, 0.15, 20), np.linspace(0, 2.5, 20))
     assert len(fine.planes()[1]) == len(fine.triangles) == 2 * 19**2  # small ones count too
@@ -72,12 +89,18 @@ def test_at_a_model_is_that_model():
 def test_images_of_the_interpolator_are_low_and_its_band_is_flat():
     h = upsampler(8).ravel("F")  # in the order of time
     H = np.abs(np.fft.rfft(h, 8000)) / 8
-    assert np.abs(H[:356] ** 2 - 1).max() < 0.01 and abs(H[500] - 0.5) < 1e-4 and H[650:4000].max() < 10 ** (-50 / 20)
+    assert (
+        np.abs(H[:356] ** 2 - 1).max() < 0.01
+        and abs(H[500] - 0.5) < 1e-4
+        and H[650:4000].max() < 10 ** (-50 / 20)
+    )
     assert upsampler(1)[0, 0] == upsampler(1).sum() == 1.0
 
 
-# Files -------------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("model", [MODEL, dc.replace(MODEL, ma=np.empty((9, 0)), name="a & <b>", mu=0.4, rate=2000.0)])
+# Files --------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "model", [MODEL, dc.replace(MODEL, ma=np.empty((9, 0)), name="a & <b>", mu=0.4, rate=2000.0)]
+)
 def test_a_file_gives_back_what_was_written(model, tmp_path):
     save_texture(model, tmp_path / "a.xml")
     got = load_texture(tmp_path / "a.xml")
@@ -102,7 +125,8 @@ def test_what_a_file_may_leave_out_and_add(tmp_path):
     text = (tmp_path / "a.xml").read_text()
     text = re.sub(r'<gain>1.0</gain>|<MAlsf type="array"></MAlsf>|<mu>.*</mu>', "", text)
     text = text.replace("utf-8", "rot13").replace(
-        "<modelSet>", '<!-- a note --><modelSet texture="0"><speedList type="array"><value>x</value></speedList>'
+        "<modelSet>",
+        '<!-- a note --><modelSet texture="0"><speedList type="array"><value>x</value></speedList>',
     )
     (tmp_path / "a.xml").write_text(text)
     got = load_texture(tmp_path / "a.xml")
@@ -117,12 +141,28 @@ BAD = [  # what is done to a good file, and what is said
     (r"<modelSet>(.|\n)*", "<svg></svg>", "a.xml, line 2: it begins with <svg>"),
     (r"<\?xml(.|\n)*", BOMB, "a.xml, line 1: it has a document type"),
     (r"<SampleRate>.*</SampleRate>", "", "it has no <SampleRate>"),
-    (r"<SampleRate>.*</SampleRate>", "<SampleRate>-1000</SampleRate>", "the rate of a texture is -1000 Hz"),
+    (
+        r"<SampleRate>.*</SampleRate>",
+        "<SampleRate>-1000</SampleRate>",
+        "the rate of a texture is -1000 Hz",
+    ),
     (r"<model>.*</model>\n", "", "it has no <model>"),
-    (r"(<model>.*</model>\n){2}(?=</modelSet>)", "", "triangle [0-9], of the models [0-9 ]+: there are the models 1 to 7"),
+    (
+        r"(<model>.*</model>\n){2}(?=</modelSet>)",
+        "",
+        "triangle [0-9], of the models [0-9 ]+: there are the models 1 to 7",
+    ),
     (r"<tri.*</tri>\n", "", "triangles of a texture must be rows of three model numbers"),
-    (r"(<tri type=\"array\">)<value>1</value>", r"\1<value>0</value>", "triangle 1, of the models 0 4 5"),
-    (r"(<tri type=\"array\">)<value>1</value>", r"\1<value>1.5</value>", "triangle 1, of the models 1.5 4 5"),
+    (
+        r"(<tri type=\"array\">)<value>1</value>",
+        r"\1<value>0</value>",
+        "triangle 1, of the models 0 4 5",
+    ),
+    (
+        r"(<tri type=\"array\">)<value>1</value>",
+        r"\1<value>1.5</value>",
+        "triangle 1, of the models 1.5 4 5",
+    ),
     (r"(<tri type=\"array\">)<value>1</value>", r"\1", "triangle 1 has 2 model numbers"),
     (LSF, r"\1<value>3.2</value>", "model 1: AR line spectral frequency 2 = .* would be unstable"),
     (LSF, r"\1<value>-0.1</value>", "model 1: AR line spectral frequency 1 = -0.1 rad"),
@@ -130,10 +170,18 @@ BAD = [  # what is done to a good file, and what is said
     (LSF, r"\1<value>1e999</value>", "'1e999' in <value>"),
     (LSF, r"\1", "model 2 has 4 values in <ARlsf>, and model 1 3"),
     (r"<ARlsf.*?</ARlsf>", "", "model 1 has no <ARlsf>"),
-    (r"<var>.*?</var>", "<var>1e9</var>", r"model 1: variance = 1e\+09 \(m/s\^2\)\^2 must be from 0 to 1e\+06"),
+    (
+        r"<var>.*?</var>",
+        "<var>1e9</var>",
+        r"model 1: variance = 1e\+09 \(m/s\^2\)\^2 must be from 0 to 1e\+06",
+    ),
     (r"<var>.*?</var>", "<var>-1</var>", "model 1: variance = -1"),
     (r"<gain>.*?</gain>", "<gain>1e9</gain>", r"model 1: gain = 1e\+09 must be"),
-    (r"<speedMod>.*?</speedMod>", "<speedMod>1e9</speedMod>", r"model 1: speed = 1e\+09 mm/s must be"),
+    (
+        r"<speedMod>.*?</speedMod>",
+        "<speedMod>1e9</speedMod>",
+        r"model 1: speed = 1e\+09 mm/s must be",
+    ),
     (r"<forceMod>.*?</forceMod>", "<forceMod>-2</forceMod>", "model 1: force = -2 N must be"),
     (r"<forceMod>.*?</forceMod>", "<forceMod>two</forceMod>", "'two' in <forceMod>"),
     (r"(?s)<forceMod>.*?</forceMod>", "<forceMod>0</forceMod>", "at speed 0 or at force 0"),
@@ -143,8 +191,15 @@ BAD = [  # what is done to a good file, and what is said
 @pytest.mark.parametrize(("pattern", "instead", "why"), BAD, ids=range(len(BAD)))
 def test_a_bad_file_says_where_and_why(pattern, instead, why, tmp_path):
     save_texture(MODEL, tmp_path / "a.xml")
-    every = "forceMod" in pattern and "(?s)" in pattern or "model>" in pattern or pattern.startswith("<tri")
-    text, count = re.subn(pattern, instead, (tmp_path / "a.xml").read_text(), count=0 if every else 1)
+    every = (
+        "forceMod" in pattern
+        and "(?s)" in pattern
+        or "model>" in pattern
+        or pattern.startswith("<tri")
+    )
+    text, count = re.subn(
+        pattern, instead, (tmp_path / "a.xml").read_text(), count=0 if every else 1
+    )
     (tmp_path / "a.xml").write_text(text)
     assert count
     with pytest.raises(BadValue, match=why):
@@ -169,15 +224,24 @@ def test_a_file_is_bounded_and_regular(tmp_path, monkeypatch):
         ({"lsf": np.ones((9, 0))}, "may have 1 to 64"),
         ({"lsf": np.ones((8, 4))}, "8 rows of lsf"),
         ({"variance": [1.0, 2.0]}, "2 rows of variance"),
-        ({"gain": np.full(9, np.inf)}, "gain of a texture must be a row of finite numbers; model 1 is not"),
+        (
+            {"gain": np.full(9, np.inf)},
+            "gain of a texture must be a row of finite numbers; model 1 is not",
+        ),
         ({"triangles": [[0, 1, 2]]}, "no triangle of the texture has an area"),
         ({"triangles": [[0, 1]]}, "rows of three model numbers"),
         ({"rate": np.nan}, "rate of a texture must be a number"),
         ({"rate": 9.0}, "is 9 Hz; it must be from 10"),
         ({"rate": 2e6}, r"is 2e\+06 Hz"),
-        ({"force": MODEL.force * 1e4}, r"model 2: force = 10000 N|model 3: force = 25000 N must be from 0 to 10000"),
+        (
+            {"force": MODEL.force * 1e4},
+            r"model 2: force = 10000 N|model 3: force = 25000 N must be from 0 to 10000",
+        ),
         ({"speed": np.zeros(9)}, "at speed 0 or at force 0"),
-        ({"lsf": np.tile([0.5, 1.0, 1.0, 2.0], (9, 1))}, "model 1: AR line spectral frequency 3 = 1 rad does not rise"),
+        (
+            {"lsf": np.tile([0.5, 1.0, 1.0, 2.0], (9, 1))},
+            "model 1: AR line spectral frequency 3 = 1 rad does not rise",
+        ),
         ({"triangles": np.tile(MODEL.triangles, (4200, 1))}, "table_knots"),
         ({"speed": "fast"}, "speed of a texture must be a row"),
     ],
@@ -187,19 +251,27 @@ def test_a_model_of_wrong_numbers_is_refused(change, why):
         dc.replace(MODEL, **change)
     for n in (1, 2):
         with pytest.raises(BadValue, match="at least 3 models"):
-            TextureModel([0.1] * n, [1.0] * n, [[0, 0, 0]], [[1.0]] * n, [[]] * n, [1.0] * n, [1.0] * n)
+            TextureModel(
+                [0.1] * n, [1.0] * n, [[0, 0, 0]], [[1.0]] * n, [[]] * n, [1.0] * n, [1.0] * n
+            )
 
 
-# The block ---------------------------------------------------------------------------------------------------------------
+# The block ----------------------------------------------------------------------------
 @pytest.mark.parametrize("fs", [1000, 8000])
 def test_its_spectrum_is_the_models_at_every_place(fs):
-    """An impulse instead of noise, so that it is the spectrum itself and no estimate; within 1 % was asked for."""
+    """An impulse instead of noise, so that it is the spectrum itself and no estimate;
+    within 1 % was asked for.
+    """
     proc, every, n = driven(fs), fs // 1000, 2048
     f = np.arange(1, 1000) * 1000 / n
     for v, force in PLACES:
         proc.reset()
-        h = proc.process(np.array([np.arange(every * n) == 0, np.full(every * n, -v), np.full(every * n, force)]))[0]
-        own, both = (2 / 1000 * np.abs(np.fft.rfft(x)[1:1000]) ** 2 for x in (h[::every], h / every))
+        h = proc.process(
+            np.array([np.arange(every * n) == 0, np.full(every * n, -v), np.full(every * n, force)])
+        )[0]
+        own, both = (
+            2 / 1000 * np.abs(np.fft.rfft(x)[1:1000]) ** 2 for x in (h[::every], h / every)
+        )
         np.testing.assert_allclose(own, LOUD.psd(f, v, force), rtol=1e-9)
         np.testing.assert_allclose(both[f < 350], LOUD.psd(f[f < 350], v, force), rtol=0.01)
 
@@ -208,13 +280,25 @@ def test_it_is_the_same_at_every_rate_but_for_what_the_interpolator_is_late():
     rng = np.random.default_rng(3)
     x = np.array([rng.standard_normal(300), np.linspace(0, 0.2, 300), np.linspace(3, 0, 300)])
     slow, fast = driven(1000).process(x)[0], driven(8000)
-    np.testing.assert_allclose(fast.process(np.repeat(x, 8, axis=1))[0, 48::8], slow[:-6], atol=1e-14)
-    assert fast.latency["a", "white"] == (48.0, 48.0) and driven(1000).latency["a", "white"] == (0.0, 0.0)
+    np.testing.assert_allclose(
+        fast.process(np.repeat(x, 8, axis=1))[0, 48::8], slow[:-6], atol=1e-14
+    )
+    assert fast.latency["a", "white"] == (48.0, 48.0) and driven(1000).latency["a", "white"] == (
+        0.0,
+        0.0,
+    )
 
 
 def test_no_click_while_speed_and_force_sweep():
-    """Steps against the deviation that the model has there; also where the place jumps from corner to corner."""
-    proc, n = stimlib.compile(Scene({"a": texture(Input("v", "m/s"), Input("f", "N"), MODEL, seed=4)}), 8000), 32000
+    """Steps against the deviation that the model has there; also where the place jumps
+    from corner to corner.
+    """
+    proc, n = (
+        stimlib.compile(
+            Scene({"a": texture(Input("v", "m/s"), Input("f", "N"), MODEL, seed=4)}), 8000
+        ),
+        32000,
+    )
     t = np.arange(n) / 8000
     for v, f in (
         (0.08 + 0.07 * np.sin(2 * np.pi * 3 * t), 1.3 + 1.1 * np.sin(2 * np.pi * 7.3 * t)),
@@ -222,7 +306,12 @@ def test_no_click_while_speed_and_force_sweep():
     ):
         y = proc.process(np.array([v, f]))[0]
         bins = np.linspace(1, 499, 100)
-        own = np.array([np.sqrt(np.mean(MODEL.psd(bins, *p)) * 500) for p in zip(v[::80], f[::80], strict=True)])
+        own = np.array(
+            [
+                np.sqrt(np.mean(MODEL.psd(bins, *p)) * 500)
+                for p in zip(v[::80], f[::80], strict=True)
+            ]
+        )
         local = np.maximum(own, np.roll(own, 1)).repeat(80)  # the output is 48 samples late
         assert np.abs(np.diff(y) / local[1:]).max() < 3.0
         assert 0.8 < y.std() / np.sqrt(np.mean(own**2)) < 1.25
@@ -234,15 +323,24 @@ def test_what_is_no_number_is_silent_and_leaves_nothing_behind():
         proc, broken = driven(1000), x.copy()
         broken[row, 100:300] = bad
         y = proc.process(broken)[0]
-        assert proc.fault is None and y[50:100].any() and y[300:].any() and np.abs(y[250:300]).max() < 1e-3
+        assert (
+            proc.fault is None
+            and y[50:100].any()
+            and y[300:].any()
+            and np.abs(y[250:300]).max() < 1e-3
+        )
     huge = driven(1000).process(np.array([x[0], x[1] * np.inf, x[2] * 1e300]))
-    np.testing.assert_array_equal(huge, driven(1000).process(np.array([x[0], x[1] + 0.05, x[2] + 1.5])))
+    np.testing.assert_array_equal(
+        huge, driven(1000).process(np.array([x[0], x[1] + 0.05, x[2] + 1.5]))
+    )
 
 
 def test_what_it_does_not_take():
     v = Input("v", "m/s")
     for fs, near in ((44100, 44000), (500, 1000), (8000.5, 8000)):
-        with pytest.raises(BadValue, match=f"whole multiple of the model's 1000 Hz: take {near} Hz"):
+        with pytest.raises(
+            BadValue, match=f"whole multiple of the model's 1000 Hz: take {near} Hz"
+        ):
             stimlib.compile(Scene({"a": texture(v, 1.0, MODEL, seed=1)}), fs, "python")
     assert texture(v, 0.0, MODEL, seed=1).force.value == 0.0
     with pytest.raises(BadValue, match="force = -1 N presses away"):

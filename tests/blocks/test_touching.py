@@ -34,13 +34,23 @@ def walk(n, seed=0):
 @pytest.mark.parametrize("name", MADE)
 def test_a_sample_is_the_mean_over_its_way(name):
     lawful(MADE[name], FS, x=walk(400))
-    np.testing.assert_allclose(forces(np.full(2, 1.3e-3))[name][1], {"wall": 1.1, "hunt_crossley": 1.1, "detents":
-        0.8 * np.sin(2.6 * np.pi), "button": 2.0 * (1.3 - 0.4)}[name], rtol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        forces(np.full(2, 1.3e-3))[name][1],
+        {
+            "wall": 1.1,
+            "hunt_crossley": 1.1,
+            "detents": 0.8 * np.sin(2.6 * np.pi),
+            "button": 2.0 * (1.3 - 0.4),
+        }[name],
+        rtol=1e-12,
+    )
 
 
 @pytest.mark.parametrize("name", MADE)
 def test_no_motion_takes_energy_out(name):
-    """From rest at 0: a wall has at most what was put in, a closed way over detents costs nothing, a button's some."""
+    """From rest at 0: a wall has at most what was put in, a closed way over detents
+    costs nothing, a button's some.
+    """
     for seed in (1, 2):
         x = np.r_[0.0, walk(50_000, seed), 0.0]
         w = np.cumsum(forces(x)[name] * np.diff(x, prepend=0.0))
@@ -69,7 +79,11 @@ def test_a_wall_leaves_without_sticking():
 @pytest.mark.parametrize("value", [-1.0, -0.0])
 def test_a_live_stiffness_below_zero_is_no_wall(value):
     k = LIVE * constant(1.0, "N/m^2")
-    proc = stimlib.compile(Scene({"F": wall(X, k, 5.0), "G": detents(X, 1e-3, LIVE * constant(1.0, "N/m"))}), FS, "python")
+    proc = stimlib.compile(
+        Scene({"F": wall(X, k, 5.0), "G": detents(X, 1e-3, LIVE * constant(1.0, "N/m"))}),
+        FS,
+        "python",
+    )
     rows = {"x": 1e-3 * np.r_[0.0, 1.0, 1.0, 0.5], "live": np.full(4, value)}
     y = proc.process(np.array([rows[n] for n in proc.inputs]))
     assert y[0, 1] == pytest.approx(5.0 * 8.0) and not y[0, 2:].any()
@@ -110,34 +124,58 @@ def test_units_must_fit():
     assert str(button(X, constant(1.0, "V")).force.dim) == "V"
 
 
-# One sample after another, in Python -----------------------------------------------------------------------------------
+# One sample after another, in Python --------------------------------------------------
 def samples(blocks, *rows, fs=1000):
     proc = stimlib.compile(Scene(blocks), fs, "python")
     return dict(zip(blocks, proc.process(np.array(rows, float)), strict=True)), proc
 
 
 def test_the_way_back_of_a_button_may_be_at_either_end():
-    """At ``at`` it has no hysteresis; at ``drop at`` the force before the snap back is 0, and never below."""
+    """At ``at`` it has no hysteresis; at ``drop at`` the force before the snap back is
+    0, and never below.
+    """
     x = 1e-3 * np.array([0.0, 1.5, 0.5, 0.25])
-    y, _ = samples({"none": button(X, 2.0, 0.5, 1e-3, 1e-3).pressed, "most": button(X, 2.0, 0.5, 1e-3, 0.5e-3).pressed}, x)
+    y, _ = samples(
+        {
+            "none": button(X, 2.0, 0.5, 1e-3, 1e-3).pressed,
+            "most": button(X, 2.0, 0.5, 1e-3, 0.5e-3).pressed,
+        },
+        x,
+    )
     assert y["none"].tolist() == [0, 1, 0, 0] and y["most"].tolist() == [0, 1, 1, 0]
 
 
 def test_live_dampers_below_zero_count_as_none():
     b, c = LIVE * constant(1.0, "N*s/m^2"), LIVE * constant(1.0, "s/m^2")
-    blocks = {"spring": wall(X, 1000.0), "b": wall(X, 1000.0, b), "c": wall(X, 1000.0, hunt_crossley=c)}
+    blocks = {
+        "spring": wall(X, 1000.0),
+        "b": wall(X, 1000.0, b),
+        "c": wall(X, 1000.0, hunt_crossley=c),
+    }
     y, _ = samples(blocks, 1e-3 * np.array([0.0, 1.0, 2.0, 0.5]), np.full(4, -0.3))
     for name in ("b", "c"):
         np.testing.assert_array_equal(y[name], y["spring"])
 
 
 def test_no_contact_begins_with_a_way():
-    """Neither the first one, far from 0, nor the next, far from where the last one ended; a button may be pressed at once."""
+    """Neither the first one, far from 0, nor the next, far from where the last one
+    ended; a button may be pressed at once.
+    """
     on = Input("contact")
     snap = button(X, 2.0, 0.4, 1e-3, contact=on)
-    blocks = {"wall": wall(X, 1e3, 5.0, contact=on), "detents": detents(X, 1e-3, contact=on), "F": snap.force, "q": snap.pressed}
+    blocks = {
+        "wall": wall(X, 1e3, 5.0, contact=on),
+        "detents": detents(X, 1e-3, contact=on),
+        "F": snap.force,
+        "q": snap.pressed,
+    }
     y, _ = samples(blocks, 1e-3 * np.array([1.2, 9.0, 1.2, 1.3]), [1, 0, 1, 1])
-    for name, first in {"wall": 1.2, "detents": np.sin(2.4 * np.pi), "F": 2.0 * (1.2 - 0.4), "q": 1.0}.items():
+    for name, first in {
+        "wall": 1.2,
+        "detents": np.sin(2.4 * np.pi),
+        "F": 2.0 * (1.2 - 0.4),
+        "q": 1.0,
+    }.items():
         assert y[name][[0, 1, 2]] == pytest.approx([first, 0.0, first], rel=1e-12), name
     assert y["wall"][3] == pytest.approx(1.25 + 5.0 * 0.1)
 

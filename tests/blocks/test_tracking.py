@@ -1,4 +1,6 @@
-"""The tracker against the continuous filter it claims to be, and what contact and jumps do to it."""
+"""The tracker against the continuous filter it claims to be, and what contact and jumps
+do to it.
+"""
 
 import numpy as np
 import pytest
@@ -41,7 +43,9 @@ def step_response(q, n):
 
 
 def reports(rate, fs, seconds, speed, jitter=0.0, seed=0):
-    """A straight movement at this speed, reported at a rate with jitter, and held between reports."""
+    """A straight movement at this speed, reported at a rate with jitter, and held
+    between reports.
+    """
     n = int(fs * seconds)
     at = np.arange(int(rate * seconds) + 2) / rate
     at[1:] += jitter / rate * np.random.default_rng(seed).uniform(-0.5, 0.5, at.size - 1)
@@ -49,8 +53,11 @@ def reports(rate, fs, seconds, speed, jitter=0.0, seed=0):
     return speed * at[seen]
 
 
-# What it is ----------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("bandwidth", "fs"), [(20.0, 8000.0), (10.0, 48000.0), (300.0, 1000.0), (0.01, 48000.0), (1e-4, 8000.0)])
+# What it is ---------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("bandwidth", "fs"),
+    [(20.0, 8000.0), (10.0, 48000.0), (300.0, 1000.0), (0.01, 48000.0), (1e-4, 8000.0)],
+)
 def test_a_held_step_gives_the_continuous_answer(bandwidth, fs):
     n = 200_000
     proc = both(fs, bandwidth=bandwidth, max_jump=None)
@@ -61,7 +68,8 @@ def test_a_held_step_gives_the_continuous_answer(bandwidth, fs):
     wanted = 0.01 * step_response(q, n - 5)
     np.testing.assert_allclose(y[5:], wanted, rtol=0, atol=1e-14)
     assert not y[:5].any() and not v[:5].any()
-    # the rate keeps its relative accuracy however small q is: E((1+a) - (1+a+q) e^-q), a = q n, in terms without cancellation
+    # the rate keeps its relative accuracy however small q is: E((1+a) - (1+a+q) e^-q),
+    # a = q n, in terms without cancellation
     a = q * np.arange(100)
     moved = np.exp(-a) * (-np.expm1(-q) * (1 + a) - q * np.exp(-q))
     if q > 1e-3:
@@ -107,10 +115,14 @@ def test_a_ramp_is_followed_at_its_speed_behind_the_stated_latency(bandwidth, fs
 
 
 def held_law(f, fs, bandwidth):
-    """w^2/(s+w)^2 of a staircase, seen at the end of each step: all aliases, each behind the spectrum of a rectangle."""
+    """w^2/(s+w)^2 of a staircase, seen at the end of each step: all aliases, each
+    behind the spectrum of a rectangle.
+    """
     g = f[:, None] + fs * np.arange(-20000, 20001)
     H = 1 / (1 + 1j * g / bandwidth) ** 2
-    return np.exp(1j * np.pi * f / fs) * np.sum(H * np.sinc(g / fs) * np.exp(-1j * np.pi * (g - f[:, None]) / fs), axis=1)
+    return np.exp(1j * np.pi * f / fs) * np.sum(
+        H * np.sinc(g / fs) * np.exp(-1j * np.pi * (g - f[:, None]) / fs), axis=1
+    )
 
 
 @pytest.mark.parametrize(("bandwidth", "fs"), [(20.0, 8000.0), (300.0, 1000.0), (10.0, 1000.0)])
@@ -161,17 +173,29 @@ def test_jittered_reports_make_no_spikes():
     assert np.abs(both(bandwidth=10.0).process(x[None])[1, int(FS) :] - 0.1).max() < 0.03
 
 
-# Contact and jumps ---------------------------------------------------------------------------------------------------
+# Contact and jumps --------------------------------------------------------------------
 @pytest.mark.parametrize("target", ["numba", "python"])
 def test_contact(target):
     proc = both(target=target, contact=True, max_jump=None)
-    x = np.concatenate([np.full(10, 0.5), np.linspace(0.01, 0.02, 40), np.full(20, np.nan), np.full(20, 9.0), np.full(60, -0.3)])
-    contact = np.concatenate([np.zeros(10), np.ones(40), np.zeros(20), np.full(20, np.nan), np.full(60, 0.5)])
+    x = np.concatenate(
+        [
+            np.full(10, 0.5),
+            np.linspace(0.01, 0.02, 40),
+            np.full(20, np.nan),
+            np.full(20, 9.0),
+            np.full(60, -0.3),
+        ]
+    )
+    contact = np.concatenate(
+        [np.zeros(10), np.ones(40), np.zeros(20), np.full(20, np.nan), np.full(60, 0.5)]
+    )
     y, v = proc.process(np.stack([x, contact]))
     assert not y[:10].any() and not v[:11].any(), "before the first contact"
     assert y[10] == 0.01, "starts where it is touched"
     assert (v[12:50] > 0).all()
-    assert (y[50:90] == y[49]).all() and not v[50:90].any(), "held off contact, whatever x and contact do"
+    assert (y[50:90] == y[49]).all() and not v[50:90].any(), (
+        "held off contact, whatever x and contact do"
+    )
     assert (y[90:] == -0.3).all() and not v[90:].any(), "restarts at the new position"
 
 
@@ -184,13 +208,25 @@ def test_off_contact_the_state_is_at_rest_and_finite(target):
     for bad in (0.5, np.nan, np.inf):
         proc.process(np.array([[bad], [0.0]]))
         for s in states(proc):
-            assert s.v == s.e == s.h == 0.0 and s.cold == 1.0 and np.isfinite(s.last) and np.isfinite(s.y)
+            assert (
+                s.v == s.e == s.h == 0.0
+                and s.cold == 1.0
+                and np.isfinite(s.last)
+                and np.isfinite(s.y)
+            )
 
 
 @pytest.mark.parametrize("target", ["numba", "python"])
 def test_a_jump_invents_no_movement(target):
     proc = both(target=target)
-    x = np.concatenate([np.linspace(0.0, 0.01, 100), np.full(50, 0.0700001), np.full(50, 0.03), np.full(200, 0.08 - 1e-9)])
+    x = np.concatenate(
+        [
+            np.linspace(0.0, 0.01, 100),
+            np.full(50, 0.0700001),
+            np.full(50, 0.03),
+            np.full(200, 0.08 - 1e-9),
+        ]
+    )
     y, v = proc.process(-x[None])
     assert (y[100:150] == -0.0700001).all() and not v[100:150].any(), "backwards too"
     proc.reset()
@@ -211,9 +247,11 @@ def test_the_first_sample_is_where_it_starts():
     assert (y == 12.5).all() and not v.any()
 
 
-# Bits ----------------------------------------------------------------------------------------------------------------
+# Bits ---------------------------------------------------------------------------------
 def finger(n, seed):
-    """Reports with contact lost now and then, jumps, zeros of both signs, and codes that toggle."""
+    """Reports with contact lost now and then, jumps, zeros of both signs, and codes
+    that toggle.
+    """
     rng = np.random.default_rng(seed)
     x = np.repeat(0.02 * rng.standard_normal(n // 17 + 1).cumsum(), 17)[:n]
     x[rng.integers(0, n, n // 9)] += 1e-6
@@ -229,7 +267,10 @@ def test_compiled_is_the_reference_in_output_and_state(fs, bandwidth):
     pair = [both(fs, target, contact=True, bandwidth=bandwidth) for target in ("numba", "python")]
     cuts = random_cuts(400, np.random.default_rng(4))
     states = [[], []]
-    y = [run(p, x, cuts, (), lambda p, kept=kept: kept.append(p.state)) for p, kept in zip(pair, states, strict=True)]
+    y = [
+        run(p, x, cuts, (), lambda p, kept=kept: kept.append(p.state))
+        for p, kept in zip(pair, states, strict=True)
+    ]
     assert_same(*y)
     for s, t in zip(*states, strict=True):
         assert_same(s, t)
@@ -291,10 +332,12 @@ def test_what_is_not_finite_is_a_fault_in_contact_only():
         assert proc.fault is None
 
 
-# Building ------------------------------------------------------------------------------------------------------------
+# Building -----------------------------------------------------------------------------
 def test_units_and_files(tmp_path):
     x = Input("x", "m")
-    scene = Scene({"y": track(x, 12.0, contact=Input("touch"), max_jump=None), "v": track_velocity(x, 12.0)})
+    scene = Scene(
+        {"y": track(x, 12.0, contact=Input("touch"), max_jump=None), "v": track_velocity(x, 12.0)}
+    )
     assert [str(b.dim) for b in scene.outputs.values()] == ["m", "m/s"]
     scene.save(tmp_path / "s.json")
     again = stimlib.load(tmp_path / "s.json")
@@ -305,7 +348,13 @@ def test_units_and_files(tmp_path):
 @pytest.mark.parametrize("make", [track, track_velocity])
 def test_errors(make):
     x = Input("x", "m")
-    for kw in ({"bandwidth": 0.0}, {"bandwidth": -1.0}, {"max_jump": 0.0}, {"max_jump": -0.1}, {"bandwidth": float("nan")}):
+    for kw in (
+        {"bandwidth": 0.0},
+        {"bandwidth": -1.0},
+        {"max_jump": 0.0},
+        {"max_jump": -0.1},
+        {"bandwidth": float("nan")},
+    ):
         with pytest.raises(BadValue, match=next(iter(kw))):
             make(x, **kw)
     with pytest.raises(BadValue, match="cannot be the signal"):

@@ -1,10 +1,19 @@
-"""The closed forms against numerical integrals, and rendered scenes against the closed forms."""
+"""The closed forms against numerical integrals, and rendered scenes against the closed
+forms.
+"""
 
 import numpy as np
 import pytest
 
 import stimlib
-from stimlib.analysis.am import carrier_series, envelope_mean_square, envelope_series, line_spectrum, rms, sampled_rms
+from stimlib.analysis.am import (
+    carrier_series,
+    envelope_mean_square,
+    envelope_series,
+    line_spectrum,
+    rms,
+    sampled_rms,
+)
 from stimlib.errors import BadValue
 from stimlib.scenes.bumps import bumps
 
@@ -37,7 +46,12 @@ def test_envelopes(waveform, duty):
 
 
 @pytest.mark.parametrize(
-    ("rectify", "f"), [(None, np.sin), ("half", lambda x: np.maximum(np.sin(x), 0)), ("full", lambda x: abs(np.sin(x)))]
+    ("rectify", "f"),
+    [
+        (None, np.sin),
+        ("half", lambda x: np.maximum(np.sin(x), 0)),
+        ("full", lambda x: abs(np.sin(x))),
+    ],
 )
 def test_carriers(rectify, f):
     m = np.arange(-30, 31)
@@ -46,7 +60,9 @@ def test_carriers(rectify, f):
     C = np.exp(-1j * m[:, None] * x) @ (np.tile(weight / 4, 2) * f(x))
     np.testing.assert_allclose(carrier_series(rectify, m), C, atol=1e-14)
     many = carrier_series(rectify, np.arange(-20000, 20001))
-    assert rms("square", 1.0, 3.0, rectify) == pytest.approx(3 * np.sqrt(np.sum(abs(many) ** 2)), rel=1e-9)
+    assert rms("square", 1.0, 3.0, rectify) == pytest.approx(
+        3 * np.sqrt(np.sum(abs(many) ** 2)), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("waveform", WAVES)
@@ -59,10 +75,14 @@ def test_rms_is_the_sum_of_all_lines(waveform, duty):
 
 def test_sampled_is_plain_at_high_rates_and_square_edges_cost_a_sixth_of_a_sample():
     for waveform in WAVES:
-        assert sampled_rms(waveform, 0.3, 2.0, 5.0, 158.0, 1e5) == pytest.approx(rms(waveform, 0.3, 2.0), rel=1e-4)
+        assert sampled_rms(waveform, 0.3, 2.0, 5.0, 158.0, 1e5) == pytest.approx(
+            rms(waveform, 0.3, 2.0), rel=1e-4
+        )
     step = 18.0 / FS
     carrier = sampled_rms("square", 1.0, 1.0, 18.0, 158.0, FS) ** 2
-    assert sampled_rms("square", 0.2, 1.0, 18.0, 158.0, FS) ** 2 == pytest.approx((0.2 - step / 3) * carrier, rel=1e-8)
+    assert sampled_rms("square", 0.2, 1.0, 18.0, 158.0, FS) ** 2 == pytest.approx(
+        (0.2 - step / 3) * carrier, rel=1e-8
+    )
 
 
 @pytest.mark.parametrize("rectify", ["half", "full", None])
@@ -70,8 +90,18 @@ def test_sampled_is_plain_at_high_rates_and_square_edges_cost_a_sixth_of_a_sampl
 def test_lines_of_a_rendered_scene(waveform, rectify):
     """Constant speed; every line up to 1 kHz, size and phase."""
     n, speed = 80_000, 0.1  # 10 s: lines on multiples of 0.1 Hz
-    x = 0.003 + speed * np.arange(-1, n) / FS  # one more before, so that the first sample is a mean too
-    scene = bumps(waveform, 18.3, 0.4, 1.0, gain=1.0, freq=157.7, phase=0.6 - 2 * np.pi * 157.7 / FS, rectify=rectify)
+    # one more before, so that the first sample is a mean too
+    x = 0.003 + speed * np.arange(-1, n) / FS
+    scene = bumps(
+        waveform,
+        18.3,
+        0.4,
+        1.0,
+        gain=1.0,
+        freq=157.7,
+        phase=0.6 - 2 * np.pi * 157.7 / FS,
+        rectify=rectify,
+    )
     y = stimlib.compile(scene, FS).process(x[None])[0, 1:]
     seen = 2 * np.fft.rfft(y) / n
     seen[0] /= 2
@@ -81,7 +111,8 @@ def test_lines_of_a_rendered_scene(waveform, rectify):
     assert np.abs(seen[at] - said.amplitude).max() <= 1e-3 * np.abs(said.amplitude).max()
     others = np.ones(10_000, bool)
     others[at[at < 10_000]] = False
-    assert np.sum(abs(seen[:10_000][others]) ** 2) <= 3e-6 * np.sum(abs(seen[:10_000]) ** 2)  # aliases
+    # aliases
+    assert np.sum(abs(seen[:10_000][others]) ** 2) <= 3e-6 * np.sum(abs(seen[:10_000]) ** 2)
 
 
 def test_errors():
@@ -94,7 +125,10 @@ def test_errors():
         ):
             with pytest.raises(BadValue, match="duty"):
                 call(duty)
-    for call in (lambda: envelope_series("triangle", 0.5, one), lambda: envelope_mean_square("triangle", 0.5)):
+    for call in (
+        lambda: envelope_series("triangle", 0.5, one),
+        lambda: envelope_mean_square("triangle", 0.5),
+    ):
         with pytest.raises(BadValue, match="choose one of"):
             call()
     for call in (lambda: carrier_series("both", one), lambda: rms("sine", 0.5, 1.0, "both")):
@@ -102,6 +136,8 @@ def test_errors():
             call()
     for name in ("rate", "freq", "top"):
         with pytest.raises(BadValue, match=name):
-            line_spectrum("sine", 0.5, 1.0, **({"rate": 1.0, "freq": 100.0, "top": 500.0} | {name: 0.0}))
+            line_spectrum(
+                "sine", 0.5, 1.0, **({"rate": 1.0, "freq": 100.0, "top": 500.0} | {name: 0.0})
+            )
     with pytest.raises(BadValue, match="rate"):
         sampled_rms("sine", 0.5, 1.0, 0.0, 158.0, 8000.0)

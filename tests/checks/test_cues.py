@@ -23,7 +23,7 @@ def springpot(w, n, fs, chi, alpha, phase=0.0):
     return chi * w**alpha * A * np.sin(w * np.arange(n) / fs + phase + alpha * np.pi / 2)
 
 
-# Frequency domain ----------------------------------------------------------------------------------------------------
+# Frequency domain ---------------------------------------------------------------------
 @given(
     alpha=st.floats(0.0, 1.0),
     periods=st.floats(2.0, 40.0),
@@ -55,17 +55,21 @@ def test_springpot_of_any_length(alpha, periods, phase, n, offset, push):
     ],
 )
 def test_a_springpot_that_is_moved_from_rest(alpha, k_S, k_L, phi, W, hann):
-    """10 mm, 1 Hz, 3 s: a DFT over the three periods, by hand, and what it leaves of the beginning: 1 to 2 % of the stiffness."""
+    """10 mm, 1 Hz, 3 s: a DFT over the three periods, by hand, and what it leaves of
+    the beginning: 1 to 2 % of the stiffness.
+    """
     n, fs, w = 3000, 1000.0, 2 * np.pi
     y, v = movement(w, n, fs)
-    memory = np.cumprod(np.r_[1.0, 1 - (1 + alpha) / np.arange(1, n)])  # Gruenwald and Letnikov: (-1)^j (alpha over j)
+    # Gruenwald and Letnikov: (-1)^j (alpha over j)
+    memory = np.cumprod(np.r_[1.0, 1 - (1 + alpha) / np.arange(1, n)])
     f = 300 * (fs / w) ** alpha * np.convolve(memory, y)[:n]
     bins = np.fft.rfft(f)[3] / np.fft.rfft(y)[3]
     c, ours = cues(y, f, fs, v, window="none"), cues(y, f, fs, v)
     assert [c.k_S, c.k_L, c.phi] == pytest.approx([bins.real, bins.imag, np.angle(bins)], rel=1e-9)
     assert [c.k_S, c.k_L, c.phi] == pytest.approx([k_S, k_L, phi], rel=3e-5)
     work = np.maximum(f * v, 0) / fs
-    assert np.sum(work) == pytest.approx(W, rel=1e-5)  # the table's sum of rectangles; ours is of trapezoids
+    # the table's sum of rectangles; ours is of trapezoids
+    assert np.sum(work) == pytest.approx(W, rel=1e-5)
     assert c.W == ours.W == pytest.approx(W - work[-1] / 2, rel=1e-5)
     assert [ours.k_S, ours.k_L] == pytest.approx(hann, rel=3e-5)
     material = 300 * np.exp(1j * alpha * (np.pi - w / fs) / 2)  # GL is half a sample late
@@ -92,18 +96,27 @@ def test_kelvin_voigt():
 def test_a_spring_loses_nothing():
     y, _ = movement(2 * np.pi, 4000, 1000.0)
     c = cues(y, 300 * y, 1000.0)
-    assert c.k_S == pytest.approx(300, rel=1e-12) and abs(c.phi) < 1e-12 and abs(c.loss_factor) < 1e-12
+    assert (
+        c.k_S == pytest.approx(300, rel=1e-12) and abs(c.phi) < 1e-12 and abs(c.loss_factor) < 1e-12
+    )
 
 
 def test_no_force_is_no_error():
     y, _ = movement(2 * np.pi, 4000, 1000.0)
     c = cues(y, np.zeros(4000), 1000.0)
     assert c.k_S == c.k_L == c.b_L == c.W == c.k_fit == c.b_fit == 0.0
-    assert math.isnan(c.loss_factor) and math.isnan(c.f_max) and math.isnan(c.f_mean) and math.isnan(c.k_I)
+    assert (
+        math.isnan(c.loss_factor)
+        and math.isnan(c.f_max)
+        and math.isnan(c.f_mean)
+        and math.isnan(c.k_I)
+    )
 
 
 def test_other_components_hardly_leak():
-    """A harmonic and noise beside the dominant component, not a whole number of periods."""
+    """A harmonic and noise beside the dominant component, not a whole number of
+    periods.
+    """
     n, fs = 10_437, 1000.0
     w = 2 * np.pi
     t = np.arange(n) / fs
@@ -119,25 +132,34 @@ def test_time_and_place_do_not_matter():
     """Shifted, scaled and resampled records have the cues that follow."""
     w = 2 * np.pi * 1.7
     one = cues(movement(w, 3000, 1000.0)[0], springpot(w, 3000, 1000.0, 50.0, 0.5), 1000.0)
-    two = cues(3 * movement(w, 24_000, 8000.0, 2.0, 0.5)[0], 3 * springpot(w, 24_000, 8000.0, 50.0, 0.5, 2.0), 8000.0)
+    two = cues(
+        3 * movement(w, 24_000, 8000.0, 2.0, 0.5)[0],
+        3 * springpot(w, 24_000, 8000.0, 50.0, 0.5, 2.0),
+        8000.0,
+    )
     for name in ("frequency", "k_S", "k_L", "loss_factor", "eta_as_printed", "b_L", "phi"):
         assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-8)
 
 
-# Time domain ---------------------------------------------------------------------------------------------------------
+# Time domain --------------------------------------------------------------------------
 @pytest.mark.parametrize("alpha", [0.0, 0.25, 0.5, 1.0])
 def test_work_over_whole_periods(alpha):
-    """W = A^2 |k| ((pi/2 + phi) sin phi + cos phi) per period: the area of the positive part of f v."""
+    """W = A^2 |k| ((pi/2 + phi) sin phi + cos phi) per period: the area of the positive
+    part of f v.
+    """
     fs, n, chi = 8000.0, 24_000, 80.0
     w = 2 * np.pi
     y, v = movement(w, n, fs, 0.3)
     f = springpot(w, n, fs, chi, alpha, 0.3)
     phi, size = alpha * np.pi / 2, chi * w**alpha
     wanted = 3 * A**2 * size * ((np.pi / 2 + phi) * np.sin(phi) + np.cos(phi))
-    assert cues(y, f, fs).W == pytest.approx(wanted, rel=1e-3)  # the record ends one sample short of three periods
+    # the record ends one sample short of three periods
+    assert cues(y, f, fs).W == pytest.approx(wanted, rel=1e-3)
     assert cues(y, f, fs, v=v).W == pytest.approx(wanted, rel=1e-3)
     y, v = movement(w, n + 1, fs, 0.3)
-    assert cues(y, springpot(w, n + 1, fs, chi, alpha, 0.3), fs, v=v).W == pytest.approx(wanted, rel=1e-6)
+    assert cues(y, springpot(w, n + 1, fs, chi, alpha, 0.3), fs, v=v).W == pytest.approx(
+        wanted, rel=1e-6
+    )
 
 
 def test_slopes_over_whole_periods_are_storage_and_loss():
@@ -152,7 +174,9 @@ def test_slopes_over_whole_periods_are_storage_and_loss():
 
 
 def test_peaks():
-    """Three presses of different depth on a spring; the small bump in between is no peak."""
+    """Three presses of different depth on a spring; the small bump in between is no
+    peak.
+    """
     fs = 1000.0
     t = np.arange(3000) / fs
     depth = np.choose(np.minimum(t.astype(int), 2), [0.01, 0.02, 0.03])
@@ -184,7 +208,7 @@ def test_a_given_velocity_is_used():
     assert cues(np.round(y, 4), 300 * y, fs).v_max > 0.09  # steps
 
 
-# Errors --------------------------------------------------------------------------------------------------------------
+# Errors -------------------------------------------------------------------------------
 Y, V = movement(2 * np.pi, 3000, 1000.0)
 
 

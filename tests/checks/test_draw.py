@@ -1,4 +1,6 @@
-"""Pictures of a graph: nothing missing, nothing on top of anything else, the same bytes every time."""
+"""Pictures of a graph: nothing missing, nothing on top of anything else, the same bytes
+every time.
+"""
 
 import subprocess
 import sys
@@ -15,7 +17,9 @@ from stimlib.scenes import squeeze
 
 
 def nested() -> Scene:
-    """Everything a picture has to cope with: nested gates, a parameter inside, an output that is a number."""
+    """Everything a picture has to cope with: nested gates, a parameter inside, an
+    output that is a number.
+    """
     x, a, b = Input("x", "m"), Param("A", 1.0), Param("B", 2.0)
     inner = enabled(white_noise(2) * b, by=white_noise(3) > 0.5)
     noise = enabled(pink_noise(1.0, seed=1) * a + inner, by=loading(velocity(x)))
@@ -32,14 +36,21 @@ def chain(n: int) -> Scene:
     return Scene({"y": y})
 
 
-SCENES = {"squeeze": squeeze, "nested": nested, "noise": lambda: Scene({"n": white_noise(1)}), "long": lambda: chain(200)}
+SCENES = {
+    "squeeze": squeeze,
+    "nested": nested,
+    "noise": lambda: Scene({"n": white_noise(1)}),
+    "long": lambda: chain(200),
+}
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_block_has_its_place(name):
     program = lower(SCENES[name]().outputs)
     p = Layout(program)
-    assert set(p.box) == {i for i, q in enumerate(program.instances) if q.kind not in ("const", "open")}
+    assert set(p.box) == {
+        i for i, q in enumerate(program.instances) if q.kind not in ("const", "open")
+    }
     for i, box in p.box.items():  # signals go to the right
         for a in p.sources(i):
             assert p.box[a].last <= box.last if box.inner else p.box[a].last < box.first
@@ -54,7 +65,10 @@ def test_no_two_boxes_overlap(name):
         for k, a in enumerate(boxes):
             for b in boxes[:k]:
                 if a.first <= b.last and b.first <= a.last:
-                    assert p.y[a] + a.height + SPACE <= p.y[b] + 1e-9 or p.y[b] + b.height + SPACE <= p.y[a] + 1e-9
+                    assert (
+                        p.y[a] + a.height + SPACE <= p.y[b] + 1e-9
+                        or p.y[b] + b.height + SPACE <= p.y[a] + 1e-9
+                    )
             if a.inner:
                 inner = [*a.inner.boxes, *a.inner.wires.values()]
                 assert all(a.first <= b.first and b.last <= a.last for b in inner)
@@ -74,7 +88,10 @@ def test_the_words_of_a_block():
     assert zero.text(2)[1:] == ["b = 0"]
 
 
-@pytest.mark.parametrize("suffix, magic", [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF"), (".PNG", b"\x89PNG")])
+@pytest.mark.parametrize(
+    "suffix, magic",
+    [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".pdf", b"%PDF"), (".PNG", b"\x89PNG")],
+)
 def test_same_bytes_every_time(tmp_path, suffix, magic):
     draw(nested(), tmp_path / f"a{suffix}")
     draw(nested(), tmp_path / f"b{suffix}")
@@ -90,10 +107,10 @@ def test_processor_and_scene_give_the_same_picture(tmp_path):
 
 def test_the_users_matplotlib_is_left_alone(tmp_path):
     code = (
-        "import sys, matplotlib; from stimlib.analysis.draw import draw; from stimlib.scenes import squeeze\n"
-        "matplotlib.rcParams['font.size'] = 33; before = [*dict.items(matplotlib.rcParams)]\n"
-        f"draw(squeeze(), {str(tmp_path / 'a.svg')!r})\n"
-        "assert [*dict.items(matplotlib.rcParams)] == before and 'matplotlib.pyplot' not in sys.modules"
+        "import sys, matplotlib; from stimlib.analysis.draw import draw; from stimlib.scenes"
+        " import squeeze\nmatplotlib.rcParams['font.size'] = 33; before ="
+        f" [*dict.items(matplotlib.rcParams)]\ndraw(squeeze(), {str(tmp_path / 'a.svg')!r})\nassert"
+        " [*dict.items(matplotlib.rcParams)] == before and 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=900)
     draw(squeeze(), tmp_path / "b.svg")
@@ -102,7 +119,13 @@ def test_the_users_matplotlib_is_left_alone(tmp_path):
 
 def test_import_does_not_load_matplotlib():
     subprocess.run(
-        [sys.executable, "-c", "import sys, stimlib.checks; assert 'matplotlib' not in sys.modules"], check=True, timeout=900
+        [
+            sys.executable,
+            "-c",
+            "import sys, stimlib.checks; assert 'matplotlib' not in sys.modules",
+        ],
+        check=True,
+        timeout=900,
     )
 
 
@@ -111,7 +134,9 @@ def test_refusals(tmp_path):
         draw(squeeze(), tmp_path / "a.jpg")
     with pytest.raises(BadValue, match="300 blocks are more than a picture can show.*plan"):
         draw(chain(300), tmp_path / "a.svg")
-    with pytest.raises(BadValue, match="draw: scene = 3 must be a Scene, such as .* or a Processor"):
+    with pytest.raises(
+        BadValue, match="draw: scene = 3 must be a Scene, such as .* or a Processor"
+    ):
         draw(3, tmp_path / "a.svg")
     with pytest.raises(SinkError, match="cannot write .*: No such file or directory"):
         draw(squeeze(), tmp_path / "missing" / "a.svg")

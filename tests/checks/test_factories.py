@@ -1,4 +1,5 @@
-"""A scene's function with a wrong number in it: each use of each number a quarter larger, one at a time, and `verify` refuses it.
+"""A scene's function with a wrong number in it: each use of each number a quarter
+larger, one at a time, and `verify` refuses it.
 
 ``python tests/checks/test_factories.py`` prints what becomes of each.
 """
@@ -36,7 +37,11 @@ WORDS = {  # arguments under which more of a function is used
 }
 MOTION = {  # where the inputs must be for it
     "squeeze": {"x1": lambda t: 0.06 * np.minimum(10 * t, 1.0) ** 2},
-    "soft_surface": {"x": lambda t: 0.06 + 0.01 * t, "y": lambda t: 0.06 + 0.1 * t, "press": lambda t: 0.5 + 0.5 * np.sin(9 * t)},
+    "soft_surface": {
+        "x": lambda t: 0.06 + 0.01 * t,
+        "y": lambda t: 0.06 + 0.1 * t,
+        "press": lambda t: 0.5 + 0.5 * np.sin(9 * t),
+    },
     "touch_screen": {"x": lambda t: 0.25 * t},
 }
 
@@ -62,7 +67,11 @@ class Change(ast.NodeTransformer):
 
     def visit_Name(self, node):
         kind = self.kinds.get(node.id)
-        return node if kind is None or not isinstance(node.ctx, ast.Load) else self._use(node, kind is int)
+        return (
+            node
+            if kind is None or not isinstance(node.ctx, ast.Load)
+            else self._use(node, kind is int)
+        )
 
     def visit_Constant(self, node):
         return self._use(node) if type(node.value) is float and node.value else node
@@ -74,27 +83,43 @@ def function_of(name):
     module = ast.parse(inspect.getsource(sys.modules[make.__module__]))
     body = next(n for n in module.body if isinstance(n, ast.FunctionDef) and n.name == name)
     numbers = {"float": float, "int": int, "float | None": float}
-    kinds = {p.name: numbers[p.annotation] for p in inspect.signature(make).parameters.values() if p.annotation in numbers}
+    kinds = {
+        p.name: numbers[p.annotation]
+        for p in inspect.signature(make).parameters.values()
+        if p.annotation in numbers
+    }
     return make, ast.unparse(body), kinds
 
 
 def mutant(name, k):
-    """The function with its k-th number changed, and the statement that it is in; None behind the last."""
+    """The function with its k-th number changed, and the statement that it is in; None
+    behind the last.
+    """
     make, text, kinds = function_of(name)
     tree, change = ast.parse(text), Change(k, kinds)
     for i, statement in enumerate(tree.body[0].body):
-        if not any(word in ast.unparse(statement) for word in ("check_arguments", "raise ", "limits.check", "_warn")):
+        if not any(
+            word in ast.unparse(statement)
+            for word in ("check_arguments", "raise ", "limits.check", "_warn")
+        ):
             tree.body[0].body[i] = change.visit(statement)
     if not change.said:
         return None
     space = dict(vars(sys.modules[make.__module__]))
     space |= {"larger": lambda v: v and 1.25 * v, "more": lambda v: v + 1}
-    exec(compile(ast.fix_missing_locations(tree), name, "exec", __future__.annotations.compiler_flag), space)
+    exec(
+        compile(
+            ast.fix_missing_locations(tree), name, "exec", __future__.annotations.compiler_flag
+        ),
+        space,
+    )
     return space[name], change.said
 
 
 def tried(name, k, words):
-    """What becomes of a mutant: "same", "refused", "passed", or the error that it raises; and its statement."""
+    """What becomes of a mutant: "same", "refused", "passed", or the error that it
+    raises; and its statement.
+    """
     wrong, said = mutant(name, k)
     every = MOTION.get(name) or hands(name)
     with warnings.catch_warnings():
@@ -120,9 +145,13 @@ def uses(name):
 
 
 @pytest.mark.longer
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.stress] * (n == "touch_screen")) for n in SHIPPED])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.stress] * (n == "touch_screen")) for n in SHIPPED]
+)
 def test_a_wrong_number_in_a_factory_is_refused(name):
-    """In `make test`, of a long function each third use, one variant of the arguments after the other."""
+    """In `make test`, of a long function each third use, one variant of the arguments
+    after the other.
+    """
     variants, every = WORDS.get(name, [{}]), uses(name)
     cases = [(k, words) for words in variants for k in every]
     if not STRESS and len(every) > 9:

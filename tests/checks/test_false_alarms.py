@@ -1,4 +1,6 @@
-"""Correct renderings that a verifier could doubt: held hands, low frequencies, rare corners; and the tails of its statistics."""
+"""Correct renderings that a verifier could doubt: held hands, low frequencies, rare
+corners; and the tails of its statistics.
+"""
 
 import dataclasses as dc
 
@@ -57,18 +59,23 @@ def test_a_loop_behind_a_gate_passes():
 
 @pytest.mark.longer
 def test_a_long_rest_and_one_squeeze_pass_and_the_slope_is_recovered():
-    """The noise is then in few samples, so the deviation of the slope is not that of noise spread evenly."""
+    """The noise is then in few samples, so the deviation of the slope is not that of
+    noise spread evenly.
+    """
     x = np.r_[np.zeros(40000), minimum_jerk()(np.arange(2400) / 8000)]
     apart = []
     for seed in range(20 if STRESS else 8):
         r = report(squeeze(fingers=1), {"x1": x}, seed=seed)
         assert r.passed, str(r)
         apart += [c.measured / c.limit for c in r.checks if "slope" in c.name]
-    assert 0.02 < np.std(apart) < 0.25  # 5 deviations are the limit; frequencies below the pink band count too much
+    # 5 deviations are the limit; frequencies below the pink band count too much
+    assert 0.02 < np.std(apart) < 0.25
 
 
 def test_springpots_are_proved_at_every_order_rate_and_tolerance():
-    """900 designs, the law against the discrete response; 139 were refused when both subtracted numbers that nearly cancel."""
+    """900 designs, the law against the discrete response; 139 were refused when both
+    subtracted numbers that nearly cancel.
+    """
     y, worst = Input("y"), 0.0
     for alpha in np.r_[0.0, 0.01, 0.05, 0.1:1:0.1, 0.95, 0.99, 1.0]:
         for tol in (1e-6, 1e-8, 1e-10, 1e-12, 1e-13, 1e-14):
@@ -80,7 +87,13 @@ def test_springpots_are_proved_at_every_order_rate_and_tolerance():
                     for law in b.laws(fs):
                         worst = max(
                             worst,
-                            law.error(lambda f, p=p, fs=fs: Springpot.transfer(p, np.exp(2j * np.pi * f / fs)), fs) / law.tol,
+                            law.error(
+                                lambda f, p=p, fs=fs: Springpot.transfer(
+                                    p, np.exp(2j * np.pi * f / fs)
+                                ),
+                                fs,
+                            )
+                            / law.tol,
                         )
     assert worst < 0.1
 
@@ -101,23 +114,42 @@ def test_a_springpot_and_a_dashpot_whose_tail_is_cut_off_pass(alpha):
     assert r.passed, str(r)
 
 
-@pytest.mark.parametrize("gate", [Param("g", 1.0), nonzero(Param("g", 1.0)), white_noise(seed=2) > 0.0, constant(2.0)])
+@pytest.mark.parametrize(
+    "gate", [Param("g", 1.0), nonzero(Param("g", 1.0)), white_noise(seed=2) > 0.0, constant(2.0)]
+)
 def test_noise_behind_a_gate_that_ran_before_sample_0_passes(gate):
     r = report(Scene({"y": enabled(white_noise(seed=1), by=gate)}), {}, seconds=0.3)
     assert r.passed, str(r)
 
 
 WAYS = [entry for entry in TABLE if entry.inputs]
-SOME = {"velocity", "springpot", "count", "friction_coulomb", "wall", "cursor", "bump_square", "midpoint"}
+SOME = {
+    "velocity",
+    "springpot",
+    "count",
+    "friction_coulomb",
+    "wall",
+    "cursor",
+    "bump_square",
+    "midpoint",
+}
 
 
 @pytest.mark.parametrize("name", mostly(SOME, [entry.name for entry in WAYS]))
 def test_what_is_moved_by_a_source_of_the_scene_passes(name):
     """It runs before sample 0, with the source at rest, or not."""
     (entry,) = (e for e in WAYS if e.name == name)
-    sources = every(0.01), oscillator(37.0, phase=0.3), oscillator(21.0, "square") + 0.25, constant(0.7)
+    sources = (
+        every(0.01),
+        oscillator(37.0, phase=0.3),
+        oscillator(21.0, "square") + 0.25,
+        constant(0.7),
+    )
     for k in range(4):
-        moved = [sources[(k + i) % 4] * constant(1.0, entry.unit or "1") for i in range(len(entry.inputs))]
+        moved = [
+            sources[(k + i) % 4] * constant(1.0, entry.unit or "1")
+            for i in range(len(entry.inputs))
+        ]
         try:
             scene = Scene({"y": entry.make(*moved)})
         except StimlibError:  # of units, or of a number that has to be constant
@@ -144,7 +176,9 @@ def test_a_scene_that_is_not_finite_from_the_first_sample_on_is_told():
     assert any("is not finite at sample 0" in text for text in r.evidence.skipped)
 
 
-@pytest.mark.parametrize(("alpha", "fs", "tol"), [(0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13)])
+@pytest.mark.parametrize(
+    ("alpha", "fs", "tol"), [(0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13)]
+)
 def test_fine_and_fast_springpots_pass(alpha, fs, tol):
     r = report(stimlib.scenes.viscoelastic(alpha, tol=tol), {"y": minimum_jerk()}, fs, 0.05)
     assert r.passed, str(r)
@@ -160,7 +194,9 @@ def test_bumps_on_any_carrier_pass(freq, speed):
 @pytest.mark.parametrize("waveform", ["square", "sawtooth", "sine"])
 @pytest.mark.parametrize("edge", [2.0, 1.0, 1.5])
 def test_a_finger_that_rests_a_rounding_away_from_an_edge_passes(waveform, edge):
-    """Found by the 1000 renderings of ``stress/verify_many.py``: a groove was taken for the next ridge."""
+    """Found by the 1000 renderings of ``stress/verify_many.py``: a groove was taken for
+    the next ridge.
+    """
     for x in (np.nextafter(edge, 0), edge, np.nextafter(edge, 3)):
         r = report(bumps(waveform, 1, length=1.0), {"x": np.full(300, x)})
         assert r.passed, str(r)
@@ -186,7 +222,9 @@ def test_the_tails_of_weighted_sums_are_exact():
 
 @pytest.mark.parametrize("n", mostly({10}, [10, 40, 300]))
 def test_p_values_are_those_of_the_hypothesis(n):
-    """20 000 streams of the model; normal tails were wrong by a factor of 14 at 1e-4."""
+    """20 000 streams of the model; normal tails were wrong by a factor of 14 at
+    1e-4.
+    """
     rng = np.random.default_rng(n)
     u = np.linspace(-1, 1, n)
     weights, _ = np.linalg.qr(np.polynomial.legendre.legvander(u, 3))
@@ -200,7 +238,12 @@ def test_p_values_are_those_of_the_hypothesis(n):
 
 
 @pytest.mark.parametrize(
-    "changes", [[("k", 1000.0, 0.02)], [("A", 7.0, 0.3), ("k", 500.0, 0.1), ("A", 2.0, 0.2)], [("k", 900.0, 0.0)]]
+    "changes",
+    [
+        [("k", 1000.0, 0.02)],
+        [("A", 7.0, 0.3), ("k", 500.0, 0.1), ("A", 2.0, 0.2)],
+        [("k", 900.0, 0.0)],
+    ],
 )
 def test_files_whose_numbers_ramp_from_the_first_sample_pass(tmp_path, changes):
     """The law follows the ramps that the sidecar tells, from where the scene begins."""
@@ -225,7 +268,11 @@ def test_what_is_not_a_rendering_of_the_scene_is_told():
     x = Input("x")
     scene, motion = Scene({"a": x, "b": 2 * x}), {"x": np.ones(10)}
     r = stimlib.render(scene, motion, 8000)
-    for wrong in (dc.replace(r, outputs=("b", "a")), dc.replace(r, y=r.y.astype(np.float32)), dc.replace(r, y=r.y[:1])):
+    for wrong in (
+        dc.replace(r, outputs=("b", "a")),
+        dc.replace(r, y=r.y.astype(np.float32)),
+        dc.replace(r, y=r.y[:1]),
+    ):
         with pytest.raises(BadValue, match="not the scene's outputs"):
             stimlib.verify(scene, motion, wrong)
     with pytest.raises(BadValue, match="no sample"):

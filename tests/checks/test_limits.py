@@ -1,4 +1,6 @@
-"""The limit of every check: a fault just inside passes, one just outside does not, and `Report.passed` says so."""
+"""The limit of every check: a fault just inside passes, one just outside does not, and
+`Report.passed` says so.
+"""
 
 import dataclasses as dc
 from functools import partial
@@ -27,7 +29,9 @@ INSIDE, OUTSIDE = 0.97, 1.03  # of the limit
 
 
 def gathered(scene, motion, seconds=1.0):
-    return evidence.gather(scene, motion, stimlib.render(scene, motion, 8000, seconds, seed=3, on_fault="ignore"))
+    return evidence.gather(
+        scene, motion, stimlib.render(scene, motion, 8000, seconds, seed=3, on_fault="ignore")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,15 +63,22 @@ def test_every_group_counts(squeezed, group):
     good = [Check(g, g, 1.0, 1.0, "") for g in GROUPS]
     bad = Check(group, "bad", float(np.nextafter(1.0, 2.0)), 1.0, "")
     assert Report(good, squeezed).passed and not Report([*good, bad], squeezed).passed
-    assert "FAILED" in str(Report([*good, bad], squeezed)) and "bad" in repr(Report([*good, bad], squeezed))
+    assert "FAILED" in str(Report([*good, bad], squeezed)) and "bad" in repr(
+        Report([*good, bad], squeezed)
+    )
 
 
 @pytest.mark.parametrize(("size", "good"), [(INSIDE, True), (OUTSIDE, False)])
 class TestLinearBlocks:
     def test_impulse_response(self, monkeypatch, squeezed, size, good):
         honest = PinkNoise.transfer
-        monkeypatch.setattr(PinkNoise, "transfer", staticmethod(lambda p, z: honest(p, z) * (1 + size * 1e-10)))
-        assert passed(verify.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: impulse response") == good
+        monkeypatch.setattr(
+            PinkNoise, "transfer", staticmethod(lambda p, z: honest(p, z) * (1 + size * 1e-10))
+        )
+        assert (
+            passed(verify.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: impulse response")
+            == good
+        )
 
     def test_physical_law(self, monkeypatch, squeezed, size, good):
         tol = 10 ** (0.01 / 20) - 1  # a hundredth of a decibel
@@ -76,12 +87,20 @@ class TestLinearBlocks:
             return np.sqrt(1 / np.pi / (np.angle(z) * 8000 / 2 / np.pi) * 4000) * (1 + size * tol)
 
         monkeypatch.setattr(PinkNoise, "transfer", staticmethod(transfer))
-        assert passed(verify.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: physical law") == good
+        assert (
+            passed(verify.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: physical law")
+            == good
+        )
 
-    @pytest.mark.parametrize("law", [pytest.param(law, id=f"{e.name}-{k}") for e in TABLE for k, law in enumerate(e.laws)])
+    @pytest.mark.parametrize(
+        "law",
+        [pytest.param(law, id=f"{e.name}-{k}") for e in TABLE for k, law in enumerate(e.laws)],
+    )
     def test_every_law_of_the_table(self, law, size, good):
         f = law.f(8000.0)
-        off = law._replace(of=lambda H, f, fs: law.law(f, fs) + size * law.tol * law.size(law.law(f, fs)))
+        off = law._replace(
+            of=lambda H, f, fs: law.law(f, fs) + size * law.tol * law.size(law.law(f, fs))
+        )
         assert (off.error(lambda f: f, 8000.0) <= law.tol) == good and f.size >= 40
 
 
@@ -91,7 +110,10 @@ def test_tolerances_are_those_that_blocks_promise():
         (PinkNoise(stimlib.blocks.white_noise(1), 1.0, 10.0, 0.01), [10 ** (0.01 / 20) - 1]),
         (stimlib.blocks.pinking(stimlib.Input("x"), 10.0, 0.5), [10 ** (0.5 / 20) - 1]),
         (stimlib.blocks.differentiator(stimlib.Input("x"), 1000.0), [1e-6]),
-        (stimlib.blocks.velocity(stimlib.Input("x")), [(2 * np.pi * 100 / fs) ** 2 / 4 + 1e-12, 1e-12]),
+        (
+            stimlib.blocks.velocity(stimlib.Input("x")),
+            [(2 * np.pi * 100 / fs) ** 2 / 4 + 1e-12, 1e-12],
+        ),
         (stimlib.blocks.first_order(stimlib.Input("x"), 0.01), [3e-5, 1e-7]),
         (stimlib.blocks.track(stimlib.Input("x")), [1e-6]),
         (stimlib.blocks.fir(stimlib.Input("x"), [1.0]), [1e-12]),
@@ -101,7 +123,11 @@ def test_tolerances_are_those_that_blocks_promise():
         assert [law.tol for law in b.laws(fs)] == pytest.approx(tols, rel=1e-9)
 
 
-@pytest.mark.parametrize("taps", [np.random.default_rng(5).normal(size=5000), np.r_[np.zeros(4999), 1.0]], ids=["random", "last"])
+@pytest.mark.parametrize(
+    "taps",
+    [np.random.default_rng(5).normal(size=5000), np.r_[np.zeros(4999), 1.0]],
+    ids=["random", "last"],
+)
 @pytest.mark.parametrize("fs", [8000.0, 44100.0, 7919.3])
 def test_the_rounding_of_many_taps_is_within_their_limit(taps, fs):
     law = responses.sum_of(taps)
@@ -117,7 +143,11 @@ def test_a_users_block_is_held_against_the_law_that_it_states(size, good):
     class Own(stimlib.Block):
         x: stimlib.Block
         tau: float
-        design, step, transfer = OwnHighPass.design, staticmethod(OwnHighPass.step), staticmethod(OwnHighPass.transfer)
+        design, step, transfer = (
+            OwnHighPass.design,
+            staticmethod(OwnHighPass.step),
+            staticmethod(OwnHighPass.transfer),
+        )
 
         def laws(self, fs):
             p, _ = self.design(fs)
@@ -148,7 +178,9 @@ def _again(e):
 class TestNoise:
     def test_generator(self, monkeypatch, squeezed, size, good):
         honest = laws.white
-        monkeypatch.setattr(laws, "white", lambda *a: honest(*a) + np.sign(honest(*a)) * size * 1e-13)
+        monkeypatch.setattr(
+            laws, "white", lambda *a: honest(*a) + np.sign(honest(*a)) * size * 1e-13
+        )
         assert passed(noise.generator(fresh(squeezed)), squeezed, "generator") == good
 
     def test_noise_as_displayed(self, squeezed, size, good):
@@ -161,7 +193,9 @@ class TestNoise:
     def test_spectrum_and_independence(self, monkeypatch, squeezed, size, good):
         share = 1e-6 / 5  # two spectra, one pair, two slopes
         honest = spectra.test_spectrum
-        monkeypatch.setattr(spectra, "test_spectrum", lambda *a: honest(*a)._replace(p=share / size))
+        monkeypatch.setattr(
+            spectra, "test_spectrum", lambda *a: honest(*a)._replace(p=share / size)
+        )
         monkeypatch.setattr(spectra, "correlation", lambda *a: (0.0, 1.0))
         assert passed(noise.noise(fresh(squeezed)), squeezed, "spectrum") == good
         monkeypatch.setattr(spectra, "test_spectrum", honest)
@@ -169,7 +203,9 @@ class TestNoise:
         assert passed(noise.noise(fresh(squeezed)), squeezed, "independence") == good
 
     def test_spectrum_of_a_louder_noise(self, squeezed, size, good):
-        """From below to above the level error that would be seen: here by a factor, as the recording is short."""
+        """From below to above the level error that would be seen: here by a factor, as
+        the recording is short.
+        """
         t = squeezed.taps[0]
         f, _, _ = spectra.whitened(t.stream, 8000, t.model, t.f_low, t.f_high)
         smallest = power.of_spectrum(f, squeezed.share)[0][1]
@@ -184,15 +220,23 @@ def test_every_band_and_every_trend_counts_as_a_test(squeezed, n):
     t = squeezed.taps[0]
     s = spectra.test_spectrum(1.3 * t.stream[:n], 8000, t.model, t.f_low, t.f_high)
     bins = sum(b.bins for b in s.bands)
-    assert s.p == min(1.0, (len(s.bands) + min(4, bins // 16)) * min([s.trend_p, *(b.p for b in s.bands)])) < 1.0
+    assert (
+        s.p
+        == min(1.0, (len(s.bands) + min(4, bins // 16)) * min([s.trend_p, *(b.p for b in s.bands)]))
+        < 1.0
+    )
 
 
 def crossing(e, name, run, fault, about):
-    """The measure of a check is proportional to the size of a fault: just inside its limit and just outside."""
+    """The measure of a check is proportional to the size of a fault: just inside its
+    limit and just outside.
+    """
     c = next(c for c in run(fault(about)) if name in c.name)
     unit = about * c.limit / c.measured
     assert 0.5 < c.measured / c.limit < 1e6
-    assert passed(run(fault(INSIDE * unit)), e, name) and not passed(run(fault(OUTSIDE * unit)), e, name)
+    assert passed(run(fault(INSIDE * unit)), e, name) and not passed(
+        run(fault(OUTSIDE * unit)), e, name
+    )
 
 
 def shifted(e, field, how, row=0):
@@ -218,7 +262,9 @@ class TestSqueeze:
             assert passed(scenes.scene_law(fault(size)), squeezed, "force1: mean part") == good
 
     def test_mean_part_while_k_is_on_a_ramp(self, monkeypatch):
-        """Each of the ramp's steps may round, by half a unit of the last place or so."""
+        """Each of the ramp's steps may round, by half a unit of the last place or
+        so.
+        """
         e = gathered(squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)})
         e.changes = [Change(100, "k", 2345.0, 0.5)]
         e.y = samples(_again(e), e.x, e.x.shape[1], e.changes)
@@ -238,21 +284,36 @@ class TestSqueeze:
         e = fresh(squeezed)
         scenes.scene_law(e)
         top = np.abs(e.fingers["force1"].force - e.fingers["force1"].mean).max()
-        crossing(e, "force1: vibration law", scenes.scene_law, lambda s: shifted(squeezed, "y", lambda e: s * top), 1.5e-9)
+        crossing(
+            e,
+            "force1: vibration law",
+            scenes.scene_law,
+            lambda s: shifted(squeezed, "y", lambda e: s * top),
+            1.5e-9,
+        )
 
     def test_slope(self, squeezed):
         first = next(c for c in scenes.scene_law(fresh(squeezed)) if "force1: slope" in c.name)
         here = float(np.polyfit(squeezed.x[0], squeezed.shown[0], 1)[0]) - 2000.0
         assert first.limit == pytest.approx(0.0074, rel=0.2)  # 5.2 deviations: 4 millionths of k
         for size, good in ((INSIDE, True), (OUTSIDE, False)):
-            e = shifted(squeezed, "shown", lambda e, size=size: (size * first.limit * np.sign(here) - here) * e.x[0])
+            e = shifted(
+                squeezed,
+                "shown",
+                lambda e, size=size: (size * first.limit * np.sign(here) - here) * e.x[0],
+            )
             assert passed(scenes.scene_law(e), e, "force1: slope") == good
 
     @pytest.mark.parametrize(("size", "told"), [(INSIDE, False), (OUTSIDE, True)])
-    def test_a_slope_is_fitted_where_storage_shifts_it_by_a_thousandth_at_most(self, squeezed, size, told):
+    def test_a_slope_is_fitted_where_storage_shifts_it_by_a_thousandth_at_most(
+        self, squeezed, size, told
+    ):
         u = squeezed.x[0] - squeezed.x[0].mean()
         top = size * 1e-3 * 2000.0 * (u @ u) / np.abs(u).sum() * 2**23
-        e = fresh(squeezed, sidecar={"subtype": "PCM_24", "channels": [{"full_scale": top}, {"full_scale": 64.0}]})
+        e = fresh(
+            squeezed,
+            sidecar={"subtype": "PCM_24", "channels": [{"full_scale": top}, {"full_scale": 64.0}]},
+        )
         found = scenes.scene_law(e)
         assert any("force1: slope" in c.name for c in found) != told
         assert any("force1: the position hardly changes" in text for text in e.skipped) == told
@@ -277,7 +338,11 @@ def test_springpots(squeezed):
 
 
 def test_springpots_off_contact():
-    e = gathered(viscoelastic(0.5, contact=True), {"y": sinusoid(0.01, 3.0), "contact": lambda t: 1.0 * (t < 0.2)}, 0.5)
+    e = gathered(
+        viscoelastic(0.5, contact=True),
+        {"y": sinusoid(0.01, 3.0), "contact": lambda t: 1.0 * (t < 0.2)},
+        0.5,
+    )
     assert passed(scenes.scene_law(fresh(e)), e, "none off contact")
     off = shifted(e, "y", lambda e: 5e-324 * (np.arange(e.x.shape[1]) == 3000))
     assert not passed(scenes.scene_law(off), e, "none off contact")
@@ -285,21 +350,38 @@ def test_springpots_off_contact():
 
 def test_bumps():
     e = gathered(bumps("sine", 18), {"x": constant_speed(0.1, 0.1)}, 0.8)
-    crossing(e, "envelope times carrier", scenes.scene_law, lambda s: shifted(e, "y", lambda e: s), 3e-4)
+    crossing(
+        e, "envelope times carrier", scenes.scene_law, lambda s: shifted(e, "y", lambda e: s), 3e-4
+    )
     c = next(c for c in scenes.scene_law(fresh(e)) if "line spectrum" in c.name)
     assert 0.005 < c.limit < 0.02
     for size, good in ((0.3, True), (3.0, False)):
-        assert passed(scenes.scene_law(shifted(e, "y", lambda e, s=size: e.y[0] * s * c.limit)), e, "line spectrum") == good
+        assert (
+            passed(
+                scenes.scene_law(shifted(e, "y", lambda e, s=size: e.y[0] * s * c.limit)),
+                e,
+                "line spectrum",
+            )
+            == good
+        )
 
 
 def test_motor_limits():
     e = gathered(squeeze(fingers=1, limits=True), {"x1": ramp_and_hold(0.06, 0.3)}, 5.0)
     for top, good in ((100.0, True), (np.nextafter(100.0, 200.0), False)):
-        assert passed(scenes.motor_limits(fresh(e, y=np.full((1, 800), top))), e, "peak limit") == good
+        assert (
+            passed(scenes.motor_limits(fresh(e, y=np.full((1, 800), top))), e, "peak limit") == good
+        )
     for top, good in ((37.0, True), (37.0 * (1 + 1e-6), False)):
-        assert passed(scenes.motor_limits(fresh(e, y=np.full((1, 8000 * 400), top))), e, "static limit") == good
+        assert (
+            passed(
+                scenes.motor_limits(fresh(e, y=np.full((1, 8000 * 400), top))), e, "static limit"
+            )
+            == good
+        )
     share = -np.expm1(-1 / (e.scene.outputs["force1"].tau * 8000))
-    for size, good in ((INSIDE, True), (OUTSIDE, False)):  # of what rounding may do to the recursion
+    # of what rounding may do to the recursion
+    for size, good in ((INSIDE, True), (OUTSIDE, False)):
         once = np.zeros((1, 800))
         once[0, 7] = np.sqrt(37.0**2 * (1 + size * 1e-12) / share)
         assert passed(scenes.motor_limits(fresh(e, y=once)), e, "static limit") == good
@@ -318,7 +400,13 @@ def test_an_impulse_response_has_settled_at_1e_15_of_its_peak(size, settled):
 class TestStorage:
     def test_rounding(self, stored):
         wobble = np.where(np.arange(8000) % 2, 1.0, -1.0)
-        crossing(stored, "stored finely", sidecar.storage, lambda s: shifted(stored, "shown", lambda e: s * wobble), 1e-2)
+        crossing(
+            stored,
+            "stored finely",
+            sidecar.storage,
+            lambda s: shifted(stored, "shown", lambda e: s * wobble),
+            1e-2,
+        )
 
     def test_rounding_of_what_never_moves(self, stored):
         wobble = np.where(np.arange(8000) % 2, 1.0, -1.0)
@@ -340,7 +428,9 @@ class TestStorage:
 
     @pytest.mark.parametrize("clips", [1, None])
     def test_count(self, stored, clips):
-        told = stored.sidecar | {"channels": [c | {"clips": clips} for c in stored.sidecar["channels"]]}
+        told = stored.sidecar | {
+            "channels": [c | {"clips": clips} for c in stored.sidecar["channels"]]
+        }
         assert passed(verify.limits_kept(fresh(stored)), stored, "clip count")
         if clips:
             assert not passed(verify.limits_kept(fresh(stored, sidecar=told)), stored, "clip count")

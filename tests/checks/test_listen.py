@@ -1,4 +1,6 @@
-"""Copies for ears: the vibration alone, loud enough, without clicks, and never taken for the stimulus."""
+"""Copies for ears: the vibration alone, loud enough, without clicks, and never taken
+for the stimulus.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,8 @@ def test_a_tone_on_a_ramp_becomes_the_tone_alone_at_half_scale(rendering, tmp_pa
     y, sidecar = audio.read(report.path)
     middle = slice(200, -200)
     assert np.abs(y[0] - 1000 * TONE)[middle].max() < 1e-4  # of 0.01 N on 40 N
-    assert np.abs(y).max() / sidecar["channels"][0]["full_scale"] == pytest.approx(0.5, rel=1e-6)  # -6 dBFS
+    # -6 dBFS
+    assert np.abs(y).max() / sidecar["channels"][0]["full_scale"] == pytest.approx(0.5, rel=1e-6)
     ramp = np.minimum(np.arange(1, T.size + 1) / (0.01 * FS), 1.0)  # or it would click
     whole = vibration(rendering["force"], FS)
     np.testing.assert_allclose(y[0], ramp * ramp[::-1] * whole, rtol=0, atol=1e-6 * np.abs(y).max())
@@ -44,7 +47,9 @@ def test_what_cannot_be_heard_is_refused_and_nothing_is_written(rendering, tmp_p
     with pytest.raises(UnknownName, match="there is force, still"):
         listen(rendering, "x", tmp_path / "a.wav")
     for cutoff in (0, FS / 2, float("nan")):
-        with pytest.raises(BadValue, match="listen: cutoff = .*(below fs/2 = 1000 Hz|is not finite)"):
+        with pytest.raises(
+            BadValue, match="listen: cutoff = .*(below fs/2 = 1000 Hz|is not finite)"
+        ):
             listen(rendering, "force", tmp_path / "a.wav", cutoff)
     assert list(tmp_path.iterdir()) == []
 
@@ -57,11 +62,18 @@ def test_a_squeeze_without_vibration_leaves_less_than_a_hundredth_of_it():
     for start in (0.0, 0.1, 0.15):  # also where the signal ends on the way
         force = [
             stimlib.render(
-                stimlib.scenes.squeeze(fingers=1), {"x1": lambda t, s=start: minimum_jerk()(t + s)}, 8000, 1.0, params={"A": A}
+                stimlib.scenes.squeeze(fingers=1),
+                {"x1": lambda t, s=start: minimum_jerk()(t + s)},
+                8000,
+                1.0,
+                params={"A": A},
             )
             for A in (3.4, 0.0)
         ]
-        true, left = np.abs(force[0].y - force[1].y).max(), np.abs(vibration(force[1]["force1"], 8000)).max()
+        true, left = (
+            np.abs(force[0].y - force[1].y).max(),
+            np.abs(vibration(force[1]["force1"], 8000)).max(),
+        )
         assert true > 0.1 and left < 0.01 * true
 
 
@@ -72,7 +84,10 @@ def test_what_lies_beyond_the_ends_does_not_matter(fs):
     if fs > 1000:
         tone = np.cos(2 * np.pi * 4 * CUTOFF * t)
         wrong = np.abs(vibration(40 * t + tone, fs) - tone)
-        assert wrong.max() < 0.65 and wrong[round(fs / CUTOFF / 4) : -round(fs / CUTOFF / 4)].max() < 0.1
+        assert (
+            wrong.max() < 0.65
+            and wrong[round(fs / CUTOFF / 4) : -round(fs / CUTOFF / 4)].max() < 0.1
+        )
 
 
 def test_a_signal_that_starts_with_vibration_has_no_transient():
@@ -84,4 +99,6 @@ def test_a_signal_that_starts_with_vibration_has_no_transient():
 def test_the_amplitude_is_halved_at_the_cutoff():
     t = np.arange(8000) / 8000
     for f, gain in ((20, 0.004), (40, 0.5), (80, 0.996)):
-        assert np.abs(vibration(np.sin(2 * np.pi * f * t), 8000))[2000:6000].max() == pytest.approx(gain, abs=0.005)
+        assert np.abs(vibration(np.sin(2 * np.pi * f * t), 8000))[2000:6000].max() == pytest.approx(
+            gain, abs=0.005
+        )

@@ -16,7 +16,8 @@ from stimlib.motion.generators import sinusoid
 from stimlib.run.processor import Change
 
 N, FS = 1500, 8000.0
-WIRED = {"Input", "Param", "Const", "Pick", "Tap", "Loop", "Last", "Enabled", "Segment", "White"}  # in ``local`` itself
+# in ``local`` itself
+WIRED = {"Input", "Param", "Const", "Pick", "Tap", "Loop", "Last", "Enabled", "Segment", "White"}
 
 
 def entries():
@@ -36,7 +37,9 @@ def test_every_class_has_a_law():
 
 @pytest.mark.parametrize("entry", entries(), ids=lambda e: e.name)
 def test_each_block_of_the_table_is_held_and_each_change_is_seen(entry, monkeypatch):
-    """Each row 1 part in 100 000 larger, of the other sign, a sample late, or not 0 where it is: what changes is refused."""
+    """Each row 1 part in 100 000 larger, of the other sign, a sample late, or not 0
+    where it is: what changes is refused.
+    """
     blind, one = [], local._one
 
     def watch(block, run, seen):
@@ -46,11 +49,19 @@ def test_each_block_of_the_table_is_held_and_each_change_is_seen(entry, monkeypa
         for k, row in enumerate(np.atleast_2d(y) if not found.why else []):
             size = np.abs(row).max()
             zero = np.where(row == 0, 1e-2 * size, row)
-            for name, other in {"size": (1 + more) * row, "sign": -row, "late": np.roll(row, 1), "zero": zero}.items():
+            for name, other in {
+                "size": (1 + more) * row,
+                "sign": -row,
+                "late": np.roll(row, 1),
+                "zero": zero,
+            }.items():
                 whole = y.copy()
                 np.atleast_2d(whole)[k] = other
                 changed = part._replace(rows={**part.rows, id(block): whole})
-                if np.abs(other - row).max() > 1e-6 * size and one(block, run, [changed]).error <= 1:
+                if (
+                    np.abs(other - row).max() > 1e-6 * size
+                    and one(block, run, [changed]).error <= 1
+                ):
                     blind.append((block, k, name))
         return found
 
@@ -65,14 +76,33 @@ def moves(scene, n):
     """Changes of parameters, at once and along ramps."""
     rng = np.random.default_rng(3)
     some = sorted((int(at), name) for name in scene.params for at in rng.integers(1, n, 4))
-    return [Change(at, name, float(rng.uniform(0.2, 0.9)), float(rng.choice([0.0, 0.01, 0.1]))) for at, name in some]
+    return [
+        Change(at, name, float(rng.uniform(0.2, 0.9)), float(rng.choice([0.0, 0.01, 0.1])))
+        for at, name in some
+    ]
 
 
 LATER = [
-    "enabled_live", "enabled_nested", "enabled_by_param", "segment_nested", "lowpass_slow", "pink_noise", "integrate", "square",
-    "count", "carrier_param", "track_contact", "friction_coulomb", "compliance_chain", "ring_live", "elapsed_gated", "envelope",
-    "white_shared", "springpot_contact", "delay_70",
-]  # fmt: skip
+    "enabled_live",
+    "enabled_nested",
+    "enabled_by_param",
+    "segment_nested",
+    "lowpass_slow",
+    "pink_noise",
+    "integrate",
+    "square",
+    "count",
+    "carrier_param",
+    "track_contact",
+    "friction_coulomb",
+    "compliance_chain",
+    "ring_live",
+    "elapsed_gated",
+    "envelope",
+    "white_shared",
+    "springpot_contact",
+    "delay_70",
+]
 
 
 @pytest.mark.parametrize("name", LATER)
@@ -80,13 +110,20 @@ def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monke
     """And the samples of one of them 1 part in 1000 larger are refused."""
     entry, n, spoiled = next(e for e in TABLE if e.name == name), 50_000, []
     run = run_of(entry, n, moves(entry.scene(), n))
-    assert len(run.spans) == 1 + local.PLACES and sum(z - a for a, z in run.spans) == local.FIRST + local.PLACES * local.LATER
+    assert (
+        len(run.spans) == 1 + local.PLACES
+        and sum(z - a for a, z in run.spans) == local.FIRST + local.PLACES * local.LATER
+    )
     one = local._one
 
     def watch(block, run, seen):
         found, rest = one(block, run, seen), seen[-1].rows
         late = seen[-1]._replace(rows={**rest, id(block): 1.001 * rest[id(block)]})
-        if type(block).__name__ == entry.cls and found.samples > local.FIRST and late.rows[id(block)].any():
+        if (
+            type(block).__name__ == entry.cls
+            and found.samples > local.FIRST
+            and late.rows[id(block)].any()
+        ):
             spoiled.append(one(block, run, [*seen[:-1], late]).error > 1)
         return found
 
@@ -96,10 +133,16 @@ def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monke
 
 
 def test_what_begins_before_sample_0_is_held_from_there_on(monkeypatch):
-    """Both the noise and what a filter makes of it, 256 samples early; the first of them changed is seen."""
-    run = local.Run(Scene({"y": b.lowpass(b.white_noise(3), 50.0)}), FS, 3, {}, 300, {}, [], [(0, 300)])
+    """Both the noise and what a filter makes of it, 256 samples early; the first of
+    them changed is seen.
+    """
+    run = local.Run(
+        Scene({"y": b.lowpass(b.white_noise(3), 50.0)}), FS, 3, {}, 300, {}, [], [(0, 300)]
+    )
     found, (part,) = local._held(run)
-    assert [part.rows[id(h.block)].size for h in found] == [556, 556] and max(h.error for h in found) <= 1
+    assert [part.rows[id(h.block)].size for h in found] == [556, 556] and max(
+        h.error for h in found
+    ) <= 1
     noise, filtered = (h.block for h in found)
     for block in (noise, filtered):
         row = part.rows[id(block)].copy()
@@ -114,7 +157,9 @@ def test_pink_noise_that_starts_from_another_state_is_refused():
     row = part.rows[id(pink)]
     decay = pink.design(FS)[0].p.max() ** np.arange(row.size)
     for size, refused in ((0.0, False), (0.1, True)):
-        changed = part._replace(rows={**part.rows, id(pink): row + size * np.abs(row).max() * decay})
+        changed = part._replace(
+            rows={**part.rows, id(pink): row + size * np.abs(row).max() * decay}
+        )
         assert (local._one(pink, run, [changed]).error > 1) is refused
 
 
@@ -127,9 +172,13 @@ def test_random_compositions_are_not_refused(seed):
 
 @pytest.mark.parametrize("cls", ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"])
 def test_a_wrong_step_or_design_is_refused(cls):
-    """The short form of ``tests/stress/mutants.py``: in compositions that no scene is."""
+    """The short form of ``tests/stress/mutants.py``: in compositions that no scene
+    is.
+    """
     said = list(mutants.sampled(cls, 2))
-    assert {what for _, what in said} <= {"caught", "equal", "rounding"} and "caught" in {what for _, what in said}, said
+    assert {what for _, what in said} <= {"caught", "equal", "rounding"} and "caught" in {
+        what for _, what in said
+    }, said
 
 
 def test_an_error_is_the_largest_distance_over_its_tolerance():
@@ -164,20 +213,32 @@ def alter(monkeypatch, kind, at):
     monkeypatch.setattr(local, "_seen", other)
 
 
-@pytest.mark.parametrize(("kind", "at"), [("Segment", 100), ("Segment", 300), ("Enabled", 10), ("Enabled", 1400)])
+@pytest.mark.parametrize(
+    ("kind", "at"), [("Segment", 100), ("Segment", 300), ("Enabled", 10), ("Enabled", 1400)]
+)
 def test_a_subsystem_is_held_where_it_runs_and_elsewhere(monkeypatch, kind, at):
     x = {"x": np.where(np.arange(N) < 700, 1.0, -1.0)}
-    part = b.segment(Input("x"), 0.01, 0.02) if kind == "Segment" else b.enabled(b.white_noise(1), by=Input("x"))
+    part = (
+        b.segment(Input("x"), 0.01, 0.02)
+        if kind == "Segment"
+        else b.enabled(b.white_noise(1), by=Input("x"))
+    )
     assert not [h for h in watched(Scene({"y": part}), x) if h.error > 1 or h.why]
     alter(monkeypatch, kind, at)
-    assert [h.error > 1 for h in watched(Scene({"y": part}), x) if type(h.block).__name__ == kind] == [True]
+    assert [
+        h.error > 1 for h in watched(Scene({"y": part}), x) if type(h.block).__name__ == kind
+    ] == [True]
 
 
 @pytest.mark.parametrize(("at", "ramp"), [(100, 0.0), (5, 0.01), (5, 0.0)])
 def test_a_parameter_may_move_in_a_segment_and_as_it_begins(at, ramp):
     scene = Scene({"y": b.segment(Param("k", 1.0) * Input("x"), 0.01, 0.02)})  # samples 80 to 239
-    run = local.Run(scene, FS, 3, {"x": np.ones(N)}, N, {"k": 1.0}, [Change(at, "k", 2.0, ramp)], [(0, N)])
-    assert [(h.error, h.why) for h in local.held(run) if type(h.block).__name__ == "Segment"] == [(0.0, "")]
+    run = local.Run(
+        scene, FS, 3, {"x": np.ones(N)}, N, {"k": 1.0}, [Change(at, "k", 2.0, ramp)], [(0, N)]
+    )
+    assert [(h.error, h.why) for h in local.held(run) if type(h.block).__name__ == "Segment"] == [
+        (0.0, "")
+    ]
 
 
 def watched(scene, x):
@@ -190,7 +251,9 @@ def test_the_worst_block_of_a_class_counts(monkeypatch):
     found = [local.Held(one, "", 5, 0.1), local.Held(one, "", 5, 7.0), local.Held(one, "", 5, 0.2)]
     monkeypatch.setattr(local, "held", lambda *of: found)
     proc = types.SimpleNamespace(inputs=())
-    e = types.SimpleNamespace(scene=None, fs=FS, seed=0, proc=proc, x=np.zeros((0, 5)), params={}, changes=[], skipped=[])
+    e = types.SimpleNamespace(
+        scene=None, fs=FS, seed=0, proc=proc, x=np.zeros((0, 5)), params={}, changes=[], skipped=[]
+    )
     (check,) = local.blocks_held(e)
     assert not check.passed and check.measured == 7.0
 
@@ -224,7 +287,9 @@ def test_a_block_of_ones_own_states_its_law(tmp_path, monkeypatch, factor, passe
     scene, x = Scene({"y": 3.0 * own(Input("x"))}), {"x": np.linspace(-1, 1, 100)}
     report = stimlib.verify(scene, x, stimlib.render(scene, x, fs=1000))
     assert report.passed == passes
-    assert [c.name for c in report.checks if not c.passed] == ([] if passes else [f"{name}.Doubled"])
+    assert [c.name for c in report.checks if not c.passed] == (
+        [] if passes else [f"{name}.Doubled"]
+    )
     assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
 
 
@@ -237,18 +302,41 @@ class Twice(Block, abstract=True):
 @pytest.mark.parametrize(
     ("law", "says"),
     [
-        (lambda self, rows: 2 * rows[0], "Own.law raises TypeError: .* takes 2 positional arguments but 4 were given"),
+        (
+            lambda self, rows: 2 * rows[0],
+            "Own.law raises TypeError: .* takes 2 positional arguments but 4 were given",
+        ),
         (lambda self, fs, rows, y: 1 / 0, "Own.law raises ZeroDivisionError"),
-        (lambda self, fs, rows, y: np.multiply(y, 0, out=y), "Own.law raises ValueError: .*read-only"),
-        (lambda self, fs, rows, y: np.multiply(rows[0], 0, out=rows[0]), "Own.law raises ValueError: .*read-only"),
-        (lambda self, fs, rows, y: (3 * rows[0], -1.0), "Own.law returned a tolerance that is not 0 or above"),
-        (lambda self, fs, rows, y: (3 * rows[0], np.nan), "Own.law returned a tolerance that is not 0 or above"),
-        (lambda self, fs, rows, y: (2 * rows[0], np.ones(3)), r"Own.law returned a tolerance of the shape \(3,\)"),
-        (lambda self, fs, rows, y: (2 * rows[0], 0.1, 3), "Own.law returned 3 things; return a row, or a row and a tolerance"),
+        (
+            lambda self, fs, rows, y: np.multiply(y, 0, out=y),
+            "Own.law raises ValueError: .*read-only",
+        ),
+        (
+            lambda self, fs, rows, y: np.multiply(rows[0], 0, out=rows[0]),
+            "Own.law raises ValueError: .*read-only",
+        ),
+        (
+            lambda self, fs, rows, y: (3 * rows[0], -1.0),
+            "Own.law returned a tolerance that is not 0 or above",
+        ),
+        (
+            lambda self, fs, rows, y: (3 * rows[0], np.nan),
+            "Own.law returned a tolerance that is not 0 or above",
+        ),
+        (
+            lambda self, fs, rows, y: (2 * rows[0], np.ones(3)),
+            r"Own.law returned a tolerance of the shape \(3,\)",
+        ),
+        (
+            lambda self, fs, rows, y: (2 * rows[0], 0.1, 3),
+            "Own.law returned 3 things; return a row, or a row and a tolerance",
+        ),
     ],
 )
 def test_a_law_that_proves_nothing_is_refused(law, says):
-    """An exception was "not checked"; the output set to 0 by its law, and a tolerance below 0, passed."""
+    """An exception was "not checked"; the output set to 0 by its law, and a tolerance
+    below 0, passed.
+    """
 
     @dataclass(frozen=True, eq=False)
     class Own(Twice):
@@ -262,7 +350,9 @@ def test_a_law_that_proves_nothing_is_refused(law, says):
 
 
 def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):
-    """The paper's bumps, written without their factory, behind a force of another block; the bump 1e-3 too shallow."""
+    """The paper's bumps, written without their factory, behind a force of another
+    block; the bump 1e-3 too shallow.
+    """
     x, y = Input("x", "m"), Input("y", "m")
     bumps = b.bump(x / constant(0.01, "m"), "sine", 0.5) * b.carrier(158.0, rectify="half")
     scene = Scene({"force": b.springpot(y, 300.0, 0.5), "voltage": 50.0 * Param("A", 1.0) * bumps})
@@ -274,4 +364,6 @@ def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):
     assert names == {"inputs and parameters", "arithmetic", "SineBump", "Carrier", "Springpot"}
     ridges = rows.laws.ridge_sum
     monkeypatch.setattr(rows.laws, "ridge_sum", lambda *of: 0.999 * ridges(*of))
-    assert [c.name for c in stimlib.verify(scene, motion, rendering).checks if not c.passed] == ["SineBump"]
+    assert [c.name for c in stimlib.verify(scene, motion, rendering).checks if not c.passed] == [
+        "SineBump"
+    ]

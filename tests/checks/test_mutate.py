@@ -18,12 +18,15 @@ from stimlib.motion.generators import sinusoid
 CHEAP = ["wall", "bumps", "viscoelastic", "detents"]
 
 
-@pytest.mark.parametrize("name", [*CHEAP, *(pytest.param(n, marks=pytest.mark.stress) for n in SCENES if n not in CHEAP)])
+@pytest.mark.parametrize(
+    "name", [*CHEAP, *(pytest.param(n, marks=pytest.mark.stress) for n in SCENES if n not in CHEAP)]
+)
 @pytest.mark.filterwarnings("ignore:touch_screen.* are held")
 def test_the_law_of_a_shipped_scene_refuses_every_wrong_number(name):
     found = mutate(SCENES[name], hands(name), 4000, 0.2)
     missed = [m for m in found.mutants if m.outcome in ("within tolerance", "no law")]
-    flat = "width" if name == "touch_screen" else None  # along the plate's middle its shapes hardly depend on it: 2e-8
+    # along the plate's middle its shapes hardly depend on it: 2e-8
+    flat = "width" if name == "touch_screen" else None
     assert not [m for m in missed if flat is None or flat not in m.where], missed
     assert found.count()["refused"] > len(found.mutants) / 3
 
@@ -35,8 +38,16 @@ def test_every_number_of_every_block_is_changed():
     data = scene.to_dict()["blocks"]
     for i, (block, entry) in enumerate(zip(_order(scene), data, strict=True)):
         for field, v in entry["fields"].items():
-            if isinstance(v, (int, float)) and not isinstance(v, bool) and field not in signals(type(block)):
-                name = f"parameter {entry['fields']['name']}" if entry["class"] == "Param" else f"{entry['class']} {i}: {field}"
+            if (
+                isinstance(v, (int, float))
+                and not isinstance(v, bool)
+                and field not in signals(type(block))
+            ):
+                name = (
+                    f"parameter {entry['fields']['name']}"
+                    if entry["class"] == "Param"
+                    else f"{entry['class']} {i}: {field}"
+                )
                 assert name in numbers
     assert {f"argument {n}" for n in ("k", "A", "freq", "decay", "cutoff", "b")} <= numbers
     assert {m.change for m in found.mutants if m.where == "argument freq"} == set(CHANGES)
@@ -57,7 +68,11 @@ def half(x, p, fs):
 def lax():
     x = Input("x")
     return Scene(
-        {"y": Param("k", 2.0) * x * 3.0 / 3.0, "z": x * constant(5.0) + blocks.where(x > 9.0, constant(7.0), 0.0)}, law=half
+        {
+            "y": Param("k", 2.0) * x * 3.0 / 3.0,
+            "z": x * constant(5.0) + blocks.where(x > 9.0, constant(7.0), 0.0),
+        },
+        law=half,
     )
 
 
@@ -69,9 +84,15 @@ def test_what_a_law_misses_is_said_with_the_reason():
     for (where, change), (outcome, text) in of.items():
         outcomes.setdefault(outcome, set()).add((where.split(" ")[0], change, text))
     assert {"refused", "equal samples", "within tolerance", "no law"} <= set(outcomes)
-    assert any(change == "1.01 times" and "of its limit" in text for _, change, text in outcomes["within tolerance"])
+    assert any(
+        change == "1.01 times" and "of its limit" in text
+        for _, change, text in outcomes["within tolerance"]
+    )
     assert any("z" in text for *_, text in outcomes["no law"])
-    assert of["parameter k", "1.25 times"][0] == "within tolerance" or of["parameter k", "1.25 times"][0] == "refused"
+    assert (
+        of["parameter k", "1.25 times"][0] == "within tolerance"
+        or of["parameter k", "1.25 times"][0] == "refused"
+    )
 
 
 def two(x, p, fs):
@@ -80,7 +101,9 @@ def two(x, p, fs):
 
 
 def test_each_outcome_of_a_mutant():
-    """Of scenes in the place of the right one, which is rendered with the same numbers."""
+    """Of scenes in the place of the right one, which is rendered with the same
+    numbers.
+    """
     x, k, noise = Input("x"), Param("k", 2.0), blocks.white_noise(1)
     motion, params = {"x": sinusoid(1.0, 20.0, 2.0)}, {"k": 3.0}
 
@@ -90,41 +113,79 @@ def test_each_outcome_of_a_mutant():
     right = stimlib.render(scene(), motion, 1000, 0.1, params, 5)
     for changed, outcome, text in (
         ({}, "equal samples", ""),
-        ({"y": x + 0.05, "z": 2.0 * x + 0.36}, "within tolerance", f"(d) z: {__name__}.two: 0.9 of its limit"),
-        ({"y": x + 0.09, "z": 2.0 * x + 0.04}, "within tolerance", f"(d) y: {__name__}.two: 0.9 of its limit"),
+        (
+            {"y": x + 0.05, "z": 2.0 * x + 0.36},
+            "within tolerance",
+            f"(d) z: {__name__}.two: 0.9 of its limit",
+        ),
+        (
+            {"y": x + 0.09, "z": 2.0 * x + 0.04},
+            "within tolerance",
+            f"(d) y: {__name__}.two: 0.9 of its limit",
+        ),
         ({"z": 2.0 * x + 0.41}, "refused", f"(d) z: {__name__}.two"),
         ({"w": k * noise * 1.5}, "no law", "of w"),
         ({"w": x / (k - 3.0)}, "refused", "(e) no fault"),
         ({"v": 1.0 * x}, "refused", "its outputs are others"),
         ({"y": 1.0 * Input("u")}, "refused", "its inputs are others"),
     ):
-        assert _outcome(lambda changed=changed: scene(**changed), motion, right, params, 5) == (outcome, text)
+        assert _outcome(lambda changed=changed: scene(**changed), motion, right, params, 5) == (
+            outcome,
+            text,
+        )
     outcome, text = _outcome(lambda: scene(y=1.0 * Input("a b")), motion, right, params, 5)
     assert outcome == "cannot be made" and "name" in text
     for what in ("refused", "equal samples", "within tolerance", "no law", "cannot be made"):
-        assert Mutations([Mutant("", "", "", "refused"), Mutant("", "", "", what)]).passed is (what[0] not in "wn")
+        assert Mutations([Mutant("", "", "", "refused"), Mutant("", "", "", what)]).passed is (
+            what[0] not in "wn"
+        )
 
 
 def test_an_output_off_contact_alone_refuses_a_mutant():
-    right, motion = stimlib.scenes.bumps(contact=True), {"x": sinusoid(0.02, 20.0), "contact": lambda t: 1.0 * (t > 0.05)}
-    wrong = Scene({"voltage": blocks.where(Input("contact"), right.outputs["voltage"], constant(1e-300, "V"))}, right.parts)
+    right, motion = (
+        stimlib.scenes.bumps(contact=True),
+        {
+            "x": sinusoid(0.02, 20.0),
+            "contact": lambda t: 1.0 * (t > 0.05),
+        },
+    )
+    wrong = Scene(
+        {
+            "voltage": blocks.where(
+                Input("contact"), right.outputs["voltage"], constant(1e-300, "V")
+            )
+        },
+        right.parts,
+    )
     rendering = stimlib.render(right, motion, 4000, 0.1)
-    assert _outcome(lambda: wrong, motion, rendering, None, 0) == ("refused", "(e) voltage: none off contact")
+    assert _outcome(lambda: wrong, motion, rendering, None, 0) == (
+        "refused",
+        "(e) voltage: none off contact",
+    )
 
 
 def test_the_changes_of_a_number_and_of_many():
     assert [f(4.0) for f in CHANGES.values()] == [4.04, 5.0, -4.0, 0.0, 1.0]
-    assert [_applied(4, f) for f in CHANGES.values()] == [5, 5, -4, 0, 1] and _applied(1, CHANGES["1"]) == 2
+    assert [_applied(4, f) for f in CHANGES.values()] == [5, 5, -4, 0, 1] and _applied(
+        1, CHANGES["1"]
+    ) == 2
     assert _applied([4.0, [2.0, -1.0]], CHANGES["other sign"]) == [-4.0, [-2.0, 1.0]]
     assert _numbers([1, [2.0]]) and not any(map(_numbers, (True, [], "1", None, [1.0, True])))
 
 
 def test_the_command_prints_a_table_and_tells_by_its_status(tmp_path, monkeypatch):
-    run = CliRunner().invoke(app, ["mutate", "wall", "--seconds", "0.1", "--motion", "sinusoid(0.002, 10)", "--json"])
+    run = CliRunner().invoke(
+        app, ["mutate", "wall", "--seconds", "0.1", "--motion", "sinusoid(0.002, 10)", "--json"]
+    )
     data = json.loads(run.stdout)
     assert run.exit_code == 0 and data["passed"] and data["count"]["refused"] > 10
-    (tmp_path / "mine.py").write_text("from stimlib import Input, Scene\nscene = Scene({'y': 2.0 * Input('x')})\n")
-    run = CliRunner().invoke(app, ["mutate", f"{tmp_path}/mine.py:scene", "--seconds", "0.1", "--motion", "sinusoid(1, 10)"])
+    (tmp_path / "mine.py").write_text(
+        "from stimlib import Input, Scene\nscene = Scene({'y': 2.0 * Input('x')})\n"
+    )
+    run = CliRunner().invoke(
+        app,
+        ["mutate", f"{tmp_path}/mine.py:scene", "--seconds", "0.1", "--motion", "sinusoid(1, 10)"],
+    )
     assert run.exit_code == 1 and "no law" in run.stdout
     assert stimlib.checks.mutate.mutate is mutate
 
@@ -139,7 +200,9 @@ def test_a_law_that_cannot_take_a_wrong_number_refuses_it_and_one_that_refuses_t
     motion = {"x": np.sin(np.arange(100.0))}
     right = Scene({"y": abs(1.0 + Param("k", 2.0)) * Input("x")}, law=rooted)
     found = mutate(right, motion, 1000, 0.1)
-    assert ("parameter k", "other sign", "refused") in {(m.where, m.change, m.outcome) for m in found.mutants}
+    assert ("parameter k", "other sign", "refused") in {
+        (m.where, m.change, m.outcome) for m in found.mutants
+    }
     wrong = Scene({"y": 2.0 * abs(1.0 + Param("k", 2.0)) * Input("x")}, law=rooted)
     with pytest.raises(stimlib.BadValue, match="the law refuses the scene as it is"):
         mutate(wrong, motion, 1000, 0.1)
@@ -155,17 +218,30 @@ def of_a_logarithm(x, p, fs):
 
 def test_a_scene_that_its_law_refuses_unchanged_is_an_error():
     """Otherwise every change would count as refused."""
-    scene, motion = Scene({"y": Param("k", 3.0) * Input("x")}, law=twice), {"x": sinusoid(0.02, 3.0)}
-    with pytest.raises(BadValue, match=r"the law refuses the scene as it is: \(d\) y: .*twice; correct"):
+    scene, motion = (
+        Scene({"y": Param("k", 3.0) * Input("x")}, law=twice),
+        {"x": sinusoid(0.02, 3.0)},
+    )
+    with pytest.raises(
+        BadValue, match=r"the law refuses the scene as it is: \(d\) y: .*twice; correct"
+    ):
         mutate(scene, motion, 1000, 0.2)
     with pytest.raises(BadValue, match="the scene has a fault in this motion"):
-        mutate(Scene({"y": Param("k", 3.0) / Input("x")}, law=twice), {"x": np.zeros(200)}, 1000, 0.2)
+        mutate(
+            Scene({"y": Param("k", 3.0) / Input("x")}, law=twice), {"x": np.zeros(200)}, 1000, 0.2
+        )
 
 
 def test_a_law_that_raises_for_a_wrong_number_refuses_it():
-    scene, motion = Scene({"y": Param("k", 3.0) * Input("x")}, law=of_a_logarithm), {"x": sinusoid(0.02, 3.0)}
+    scene, motion = (
+        Scene({"y": Param("k", 3.0) * Input("x")}, law=of_a_logarithm),
+        {"x": sinusoid(0.02, 3.0)},
+    )
     found = {m.change: m for m in mutate(scene, motion, 1000, 0.2).mutants}
-    assert found["other sign"].outcome == "refused" and "of_a_logarithm raises ValueError" in found["other sign"].text
+    assert (
+        found["other sign"].outcome == "refused"
+        and "of_a_logarithm raises ValueError" in found["other sign"].text
+    )
 
 
 def test_the_command_needs_no_motion():

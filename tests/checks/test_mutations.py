@@ -1,7 +1,8 @@
-"""Would the verifier notice?  Every fault of ``faults.py``, one at a time, and correct renderings beside them.
+"""Would the verifier notice?  Every fault of ``faults.py``, one at a time, and correct
+renderings beside them.
 
-``python tests/stress/verify_many.py`` prints the table of docs/explanation/verification.rst, and verifies a thousand correct
-renderings.
+``python tests/stress/verify_many.py`` prints the table of
+docs/explanation/verification.rst, and verifies a thousand correct renderings.
 """
 
 import numpy as np
@@ -20,7 +21,12 @@ def test_the_verifier_catches(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in FAULTS if name not in MUTATIONS and not name.startswith(("sidecar", "storage", "old formula"))]
+    "name",
+    [
+        name
+        for name in FAULTS
+        if name not in MUTATIONS and not name.startswith(("sidecar", "storage", "old formula"))
+    ],
 )
 def test_every_fault_is_caught(name, tmp_path):
     assert caught(name, tmp_path)
@@ -29,7 +35,10 @@ def test_every_fault_is_caught(name, tmp_path):
 @pytest.mark.parametrize("name", OLD)
 def test_a_formula_that_was_wrong_is_refused_by_its_law(name, tmp_path):
     """Whose block states a response that its samples have: the law alone sees it."""
-    assert {text.partition(" ")[0] for text in caught(f"old formula: {name}", tmp_path)} <= {"(a2)", "(f)"}
+    assert {text.partition(" ")[0] for text in caught(f"old formula: {name}", tmp_path)} <= {
+        "(a2)",
+        "(f)",
+    }
 
 
 def test_what_is_faulty_is_not_the_scene():
@@ -45,13 +54,17 @@ def test_what_is_faulty_is_not_the_scene():
 
 @pytest.mark.longer
 def test_correct_renderings_pass():
-    wrong = {seed: bad for seed in range(50 if STRESS else 12) if (bad := failed(seed=seed, seconds=1.0))}
+    wrong = {
+        seed: bad for seed in range(50 if STRESS else 12) if (bad := failed(seed=seed, seconds=1.0))
+    }
     assert not wrong
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_correct_renderings_of_every_kind_pass(seed):
-    """The short form of ``tests/stress/verify_many.py``: own blocks, parameters, limits, 1 to 192 kHz, held hands."""
+    """The short form of ``tests/stress/verify_many.py``: own blocks, parameters,
+    limits, 1 to 192 kHz, held hands.
+    """
     kind, scene, motion, render = rendering(np.random.default_rng(10**6 + seed))
     report = stimlib.verify(scene, motion, render(scene, motion))
     assert report.passed, f"{kind}: {report}"

@@ -1,6 +1,8 @@
-"""Formulas that stimlib had and that did not keep their docstring: put back into a block, verify refuses them by a law.
+"""Formulas that stimlib had and that did not keep their docstring: put back into a
+block, verify refuses them by a law.
 
-The rendering and its re-render are both made with the old formula, so that the law alone can tell.
+The rendering and its re-render are both made with the old formula, so that the law
+alone can tell.
 """
 
 import dataclasses as dc
@@ -33,7 +35,9 @@ def g_over_q(block, fs):
 
 def held(block, fs):
     """Creep of forces that are held between samples: half a sample early."""
-    return NOW[Springpot](dc.replace(block, scheme="l1") if block.scheme == exponentials.STRAIGHT else block, fs)
+    return NOW[Springpot](
+        dc.replace(block, scheme="l1") if block.scheme == exponentials.STRAIGHT else block, fs
+    )
 
 
 def samples(block, fs):
@@ -73,7 +77,10 @@ CASES = [
 def test_an_old_formula_is_refused_by_a_law(cls, old, make, fs, monkeypatch):
     scene = Scene({"y": make()})
     rng = np.random.default_rng(3)
-    motion = {name: 0.01 * (1 - np.cos(np.arange(2000) / 50)) + 1e-3 * rng.standard_normal(2000) for name in scene.inputs}
+    motion = {
+        name: 0.01 * (1 - np.cos(np.arange(2000) / 50)) + 1e-3 * rng.standard_normal(2000)
+        for name in scene.inputs
+    }
 
     def report():
         return stimlib.verify(scene, motion, stimlib.render(scene, motion, fs, target="python"))

@@ -1,4 +1,6 @@
-"""What stands on the page of a verification, and in its pictures, is what the evidence says."""
+"""What stands on the page of a verification, and in its pictures, is what the evidence
+says.
+"""
 
 import dataclasses as dc
 import hashlib
@@ -54,7 +56,10 @@ def test_one_check_that_failed_fails_the_page_and_its_row(bumped, text_of):
     good, bad = Check("b", "first", 0.0, 0.0, "t"), Check("e", "second", 1.0, 0.5, "t")
     text = text_of(bumped.evidence, [good, bad])
     assert '<span class="bad">FAILED</span></h1>' in text and "1 of 2 checks passed" in text
-    assert '<td class="bad">FAILED</td><td>second</td><td class="n">1</td><td class="n">0.5</td>' in text
+    assert (
+        '<td class="bad">FAILED</td><td>second</td><td class="n">1</td><td class="n">0.5</td>'
+        in text
+    )
     assert '<td class="ok">ok</td><td>first</td>' in text
     assert '<span class="ok">passed</span></h1>' in text_of(bumped.evidence, [good])
 
@@ -99,7 +104,14 @@ def test_no_text_of_others_is_read_as_markup(bumped, monkeypatch, session):
         "subtype": TAGS,
         "file_sha256": TAGS,
     }
-    names = {"source": TAGS, "skipped": [TAGS], "numbers": [TAGS], "motion": {"x": Odd()}, "path": Path(TAGS), "sidecar": stored}
+    names = {
+        "source": TAGS,
+        "skipped": [TAGS],
+        "numbers": [TAGS],
+        "motion": {"x": Odd()},
+        "path": Path(TAGS),
+        "sidecar": stored,
+    }
     e = dc.replace(bumped.evidence, **names, session=session)
     checks = [Check(group, TAGS, 0.0, 0.0, TAGS) for group in GROUPS]
     text = page(TAGS, checks, e, [Shows(TAGS, TAGS, 1.0, TAGS, 0.95)], TAGS)
@@ -110,7 +122,9 @@ def test_no_text_of_others_is_read_as_markup(bumped, monkeypatch, session):
 def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped, text_of):
     groups = [c.group for c in bumped.checks]
     assert {"b", "d", "e", "f"} <= {*groups} <= {*GROUPS}
-    text = text_of(bumped.evidence, [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in GROUPS])
+    text = text_of(
+        bumped.evidence, [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in GROUPS]
+    )
     _, _, model, certainty, compared, rest = text.split("<h2>")[:6]
     assert compared.count('<td class="ok">ok</td>') == 7 and rest.startswith("Which block is held")
     told = re.findall("<li>(.*?)</li>", model)
@@ -123,7 +137,13 @@ def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped,
 
 def test_what_was_displayed_is_told_in_its_units(bumped, text_of):
     y, shown = bumped.evidence.y, bumped.evidence.y.astype(np.float32).astype(float)
-    stored = {"format": "WAV", "subtype": "FLOAT", "file_sha256": "5a", "scene_hash": "7b", "signal_sha256": "9c"}
+    stored = {
+        "format": "WAV",
+        "subtype": "FLOAT",
+        "file_sha256": "5a",
+        "scene_hash": "7b",
+        "signal_sha256": "9c",
+    }
     stored |= {"channels": [{"name": "voltage", "full_scale": 50.0, "unit": "V"}]}
     e = dc.replace(bumped.evidence, params={"A": 3.0}, seed=7, shown=shown, sidecar=stored)
     rows = dict(re.findall("<tr><th>(.*?)</th><td>(.*?)</td></tr>", text_of(e)))
@@ -137,10 +157,13 @@ def test_what_was_displayed_is_told_in_its_units(bumped, text_of):
         "scene hash": e.scene.hash,
     }
     assert {name: rows[name] for name in wanted} == wanted
-    assert rows["signal"].startswith(hashlib.sha256(y.T.astype("<f8").tobytes()).hexdigest())  # not of what was stored
+    # not of what was stored
+    assert rows["signal"].startswith(hashlib.sha256(y.T.astype("<f8").tobytes()).hexdigest())
 
 
-def test_the_program_of_the_page_makes_the_samples_with_their_seed_and_parameters(text_of, tmp_path, monkeypatch, capsys):
+def test_the_program_of_the_page_makes_the_samples_with_their_seed_and_parameters(
+    text_of, tmp_path, monkeypatch, capsys
+):
     scene = Scene({"y": Param("a", 1.0) * white_noise(1) + Input("x", "m") / constant(1.0, "m")})
     motion, params = {"x": constant_speed(0.1, 0.1)}, {"a": 0.5}
     e = gather(scene, motion, stimlib.render(scene, motion, 1000, 0.05, params, seed=5))
@@ -150,7 +173,11 @@ def test_the_program_of_the_page_makes_the_samples_with_their_seed_and_parameter
     monkeypatch.chdir(tmp_path)
     exec(program, {})
     made = capsys.readouterr().out.strip()
-    assert made == hashlib.sha256(e.y.T.astype("<f8").tobytes()).hexdigest() == program.split("# ")[-1].strip()
+    assert (
+        made
+        == hashlib.sha256(e.y.T.astype("<f8").tobytes()).hexdigest()
+        == program.split("# ")[-1].strip()
+    )
     assert f"under Python {sys.version_info[0]}.{sys.version_info[1]};" in text
 
 
@@ -158,16 +185,22 @@ def test_a_report_that_failed_says_so_in_every_form_of_it(bumped):
     """And which check it was: in the notebook, the terminal, one line, and JSON."""
     good, bad = Check("b", "first", 0.0, 0.0, TAGS), Check("e", TAGS, 2.0, 0.5, "t")
     failed = dc.replace(
-        bumped, checks=[good, bad], evidence=dc.replace(bumped.evidence, source=TAGS, skipped=["s"], numbers=["n"])
+        bumped,
+        checks=[good, bad],
+        evidence=dc.replace(bumped.evidence, source=TAGS, skipped=["s"], numbers=["n"]),
     )
     passed = dc.replace(failed, checks=[good])
     assert passed.passed and not failed.passed
     shown = "<i>&b\\x1b[2J"
     named = repr(dc.replace(failed, checks=[good, dc.replace(bad, name="second")]))
-    assert named.endswith(", 0.2 s at 8000 Hz, seed 0: FAILED: second)") and repr(passed).endswith("seed 0: passed)")
+    assert named.endswith(", 0.2 s at 8000 Hz, seed 0: FAILED: second)") and repr(passed).endswith(
+        "seed 0: passed)"
+    )
     lines = [line.split() for line in str(failed).splitlines()]
     assert "FAILED" in lines[0] and "passed" in str(passed).splitlines()[0]
-    assert [words[1] for words in lines if "first" in words or shown in words and "(e)" in words] == ["ok", "FAILED"]
+    assert [
+        words[1] for words in lines if "first" in words or shown in words and "(e)" in words
+    ] == ["ok", "FAILED"]
     assert "\x1b" not in str(failed) and any("numbers" in words and "n" in words for words in lines)
     html = failed._repr_html_()
     assert (
@@ -177,25 +210,42 @@ def test_a_report_that_failed_says_so_in_every_form_of_it(bumped):
     )
     told = failed.to_dict()
     assert (told["passed"], passed.to_dict()["passed"]) == (False, True)
-    assert [c["passed"] for c in told["checks"]] == [True, False] and (told["numbers"], told["skipped"]) == (["n"], ["s"])
+    assert [c["passed"] for c in told["checks"]] == [True, False] and (
+        told["numbers"],
+        told["skipped"],
+    ) == (["n"], ["s"])
 
 
 def test_the_law_is_in_words_or_said_to_be_unknown(bumped, text_of):
     x = Scene({"y": 2 * Input("x")})
-    unknown = stimlib.verify(x, {"x": np.ones(64)}, stimlib.render(x, {"x": np.ones(64)}, 8000)).evidence
-    assert WORDS["bumps"] in text_of(bumped.evidence) and "No law of the whole scene" not in text_of(bumped.evidence)
+    unknown = stimlib.verify(
+        x, {"x": np.ones(64)}, stimlib.render(x, {"x": np.ones(64)}, 8000)
+    ).evidence
+    assert WORDS["bumps"] in text_of(
+        bumped.evidence
+    ) and "No law of the whole scene" not in text_of(bumped.evidence)
     assert "No law of the whole scene" in text_of(unknown)
 
 
 def test_an_error_that_is_never_seen_is_said_to_be_so(bumped, text_of):
-    text = text_of(bumped.evidence, certain=[Shows("a", "level", 0.25, "dB", 0.95), Shows("b", "slope", np.nan, "dB", 0.95)])
-    assert '<td>level</td><td class="n">0.25 dB</td><td>95%' in text and '<td class="n">none, however large</td>' in text
+    text = text_of(
+        bumped.evidence,
+        certain=[Shows("a", "level", 0.25, "dB", 0.95), Shows("b", "slope", np.nan, "dB", 0.95)],
+    )
+    assert (
+        '<td>level</td><td class="n">0.25 dB</td><td>95%' in text
+        and '<td class="n">none, however large</td>' in text
+    )
 
 
 def test_a_parameter_is_asked_up_to_all_of_it_and_only_where_there_is_a_law(bumped, text_of):
-    asked, nothing = "The law of the scene was asked again", Shows("law of the scene", "b", np.nan, "of it", 1.0)
+    asked, nothing = (
+        "The law of the scene was asked again",
+        Shows("law of the scene", "b", np.nan, "of it", 1.0),
+    )
     text = text_of(bumped.evidence, certain=[nothing])
-    assert '<td class="n">none, up to all of it</td>' in text and asked in text  # three times b might be seen
+    # three times b might be seen
+    assert '<td class="n">none, up to all of it</td>' in text and asked in text
     assert asked not in text_of(bumped.evidence, certain=[Shows("a", "level", 0.25, "dB", 0.95)])
 
 
@@ -205,12 +255,21 @@ def own_block(tmp_path, motion):
     return stimlib.verify(scene, {"x": motion}, tmp_path / "a.wav")
 
 
-def test_blocks_of_ones_own_are_imported_hashed_and_said_to_be_unchecked(tmp_path, text_of, monkeypatch, capsys):
+def test_blocks_of_ones_own_are_imported_hashed_and_said_to_be_unchecked(
+    tmp_path, text_of, monkeypatch, capsys
+):
     report = own_block(tmp_path, minimum_jerk())
     text = text_of(report.evidence)
     (told,) = definitions(report.evidence.scene).items()
-    assert f"<th>own blocks of {told[0]}</th><td>{told[1]['sha256']}" in text and f"<code>{told[0]}</code>.</p>" in text
-    assert [s for s in report.evidence.skipped if s.startswith("Doubled(Input('x')): it states no response")]
+    assert (
+        f"<th>own blocks of {told[0]}</th><td>{told[1]['sha256']}" in text
+        and f"<code>{told[0]}</code>.</p>" in text
+    )
+    assert [
+        s
+        for s in report.evidence.skipped
+        if s.startswith("Doubled(Input('x')): it states no response")
+    ]
     _, program, scene = re.findall("<pre>(.*?)</pre>", text, re.DOTALL)
     (tmp_path / "scene.json").write_text(scene)
     monkeypatch.chdir(tmp_path)
@@ -224,16 +283,25 @@ def test_no_program_is_claimed_of_a_function_of_ones_own(tmp_path, text_of):
     assert "parse_source" not in text and "No text here makes the samples again" in text
 
 
-@pytest.mark.parametrize("change", [Change(5, "A", 2.0, 0.0), Change(0, "A", 2.0, 0.1)], ids=["later", "with a ramp"])
+@pytest.mark.parametrize(
+    "change", [Change(5, "A", 2.0, 0.0), Change(0, "A", 2.0, 0.1)], ids=["later", "with a ramp"]
+)
 def test_changes_are_told_and_then_no_program_makes_the_samples(bumped, text_of, change):
     text = text_of(dc.replace(bumped.evidence, changes=[change] * 22))
-    assert text.count(f"A to 2 at {change.at / 8000:g} s within {change.ramp:g} s") == 20 and "; and 2 more" in text
+    assert (
+        text.count(f"A to 2 at {change.at / 8000:g} s within {change.ramp:g} s") == 20
+        and "; and 2 more" in text
+    )
     assert "import hashlib" not in text and "No text here makes the samples again" in text
-    assert "import hashlib" in text_of(bumped.evidence) and "changes of parameters</th>" not in text_of(bumped.evidence)
+    assert "import hashlib" in text_of(
+        bumped.evidence
+    ) and "changes of parameters</th>" not in text_of(bumped.evidence)
 
 
 def test_motion_that_is_an_array_is_told_as_such_and_hashed_by_samples(squeezed, text_of):
-    e = dc.replace(squeezed.evidence, motion=squeezed.evidence.motion | {"x2": squeezed.evidence.x[1]})
+    e = dc.replace(
+        squeezed.evidence, motion=squeezed.evidence.motion | {"x2": squeezed.evidence.x[1]}
+    )
     text = text_of(e)
     assert "x2: array of 4000 samples" in text and "import hashlib" not in text
     for rows, what in ((e.x, "motion, as sampled"), (e.y, "signal")):
@@ -241,7 +309,7 @@ def test_motion_that_is_an_array_is_told_as_such_and_hashed_by_samples(squeezed,
         assert re.search(f"{what}</th><td>{digest}", text), what
 
 
-# Pictures ----------------------------------------------------------------------------------------------------------------
+# Pictures -----------------------------------------------------------------------------
 def test_a_finger_is_shown_by_its_vibration_rate_and_gate(squeezed, monkeypatch):
     drawn = []
     monkeypatch.setattr(figures, "over_time", lambda *a: None)
@@ -257,32 +325,51 @@ def test_a_finger_is_shown_by_its_vibration_rate_and_gate(squeezed, monkeypatch)
 def test_the_law_is_drawn_where_it_is_best_seen(bumped, monkeypatch):
     drawn = []
     monkeypatch.setattr(figures, "close_by", lambda *a: None)
-    monkeypatch.setattr(figures, "over_time", lambda fig, rows, fs, start=0: drawn.append((rows, start)))
+    monkeypatch.setattr(
+        figures, "over_time", lambda fig, rows, fs, start=0: drawn.append((rows, start))
+    )
     e = dc.replace(bumped.evidence, closeup=slice(100, 300))
     list(figures.figures(e))
     (whole, _), (rows, start) = drawn
-    assert start == 100 and {r.y.size for r in rows} == {200} and {r.y.size for r in whole} == {1600}
+    assert (
+        start == 100 and {r.y.size for r in rows} == {200} and {r.y.size for r in whole} == {1600}
+    )
     assert [r.name for r in rows][-2:] == list(e.curves) == ["envelope", "carrier"]
 
 
 def test_the_band_of_a_noise_holds_as_many_false_alarms_as_are_told(squeezed):
-    """Two-sided, one in a million for all bands and the trend together; the measured power lies in it."""
+    """Two-sided, one in a million for all bands and the trend together; the measured
+    power lies in it.
+    """
     e = squeezed.evidence
     a, s = squeezed.spectra()["force1"], e.taps[0].spectrum
     bins = np.array([b.bins for b in s.bands])
-    outside = stats.gamma.sf(bins * a.high / a.law, bins) + stats.gamma.cdf(bins * a.low / a.law, bins)
+    outside = stats.gamma.sf(bins * a.high / a.law, bins) + stats.gamma.cdf(
+        bins * a.low / a.law, bins
+    )
     np.testing.assert_allclose(outside * (bins.size + 1), 1e-6, rtol=1e-6)
     np.testing.assert_allclose(a.measured / a.law, [b.ratio for b in s.bands])
     np.testing.assert_allclose(a.law, e.taps[0].model(a.f))
 
 
 def test_the_band_of_a_law_is_what_a_difference_can_do(bumped):
-    """One whose sign alternates reaches the edge at its frequency, a square wave nearly; none passes it."""
+    """One whose sign alternates reaches the edge at its frequency, a square wave
+    nearly; none passes it.
+    """
     size, apart, rng = 1600, 1e-3, np.random.default_rng(1)
     alternating = apart * (-1.0) ** np.arange(size)
     square = apart * np.sign(np.sin(2 * np.pi * 40 / size * (np.arange(size) + 0.5)))
-    for difference, least in ((alternating, 1 - 1e-9), (square, 0.8), (apart * rng.choice([-1, 1], size), 0.0)):
-        e = dc.replace(bumped.evidence, y=difference[None], wanted={"voltage": lambda: (np.zeros(size), apart)}, taps=[])
+    for difference, least in (
+        (alternating, 1 - 1e-9),
+        (square, 0.8),
+        (apart * rng.choice([-1, 1], size), 0.0),
+    ):
+        e = dc.replace(
+            bumped.evidence,
+            y=difference[None],
+            wanted={"voltage": lambda: (np.zeros(size), apart)},
+            taps=[],
+        )
         a = figures.spectra_of(e)["voltage"]
         assert least <= (a.measured / a.high).max() <= 1 + 1e-9 and not a.law.any()
 
@@ -290,20 +377,33 @@ def test_the_band_of_a_law_is_what_a_difference_can_do(bumped):
 def test_pictures_are_of_the_first_outputs_and_say_so(bumped, monkeypatch):
     (y,) = bumped.evidence.scene.outputs.values()
     monkeypatch.setattr(figures, "svg", lambda draw, size: size)
-    for count, title in ((6, "Signals over time"), (7, "Signals over time, the first 6 of 7 outputs")):
+    for count, title in (
+        (6, "Signals over time"),
+        (7, "Signals over time, the first 6 of 7 outputs"),
+    ):
         scene = Scene({f"V{i}": y for i in range(count)})
         row = bumped.evidence.shown[0]
-        signals = figures.Signals(scene, 8000.0, {"x": row}, {f"V{i}": row for i in range(min(count, figures.OUTPUTS))})
-        drawn = dict(figures.figures(dc.replace(bumped.evidence, scene=scene, shown=np.array([row] * count))))
+        signals = figures.Signals(
+            scene, 8000.0, {"x": row}, {f"V{i}": row for i in range(min(count, figures.OUTPUTS))}
+        )
+        drawn = dict(
+            figures.figures(dc.replace(bumped.evidence, scene=scene, shown=np.array([row] * count)))
+        )
         assert drawn[title] == (12, figures.heights(signals)[0])
 
 
 def test_the_page_names_each_block_those_that_nothing_holds_first(tmp_path):
     x = stimlib.Input("x", "m")
     scene = stimlib.Scene({"y": 2.0 * stimlib.blocks.velocity(x, 100.0), "z": Bare(x)})
-    r = stimlib.verify(scene, {"x": np.linspace(0, 0.01, 500)}, stimlib.render(scene, {"x": np.linspace(0, 0.01, 500)}, 1000))
+    r = stimlib.verify(
+        scene,
+        {"x": np.linspace(0, 0.01, 500)},
+        stimlib.render(scene, {"x": np.linspace(0, 0.01, 500)}, 1000),
+    )
     r.to_html(tmp_path / "a.html")
-    part = (tmp_path / "a.html").read_text().partition("Which block is held")[2].partition("<h2>")[0]
+    part = (
+        (tmp_path / "a.html").read_text().partition("Which block is held")[2].partition("<h2>")[0]
+    )
     assert part.index("Bare") < part.index("Velocity") and "no law of its output" in part
     found = r.to_dict()["blocks"]
     assert found[0]["class"].endswith("Bare") and found[0]["why"] and found[0]["smallest"] is None
@@ -315,9 +415,16 @@ def test_the_page_of_many_blocks_has_a_line_for_each_class(tmp_path):
     x = stimlib.Input("x", "m")
     total = x
     for k in range(200):
-        total = total + float(k) * stimlib.blocks.velocity(x, 100.0 + k) * stimlib.constant(1.0, "s")
+        total = total + float(k) * stimlib.blocks.velocity(x, 100.0 + k) * stimlib.constant(
+            1.0, "s"
+        )
     scene, motion = stimlib.Scene({"y": total}), {"x": np.linspace(0, 0.01, 200)}
     r = stimlib.verify(scene, motion, stimlib.render(scene, motion, 1000))
     r.to_html(tmp_path / "a.html")
-    shown = (tmp_path / "a.html").read_text().partition("Which block is held")[2].partition("<details>")[0]
+    shown = (
+        (tmp_path / "a.html")
+        .read_text()
+        .partition("Which block is held")[2]
+        .partition("<details>")[0]
+    )
     assert shown.count("<tr>") < 10 and '<td>Velocity</td><td class="n">200</td>' in shown

@@ -1,4 +1,6 @@
-"""What a scene was asked for: its laws see wrong numbers in a factory, and hold in combinations, in trials and of one's own."""
+"""What a scene was asked for: its laws see wrong numbers in a factory, and hold in
+combinations, in trials and of one's own.
+"""
 
 import dataclasses
 import inspect
@@ -12,7 +14,17 @@ import pytest
 from laws import STRESS
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, SceneError, SceneFileError, UnknownName, blocks, constant
+from stimlib import (
+    BadValue,
+    Input,
+    Param,
+    Scene,
+    SceneError,
+    SceneFileError,
+    UnknownName,
+    blocks,
+    constant,
+)
 from stimlib.checks import scenes
 from stimlib.checks.evidence import Check, Evidence, asked, at_first, gather, ramped
 from stimlib.checks.scenes import scene_law
@@ -66,14 +78,20 @@ def again(scene):
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_keeps_what_it_was_asked_for(name):
     kept = again(SCENES[name])
-    assert kept.hash == SCENES[name].hash and [p.law for p in kept.parts] == [name] and kept.parts[0].given
+    assert (
+        kept.hash == SCENES[name].hash
+        and [p.law for p in kept.parts] == [name]
+        and kept.parts[0].given
+    )
     assert verified(kept, hands(name)).passed
 
 
 LIFTS = {"contact": lambda t: 1.0 * (np.sin(90 * t) > -0.3)}
 PUSHED = {"x1": lambda t: 0.06 * np.minimum(10 * t, 1.0) ** 2}
 SQUEEZED = {"fingers": 1, "motor_constant": 10.0}
-LIMITS = [  # arguments, motion, output, how much larger it is than it should be, and which check says so
+# arguments, motion, output, how much larger it is than it should be, and which check
+# says so
+LIMITS = [
     ("squeeze", {"fingers": 1}, PUSHED, "force1", 2e-14, "mean part is k x"),
     ("squeeze", {"fingers": 1}, PUSHED, "force1", 1e-11, "vibration law"),
     ("squeeze", SQUEEZED, PUSHED, "current1", 2e-8, "I = F/(n B Gamma)"),
@@ -82,9 +100,16 @@ LIMITS = [  # arguments, motion, output, how much larger it is than it should be
     ("bumps", {}, None, "voltage", 2e-6, "envelope times carrier"),
     ("texture", {}, None, "acceleration", 2e-7, "the models' recursion"),
     ("grating", {}, None, "force", 1e-10, "gratings and roughness of the place"),
-    *((name, {}, None, output, 2e-6, "written again") for name, output in (
-        ("click", "force"), ("detents", "torque"), ("friction", "force"), ("wall", "force"), ("impact", "force"),
-    )),
+    *(
+        (name, {}, None, output, 2e-6, "written again")
+        for name, output in (
+            ("click", "force"),
+            ("detents", "torque"),
+            ("friction", "force"),
+            ("wall", "force"),
+            ("impact", "force"),
+        )
+    ),
     ("wall", {"k": 1e-6, "b": 0.0}, None, "force", 2e-6, "written again"),  # of 2e-9 N
     ("soft_surface", {}, None, "force", 2e-12, "eq. (2)"),
     ("soft_surface", {}, None, "depth1", 2e-10, "f/k"),
@@ -92,12 +117,25 @@ LIMITS = [  # arguments, motion, output, how much larger it is than it should be
     ("soft_surface", {"mode": "multipoint"}, None, "y2", 2e-12, "of a triangle"),
     ("soft_surface", {"mode": "multipoint"}, None, "x3", 2e-12, "of a triangle"),
     ("soft_surface", {}, None, "y1", 2e-9, "the hand of some time ago"),
-    ("soft_surface", {"mode": "cursor", "device": "mouse"}, None, "x1", 1e-10, "steps of the reversible cursor"),
-]  # fmt: skip
+    (
+        "soft_surface",
+        {"mode": "cursor", "device": "mouse"},
+        None,
+        "x1",
+        1e-10,
+        "steps of the reversible cursor",
+    ),
+]
 
 
-@pytest.mark.parametrize(("name", "words", "motion", "output", "part", "says"), LIMITS, ids=lambda v: v if type(v) is str else "")
-def test_an_output_that_is_off_by_little_more_than_its_tolerance_is_refused(name, words, motion, output, part, says):
+@pytest.mark.parametrize(
+    ("name", "words", "motion", "output", "part", "says"),
+    LIMITS,
+    ids=lambda v: v if type(v) is str else "",
+)
+def test_an_output_that_is_off_by_little_more_than_its_tolerance_is_refused(
+    name, words, motion, output, part, says
+):
     scene = SHIPPED[name](**words)
     motion = {n: (motion or hands(name))[n] for n in scene.inputs}
     e = gather(scene, motion, stimlib.render(scene, motion, FS, 0.3))
@@ -115,11 +153,13 @@ def test_the_least_output_off_contact_is_refused(name):
     a = asked(e, scene.parts[0])
     ((output, row),) = a.y.items()
     row = np.where(a.contact == 0, 1e-300, row)
-    bad = [c.name for c in scenes.SCENES[name](dataclasses.replace(a, y={output: row})) if not c.passed]
+    bad = [
+        c.name for c in scenes.SCENES[name](dataclasses.replace(a, y={output: row})) if not c.passed
+    ]
     assert bad == [f"{output}: none off contact"]
 
 
-# Combinations ------------------------------------------------------------------------------------------------------------
+# Combinations -------------------------------------------------------------------------
 MANY = [*itertools.combinations(SCENES, 2), *itertools.combinations(SCENES, 3)]
 
 
@@ -146,7 +186,9 @@ def test_a_wrong_part_is_refused_and_named():
     both = Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"])
     motion = {"edge_x": hands("wall")["x"], "knob_angle": hands("detents")["angle"]}
     bad = Scene(both.outputs | {"knob_torque": 1.001 * both.outputs["knob_torque"]}, both.parts)
-    assert [c.name for c in verified(bad, motion).checks if not c.passed] == ["knob_torque: detents and friction, written again"]
+    assert [c.name for c in verified(bad, motion).checks if not c.passed] == [
+        "knob_torque: detents and friction, written again"
+    ]
 
 
 def test_a_part_that_begins_with_another_value_is_refused_and_named():
@@ -155,15 +197,23 @@ def test_a_part_that_begins_with_another_value_is_refused_and_named():
     k["fields"]["value"] *= 1.25
     motion = {"edge_x": hands("wall")["x"], "knob_angle": hands("detents")["angle"]}
     (bad,) = [c for c in verified(Scene.from_dict(data), motion).checks if not c.passed]
-    assert bad.name == "parameters of edge: as they were asked for" and bad.text == "k = 1250 for 1000"
+    assert (
+        bad.name == "parameters of edge: as they were asked for" and bad.text == "k = 1250 for 1000"
+    )
 
 
 def test_inputs_are_joined_only_where_that_is_said():
-    both = Scene.combine(edge=SCENES["wall"], screen=SCENES["bumps"], share={"x": ("edge_x", "screen_x")})
+    both = Scene.combine(
+        edge=SCENES["wall"], screen=SCENES["bumps"], share={"x": ("edge_x", "screen_x")}
+    )
     assert list(both.inputs) == ["x"]
     assert verified(both, {"x": sinusoid(2e-3, 5.0)}).passed
     nested = Scene.combine(a=both, b=SCENES["wall"])
-    assert list(nested.inputs) == ["a_x", "b_x"] and [p.name for p in nested.parts] == ["a_edge", "a_screen", "b"]
+    assert list(nested.inputs) == ["a_x", "b_x"] and [p.name for p in nested.parts] == [
+        "a_edge",
+        "a_screen",
+        "b",
+    ]
     assert verified(nested, {"a_x": sinusoid(2e-3, 5.0), "b_x": sinusoid(1e-3, 5.0)}).passed
 
 
@@ -173,12 +223,18 @@ def test_inputs_are_joined_only_where_that_is_said():
         (lambda: Scene.combine(), SceneError, "combine needs scenes by name"),
         (lambda: Scene.combine(a=1), SceneError, "combine needs scenes by name"),
         (
-            lambda: Scene.combine(soft=SCENES["soft_surface"], knob=SCENES["detents"], share={"x": ("soft_x", "knob_angle")}),
+            lambda: Scene.combine(
+                soft=SCENES["soft_surface"],
+                knob=SCENES["detents"],
+                share={"x": ("soft_x", "knob_angle")},
+            ),
             SceneError,
             "'x' would be x of soft.*and angle of knob.*not the same",
         ),
         (
-            lambda: Scene.combine(a=SCENES["wall"], b=stimlib.scenes.wall(k=1.0), share={"k": ("a_k", "b_k")}),
+            lambda: Scene.combine(
+                a=SCENES["wall"], b=stimlib.scenes.wall(k=1.0), share={"k": ("a_k", "b_k")}
+            ),
             SceneError,
             "k of a.*1000.*k of b.*1.0.*not the same",
         ),
@@ -188,12 +244,16 @@ def test_inputs_are_joined_only_where_that_is_said():
             "no part has 'a_y'; there are a_x, a_k, a_b",
         ),
         (
-            lambda: Scene.combine(a=Scene({"b_y": 2 * Input("b_x")}), a_b=Scene({"y": 3 * Input("x")})),
+            lambda: Scene.combine(
+                a=Scene({"b_y": 2 * Input("b_x")}), a_b=Scene({"y": 3 * Input("x")})
+            ),
             SceneError,
             "'a_b_x' would be b_x of a.*and x of a_b",
         ),
         (
-            lambda: Scene.combine(a=Scene({"b_y": 2 * Input("u")}), a_b=Scene({"y": 3 * Input("v")})),
+            lambda: Scene.combine(
+                a=Scene({"b_y": 2 * Input("u")}), a_b=Scene({"y": 3 * Input("v")})
+            ),
             SceneError,
             "two parts would have the output 'a_b_y'; give a_b another name",
         ),
@@ -203,7 +263,9 @@ def test_inputs_are_joined_only_where_that_is_said():
             "two noise sources have the key",
         ),
         (
-            lambda: Scene.combine(a=SCENES["wall"], b=SCENES["wall"], share={"x": ("a_x",), "z": ("a_x", "b_x")}),
+            lambda: Scene.combine(
+                a=SCENES["wall"], b=SCENES["wall"], share={"x": ("a_x",), "z": ("a_x", "b_x")}
+            ),
             SceneError,
             "share: 'a_x' would be 'x' and 'z'; name it once",
         ),
@@ -212,9 +274,21 @@ def test_inputs_are_joined_only_where_that_is_said():
             SceneError,
             "share: 'x' is 'a_x', and not names; ",
         ),
-        (lambda: Scene.combine(a=SCENES["wall"], share=["a_x"]), SceneError, r"share = \['a_x'\] must map new names to names"),
-        (lambda: SCENES["wall"].renamed(inputs={"y": "z"}), UnknownName, "no input 'y'; this scene has x"),
-        (lambda: SCENES["soft_surface"].renamed(outputs={"x1": "y1"}), SceneError, "two outputs would be called 'y1'"),
+        (
+            lambda: Scene.combine(a=SCENES["wall"], share=["a_x"]),
+            SceneError,
+            r"share = \['a_x'\] must map new names to names",
+        ),
+        (
+            lambda: SCENES["wall"].renamed(inputs={"y": "z"}),
+            UnknownName,
+            "no input 'y'; this scene has x",
+        ),
+        (
+            lambda: SCENES["soft_surface"].renamed(outputs={"x1": "y1"}),
+            SceneError,
+            "two outputs would be called 'y1'",
+        ),
     ],
 )
 def test_two_meanings_of_a_name_are_an_error_with_both_parts(make, error, says):
@@ -222,7 +296,7 @@ def test_two_meanings_of_a_name_are_an_error_with_both_parts(make, error, says):
         make()
 
 
-# Of one's own ------------------------------------------------------------------------------------------------------------
+# Of one's own -------------------------------------------------------------------------
 def slope(x, p, fs, *, at):
     """A spring beyond a place."""
     return {"force": p["k"] * np.maximum(x["x"] - at, 0.0)}
@@ -230,14 +304,21 @@ def slope(x, p, fs, *, at):
 
 def lone(factor=1.0, given=0.01):
     x, k = Input("x", "m"), Param("k", 200.0, "N/m")
-    return Scene({"force": factor * k * blocks.maximum(x - constant(0.01, "m"), 0)}, law=slope, given={"at": given})
+    return Scene(
+        {"force": factor * k * blocks.maximum(x - constant(0.01, "m"), 0)},
+        law=slope,
+        given={"at": given},
+    )
 
 
 def test_a_law_of_ones_own_is_held_and_kept(tmp_path):
     motion = {"x": sinusoid(0.02, 3.0)}
     assert verified(lone(), motion, params={"k": 150.0}).passed
     assert verified(lone(1 + 1e-13), motion).passed and not verified(lone(1 + 1e-8), motion).passed
-    assert not verified(lone(1.0001), motion).passed and not verified(lone(given=0.0101), motion).passed
+    assert (
+        not verified(lone(1.0001), motion).passed
+        and not verified(lone(given=0.0101), motion).passed
+    )
     rendering = stimlib.render(again(lone()), motion, FS, 0.1)
     assert rendering.save(tmp_path / "a.wav", full_scale=10.0)
     report = stimlib.verify(tmp_path / "a.wav")
@@ -265,7 +346,9 @@ def test_what_was_given_by_the_name_of_a_parameter_is_where_it_begins():
     motion = {"x": sinusoid(0.02, 3.0)}
     for k, bad in ((200.0, []), (200.5, ["parameters: as they were asked for"])):
         scene = Scene(lone().outputs, law=slope, given={"at": 0.01, "k": k})
-        assert [c.name for c in verified(scene, motion, params={"k": 150.0}).checks if not c.passed] == bad
+        assert [
+            c.name for c in verified(scene, motion, params={"k": 150.0}).checks if not c.passed
+        ] == bad
 
 
 def test_a_law_that_is_written_again_is_the_new_one():
@@ -275,7 +358,9 @@ def test_a_law_that_is_written_again_is_the_new_one():
         def law(x, p, fs, factor=factor):
             return {"y": factor * x["x"]}
 
-        made.append(verified(Scene({"y": 2.0 * Input("x")}, law=law), {"x": sinusoid(0.02, 3.0)}).passed)
+        made.append(
+            verified(Scene({"y": 2.0 * Input("x")}, law=law), {"x": sinusoid(0.02, 3.0)}).passed
+        )
     assert made == [False, True]
 
 
@@ -289,7 +374,10 @@ def test_a_law_that_is_not_imported_is_said(monkeypatch):
     kept = again(lone())
     forget(monkeypatch)
     report = verified(kept, {"x": sinusoid(0.02, 3.0)})
-    assert any(f"the law '{__name__}.slope' is not known here: import its module first" in s for s in report.evidence.skipped)
+    assert any(
+        f"the law '{__name__}.slope' is not known here: import its module first" in s
+        for s in report.evidence.skipped
+    )
 
 
 def test_a_law_is_known_once_its_module_is_imported(monkeypatch):
@@ -299,7 +387,9 @@ def test_a_law_is_known_once_its_module_is_imported(monkeypatch):
     assert not verified(wrong, motion).passed
 
 
-@pytest.mark.parametrize("law", ["os.path.join", f"{__name__}.hands", f"{__name__}.sinusoid", f"{__name__}.FS"])
+@pytest.mark.parametrize(
+    "law", ["os.path.join", f"{__name__}.hands", f"{__name__}.sinusoid", f"{__name__}.FS"]
+)
 def test_a_file_cannot_name_another_function_as_its_law(law):
     report = verified(Scene({"y": 1 * Input("x")}, law, {}), {"x": sinusoid(0.02, 3.0)})
     assert any("is not known here" in s for s in report.evidence.skipped)
@@ -307,7 +397,9 @@ def test_a_file_cannot_name_another_function_as_its_law(law):
 
 @pytest.mark.parametrize("written", [True, False])
 def test_files_and_logs_are_proven_with_and_without_the_module_of_the_law(tmp_path, written):
-    """Written where the law is known and verified where it is not, and the other way round."""
+    """Written where the law is known and verified where it is not, and the other way
+    round.
+    """
     motion, kept = {"x": sinusoid(0.02, 3.0)}, again(lone())
 
     def write():
@@ -320,7 +412,11 @@ def test_files_and_logs_are_proven_with_and_without_the_module_of_the_law(tmp_pa
 
     def check():
         log = read_log(tmp_path / "log")
-        return stimlib.verify(tmp_path / "a.wav").passed, replay(log).matches, verify_log(log).passed
+        return (
+            stimlib.verify(tmp_path / "a.wav").passed,
+            replay(log).matches,
+            verify_log(log).passed,
+        )
 
     with pytest.MonkeyPatch.context() as patch:
         if not written:
@@ -333,17 +429,28 @@ def test_files_and_logs_are_proven_with_and_without_the_module_of_the_law(tmp_pa
 
 
 def test_a_law_sees_a_parameter_as_it_was_ramped():
-    """Ramps from sample 0, broken off, of no length, up to the last sample; a change behind it is none."""
+    """Ramps from sample 0, broken off, of no length, up to the last sample; a change
+    behind it is none.
+    """
     scene, rows, n = Scene({"y": Param("p", 1.0) * 1.0}), [], 100
     proc = stimlib.compile(scene, FS, "python")
-    for at, value, long in ((0, 3.0, 20), (10, -1.0, 30), (60, 2.0, 0), (61, 5.0, 7), (99, 0.0, 4), (n, 9.0, 0)):
+    for at, value, long in (
+        (0, 3.0, 20),
+        (10, -1.0, 30),
+        (60, 2.0, 0),
+        (61, 5.0, 7),
+        (99, 0.0, 4),
+        (n, 9.0, 0),
+    ):
         rows.append(proc.process(at - proc.index)[0])
         proc.set("p", value, ramp=long / FS)
     y = np.concatenate(rows)
     np.testing.assert_allclose(ramped(1.0, proc.log, FS, n), y, rtol=0, atol=1e-14)
     assert len(set(y)) > 40
     for long, first in ((0, 3.0), (1, 3.0), (2, 1.0)):
-        assert at_first(stimlib.compile(scene, FS, "python"), [Change(0, "p", 3.0, long / FS)]) == {"p": first}
+        assert at_first(stimlib.compile(scene, FS, "python"), [Change(0, "p", 3.0, long / FS)]) == {
+            "p": first
+        }
     assert at_first(stimlib.compile(scene, FS, "python"), [Change(1, "p", 3.0, 0.0)]) == {"p": 1.0}
 
 
@@ -466,18 +573,27 @@ def test_a_scene_file_with_a_wrong_law_is_refused(change, says):
 
 def test_what_was_asked_for_is_kept_as_it_is():
     assert parts_of("wall", None)[0].given is None and parts_of("wall", {})[0].given == {}
-    assert plain({"seed": 2**64 - 1, 1: (np.float32(0.5), True)}) == {"seed": 2**64 - 1, "1": [0.5, True]}
+    assert plain({"seed": 2**64 - 1, 1: (np.float32(0.5), True)}) == {
+        "seed": 2**64 - 1,
+        "1": [0.5, True],
+    }
 
 
 def test_a_scene_is_the_same_in_whatever_order_it_was_asked_for():
     outputs = {"y": 1.0 * Input("x")}
-    assert Scene(outputs, "wall", {"at": 0.0, "k": 1.0}).hash == Scene(outputs, "wall", {"k": 1.0, "at": 0.0}).hash
+    assert (
+        Scene(outputs, "wall", {"at": 0.0, "k": 1.0}).hash
+        == Scene(outputs, "wall", {"k": 1.0, "at": 0.0}).hash
+    )
 
 
 def test_a_scene_of_an_older_file_keeps_the_laws_that_it_is_combined_with():
     old = Scene(SCENES["wall"].outputs, "wall")
     both = again(Scene.combine(a=old, b=SCENES["wall"]))
-    assert [(p.name, p.law, p.given is None) for p in both.parts] == [("a", "wall", True), ("b", "wall", False)]
+    assert [(p.name, p.law, p.given is None) for p in both.parts] == [
+        ("a", "wall", True),
+        ("b", "wall", False),
+    ]
 
 
 def test_an_interval_with_any_seed_comes_back_from_a_file():
@@ -492,10 +608,12 @@ def test_a_scene_of_an_older_file_is_read_and_its_law_is_said_to_lack_what_was_a
     scene = Scene.from_dict(data)
     assert scene.to_dict() == data
     report = verified(scene, hands("wall"))
-    assert report.passed and "the law 'wall' needs what the scene was asked for" in "; ".join(report.evidence.skipped)
+    assert report.passed and "the law 'wall' needs what the scene was asked for" in "; ".join(
+        report.evidence.skipped
+    )
 
 
-# Trials ------------------------------------------------------------------------------------------------------------------
+# Trials -------------------------------------------------------------------------------
 def NEXT(participant, session):  # nothing here asks what comes next
     raise NotImplementedError
 
@@ -504,9 +622,21 @@ ASKED = choice("more", "?", "first", "second")
 
 
 def trial_of(scene, ramp=0.02, **words):
-    e = Experiment("pair", "1", {"s": scene}, NEXT, (ASKED,), fs=FS, safety=Safety(1000.0), timing=Timing(0.2, 0.05, 0.0, ramp))
+    e = Experiment(
+        "pair",
+        "1",
+        {"s": scene},
+        NEXT,
+        (ASKED,),
+        fs=FS,
+        safety=Safety(1000.0),
+        timing=Timing(0.2, 0.05, 0.0, ramp),
+    )
     names = list(scene.params)
-    pair = Stimulus("s", {n: 0.9 * scene.params[n].value for n in names[:1]}, 3), Stimulus("s", {}, 5)
+    pair = (
+        Stimulus("s", {n: 0.9 * scene.params[n].value for n in names[:1]}, 3),
+        Stimulus("s", {}, 5),
+    )
     return e, Trial("a", pair, ("more",)), *program(e, Trial("a", pair, ("more",)))
 
 
@@ -524,9 +654,15 @@ def test_the_law_of_a_soft_surface_holds_in_a_long_trial_with_steep_ramps(mode):
     """The window's time is rounded, which a steep ramp makes larger."""
     words = {"mouse": {"device": "mouse"}, "frames": {"frames": True}}.get(mode, {"mode": mode})
     e = Experiment(
-        "pair", "1", {"s": stimlib.scenes.soft_surface(**words)}, NEXT, (ASKED,), fs=500, safety=Safety(1000.0),
+        "pair",
+        "1",
+        {"s": stimlib.scenes.soft_surface(**words)},
+        NEXT,
+        (ASKED,),
+        fs=500,
+        safety=Safety(1000.0),
         timing=Timing(12.0, 0.1, 0.0, 0.002),
-    )  # fmt: skip
+    )
     scene, params = program(e, Trial("a", (Stimulus("s"), Stimulus("s")), ("more",)))
     moves = {n: m for n, m in hands("soft_surface").items() if n in scene.inputs}
     report = verified(scene, moves, 24.2, 500, params=params)
@@ -552,13 +688,17 @@ def test_each_interval_has_all_laws_of_its_scene_and_its_own_seed():
     _, _, scene, _ = trial_of(Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"]))
     told = [(p.law, p.name, p.span.start, p.span.seed) for p in scene.parts]
     assert told == [
-        (law, f"interval_{i}", start, seed) for i, start, seed in ((1, 0.032, None), (2, 0.282, 5)) for law in ("wall", "detents")
+        (law, f"interval_{i}", start, seed)
+        for i, start, seed in ((1, 0.032, None), (2, 0.282, 5))
+        for law in ("wall", "detents")
     ]
     assert trial_of(scene)[2].parts == ()  # of a trial within a trial no law knows the time
 
 
 def test_a_law_sees_its_own_interval_alone():
-    """Its samples and parameters, differences as they were displayed; nothing where the window is 0."""
+    """Its samples and parameters, differences as they were displayed; nothing where the
+    window is 0.
+    """
     _, _, scene, params = trial_of(SCENES["wall"])
     e, fs = verified(scene, hands("wall"), 0.55, params=params).evidence, float(FS)
     e.changes.append(Change(1200, "k_2", 500.0, 0.01))
@@ -566,7 +706,10 @@ def test_a_law_sees_its_own_interval_alone():
     assert (first.at, second.at) == (slice(128, 928), slice(1128, 1928))
     row = ramped(1000.0, [Change(1200, "k_2", 500.0, 0.01)], fs, 2200)
     np.testing.assert_array_equal(second.live("k"), row[1128:1928])
-    assert not np.ptp(first.live("k")) and second.live("k")[71] > second.live("k")[72] > second.live("k")[-1] == 500.0
+    assert (
+        not np.ptp(first.live("k"))
+        and second.live("k")[71] > second.live("k")[72] > second.live("k")[-1] == 500.0
+    )
     np.testing.assert_array_equal(second.x["x"], e.x[0, 1128:1928])
     t = np.minimum(np.arange(800), 800 - np.arange(800)) / fs
     window = np.where(t < 0.02, (1 - np.cos(np.pi * t / 0.02)) / 2, 1.0)
@@ -585,7 +728,12 @@ def test_a_law_sees_its_own_interval_alone():
 def test_an_output_is_held_to_its_tolerance_of_the_largest_value():
     e = verified(SCENES["wall"], hands("wall")).evidence
     a, want = asked(e, SCENES["wall"].parts[0]), np.sin(np.arange(1200.0)) * 4
-    for off, least, passes in ((0.9e-6, 1e-300, True), (1.1e-6, 1e-300, False), (1.1e-6, 5.0, True), (-1.1e-6, 1e-300, False)):
+    for off, least, passes in (
+        (0.9e-6, 1e-300, True),
+        (1.1e-6, 1e-300, False),
+        (1.1e-6, 5.0, True),
+        (-1.1e-6, 1e-300, False),
+    ):
         row = want.copy()
         row[7] += off * np.abs(want).max()
         seen = dataclasses.replace(a, y={"force": row})
@@ -629,12 +777,16 @@ def test_sessions_of_the_papers_are_verified_trial_by_trial(make, tmp_path):
     assert logs
     for log in logs:
         report = verify_log(read_log(log))
-        assert report.passed and any(c.group == "d" and " from " in c.name for c in report.checks), str(report)
+        assert report.passed and any(
+            c.group == "d" and " from " in c.name for c in report.checks
+        ), str(report)
 
 
-# Correct renderings that a law refused -----------------------------------------------------------------------------------
+# Correct renderings that a law refused ------------------------------------------------
 def test_a_finger_that_rests_on_an_edge_of_a_bump_passes():
-    """-0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's rounding."""
+    """-0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's
+    rounding.
+    """
     x = np.full(400, -0.1)
     for scene in (stimlib.scenes.bumps(), stimlib.scenes.touch_screen("square", rectify="half")):
         assert verified(scene, {"x": x}, 0.1).passed
@@ -657,7 +809,10 @@ def test_a_live_number_out_of_its_range_is_held_by_scene_and_law(make, params):
 
 def test_a_plate_beyond_its_edge_and_a_texture_at_rest_pass():
     assert verified(stimlib.scenes.touch_screen(), {"x": sinusoid(0.01, 3.0, 0.8)}).passed
-    for motion in ({"x": np.zeros(2000), "force": np.zeros(2000)}, {"x": np.full(2000, 0.1), "force": np.ones(2000)}):
+    for motion in (
+        {"x": np.zeros(2000), "force": np.zeros(2000)},
+        {"x": np.full(2000, 0.1), "force": np.ones(2000)},
+    ):
         for seed in range(3):
             report = verified(stimlib.scenes.texture(), motion, 0.5, seed=seed)
             assert report.passed, str(report)
@@ -693,7 +848,7 @@ def evidence_of(scene, rows, fs, changes):
     return e
 
 
-# Hostile -----------------------------------------------------------------------------------------------------------------
+# Hostile ------------------------------------------------------------------------------
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 10**400, [[float("-inf")]]])
 def test_a_scene_file_whose_law_was_given_no_number_is_refused(value):
     data = SCENES["wall"].to_dict()
@@ -706,7 +861,10 @@ def test_a_scene_file_that_is_nested_deeply_or_has_an_endless_span_is_refused():
     deep = []
     for _ in range(900):
         deep = [deep]
-    for change, says in (({"given": {"at": deep}}, "nested too deeply"), ({"span": [0, 1e308, 0, None]}, "span")):
+    for change, says in (
+        ({"given": {"at": deep}}, "nested too deeply"),
+        ({"span": [0, 1e308, 0, None]}, "span"),
+    ):
         data = SCENES["wall"].to_dict()
         data["law"][0] |= change
         with pytest.raises(SceneFileError, match=says):
@@ -715,7 +873,12 @@ def test_a_scene_file_that_is_nested_deeply_or_has_an_endless_span_is_refused():
 
 @pytest.mark.parametrize(
     ("name", "change"),
-    [("viscoelastic", {"w": 0}), ("touch_screen", {"swap": 0}), ("touch_screen", {"model": []}), ("click", {"at": 0})],
+    [
+        ("viscoelastic", {"w": 0}),
+        ("touch_screen", {"swap": 0}),
+        ("touch_screen", {"model": []}),
+        ("click", {"at": 0}),
+    ],
 )
 def test_a_law_that_cannot_take_what_a_file_says_fails(name, change):
     data = SCENES[name].to_dict()
@@ -724,7 +887,7 @@ def test_a_law_that_cannot_take_what_a_file_says_fails(name, change):
     assert "shape of the scene" in [c.name for c in report.checks if not c.passed]
 
 
-# Laws that misbehave -----------------------------------------------------------------------------------------------------
+# Laws that misbehave ------------------------------------------------------------------
 def writes(x, p, fs, *, values):
     """Write into what was given."""
     values.append(1.0)
@@ -755,7 +918,8 @@ def test_a_law_that_writes_into_what_it_gets_changes_nothing():
 
 
 @pytest.mark.parametrize(
-    ("law", "says"), [(divides, "ZeroDivisionError"), (endless, "hold nothing"), (loose, "the tolerance inf")]
+    ("law", "says"),
+    [(divides, "ZeroDivisionError"), (endless, "hold nothing"), (loose, "the tolerance inf")],
 )
 def test_a_law_that_fails_or_holds_nothing_is_an_error(law, says):
     with pytest.raises(BadValue, match=says):
@@ -778,7 +942,12 @@ def test_a_law_whose_values_no_file_keeps_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("law", "given", "says"), [(slope, [1], "must be a dict"), (slope, 3, "must be a dict"), (None, {"a": 1}, "needs the law")]
+    ("law", "given", "says"),
+    [
+        (slope, [1], "must be a dict"),
+        (slope, 3, "must be a dict"),
+        (None, {"a": 1}, "needs the law"),
+    ],
 )
 def test_what_is_given_is_a_table_for_a_law(law, given, says):
     with pytest.raises(BadValue, match=says):

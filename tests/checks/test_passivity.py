@@ -1,4 +1,6 @@
-"""The damping that a device needs: against closed forms, against the poles of a device, and what is told of a scene."""
+"""The damping that a device needs: against closed forms, against the poles of a device,
+and what is told of a scene.
+"""
 
 import json
 
@@ -10,7 +12,17 @@ from typer.testing import CliRunner
 import stimlib
 from stimlib import BadValue, Input, Scene
 from stimlib.analysis.passivity import damping_of, needed_damping
-from stimlib.blocks import button, constant, detents, force_limit, friction, kelvin_voigt, stick_slip, wall, white_noise
+from stimlib.blocks import (
+    button,
+    constant,
+    detents,
+    force_limit,
+    friction,
+    kelvin_voigt,
+    stick_slip,
+    wall,
+    white_noise,
+)
 from stimlib.cli.app import app
 
 X = Input("x", "m")
@@ -34,12 +46,15 @@ def test_a_spring_and_a_difference_are_the_closed_form(B, fs, delay):
 
 @pytest.mark.parametrize("late", [0, 3])
 def test_below_it_a_heavy_device_on_a_spring_is_unstable(late):
-    """Mass and damper solved exactly between samples, closed by the spring: the sign of log |pole| changes at the bound."""
+    """Mass and damper solved exactly between samples, closed by the spring: the sign of
+    log |pole| changes at the bound.
+    """
     K, T, m = 1000.0, 1e-3, 2e4
     for part, stable in ((0.99, False), (1.01, True)):
         b = part * needed_damping(lambda f: np.full(f.shape, K + 0j), 1 / T, late * T)
         moved = expm(T * np.array([[0, 1, 0], [0, -b / m, -1 / m], [0, 0, 0]]))
-        A = np.zeros((2 + late + 1, 2 + late + 1))  # place, speed, the samples of force on their way
+        # place, speed, the samples of force on their way
+        A = np.zeros((2 + late + 1, 2 + late + 1))
         A[:2, :2], A[:2, 2] = moved[:2, :2], moved[:2, 2]
         A[2:-1, 3:] = np.eye(late)
         A[-1, :2] = K * moved[0, :2]
@@ -58,7 +73,10 @@ def test_what_is_told_of_a_scene():
         (friction(X, 1.0, stiffness=K), K * T),
         (stick_slip(X, 1.0, stiffness=K) + friction(X, 1.0, stiffness=K), 2 * K * T),
         (friction(X, 1.0, 0.5, K, static=0.7, speed=0.02), 0.2 * np.sqrt(2 / np.e) / 0.02 + K * T),
-        (friction(X, 1.0, 0.5, K, "lugre", static=0.7, damping=0.1, viscosity=20.0), 20.1 - 0.2 * np.sqrt(2 / np.e) / 0.02),
+        (
+            friction(X, 1.0, 0.5, K, "lugre", static=0.7, damping=0.1, viscosity=20.0),
+            20.1 - 0.2 * np.sqrt(2 / np.e) / 0.02,
+        ),
     ):
         assert needed(block) == pytest.approx(want, rel=1e-6), block
     for block in (
@@ -69,13 +87,20 @@ def test_what_is_told_of_a_scene():
         constant(1.0, "N") * X / X,
     ):
         assert needed(block) is None
-    assert needed(wall(X, 0.0)) is None and needed_damping(lambda f: np.full(f.shape, -K + 0j), 8000) == 0.0
+    assert (
+        needed(wall(X, 0.0)) is None
+        and needed_damping(lambda f: np.full(f.shape, -K + 0j), 8000) == 0.0
+    )
     assert needed(wall(X, K), delay=1e-3) == pytest.approx(K * (T + 1e-3), rel=1e-6)
 
 
-@pytest.mark.parametrize(("fs", "delay", "want"), [(8000, 0, 0.31), (1000, 0, 0.83), (8000, 3e-3, 3.3)])
+@pytest.mark.parametrize(
+    ("fs", "delay", "want"), [(8000, 0, 0.31), (1000, 0, 0.83), (8000, 3e-3, 3.3)]
+)
 def test_a_kelvin_voigt_element_with_a_smooth_velocity(fs, delay, want):
-    assert needed(kelvin_voigt(X, 1000.0, 2.0, cutoff=100.0), fs, delay=delay) == pytest.approx(want, rel=0.03)
+    assert needed(kelvin_voigt(X, 1000.0, 2.0, cutoff=100.0), fs, delay=delay) == pytest.approx(
+        want, rel=0.03
+    )
 
 
 @pytest.mark.parametrize(("k", "b"), [(1000.0, 2.0), (5000.0, 2.0)])
@@ -84,10 +109,19 @@ def test_a_kelvin_voigt_element_needs_its_own_damping(k, b):
 
 
 def test_show_warns(tmp_path):
-    for block, text in ((wall(X, 1000.0), "F over x is passive only in a device with damping of 0.125 N*s/m"), (X, None)):
-        Scene({"F": block + (constant(0.1, "N") if text else constant(0.1, "m")) * white_noise(1)}).save(tmp_path / "a.json")
+    for block, text in (
+        (wall(X, 1000.0), "F over x is passive only in a device with damping of 0.125 N*s/m"),
+        (X, None),
+    ):
+        Scene(
+            {"F": block + (constant(0.1, "N") if text else constant(0.1, "m")) * white_noise(1)}
+        ).save(tmp_path / "a.json")
         done = CliRunner().invoke(app, ["show", str(tmp_path / "a.json")])
-        assert done.exit_code == 0 and ("warning" in done.output) == bool(text) and (text or "") in done.output
+        assert (
+            done.exit_code == 0
+            and ("warning" in done.output) == bool(text)
+            and (text or "") in done.output
+        )
 
 
 def test_show_tells_it_as_data(tmp_path):
@@ -97,7 +131,9 @@ def test_show_tells_it_as_data(tmp_path):
     assert told == {"output": "F", "input": "x", "needed_damping": pytest.approx(0.125, rel=1e-6)}
 
 
-@pytest.mark.parametrize("words", [{"fs": 0.0}, {"fs": np.inf}, {"fs": 1e3, "delay": -1.0}, {"fs": 1e3, "delay": np.inf}])
+@pytest.mark.parametrize(
+    "words", [{"fs": 0.0}, {"fs": np.inf}, {"fs": 1e3, "delay": -1.0}, {"fs": 1e3, "delay": np.inf}]
+)
 def test_numbers_that_make_no_sense_are_refused(words):
     with pytest.raises(BadValue, match="needed_damping: "):
         needed_damping(lambda f: f + 0j, **words)

@@ -1,4 +1,6 @@
-"""Pictures of a rendering: nothing hides anything, units do not share an axis, and a wrong rendering leaves the band."""
+"""Pictures of a rendering: nothing hides anything, units do not share an axis, and a
+wrong rendering leaves the band.
+"""
 
 import dataclasses as dc
 
@@ -8,13 +10,24 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.analysis.listen import CUTOFF
-from stimlib.analysis.picture import Against, Signals, against, close_by, figure, over_time, picture, rows_of
+from stimlib.analysis.picture import (
+    Against,
+    Signals,
+    against,
+    close_by,
+    figure,
+    over_time,
+    picture,
+    rows_of,
+)
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
 FS = 2000
 X, Z, CONTACT = stimlib.Input("x", "m"), stimlib.Input("z", "m"), stimlib.Input("contact")
 K = stimlib.constant(1000.0, "N/m")
-SCENE = stimlib.Scene({"thumb": K * X * CONTACT, "index": K * Z, "noise": stimlib.blocks.white_noise(1)})
+SCENE = stimlib.Scene(
+    {"thumb": K * X * CONTACT, "index": K * Z, "noise": stimlib.blocks.white_noise(1)}
+)
 T = np.arange(FS) / FS
 SAME = {"x": 0.01 * T, "z": 0.01 * T, "contact": 1.0 * (T > 0.1)}
 
@@ -33,9 +46,18 @@ def labels(draw):
 
 def test_signals_share_a_panel_only_where_they_are_the_same():
     outputs = ["thumb", "index", "noise"]
-    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS)) == ["x = z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS)) == [
+        "x = z",
+        "contact",
+        *outputs,
+    ]
     other = SAME | {"z": 0.02 * T}
-    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS)) == ["x", "z", "contact", *outputs]
+    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS)) == [
+        "x",
+        "z",
+        "contact",
+        *outputs,
+    ]
 
 
 def test_an_output_with_the_name_of_an_input_hides_it_not():
@@ -47,17 +69,30 @@ def test_every_finger_is_drawn_over_its_own_position():
     fig = Figure()
     close_by(fig, signals(SAME | {"z": 0.02 * T}), {})
     over = [ax for ax in fig.axes if "over position" in ax.get_title()]
-    assert [(ax.get_title(), ax.get_ylabel()) for ax in over] == [("over position, x", "thumb"), ("over position, z", "index")]
-    assert [np.nanmax([line.get_xdata() for line in ax.lines]) for ax in over] == pytest.approx([0.01, 0.02], rel=1e-2)
+    assert [(ax.get_title(), ax.get_ylabel()) for ax in over] == [
+        ("over position, x", "thumb"),
+        ("over position, z", "index"),
+    ]
+    assert [np.nanmax([line.get_xdata() for line in ax.lines]) for ax in over] == pytest.approx(
+        [0.01, 0.02], rel=1e-2
+    )
 
 
 def test_the_close_up_is_where_it_vibrates_most_and_each_way_has_its_curve():
     there = 0.005 * (1 - np.cos(2 * np.pi * T))  # there for half a second, and back
     burst = 1e-4 * np.sin(2 * np.pi * 100 * T) * np.exp(-(((T - 0.7) / 0.05) ** 2))
     fig = Figure()
-    close_by(fig, Signals(stimlib.Scene({"force": K * X}), FS, {"x": there}, {"force": 1000 * (there + burst)}), {})
+    close_by(
+        fig,
+        Signals(
+            stimlib.Scene({"force": K * X}), FS, {"x": there}, {"force": 1000 * (there + burst)}
+        ),
+        {},
+    )
     t, y = fig.axes[0].lines[0].get_data()
-    assert t[np.abs(y).argmax()] == pytest.approx(0.7, abs=0.01) and np.ptp(t) == pytest.approx(0.06, rel=0.05)
+    assert t[np.abs(y).argmax()] == pytest.approx(0.7, abs=0.01) and np.ptp(t) == pytest.approx(
+        0.06, rel=0.05
+    )
     seen = {line.get_label(): np.isfinite(line.get_ydata()) for line in fig.axes[1].lines}
     for way, part in (("forwards", slice(10, 990)), ("back, or held", slice(1030, None))):
         assert seen[way][part].all() and seen[way].sum() <= part.indices(FS)[1] - part.start + 40
@@ -65,7 +100,10 @@ def test_the_close_up_is_where_it_vibrates_most_and_each_way_has_its_curve():
 
 def test_curves_of_a_spectrum_are_what_the_legend_says():
     f = np.geomspace(1, 1000, 200)
-    a, ax = Against("spectrum", "N", f, measured=2 / f, law=1 / f, low=0.5 / f, high=3 / f), Figure().add_subplot()
+    a, ax = (
+        Against("spectrum", "N", f, measured=2 / f, law=1 / f, low=0.5 / f, high=3 / f),
+        Figure().add_subplot(),
+    )
     against(ax, a)
     drawn = {line.get_label(): line.get_ydata() for line in ax.lines}
     assert np.array_equal(drawn["law"], a.law) and np.array_equal(drawn["rendered"], a.measured)
@@ -73,15 +111,25 @@ def test_curves_of_a_spectrum_are_what_the_legend_says():
 
 def test_no_text_of_a_panel_meets_another_panel():
     scene = stimlib.Scene({"force_of_the_thumb": -K * X})  # down to -500 mN
-    fig = figure(stimlib.render(scene, {"x": 5e-4 * T + 1e-4 * np.sin(300 * T)}, FS, target="python"))
+    fig = figure(
+        stimlib.render(scene, {"x": 5e-4 * T + 1e-4 * np.sin(300 * T)}, FS, target="python")
+    )
     fig.draw_without_rendering()
     _, left, middle, _ = (ax.get_ylabel() for ax in fig.axes[1:])
     assert left.startswith("force_of_the_thumb, above") and middle == "force_of_the_thumb"
     for ax in fig.axes:
-        texts = [ax.xaxis.label, ax.yaxis.label, ax.title, *ax.get_xticklabels(), *ax.get_yticklabels()]
+        texts = [
+            ax.xaxis.label,
+            ax.yaxis.label,
+            ax.title,
+            *ax.get_xticklabels(),
+            *ax.get_yticklabels(),
+        ]
         for other in fig.axes:
             frame = other.get_window_extent().padded(3)  # pixels
-            assert other is ax or not any(text.get_window_extent().overlaps(frame) for text in texts if text.get_text())
+            assert other is ax or not any(
+                text.get_window_extent().overlaps(frame) for text in texts if text.get_text()
+            )
 
 
 def test_panels_without_a_position_fill_their_row():
@@ -95,7 +143,9 @@ def test_panels_without_a_position_fill_their_row():
 
 def test_a_spectrum_is_drawn_down_to_twelve_decades_below_its_top():
     fig = Figure()
-    close_by(fig, Signals(stimlib.Scene({"y": 1.0 * X}), FS, {"x": T}, {"y": np.sin(40 * T) ** 3}), {})
+    close_by(
+        fig, Signals(stimlib.Scene({"y": 1.0 * X}), FS, {"x": T}, {"y": np.sin(40 * T) ** 3}), {}
+    )
     low, high = fig.axes[-1].get_ylim()
     y = fig.axes[-1].lines[0].get_ydata()
     assert y.min() < low == pytest.approx(1e-12 * y.max()) and high > y.max()
@@ -107,7 +157,10 @@ def test_the_legend_has_the_band_only_where_it_can_be_seen():
     for width, seen in ((1e-6, False), (0.5, True)):
         ax = Figure().subplots()
         against(ax, Against("", "N", f, law, law, law * (1 - width), law * (1 + width)))
-        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["correct"] * seen + ["rendered", "law"]
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["correct"] * seen + [
+            "rendered",
+            "law",
+        ]
 
 
 def test_the_close_up_is_taken_away_from_the_ends():
@@ -153,7 +206,12 @@ def test_the_law_of_bumps_is_shown_over_one_bump():
     ("scene", "motion"),
     [
         (stimlib.scenes.bumps(amplitude=0), {"x": constant_speed(0.1, 0.1)}),
-        (stimlib.Scene({"y": 1.0 / (stimlib.Input("x", "m") / stimlib.constant(1.0, "m") - 0.5)}), {"x": np.linspace(0, 1, 401)}),
+        (
+            stimlib.Scene(
+                {"y": 1.0 / (stimlib.Input("x", "m") / stimlib.constant(1.0, "m") - 0.5)}
+            ),
+            {"x": np.linspace(0, 1, 401)},
+        ),
         (stimlib.Scene({"y": 1e300 * stimlib.Input("x", "m")}), {"x": np.linspace(0, 1, 400)}),
     ],
     ids=["silent", "fault", "huge"],
@@ -163,5 +221,7 @@ def test_silence_a_fault_and_huge_numbers_have_a_page_and_a_picture(tmp_path, sc
     report = stimlib.verify(scene, motion, r)
     report.to_html(tmp_path / "a.html")
     picture(r, tmp_path / "a.png", report.spectra())
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG") and (tmp_path / "a.png").stat().st_size > 10_000
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG") and (
+        tmp_path / "a.png"
+    ).stat().st_size > 10_000
     assert "</html>" in (tmp_path / "a.html").read_text()

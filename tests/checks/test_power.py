@@ -1,4 +1,6 @@
-"""Is what a report says it would have seen, what it would have seen?  Drawn, from formulae, and with faults put in."""
+"""Is what a report says it would have seen, what it would have seen?  Drawn, from
+formulae, and with faults put in.
+"""
 
 import csv
 import dataclasses as dc
@@ -32,17 +34,23 @@ SIZES = {kind: size for kind, size, _ in power.of_spectrum(F, ALARM)}
 
 @pytest.mark.parametrize("kind", power.KINDS)
 def test_errors_of_a_spectrum_are_seen_as_surely_as_is_said(kind):
-    """Of drawn periodograms with such an error 95 % are refused; of one a third smaller clearly fewer."""
+    """Of drawn periodograms with such an error 95 % are refused; of one a third smaller
+    clearly fewer.
+    """
 
     def refused(size):
         rng, ratio = np.random.default_rng(3), power.KINDS[kind][1](F, size)
-        return np.mean([spectra.judged(F, ratio * rng.exponential(size=F.size)).p <= ALARM for _ in range(100)])
+        return np.mean(
+            [spectra.judged(F, ratio * rng.exponential(size=F.size)).p <= ALARM for _ in range(100)]
+        )
 
     assert refused(SIZES[kind]) >= 0.9 and refused(0.7 * SIZES[kind]) < 0.8
 
 
 def test_the_level_is_that_of_the_gamma_distribution():
-    """A sum of 150 deviates alone: where its tail is passed, over what 95 % of all sums are above."""
+    """A sum of 150 deviates alone: where its tail is passed, over what 95 % of all sums
+    are above.
+    """
     bands, weights = spectra.looks(F)
     tail = ALARM / 2 / (len(bands) + len(weights))
     ratio = stats.gamma.isf(tail, F.size) / stats.gamma.isf(0.95, F.size)
@@ -55,13 +63,20 @@ def test_noise_in_common_is_seen_as_surely_as_is_said():
     a, b = z[:, 0] / np.sqrt(2), (rho * z[:, 0] + np.sqrt(1 - rho**2) * z[:, 1]) / np.sqrt(2)
     seen = np.mean([spectra.correlated_p(*pair)[1] < 1e-6 for pair in zip(a, b, strict=True)])
     assert 0.93 < seen < 0.97
-    late = a * np.exp(2j * np.pi * np.arange(100) / 10)  # the same noise, later: this test does not see it
-    assert not any(spectra.correlated_p(*pair)[1] < 1e-6 for pair in zip(a[:99], late, strict=False))
+    # the same noise, later: this test does not see it
+    late = a * np.exp(2j * np.pi * np.arange(100) / 10)
+    assert not any(
+        spectra.correlated_p(*pair)[1] < 1e-6 for pair in zip(a[:99], late, strict=False)
+    )
 
 
-@pytest.mark.parametrize(("lowest", "band"), [(5.0, (5.0, 200.0)), (0.5, (2.0, 200.0)), (300.0, None)])
+@pytest.mark.parametrize(
+    ("lowest", "band"), [(5.0, (5.0, 200.0)), (0.5, (2.0, 200.0)), (300.0, None)]
+)
 def test_two_noises_are_compared_in_the_band_that_both_have(lowest, band):
-    """And where that has too few frequencies, it is said, and no check is there that cannot fail."""
+    """And where that has too few frequencies, it is said, and no check is there that
+    cannot fail.
+    """
     gate = b.velocity(Input("x", "m"), 20) > 0
     pink = b.enabled(b.pink_noise(1e-3, seed=1, f_low=lowest), by=gate)
     slow = b.enabled(b.velocity(b.white_noise(seed=1, stream=1), 200), by=gate)
@@ -69,8 +84,15 @@ def test_two_noises_are_compared_in_the_band_that_both_have(lowest, band):
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 4.0))
     ((_, _, low, high, size),) = pairs(report.evidence)
     assert report.passed and (low, high) == (band or (lowest, 200.0))
-    assert np.isfinite(size) == any("independence" in c.name for c in report.checks) == (band is not None)
-    told = "a and b: independence: they begin with one seed, or have too few frequencies in common to tell even equal noises"
+    assert (
+        np.isfinite(size)
+        == any("independence" in c.name for c in report.checks)
+        == (band is not None)
+    )
+    told = (
+        "a and b: independence: they begin with one seed, or have too few frequencies in common to"
+        " tell even equal noises"
+    )
     assert (told in report.evidence.skipped) == (band is None)
     assert sum("independence" in s.check for s in report.certainty()) == (band is not None)
 
@@ -80,7 +102,7 @@ def test_a_shift_passes_its_limit_as_surely_as_is_said():
     assert stats.norm.sf(5.0, size, 2.0) == pytest.approx(0.95)
 
 
-# The committed table -----------------------------------------------------------------------------------------------------
+# The committed table ------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def bench():
     sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -89,8 +111,12 @@ def bench():
     del sys.modules["power"], sys.modules["bench"]
 
 
-ROWS = list(csv.DictReader((ROOT / "benchmarks" / "results" / "power.csv").read_text().splitlines()))[1:]
-SEARCHED = {f"{r['check']}, {r['kind']}, {r['seconds']} s": r for r in ROWS if r["how"] == "searched"}
+ROWS = list(
+    csv.DictReader((ROOT / "benchmarks" / "results" / "power.csv").read_text().splitlines())
+)[1:]
+SEARCHED = {
+    f"{r['check']}, {r['kind']}, {r['seconds']} s": r for r in ROWS if r["how"] == "searched"
+}
 ASKED = {f"{r['check']}, {r['kind']}": float(r["size"]) for r in ROWS if r["how"] == "asked"}
 QUICK = [
     "Pinking: physical law, level, 0.05 s",
@@ -102,13 +128,19 @@ QUICK = [
 ]
 
 
-@pytest.mark.parametrize("name", [k if k in QUICK else pytest.param(k, marks=pytest.mark.stress) for k in SEARCHED])
+@pytest.mark.parametrize(
+    "name", [k if k in QUICK else pytest.param(k, marks=pytest.mark.stress) for k in SEARCHED]
+)
 def test_the_table_holds_for_the_verifier_of_today(bench, name):
     """Just above the smallest fault it is caught, just below it passes."""
     r = SEARCHED[name]
-    fault = next(f for f in bench.BLOCKS + bench.SCENES if (f.check, f.kind) == (r["check"], r["kind"]))
+    fault = next(
+        f for f in bench.BLOCKS + bench.SCENES if (f.check, f.kind) == (r["check"], r["kind"])
+    )
     size, seconds = float(r["size"]), float(r["seconds"])
-    assert bench.excess(fault, 1.01 * size, seconds) > 1 >= bench.excess(fault, size / 1.12, seconds)
+    assert (
+        bench.excess(fault, 1.01 * size, seconds) > 1 >= bench.excess(fault, size / 1.12, seconds)
+    )
 
 
 def test_the_table_of_the_documentation_is_that_of_ten_seconds(bench):
@@ -120,7 +152,9 @@ def test_the_table_of_the_documentation_is_that_of_ten_seconds(bench):
 
 @pytest.mark.parametrize("honest", [0.0, 0.6])
 @pytest.mark.parametrize("power_of_it", [0.5, 1.0, 2.0, 40.0])
-def test_what_is_searched_is_caught_and_a_tenth_less_is_not(bench, monkeypatch, honest, power_of_it):
+def test_what_is_searched_is_caught_and_a_tenth_less_is_not(
+    bench, monkeypatch, honest, power_of_it
+):
     for least in (0.0123, 0.0068, 0.0039):
 
         def excess(fault, size, seconds, least=least):
@@ -134,25 +168,44 @@ def test_what_is_rendered_is_another_noise_each_time(bench, monkeypatch):
     """And only what is told with a chance is drawn, of the first finger."""
     tap, seeds = SimpleNamespace(stream=np.zeros(16000), f_low=10.0, f_high=1000.0), []
     found = [
-        power.Shows(f"{name}: spectrum", "level", 2.0, "dB", chance) for name, chance in (("force1", 0.95), ("force2", 0.95))
+        power.Shows(f"{name}: spectrum", "level", 2.0, "dB", chance)
+        for name, chance in (("force1", 0.95), ("force2", 0.95))
     ]
     found.append(power.Shows("law of the scene", "A", 1e-6, "of it", 1.0))
-    report = SimpleNamespace(evidence=SimpleNamespace(taps=[tap], share=ALARM), certainty=lambda: found)
+    report = SimpleNamespace(
+        evidence=SimpleNamespace(taps=[tap], share=ALARM), certainty=lambda: found
+    )
     monkeypatch.setattr(bench, "COMPUTED", (0.5, bench.RENDERED_AT))
     monkeypatch.setattr(bench, "verified", lambda *_: report)
     monkeypatch.setattr(bench, "drawn", lambda f, kind, size, alarm: size / f.size * alarm)
-    monkeypatch.setattr(bench, "excess", lambda fault, size, seconds, seed: seeds.append(seed) or size * (seed % 4))
+    monkeypatch.setattr(
+        bench, "excess", lambda fault, size, seconds, seed: seeds.append(seed) or size * (seed % 4)
+    )
     short, rendered = bench.computed()
     drawn = 2.0 / spectra.bins(16000, bench.FS, 10.0, 1000.0).size * ALARM
-    assert short["drawn"] == rendered["drawn"] == drawn and (short["rendered"], rendered["rendered"]) == ("", 0.75)
+    assert short["drawn"] == rendered["drawn"] == drawn and (
+        short["rendered"],
+        rendered["rendered"],
+    ) == ("", 0.75)
     assert sorted(seeds) == list(range(20))
 
 
 def test_drawn_is_the_part_that_is_refused(bench, monkeypatch):
     monkeypatch.setattr(bench, "DRAWN", 20)
-    assert [bench.drawn(F, "level", size, ALARM) for size in (0.0, 2 * SIZES["level"])] == [0.0, 1.0]
-    row = bench.told(power.Shows("check", "level", 1.23456, "dB", 0.95), 2.0, "computed", {"drawn": 0.9})
-    assert (row["size"], row["unit"], row["seconds"], row["drawn"], row["rendered"]) == (1.235, "dB", 2.0, 0.9, "")
+    assert [bench.drawn(F, "level", size, ALARM) for size in (0.0, 2 * SIZES["level"])] == [
+        0.0,
+        1.0,
+    ]
+    row = bench.told(
+        power.Shows("check", "level", 1.23456, "dB", 0.95), 2.0, "computed", {"drawn": 0.9}
+    )
+    assert (row["size"], row["unit"], row["seconds"], row["drawn"], row["rendered"]) == (
+        1.235,
+        "dB",
+        2.0,
+        0.9,
+        "",
+    )
 
 
 def test_what_was_computed_was_also_drawn_and_rendered():
@@ -162,8 +215,14 @@ def test_what_was_computed_was_also_drawn_and_rendered():
 
 
 def test_four_times_the_recording_shows_half_the_error():
-    """Of every kind of noise that was computed, from 10 s to 60 s: by the root of that, or more."""
-    rows = {(r["check"], r["kind"], float(r["seconds"])): float(r["size"]) for r in ROWS if r["how"] == "computed"}
+    """Of every kind of noise that was computed, from 10 s to 60 s: by the root of that,
+    or more.
+    """
+    rows = {
+        (r["check"], r["kind"], float(r["seconds"])): float(r["size"])
+        for r in ROWS
+        if r["how"] == "computed"
+    }
     for check, kind in {key[:2] for key in rows if "slope of" not in key[0]}:
         ratio = rows[check, kind, 10.0] / rows[check, kind, 60.0]
         assert (1.5 if "pole" in kind else 2.2) < ratio < 2.8, kind
@@ -182,15 +241,24 @@ def test_a_number_that_the_law_refuses_is_a_fault_that_it_sees():
 
 
 def test_the_law_of_every_scene_was_asked():
-    assert {name.split(",")[0].removeprefix("law of ") for name in ASKED} == stimlib.scenes.SHIPPED.keys()
+    assert {
+        name.split(",")[0].removeprefix("law of ") for name in ASKED
+    } == stimlib.scenes.SHIPPED.keys()
 
 
-# What a report says of its own recording ---------------------------------------------------------------------------------
+# What a report says of its own recording ----------------------------------------------
 def test_what_a_report_excludes_is_what_the_table_says():
     scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
-    found = {s.kind: s.size for s in stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5, seed=1)).certainty()}
+    found = {
+        s.kind: s.size
+        for s in stimlib.verify(
+            scene, motion, stimlib.render(scene, motion, 8000, 0.5, seed=1)
+        ).certainty()
+    }
     for name, kind in (("A", "level"), ("duty", "duty"), ("freq", "frequency")):
-        assert found[name] == pytest.approx(float(SEARCHED[f"voltage: envelope times carrier, {kind}, 0.5 s"]["size"]), rel=0.1)
+        assert found[name] == pytest.approx(
+            float(SEARCHED[f"voltage: envelope times carrier, {kind}, 0.5 s"]["size"]), rel=0.1
+        )
 
 
 def test_the_checks_of_chance_are_asked_with_their_alarm_and_band():
@@ -199,8 +267,15 @@ def test_the_checks_of_chance_are_asked_with_their_alarm_and_band():
     e = report.evidence
     e.taps = [dc.replace(e.taps[0], f_low=40.0), dc.replace(e.taps[1], f_high=800.0)]
     n = min(t.stream.size for t in e.taps)
-    found = {(s.check, s.kind): s.size for s in power.certainty([Check("d", "law", 2.0, 1.0, "")], e)}  # no law is asked
-    f = spectra.bins(e.taps[0].stream.size, 8000, 40.0, e.taps[0].f_high) * 8000 / e.taps[0].stream.size
+    # no law is asked
+    found = {
+        (s.check, s.kind): s.size for s in power.certainty([Check("d", "law", 2.0, 1.0, "")], e)
+    }
+    f = (
+        spectra.bins(e.taps[0].stream.size, 8000, 40.0, e.taps[0].f_high)
+        * 8000
+        / e.taps[0].stream.size
+    )
     for kind, size, _ in power.of_spectrum(f, e.share):
         assert found["force1: spectrum", kind] == pytest.approx(size, nan_ok=True)
     common = power.smallest_share(spectra.bins(n, 8000, 40.0, 800.0).size, e.share)
@@ -215,9 +290,14 @@ def test_a_law_is_asked_for_exact_checks_alone_and_says_what_it_refused(monkeypa
 
     def law(told):
         off = 1 - told.params["A"] / e.params["A"]
-        assert [c.value for c in told.changes if c.name == "A"] == [told.params["A"]]  # the change right before sample 0 too
+        # the change right before sample 0 too
+        assert [c.value for c in told.changes if c.name == "A"] == [told.params["A"]]
         law = Check("d", "law", (abs(off) / 1e-4) ** power_of_it, 1.0, "")
-        return [law, Check("d", "looser", law.measured / 4, 1.0, ""), Check("d", "slope", 9.0, 1.0, "", deviation=1.0)]
+        return [
+            law,
+            Check("d", "looser", law.measured / 4, 1.0, ""),
+            Check("d", "slope", 9.0, 1.0, "", deviation=1.0),
+        ]
 
     monkeypatch.setattr(power, "scene_law", law)
     found = next(s for s in power.of_parameters(e) if s.kind == "A")
@@ -226,10 +306,15 @@ def test_a_law_is_asked_for_exact_checks_alone_and_says_what_it_refused(monkeypa
 
 def test_a_number_in_whose_place_0_would_do_is_never_seen_to_be_wrong(monkeypatch):
     scene = stimlib.scenes.bumps()
-    e = gather(scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python"))
+    e = gather(
+        scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python")
+    )
 
     def law(told):
-        return [Check("d", "law", (1 - told.params[name] / e.params[name]) / 1.5, 1.0, "") for name in e.params]
+        return [
+            Check("d", "law", (1 - told.params[name] / e.params[name]) / 1.5, 1.0, "")
+            for name in e.params
+        ]
 
     monkeypatch.setattr(power, "scene_law", law)
     assert [np.isnan(s.size) for s in power.of_parameters(e)] == [True] * 3
@@ -238,24 +323,33 @@ def test_a_number_in_whose_place_0_would_do_is_never_seen_to_be_wrong(monkeypatc
 def test_a_parameter_of_zero_and_a_law_that_failed_exclude_nothing():
     scene, motion = stimlib.scenes.bumps(amplitude=0.0), {"x": sinusoid(0.05, 1.0)}
     e = gather(scene, motion, stimlib.render(scene, motion, 8000, 0.1))
-    assert [np.isnan(s.size) for s in power.certainty([], e)] == [True, True]  # of duty and freq, as nothing is shown
+    # of duty and freq, as nothing is shown
+    assert [np.isnan(s.size) for s in power.certainty([], e)] == [True, True]
     assert power.certainty([Check("d", "law", 2.0, 1.0, "")], e) == []
 
 
 def test_the_law_is_asked_unless_it_failed_or_the_motion_is_no_number(monkeypatch):
     scene = stimlib.scenes.bumps()
-    e = gather(scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python"))
+    e = gather(
+        scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python")
+    )
     monkeypatch.setattr(power, "of_parameters", lambda e: ["asked"])
-    assert power.certainty([Check("b", "bits", 1.0, 0.0, ""), Check("d", "law", 0.0, 0.0, "")], e) == ["asked"]
+    assert power.certainty(
+        [Check("b", "bits", 1.0, 0.0, ""), Check("d", "law", 0.0, 0.0, "")], e
+    ) == ["asked"]
     slope = Check("d", "slope", 6.0, 5.0, "", deviation=2.0)
-    assert power.certainty([slope], e) == [power.Shows("slope", "stiffness", power.smallest_shift(slope), "N/m", 0.95)]
+    assert power.certainty([slope], e) == [
+        power.Shows("slope", "stiffness", power.smallest_shift(slope), "N/m", 0.95)
+    ]
     e.x[0, 3] = np.nan
     assert power.certainty([], e) == []
 
 
 def test_a_law_that_is_asked_again_leaves_the_evidence_of_the_page_as_it_was(monkeypatch):
     scene = stimlib.scenes.bumps()
-    e = gather(scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python"))
+    e = gather(
+        scene, {"x": np.zeros(9)}, stimlib.render(scene, {"x": np.zeros(9)}, 8000, target="python")
+    )
     fields = e.fingers, e.curves, e.wanted, e.numbers, e.skipped
 
     def law(told):
@@ -275,7 +369,9 @@ def test_an_error_that_no_size_makes_visible_has_none():
 
 
 def test_all_checks_of_chance_together_raise_the_alarm_once_in_a_million():
-    """Each spectrum, each pair, and the slope of each output; what they measure, and their limits, are powers of ten."""
+    """Each spectrum, each pair, and the slope of each output; what they measure, and
+    their limits, are powers of ten.
+    """
     scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
     e = gather(scene, motion, stimlib.render(scene, motion, 8000, 0.3))
     for count in (1, 2, 4):
@@ -285,7 +381,9 @@ def test_all_checks_of_chance_together_raise_the_alarm_once_in_a_million():
     assert power.certainty(failed, e) == []  # a spectrum that was not tested excludes nothing
     (check,) = noise(e)
     assert [s.kind for s in power.certainty(failed, e)] == list(power.KINDS)
-    assert 10**-check.limit == pytest.approx(e.share) and 10**-check.measured == pytest.approx(e.taps[0].spectrum.p)
+    assert 10**-check.limit == pytest.approx(e.share) and 10**-check.measured == pytest.approx(
+        e.taps[0].spectrum.p
+    )
 
 
 def test_every_law_has_its_words():
@@ -293,7 +391,9 @@ def test_every_law_has_its_words():
 
 
 def test_a_page_that_has_no_place_is_refused_before_anything_is_verified(tmp_path):
-    done = CliRunner().invoke(app, ["verify", "none.wav", "--report", str(tmp_path / "missing" / "a.html")])
+    done = CliRunner().invoke(
+        app, ["verify", "none.wav", "--report", str(tmp_path / "missing" / "a.html")]
+    )
     assert done.exit_code == 2 and "is not there; make it first" in " ".join(done.stderr.split())
 
 
@@ -303,17 +403,31 @@ def test_a_page_takes_no_place_of_the_file_that_it_is_about(tmp_path):
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
     for name in ("a.wav", "a.wav.json", "hand.csv"):
         (tmp_path / name).write_bytes(data)
-        done = CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav"), "--report", str(tmp_path / name)])
-        assert done.exit_code == 2 and "must end in one of .html, .htm" in " ".join(done.stderr.split())
+        done = CliRunner().invoke(
+            app, ["verify", str(tmp_path / "a.wav"), "--report", str(tmp_path / name)]
+        )
+        assert done.exit_code == 2 and "must end in one of .html, .htm" in " ".join(
+            done.stderr.split()
+        )
         with pytest.raises(SinkError, match="must end in one of"):
             report.to_html(tmp_path / name)
         assert (tmp_path / name).read_bytes() == data
 
 
 def test_errors_of_a_spectrum_are_in_their_units():
-    """Half the power at a pole of 2 ms, and of 80 Hz; 3 dB; an octave above the middle of the band 3 dB/oct."""
+    """Half the power at a pole of 2 ms, and of 80 Hz; 3 dB; an octave above the middle
+    of the band 3 dB/oct.
+    """
     f = np.array([20.0, 1 / (2 * np.pi * 2e-3), 80.0])
-    ratio = {kind: power.KINDS[kind][1](f, size) for kind, size in zip(power.KINDS, (3.0, 3.0, 2e-3, 80.0), strict=True)}
-    for got in (ratio["level"][0], ratio["slope"][2], ratio["low-pass pole"][1], 1 / ratio["high-pass pole"][2]):
+    ratio = {
+        kind: power.KINDS[kind][1](f, size)
+        for kind, size in zip(power.KINDS, (3.0, 3.0, 2e-3, 80.0), strict=True)
+    }
+    for got in (
+        ratio["level"][0],
+        ratio["slope"][2],
+        ratio["low-pass pole"][1],
+        1 / ratio["high-pass pole"][2],
+    ):
         assert got == pytest.approx(0.5 if got < 1 else 2.0, rel=3e-3)
     assert ratio["low-pass pole"][1] < 1 < ratio["slope"][2]

@@ -1,4 +1,6 @@
-"""The laws of the other papers' scenes: what a verifier holds their outputs against, and what it then catches."""
+"""The laws of the other papers' scenes: what a verifier holds their outputs against,
+and what it then catches.
+"""
 
 import dataclasses as dc
 from pathlib import Path
@@ -29,16 +31,23 @@ def report(scene, motion, seconds=3.0, fs=8000, **words):
 @pytest.mark.parametrize("fs", [1000, 8000])
 def test_viscoelastic_is_proved(alpha, scheme, fs):
     for motion in (sinusoid(0.01, 1.0), ramp_and_hold(0.02, 0.2)):
-        r = report(viscoelastic(alpha, scheme=scheme), {"y": motion}, fs=fs, params={"firmness": 1.3})
+        r = report(
+            viscoelastic(alpha, scheme=scheme), {"y": motion}, fs=fs, params={"firmness": 1.3}
+        )
         assert r.passed, str(r)
         assert any("full sum" in c.name for c in r.checks)
 
 
 def test_weights_are_those_of_the_paper():
     v = laws.springpot_weights("gl", 0.5, 5)
-    np.testing.assert_allclose(np.cumsum(np.r_[1.0, -0.5, -0.125, -0.0625, -0.0390625])[:5], v.astype(float), rtol=1e-15)
+    np.testing.assert_allclose(
+        np.cumsum(np.r_[1.0, -0.5, -0.125, -0.0625, -0.0390625])[:5], v.astype(float), rtol=1e-15
+    )
     v = laws.springpot_weights("l1", 0.5, 300).astype(float)
-    assert v[0] == pytest.approx(2 / np.sqrt(np.pi)) and abs(np.sum(v) - np.sqrt(300) * 2 / np.sqrt(np.pi)) < 1e-12
+    assert (
+        v[0] == pytest.approx(2 / np.sqrt(np.pi))
+        and abs(np.sum(v) - np.sqrt(300) * 2 / np.sqrt(np.pi)) < 1e-12
+    )
 
 
 def test_the_thesis_own_methods_have_no_law():
@@ -49,10 +58,16 @@ def test_the_thesis_own_methods_have_no_law():
 @pytest.mark.parametrize("waveform", ["square", "sine", "sawtooth", "half_sine"])
 @pytest.mark.parametrize("duty", [0.2, 0.5, 1.0])
 def test_bumps_are_proved(waveform, duty):
-    for motion in (constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5), sinusoid(0.05, 3.0)):
+    for motion in (
+        constant_speed(0.03, 0.1),
+        minimum_jerk(depth=0.1, rise=0.5),
+        sinusoid(0.05, 3.0),
+    ):
         r = report(bumps(waveform, 18, duty, 7.5), {"x": motion})
         assert r.passed, str(r)
-        assert ("rms of the line spectrum" in str(r)) == (motion.__class__.__name__ == "constant_speed")
+        assert ("rms of the line spectrum" in str(r)) == (
+            motion.__class__.__name__ == "constant_speed"
+        )
 
 
 def test_bumps_that_are_larger_by_a_fiftieth_have_another_rms():
@@ -73,9 +88,15 @@ MANY = np.linspace(0, 0.1, 9), 1 + 0.8 * np.sin(np.pi * np.linspace(0, 1, 9))
 HELD = {
     "limit": ({"limit": 150.0}, "limited to 150 V, "),
     "scale": ({"limit": 150.0, "headroom": "scale"}, "0 samples held"),
-    "profile": ({"displacement": PROFILE}, "equalised by 5 measured places (polynomial), at most 1.84 times"),
+    "profile": (
+        {"displacement": PROFILE},
+        "equalised by 5 measured places (polynomial), at most 1.84 times",
+    ),
     "cubic, limit": ({"displacement": MANY, "limit": 180.0}, "(cubic)"),
-    "profile, scale, lifts": ({"displacement": PROFILE, "limit": 180.0, "headroom": "scale", "contact": True}, "0 samples held"),
+    "profile, scale, lifts": (
+        {"displacement": PROFILE, "limit": 180.0, "headroom": "scale", "contact": True},
+        "0 samples held",
+    ),
 }
 
 
@@ -93,21 +114,27 @@ def test_bumps_with_limits_and_profiles_are_proved(monkeypatch, name, wrong):
         if "profile" not in name and "cubic" not in name:
             return
         honest_gain = laws.profile_gain
-        monkeypatch.setattr(laws, "profile_gain", lambda *a: (honest_gain(*a)[0] * 1.001, honest_gain(*a)[1]))
+        monkeypatch.setattr(
+            laws, "profile_gain", lambda *a: (honest_gain(*a)[0] * 1.001, honest_gain(*a)[1])
+        )
     r = report(bumps("sine", 18, 0.5, **words), motion, 2.0)
     assert r.passed == (wrong is None), str(r)
     numbers = "; ".join(r.evidence.numbers)
     assert "amplifier 50, wavelength 5.556 mm" in numbers and (wrong or says in numbers)
 
 
-@pytest.mark.parametrize(("motion", "acts"), [(minimum_jerk(), False), (ramp_and_hold(0.06, 0.3), True)])
+@pytest.mark.parametrize(
+    ("motion", "acts"), [(minimum_jerk(), False), (ramp_and_hold(0.06, 0.3), True)]
+)
 def test_a_limited_squeeze_is_proved(monkeypatch, motion, acts):
     r = report(stimlib.scenes.squeeze(fingers=1, limits=True), {"x1": motion}, 5.0)
     assert r.passed, str(r)
     assert ("it was limited" in "".join(r.evidence.skipped)) == acts
     assert "held to 100 N peak and 37 N static" in r.evidence.numbers[0]
     honest = laws.squeeze_finger
-    monkeypatch.setattr(laws, "squeeze_finger", lambda *a: (f := honest(*a))._replace(force=f.force + 1e-9 * f.mean))
+    monkeypatch.setattr(
+        laws, "squeeze_finger", lambda *a: (f := honest(*a))._replace(force=f.force + 1e-9 * f.mean)
+    )
     bad = report(stimlib.scenes.squeeze(fingers=1, limits=True), {"x1": motion}, 5.0)
     assert "force1: vibration law" in [c.name for c in bad.checks if not c.passed]
 
@@ -117,16 +144,22 @@ def test_numbers_that_were_asked_for_are_printed_in_table_and_page(tmp_path):
     r.to_html(tmp_path / "a.html")
     for text in (str(r), (tmp_path / "a.html").read_text()):
         assert "amplifier 50, wavelength 16.67 mm" in text
-    assert "as strong at 1 Hz as 300 N/m" in str(report(viscoelastic(0.25), {"y": sinusoid(0.01, 1.0)}, seconds=0.5))
+    assert "as strong at 1 Hz as 300 N/m" in str(
+        report(viscoelastic(0.25), {"y": sinusoid(0.01, 1.0)}, seconds=0.5)
+    )
 
 
-@pytest.mark.parametrize("path", ["finger_touchpad_horizontal.csv", "finger_touchscreen_updown.csv", "stylus_drag_pressure.csv"])
+@pytest.mark.parametrize(
+    "path",
+    ["finger_touchpad_horizontal.csv", "finger_touchscreen_updown.csv", "stylus_drag_pressure.csv"],
+)
 def test_real_fingers_drive_the_bumps_and_lifts_are_silent(path):
     if not (DATA / path).is_file():
         pytest.skip("the recordings are not beside the project")
-    column = {"finger_touchpad_horizontal.csv": "x_raw*1e-5", "finger_touchscreen_updown.csv": "y_raw*1e-4"}.get(
-        path, "x_mm*1e-3"
-    )
+    column = {
+        "finger_touchpad_horizontal.csv": "x_raw*1e-5",
+        "finger_touchscreen_updown.csv": "y_raw*1e-4",
+    }.get(path, "x_mm*1e-3")
     hand = recording(DATA / path, {"x": column}, reports="on_change")
     scene = bumps("sine", 18, 0.5, contact=True)
     motion = hand.for_inputs(tuple(scene.inputs))
@@ -140,7 +173,11 @@ def test_page(tmp_path):
     r = report(bumps(), {"x": sinusoid(0.05, 1.0)}, seconds=1.0)
     r.to_html(tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()
-    assert "What the law is made of" in page and "spectrum of voltage, and of its law" in page and "envelope" in page
+    assert (
+        "What the law is made of" in page
+        and "spectrum of voltage, and of its law" in page
+        and "envelope" in page
+    )
 
 
 def scaled(f, change):
@@ -160,15 +197,23 @@ def scaled(f, change):
 )
 def test_a_number_one_per_mille_off_is_caught(monkeypatch, owner, field, scene, motion):
     f = owner.design
-    monkeypatch.setattr(owner, "design", scaled(f, lambda p: p._replace(**{field: getattr(p, field) * 1.001})))
+    monkeypatch.setattr(
+        owner, "design", scaled(f, lambda p: p._replace(**{field: getattr(p, field) * 1.001}))
+    )
     bad = [c for c in report(scene, motion, 1.0).checks if not c.passed]
     assert "d" in {c.group for c in bad}
 
 
 def test_an_order_slightly_off_is_caught(monkeypatch):
     f = Springpot.design
-    monkeypatch.setattr(Springpot, "design", lambda self, fs: f(dc.replace(self, order=self.order + 1e-6), fs))
-    bad = {c.group for c in report(viscoelastic(0.5), {"y": sinusoid(0.01, 1.0)}, 1.0).checks if not c.passed}
+    monkeypatch.setattr(
+        Springpot, "design", lambda self, fs: f(dc.replace(self, order=self.order + 1e-6), fs)
+    )
+    bad = {
+        c.group
+        for c in report(viscoelastic(0.5), {"y": sinusoid(0.01, 1.0)}, 1.0).checks
+        if not c.passed
+    }
     assert {"a2", "d"} <= bad
 
 
@@ -178,19 +223,34 @@ def test_numbers_that_happen_to_be_equal_confuse_nothing(words):
     assert r.passed, str(r)
 
 
-@pytest.mark.parametrize("motion", [constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5), sinusoid(0.05, 3.0)])
+@pytest.mark.parametrize(
+    "motion", [constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5), sinusoid(0.05, 3.0)]
+)
 def test_a_grating_is_proved(motion):
     r = report(grating(), {"x": motion}, 1.0, params={"roughness": 0.1})
     assert r.passed, str(r)
-    names = {"force: octaves of the roughness", "force: gratings and roughness of the place", "force: none off contact"}
+    names = {
+        "force: octaves of the roughness",
+        "force: gratings and roughness of the place",
+        "force: none off contact",
+    }
     assert names <= {c.name for c in r.checks} and "gratings: 2 mm" in "".join(r.evidence.numbers)
 
 
-@pytest.mark.parametrize(("owner", "field"), [(Grating, "per"), (Grating, "start"), (SpatialNoise, "at"), (SpatialNoise, "own")])
+@pytest.mark.parametrize(
+    ("owner", "field"),
+    [(Grating, "per"), (Grating, "start"), (SpatialNoise, "at"), (SpatialNoise, "own")],
+)
 def test_a_surface_that_is_slightly_another_is_caught(monkeypatch, owner, field):
     f = owner.design
-    monkeypatch.setattr(owner, "design", scaled(f, lambda p: p._replace(**{field: getattr(p, field) * (1 + 1e-6) + 1e-9})))
-    bad = [c.name for c in report(grating(), {"x": sinusoid(0.05, 1.0)}, 0.5).checks if not c.passed]
+    monkeypatch.setattr(
+        owner,
+        "design",
+        scaled(f, lambda p: p._replace(**{field: getattr(p, field) * (1 + 1e-6) + 1e-9})),
+    )
+    bad = [
+        c.name for c in report(grating(), {"x": sinusoid(0.05, 1.0)}, 0.5).checks if not c.passed
+    ]
     assert bad == ["force: gratings and roughness of the place", owner.__name__]
 
 
@@ -202,12 +262,14 @@ def test_a_grating_is_proved_over_lifts_and_caught_off_its_octaves(monkeypatch):
     assert r.passed, str(r)
     lifted = r.evidence.x[r.evidence.proc.inputs.index("contact")] == 0
     r.evidence.y[0, lifted] = 1e-13
-    assert lifted.any() and [c.name for c in surfaces.grating(asked(r.evidence, scene.parts[0])) if not c.passed] == [
-        "force: none off contact"
-    ]
+    assert lifted.any() and [
+        c.name for c in surfaces.grating(asked(r.evidence, scene.parts[0])) if not c.passed
+    ] == ["force: none off contact"]
     honest = surfaces.octaves
     for factor in (1.2, 0.8):
-        monkeypatch.setattr(surfaces, "octaves", lambda *a, f=factor: (o := honest(*a))._replace(power=f * o.power))
+        monkeypatch.setattr(
+            surfaces, "octaves", lambda *a, f=factor: (o := honest(*a))._replace(power=f * o.power)
+        )
         assert "force: octaves of the roughness" in {
             c.name for c in surfaces.grating(asked(r.evidence, scene.parts[0])) if not c.passed
         }
@@ -225,7 +287,9 @@ def test_one_sample_of_a_surface_with_a_seed_of_its_own_is_seen():
         assert bad == "force: gratings and roughness of the place"
 
 
-@pytest.mark.parametrize("law", ["squeeze", "viscoelastic", "bumps", "grating", "texture", "soft_surface"])
+@pytest.mark.parametrize(
+    "law", ["squeeze", "viscoelastic", "bumps", "grating", "texture", "soft_surface"]
+)
 def test_a_law_on_a_scene_of_another_shape_fails_and_says_so(law):
     scene = stimlib.Scene({"voltage": 2 * stimlib.Input("x")}, law=law, given={})
     r = report(scene, {"x": sinusoid(1.0, 1.0)}, seconds=0.1)
@@ -237,11 +301,16 @@ def test_motor_limits_are_checked_from_the_samples():
     r = report(scene, {"x1": ramp_and_hold(0.06, 0.3)}, seconds=20.0)
     assert r.passed, str(r)
     measured = {c.name: c.measured for c in r.checks}
-    assert 90.0 < measured["force1: peak limit"] <= 100.0 and 1200.0 < measured["force1: static limit"] <= 37.0**2
+    assert (
+        90.0 < measured["force1: peak limit"] <= 100.0
+        and 1200.0 < measured["force1: static limit"] <= 37.0**2
+    )
 
 
 def test_a_force_is_held_to_its_limits_to_the_last_bit():
-    """100 N either way, and a mean square over 10 s of 37^2 N^2, which 100 N reaches after 1.4715 s."""
+    """100 N either way, and a mean square over 10 s of 37^2 N^2, which 100 N reaches
+    after 1.4715 s.
+    """
     scene = stimlib.scenes.squeeze(fingers=1, limits=True)
     force = np.full(11_800, 100.0)
     for y, bad in (
@@ -255,7 +324,9 @@ def test_a_force_is_held_to_its_limits_to_the_last_bit():
 
 
 def test_the_static_limit_of_a_law_is_the_papers():
-    """It lets all through up to 0.81 of the mean square that a motor bears, then less, and nothing above it."""
+    """It lets all through up to 0.81 of the mean square that a motor bears, then less,
+    and nothing above it.
+    """
     fs, force = 8000.0, np.full(60_000, 90.0)
     kept, mean = np.empty(force.size), 0.0
     for n in range(force.size):
@@ -264,5 +335,6 @@ def test_the_static_limit_of_a_law_is_the_papers():
     assert kept[0] == 90.0 and kept[-1] < 40.0
     np.testing.assert_allclose(scenes._held(force, kept, fs), kept, rtol=1e-9)
     np.testing.assert_allclose(
-        scenes._held(np.array([120.0, -120.0, 99.0]), np.array([100.0, -100.0, 99.0]), fs), [100, -100, 99]
+        scenes._held(np.array([120.0, -120.0, 99.0]), np.array([100.0, -100.0, 99.0]), fs),
+        [100, -100, 99],
     )

@@ -1,4 +1,6 @@
-"""What a log's session.json says: every key edited, with the hash of the scene made again where it could be."""
+"""What a log's session.json says: every key edited, with the hash of the scene made
+again where it could be.
+"""
 
 import json
 
@@ -19,7 +21,9 @@ from stimlib.scenes import squeeze
 def session(tmp_path_factory):
     folder = tmp_path_factory.mktemp("session")
     scene, safety = squeeze(), Safety(60.0)
-    x = np.stack([minimum_jerk()(np.arange(4000) / 8000), minimum_jerk(depth=0.01)(np.arange(4000) / 8000)])
+    x = np.stack(
+        [minimum_jerk()(np.arange(4000) / 8000), minimum_jerk(depth=0.01)(np.arange(4000) / 8000)]
+    )
     proc = stimlib.compile(protect(scene, safety), 8000)
     proc.set("k", 1500.0, ramp=0.0)
     with LogWriter(folder / "a", header(scene, safety, 8000.0, params={"k": 1500.0})) as log:
@@ -37,7 +41,9 @@ def other_scene(d):
 
 HELD = {
     "scene": other_scene,
-    "definitions": lambda d: d.update(definitions={"click_block": {"sha256": "0" * 64, "text": ""}}),
+    "definitions": lambda d: d.update(
+        definitions={"click_block": {"sha256": "0" * 64, "text": ""}}
+    ),
     "scene_hash": lambda d: d.update(scene_hash="0" * 64),
     "fs": lambda d: d.update(fs=8001.0),
     "seed": lambda d: d.update(seed=1),
@@ -47,7 +53,7 @@ HELD = {
     "outputs": lambda d: d.update(outputs=d["outputs"][::-1]),
     "units": lambda d: d["units"].update(force1="mN"),
     "channels": lambda d: d.update(channels=d["channels"][::-1]),
-}  # fmt: skip
+}
 TOLD = {
     "stimlib": lambda d: d.update(stimlib="9.9"),
     "versions": lambda d: d["versions"].update(numpy="0.1"),

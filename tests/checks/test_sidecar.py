@@ -1,4 +1,6 @@
-"""What a file says of itself: every key edited, with all hashes that an editor can make again; storage too coarse."""
+"""What a file says of itself: every key edited, with all hashes that an editor can make
+again; storage too coarse.
+"""
 
 import json
 
@@ -51,19 +53,31 @@ def test_there_is_no_key_that_is_neither(honest):
     assert set(honest[1]) == checked.HELD | checked.TOLD - {"recovered"}
 
 
-def test_a_file_cut_short_with_its_numbers_adjusted_is_refused_by_the_hash_of_the_signal(honest, tmp_path):
+def test_a_file_cut_short_with_its_numbers_adjusted_is_refused_by_the_hash_of_the_signal(
+    honest, tmp_path
+):
     audio, told = honest
     (tmp_path / "whole.wav").write_bytes(audio)
     y, fs = sf.read(tmp_path / "whole.wav", dtype="float32")
     sf.write(tmp_path / "cut.wav", y[:4000], fs, "FLOAT")
-    peaks = [float(np.abs(s).max()) for s in stimlib.render(stimlib.scenes.squeeze(), FILE_MOTION, 8000, 0.5, {"k": 1800.0}, 3).y]
-    cut = told | {"frames": 4000, "channels": [c | {"peak": p} for c, p in zip(told["channels"], peaks, strict=True)]}
+    peaks = [
+        float(np.abs(s).max())
+        for s in stimlib.render(
+            stimlib.scenes.squeeze(), FILE_MOTION, 8000, 0.5, {"k": 1800.0}, 3
+        ).y
+    ]
+    cut = told | {
+        "frames": 4000,
+        "channels": [c | {"peak": p} for c, p in zip(told["channels"], peaks, strict=True)],
+    }
     report = verified(tmp_path, (tmp_path / "cut.wav").read_bytes(), cut)
     assert [c.name for c in report.checks if not c.passed] == ["sidecar: hash of the signal"]
 
 
 def test_what_no_hash_can_hold_is_said():
-    """A file of half a recording is a correct file; the report says that the motion went on."""
+    """A file of half a recording is a correct file; the report says that the motion
+    went on.
+    """
     import tempfile
     from pathlib import Path
 
@@ -72,11 +86,16 @@ def test_what_no_hash_can_hold_is_said():
         path = Path(folder) / "a.wav"
         file.write(path, stimlib.compile(scene, 8000), {"x": x}, 0.5, progress=False)
         report = stimlib.verify(scene, {"x": x}, path)
-    assert report.passed and any("the file ends 0.5 s before it" in t for t in report.evidence.skipped)
+    assert report.passed and any(
+        "the file ends 0.5 s before it" in t for t in report.evidence.skipped
+    )
 
 
 SCENES = {
-    "without a law": (Scene({"f": constant(2000.0, "N/m") * Input("x", "m")}), {"x": lambda t: 0.01 * np.sin(60 * t)}),
+    "without a law": (
+        Scene({"f": constant(2000.0, "N/m") * Input("x", "m")}),
+        {"x": lambda t: 0.01 * np.sin(60 * t)},
+    ),
     "with a law": (stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}),
     "silence": (Scene({"f": Param("a", 0.0) * Input("x")}), {"x": lambda t: t}),
 }
@@ -99,9 +118,18 @@ SCENES = {
 )
 def test_what_the_storage_cannot_carry_fails(tmp_path, scene, name, full_scale, good):
     stimulus, motion = SCENES[scene]
-    file.write(tmp_path / name, stimlib.compile(stimulus, 8000), motion, 0.5, progress=False, full_scale=full_scale)
+    file.write(
+        tmp_path / name,
+        stimlib.compile(stimulus, 8000),
+        motion,
+        0.5,
+        progress=False,
+        full_scale=full_scale,
+    )
     report = stimlib.verify(stimulus, motion, tmp_path / name)
-    assert report.passed == (good or scene == "silence" or (scene == "without a law" and full_scale == 1e5)), str(report)
+    assert report.passed == (
+        good or scene == "silence" or (scene == "without a law" and full_scale == 1e5)
+    ), str(report)
 
 
 def test_names_in_files_are_escaped_in_table_and_page(honest, tmp_path):
@@ -112,5 +140,8 @@ def test_names_in_files_are_escaped_in_table_and_page(honest, tmp_path):
     report.to_html(tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()
     assert "\x1b" not in page + str(report) and "<script" not in page and "&lt;script&gt;" in page
-    beside = f"<code>{report.evidence.path.name}</code>, and its sidecar <code>{report.evidence.path.name}.json</code>"
+    beside = (
+        f"<code>{report.evidence.path.name}</code>, and its sidecar"
+        f" <code>{report.evidence.path.name}.json</code>"
+    )
     assert beside in page  # a reviewer who gets the one without the other can prove nothing

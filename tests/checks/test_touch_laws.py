@@ -1,4 +1,6 @@
-"""The laws of the everyday scenes: they hold of what is rendered, and catch what is slightly off."""
+"""The laws of the everyday scenes: they hold of what is rendered, and catch what is
+slightly off.
+"""
 
 import warnings
 
@@ -70,12 +72,25 @@ def test_places_that_are_slips_to_rounding_are_proved():
 @pytest.mark.parametrize("way", [0.0, 1e-17, 3e-16, 6.76e-15, 1e-13, 1e-9])
 @pytest.mark.parametrize("start", [-0.012, -0.0119, 0.3])
 def test_slips_that_a_rounding_places_are_proved(way, start):
-    """A slip falls into a way so short that its place is a rounding; and the limit shrinks under a finger that stands on it."""
+    """A slip falls into a way so short that its place is a rounding; and the limit
+    shrinks under a finger that stands on it.
+    """
     place = start - 0.008
     x = np.r_[
-        start, place + 2e-4, place + 9e-10, place + way, place, place, place, place - 1e-3, place - 1e-3 - way, place - 5e-3
+        start,
+        place + 2e-4,
+        place + 9e-10,
+        place + way,
+        place,
+        place,
+        place,
+        place - 1e-3,
+        place - 1e-3 - way,
+        place - 5e-3,
     ]
-    force = stimlib.blocks.stick_slip(stimlib.Input("x", "m"), stimlib.Input("n", "N"), 0.8, 0.5, 100.0)
+    force = stimlib.blocks.stick_slip(
+        stimlib.Input("x", "m"), stimlib.Input("n", "N"), 0.8, 0.5, 100.0
+    )
     for normal in (np.ones(x.size), np.r_[np.ones(5), 0.99, 0.7, 0.65, 0.6, 0.6]):
         scene, motion = stimlib.Scene({"force": force}), {"x": x, "n": normal}
         r = stimlib.verify(scene, motion, stimlib.render(scene, motion, 1000))
@@ -84,7 +99,9 @@ def test_slips_that_a_rounding_places_are_proved(way, start):
 
 def test_a_law_says_of_another_wall_that_it_does_not_know_it():
     x = stimlib.Input("x", "m")
-    scene = stimlib.Scene({"force": stimlib.blocks.wall(x, hunt_crossley=1.0)}, law="wall", given={"at": 0.0})
+    scene = stimlib.Scene(
+        {"force": stimlib.blocks.wall(x, hunt_crossley=1.0)}, law="wall", given={"at": 0.0}
+    )
     r = stimlib.verify(scene, CASES["wall"][1], stimlib.render(scene, CASES["wall"][1], 4000, 0.2))
     (bad,) = [c for c in r.checks if not c.passed]
     assert bad.name == "shape of the scene" and "'k'" in bad.text
@@ -95,16 +112,25 @@ def test_the_laws_are_the_blocks_formulas_by_another_route():
     force, pressed = touch.button(x, np.ones(6), 2.0, 0.5, 1e-3, 0.8e-3)
     np.testing.assert_allclose(force, [0, 0.5, 1.5, 2.0, 1.4, 1.1], atol=1e-12)
     assert pressed.tolist() == [False, False, True, True, True, False]
-    x, contact = np.array([0.0, 1.0, 0.8, 0.79, 1.0, 0.9, 0.9, 0.9]) * 1e-3, np.array([1, 1, 1, 1, 1, 1, 0, 1.0])
+    x, contact = (
+        np.array([0.0, 1.0, 0.8, 0.79, 1.0, 0.9, 0.9, 0.9]) * 1e-3,
+        np.array([1, 1, 1, 1, 1, 1, 0, 1.0]),
+    )
     _, pressed = touch.button(x, contact, 2.0, 0.5, 1e-3, 0.8e-3)
     assert pressed.tolist() == [False, True, True, False, True, True, False, False]
 
 
 def test_springs_that_drag_follow_their_limits():
-    """A limit that falls takes the force along; a held spring keeps it, and one that was never moved has none."""
+    """A limit that falls takes the force along; a held spring keeps it, and one that
+    was never moved has none.
+    """
     x, on = np.array([0.0, 3.0, 3.0, 3.0, 2.5]), np.ones(5)
-    np.testing.assert_allclose(touch.coulomb(x, on, 1.0, np.array([2, 2, 2, 1, 0.5])), [0, 4 / 3, 2, 1, 0.25])
-    np.testing.assert_array_equal(touch.stick_slip(0 * x, on, 1.0, np.full(5, 0.5), 0.5, np.full(5, 0.5)), 0 * x)
+    np.testing.assert_allclose(
+        touch.coulomb(x, on, 1.0, np.array([2, 2, 2, 1, 0.5])), [0, 4 / 3, 2, 1, 0.25]
+    )
+    np.testing.assert_array_equal(
+        touch.stick_slip(0 * x, on, 1.0, np.full(5, 0.5), 0.5, np.full(5, 0.5)), 0 * x
+    )
 
 
 def test_an_impact_while_the_velocity_still_falls_is_silent():
@@ -116,10 +142,14 @@ def test_an_impact_while_the_velocity_still_falls_is_silent():
 SIZES = {"click": 3e-3, "detents": 3.0, "friction": 0.03, "wall": 5e-3, "impact": 5e-3}  # of a hand
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.stress) for seed in range(2, 40))])
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.stress) for seed in range(2, 40))]
+)
 @pytest.mark.parametrize("name", CASES)
 def test_no_correct_rendering_is_doubted(name, seed):
-    """Hands that move, hold, wobble by a code or come in codes, off and on contact, at any rate and with other numbers."""
+    """Hands that move, hold, wobble by a code or come in codes, off and on contact, at
+    any rate and with other numbers.
+    """
     rng = np.random.default_rng([seed, len(name)])
     make, motion, params = CASES[name]
     fs, contact = float(rng.choice([2000, 8000, 48000])), bool(rng.integers(2))
@@ -147,7 +177,9 @@ def test_a_held_hand_on_an_edge_is_proved(name, wobble):
 def test_a_wall_that_pulls_a_little_is_caught_by_its_sign():
     e = report("wall").evidence
     e.y = e.y - 1e-9
-    assert [c.name for c in touch.wall_law(asked(e, e.scene.parts[0])) if not c.passed] == ["force: it never pulls"]
+    assert [c.name for c in touch.wall_law(asked(e, e.scene.parts[0])) if not c.passed] == [
+        "force: it never pulls"
+    ]
 
 
 def test_a_report_says_what_was_rendered():
@@ -172,7 +204,9 @@ def test_a_wall_whose_parameter_is_below_0_is_proved_as_one_of_0(name):
 @pytest.mark.parametrize("normal", [1e-320, 1e-200, 1e-9])
 def test_slips_without_number_end(normal):
     motion = {"x": sinusoid(0.01, 1.0)}
-    r = stimlib.verify(friction(), motion, stimlib.render(friction(), motion, 8000, 0.05, {"normal": normal}))
+    r = stimlib.verify(
+        friction(), motion, stimlib.render(friction(), motion, 8000, 0.05, {"normal": normal})
+    )
     assert r.passed, str(r)
 
 
@@ -180,7 +214,16 @@ def test_a_wall_without_stiffness_and_a_way_without_end_are_judged_in_silence():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         motion = {"x": sinusoid(0.001, 20.0)}
-        assert stimlib.verify(wall(), motion, stimlib.render(wall(), motion, 8000, 0.1, {"k": 0.0, "b": 2.0})).passed
+        assert stimlib.verify(
+            wall(), motion, stimlib.render(wall(), motion, 8000, 0.1, {"k": 0.0, "b": 2.0})
+        ).passed
     with np.errstate(all="ignore"):
-        slipped = touch.stick_slip(np.array([-1.7e308, 1.7e308, 0.0]), np.ones(3), 1000.0, np.full(3, 0.5), 0.5, np.zeros(3))
+        slipped = touch.stick_slip(
+            np.array([-1.7e308, 1.7e308, 0.0]),
+            np.ones(3),
+            1000.0,
+            np.full(3, 0.5),
+            0.5,
+            np.zeros(3),
+        )
     assert not np.isfinite(slipped).all()

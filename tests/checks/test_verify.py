@@ -37,13 +37,18 @@ def test_recorded_hands_are_rendered_and_proved(name, tmp_path):
     recorded = hand(name)
     scene = stimlib.scenes.squeeze(contact="grip" not in name)
     motion = recorded.for_inputs(tuple(scene.inputs))
-    report = stimlib.verify(scene, motion, write(tmp_path / "hand.wav", scene, motion, recorded.duration, seed=3))
+    report = stimlib.verify(
+        scene, motion, write(tmp_path / "hand.wav", scene, motion, recorded.duration, seed=3)
+    )
     assert report.passed, str(report)
     assert any("reports at" in text for text in report.evidence.skipped)
     assert {"a1", "a2", "b", "c", "d", "e", "f"} == {c.group for c in report.checks}
 
 
-@pytest.mark.parametrize(("name", "words"), [("a.wav", {}), ("a.w64", {"subtype": "DOUBLE"}), ("a.flac", {"full_scale": 30.0})])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("a.wav", {}), ("a.w64", {"subtype": "DOUBLE"}), ("a.flac", {"full_scale": 30.0})],
+)
 def test_files_of_every_kind_pass_clipped_or_not(name, words, tmp_path):
     scene = stimlib.scenes.squeeze()
     path = write(tmp_path / name, scene, MOTION, params={"k": 1800.0, "A": 5.0}, **words)
@@ -78,7 +83,9 @@ def test_a_rendering_of_something_else_is_refused(tmp_path):
     with pytest.raises(BadValue, match="another scene"):
         stimlib.verify(stimlib.scenes.squeeze(k=2001.0), MOTION, path)
     with pytest.raises(BadValue, match="another scene"):
-        stimlib.verify(stimlib.scenes.squeeze(k=2001.0), MOTION, stimlib.render(scene, MOTION, 8000, 0.1))
+        stimlib.verify(
+            stimlib.scenes.squeeze(k=2001.0), MOTION, stimlib.render(scene, MOTION, 8000, 0.1)
+        )
     r = stimlib.render(scene, MOTION, 8000, 0.1)
     for wrong in ({"outputs": r.outputs[::-1]}, {"y": r.y[:1]}, {"y": r.y.astype(np.float32)}):
         with pytest.raises(BadValue, match="has not the scene's outputs, force1, force2"):
@@ -92,13 +99,31 @@ def test_a_file_alone_tells_its_scene_and_motion(tmp_path):
     made.save(path := tmp_path / "a.wav", full_scale=50.0)
     for given in ((path,), (str(path),), (None, MOTION, path), (scene, None, path)):
         report = stimlib.verify(*given)
-        assert report.passed and any("sidecar's own" in text for text in report.evidence.skipped) == (given[0] is not scene)
-    assert not any("for the reader only" in text for text in report.evidence.skipped)  # written by this version
+        assert report.passed and any(
+            "sidecar's own" in text for text in report.evidence.skipped
+        ) == (given[0] is not scene)
+    # written by this version
+    assert not any("for the reader only" in text for text in report.evidence.skipped)
     sidecar = path.with_name("a.wav.json")
-    sidecar.write_text(sidecar.read_text().replace(f'"stimlib": "{stimlib.__version__}"', '"stimlib": "0.0.9"'))
-    assert any("written by stimlib 0.0.9, this is" in text for text in stimlib.verify(path).evidence.skipped)
-    for wrong in ((scene,), (made,), (scene, MOTION), (scene, None, made), (None, MOTION, made), ("squeeze", MOTION, path)):
-        with pytest.raises(BadValue, match="verify: give the path of a file alone, or a scene, its motion and a rendering"):
+    sidecar.write_text(
+        sidecar.read_text().replace(f'"stimlib": "{stimlib.__version__}"', '"stimlib": "0.0.9"')
+    )
+    assert any(
+        "written by stimlib 0.0.9, this is" in text
+        for text in stimlib.verify(path).evidence.skipped
+    )
+    for wrong in (
+        (scene,),
+        (made,),
+        (scene, MOTION),
+        (scene, None, made),
+        (None, MOTION, made),
+        ("squeeze", MOTION, path),
+    ):
+        with pytest.raises(
+            BadValue,
+            match="verify: give the path of a file alone, or a scene, its motion and a rendering",
+        ):
             stimlib.verify(*wrong)
 
 
@@ -124,10 +149,13 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
     scene = stimlib.scenes.squeeze()
     rendering = stimlib.render(scene, MOTION, 8000, 1.0)
     for name in ("a.html", "b.html"):
-        stimlib.verify(scene, MOTION, rendering).to_html(tmp_path / name, command="stimlib verify squeeze --wav <a>.wav")
+        stimlib.verify(scene, MOTION, rendering).to_html(
+            tmp_path / name, command="stimlib verify squeeze --wav <a>.wav"
+        )
     page = (tmp_path / "a.html").read_text()
     assert page == (tmp_path / "b.html").read_text()
-    assert not re.search(r'(src|href)="(?!#)', page) and "<script" not in page  # nothing from elsewhere; no code
+    # nothing from elsewhere; no code
+    assert not re.search(r'(src|href)="(?!#)', page) and "<script" not in page
     for word in (
         "passed",
         "over position, x1",
@@ -142,13 +170,19 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
         "<code>proof\\Scripts\\activate</code>",
     ):
         assert word in page
-    install, program, text = (html.unescape(part) for part in re.findall("<pre>(.*?)</pre>", page, re.DOTALL))
-    assert install.startswith("python -m venv proof\n") and f" stimlib=={stimlib.__version__} numpy=={np.__version__} " in install
+    install, program, text = (
+        html.unescape(part) for part in re.findall("<pre>(.*?)</pre>", page, re.DOTALL)
+    )
+    assert (
+        install.startswith("python -m venv proof\n")
+        and f" stimlib=={stimlib.__version__} numpy=={np.__version__} " in install
+    )
     assert "sidecar" not in page  # what is in memory has none
     (tmp_path / "scene.json").write_text(text)
     monkeypatch.chdir(tmp_path)
     exec(program, {})
-    assert capsys.readouterr().out.strip() == program.split("# ")[-1].strip()  # the hash of the signal, made again
+    # the hash of the signal, made again
+    assert capsys.readouterr().out.strip() == program.split("# ")[-1].strip()
     assert not list(tmp_path.glob("*.part"))
 
 
@@ -156,7 +190,11 @@ def test_one_sample_has_a_page(tmp_path):
     scene, motion = stimlib.scenes.wall(), {"x": sinusoid(0.01, 1.0)}
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 1 / 8000))
     report.to_html(tmp_path / "a.html")
-    assert report.passed and report.spectra() == {} and "1 samples at" in (tmp_path / "a.html").read_text()
+    assert (
+        report.passed
+        and report.spectra() == {}
+        and "1 samples at" in (tmp_path / "a.html").read_text()
+    )
 
 
 @pytest.mark.parametrize("k", [1e200, 1e308])
@@ -164,7 +202,11 @@ def test_forces_whose_squares_are_too_large_have_a_page(tmp_path, k):
     scene, motion = stimlib.scenes.wall(k=k), {"x": sinusoid(0.01, 1.0)}
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.1))
     report.to_html(tmp_path / "a.html")
-    assert report.passed and report.spectra() == {} and "How to reproduce it" in (tmp_path / "a.html").read_text()
+    assert (
+        report.passed
+        and report.spectra() == {}
+        and "How to reproduce it" in (tmp_path / "a.html").read_text()
+    )
 
 
 def test_a_report_that_cannot_be_written(tmp_path):
@@ -198,9 +240,15 @@ def _plain():
 def test_a_scene_of_other_blocks_is_checked_as_far_as_laws_are_known():
     x = Input("x", "m")
     noise = enabled(pinking(pink_noise(1.0, seed=1, f_low=10), 10.0), by=x > constant(0.001, "m"))
-    y = first_order(delay(x, 5), 0.01) + fir(x, [0.5, 0.5]) + constant(1e-3, "m") * (Param("a", 1.0) * noise)
+    y = (
+        first_order(delay(x, 5), 0.01)
+        + fir(x, [0.5, 0.5])
+        + constant(1e-3, "m") * (Param("a", 1.0) * noise)
+    )
     scene = Scene({"y": y, "d": differentiator(x, passband=1000)})
-    report = stimlib.verify(scene, {"x": minimum_jerk()}, stimlib.render(scene, {"x": minimum_jerk()}, 8000, 2.0))
+    report = stimlib.verify(
+        scene, {"x": minimum_jerk()}, stimlib.render(scene, {"x": minimum_jerk()}, 8000, 2.0)
+    )
     assert report.passed, str(report)
     lawful = {f"{name}: physical law" for name in ("FirstOrder", "Delay", "Pinking", "Taps")}
     assert lawful <= {c.name for c in report.checks}
@@ -218,7 +266,11 @@ def test_a_held_position_that_toggles_is_silent_and_five_mm_per_second_sounds():
 
 
 def test_the_fault_that_a_rendering_tells_is_held():
-    scene, whole, broken = Scene({"y": 1 / Input("x")}), {"x": np.ones(900)}, {"x": np.r_[np.ones(800), np.zeros(100)]}
+    scene, whole, broken = (
+        Scene({"y": 1 / Input("x")}),
+        {"x": np.ones(900)},
+        {"x": np.r_[np.ones(800), np.zeros(100)]},
+    )
     told = [None, ("y", 800), ("y", 801), ("z", 800), "y\x1b[2J"]
     for motion, fault, said in (
         (whole, None, "guards that closed; the rendering tells "),

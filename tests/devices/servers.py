@@ -1,4 +1,6 @@
-"""What the device tests share: a log that remembers, the reference, and audio servers on private names."""
+"""What the device tests share: a log that remembers, the reference, and audio servers
+on private names.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from stimlib import SinkError, blocks
 from stimlib.run.safety import protect, to_device
 
 SLACK = 0.0 if os.environ.get("STIMLIB_STRESS") else 2.0
-"""Seconds that a machine with other work may add to what is promised; ``make stress`` gives it none."""
+"""Seconds that a machine with other work may add to what is promised; ``make stress``
+gives it none.
+"""
 
 
 class Seen:
@@ -45,7 +49,9 @@ class Seen:
 
 
 def textured(outputs=2, scale=1.0):
-    """A scene for every sample rate: springs, and noise with the speed of the motion."""
+    """A scene for every sample rate: springs, and noise with the speed of the
+    motion.
+    """
     forces = {}
     for i in range(1, outputs + 1):
         x = stimlib.Input(f"x{i}", "m")
@@ -58,7 +64,9 @@ def textured(outputs=2, scale=1.0):
 
 
 def replayed(scene, safety, x, fs, events=(), channels=None, params=None, seed=0):
-    """What a device should have got, from the processor alone: motion as processed (n_inputs, n) and the changes told."""
+    """What a device should have got, from the processor alone: motion as processed
+    (n_inputs, n) and the changes told.
+    """
     proc = stimlib.compile(protect(scene, safety), fs, seed=seed)
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
@@ -90,17 +98,23 @@ def kept(events, n):
     return out
 
 
-# What real time does to a session is no fault of a fade: a device plays silence for a block that it did not get, and a client
-# that records may come late itself.  The sink tells its losses with their sample, the recorder has JACK's time of each frame,
-# and only steps between frames that neither has lost are judged.  A client that was called in time and ended late is known to the
-# server alone: it reports an xrun, and another client does not get that block.
+# What real time does to a session is no fault of a fade: a device plays silence for a
+# block that it did not get, and a client that records may come late itself.  The sink
+# tells its losses with their sample, the recorder has JACK's time of each frame, and
+# only steps between frames that neither has lost are judged.  A client that was called
+# in time and ended late is known to the server alone: it reports an xrun, and another
+# client does not get that block.
 def outside(events, kind):
-    """Frames before the samples ("rise") or after them ("fall"): of steps of 1/n, which test_pump.py hears."""
+    """Frames before the samples ("rise") or after them ("fall"): of steps of 1/n, which
+    test_pump.py hears.
+    """
     return next((e["frames"] for _, k, e in events if k == kind), 0)
 
 
 def largest_step(frames, events):
-    """Between delivered frames that follow each other, from silence on; a rise before them has led to the first."""
+    """Between delivered frames that follow each other, from silence on; a rise before
+    them has led to the first.
+    """
     lost = sum(e["frames"] for _, kind, e in events if kind == "lost")
     index = np.flatnonzero(kept(events, len(frames) + lost))
     first = np.abs(frames[0]).max() * (index[0] == 0) / (outside(events, "rise") or 1)
@@ -108,7 +122,9 @@ def largest_step(frames, events):
 
 
 def _between_neighbours(frames, index):
-    """Largest step between frames whose indices follow each other, and the largest between the others."""
+    """Largest step between frames whose indices follow each other, and the largest
+    between the others.
+    """
     steps = np.abs(np.diff(frames, axis=0)).max(axis=1, initial=0)
     near = np.diff(index) == 1
     return float(steps[near].max(initial=0)), float(steps[~near].max(initial=0))
@@ -123,7 +139,8 @@ def faded(frames, events, fade=160):
 
 
 def captured_fades(frames, index, events, xruns):
-    """The same of a capture, by the sample of the session at whose time each frame was; False where frames are missing in a fade.
+    """The same of a capture, by the sample of the session at whose time each frame was;
+    False where frames are missing in a fade.
 
     Such a capture is to be done again.
     """
@@ -146,10 +163,14 @@ def until_judged(take, takes=8):
 
 
 def unjudged(why):
-    """The end of a test that real time has spoiled again and again: a fault, but where far more wants to run than can."""
+    """The end of a test that real time has spoiled again and again: a fault, but where
+    far more wants to run than can.
+    """
     load = os.getloadavg()[0] / (os.cpu_count() or 1)
     if load > 2.0:
-        pytest.skip(f"{why}, and {load:.1f} jobs wait for each core: nothing can be judged here now")
+        pytest.skip(
+            f"{why}, and {load:.1f} jobs wait for each core: nothing can be judged here now"
+        )
     pytest.fail(why)
 
 
@@ -165,9 +186,11 @@ def without(monkeypatch, package, error):
     monkeypatch.setattr(builtins, "__import__", none)
 
 
-# JACK ----------------------------------------------------------------------------------------------------------------
+# JACK ---------------------------------------------------------------------------------
 needs_jack = pytest.mark.jack
-"""Skip where there is no JACK; see ``conftest.py`` for what else it does.  For a whole file: ``pytestmark = needs_jack``."""
+"""Skip where there is no JACK; see ``conftest.py`` for what else it does.  For a whole
+file: ``pytestmark = needs_jack``.
+"""
 
 
 def no_jack():
@@ -183,8 +206,9 @@ def no_jack():
 class Jackd:
     """A JACK server without hardware, on a name of its own; ended by its process id.
 
-    JACK knows 8 servers on a machine, and one that was killed keeps its place until another of its name comes.  So names are
-    used again, and a lock on a file says which are in use: one place for the whole machine, whatever TMPDIR says.
+    JACK knows 8 servers on a machine, and one that was killed keeps its place until
+    another of its name comes.  So names are used again, and a lock on a file says which
+    are in use: one place for the whole machine, whatever TMPDIR says.
     """
 
     def __init__(self, rate=8000, block=64, captures=8, playbacks=24, options=()):
@@ -193,10 +217,17 @@ class Jackd:
         self.name, self._lock = self._free_name()
         self.rate, self.block = rate, block
         self._out = tempfile.TemporaryFile("w+")
-        text = f"jackd -n {self.name} -r -p 128 {' '.join(options)} -d dummy -r {rate} -p {block} -C {captures} -P {playbacks}"
+        text = (
+            f"jackd -n {self.name} -r -p 128 {' '.join(options)} -d dummy -r {rate} -p {block} -C"
+            f" {captures} -P {playbacks}"
+        )
         env = os.environ | {"JACK_NO_AUDIO_RESERVATION": "1"}
-        held = (self._lock.fileno(),)  # by the server too: one that outlives a killed test run keeps its name to itself
-        self.process = subprocess.Popen(text.split(), stdout=self._out, stderr=subprocess.STDOUT, env=env, pass_fds=held)
+        # by the server too: one that outlives a killed test run keeps its name to
+        # itself
+        held = (self._lock.fileno(),)
+        self.process = subprocess.Popen(
+            text.split(), stdout=self._out, stderr=subprocess.STDOUT, env=env, pass_fds=held
+        )
 
     @property
     def log(self):
@@ -241,21 +272,29 @@ class Jackd:
 
     @staticmethod
     def _room(need=48, seconds=20):
-        """A server shares some 40 MiB of memory; containers may have few, and are killed for want of them."""
+        """A server shares some 40 MiB of memory; containers may have few, and are
+        killed for want of them.
+        """
         end = time.monotonic() + seconds
         while Path("/dev/shm").is_dir():
             free = os.statvfs("/dev/shm").f_bavail * os.statvfs("/dev/shm").f_frsize >> 20
             if free >= need:
                 return
             if time.monotonic() > end:
-                pytest.skip(f"a JACK server shares 40 MiB of memory, and /dev/shm has only {free} MiB left")
+                pytest.skip(
+                    f"a JACK server shares 40 MiB of memory, and /dev/shm has only {free} MiB left"
+                )
             time.sleep(0.2)
 
     @staticmethod
     def _free_name():
         for _ in range(600):
             for k in range(6):
-                lock = open(Path("/dev/shm" if Path("/dev/shm").is_dir() else "/tmp") / f"stimlib_jackd_{k}.lock", "w")
+                lock = open(
+                    Path("/dev/shm" if Path("/dev/shm").is_dir() else "/tmp")
+                    / f"stimlib_jackd_{k}.lock",
+                    "w",
+                )
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     return f"stimlib_test_{k}", lock
@@ -269,7 +308,8 @@ def Capture(server, channels, size, name="capture"):
     """A second client that records what arrives at its ports ``NAME:in_1`` .."""
     from stimlib.devices import loopback
 
-    for attempt in range(5):  # a server under load may still be busy with the last client of this name
+    # a server under load may still be busy with the last client of this name
+    for attempt in range(5):
         try:
             return loopback.Capture(server, channels, size, name)
         except SinkError:
@@ -279,7 +319,8 @@ def Capture(server, channels, size, name="capture"):
 
 
 def aligned(captured, expected):
-    """Captured frames from where the expected begin, cut to their length: both start at the first sound.
+    """Captured frames from where the expected begin, cut to their length: both start at
+    the first sound.
 
     An error names the first frame that differs.
     """
@@ -290,7 +331,9 @@ def aligned(captured, expected):
 
 
 def hog(over):
-    """A thread that keeps the interpreter to itself for some 20 ms at a time, as long calls into C do."""
+    """A thread that keeps the interpreter to itself for some 20 ms at a time, as long
+    calls into C do.
+    """
     while not over.is_set():
         sum(range(1_000_000))
 
@@ -304,7 +347,9 @@ def busy(server, compiled, seconds=3.0):
     hand = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
     over = threading.Event()
     thread = threading.Thread(target=hog, args=(over,))
-    with JackSink(squeeze(), 50.0, motion=hand, server=server.name, realtime=False, compiled=compiled) as sink:
+    with JackSink(
+        squeeze(), 50.0, motion=hand, server=server.name, realtime=False, compiled=compiled
+    ) as sink:
         sink.open(server.rate)
         thread.start()
         try:
@@ -317,29 +362,51 @@ def busy(server, compiled, seconds=3.0):
 
 
 class Pulse:
-    """A PulseAudio server with one null sink, private to a folder; ended by its process id."""
+    """A PulseAudio server with one null sink, private to a folder; ended by its process
+    id.
+    """
 
     def __init__(self, folder, rate=8000, channels=1):
         self.folder, self.rate, self.channels = Path(folder), rate, channels
         run = self.folder / "run"
         run.mkdir(mode=0o700)
-        seven = ["front-left", "front-right", "rear-left", "rear-right", "front-center", "lfe", "side-left", "side-right"]
-        names = [*seven, *(f"aux{k}" for k in range(channels - 8))][:channels]  # in the order in which ALSA has them
+        seven = [
+            "front-left",
+            "front-right",
+            "rear-left",
+            "rear-right",
+            "front-center",
+            "lfe",
+            "side-left",
+            "side-right",
+        ]
+        # in the order in which ALSA has them
+        names = [*seven, *(f"aux{k}" for k in range(channels - 8))][:channels]
         places = f"channel_map={','.join(names)}" if channels > 2 else ""
         (self.folder / "null.pa").write_text(
-            "load-module module-native-protocol-unix\n"
-            f"load-module module-null-sink sink_name=null rate={rate} channels={channels} {places} format=float32le\n"
-            "set-default-sink null\n"
+            "load-module module-native-protocol-unix\nload-module module-null-sink sink_name=null"
+            f" rate={rate} channels={channels} {places} format=float32le\nset-default-sink null\n"
         )
-        (self.folder / "daemon.conf").write_text("enable-remixing = no\n")  # each channel stays itself
-        cache = os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")  # not that of the new HOME
+        # each channel stays itself
+        (self.folder / "daemon.conf").write_text("enable-remixing = no\n")
+        # not that of the new HOME
+        cache = os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")
         self.environment = {
-            "STIMLIB_CACHE": cache, "XDG_RUNTIME_DIR": str(run), "HOME": str(self.folder), "JACK_NO_START_SERVER": "1",
-            "PULSE_SERVER": f"unix:{run}/pulse/native", "PULSE_CONFIG": str(self.folder / "daemon.conf"),
-        }  # fmt: skip
-        self._run = partial(subprocess.Popen, env=os.environ | self.environment, stderr=subprocess.DEVNULL)
+            "STIMLIB_CACHE": cache,
+            "XDG_RUNTIME_DIR": str(run),
+            "HOME": str(self.folder),
+            "JACK_NO_START_SERVER": "1",
+            "PULSE_SERVER": f"unix:{run}/pulse/native",
+            "PULSE_CONFIG": str(self.folder / "daemon.conf"),
+        }
+        self._run = partial(
+            subprocess.Popen, env=os.environ | self.environment, stderr=subprocess.DEVNULL
+        )
         options = ["--exit-idle-time=-1", "--daemonize=no", "--use-pid-file=no", "--disallow-exit"]
-        self._server = self._run(["pulseaudio", "-n", "-F", str(self.folder / "null.pa"), *options], stdout=subprocess.DEVNULL)
+        self._server = self._run(
+            ["pulseaudio", "-n", "-F", str(self.folder / "null.pa"), *options],
+            stdout=subprocess.DEVNULL,
+        )
         self._recorder = None
 
     def __enter__(self):
@@ -353,17 +420,30 @@ class Pulse:
     def record(self):
         """Begin to record what arrives at the sink."""
         self._file = open(self.folder / "captured.raw", "wb")
-        form = ["--format=float32le", f"--rate={self.rate}", f"--channels={self.channels}", "--raw", "--no-remap"]
+        form = [
+            "--format=float32le",
+            f"--rate={self.rate}",
+            f"--channels={self.channels}",
+            "--raw",
+            "--no-remap",
+        ]
         form.append("--latency-msec=20")
         self._recorder = self._run(["parec", "-d", "null.monitor", *form], stdout=self._file)
         for _ in range(100):
-            if self._run(["pactl", "list", "short", "source-outputs"], stdout=subprocess.PIPE).communicate(timeout=10)[0]:
+            if self._run(
+                ["pactl", "list", "short", "source-outputs"], stdout=subprocess.PIPE
+            ).communicate(timeout=10)[0]:
                 return
             time.sleep(0.05)
         raise RuntimeError("parec does not record")
 
     def remove_the_sink(self):
-        assert self._run(["pactl", "unload-module", "module-null-sink"], stdout=subprocess.DEVNULL).wait(10) == 0
+        assert (
+            self._run(
+                ["pactl", "unload-module", "module-null-sink"], stdout=subprocess.DEVNULL
+            ).wait(10)
+            == 0
+        )
 
     def frames(self):
         """What was recorded, (n, channels); ends the recorder."""

@@ -1,4 +1,6 @@
-"""Sets of files: resumable, the same bytes whatever the number of workers, and an order that is fixed by its seed."""
+"""Sets of files: resumable, the same bytes whatever the number of workers, and an order
+that is fixed by its seed.
+"""
 
 import importlib
 import json
@@ -16,7 +18,9 @@ from stimlib.motion.generators import constant_speed
 from stimlib.scenes import bumps, bumps_set
 
 MOTION = {"x": constant_speed(0.02, 0.1)}
-SET = {f"{s.waveform}{s.bumps}": bumps(*s) for s in bumps_set() if s.duty == 0.5 and s.amplitude == 4.0}
+SET = {
+    f"{s.waveform}{s.bumps}": bumps(*s) for s in bumps_set() if s.duty == 0.5 and s.amplitude == 4.0
+}
 
 
 def listing(folder):
@@ -48,7 +52,15 @@ def test_bytes_do_not_depend_on_the_workers(tmp_path, monkeypatch):
     doubled = importlib.import_module("doubling").Doubled
     scenes = SET | {"own": stimlib.Scene({"y": doubled(stimlib.Input("x", "m"))})}
     for workers in (1, 2):
-        render_set(tmp_path / str(workers), scenes, MOTION, 0.2, full_scale=400.0, workers=workers, progress=False)
+        render_set(
+            tmp_path / str(workers),
+            scenes,
+            MOTION,
+            0.2,
+            full_scale=400.0,
+            workers=workers,
+            progress=False,
+        )
     one = listing(tmp_path / "1")
     assert one == listing(tmp_path / "2")
     assert len(one) == 2 * len(scenes) + 1 and not [n for n in one if n.endswith(".part")]
@@ -62,14 +74,21 @@ def test_an_interrupted_set_goes_on(tmp_path):
     kept = os.stat(tmp_path / "sine6.wav").st_mtime_ns
     (tmp_path / "index.json").unlink()
     (tmp_path / "square2.wav").unlink()
-    (tmp_path / "square6.wav").write_bytes(before["square6.wav"][:1000])  # what a killed machine leaves
+    # what a killed machine leaves
+    (tmp_path / "square6.wav").write_bytes(before["square6.wav"][:1000])
     render_set(tmp_path, SET, MOTION, 0.1, workers=1, progress=False)
     assert listing(tmp_path) == before
     assert os.stat(tmp_path / "sine6.wav").st_mtime_ns == kept
 
 
 @pytest.mark.parametrize(
-    "change", [{"seconds": 0.12}, {"seed": 1}, {"full_scale": 2.0}, {"motion": {"x": constant_speed(0.03, 0.1)}}]
+    "change",
+    [
+        {"seconds": 0.12},
+        {"seed": 1},
+        {"full_scale": 2.0},
+        {"motion": {"x": constant_speed(0.03, 0.1)}},
+    ],
 )
 def test_another_job_is_rendered_again(tmp_path, change):
     words = {"motion": MOTION, "seconds": 0.1, "workers": 1, "progress": False}
@@ -102,9 +121,20 @@ def test_the_command_takes_a_recording(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "finger.csv").write_text("t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n")
     monkeypatch.setattr("stimlib.scenes.bumps_set", lambda: bumps_set()[:1])
-    words = ["render-set", "set", "--motion", "finger.csv", "--map", "x=x_mm*1e-3", "--workers", "1"]
+    words = [
+        "render-set",
+        "set",
+        "--motion",
+        "finger.csv",
+        "--map",
+        "x=x_mm*1e-3",
+        "--workers",
+        "1",
+    ]
     done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2 and "has no input contact; add --contact" in " ".join(done.stderr.split())
+    assert done.exit_code == 2 and "has no input contact; add --contact" in " ".join(
+        done.stderr.split()
+    )
     done = CliRunner().invoke(app, [*words, "--contact"])
     assert done.exit_code == 0, done.output
     (name,) = json.loads((tmp_path / "set" / "index.json").read_text())["files"].values()

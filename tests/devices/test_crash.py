@@ -1,4 +1,6 @@
-"""Processes killed outright, at random moments: what they leave reads and is right up to its end, seconds before the kill."""
+"""Processes killed outright, at random moments: what they leave reads and is right up
+to its end, seconds before the kill.
+"""
 
 import os
 import random
@@ -51,14 +53,21 @@ def scene():
 
 
 def child(call, *args):
-    """A function of this file in a process of its own, which says when it begins and how far it is."""
+    """A function of this file in a process of its own, which says when it begins and
+    how far it is.
+    """
     me = Path(__file__)
-    code = f"import sys; sys.path[:0] = {[str(p) for p in me.parents[:2]]}; import {me.stem} as t; t.{call.__name__}(*{args!r})"
+    code = (
+        f"import sys; sys.path[:0] = {[str(p) for p in me.parents[:2]]}; import {me.stem} as t;"
+        f" t.{call.__name__}(*{args!r})"
+    )
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
 
 
 def killed_after(seconds, call, *args):
-    """Run it, kill it so many seconds after it began, and give the last number it said."""
+    """Run it, kill it so many seconds after it began, and give the last number it
+    said.
+    """
     with child(call, *args) as job:
         try:
             assert job.stdout.readline() == "go\n"
@@ -76,7 +85,9 @@ def killed_after(seconds, call, *args):
 
 
 def write_at_pace(path, subtype, fs, pace):
-    """A file at pace times real time; says the samples that the motion was asked for."""
+    """A file at pace times real time; says the samples that the motion was asked
+    for.
+    """
     proc = stimlib.compile(scene(), fs, seed=3)
     proc.process(np.zeros((1, 0)))
     began = time.monotonic()
@@ -91,25 +102,38 @@ def write_at_pace(path, subtype, fs, pace):
 
 
 @pytest.mark.parametrize(
-    ("format", "subtype"), [kind if kind in QUICK else pytest.param(*kind, marks=pytest.mark.stress) for kind in KINDS]
+    ("format", "subtype"),
+    [kind if kind in QUICK else pytest.param(*kind, marks=pytest.mark.stress) for kind in KINDS],
 )
 @pytest.mark.longer
 def test_a_killed_run_leaves_a_file_that_is_recovered(tmp_path, format, subtype):
     path = tmp_path / f"a.{format.lower()}"
     for fs in (8000.0, 1000.0) if STRESS else (1000.0,) if format == "FLAC" else (8000.0,):
         asked = killed_after(RNG.uniform(0.5, 0.8), write_at_pace, str(path), subtype, fs, 20.0)
-        left = {path.name + ".part", path.name + ".part.json"} | ({path.name + ".new.part"} if format == "FLAC" else set())
+        left = {path.name + ".part", path.name + ".part.json"} | (
+            {path.name + ".new.part"} if format == "FLAC" else set()
+        )
         assert {p.name for p in tmp_path.iterdir()} == left
-        with pytest.raises(SinkError, match=f"a run that was killed left {path.name}.part: try stimlib recover"):
+        with pytest.raises(
+            SinkError, match=f"a run that was killed left {path.name}.part: try stimlib recover"
+        ):
             file.read(path)
         report = recover(path)
         assert {p.name for p in tmp_path.iterdir()} == {path.name, path.name + ".json"}
         y, sidecar = file.read(path)
         n = y.shape[1]
-        assert report.frames == n and -2 * fs <= n - asked <= fs, (asked, n)  # the block in the making is lost, and two before
+        # the block in the making is lost, and two before
+        assert report.frames == n and -2 * fs <= n - asked <= fs, (asked, n)
         assert sidecar["recovered"] == {"frames": round(3600 * fs)} and sidecar["sha256"] is None
         whole = tmp_path / f"b.{format.lower()}"
-        again = file.write(whole, stimlib.compile(scene(), fs, seed=3), {"x": HAND}, n / fs, subtype=subtype, full_scale=64.0)
+        again = file.write(
+            whole,
+            stimlib.compile(scene(), fs, seed=3),
+            {"x": HAND},
+            n / fs,
+            subtype=subtype,
+            full_scale=64.0,
+        )
         assert whole.read_bytes() == path.read_bytes() and np.array_equal(file.read(whole)[0], y)
         assert report.peak == pytest.approx(again.peak, rel=1e-6)
         assert report.clips == dict.fromkeys(report.clips, None if format == "FLAC" else 0)
@@ -126,11 +150,20 @@ def write_fast(path, subtype):
         file.write(path, proc, {"x": HAND}, 20.0, subtype=subtype, full_scale=64.0)
 
 
-@pytest.mark.parametrize(("format", "subtype"), [("WAV", "FLOAT"), ("RF64", "DOUBLE"), ("FLAC", "PCM_24")])
+@pytest.mark.parametrize(
+    ("format", "subtype"), [("WAV", "FLOAT"), ("RF64", "DOUBLE"), ("FLAC", "PCM_24")]
+)
 @pytest.mark.longer
 def test_whenever_it_is_killed_the_pair_is_whole_or_recovered(tmp_path, format, subtype):
     wanted = tmp_path / f"wanted.{format.lower()}"
-    file.write(wanted, stimlib.compile(scene(), 8000.0, seed=3), {"x": HAND}, 20.0, subtype=subtype, full_scale=64.0)
+    file.write(
+        wanted,
+        stimlib.compile(scene(), 8000.0, seed=3),
+        {"x": HAND},
+        20.0,
+        subtype=subtype,
+        full_scale=64.0,
+    )
     y, _ = file.read(wanted)
     for trial in range(KILLS):
         path = tmp_path / f"{trial}.{format.lower()}"
@@ -139,7 +172,9 @@ def test_whenever_it_is_killed_the_pair_is_whole_or_recovered(tmp_path, format, 
             got = file.read(path)[0]
         except SinkError as e:
             if "recover" not in str(e):  # killed before there was a file to put samples into
-                assert "there is no file" in str(e) and not {path.name, f"{path.name}.part"} & set(os.listdir(tmp_path))
+                assert "there is no file" in str(e) and not {path.name, f"{path.name}.part"} & set(
+                    os.listdir(tmp_path)
+                )
                 continue
             try:
                 recover(path, overwrite=True)
@@ -197,7 +232,10 @@ def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
         try:
             assert [job.stdout.readline() for _ in range(2)] == ["go\n", "there\n"]
             proc = stimlib.compile(scene(), 8000.0)
-            for attempt in (lambda: recover(path), lambda: file.write(path, proc, {"x": HAND}, 0.1)):
+            for attempt in (
+                lambda: recover(path),
+                lambda: file.write(path, proc, {"x": HAND}, 0.1),
+            ):
                 with pytest.raises(SinkError, match="a.wav is being written by another run"):
                     attempt()
             assert sf.info(tmp_path / "a.wav.part").frames == 4000  # readable while it is written
@@ -217,9 +255,21 @@ def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
     for name, junk, says in [
         (told, b"{", "is not a sidecar that stimlib wrote"),
         (told, kept[told.name].replace(b'"fs": 8000.0', b'"fs": 4000.0'), "does not belong to"),
-        (told, kept[told.name].replace(b'"fs": 8000.0', b'"fs": NaN'), "is not a sidecar that stimlib wrote"),
-        (told, kept[told.name].replace(b'"WAV"', b'["WAV"]'), "is not a sidecar that stimlib wrote"),
-        (told, kept[told.name].replace(b'"frames": 80000', b'"frames": 80'), "has 4000 of 80 frames"),
+        (
+            told,
+            kept[told.name].replace(b'"fs": 8000.0', b'"fs": NaN'),
+            "is not a sidecar that stimlib wrote",
+        ),
+        (
+            told,
+            kept[told.name].replace(b'"WAV"', b'["WAV"]'),
+            "is not a sidecar that stimlib wrote",
+        ),
+        (
+            told,
+            kept[told.name].replace(b'"frames": 80000', b'"frames": 80'),
+            "has 4000 of 80 frames",
+        ),
         (part, b"", "has no samples yet, or was damaged"),
         (part, kept[part.name][:100], "nothing to recover"),
         (part, kept[part.name][:-8] + np.float64(np.nan).tobytes(), "not finite"),
@@ -228,7 +278,11 @@ def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
         with pytest.raises(SinkError, match=says):
             recover(path, tmp_path / "b.wav")
         name.write_bytes(kept[name.name])
-        assert sorted(p.name for p in tmp_path.iterdir()) == ["a.wav", "a.wav.part", "a.wav.part.json"]
+        assert sorted(p.name for p in tmp_path.iterdir()) == [
+            "a.wav",
+            "a.wav.part",
+            "a.wav.part.json",
+        ]
     told.unlink()
     with pytest.raises(SinkError, match="has no sidecar a.wav.part.json"):
         recover(path, tmp_path / "b.wav")
@@ -277,7 +331,10 @@ def test_killed_between_the_two_moves(tmp_path):
     with pytest.raises(SinkError, match="try stimlib recover"):
         file.read(path)
     assert recover(path) == report
-    assert report.sidecar.read_bytes() == sidecar and {p.name for p in tmp_path.iterdir()} == {"a.wav", "a.wav.json"}
+    assert report.sidecar.read_bytes() == sidecar and {p.name for p in tmp_path.iterdir()} == {
+        "a.wav",
+        "a.wav.json",
+    }
 
 
 def test_a_new_run_takes_the_place_of_what_was_left(tmp_path):
@@ -285,13 +342,18 @@ def test_a_new_run_takes_the_place_of_what_was_left(tmp_path):
     for p in (".part", ".part.json", ".new.part", ".json.part"):
         Path(f"{path}{p}").write_bytes(b"left")
     file.write(path, stimlib.compile(scene(), 8000.0), {"x": HAND}, 0.5, full_scale=64.0)
-    assert file.read(path)[0].shape == (2, 4000) and {p.name for p in tmp_path.iterdir()} == {"a.flac", "a.flac.json"}
+    assert file.read(path)[0].shape == (2, 4000) and {p.name for p in tmp_path.iterdir()} == {
+        "a.flac",
+        "a.flac.json",
+    }
 
 
 @pytest.mark.stress  # writes 4.4 GB
 @pytest.mark.parametrize("format", ["rf64", "w64", "caf"])
 def test_more_than_4_gib_is_exact(tmp_path, format):
-    """Every sample, in the finished file; and what a killed run would leave beyond 4 GiB."""
+    """Every sample, in the finished file; and what a killed run would leave beyond 4
+    GiB.
+    """
     x, path = Input("x", "m"), tmp_path / f"a.{format}"
     gain = [constant(1.0 + c, "N/m") * x for c in range(16)]
     proc = stimlib.compile(Scene({f"force{c}": g for c, g in enumerate(gain)}), 8000.0)
@@ -325,8 +387,14 @@ def test_more_than_4_gib_is_exact(tmp_path, format):
 
 
 def session(folder, inputs):
-    """A session at the pace of the clock, in odd blocks, with changes and losses; says the samples delivered."""
-    made = stimlib.scenes.squeeze(fingers=2) if inputs else Scene({"noise": constant(3.0, "N") * white_noise(seed=1)})
+    """A session at the pace of the clock, in odd blocks, with changes and losses; says
+    the samples delivered.
+    """
+    made = (
+        stimlib.scenes.squeeze(fingers=2)
+        if inputs
+        else Scene({"noise": constant(3.0, "N") * white_noise(seed=1)})
+    )
     safety, rng = Safety(full_scale=50.0), np.random.default_rng(3)
     proc = stimlib.compile(protect(made, safety), 8000.0, seed=4)
     channels = list(range(len(proc.outputs)))
@@ -343,7 +411,11 @@ def session(folder, inputs):
                 value, ramp = float(rng.uniform(500, 2000)), int(rng.integers(1, 400))
                 proc.set("k", value, ramp / 8000)
                 log.event(at, "set", name="k", value=value, ramp=ramp)
-            x = np.stack([HAND(np.arange(at, at + n) / 8000) + 0.03] * len(proc.inputs)) if inputs else np.empty((0, n))
+            x = (
+                np.stack([HAND(np.arange(at, at + n) / 8000) + 0.03] * len(proc.inputs))
+                if inputs
+                else np.empty((0, n))
+            )
             log.motion(x)
             frames = to_device(proc.process(x), safety.scales(proc.outputs), channels)
             if rng.random() < 0.05:
@@ -357,7 +429,9 @@ def session(folder, inputs):
 def play(folder):
     """A real sink at the pace of the clock."""
     hand = {"x1": HAND, "x2": HAND}
-    with NullSink(stimlib.scenes.squeeze(), 50.0, realtime=False, motion=hand, log=folder, seed=4) as sink:
+    with NullSink(
+        stimlib.scenes.squeeze(), 50.0, realtime=False, motion=hand, log=folder, seed=4
+    ) as sink:
         sink.open(8000, block=64)
         print("go", flush=True)
         sink.start()

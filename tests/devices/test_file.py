@@ -33,9 +33,14 @@ MOTION = {"x": sinusoid(0.02, 3.0)}
 
 
 def forces(channels=1, fs=8000.0, noise=5.0):
-    """Every output is a spring and a noise of its own; a processor counts its samples in ``index``."""
+    """Every output is a spring and a noise of its own; a processor counts its samples
+    in ``index``.
+    """
     spring = constant(1000.0, "N/m") * Input("x", "m")
-    outputs = {f"force{c}": spring + constant(noise, "N") * white_noise(seed=7, stream=c) for c in range(channels)}
+    outputs = {
+        f"force{c}": spring + constant(noise, "N") * white_noise(seed=7, stream=c)
+        for c in range(channels)
+    }
     return stimlib.compile(Scene(outputs), fs)
 
 
@@ -55,7 +60,10 @@ def sha256(y):
 def in_a_child(call, *args, wait=True):
     """Run a function of this file in a process of its own."""
     me = Path(__file__)
-    code = f"import sys; sys.path.insert(0, {str(me.parent)!r}); import {me.stem} as t; t.{call.__name__}(*{args!r})"
+    code = (
+        f"import sys; sys.path.insert(0, {str(me.parent)!r}); import {me.stem} as t;"
+        f" t.{call.__name__}(*{args!r})"
+    )
     child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
     if wait:
         errors = child.communicate()[1]
@@ -66,7 +74,9 @@ def in_a_child(call, *args, wait=True):
 def expected(y, scale, subtype):
     if subtype == "PCM_24":
         return np.clip(np.rint(y / scale * 2**23), -(2**23), 2**23 - 1) * 2.0**-23 * scale
-    return (y / scale).astype(np.float32 if subtype == "FLOAT" else np.float64).astype(np.float64) * scale
+    return (y / scale).astype(np.float32 if subtype == "FLOAT" else np.float64).astype(
+        np.float64
+    ) * scale
 
 
 def listing(folder):
@@ -89,7 +99,9 @@ def raises_and_leaves_as_it_was(folder, error):
 @pytest.mark.parametrize(("format", "subtype"), KINDS)
 def test_round_trip_is_exact(tmp_path, format, subtype, channels, scale):
     path = tmp_path / f"a.{format.lower()}"
-    report = file.write(path, forces(channels), MOTION, 0.77, subtype=subtype, full_scale=scale, block=1000)
+    report = file.write(
+        path, forces(channels), MOTION, 0.77, subtype=subtype, full_scale=scale, block=1000
+    )
     y = signal_of(forces(channels), 6160)
     got, sidecar = file.read(path)
     assert got.dtype == np.float64 and got.shape == (channels, 6160) and got.flags.c_contiguous
@@ -100,7 +112,9 @@ def test_round_trip_is_exact(tmp_path, format, subtype, channels, scale):
     assert report.frames == 6160 and report.seconds == 0.77
     assert list(report.peak.values()) == np.abs(y).max(axis=1).tolist()
     over = (np.rint(y / scale * 2**23) > 2**23 - 1) | (np.rint(y / scale * 2**23) < -(2**23))
-    assert list(report.clips.values()) == (over.sum(axis=1).tolist() if format == "FLAC" else [0] * channels)
+    assert list(report.clips.values()) == (
+        over.sum(axis=1).tolist() if format == "FLAC" else [0] * channels
+    )
     assert sidecar["sha256"] == sha256(y)
     assert sidecar["file_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert set(listing(tmp_path)) == {path.name, path.name + ".json"}
@@ -119,7 +133,9 @@ def test_block_size_does_not_change_a_byte(tmp_path, format, subtype):
 def write_all_kinds(folder):
     for format, subtype in KINDS:
         path = Path(folder) / f"{subtype}.{format.lower()}"
-        file.write(path, forces(2), {"x": lambda t: 0.01 * t}, 0.3, subtype=subtype, full_scale=64.0)
+        file.write(
+            path, forces(2), {"x": lambda t: 0.01 * t}, 0.3, subtype=subtype, full_scale=64.0
+        )
 
 
 def test_same_bytes_a_second_later_in_another_process(tmp_path):
@@ -144,11 +160,38 @@ def test_a_processor_goes_on_where_it_is(tmp_path):
 
 
 def test_flac_counts_clips_and_rounds_half_to_even(tmp_path):
-    codes = np.array([0, 0.5, 1.5, -2.5, 2**23 - 1, 2**23 - 0.75, 2**23 - 0.5, 2**23, -(2**23), -(2**23) - 1, 1e300])
-    stored = [0, 0, 2, -2, 2**23 - 1, 2**23 - 1, 2**23 - 1, 2**23 - 1, -(2**23), -(2**23), 2**23 - 1]
+    codes = np.array(
+        [
+            0,
+            0.5,
+            1.5,
+            -2.5,
+            2**23 - 1,
+            2**23 - 0.75,
+            2**23 - 0.5,
+            2**23,
+            -(2**23),
+            -(2**23) - 1,
+            1e300,
+        ]
+    )
+    stored = [
+        0,
+        0,
+        2,
+        -2,
+        2**23 - 1,
+        2**23 - 1,
+        2**23 - 1,
+        2**23 - 1,
+        -(2**23),
+        -(2**23),
+        2**23 - 1,
+    ]
     x = np.concatenate([codes * 2.0**-23 * 8, [-1.7e308]])
     report = file.write(tmp_path / "a.flac", copies("x"), {"x": x}, 12 / 8000, full_scale=8.0)
-    assert report.clips == {"x_out": 5}  # 2**23 - 0.5 (rounds up), 2**23, -2**23 - 1, 1e300 and the last
+    # 2**23 - 0.5 (rounds up), 2**23, -2**23 - 1, 1e300 and the last
+    assert report.clips == {"x_out": 5}
     assert "samples clipped: x_out 5" in str(report) and "\n" not in str(report)
     data, _ = sf.read(tmp_path / "a.flac", dtype="int32")
     assert (data >> 8).tolist() == [*stored, -(2**23)]
@@ -173,21 +216,43 @@ def test_functions_and_arrays_give_the_same_file(tmp_path):
     assert file.read(tmp_path / "a.caf")[1]["motion"] == {"x": "array(9000)"}
 
 
-@pytest.mark.parametrize(("subtype", "gain", "scale"), [("FLOAT", 1e39, 1.0), ("DOUBLE", 1e300, 1e-10)])
+@pytest.mark.parametrize(
+    ("subtype", "gain", "scale"), [("FLOAT", 1e39, 1.0), ("DOUBLE", 1e300, 1e-10)]
+)
 def test_values_beyond_the_largest_float_are_refused(old, subtype, gain, scale):
     proc = stimlib.compile(Scene({"force": constant(gain, "N/m") * Input("x", "m")}), 8000)
     with raises_and_leaves_as_it_was(old, SinkError) as info:
-        file.write(old / "a.wav", proc, {"x": lambda t: t}, 1.1, subtype=subtype, full_scale=scale, block=1000)
-    assert f"output force / full_scale is too large for {subtype}" in str(info.value) and proc.fault is None
+        file.write(
+            old / "a.wav",
+            proc,
+            {"x": lambda t: t},
+            1.1,
+            subtype=subtype,
+            full_scale=scale,
+            block=1000,
+        )
+    assert (
+        f"output force / full_scale is too large for {subtype}" in str(info.value)
+        and proc.fault is None
+    )
 
 
-@pytest.mark.parametrize(("subtype", "scale"), [("FLOAT", 2.0**1000), ("DOUBLE", 1.2e308), ("DOUBLE", 3.0)])
+@pytest.mark.parametrize(
+    ("subtype", "scale"), [("FLOAT", 2.0**1000), ("DOUBLE", 1.2e308), ("DOUBLE", 3.0)]
+)
 def test_the_largest_float_is_read_back_or_refused(old, subtype, scale):
     x = np.array([0.0, -np.finfo(float).max, np.finfo(float).max])
     with raises_and_leaves_as_it_was(old, SinkError) as info:
-        file.write(old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype=subtype, full_scale=scale)
-    assert f"output x_out is too near the largest float to be read back from {subtype}: use DOUBLE and a" in str(info.value)
-    file.write(old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype="DOUBLE", full_scale=2.0**1023)
+        file.write(
+            old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype=subtype, full_scale=scale
+        )
+    assert (
+        f"output x_out is too near the largest float to be read back from {subtype}: use DOUBLE"
+        " and a" in str(info.value)
+    )
+    file.write(
+        old / "a.wav", copies("x"), {"x": x}, 3 / 8000, subtype="DOUBLE", full_scale=2.0**1023
+    )
     assert file.read(old / "a.wav")[0].tolist() == [x.tolist()]
 
 
@@ -211,9 +276,17 @@ def test_a_motion_sees_exact_times_once_and_cannot_spoil_them(tmp_path):
         return t
 
     again = lambda t: motion(t)  # noqa: E731
-    file.write(tmp_path / "a.wav", copies("x", "y", "z"), {"x": motion, "y": motion, "z": again}, 0.1, block=300)
+    file.write(
+        tmp_path / "a.wav",
+        copies("x", "y", "z"),
+        {"x": motion, "y": motion, "z": again},
+        0.1,
+        block=300,
+    )
     t = np.arange(800) / 8000
-    assert np.array_equal(np.concatenate(seen[::2]), t) and np.array_equal(np.concatenate(seen[1::2]), t)
+    assert np.array_equal(np.concatenate(seen[::2]), t) and np.array_equal(
+        np.concatenate(seen[1::2]), t
+    )
 
 
 def test_full_scale_per_output(tmp_path):
@@ -226,10 +299,16 @@ def test_full_scale_per_output(tmp_path):
 
 def test_outputs_with_different_units(tmp_path):
     x = Input("x", "m")
-    proc = stimlib.compile(Scene({"force": constant(1000.0, "N/m") * x, "drive": constant(3.0, "V/m") * x}), 8000)
-    file.write(tmp_path / "a.wav", proc, MOTION, 0.1, subtype="DOUBLE")  # 1 in each output's own unit
+    proc = stimlib.compile(
+        Scene({"force": constant(1000.0, "N/m") * x, "drive": constant(3.0, "V/m") * x}), 8000
+    )
+    # 1 in each output's own unit
+    file.write(tmp_path / "a.wav", proc, MOTION, 0.1, subtype="DOUBLE")
     y, sidecar = file.read(tmp_path / "a.wav")
-    assert [(c["name"], c["unit"], c["full_scale"]) for c in sidecar["channels"]] == [("force", "N", 1.0), ("drive", "V", 1.0)]
+    assert [(c["name"], c["unit"], c["full_scale"]) for c in sidecar["channels"]] == [
+        ("force", "N", 1.0),
+        ("drive", "V", 1.0),
+    ]
     proc.reset()
     assert np.array_equal(y, signal_of(proc, 800))
     with raises_and_leaves_as_it_was(tmp_path, UnitError) as info:
@@ -250,13 +329,37 @@ def test_sidecar_says_what_the_samples_are(tmp_path):
     file.write(tmp_path / "a.wav", proc, MOTION, 0.1)
     sidecar = json.loads((tmp_path / "a.wav.json").read_text())
     assert list(sidecar) == [
-        "stimlib", "format", "subtype", "fs", "frames", "channels", "seed", "params", "index", "log", "motion", "scene",
-        "scene_hash", "definitions", "sha256", "versions", "file_sha256",
-    ]  # fmt: skip
+        "stimlib",
+        "format",
+        "subtype",
+        "fs",
+        "frames",
+        "channels",
+        "seed",
+        "params",
+        "index",
+        "log",
+        "motion",
+        "scene",
+        "scene_hash",
+        "definitions",
+        "sha256",
+        "versions",
+        "file_sha256",
+    ]
     channel = sidecar["channels"][0]
     assert list(channel) == ["name", "unit", "full_scale", "clips", "peak"]
-    assert (channel["name"], channel["unit"], channel["full_scale"], channel["clips"]) == ("force", "N", 1.0, 0)
-    assert (sidecar["stimlib"], sidecar["fs"], sidecar["frames"]) == (stimlib.__version__, 8000.0, 800)
+    assert (channel["name"], channel["unit"], channel["full_scale"], channel["clips"]) == (
+        "force",
+        "N",
+        1.0,
+        0,
+    )
+    assert (sidecar["stimlib"], sidecar["fs"], sidecar["frames"]) == (
+        stimlib.__version__,
+        8000.0,
+        800,
+    )
     assert (sidecar["seed"], sidecar["params"], sidecar["index"]) == (2**64 - 1, {"k": 1500.0}, 0)
     assert sidecar["log"] == [{"at": 0, "name": "k", "value": 1500.0, "ramp": 0.02}]
     assert sidecar["scene"] == scene.to_dict() and sidecar["scene_hash"] == scene.hash
@@ -283,12 +386,22 @@ def test_the_sidecar_alone_makes_the_file_again(tmp_path, seed, ramp):
         again.set(change["name"], change["value"], change["ramp"])
     scales = {c["name"]: c["full_scale"] for c in sidecar["channels"]}
     before = listing(tmp_path)
-    file.write(path, again, motion, seconds, format=sidecar["format"], subtype=sidecar["subtype"], full_scale=scales)
+    file.write(
+        path,
+        again,
+        motion,
+        seconds,
+        format=sidecar["format"],
+        subtype=sidecar["subtype"],
+        full_scale=scales,
+    )
     assert listing(tmp_path) == before
     rendering = stimlib.render(scene, motion, fs, seconds, sidecar["params"], seed)
     assert (sha256(rendering.y) == sidecar["sha256"]) == (ramp == 0)  # render jumps to its params
     if ramp == 0:
-        reference = stimlib.render(scene, motion, fs, seconds, sidecar["params"], seed, target="python")
+        reference = stimlib.render(
+            scene, motion, fs, seconds, sidecar["params"], seed, target="python"
+        )
         assert sha256(reference.y) == sidecar["sha256"]
 
 
@@ -307,7 +420,8 @@ def test_memory_does_not_grow_with_the_duration(tmp_path):
 
     peak(0.1)  # imports
     one, ten = peak(1), peak(10)
-    assert ten < one + 1_000_000, (one, ten)  # a list of the blocks would be 40 MB more; how many wait depends on the moment
+    # a list of the blocks would be 40 MB more; how many wait depends on the moment
+    assert ten < one + 1_000_000, (one, ten)
 
 
 def test_progress_bar_only_when_wanted(tmp_path, capsys):
@@ -323,8 +437,12 @@ def test_progress_bar_only_when_wanted(tmp_path, capsys):
 
 def test_import_is_light():
     code = "import stimlib.files.audio, stimlib.motion.generators, sys; print(sorted(sys.modules))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert not any(
+        f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib")
+    )
 
 
 # -- never half a file
@@ -334,11 +452,20 @@ def test_import_is_light():
 def old(tmp_path):
     """A folder with a file and its sidecar that must survive."""
     for format in FORMATS:
-        file.write(tmp_path / f"a.{format.lower()}", forces(2, noise=1.0), MOTION, 0.1, full_scale=64.0)
+        file.write(
+            tmp_path / f"a.{format.lower()}", forces(2, noise=1.0), MOTION, 0.1, full_scale=64.0
+        )
     return tmp_path
 
 
-ERRORS = [KeyboardInterrupt(), SystemExit(3), MemoryError(), ValueError("mine"), OSError("mine"), TypeError("mine")]
+ERRORS = [
+    KeyboardInterrupt(),
+    SystemExit(3),
+    MemoryError(),
+    ValueError("mine"),
+    OSError("mine"),
+    TypeError("mine"),
+]
 ERRORS += [AssertionError("mine")]  # soundfile's own are errors of the disk
 
 
@@ -354,8 +481,13 @@ def test_an_exception_leaves_the_old_file(old, format, error):
 
     with raises_and_leaves_as_it_was(old, BaseException) as info:
         file.write(path, proc, {"x": motion}, 1.0, full_scale=64.0, block=1000)
-    told = info.value.__cause__ if isinstance(info.value, BadValue) else info.value  # of what a motion calls
-    assert told is error and isinstance(info.value, BadValue) == (type(error) in (ValueError, TypeError)) and proc.index == 2000
+    # of what a motion calls
+    told = info.value.__cause__ if isinstance(info.value, BadValue) else info.value
+    assert (
+        told is error
+        and isinstance(info.value, BadValue) == (type(error) in (ValueError, TypeError))
+        and proc.index == 2000
+    )
     file.read(path)
 
 
@@ -393,8 +525,11 @@ def test_a_run_that_is_stopped_from_outside(old, how):
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs POSIX timers")
-# an interrupt between open() and the with statement leaves closing to the collector, in any Python program
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+# an interrupt between open() and the with statement leaves closing to the collector, in
+# any Python program
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
 @pytest.mark.parametrize("format", ["RF64", "FLAC"])
 def test_an_interrupt_at_any_moment_leaves_a_complete_pair(old, format):
     path = old / f"a.{format.lower()}"
@@ -456,7 +591,12 @@ def broken(make):
     x = Input("x", "m")
     t = x / constant(1.0, "m")
     noise = constant(1.0, "N") * white_noise(seed=1)
-    return stimlib.compile(Scene({"force0": constant(1000.0, "N/m") * x + noise, "force1": constant(1.0, "N") * make(t)}), 8000)
+    return stimlib.compile(
+        Scene(
+            {"force0": constant(1000.0, "N/m") * x + noise, "force1": constant(1.0, "N") * make(t)}
+        ),
+        8000,
+    )
 
 
 @pytest.mark.parametrize("block", [64, 1000, 8192])
@@ -466,21 +606,34 @@ def test_a_fault_of_the_processor_leaves_the_old_file(old, name, block):
     path, proc, motion = old / "a.wav", broken(make), {"x": lambda t: t}
     with raises_and_leaves_as_it_was(old, FaultError) as info:
         file.write(path, proc, motion, 1.0, subtype="DOUBLE", block=block)
-    told = f"output force1 was not finite at sample {at} ({at / 8000:.6g} s): {path} was not written; look for a division by 0, "
+    told = (
+        f"output force1 was not finite at sample {at} ({at / 8000:.6g} s): {path} was not written;"
+        " look for a division by 0, "
+    )
     assert str(info.value) == told + "a root or logarithm below 0, or a loop of gains that grows"
     assert proc.fault == ("force1", at)
 
     index = proc.index
     with raises_and_leaves_as_it_was(old, FaultError) as info:  # the guard stays as it is
         file.write(path, proc, motion, 1.0, subtype="DOUBLE", block=block)
-    assert f"output force1 stopped earlier, at sample {at} of the processor" in str(info.value) and proc.index == index
+    assert (
+        f"output force1 stopped earlier, at sample {at} of the processor" in str(info.value)
+        and proc.index == index
+    )
 
     if at:  # up to the fault everything is fine; then samples count from the beginning of the file
         proc.reset()
         file.write(path, proc, motion, at / 8000, subtype="DOUBLE", block=block)
         assert file.read(path)[0].shape == (2, at)
         with raises_and_leaves_as_it_was(old, FaultError) as info:
-            file.write(path, proc, {"x": np.arange(at - 1, at + 7999) / 8000}, 1.0, subtype="DOUBLE", block=block)
+            file.write(
+                path,
+                proc,
+                {"x": np.arange(at - 1, at + 7999) / 8000},
+                1.0,
+                subtype="DOUBLE",
+                block=block,
+            )
         assert "not finite at sample 1 (0.000125 s)" in str(info.value)
 
 
@@ -494,7 +647,9 @@ def test_of_two_faults_the_first_is_told(old):
 
 @contextmanager
 def largest_file(size):
-    """Files of this process cannot grow beyond size: the same short writes as on a full disk."""
+    """Files of this process cannot grow beyond size: the same short writes as on a full
+    disk.
+    """
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -529,7 +684,8 @@ def fill_at_the_end(folder):
 
 def fill_both(folder):
     fill(Path(folder))
-    # libFLAC keeps up to 4096 frames until the file is closed, and libsndfile then ignores a full disk
+    # libFLAC keeps up to 4096 frames until the file is closed, and libsndfile then
+    # ignores a full disk
     fill_at_the_end(Path(folder))
 
 
@@ -576,11 +732,23 @@ def test_disk_full():
 @pytest.mark.parametrize(
     ("name", "change", "says"),
     [
-        ("a.mp3", {}, "suffix of 'a.mp3' is not known; write one of .wav, .rf64, .w64, .caf, .flac"),
+        (
+            "a.mp3",
+            {},
+            "suffix of 'a.mp3' is not known; write one of .wav, .rf64, .w64, .caf, .flac",
+        ),
         ("a", {}, "suffix of 'a' is not known"),
         ("a.wav", {"format": "ogg"}, "format 'ogg' is not known"),
-        ("a.wav", {"subtype": "PCM_24"}, "WAV is written with subtype FLOAT or DOUBLE, not 'PCM_24'"),
-        ("a.flac", {"subtype": "FLOAT", "full_scale": 1.0}, "FLAC is written with subtype PCM_24, not 'FLOAT'"),
+        (
+            "a.wav",
+            {"subtype": "PCM_24"},
+            "WAV is written with subtype FLOAT or DOUBLE, not 'PCM_24'",
+        ),
+        (
+            "a.flac",
+            {"subtype": "FLOAT", "full_scale": 1.0},
+            "FLAC is written with subtype PCM_24, not 'FLOAT'",
+        ),
         ("none/a.wav", {}, "there is no folder"),
         ("folder.wav", {}, "is a folder; give the name of a file in it"),
         ("there.wav", {"overwrite": False}, "is there already, and overwrite=False"),
@@ -611,7 +779,9 @@ def test_wav_beyond_4_gib_is_refused_at_once(tmp_path):
     proc = forces(8, fs=48000.0)
     with raises_and_leaves_as_it_was(tmp_path, SinkError) as info:
         file.write(tmp_path / "a.wav", proc, MOTION, 1500.0, subtype="DOUBLE")
-    assert "WAV holds at most 4 GiB, this needs 4.29 GiB: write .rf64, .w64 or .caf" in str(info.value)
+    assert "WAV holds at most 4 GiB, this needs 4.29 GiB: write .rf64, .w64 or .caf" in str(
+        info.value
+    )
     assert proc.index == 0
     most = MAX_WAV // 64
     check_format("WAV", "DOUBLE", 48000.0, 8, most)
@@ -623,10 +793,16 @@ def test_wav_beyond_4_gib_is_refused_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("format", "fs", "channels"),
     [
-        ("wav", 8000.5, 1), ("caf", 0.5, 1), ("w64", 2.0**31, 1), ("flac", 65537.0, 1), ("flac", 655360.0, 1),
-        ("flac", 8000.0, 9), ("rf64", 8000.0, 1025), ("caf", 8000.0, 257),
+        ("wav", 8000.5, 1),
+        ("caf", 0.5, 1),
+        ("w64", 2.0**31, 1),
+        ("flac", 65537.0, 1),
+        ("flac", 655360.0, 1),
+        ("flac", 8000.0, 9),
+        ("rf64", 8000.0, 1025),
+        ("caf", 8000.0, 257),
     ],
-)  # fmt: skip
+)
 def test_rate_and_channels_that_the_format_cannot_hold(tmp_path, format, fs, channels):
     proc = forces(channels, fs=fs)
     with raises_and_leaves_as_it_was(tmp_path, SinkError):
@@ -637,10 +813,14 @@ def test_rate_and_channels_that_the_format_cannot_hold(tmp_path, format, fs, cha
 @pytest.mark.parametrize(
     ("format", "fs", "channels"),
     [
-        ("flac", 65535.0, 8), ("flac", 655350.0, 1), ("flac", 1.0, 1), ("wav", 1000.0, 24), ("caf", 192000.0, 256),
+        ("flac", 65535.0, 8),
+        ("flac", 655350.0, 1),
+        ("flac", 1.0, 1),
+        ("wav", 1000.0, 24),
+        ("caf", 192000.0, 256),
         ("w64", 8000.0, 1024),
     ],
-)  # fmt: skip
+)
 def test_rate_and_channels_at_the_limit(tmp_path, format, fs, channels):
     file.write(tmp_path / f"a.{format}", forces(channels, fs=fs), MOTION, 50 / fs, full_scale=64.0)
     y, sidecar = file.read(tmp_path / f"a.{format}")
@@ -651,7 +831,11 @@ def test_rate_and_channels_at_the_limit(tmp_path, format, fs, channels):
     ("motion", "error", "says"),
     [
         ({}, UnknownName, "motion: x is missing; the inputs are: x"),
-        ({"x": minimum_jerk(), "y": minimum_jerk()}, UnknownName, "motion: there is no input y; the inputs are: x"),
+        (
+            {"x": minimum_jerk(), "y": minimum_jerk()},
+            UnknownName,
+            "motion: there is no input y; the inputs are: x",
+        ),
         (minimum_jerk(), BadValue, "motion must map each input name"),
         ({"x": np.zeros(799)}, BadValue, "at least 800 samples; got (799,)"),
         ({"x": np.zeros((2, 800))}, BadValue, "one dimension"),
@@ -659,7 +843,11 @@ def test_rate_and_channels_at_the_limit(tmp_path, format, fs, channels):
         ({"x": lambda t: t[1:]}, BadValue, "motion of x must give one number per time"),
         ({"x": lambda t: 1.0}, BadValue, "give lambda t: np.full_like(t, 1.0)"),
         ({"x": lambda t: t + 0j}, BadValue, "complex128 out"),
-        ({"x": np.r_[np.zeros(500), np.nan, np.zeros(500)]}, BadValue, "not finite at sample 500 (0.0625 s)"),
+        (
+            {"x": np.r_[np.zeros(500), np.nan, np.zeros(500)]},
+            BadValue,
+            "not finite at sample 500 (0.0625 s)",
+        ),
         ({"x": lambda t: np.where(t > 0.05, np.inf, 0)}, BadValue, "not finite at sample 401"),
     ],
 )
@@ -688,7 +876,9 @@ def test_motion_that_does_not_fit(old, motion, error, says):
 )
 def test_bad_arguments(old, change, error, says):
     with raises_and_leaves_as_it_was(old, error) as info:
-        file.write(**{"path": old / "a.wav", "proc": forces(), "motion": MOTION, "seconds": 0.1} | change)
+        file.write(
+            **{"path": old / "a.wav", "proc": forces(), "motion": MOTION, "seconds": 0.1} | change
+        )
     assert says in str(info.value)
 
 
@@ -749,7 +939,12 @@ def test_sidecars_that_are_missing_or_wrong(old):
             file.read(path)
         return str(info.value)
 
-    for change in ({"frames": 900}, {"frames": 700}, {"fs": 8001.0}, {"channels": good["channels"][:1]}):
+    for change in (
+        {"frames": 900},
+        {"frames": 700},
+        {"fs": 8001.0},
+        {"channels": good["channels"][:1]},
+    ):
         sidecar.write_text(json.dumps(good | change))
         assert "truncated" in says() if change.get("frames") == 900 else "does not belong" in says()
     for change in ({"frames": "800"}, {"channels": [{}]}, {"channels": 3}, {"file_sha256": None}):
@@ -775,5 +970,7 @@ def test_a_file_that_is_no_audio(old):
 def test_report_is_one_line(tmp_path):
     report = file.write(tmp_path / "a.wav", forces(2), MOTION, 0.5)
     a, b = np.abs(signal_of(forces(2), 4000)).max(axis=1)
-    assert str(report) == f"{tmp_path}/a.wav: 4000 frames, 0.5 s, peak force0 {a:.4g}, force1 {b:.4g}"
+    assert (
+        str(report) == f"{tmp_path}/a.wav: 4000 frames, 0.5 s, peak force0 {a:.4g}, force1 {b:.4g}"
+    )
     assert report.sidecar == tmp_path / "a.wav.json"

@@ -1,4 +1,6 @@
-"""Functions of the user's that a sink calls: whatever they do, the session ends, faded, with an error that names them."""
+"""Functions of the user's that a sink calls: whatever they do, the session ends, faded,
+with an error that names them.
+"""
 
 import sys
 import threading
@@ -17,7 +19,8 @@ from stimlib.files.session import read_log
 from stimlib.live.sink import PageSink
 
 FS, BLOCK = 1000, 20
-AT = {"feed": 160, "take": 160, "motion": 600}  # from this sample on a function misbehaves; a motion is asked for 0.5 s before
+# from this sample on a function misbehaves; a motion is asked for 0.5 s before
+AT = {"feed": 160, "take": 160, "motion": 600}
 SCENE = Scene({"y": 1.0 * Input("x")})
 
 
@@ -174,13 +177,17 @@ def check(where, name, folder):
 
 
 def cases():
-    """Feed and take in all ways; the motion and the log, which share what calls them, in some, and the others as stress."""
+    """Feed and take in all ways; the motion and the log, which share what calls them,
+    in some, and the others as stress.
+    """
     chosen = [("feed", name) for name in [*WAYS, "stop"]]
     chosen += [("take", name) for name in ("Exception", "Own", "Mute", "close", "stop", "None")]
     chosen += [("motion", name) for name in [*WAYS, "stop"]]
     chosen += [("delivered", name) for name in ("Exception", "SystemExit", "Mute", "wait")]
     chosen += [(where, "SystemExit") for where in ("motion of a log", "event", "close")]
-    rest = [("take", name) for name in WAYS] + [(where, n) for where in ("delivered", "event") for n in RAISES if n != "close"]
+    rest = [("take", name) for name in WAYS] + [
+        (where, n) for where in ("delivered", "event") for n in RAISES if n != "close"
+    ]
     return mostly(chosen, list(dict.fromkeys(chosen + rest)))
 
 
@@ -190,7 +197,9 @@ def test_whatever_a_function_does_the_session_ends_and_says_why(case, tmp_path):
 
 
 @pytest.mark.parametrize("where", ["feed", "motion"])
-def test_an_error_that_cannot_be_asked_for_its_place_ends_a_session_too(where, tmp_path, monkeypatch):
+def test_an_error_that_cannot_be_asked_for_its_place_ends_a_session_too(
+    where, tmp_path, monkeypatch
+):
     class Hidden(Exception):
         @property
         def __traceback__(self):
@@ -198,12 +207,16 @@ def test_an_error_that_cannot_be_asked_for_its_place_ends_a_session_too(where, t
 
     for table in (RAISES, WAYS):
         monkeypatch.setitem(table, "Hidden", throw(Hidden("mine")))
-    assert "failed: Hidden: mine (its place cannot be found); correct it" in str(played(where, "Hidden", tmp_path / "log"))
+    assert "failed: Hidden: mine (its place cannot be found); correct it" in str(
+        played(where, "Hidden", tmp_path / "log")
+    )
 
 
 @pytest.mark.parametrize("where", ["feed", "take", "motion", "log"])
 def test_a_function_that_does_not_return_is_told_where_it_can_be(where, tmp_path, monkeypatch):
-    """Nobody can interrupt it: a page is left behind without a fade, a motion stands still, a log lacks what came after 4 s."""
+    """Nobody can interrupt it: a page is left behind without a fade, a motion stands
+    still, a log lacks what came after 4 s.
+    """
     monkeypatch.setattr(PageSink, "silent_for", 0.3)
     monkeypatch.setattr("stimlib.devices.sink.WAITS", 0.3)
     go_on = threading.Event()
@@ -232,7 +245,9 @@ def test_a_function_that_does_not_return_is_told_where_it_can_be(where, tmp_path
     if page:
         sink = PageSink(SCENE, 1.0, feed=feed, take=take, log=log)
     else:
-        sink = NullSink(SCENE, 1.0, motion={"x": motion}, clocked=where == "log", realtime=False, log=log)
+        sink = NullSink(
+            SCENE, 1.0, motion={"x": motion}, clocked=where == "log", realtime=False, log=log
+        )
     try:
         sink.open(FS, block=BLOCK)
         sink.start(0.3 if where == "log" else 30.0)
@@ -242,12 +257,17 @@ def test_a_function_that_does_not_return_is_told_where_it_can_be(where, tmp_path
             with pytest.warns(RuntimeWarning, match="the log is not written yet"):
                 sink.close()
             return
-        with pytest.raises(SinkError, match="feed or take has not" if page else "a function of the motion has not returned"):
+        with pytest.raises(
+            SinkError,
+            match="feed or take has not" if page else "a function of the motion has not returned",
+        ):
             sink.wait(20)
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             sink.close()
-        assert [str(w.message) for w in said] == ["page: the device did not let go; it was left behind, silent"] * page
+        assert [str(w.message) for w in said] == [
+            "page: the device did not let go; it was left behind, silent"
+        ] * page
     finally:
         go_on.set()
     kept = read_log(log)
@@ -276,7 +296,9 @@ def test_a_page_may_be_stopped_from_its_own_functions_while_it_is_closed(tmp_pat
 
 @pytest.mark.parametrize("name", [name for name in RAISES | WRONG if name not in ("close", "wait")])
 def test_a_file_whose_motion_misbehaves_is_not_there(name, tmp_path):
-    """A file is made in the caller's thread: it gets what the function raised, and no file of that name is left."""
+    """A file is made in the caller's thread: it gets what the function raised, and no
+    file of that name is left.
+    """
     with pytest.raises(BaseException) as raised, np.errstate(all="ignore"):
         motion = {"x": lambda t: WAYS[name](np.full_like(t, 0.5), None)}
         write(tmp_path / "a.wav", compile(SCENE, FS), motion, 0.1, full_scale=1.0)
@@ -289,7 +311,9 @@ def test_a_file_whose_motion_misbehaves_is_not_there(name, tmp_path):
 
 
 def test_what_take_writes_into_its_samples_is_not_held_when_feed_fails():
-    """A page that shows millimetres multiplies them in place; the output fades from where it was."""
+    """A page that shows millimetres multiplies them in place; the output fades from
+    where it was.
+    """
     seen = []
 
     def feed(at, n):

@@ -1,4 +1,6 @@
-"""Sound files, sidecars and logs in a place where others write too: nothing of theirs is overwritten, waited for or believed."""
+"""Sound files, sidecars and logs in a place where others write too: nothing of theirs
+is overwritten, waited for or believed.
+"""
 
 import errno
 import hashlib
@@ -40,8 +42,15 @@ from stimlib.run.safety import GAIN, Safety, protect, to_device
 
 KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]
 HAND = {"x": sinusoid(0.02, 3.0)}
-OWN = [".part", ".part.json", ".new.part", ".json.part"]  # names beside NAME that stimlib takes for itself
-SCENE = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m") + constant(2.0, "N") * white_noise(seed=3)})
+# names beside NAME that stimlib takes for itself
+OWN = [".part", ".part.json", ".new.part", ".json.part"]
+SCENE = Scene(
+    {
+        "force": (
+            Param("k", 1000.0, "N/m") * Input("x", "m") + constant(2.0, "N") * white_noise(seed=3)
+        )
+    }
+)
 NOISE = Scene({"noise": constant(3.0, "N") * white_noise(seed=1)})
 SAFETY = Safety(full_scale=64.0)
 
@@ -55,7 +64,10 @@ def write(path, motion=HAND, seconds=0.5, **how):
 
 
 def listing(folder):
-    return {p.name: (os.readlink(p) if p.is_symlink() else p.is_file() and p.read_bytes()) for p in folder.iterdir()}
+    return {
+        p.name: os.readlink(p) if p.is_symlink() else p.is_file() and p.read_bytes()
+        for p in folder.iterdir()
+    }
 
 
 def meddle(at, call):
@@ -71,7 +83,9 @@ def meddle(at, call):
 
 
 def written(part, frames):
-    """Wait until other threads have written so many frames; of FLAC, whose header comes last, a part of them."""
+    """Wait until other threads have written so many frames; of FLAC, whose header comes
+    last, a part of them.
+    """
 
     def there():
         with suppress(sf.LibsndfileError):  # of CAF a header may be found half written
@@ -88,7 +102,11 @@ def forge(path, change, data=None):
     if data is not None:
         path.write_bytes(data)
     sidecar = path.with_name(path.name + ".json")
-    info = json.loads(sidecar.read_text()) | {"file_sha256": hashlib.sha256(path.read_bytes()).hexdigest()} | change
+    info = (
+        json.loads(sidecar.read_text())
+        | {"file_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+        | change
+    )
     sidecar.write_text(json.dumps(info))
 
 
@@ -138,7 +156,10 @@ def test_a_file_that_another_program_changed_gets_no_name(tmp_path, format, subt
         else:
             assert np.array_equal(file.read(path)[0], expected(subtype, seconds))
         return
-    with pytest.raises(SinkError, match=f"another program changed {part.name} while it was written|cannot be read|truncated"):
+    with pytest.raises(
+        SinkError,
+        match=f"another program changed {part.name} while it was written|cannot be read|truncated",
+    ):
         write(path, motion, seconds, subtype=subtype)
     assert listing(tmp_path) == before
     file.read(path)
@@ -151,7 +172,9 @@ def expected(subtype, seconds):
 
 @pytest.mark.parametrize("name", ["a.wav", "a.wav.json"])
 @pytest.mark.parametrize("links", [True, False])
-def test_without_overwrite_a_file_that_comes_during_the_run_stays(tmp_path, monkeypatch, name, links):
+def test_without_overwrite_a_file_that_comes_during_the_run_stays(
+    tmp_path, monkeypatch, name, links
+):
     def none(*_, **__):
         raise OSError(errno.EPERM, "no links on this file system")
 
@@ -163,7 +186,10 @@ def test_without_overwrite_a_file_that_comes_during_the_run_stays(tmp_path, monk
     assert listing(tmp_path) == {name: b"mine"}
     (tmp_path / name).unlink()
     write(path, overwrite=False)
-    assert set(listing(tmp_path)) == {"a.wav", "a.wav.json"} and file.read(path)[0].shape == (1, 4000)
+    assert set(listing(tmp_path)) == {"a.wav", "a.wav.json"} and file.read(path)[0].shape == (
+        1,
+        4000,
+    )
 
 
 # -- links and pipes
@@ -174,7 +200,12 @@ def test_without_overwrite_a_file_that_comes_during_the_run_stays(tmp_path, monk
 def test_links_and_pipes_in_the_way_are_refused(tmp_path, name, suffix):
     victim, there = tmp_path / "victim", tmp_path / f"a{suffix}{name}"
     victim.write_text("precious")
-    for plant in (lambda: there.symlink_to(victim), lambda: there.symlink_to("nowhere"), lambda: os.mkfifo(there), there.mkdir):
+    for plant in (
+        lambda: there.symlink_to(victim),
+        lambda: there.symlink_to("nowhere"),
+        lambda: os.mkfifo(there),
+        there.mkdir,
+    ):
         plant()
         before = listing(tmp_path)
         with pytest.raises(SinkError, match="remove it"):
@@ -214,14 +245,21 @@ def test_a_link_with_the_name_of_the_file_is_replaced(tmp_path):
         (tmp_path / name).symlink_to(tmp_path / f"{name}.victim")
     write(tmp_path / "a.wav")
     assert not any(p.is_symlink() for p in tmp_path.iterdir())
-    assert [(tmp_path / f"{n}.victim").read_text() for n in ("a.wav", "a.wav.json")] == ["precious"] * 2
+    assert [(tmp_path / f"{n}.victim").read_text() for n in ("a.wav", "a.wav.json")] == [
+        "precious"
+    ] * 2
 
 
 def left(folder, suffix=".wav"):
     """What a run leaves that was killed after a quarter of a second."""
     path, kept = folder / f"a{suffix}", {}
     parts = [folder / f"a{suffix}{name}" for name in (".part", ".part.json")]
-    write(path, meddle(0.2, lambda: written(parts[0], 1600) and kept.update({p: p.read_bytes() for p in parts})))
+    write(
+        path,
+        meddle(
+            0.2, lambda: written(parts[0], 1600) and kept.update({p: p.read_bytes() for p in parts})
+        ),
+    )
     path.unlink()
     (folder / f"a{suffix}.json").unlink()
     for p, data in kept.items():
@@ -255,7 +293,9 @@ def test_reports_pictures_and_tables_follow_no_link(tmp_path):
         "a.html": lambda p: stimlib.verify(SCENE, hand, rendering).to_html(p),
         "a.png": lambda p: picture(rendering, p),
         "a.svg": lambda p: draw(SCENE, p),
-        "index.json": lambda p: render_set(p.parent, {"s": SCENE}, hand, 0.01, workers=1, progress=False),
+        "index.json": lambda p: render_set(
+            p.parent, {"s": SCENE}, hand, 0.01, workers=1, progress=False
+        ),
     }
     for name, call in calls.items():
         for planted in (name + ".part", name):
@@ -286,7 +326,11 @@ def test_names_that_no_file_can_have(tmp_path, name):
     for call in calls:
         with pytest.raises(StimlibError) as info:
             call()
-        assert len(str(info.value)) < 30_000 and "\0" not in str(info.value) and "\ud800" not in str(info.value)
+        assert (
+            len(str(info.value)) < 30_000
+            and "\0" not in str(info.value)
+            and "\ud800" not in str(info.value)
+        )
 
 
 def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
@@ -325,7 +369,9 @@ def test_an_interrupt_behind_the_move_leaves_the_part_of_another_run(tmp_path, m
 
 
 def test_of_two_that_write_one_small_file_a_reader_sees_whole_ones(tmp_path):
-    """Also where each finds the other at it: then it says so, and not that there is no folder."""
+    """Also where each finds the other at it: then it says so, and not that there is no
+    folder.
+    """
     path, size, said, half = tmp_path / "a.html", 3_000_000, [], 0
 
     def write_it(letter):
@@ -355,7 +401,9 @@ def test_a_header_that_declares_years_is_not_believed(tmp_path):
     data[21] |= 0x0F  # the lower 36 bits of bytes 18 to 25 are the number of frames
     data[22:26] = b"\xff" * 4
     forge(path, {"frames": 2**36 - 1}, data)
-    with pytest.raises(SinkError, match=r"bytes of samples in memory: 5.49756e\+11 is more than limits.audio_bytes"):
+    with pytest.raises(
+        SinkError, match=r"bytes of samples in memory: 5.49756e\+11 is more than limits.audio_bytes"
+    ):
         file.read(path)
     data[21] &= 0xF0
     data[22:26] = (10**6).to_bytes(4, "big")
@@ -376,7 +424,11 @@ def test_a_sparse_file_is_not_read_for_hours(tmp_path):
         os.truncate(name, len(data) + 4 * frames)
     (tmp_path / "a.caf.json").write_text(json.dumps(sidecar | {"frames": frames}))
     (tmp_path / "b.caf.part.json").write_text(json.dumps(sidecar | {"frames": frames}))
-    for call in (lambda: file.read(path), lambda: recover(tmp_path / "b.caf"), lambda: stimlib.verify(SCENE, HAND, path)):
+    for call in (
+        lambda: file.read(path),
+        lambda: recover(tmp_path / "b.caf"),
+        lambda: stimlib.verify(SCENE, HAND, path),
+    ):
         with pytest.raises(SinkError, match=r"limits.audio_bytes"):
             call()
 
@@ -398,7 +450,10 @@ def test_samples_that_are_not_finite_are_not_read(tmp_path):
     forge(path, {}, data)
     with pytest.raises(SinkError, match="not finite"):
         file.read(path)
-    forge(path, {"channels": [{"name": "f", "unit": "N", "full_scale": 1e308, "clips": 0, "peak": 1.0}]})
+    forge(
+        path,
+        {"channels": [{"name": "f", "unit": "N", "full_scale": 1e308, "clips": 0, "peak": 1.0}]},
+    )
     with pytest.raises(SinkError, match="not finite"):
         file.read(path)
 
@@ -413,7 +468,9 @@ def test_fuzzed_sound_files_are_read_or_refused(tmp_path, format, subtype):
     for _ in range(60):
         data = bytearray(good)
         for _ in range(rng.choice([1, 1, 2, 8])):  # mostly in the headers
-            data[rng.randrange(min(len(data), rng.choice([60, 200, len(data)])))] = rng.choice([0, 1, 0x7F, 0x80, 0xFF])
+            data[rng.randrange(min(len(data), rng.choice([60, 200, len(data)])))] = rng.choice(
+                [0, 1, 0x7F, 0x80, 0xFF]
+            )
         data = data[: rng.choice([len(data), len(data), rng.randrange(len(data))])]
         forge(path, {}, data)
         part.write_bytes(data)
@@ -437,7 +494,25 @@ def test_fuzzed_sound_files_are_read_or_refused(tmp_path, format, subtype):
 # -- sidecars
 
 
-JUNK = [None, True, -1, 3, 2**70, 10**400, 1e308, -0.5, "x", "", [], [[]], [None], {}, {"a": None}, {"x": 3}, [{"at": 0}]]
+JUNK = [
+    None,
+    True,
+    -1,
+    3,
+    2**70,
+    10**400,
+    1e308,
+    -0.5,
+    "x",
+    "",
+    [],
+    [[]],
+    [None],
+    {},
+    {"a": None},
+    {"x": 3},
+    [{"at": 0}],
+]
 
 
 SAID: dict = {}
@@ -459,8 +534,11 @@ def verify_or_refuse(path, info):
     try:
         _, got = file.read(path)
         fields.require(got, DONE)
-        if all(got[name] == SAID[name] for name in ("stimlib", "versions", "sha256", "scene")):  # verify does not look at these
-            return stimlib.verify(SCENE, {name: parse_motion(text) for name, text in got["motion"].items()}, path)
+        # verify does not look at these
+        if all(got[name] == SAID[name] for name in ("stimlib", "versions", "sha256", "scene")):
+            return stimlib.verify(
+                SCENE, {name: parse_motion(text) for name, text in got["motion"].items()}, path
+            )
     except StimlibError as e:
         assert "\n" not in str(e)
     return None
@@ -525,7 +603,9 @@ def test_a_line_that_declares_a_day_as_lost_is_refused(tmp_path, fs):
     folder = session(tmp_path / "a", NOISE, fs=fs)
     with open(folder / "events.jsonl", "a") as f:
         f.write(json.dumps({"at": 2400, "kind": "lost", "frames": int(86400 * fs)}) + "\n")
-    with pytest.raises(SinkError, match="samples that are lost: .* is more than limits.lost_samples"):
+    with pytest.raises(
+        SinkError, match="samples that are lost: .* is more than limits.lost_samples"
+    ):
         read_log(folder)
 
 
@@ -534,7 +614,9 @@ def test_a_log_at_a_high_rate_costs_the_interpreter_no_start(tmp_path, monkeypat
     from stimlib.targets.python import Engine
 
     ran, sample = [], Engine.sample
-    monkeypatch.setattr(Engine, "sample", lambda *given, **how: ran.append(1) or sample(*given, **how))
+    monkeypatch.setattr(
+        Engine, "sample", lambda *given, **how: ran.append(1) or sample(*given, **how)
+    )
     assert verify_log(read_log(session(tmp_path / "a", fs=8e6))).passed
     assert 100 < len(ran) < 2000
 
@@ -557,7 +639,9 @@ def test_a_log_of_many_samples_is_refused(tmp_path, monkeypatch):
 def test_motion_that_is_cut_while_it_is_replayed(tmp_path):
     folder = session(tmp_path / "a")
     log = read_log(folder)
-    assert np.array_equal(np.asarray(log.motion), np.full((2400, 1), 0.01)) and log.motion[3:5, 0].tolist() == [0.01, 0.01]
+    assert np.array_equal(np.asarray(log.motion), np.full((2400, 1), 0.01)) and log.motion[
+        3:5, 0
+    ].tolist() == [0.01, 0.01]
     os.truncate(folder / "motion.f64", 8000)
     for call in (replay, verify_log):
         with pytest.raises(SinkError, match=r"motion.f64 was cut since the log was read"):
@@ -593,7 +677,13 @@ def test_texts_of_others_do_not_reach_the_terminal(tmp_path, pair):
     channel = good["channels"][0] | {"name": NASTY, "unit": NASTY}
     with open(folder / "events.jsonl", "ab") as f:
         f.write(json.dumps({"at": 0, "kind": NASTY, "text": NASTY}).encode() + b"\n")
-    outputs = [str(replay(log)), str(result), repr(result), (tmp_path / "a.html").read_text(), *log.notes]
+    outputs = [
+        str(replay(log)),
+        str(result),
+        repr(result),
+        (tmp_path / "a.html").read_text(),
+        *log.notes,
+    ]
     for command in (["replay", str(folder)], ["verify", "--log", str(folder)]):
         done = CliRunner().invoke(app, command)
         assert done.exit_code == 0 and "\\x1b" in done.output
@@ -603,7 +693,9 @@ def test_texts_of_others_do_not_reach_the_terminal(tmp_path, pair):
     told.write_text(json.dumps(json.loads(told.read_text()) | {"channels": [channel]}))
     done = CliRunner().invoke(app, ["recover", str(begun)])
     assert done.exit_code == 0 and "\\x1b[2J" in done.output and "[bold]" in done.output
-    (path.parent / "a.wav.json").write_text(json.dumps(good | {"scene_hash": NASTY, "motion": {"x": NASTY}}))
+    (path.parent / "a.wav.json").write_text(
+        json.dumps(good | {"scene_hash": NASTY, "motion": {"x": NASTY}})
+    )
     failed = CliRunner().invoke(app, ["verify", "squeeze", "--wav", str(path)])
     assert failed.exit_code == 2
     for text in [*outputs, done.output, failed.output]:
@@ -611,7 +703,10 @@ def test_texts_of_others_do_not_reach_the_terminal(tmp_path, pair):
 
 
 def test_fields_say_what_they_must_be():
-    tests = {"n": fields.whole(3), "t": fields.list_of(fields.record({"a": fields.maybe(fields.text)}))}
+    tests = {
+        "n": fields.whole(3),
+        "t": fields.list_of(fields.record({"a": fields.maybe(fields.text)})),
+    }
     fields.require({"n": 3, "t": [{"a": None}, {"a": "b", "more": 1}]}, tests)
     for data, says in [
         ({}, "n is missing; it must be a whole number from 0 to 3"),
@@ -620,7 +715,15 @@ def test_fields_say_what_they_must_be():
     ]:
         with pytest.raises(ValueError, match=says):
             fields.require(data, tests)
-    for text in (b"[", b"[]", b"[" * 100_000, b"\xff", b'{"a": NaN}', b'{"a": -1e999}', b'{"a": ' + b"1" * 5000 + b"}"):
+    for text in (
+        b"[",
+        b"[]",
+        b"[" * 100_000,
+        b"\xff",
+        b'{"a": NaN}',
+        b'{"a": -1e999}',
+        b'{"a": ' + b"1" * 5000 + b"}",
+    ):
         with pytest.raises(ValueError):
             fields.parse(text)
 
@@ -632,11 +735,22 @@ def test_a_large_limit_is_no_large_buffer(tmp_path, monkeypatch):
 
 
 def test_render_tells_of_samples_that_players_clip(tmp_path):
-    words = ["render", "bumps", "--motion", "constant_speed(0.02, 0.1)", "--seconds", "0.2", "--out", str(tmp_path / "a.wav")]
+    words = [
+        "render",
+        "bumps",
+        "--motion",
+        "constant_speed(0.02, 0.1)",
+        "--seconds",
+        "0.2",
+        "--out",
+        str(tmp_path / "a.wav"),
+    ]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0
     said = " ".join(done.stderr.split())
-    assert "(voltage reaches 200 V of 1)" in said and "give a full scale (--full-scale) of 202" in said
+    assert (
+        "(voltage reaches 200 V of 1)" in said and "give a full scale (--full-scale) of 202" in said
+    )
     done = CliRunner().invoke(app, [*words, "--full-scale", "150", "--quiet"])
     assert done.exit_code == 0 and "(voltage reaches 200 V of 150)" in " ".join(done.stderr.split())
     done = CliRunner().invoke(app, [*words, "--full-scale", "200"])
@@ -645,9 +759,18 @@ def test_render_tells_of_samples_that_players_clip(tmp_path):
 
 def test_a_file_tells_what_passes_full_scale_by_name_and_how_it_ends(tmp_path):
     x = stimlib.Input("x", "m")
-    proc = stimlib.compile(stimlib.Scene({"force": stimlib.constant(100.0, "N/m") * x, "place": 1 * x}), 1000, target="python")
+    proc = stimlib.compile(
+        stimlib.Scene({"force": stimlib.constant(100.0, "N/m") * x, "place": 1 * x}),
+        1000,
+        target="python",
+    )
     motion = {"x": np.full(10, 0.5)}
-    with pytest.warns(RuntimeWarning, match=r"\(force reaches 50 N of 10\).*players clip.*of force: 50.5, place: 0.505"):
+    with pytest.warns(
+        RuntimeWarning,
+        match=r"\(force reaches 50 N of 10\).*players clip.*of force: 50.5, place: 0.505",
+    ):
         file.write(tmp_path / "a.wav", proc, motion, 0.01, full_scale={"force": 10.0, "place": 1.0})
     with pytest.warns(RuntimeWarning, match="the file is clipped there"):
-        file.write(tmp_path / "a.flac", proc, motion, 0.01, full_scale={"force": 10.0, "place": 1.0})
+        file.write(
+            tmp_path / "a.flac", proc, motion, 0.01, full_scale={"force": 10.0, "place": 1.0}
+        )

@@ -1,4 +1,6 @@
-"""The JACK sink against real servers: exact samples, accounts of what is lost, every way out, and faults."""
+"""The JACK sink against real servers: exact samples, accounts of what is lost, every
+way out, and faults.
+"""
 
 import itertools
 import json
@@ -58,7 +60,9 @@ def servers():
 
 @pytest.fixture
 def server(servers):
-    """One for all tests, as long as it lives; what it said when it ended is shown with the test that failed."""
+    """One for all tests, as long as it lives; what it said when it ended is shown with
+    the test that failed.
+    """
     if not servers or servers[-1].process.poll() is not None:
         servers.append(Jackd(FS, 64).__enter__())
     yield servers[-1]
@@ -76,19 +80,23 @@ def steady():
     return Scene({"y": Param("level", 1.0) * 1})
 
 
-# Exactness -----------------------------------------------------------------------------------------------------------
+# Exactness ----------------------------------------------------------------------------
 def freewheel(server, channels, seconds):
-    """A session in freewheel mode, captured: equal to the offline render from its first sample on.
+    """A session in freewheel mode, captured: equal to the offline render from its first
+    sample on.
 
-    False where the server's own time has jumped in it: it began before everybody had ended their last cycle in real time, and
-    who captures may be a cycle off from then on.
+    False where the server's own time has jumped in it: it began before everybody had
+    ended their last cycle in real time, and who captures may be a cycle off from then
+    on.
     """
     fs, outputs = server.rate, min(channels, 2)
     scene, n = textured(outputs), round(seconds * fs)
     hand = {name: HAND[name] for name in scene.inputs}
     log = Seen()
     with Capture(server.name, channels, n + 30 * fs) as capture:
-        with sink(scene, motion=hand, server=server.name, connect=capture.names, log=log, seed=7) as s:
+        with sink(
+            scene, motion=hand, server=server.name, connect=capture.names, log=log, seed=7
+        ) as s:
             s.open(fs, channels, server.block)
             before = len(capture.times)
             s.freewheel(True)
@@ -111,7 +119,9 @@ def freewheel(server, channels, seconds):
     return True
 
 
-@pytest.mark.parametrize("fs, block, channels", [(1000, 16, 24), (8000, 64, 1), (8000, 32, 2), (48000, 64, 8)])
+@pytest.mark.parametrize(
+    "fs, block, channels", [(1000, 16, 24), (8000, 64, 1), (8000, 32, 2), (48000, 64, 8)]
+)
 def test_freewheel_is_exact(fs, block, channels):
     for _ in range(5):
         with Jackd(fs, block) as server:
@@ -121,10 +131,19 @@ def test_freewheel_is_exact(fs, block, channels):
 
 
 def test_nothing_is_lost_where_the_server_s_time_jumps_in_freewheel():
-    """A client that is late when it begins makes jackd's time jump by millions of frames: the sink had counted them as lost."""
+    """A client that is late when it begins makes jackd's time jump by millions of
+    frames: the sink had counted them as lost.
+    """
     log, fs = Seen(), 8000
     with Jackd(fs, 32) as server, Capture(server.name, 1, 60 * fs) as capture:
-        with sink(textured(1), motion={"x1": HAND["x1"]}, server=server.name, connect=capture.names, log=log, seed=7) as s:
+        with sink(
+            textured(1),
+            motion={"x1": HAND["x1"]},
+            server=server.name,
+            connect=capture.names,
+            log=log,
+            seed=7,
+        ) as s:
             s.open(fs)
             s.pump.write("STALL", 300_000)
             time.sleep(0.05)
@@ -133,7 +152,9 @@ def test_nothing_is_lost_where_the_server_s_time_jumps_in_freewheel():
             s.wait(60)
         assert np.abs(np.diff(capture.times)).max() > fs, "it jumped"
     assert (s.report().produced, s.report().lost) == (2 * fs, 0)
-    expected = offline(textured(1), Safety(50.0), {"x1": HAND["x1"]}, fs, 2 * fs, log.events, [0], seed=7)
+    expected = offline(
+        textured(1), Safety(50.0), {"x1": HAND["x1"]}, fs, 2 * fs, log.events, [0], seed=7
+    )
     assert np.array_equal(np.concatenate(log.frames), expected)
 
 
@@ -154,7 +175,9 @@ def test_a_sink_closed_in_freewheel_leaves_the_server_as_it_was():
 
 
 class Take:
-    """What a session has left behind: its log, its report, and what a second client has captured of it, by JACK's time."""
+    """What a session has left behind: its log, its report, and what a second client has
+    captured of it, by JACK's time.
+    """
 
     def __init__(self, s, log, capture):
         self.scene, self.safety, self.fs, self.map = s.scene, s.safety, s.rate, s.map
@@ -163,10 +186,12 @@ class Take:
         self.index = capture.times[: len(self.frames)] - s.pump.read("ORIGIN")
 
     def accounted(self, missed=0):
-        """captured + reported lost = produced, and every sample captured is the one of its time.
+        """captured + reported lost = produced, and every sample captured is the one of
+        its time.
 
-        False where the capturing client itself has missed more frames than that, as its own times tell, or where the server
-        went on without us and played what it had: nothing can be said then.
+        False where the capturing client itself has missed more frames than that, as its
+        own times tell, or where the server went on without us and played what it had:
+        nothing can be said then.
         """
         log, report = self.log, self.report
         produced = report.produced
@@ -176,7 +201,9 @@ class Take:
         whole = replayed(self.scene, self.safety, x, self.fs, log.events, self.map, self.params)
         assert len(whole) == produced
         delivered = kept(log.events, produced)
-        assert np.array_equal(np.concatenate(log.frames), whole[delivered]), "what was logged as delivered"
+        assert np.array_equal(np.concatenate(log.frames), whole[delivered]), (
+            "what was logged as delivered"
+        )
         inside = (self.index >= 0) & (self.index < produced)
         captured = np.zeros(produced, bool)
         captured[self.index[inside]] = True
@@ -185,7 +212,9 @@ class Take:
         if self.frames[inside][old].any() or unseen > missed:
             return False
         assert (captured & delivered).sum() + unseen + report.lost == produced
-        assert np.array_equal(self.frames[inside][~old], whole[self.index[inside]][~old]), "what was captured"
+        assert np.array_equal(self.frames[inside][~old], whole[self.index[inside]][~old]), (
+            "what was captured"
+        )
         rise = np.interp(self.index, [-report.rise, 0], [0, 1])[:, None] * whole[0]
         fall = np.interp(self.index - produced + 1, [0, report.fall], [1, 0])[:, None] * whole[-1]
         fades = np.where(self.index[:, None] < 0, rise, fall)[~inside]
@@ -194,7 +223,9 @@ class Take:
 
 
 def taken(make, missed=0):
-    """A take that can be judged, of several: this machine is shared, and the capturing client may be late too."""
+    """A take that can be judged, of several: this machine is shared, and the capturing
+    client may be late too.
+    """
     for _ in range(5):
         take = make()
         if take.accounted(missed):
@@ -205,7 +236,9 @@ def taken(make, missed=0):
 def real_time(seconds, server, stall_at=None, **options):
     log = Seen()
     with Capture(server.name, 2, round((seconds + 15) * FS)) as capture:
-        with sink(squeeze(), motion=HAND, server=server.name, connect=capture.names, log=log, **options) as s:
+        with sink(
+            squeeze(), motion=HAND, server=server.name, connect=capture.names, log=log, **options
+        ) as s:
             s.open(FS)
             s.start(seconds)
             if stall_at is not None:
@@ -224,14 +257,25 @@ def test_real_time_is_accounted(server):
 
 def test_a_stall_is_reported_and_accounted(server):
     take = taken(lambda: real_time(3.0, server, stall_at=1.0))
-    assert take.report.lost > 0.25 * FS and take.report.underruns >= 1 and take.report.block_time["max"] >= 0.3
+    assert (
+        take.report.lost > 0.25 * FS
+        and take.report.underruns >= 1
+        and take.report.block_time["max"] >= 0.3
+    )
 
 
 def test_changes_while_it_plays(server):
     def make():
         log = Seen()
         with Capture(server.name, 2, 30 * FS) as capture:
-            with sink(squeeze(), motion=HAND, server=server.name, connect=capture.names, log=log, params={"A": 1.0}) as s:
+            with sink(
+                squeeze(),
+                motion=HAND,
+                server=server.name,
+                connect=capture.names,
+                log=log,
+                params={"A": 1.0},
+            ) as s:
                 s.open(FS)
                 s.start(1.5)
                 for k in range(10):
@@ -249,7 +293,9 @@ def test_a_callback_in_python_plays_the_same(server):
 
 
 def test_a_process_that_was_stopped_goes_on_in_time(server):
-    """SIGSTOP for 300 ms: what a debugger, a suspended machine or a stall of the whole program do."""
+    """SIGSTOP for 300 ms: what a debugger, a suspended machine or a stall of the whole
+    program do.
+    """
 
     def take():
         with Capture(server.name, 1, 120 * FS) as capture:
@@ -267,10 +313,16 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
             report = json.loads(out)["report"]
             frames = capture.frames.copy()
             times = capture.times[: len(frames)].copy()
-        assert report["produced"] == report["delivered"] + report["lost"] and report["lost"] > 0.25 * FS
+        assert (
+            report["produced"] == report["delivered"] + report["lost"]
+            and report["lost"] > 0.25 * FS
+        )
         first, last = np.flatnonzero(frames[:, 0])[[0, -1]]
         more = np.sum(np.diff(times[first : last + 1]) - 1) - report["lost"]
-        assert more >= -10 * 64, "what is told is missing, but for what was lost before the first sound or behind the last"
+        assert more >= -10 * 64, (
+            "what is told is missing, but for what was lost before the first sound or behind the"
+            " last"
+        )
         return more <= 10 * 64  # else the client that captures has missed some itself
 
     until_judged(take)
@@ -281,7 +333,9 @@ def test_a_session_replays_from_its_log(server, tmp_path):
     from stimlib.files.session import read_log
 
     folder = tmp_path / "session.stimlog"
-    with sink(squeeze(), motion=HAND, server=server.name, log=folder, params={"A": 2.0}, seed=11) as s:
+    with sink(
+        squeeze(), motion=HAND, server=server.name, log=folder, params={"A": 2.0}, seed=11
+    ) as s:
         s.open(FS, channels=4)
         s.start(4.0)
         for k in range(5):
@@ -324,7 +378,7 @@ class Refusing:
         return self._of.cast(what, value)
 
 
-# Position as a signal ------------------------------------------------------------------------------------------------
+# Position as a signal -----------------------------------------------------------------
 def test_a_position_comes_in_as_a_signal(server):
     """One sink plays a position, another one feels it."""
     position = Scene({"x": 1.0 * Input("p", "m")})
@@ -333,23 +387,41 @@ def test_a_position_comes_in_as_a_signal(server):
     def make():
         log = Seen()
         with Capture(server.name, 2, 60 * FS) as capture:
-            with sink(position, 0.05, motion={"p": HAND["x1"]}, server=server.name, name="hand", connect=None) as hand:
+            with sink(
+                position,
+                0.05,
+                motion={"p": HAND["x1"]},
+                server=server.name,
+                name="hand",
+                connect=None,
+            ) as hand:
                 hand.open(FS)
                 source = Signals({"x": Signal(0.05, connect="hand:x")})
-                with sink(felt, 50.0, motion=source, server=server.name, connect=capture.names[:1], log=log) as s:
+                with sink(
+                    felt,
+                    50.0,
+                    motion=source,
+                    server=server.name,
+                    connect=capture.names[:1],
+                    log=log,
+                ) as s:
                     s.open(FS)
                     s.start()
                     hand.start(1.0)
                     hand.wait(20)
                     s.wait(0.1)
-                    hand.close()  # the wire is pulled: the last position is held, then the gain fades
+                    # the wire is pulled: the last position is held, then the gain fades
+                    hand.close()
                     s.wait(0.5)
             return Take(s, log, capture)
 
     take = taken(make)
     x = np.concatenate(take.log.x, axis=1)
     assert x.max() > 0.0199 and x[0, -1] == 0
-    assert [kind for _, kind, _ in take.log.events if kind in ("fresh", "stale")] == ["fresh", "stale"]
+    assert [kind for _, kind, _ in take.log.events if kind in ("fresh", "stale")] == [
+        "fresh",
+        "stale",
+    ]
     assert take.report.stale == 1
 
 
@@ -360,18 +432,24 @@ def test_what_is_not_finite_never_reaches_the_port(server):
     log = Seen()
     with Capture(server.name, 2, 30 * FS) as capture:
         with pytest.raises(FaultError, match="force1 was not finite at sample 4000"):
-            with sink(textured(), motion=Recorded(x), server=server.name, connect=capture.names, log=log) as s:
+            with sink(
+                textured(), motion=Recorded(x), server=server.name, connect=capture.names, log=log
+            ) as s:
                 s.open(FS)
                 s.start()
                 s.wait(20)
         frames = capture.frames.copy()
-    assert np.isfinite(frames).all() and np.abs(frames).max() == np.float32(0.4) and not frames[-1].any()
+    assert (
+        np.isfinite(frames).all()
+        and np.abs(frames).max() == np.float32(0.4)
+        and not frames[-1].any()
+    )
     assert s.report().faults == {"force1": 4000, "force2": 4010}
     delivered = np.concatenate(log.frames)
     assert np.isfinite(delivered).all() and largest_step(delivered, log.events) < 0.01
 
 
-# Ways out ------------------------------------------------------------------------------------------------------------
+# Ways out -----------------------------------------------------------------------------
 @pytest.mark.parametrize("way", ["stop", "close", "exception", "end"])
 @pytest.mark.longer
 def test_every_way_out_fades(server, way):
@@ -396,7 +474,12 @@ def test_every_way_out_fades(server, way):
                 assert way == "exception"
             time.sleep(0.05)
             frames = capture.frames.copy()
-            return captured_fades(frames, capture.times[: len(frames)] - s.pump.read("ORIGIN"), log.events, capture.xruns)
+            return captured_fades(
+                frames,
+                capture.times[: len(frames)] - s.pump.read("ORIGIN"),
+                log.events,
+                capture.xruns,
+            )
 
     until_judged(take)
 
@@ -454,7 +537,12 @@ def player(server, more):
 
 @pytest.mark.parametrize(
     "more, what, code",
-    [("sink.wait(20)", signal.SIGTERM, 143), ("with sink: sink.wait(20)", signal.SIGINT, -2), ("1 / 0", None, 1), ("", None, 0)],
+    [
+        ("sink.wait(20)", signal.SIGTERM, 143),
+        ("with sink: sink.wait(20)", signal.SIGINT, -2),
+        ("1 / 0", None, 1),
+        ("", None, 0),
+    ],
 )
 def test_signals_and_the_end_of_the_program_fade(server, more, what, code):
     def take():
@@ -470,12 +558,14 @@ def test_signals_and_the_end_of_the_program_fade(server, more, what, code):
             time.sleep(0.05)
             assert child.returncode == code
             frames = capture.frames.copy()
-            return captured_fades(frames, capture.times[: len(frames)] - told["origin"], told["events"], capture.xruns)
+            return captured_fades(
+                frames, capture.times[: len(frames)] - told["origin"], told["events"], capture.xruns
+            )
 
     until_judged(take)
 
 
-# Faults --------------------------------------------------------------------------------------------------------------
+# Faults -------------------------------------------------------------------------------
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 @pytest.mark.longer
 def test_a_server_that_is_killed_is_a_typed_error_within_a_second(how):
@@ -507,7 +597,11 @@ def test_what_does_not_fit_the_server(server):
         ({}, {"rate": FS, "block": 32}, "blocks have 64 frames, not 32"),
         ({}, {"rate": FS, "channels": 25}, "24 physical outputs, fewer than the 25 channels"),
         ({"connect": ["nobody:in_1"]}, {"rate": FS}, "no input port 'nobody:in_1'"),
-        ({"server": "stimlib_none"}, {"rate": FS}, "no server 'stimlib_none' is running: start one"),
+        (
+            {"server": "stimlib_none"},
+            {"rate": FS},
+            "no server 'stimlib_none' is running: start one",
+        ),
     ]
     for options, arguments, text in cases:
         with pytest.raises(SinkError, match=text):
@@ -537,7 +631,8 @@ def test_ports_are_named_like_the_outputs(server):
         names = [p.name for p in client.get_ports("stimlib:.*")]
         assert names == ["stimlib:b", "stimlib:silent_2", "stimlib:a", "stimlib:b_4"]
         assert [p.name for p in client.get_all_connections("stimlib:a")] == ["system:playback_3"]
-        for _ in range(100):  # the server counts latencies anew some time after a connection was made
+        # the server counts latencies anew some time after a connection was made
+        for _ in range(100):
             if s.report().latency:
                 break
             time.sleep(0.05)
@@ -546,16 +641,24 @@ def test_ports_are_named_like_the_outputs(server):
 
 
 @pytest.mark.parametrize(
-    "missing, text", [(ImportError("No module named 'jack'"), "JACK-Client"), (OSError("JACK library not found"), "library")]
+    "missing, text",
+    [
+        (ImportError("No module named 'jack'"), "JACK-Client"),
+        (OSError("JACK library not found"), "library"),
+    ],
 )
 def test_what_is_missing_is_named_with_its_command(monkeypatch, missing, text):
     without(monkeypatch, "jack", missing)
-    with pytest.raises(SinkError, match=rf"{text}.*pip install 'stimlib\[jack\]'.*apt-get install jackd2"):
+    with pytest.raises(
+        SinkError, match=rf"{text}.*pip install 'stimlib\[jack\]'.*apt-get install jackd2"
+    ):
         sink(steady(), 1.0).open(FS)
 
 
 def test_real_time_set_up(server):
-    """Where it is permitted it is done, and where it is not there is one warning (this server runs without -R)."""
+    """Where it is permitted it is done, and where it is not there is one warning (this
+    server runs without -R).
+    """
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         with sink(steady(), 1.0, server=server.name, realtime=True) as s:
@@ -575,7 +678,8 @@ def test_freewheel_is_exact_everywhere(fs, block):
 
 @pytest.mark.stress
 def test_a_minute_in_real_time_is_accounted(server):
-    take = taken(lambda: real_time(60.0, server, stall_at=20.0), missed=FS)  # by the client that captures, in a minute
+    # by the client that captures, in a minute
+    take = taken(lambda: real_time(60.0, server, stall_at=20.0), missed=FS)
     assert take.report.produced == 60 * FS and take.report.lost > 0.25 * FS
     print(take.report)
 

@@ -1,4 +1,6 @@
-"""What feeds a sink from elsewhere, as the examples do it: bytes on a terminal, and frames of a screen."""
+"""What feeds a sink from elsewhere, as the examples do it: bytes on a terminal, and
+frames of a screen.
+"""
 
 import os
 import runpy
@@ -19,7 +21,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 @pytest.mark.parametrize("package", ["pyserial", None])
 def test_a_thread_reads_positions_from_a_port(package, tmp_path, monkeypatch):
-    """Real bytes on a pseudo terminal: in pieces, with a line that is no number, and with none for a while."""
+    """Real bytes on a pseudo terminal: in pieces, with a line that is no number, and
+    with none for a while.
+    """
     if package:
         pytest.importorskip("serial")
     else:
@@ -30,7 +34,10 @@ def test_a_thread_reads_positions_from_a_port(package, tmp_path, monkeypatch):
 
     def write():
         while not over.is_set():
-            for piece, pause in [(b"2500\n", 0.004), (b"25x0\n", 0.001)] * 10 + [(b"25", 0.15), (b"00\n", 0.001)]:
+            for piece, pause in [(b"2500\n", 0.004), (b"25x0\n", 0.001)] * 10 + [
+                (b"25", 0.15),
+                (b"00\n", 0.001),
+            ]:
                 os.write(device, piece)
                 time.sleep(pause)  # longer than the port waits for the rest of a line
 
@@ -50,18 +57,26 @@ def test_a_thread_reads_positions_from_a_port(package, tmp_path, monkeypatch):
 
 def test_half_of_a_trial_needs_no_psychopy(tmp_path):
     example = runpy.run_path(str(EXAMPLES / "psychopy_trial.py"))
-    chosen = example["trial"]([300.0, 360.0], lambda: example["made_up_hand"](12), lambda: "1", tmp_path)
+    chosen = example["trial"](
+        [300.0, 360.0], lambda: example["made_up_hand"](12), lambda: "1", tmp_path
+    )
     logs = [read_log(tmp_path / f"interval{i}.stimlog") for i in (1, 2)]
     assert chosen == "1" and [log.params["k"] for log in logs] == [300.0, 360.0]
-    assert [np.asarray(log.motion).max() for log in logs] == pytest.approx([0.011] * 2) and "psychopy" not in sys.modules
+    assert [np.asarray(log.motion).max() for log in logs] == pytest.approx(
+        [0.011] * 2
+    ) and "psychopy" not in sys.modules
 
 
 def test_the_other_half_asks_psychopy_for_what_it_has(monkeypatch):
-    """A stand-in with the calls that the example makes: positions within the window become metres."""
+    """A stand-in with the calls that the example makes: positions within the window
+    become metres.
+    """
     mouse = SimpleNamespace(getPos=lambda: (0.0, -0.5))
     drawn = SimpleNamespace(draw=lambda: None, pos=None)
     event = SimpleNamespace(Mouse=lambda win: mouse, waitKeys=lambda keyList: keyList[1:])
-    visual = SimpleNamespace(Circle=lambda *a, **k: drawn, TextStim=lambda *a, **k: drawn, Window=lambda **k: "window")
+    visual = SimpleNamespace(
+        Circle=lambda *a, **k: drawn, TextStim=lambda *a, **k: drawn, Window=lambda **k: "window"
+    )
     monkeypatch.setitem(sys.modules, "psychopy", SimpleNamespace(event=event, visual=visual))
     example = runpy.run_path(str(EXAMPLES / "psychopy_trial.py"))
     window = SimpleNamespace(flip=lambda: time.sleep(0.001))

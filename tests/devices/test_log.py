@@ -1,4 +1,6 @@
-"""The log of a session: what it holds replays to the delivered samples, bit for bit, and nothing in it is trusted."""
+"""The log of a session: what it holds replays to the delivered samples, bit for bit,
+and nothing in it is trusted.
+"""
 
 import dataclasses as dc
 import hashlib
@@ -43,17 +45,37 @@ def spring():
     return Scene({"force": force, "noisy": force + constant(2.0, "N") * white_noise(seed=3)})
 
 
-def play(folder, scene, safety, x, *, sets=(), lost=(), channels=None, seed=5, params=None, blocks=None, ahead=False, **how):
-    """What a sink does, in odd blocks; sets (index, name, value, ramp in samples), lost (index, frames). The frames delivered."""
+def play(
+    folder,
+    scene,
+    safety,
+    x,
+    *,
+    sets=(),
+    lost=(),
+    channels=None,
+    seed=5,
+    params=None,
+    blocks=None,
+    ahead=False,
+    **how,
+):
+    """What a sink does, in odd blocks; sets (index, name, value, ramp in samples), lost
+    (index, frames). The frames delivered.
+    """
     n = x.shape[1]
     proc = stimlib.compile(protect(scene, safety), FS, seed=seed)
-    head = header(scene, safety, FS, seed=seed, params=params, channels=channels, device="by hand", block=64)
+    head = header(
+        scene, safety, FS, seed=seed, params=params, channels=channels, device="by hand", block=64
+    )
     numbers = [-1 if c is None else proc.outputs.index(c) for c in head["channels"]]
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     proc.process(np.zeros((len(x), 0)))
     rng = np.random.default_rng(1)
-    told = [(at, "set", {"name": name, "value": value, "ramp": ramp}) for at, name, value, ramp in sets]
+    told = [
+        (at, "set", {"name": name, "value": value, "ramp": ramp}) for at, name, value, ramp in sets
+    ]
     told += [(at, "lost", {"frames": frames}) for at, frames in lost]
     told.sort(key=lambda e: e[0])
     gone = np.zeros(n, bool)
@@ -71,9 +93,16 @@ def play(folder, scene, safety, x, *, sets=(), lost=(), channels=None, seed=5, p
                     proc.set(data["name"], data["value"], data["ramp"] / FS)
                 if i == at and not (ahead and kind == "lost"):
                     log.event(i, kind, **data)
-            stop = min([e for e in edges if e > at] + [at + int(rng.choice([1, 7, 64, 100, 1000] if blocks is None else blocks))])
+            stop = min(
+                [e for e in edges if e > at]
+                + [at + int(rng.choice([1, 7, 64, 100, 1000] if blocks is None else blocks))]
+            )
             log.motion(np.ascontiguousarray(x[:, at:stop]))
-            frames = to_device(proc.process(np.ascontiguousarray(x[:, at:stop])), safety.scales(proc.outputs), numbers)
+            frames = to_device(
+                proc.process(np.ascontiguousarray(x[:, at:stop])),
+                safety.scales(proc.outputs),
+                numbers,
+            )
             if not gone[at]:
                 log.delivered(frames)
                 given.append(frames)
@@ -90,14 +119,28 @@ def motion(n, inputs=1):
 
 
 SAFETY = Safety(full_scale=16.0, slew=4000.0)
-SETS = [(0, GAIN, 1.0, 160), (777, "k", 1500.0, 333), (900, "k", 300.0, 1), (5003, "k", 800.0, 160), (7800, GAIN, 0.0, 160)]
+SETS = [
+    (0, GAIN, 1.0, 160),
+    (777, "k", 1500.0, 333),
+    (900, "k", 300.0, 1),
+    (5003, "k", 800.0, 160),
+    (7800, GAIN, 0.0, 160),
+]
 LOST = [(1200, 77), (2001, 500), (3999, 1), (7999, 1)]
 
 
 @pytest.fixture
 def session(tmp_path):
     folder = tmp_path / "a.stimlog"
-    frames = play(folder, spring(), SAFETY, motion(8000), sets=SETS, lost=LOST, channels=["noisy", None, "force", "noisy"])
+    frames = play(
+        folder,
+        spring(),
+        SAFETY,
+        motion(8000),
+        sets=SETS,
+        lost=LOST,
+        channels=["noisy", None, "force", "noisy"],
+    )
     return folder, frames
 
 
@@ -108,7 +151,11 @@ def test_a_session_with_changes_and_losses_replays(session, tmp_path):
     folder, frames = session
     log = read_log(folder)
     assert (log.frames, log.logged, log.lost, log.channels) == (8000, 8000, LOST, (1, -1, 0, 1))
-    assert log.motion.shape == (8000, 1) and np.array_equal(log.motion.T, motion(8000)) and log.notes == []
+    assert (
+        log.motion.shape == (8000, 1)
+        and np.array_equal(log.motion.T, motion(8000))
+        and log.notes == []
+    )
     assert log.changes == [(at, name, value, ramp / 8000) for at, name, value, ramp in SETS]
     for block in (1, 17, 64, 8192):
         found = replay(log, tmp_path / f"{block}.wav", block)
@@ -120,20 +167,33 @@ def test_a_session_with_changes_and_losses_replays(session, tmp_path):
     y, sidecar = file.read(tmp_path / "17.wav")
     assert np.array_equal(y, (frames.astype(float) * [16, 1, 16, 16]).T)
     assert [c["name"] for c in sidecar["channels"]] == ["noisy", "channel1", "force", "noisy"]
-    assert sidecar["lost"] == [{"at": a, "frames": n} for a, n in LOST] and np.abs(frames).max() == 1.0
+    assert (
+        sidecar["lost"] == [{"at": a, "frames": n} for a, n in LOST] and np.abs(frames).max() == 1.0
+    )
     at = [a for a, f, given in delivered(log, 100) if given and len(f)]
     assert at == sorted(at)
     hidden = [(a, len(f)) for a, f, given in delivered(log, 100) if not given]
-    assert sum(n for _, n in hidden) == 579 and all(any(b <= a < b + n for b, n in LOST) for a, _ in hidden)
+    assert sum(n for _, n in hidden) == 579 and all(
+        any(b <= a < b + n for b, n in LOST) for a, _ in hidden
+    )
     told = lines_of(folder)
-    rewrite(folder, sorted(told, key=lambda e: -e["at"] * (e["kind"] == "set")))  # the last change told first
+    # the last change told first
+    rewrite(folder, sorted(told, key=lambda e: -e["at"] * (e["kind"] == "set")))
     again = read_log(folder)
     assert again.changes == log.changes and replay(again).matches
 
 
 def test_each_channel_of_a_replay_has_the_full_scale_of_its_output(tmp_path):
-    scene = Scene({"force": constant(1000.0, "N/m") * Input("x", "m"), "place": 1.0 * Input("x", "m")})
-    frames = play(tmp_path / "a", scene, Safety({"force": 16.0, "place": 0.1}), motion(1000), sets=[(0, GAIN, 1.0, 160)])
+    scene = Scene(
+        {"force": constant(1000.0, "N/m") * Input("x", "m"), "place": 1.0 * Input("x", "m")}
+    )
+    frames = play(
+        tmp_path / "a",
+        scene,
+        Safety({"force": 16.0, "place": 0.1}),
+        motion(1000),
+        sets=[(0, GAIN, 1.0, 160)],
+    )
     replay(read_log(tmp_path / "a"), tmp_path / "a.wav")
     y, sidecar = file.read(tmp_path / "a.wav")
     assert [(c["unit"], c["full_scale"]) for c in sidecar["channels"]] == [("N", 16.0), ("m", 0.1)]
@@ -144,10 +204,21 @@ def test_the_log_says_what_was_delivered_whatever_the_block(tmp_path):
     texts = []
     for i, blocks in enumerate(([1], [64], [5000], None)):
         folder = tmp_path / f"{i}.stimlog"
-        play(folder, spring(), SAFETY, motion(5000), sets=SETS[:3], lost=LOST[:2], blocks=blocks, ahead=i == 2)
+        play(
+            folder,
+            spring(),
+            SAFETY,
+            motion(5000),
+            sets=SETS[:3],
+            lost=LOST[:2],
+            blocks=blocks,
+            ahead=i == 2,
+        )
         texts.append({p.name: p.read_bytes() for p in folder.iterdir()})
         lines = texts[-1]["events.jsonl"].splitlines()
-        texts[-1]["events.jsonl"] = b"\n".join(sorted(lines, key=lambda s: (json.loads(s)["at"], s)))
+        texts[-1]["events.jsonl"] = b"\n".join(
+            sorted(lines, key=lambda s: (json.loads(s)["at"], s))
+        )
     assert all(t == texts[0] for t in texts)
     spans = read_log(tmp_path / "0.stimlog").spans
     assert max(s.to - s.at for s in spans) <= 2000  # a quarter of a second
@@ -158,11 +229,20 @@ def test_hashes_are_of_the_float32_frames(tmp_path):
     frames = play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1])
     spans = read_log(tmp_path / "a").spans
     assert [(s.at, s.to) for s in spans] == [(0, 2000), (2000, 3000)]
-    assert [s.sha256 for s in spans] == [hashlib.sha256(frames[a:b].astype("<f4").tobytes()).hexdigest() for a, b, _ in spans]
+    assert [s.sha256 for s in spans] == [
+        hashlib.sha256(frames[a:b].astype("<f4").tobytes()).hexdigest() for a, b, _ in spans
+    ]
 
 
 def test_start_numbers_that_differ(tmp_path):
-    play(tmp_path / "a", spring(), SAFETY, motion(2000), sets=[(0, GAIN, 1.0, 160)], params={"k": 77.0})
+    play(
+        tmp_path / "a",
+        spring(),
+        SAFETY,
+        motion(2000),
+        sets=[(0, GAIN, 1.0, 160)],
+        params={"k": 77.0},
+    )
     log = read_log(tmp_path / "a")
     assert log.params == {"k": 77.0} and replay(log).matches
     other = dc.replace(log, params={})
@@ -171,14 +251,28 @@ def test_start_numbers_that_differ(tmp_path):
 
 def test_a_scene_without_inputs(tmp_path):
     scene = Scene({"noise": constant(3.0, "N") * white_noise(seed=1)})
-    play(tmp_path / "a", scene, SAFETY, np.zeros((0, 3000)), sets=[(0, GAIN, 1.0, 160)], lost=[(500, 30)])
+    play(
+        tmp_path / "a",
+        scene,
+        SAFETY,
+        np.zeros((0, 3000)),
+        sets=[(0, GAIN, 1.0, 160)],
+        lost=[(500, 30)],
+    )
     assert not (tmp_path / "a" / "motion.f64").exists()
     log = read_log(tmp_path / "a")
     assert log.frames == 3000 and replay(log).matches and verify_log(log).passed
     not_delivered = {"kind": "gap", "delivered": False}  # without motion a gap can be replayed
-    rewrite(tmp_path / "a", [e | not_delivered if e["kind"] == "lost" else e for e in lines_of(tmp_path / "a")])
+    rewrite(
+        tmp_path / "a",
+        [e | not_delivered if e["kind"] == "lost" else e for e in lines_of(tmp_path / "a")],
+    )
     gap = read_log(tmp_path / "a")
-    assert gap.lost == log.lost and (replay(gap).frames, replay(gap).lost, replay(gap).matches) == (3000, 30, True)
+    assert gap.lost == log.lost and (replay(gap).frames, replay(gap).lost, replay(gap).matches) == (
+        3000,
+        30,
+        True,
+    )
 
 
 def test_motion_that_is_not_finite_is_kept_and_replays(tmp_path):
@@ -191,7 +285,9 @@ def test_motion_that_is_not_finite_is_kept_and_replays(tmp_path):
     assert np.array_equal(log.motion.T, x, equal_nan=True) and replay(log).matches
     report = verify_log(log)
     assert [c.name for c in report.checks if not c.passed] == ["no fault"]  # and it is told
-    assert any("before 2345 only" in text and "not finite" in text for text in report.evidence.skipped)
+    assert any(
+        "before 2345 only" in text and "not finite" in text for text in report.evidence.skipped
+    )
 
 
 def test_a_gap_ends_what_can_be_replayed(tmp_path):
@@ -201,7 +297,8 @@ def test_a_gap_ends_what_can_be_replayed(tmp_path):
         y = to_device(proc.process(x), SAFETY.scales(proc.outputs), [0, 1])
         log.motion(x[:, :1000])
         log.delivered(y[:1000])
-        log.event(1000, "gap", frames=200, delivered=True)  # block for block, as the callback tells them
+        # block for block, as the callback tells them
+        log.event(1000, "gap", frames=200, delivered=True)
         log.event(1200, "gap", frames=300, delivered=True)
         log.motion(np.ascontiguousarray(x[:, 1500:]))
         log.delivered(y[1500:])
@@ -227,17 +324,37 @@ def test_record_keeps_the_frames(tmp_path):
 def test_verify_proves_a_session_of_the_squeeze(tmp_path):
     depth = minimum_jerk(depth=0.01)
     x = np.stack([depth(np.arange(16000) / FS), 0.5 * depth(np.arange(16000) / FS)])
-    sets = [(0, GAIN, 1.0, 160), (3333, "A", 0.0, 500), (5000, "A", 2.0, 40), (12001, "k", 1500.0, 160), (15840, GAIN, 0.0, 160)]
+    sets = [
+        (0, GAIN, 1.0, 160),
+        (3333, "A", 0.0, 500),
+        (5000, "A", 2.0, 40),
+        (12001, "k", 1500.0, 160),
+        (15840, GAIN, 0.0, 160),
+    ]
     sets += [(12100, "k", 900.0, 2000), (9000, "level", 1.5, 1), (9000, "level", 0.5, 1)]
-    play(tmp_path / "a", squeeze(), Safety(full_scale=50.0, peak=40.0), x, sets=sets, lost=[(3000, 64)])
+    play(
+        tmp_path / "a",
+        squeeze(),
+        Safety(full_scale=50.0, peak=40.0),
+        x,
+        sets=sets,
+        lost=[(3000, 64)],
+    )
     report = verify_log(read_log(tmp_path / "a"), squeeze())
     assert report.passed, str(report)
     names = {c.name for c in report.checks}
-    assert {"log: delivered = replay", "log: replay = these samples made safe", "log: samples as reported"} <= names
+    assert {
+        "log: delivered = replay",
+        "log: replay = these samples made safe",
+        "log: samples as reported",
+    } <= names
     assert {"force1: mean part is k x", "force2: vibration law"} <= names
     skipped = "\n".join(report.evidence.skipped)
     assert "k was changed, so the force over position has no one slope" in skipped
-    assert "64 samples were lost, 1 times, first at 3000" in skipped and "law of the scene" not in skipped
+    assert (
+        "64 samples were lost, 1 times, first at 3000" in skipped
+        and "law of the scene" not in skipped
+    )
     report.to_html(tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()
     assert "passed" in page and "Keep the folder of the log, <code>a</code>, whole" in page
@@ -245,14 +362,30 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
 
 @pytest.mark.parametrize(("what", "says"), [("value", 1501.0), ("ramp", 161), ("at", 12002)])
 def test_verify_sees_a_session_that_was_played_otherwise(tmp_path, monkeypatch, what, says):
-    """The law follows the parameters of the log by itself: a processor that does something else is found."""
+    """The law follows the parameters of the log by itself: a processor that does
+    something else is found.
+    """
     x = np.stack([minimum_jerk(depth=0.01)(np.arange(16000) / FS)])
-    play(tmp_path / "a", squeeze(fingers=1), Safety(50.0), x, sets=[(0, GAIN, 1.0, 160), (12001, "k", 1500.0, 160)])
+    play(
+        tmp_path / "a",
+        squeeze(fingers=1),
+        Safety(50.0),
+        x,
+        sets=[(0, GAIN, 1.0, 160), (12001, "k", 1500.0, 160)],
+    )
     log = read_log(tmp_path / "a")
     honest = Asked.live
-    wrong = {"value": (12001, "k", 1501.0, 0.02), "ramp": (12001, "k", 1500.0, 0.020125), "at": (12002, "k", 1500.0, 0.02)}
+    wrong = {
+        "value": (12001, "k", 1501.0, 0.02),
+        "ramp": (12001, "k", 1500.0, 0.020125),
+        "at": (12002, "k", 1500.0, 0.02),
+    }
     changes = [Change(*wrong[what])]
-    monkeypatch.setattr(Asked, "live", lambda a, name: honest(dc.replace(a, e=dc.replace(a.e, changes=changes)), name))
+    monkeypatch.setattr(
+        Asked,
+        "live",
+        lambda a, name: honest(dc.replace(a, e=dc.replace(a.e, changes=changes)), name),
+    )
     failed = {c.name for c in verify_log(log).checks if not c.passed}
     assert failed == {"force1: mean part is k x", "force1: vibration law"}
 
@@ -261,8 +394,19 @@ def test_verify_sees_a_session_that_was_played_otherwise(tmp_path, monkeypatch, 
 @pytest.mark.parametrize("wrong", [None, "value", "at"])
 def test_other_laws_follow_changes_too(tmp_path, monkeypatch, law, wrong):
     scene = {"viscoelastic": viscoelastic, "bumps": bumps}[law]()
-    x = np.stack([0.05 * np.arange(8000) / FS if law == "bumps" else minimum_jerk(depth=0.01)(np.arange(8000) / FS)])
-    half = {"viscoelastic": [("firmness", 4567)], "bumps": [("A", 4567), ("duty", 5000), ("freq", 3001), ("A", 6500)]}[law]
+    x = np.stack(
+        [
+            (
+                0.05 * np.arange(8000) / FS
+                if law == "bumps"
+                else minimum_jerk(depth=0.01)(np.arange(8000) / FS)
+            )
+        ]
+    )
+    half = {
+        "viscoelastic": [("firmness", 4567)],
+        "bumps": [("A", 4567), ("duty", 5000), ("freq", 3001), ("A", 6500)],
+    }[law]
     sets = [(at, name, 0.5 * scene.params[name].value * (at != 6500), 300) for name, at in half]
     play(tmp_path / "a", scene, Safety(full_scale=1000.0), x, sets=[(0, GAIN, 1.0, 160), *sets])
     log = read_log(tmp_path / "a")
@@ -270,7 +414,10 @@ def test_other_laws_follow_changes_too(tmp_path, monkeypatch, law, wrong):
         honest = Asked.live
 
         def dishonest(a, name):
-            some = [Change(at + (wrong == "at"), n, v * (1 + 1e-3 * (wrong == "value")), r) for at, n, v, r in a.e.changes]
+            some = [
+                Change(at + (wrong == "at"), n, v * (1 + 1e-3 * (wrong == "value")), r)
+                for at, n, v, r in a.e.changes
+            ]
             return honest(dc.replace(a, e=dc.replace(a.e, changes=some)), name)
 
         monkeypatch.setattr(Asked, "live", dishonest)
@@ -323,7 +470,8 @@ def test_a_tampered_hash_is_found(session):
     assert [c.name for c in report.checks if not c.passed] == ["log: delivered = replay"]
 
 
-@pytest.mark.parametrize("at", [0, 1250, 1500, 4096, 7900])  # the second is in a stretch that was lost
+# the second is in a stretch that was lost
+@pytest.mark.parametrize("at", [0, 1250, 1500, 4096, 7900])
 def test_a_tampered_byte_of_motion_is_found(session, at):
     folder, _ = session
     path = folder / "motion.f64"
@@ -332,14 +480,23 @@ def test_a_tampered_byte_of_motion_is_found(session, at):
     path.write_bytes(data)
     found, start = replay(read_log(folder)), at // 2000 * 2000
     assert not found.matches and found.changed == [(start, start + 2000)]
-    assert bool(found.wrong) == (at not in (0, 1250))  # nobody feels it while the gain is 0, or what was lost
-    assert "log: motion as it was written" in [c.name for c in verify_log(read_log(folder)).checks if not c.passed]
+    # nobody feels it while the gain is 0, or what was lost
+    assert bool(found.wrong) == (at not in (0, 1250))
+    assert "log: motion as it was written" in [
+        c.name for c in verify_log(read_log(folder)).checks if not c.passed
+    ]
 
 
-@pytest.mark.parametrize(("size", "report", "says"), [
-    (3, True, "motion.f64 has 3 bytes more than the session wrote"), (24, True, "has 24 bytes more"), (0, True, None),
-    (3, False, "the last frame of motion is cut short"), (24, False, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("size", "report", "says"),
+    [
+        (3, True, "motion.f64 has 3 bytes more than the session wrote"),
+        (24, True, "has 24 bytes more"),
+        (0, True, None),
+        (3, False, "the last frame of motion is cut short"),
+        (24, False, None),
+    ],
+)
 def test_motion_that_was_appended_is_found_where_the_session_ended(tmp_path, size, report, says):
     play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1], report=report)
     with open(tmp_path / "a" / "motion.f64", "ab") as f:
@@ -353,7 +510,8 @@ def test_motion_that_was_appended_is_found_where_the_session_ended(tmp_path, siz
 
 def test_a_changed_number_or_ramp_is_found(tmp_path):
     folder = tmp_path / "a"
-    play(folder, spring(), Safety(full_scale=100.0), motion(8000) + 0.01, sets=SETS)  # no limit hides what was changed
+    # no limit hides what was changed
+    play(folder, spring(), Safety(full_scale=100.0), motion(8000) + 0.01, sets=SETS)
     clean = lines_of(folder)
     for i in [i for i, e in enumerate(clean) if e["kind"] == "set"]:
         for what, value in (
@@ -384,7 +542,9 @@ def test_other_changes_are_found(session):
     (folder / "session.json").write_text(json.dumps(head | {"seed": head["seed"] + 1}))
     assert not replay(read_log(folder)).matches
     for what, value in (("full_scale", 16.1), ("slew", 3999.0)):
-        (folder / "session.json").write_text(json.dumps(head | {"safety": head["safety"] | {what: value}}))
+        (folder / "session.json").write_text(
+            json.dumps(head | {"safety": head["safety"] | {what: value}})
+        )
         assert not replay(read_log(folder)).matches and not verify_log(read_log(folder)).passed
     block = next(b for b in head["scene"]["blocks"] if b["class"] == "Param")
     block["fields"]["value"] = 999.0
@@ -399,7 +559,9 @@ def test_an_edited_count_of_the_report_is_found(session, what, value):
     folder, _ = session
     said = json.loads((folder / "report.json").read_text())
     (folder / "report.json").write_text(json.dumps(said | {what: value}))
-    assert "log: samples as reported" in [c.name for c in verify_log(read_log(folder)).checks if not c.passed]
+    assert "log: samples as reported" in [
+        c.name for c in verify_log(read_log(folder)).checks if not c.passed
+    ]
 
 
 def test_motion_that_is_too_short_is_told(session):
@@ -407,7 +569,9 @@ def test_motion_that_is_too_short_is_told(session):
     os.truncate(folder / "motion.f64", 8 * 5000 + 3)
     log = read_log(folder)
     assert log.frames == 5000 and log.logged == 8000
-    assert any("cut short" in n for n in log.notes) and any("motion ends at sample 5000" in n for n in log.notes)
+    assert any("cut short" in n for n in log.notes) and any(
+        "motion ends at sample 5000" in n for n in log.notes
+    )
     found = replay(log)
     assert found.wrong == [] and found.missing == 3000 and not found.matches
     assert not verify_log(log).passed
@@ -556,7 +720,9 @@ def test_fuzzed_header(small, data):
         inner = [k for k, v in items if isinstance(v, dict | list) and v]
         if inner:
             where = where[data.draw(st.sampled_from(inner))]
-    key = data.draw(st.sampled_from(list(where) if isinstance(where, dict) else list(range(len(where)))))
+    key = data.draw(
+        st.sampled_from(list(where) if isinstance(where, dict) else list(range(len(where))))
+    )
     if data.draw(st.booleans()) and isinstance(where, dict):
         del where[key]
     else:
@@ -636,7 +802,17 @@ def test_absurd_places(small, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["9**9**9**9", "m**(9**9**9)", "((m**9)**9)**9", "m**1e400", "m**400", "((((m", "m" * 200, "m\n("]
+    "text",
+    [
+        "9**9**9**9",
+        "m**(9**9**9)",
+        "((m**9)**9)**9",
+        "m**1e400",
+        "m**400",
+        "((((m",
+        "m" * 200,
+        "m\n(",
+    ],
 )
 def test_a_unit_that_would_be_computed_for_hours(small, text):
     from stimlib.core.units import unit
@@ -656,8 +832,12 @@ def test_a_unit_that_would_be_computed_for_hours(small, text):
 
 def test_import_is_light():
     code = "import stimlib.files.log, stimlib.files.session, sys; print(sorted(sys.modules))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert not any(f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib"))
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert not any(
+        f"'{name}'" in out for name in ("soundfile", "rich", "scipy", "numba", "matplotlib")
+    )
 
 
 @pytest.mark.parametrize("report", [{}, {"produced": 7}, {"produced": "many"}])
@@ -670,7 +850,9 @@ def test_a_log_that_lost_its_end_is_no_clean_end(session, tmp_path, report):
     (tmp_path / "a" / "events.jsonl").write_text("".join(kept))
     (tmp_path / "a" / "report.json").write_text(json.dumps(report))
     log = read_log(tmp_path / "a")
-    assert ("the report has no number of samples produced" in log.notes) == (report.get("produced") != 7)
+    assert ("the report has no number of samples produced" in log.notes) == (
+        report.get("produced") != 7
+    )
     assert log.logged == 8000 > log.frames
     assert not replay(log).matches and not verify_log(log).passed
 
@@ -679,15 +861,26 @@ def test_a_log_that_lost_its_end_is_no_clean_end(session, tmp_path, report):
 
 
 def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
-    """Everything that may happen to a session: its log replays, and its scene is verified on the motion as it was."""
+    """Everything that may happen to a session: its log replays, and its scene is
+    verified on the motion as it was.
+    """
     x = np.repeat(minimum_jerk(depth=0.01)(np.arange(16000) / FS)[None], 2, axis=0)
-    sink = NullSink(squeeze(), 50.0, realtime=False, motion=Live(), log=tmp_path / "a.stimlog", params={"k": 1500.0}, seed=9)
+    sink = NullSink(
+        squeeze(),
+        50.0,
+        realtime=False,
+        motion=Live(),
+        log=tmp_path / "a.stimlog",
+        params={"k": 1500.0},
+        seed=9,
+    )
     with sink:
         sink.open(FS, channels=["force2", None, "force1"], block=64)
         sink.start()
         at, began, stalled, changed = 0, time.monotonic(), False, False
         while (now := time.monotonic() - began) < 1.6:
-            if not 0.9 < now < 1.1 and at < (to := min(16000, int(FS * now))):  # else the last position is held, and fades
+            # else the last position is held, and fades
+            if not 0.9 < now < 1.1 and at < (to := min(16000, int(FS * now))):
                 at += sink.push(x[:, at:to])
             if now > 0.3 and not stalled:
                 sink.pump.write("STALL", 100_000)
@@ -712,8 +905,17 @@ def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
 
 
 def test_a_stimulus_with_ramps_of_its_own_is_not_faded_again(tmp_path):
-    """At 5 ms a burst that rises within 10 ms is at half, whatever the sink does before it."""
-    burst = Scene({"y": timeline([(0.0, 0.0), (0.01, 1.0), (0.04, 1.0), (0.05, 0.0)]) * (0.5 + white_noise(seed=1))})
+    """At 5 ms a burst that rises within 10 ms is at half, whatever the sink does before
+    it.
+    """
+    burst = Scene(
+        {
+            "y": (
+                timeline([(0.0, 0.0), (0.01, 1.0), (0.04, 1.0), (0.05, 0.0)])
+                * (0.5 + white_noise(seed=1))
+            )
+        }
+    )
     with NullSink(burst, 8.0, clocked=False, log=tmp_path / "a.stimlog") as sink:
         sink.open(FS)
         sink.start(seconds=0.05)
@@ -726,7 +928,9 @@ def test_a_stimulus_with_ramps_of_its_own_is_not_faded_again(tmp_path):
         (0, "rise", 160),
         (400, "fall", 160),
     ]
-    assert "faded in over 160 frames before sample 0; faded out over 160 frames after" in str(sink.report())
+    assert "faded in over 160 frames before sample 0; faded out over 160 frames after" in str(
+        sink.report()
+    )
     report = verify_log(log)
     assert report.passed and not report.evidence.numbers
     told = [text for text in report.evidence.skipped if "fade" in text]
@@ -742,19 +946,28 @@ def test_a_fade_along_the_samples_is_told(tmp_path):
             time.sleep(0.001)
         sink.stop()
     log = read_log(tmp_path / "a.stimlog")
-    assert "faded in over the first samples" in str(sink.report()) and "faded out" not in str(sink.report())
+    assert "faded in over the first samples" in str(sink.report()) and "faded out" not in str(
+        sink.report()
+    )
     assert not {"rise", "fall"} & {e.kind for e in log.events}
     (told,) = verify_log(log).evidence.numbers
-    assert told == f"{len([c for c in log.changes if c.name == GAIN])} fades on the stimulus, the first along samples 0 to 160"
+    assert (
+        told
+        == f"{len([c for c in log.changes if c.name == GAIN])} fades on the stimulus, the first"
+        " along samples 0 to 160"
+    )
 
 
 @pytest.mark.parametrize("clocked, before", [(True, 0.0), (False, 0.0), (False, 1.0)])
 def test_a_sink_whose_motion_is_not_finite(tmp_path, clocked, before):
     x = motion(16000)
-    x[0, 4999] += before  # m: far beyond full scale, so that the guard's fade is that of what was clipped
+    # m: far beyond full scale, so that the guard's fade is that of what was clipped
+    x[0, 4999] += before
     x[0, 5000] = np.nan
     scene = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m")})
-    sink = NullSink(scene, 50.0, clocked=clocked, realtime=False, motion={"x": x[0]}, log=tmp_path / "a.stimlog")
+    sink = NullSink(
+        scene, 50.0, clocked=clocked, realtime=False, motion={"x": x[0]}, log=tmp_path / "a.stimlog"
+    )
     with pytest.raises(FaultError), sink:
         sink.open(FS, block=64)
         sink.start(seconds=1.0)
@@ -773,14 +986,22 @@ def test_a_sink_whose_disk_is_full_fades_out(tmp_path):
         pytest.skip("a small file system cannot be mounted here")
     try:
         hand = minimum_jerk(depth=0.01)
-        sink = NullSink(squeeze(), 50.0, realtime=False, motion={"x1": hand, "x2": hand}, log=small / "a.stimlog")
+        sink = NullSink(
+            squeeze(),
+            50.0,
+            realtime=False,
+            motion={"x1": hand, "x2": hand},
+            log=small / "a.stimlog",
+        )
         with pytest.raises(SinkError, match="No space left on device"), sink:
             sink.open(FS, block=64)
             sink.start(seconds=20.0)
             sink.wait(20)
         log = read_log(small / "a.stimlog")
         found = replay(log)
-        assert found.matches and found.frames > 8000 and log.report is None and verify_log(log).passed
+        assert (
+            found.matches and found.frames > 8000 and log.report is None and verify_log(log).passed
+        )
         del log  # it maps the motion
     finally:
         subprocess.run(["umount", str(small)], check=True)
@@ -793,7 +1014,14 @@ def test_a_session_on_a_jack_server_with_changes_and_losses(tmp_path):
     hand = minimum_jerk(depth=0.01)
     with Jackd(8000, 64) as server:
         motions = {"x1": hand, "x2": hand}
-        sink = JackSink(squeeze(), 50.0, realtime=False, motion=motions, log=tmp_path / "a.stimlog", server=server.name)
+        sink = JackSink(
+            squeeze(),
+            50.0,
+            realtime=False,
+            motion=motions,
+            log=tmp_path / "a.stimlog",
+            server=server.name,
+        )
         with sink:
             sink.open(FS)
             sink.start(2.0)
@@ -805,6 +1033,10 @@ def test_a_session_on_a_jack_server_with_changes_and_losses(tmp_path):
             sink.wait(10)
     log = read_log(tmp_path / "a.stimlog")
     found, report = replay(log), sink.report()
-    assert found.matches and (found.frames, found.lost) == (report.produced, report.lost) and report.lost > 0, str(found)
+    assert (
+        found.matches
+        and (found.frames, found.lost) == (report.produced, report.lost)
+        and report.lost > 0
+    ), str(found)
     assert sum(c.name == "k" for c in log.changes) == 8
     assert verify_log(log, squeeze()).passed

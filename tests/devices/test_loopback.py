@@ -17,7 +17,9 @@ def cable(seed=1, slow=False):
     rng = np.random.default_rng(seed)
     played = rng.normal(size=(4000, 2)).astype(np.float32)
     if slow:  # as forces are: a delay wrong by some samples explains nearly as much
-        played = np.stack([np.sin(np.pi * np.arange(4000) / 4000), np.sin(np.pi * np.arange(4000) / 2000)]).T.astype(np.float32)
+        played = np.stack(
+            [np.sin(np.pi * np.arange(4000) / 4000), np.sin(np.pi * np.arange(4000) / 2000)]
+        ).T.astype(np.float32)
     heard = np.zeros((6000, 2), np.float32)
     heard[1137 : 1137 + 4000] = -0.25 * played
     return played, heard, np.arange(-200, 5800), np.ones(4000, bool)
@@ -30,12 +32,16 @@ def test_delay_and_gain_of_a_cable():
     assert gain == pytest.approx(-0.25, rel=1e-6) and residual < 1e-6
     heard += 0.025 * np.random.default_rng(2).normal(size=heard.shape).astype(np.float32)
     lag, gain, residual, _ = through(heard, index, played, given, 1800)
-    assert lag == 937 and residual == pytest.approx(np.sqrt(1.45 * 0.01), rel=0.1), "noise of a tenth, also where nothing played"
+    assert lag == 937 and residual == pytest.approx(np.sqrt(1.45 * 0.01), rel=0.1), (
+        "noise of a tenth, also where nothing played"
+    )
 
 
 @pytest.mark.parametrize("slow", [False, True])
 def test_frames_that_either_side_lost_say_nothing_of_the_cable(slow):
-    """What a device gives for frames that the sink lost is anything; what the recording client missed is not there."""
+    """What a device gives for frames that the sink lost is anything; what the recording
+    client missed is not there.
+    """
     played, heard, index, given = cable(slow=slow)
     given[1000:1128] = False
     heard[1137 + 1000 : 1137 + 1128] = 0.7
@@ -56,7 +62,17 @@ def test_a_cable_that_is_not_there():
 
 
 def test_the_verdict():
-    told = dict(produced=10, delivered=10, lost=0, compared=10, wrong=None, cable=False, latency=0.0, gain=1.0, residual=0.0)
+    told = dict(
+        produced=10,
+        delivered=10,
+        lost=0,
+        compared=10,
+        wrong=None,
+        cable=False,
+        latency=0.0,
+        gain=1.0,
+        residual=0.0,
+    )
     assert Loopback(**told, tolerance=0.05).passed
     for more, text in (
         ({"wrong": 7}, "sample 7 differs"),
@@ -72,7 +88,11 @@ def test_loopback_on_a_server(tmp_path):
     with Jackd(8000, 64) as server:
         told = dict(motion=HAND, server=server.name, realtime=False)
         result = loopback(squeeze(), 50.0, 8000, 1.0, log=tmp_path / "a.stimlog", **told)
-        assert result.passed and result.wrong is None and result.produced == 8000 == result.delivered + result.lost, result
+        assert (
+            result.passed
+            and result.wrong is None
+            and result.produced == 8000 == result.delivered + result.lost
+        ), result
         assert 0 < result.compared <= result.delivered and result.latency > 0
         assert read_log(tmp_path / "a.stimlog").frames == 8000
         ports = ["stimlib:force1", "stimlib:force2"]

@@ -1,4 +1,6 @@
-"""Motion generators: the same bits at every cut, the right physics, and specs that read back."""
+"""Motion generators: the same bits at every cut, the right physics, and specs that read
+back.
+"""
 
 import dataclasses
 import time
@@ -65,7 +67,10 @@ def test_repr_reads_back(motion):
 
 def test_fields_become_plain_numbers():
     motion = m.minimum_jerk(depth=np.float32(0.5), rise=np.int64(2), repeats=np.int32(3))
-    assert repr(motion) == ("minimum_jerk(depth=0.5, start=0.0, rise=2.0, hold=0.2, fall=0.3, rest=0.4, repeats=3)")
+    assert (
+        repr(motion)
+        == "minimum_jerk(depth=0.5, start=0.0, rise=2.0, hold=0.2, fall=0.3, rest=0.4, repeats=3)"
+    )
     assert type(motion.rise) is float and type(motion.repeats) is int
     with pytest.raises(dataclasses.FrozenInstanceError):
         motion.depth = 1.0
@@ -73,13 +78,17 @@ def test_fields_become_plain_numbers():
 
 def test_minimum_jerk_boundaries_and_speed():
     x = m.minimum_jerk(depth=0.02, start=0.001, rise=0.3, hold=0.2, fall=0.3, rest=0.4)
-    assert x([-1.0, 0.0, 0.3, 0.5, 0.8, 1.1]).tolist() == pytest.approx([0.001, 0.001, 0.021, 0.021, 0.001, 0.001])
+    assert x([-1.0, 0.0, 0.3, 0.5, 0.8, 1.1]).tolist() == pytest.approx(
+        [0.001, 0.001, 0.021, 0.021, 0.001, 0.001]
+    )
     t = np.arange(0, 0.3, 1e-5)
     v = np.gradient(x(t), t)
-    assert v.max() == pytest.approx(1.875 * 0.02 / 0.3, rel=1e-4)  # peak speed of a minimum-jerk movement
+    # peak speed of a minimum-jerk movement
+    assert v.max() == pytest.approx(1.875 * 0.02 / 0.3, rel=1e-4)
     assert (v[2:-2] >= 0).all() and abs(v[1]) < 1e-5
     inside = np.linspace(0.51, 0.79, 99)
-    np.testing.assert_allclose(x(inside), x(0.8 - inside), rtol=0, atol=1e-16)  # the fall mirrors the rise
+    # the fall mirrors the rise
+    np.testing.assert_allclose(x(inside), x(0.8 - inside), rtol=0, atol=1e-16)
     np.testing.assert_allclose(x(t + 1.2 * 1000), x(t), rtol=0, atol=1e-13)
 
 
@@ -97,7 +106,9 @@ def test_sinusoid_is_right_to_the_last_bits_after_hours():
     assert np.array_equal(x([0.0, 0.25, 0.5, 0.75, 1e6 + 0.25]), [0.0, 1.0, 0.0, -1.0, 1.0])
     shifted = m.sinusoid(1.0, 3.0, mean=2.0, phase=0.7)
     np.testing.assert_allclose(shifted(t), 2 + np.sin(2 * np.pi * 3 * t + 0.7), rtol=0, atol=3e-9)
-    np.testing.assert_allclose(shifted(t[:997]), 2 + np.sin(2 * np.pi * 3 * t[:997] + 0.7), rtol=0, atol=3e-14)
+    np.testing.assert_allclose(
+        shifted(t[:997]), 2 + np.sin(2 * np.pi * 3 * t[:997] + 0.7), rtol=0, atol=3e-14
+    )
 
 
 def test_ramp_and_triangle_have_their_speed():
@@ -151,7 +162,9 @@ def test_jitter_before_time_zero_and_amplitude():
     x = m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, seed=1, amplitude_codes=3)
     values = x(np.arange(-500, 500) / 100)
     assert np.unique(values).tolist() == [0.0, 3e-3]
-    assert (m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, amplitude_codes=0)(np.arange(99.0)) == 0).all()
+    assert (
+        m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, amplitude_codes=0)(np.arange(99.0)) == 0
+    ).all()
 
 
 def test_splitmix64_known_answer():
@@ -168,7 +181,10 @@ def test_any_function_can_be_quantised():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: m.minimum_jerk(depth=float("nan")), "minimum_jerk: depth must be a finite number, got nan"),
+        (
+            lambda: m.minimum_jerk(depth=float("nan")),
+            "minimum_jerk: depth must be a finite number, got nan",
+        ),
         (lambda: m.minimum_jerk(rise=0), "rise must be a finite number above 0"),
         (lambda: m.minimum_jerk(hold=-1), "hold must be a finite number, 0 or above"),
         (lambda: m.minimum_jerk(repeats=0), "repeats must be a whole number"),
@@ -180,10 +196,19 @@ def test_any_function_can_be_quantised():
         (lambda: m.sinusoid(0.01, 0.0), "freq must be a finite number above 0"),
         (lambda: m.sinusoid(float("inf"), 1.0), "amplitude must be a finite number"),
         (lambda: m.ramp_and_hold(0.01, 1.0, hold=1.0), "give both hold and fall"),
-        (lambda: m.ramp_and_hold(0.01, 1.0, start_time=-1.0), "start_time must be a finite number, 0 or above"),
-        (lambda: m.ramp_and_hold(0.01, 1.0, hold=1.0, fall=0.0), "fall must be a finite number above 0"),
+        (
+            lambda: m.ramp_and_hold(0.01, 1.0, start_time=-1.0),
+            "start_time must be a finite number, 0 or above",
+        ),
+        (
+            lambda: m.ramp_and_hold(0.01, 1.0, hold=1.0, fall=0.0),
+            "fall must be a finite number above 0",
+        ),
         (lambda: m.constant_speed(-0.1, 0.05), "speed must be a finite number above 0"),
-        (lambda: m.constant_speed(0.1, 0.05, back_and_forth=1), "back_and_forth must be True or False"),
+        (
+            lambda: m.constant_speed(0.1, 0.05, back_and_forth=1),
+            "back_and_forth must be True or False",
+        ),
         (lambda: m.staircase_hold(0.01, -1, 1.0), "n_steps must be a whole number"),
         (lambda: m.quantised(0.01, 1e-6), "motion must be a motion"),
         (lambda: m.quantised(m.minimum_jerk(), 0.0), "resolution must be a finite number above 0"),
@@ -205,9 +230,15 @@ def test_bad_values_are_named(make, says):
         ("sinusoid(0.01, 1)", m.sinusoid(0.01, 1.0)),
         ("sinusoid(-0.01, +1, phase=-1e-3)", m.sinusoid(-0.01, 1.0, phase=-1e-3)),
         ("minimum_jerk(repeats=None)", m.minimum_jerk()),
-        ("constant_speed(0.1, 0.05, back_and_forth=False)", m.constant_speed(0.1, 0.05, back_and_forth=False)),
+        (
+            "constant_speed(0.1, 0.05, back_and_forth=False)",
+            m.constant_speed(0.1, 0.05, back_and_forth=False),
+        ),
         ("quantised(minimum_jerk(), 1e-6)", m.quantised(m.minimum_jerk(), 1e-6)),
-        ("quantised(motion=sinusoid(1, 2), resolution=1e-6)", m.quantised(m.sinusoid(1.0, 2.0), 1e-6)),
+        (
+            "quantised(motion=sinusoid(1, 2), resolution=1e-6)",
+            m.quantised(m.sinusoid(1.0, 2.0), 1e-6),
+        ),
     ],
 )
 def test_parse(text, motion):
@@ -217,17 +248,42 @@ def test_parse(text, motion):
 @pytest.mark.parametrize(
     "text",
     [
-        "", "   ", "minimum_jerk", "0.01", "None", "minimum_jerk(", "minimum_jerk() minimum_jerk()", "nosuch()",
-        "__import__('os').system('true')", "minimum_jerk(depth=__import__('os'))", "minimum_jerk(depth=1+1)",
-        "minimum_jerk(depth='0.01')", "minimum_jerk(depth=0.01j)", "minimum_jerk(depth=-True)", "Motion()",
-        "m.minimum_jerk()", "(lambda: 1)()", "[minimum_jerk()]", "minimum_jerk(*[1])", "minimum_jerk(**{'a': 1})",
+        "",
+        "   ",
+        "minimum_jerk",
+        "0.01",
+        "None",
+        "minimum_jerk(",
+        "minimum_jerk() minimum_jerk()",
+        "nosuch()",
+        "__import__('os').system('true')",
+        "minimum_jerk(depth=__import__('os'))",
+        "minimum_jerk(depth=1+1)",
+        "minimum_jerk(depth='0.01')",
+        "minimum_jerk(depth=0.01j)",
+        "minimum_jerk(depth=-True)",
+        "Motion()",
+        "m.minimum_jerk()",
+        "(lambda: 1)()",
+        "[minimum_jerk()]",
+        "minimum_jerk(*[1])",
+        "minimum_jerk(**{'a': 1})",
         "sinusoid(1, **1 + 1)",
-        "minimum_jerk(x := 1)", "sinusoid.__init__(1)", "parse_motion('minimum_jerk()')", "sinusoid(nan, 1)",
-        "minimum_jerk()\nsinusoid(1, 1)", "a = minimum_jerk()", "\0", "-" * 9000 + "1", "(" * 5000, "9" * 9000,
-        "quantised(" * 900 + "minimum_jerk()" + ", 1)" * 900, "x" * 100_000,
+        "minimum_jerk(x := 1)",
+        "sinusoid.__init__(1)",
+        "parse_motion('minimum_jerk()')",
+        "sinusoid(nan, 1)",
+        "minimum_jerk()\nsinusoid(1, 1)",
+        "a = minimum_jerk()",
+        "\0",
+        "-" * 9000 + "1",
+        "(" * 5000,
+        "9" * 9000,
+        "quantised(" * 900 + "minimum_jerk()" + ", 1)" * 900,
+        "x" * 100_000,
     ],
     ids=lambda x: repr(x)[:30],
-)  # fmt: skip
+)
 def test_parse_refuses_and_lists_the_generators(text):
     before = time.perf_counter()
     with pytest.raises(BadValue) as info:
@@ -240,7 +296,10 @@ def test_parse_refuses_and_lists_the_generators(text):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("sinusoid(1)", "sinusoid(amplitude, freq, mean=0.0, phase=0.0): missing a required argument: 'freq'"),
+        (
+            "sinusoid(1)",
+            "sinusoid(amplitude, freq, mean=0.0, phase=0.0): missing a required argument: 'freq'",
+        ),
         ("sinusoid(1, 2, frequency=3)", "unexpected keyword argument 'frequency'"),
         ("minimum_jerk(rise=-1)", "minimum_jerk: rise must be a finite number above 0, got -1"),
         ("minimum_jerk(depth=1e999)", "minimum_jerk: depth must be a finite number, got inf"),
@@ -264,7 +323,16 @@ def test_parse_wants_text():
 NUMBER = st.floats(-1, 1)
 POSITIVE = st.floats(1e-3, 10)
 LEAVES = st.one_of(
-    st.builds(m.minimum_jerk, NUMBER, NUMBER, POSITIVE, POSITIVE, POSITIVE, POSITIVE, st.none() | st.integers(1, 9)),
+    st.builds(
+        m.minimum_jerk,
+        NUMBER,
+        NUMBER,
+        POSITIVE,
+        POSITIVE,
+        POSITIVE,
+        POSITIVE,
+        st.none() | st.integers(1, 9),
+    ),
     st.builds(m.sinusoid, NUMBER, POSITIVE, NUMBER, NUMBER),
     st.builds(m.ramp_and_hold, NUMBER, POSITIVE, POSITIVE),
     st.builds(m.constant_speed, POSITIVE, POSITIVE, NUMBER, st.booleans()),

@@ -1,4 +1,6 @@
-"""The protocol, on the sink without a device: life, errors, changes, reports, and every way out."""
+"""The protocol, on the sink without a device: life, errors, changes, reports, and every
+way out.
+"""
 
 import json
 import os
@@ -49,7 +51,9 @@ def test_the_log_tells_when_the_device_was_open(caplog):
     assert caplog.messages == [f"null: opened {scene}", f"null: closed {scene}, {sink.report()}"]
 
 
-@pytest.mark.parametrize("motion", [lambda t: 0.5 - t, 0.5 - np.arange(800) / FS], ids=["function", "recorded"])
+@pytest.mark.parametrize(
+    "motion", [lambda t: 0.5 - t, 0.5 - np.arange(800) / FS], ids=["function", "recorded"]
+)
 def test_the_rise_before_sample_0_leads_to_it(motion):
     scene = Scene({"y": Param("level", 1.0) * Input("x") + 0.01 * stimlib.blocks.white_noise(1)})
     with fast(scene, 10.0, motion={"x": motion}, params={"level": 3.0}, seed=5) as sink:
@@ -103,7 +107,9 @@ def test_a_session_with_changes_and_parameters():
     assert produced == FS and sink.report().delivered + sink.report().lost == produced
     change = next((at, e) for at, kind, e in log.events if kind == "set" and e["name"] == "k")
     assert (change[0] + 160) % 64 == 0 and change[1] == {"name": "k", "value": 800.0, "ramp": 800}
-    whole = replayed(squeeze(), Safety(50.0), np.concatenate(log.x, axis=1), FS, log.events, params={"k": 1500.0})
+    whole = replayed(
+        squeeze(), Safety(50.0), np.concatenate(log.x, axis=1), FS, log.events, params={"k": 1500.0}
+    )
     assert np.array_equal(np.concatenate(log.frames), whole[kept(log.events, produced)])
     assert log.end == sink.report().to_dict() | {"latency": log.end["latency"]}
 
@@ -119,7 +125,11 @@ def test_a_stall_is_told_and_accounted():
     r = sink.report()
     assert r.delivered + r.lost == r.produced == 1.5 * FS
     lost = [(at, e["frames"]) for at, kind, e in log.events if kind == "lost"]
-    assert max(n for _, n in lost) > 0.25 * FS and sum(n for _, n in lost) == r.lost and len(lost) == r.underruns
+    assert (
+        max(n for _, n in lost) > 0.25 * FS
+        and sum(n for _, n in lost) == r.lost
+        and len(lost) == r.underruns
+    )
     assert sum(map(len, log.frames)) == r.delivered
     whole = replayed(squeeze(), Safety(50.0), np.concatenate(log.x, axis=1), FS, log.events)
     assert np.array_equal(np.concatenate(log.frames), whole[kept(log.events, 12000)])
@@ -141,7 +151,7 @@ def test_the_hand_may_be_pushed():
             other.push(np.zeros((0, 1)))
 
 
-# Protocol ------------------------------------------------------------------------------------------------------------
+# Protocol -----------------------------------------------------------------------------
 def test_life_in_the_wrong_order():
     sink = fast(steady())
     with pytest.raises(SinkError, match="open the sink first"):
@@ -225,7 +235,10 @@ def test_no_stop_after_a_fault_begins_before_the_guard_has_faded():
         sink.open(FS)
         sink.start()
         stop, asked = sink.pump.stop, []
-        sink.pump.stop = lambda reason, earliest=0: (asked.append((reason, earliest)), stop(reason, earliest))
+        sink.pump.stop = lambda reason, earliest=0: (
+            asked.append((reason, earliest)),
+            stop(reason, earliest),
+        )
         sink._fail(FaultError("y failed"), 800)
         sink._fail(OSError("the disk is full"))
         sink.stop()
@@ -245,7 +258,9 @@ def test_an_output_that_fails_ends_the_session_with_its_name():
     assert sink.report().faults == {"bad": 4000}
     y = np.concatenate(log.frames)
     assert largest_step(y, log.events) < 0.01 and not y[-1].any(), "the good output is faded too"
-    assert sink._earliest == 4000 + FS // 50 + 1, "the session fades when the output has: two fades at once are steeper"
+    assert sink._earliest == 4000 + FS // 50 + 1, (
+        "the session fades when the output has: two fades at once are steeper"
+    )
     assert len(y) < 2 * FS
     assert (4000, "fault", {"output": "bad"}) in log.events and log.end["faults"] == {"bad": 4000}
 
@@ -256,8 +271,12 @@ def test_what_was_limited_is_counted():
         sink.open(FS)
         sink.start(seconds=0.5)
         sink.wait()
-    assert sink.report().clips == {"clip": {"y": 4000}} and "4000 samples limited (clip)" in str(sink.report())
-    assert [e for _, kind, e in log.events if kind == "clip"][-1] == {"counts": {"clip": {"y": 4000}}}
+    assert sink.report().clips == {"clip": {"y": 4000}} and "4000 samples limited (clip)" in str(
+        sink.report()
+    )
+    assert [e for _, kind, e in log.events if kind == "clip"][-1] == {
+        "counts": {"clip": {"y": 4000}}
+    }
 
 
 def test_a_log_that_fails_ends_the_session():
@@ -317,7 +336,7 @@ def test_a_log_that_fails_does_not_cut_the_fade_short():
     assert sink.finished
 
 
-# Ways out ------------------------------------------------------------------------------------------------------------
+# Ways out -----------------------------------------------------------------------------
 @pytest.mark.parametrize("way", ["stop", "close", "leave", "exception", "keyboard", "end"])
 def test_every_way_out_fades(way):
     log = Seen()
@@ -376,7 +395,10 @@ print("playing", flush=True)
 def test_signals_and_the_end_of_the_program_fade(tmp_path, more, what, code):
     path = tmp_path / "frames.npz"
     child = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(CHILD) + more, path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", textwrap.dedent(CHILD) + more, path],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     try:
         assert child.stdout.readline() == "playing\n", child.stderr.read()
@@ -395,14 +417,23 @@ def test_signals_and_the_end_of_the_program_fade(tmp_path, more, what, code):
 
 @pytest.mark.parametrize("what", [signal.SIGINT, signal.SIGTERM])
 def test_an_impatient_signal_does_not_cut_the_fade_or_the_log(tmp_path, what):
-    """Ctrl-C again and again: the fade is half a second here, the device takes another half to close."""
+    """Ctrl-C again and again: the fade is half a second here, the device takes another
+    half to close.
+    """
     slow = """
 sink._close_now, sink._close = sink._close, lambda: (time.sleep(0.5), sink._close_now())
 with sink: sink.wait(20)"""
     path, text = tmp_path / "frames.npz", CHILD
-    text = text.replace("1.0)}), 1.0,", "1.0)}), Safety(1.0, fade=0.5),").replace("time.sleep(0.2)", "time.sleep(0.8)")
+    text = text.replace("1.0)}), 1.0,", "1.0)}), Safety(1.0, fade=0.5),").replace(
+        "time.sleep(0.2)", "time.sleep(0.8)"
+    )
     text = "from stimlib.run.safety import Safety\n" + text + slow
-    child = subprocess.Popen([sys.executable, "-c", text, path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    child = subprocess.Popen(
+        [sys.executable, "-c", text, path],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     try:
         assert child.stdout.readline() == "playing\n", child.stderr.read()
         for _ in range(4):
@@ -411,7 +442,9 @@ with sink: sink.wait(20)"""
         child.communicate(timeout=30)
     finally:
         child.kill()
-    late = -what  # on a busy machine the last one may come when the session is over, and all is given back
+    # on a busy machine the last one may come when the session is over, and all is given
+    # back
+    late = -what
     assert child.returncode in (late, 143 if what == signal.SIGTERM else -2)
     with np.load(path) as saved:
         y, events = saved["frames"], json.loads(str(saved["events"]))
@@ -437,7 +470,10 @@ def test_sinks_share_the_process():
     """The first to close leaves signals and memory as the second needs them."""
     import gc
 
-    with NullSink(steady(), 1.0, realtime=True) as first, NullSink(steady(), 1.0, realtime=True) as second:
+    with (
+        NullSink(steady(), 1.0, realtime=True) as first,
+        NullSink(steady(), 1.0, realtime=True) as second,
+    ):
         for sink in (first, second):
             sink.open(FS)
             with warnings.catch_warnings():
@@ -451,7 +487,8 @@ def test_sinks_share_the_process():
 
 
 def test_sigterm_is_given_back():
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # where another test's last sink has ended in another thread it was kept
+    # where another test's last sink has ended in another thread it was kept
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with clocked(steady()) as sink:
         sink.open(FS)
         sink.start()
@@ -570,7 +607,9 @@ def test_blocks_that_are_longer_than_a_stop_may_take_are_refused():
         sink.open(FS, block=2000)
         sink.start()
         sink.wait(0.6)
-    assert sink.pump.read("FADING") == 1 and sink.pump.index == sink.pump.read("END"), "it has faded out"
+    assert sink.pump.read("FADING") == 1 and sink.pump.index == sink.pump.read("END"), (
+        "it has faded out"
+    )
     with fast(steady()) as sink:  # no clock, no time
         sink.open(FS, block=8000)
 
@@ -593,7 +632,7 @@ def test_an_open_sink_is_kept_though_nobody_holds_it():
     seen().close()
 
 
-# Real time -----------------------------------------------------------------------------------------------------------
+# Real time ----------------------------------------------------------------------------
 def test_real_time_set_up_warns_at_most_once_and_is_undone():
     import gc
 

@@ -1,6 +1,7 @@
 """The PortAudio sink on real back ends: a JACK server, and ALSA's file without a clock.
 
-PortAudio takes the JACK server of the moment in which sounddevice is first imported, so each session is a process of its own.
+PortAudio takes the JACK server of the moment in which sounddevice is first imported, so
+each session is a process of its own.
 """
 
 import builtins
@@ -50,12 +51,15 @@ def needs_portaudio():
         missing = None
     except (ImportError, OSError) as e:
         missing = str(e)
-    return pytest.mark.skipif(missing is not None, reason=f"needs PortAudio: {missing} (tests/devices/install.sh)")
+    return pytest.mark.skipif(
+        missing is not None, reason=f"needs PortAudio: {missing} (tests/devices/install.sh)"
+    )
 
 
 pytestmark = needs_portaudio()
 
-# Plays what stdin says, one JSON object; prints a line when the device is open, waits for one, and prints what it has seen.
+# Plays what stdin says, one JSON object; prints a line when the device is open, waits
+# for one, and prints what it has seen.
 PLAYER = """
 import json, sys
 from devices.servers import Seen, textured
@@ -105,9 +109,21 @@ class Player:
         env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])} | environment
         self.child = subprocess.Popen(
             [sys.executable, "-c", textwrap.dedent(code)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env,
-        )  # fmt: skip
-        told = dict(fs=fs, channels=channels, block=block, seconds=seconds, outputs=outputs, wait=wait, options=options)
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=env,
+        )
+        told = dict(
+            fs=fs,
+            channels=channels,
+            block=block,
+            seconds=seconds,
+            outputs=outputs,
+            wait=wait,
+            options=options,
+        )
         self.say(json.dumps(told | {"steady": steady, "stall": stall, "hold": hold}))
 
     def say(self, line):
@@ -135,7 +151,9 @@ class Player:
 
 
 def is_exact(frames, events, fs, channels, outputs, seconds, may_lose=False):
-    """Captured frames are the offline render, from their first sound on; False where a server that may lose frames did."""
+    """Captured frames are the offline render, from their first sound on; False where a
+    server that may lose frames did.
+    """
     n, scene = round(seconds * fs), textured(outputs)
     hand = {name: HAND[name] for name in scene.inputs}
     places = list(range(outputs)) + [-1] * (channels - outputs)
@@ -146,20 +164,27 @@ def is_exact(frames, events, fs, channels, outputs, seconds, may_lose=False):
     assert np.array_equal(got, expected)
     head = Safety(50.0).samples(fs)
     plain = (stimlib.render(scene, hand, fs, seconds, seed=7).y / 50.0).astype(np.float32).T
-    assert np.array_equal(got[head:-head, :outputs], plain[head:-head]), "float32(render / full scale) between the fades"
+    assert np.array_equal(got[head:-head, :outputs], plain[head:-head]), (
+        "float32(render / full scale) between the fades"
+    )
     assert np.abs(plain).max() > 0.3
     return True
 
 
-# ALSA ----------------------------------------------------------------------------------------------------------------
+# ALSA ---------------------------------------------------------------------------------
 def alsa(folder):
-    """Environment in which ALSA has a device "stimfile" that writes what it gets into a file."""
+    """Environment in which ALSA has a device "stimfile" that writes what it gets into a
+    file.
+    """
     config = folder / "asound.conf"
     config.write_text(
         f'pcm.stimfile {{ type file file "{folder / "out.raw"}" format "raw" slave.pcm "null" '
         'hint { show on description "stimfile" } }\n'
     )
-    return {"ALSA_CONFIG_PATH": f"/usr/share/alsa/alsa.conf:{config}", "JACK_DEFAULT_SERVER": "stimlib_none"}
+    return {
+        "ALSA_CONFIG_PATH": f"/usr/share/alsa/alsa.conf:{config}",
+        "JACK_DEFAULT_SERVER": "stimlib_none",
+    }
 
 
 def to_a_file(folder, fs, channels, block, seconds=2.0, **options):
@@ -172,7 +197,11 @@ def to_a_file(folder, fs, channels, block, seconds=2.0, **options):
         player.say("go")
         player.until("playing")
         report, events, error = player.end()
-    assert error is None and (report["produced"], report["delivered"], report["lost"]) == (seconds * fs, seconds * fs, 0)
+    assert error is None and (report["produced"], report["delivered"], report["lost"]) == (
+        seconds * fs,
+        seconds * fs,
+        0,
+    )
     frames = np.fromfile(folder / "out.raw", np.float32)
     frames = frames[: len(frames) // channels * channels].reshape(-1, channels)
     is_exact(frames, events, fs, channels, outputs, seconds)
@@ -187,10 +216,13 @@ def test_a_callback_in_python_plays_the_same(tmp_path):
     to_a_file(tmp_path, 8000, 2, 64, 1.0, compiled=False)
 
 
-# JACK ----------------------------------------------------------------------------------------------------------------
+# JACK ---------------------------------------------------------------------------------
 def connected(capture, channels):
     """PortAudio's ports go to the capture too."""
-    ports = sorted((p.name for p in capture.client.get_ports("PortAudio:out_.*")), key=lambda name: int(name.split("_")[-1]))
+    ports = sorted(
+        (p.name for p in capture.client.get_ports("PortAudio:out_.*")),
+        key=lambda name: int(name.split("_")[-1]),
+    )
     assert len(ports) == channels
     for port, to in zip(ports, capture.names, strict=True):
         capture.client.connect(port, to)
@@ -203,15 +235,20 @@ def on_jack(server):
 def over_jack(server, channels, seconds=2.0, **options):
     """A session in freewheel mode, captured by a second client.
 
-    The server goes at its pace again before the session's client ends: libjack 1.9.21 may recurse without end (and take the
-    capturing process with it) when a client leaves a graph that runs without a clock.
+    The server goes at its pace again before the session's client ends: libjack 1.9.21
+    may recurse without end (and take the capturing process with it) when a client
+    leaves a graph that runs without a clock.
     """
     fs, outputs = server.rate, min(channels, 2)
     n = round(seconds * fs)
-    room = max(n + 60 * fs, 4_000_000)  # without a clock a 1000 Hz server runs some million frames a second until it is told "go"
+    # without a clock a 1000 Hz server runs some million frames a second until it is
+    # told "go"
+    room = max(n + 60 * fs, 4_000_000)
     with Capture(server.name, channels, room) as capture:
         told = dict(outputs=outputs, name="system", clocked=False, hold=True)
-        with Player(on_jack(server), fs, channels, server.block, seconds, **(told | options)) as player:
+        with Player(
+            on_jack(server), fs, channels, server.block, seconds, **(told | options)
+        ) as player:
             player.until("open")
             connected(capture, channels)
             capture.client.set_freewheel(True)
@@ -236,7 +273,12 @@ def test_over_jack_is_exact(fs, block, channels):
 @needs_jack
 def test_what_does_not_fit_the_device():
     cases = [
-        ({"name": "system"}, 48000, 1, r"device 'system' \(JACK.*\) does not run at 48000 Hz: open\(rate=8000\)"),
+        (
+            {"name": "system"},
+            48000,
+            1,
+            r"device 'system' \(JACK.*\) does not run at 48000 Hz: open\(rate=8000\)",
+        ),
         ({"name": "system"}, 8000, 25, "has 24 channels, fewer than 25"),
         ({"name": "nobody"}, 8000, 1, "no device 'nobody' .*there are 0 'system'"),
         ({"name": 77}, 8000, 1, "no device 77"),
@@ -252,13 +294,22 @@ def test_what_does_not_fit_the_device():
 @needs_jack
 @pytest.mark.parametrize("way", ["stop", signal.SIGTERM, signal.SIGINT])
 def test_ways_out_fade(way):
-    """Largest step of a steady full scale that comes and goes; PortAudio tells that frames were lost, not which."""
+    """Largest step of a steady full scale that comes and goes; PortAudio tells that
+    frames were lost, not which.
+    """
     with Jackd(8000, 64) as server:
 
         def take():
             with Capture(server.name, 1, 60 * 8000) as capture:
                 with Player(
-                    on_jack(server), 8000, 1, 64, None, steady=True, name="system", wait=0.5 if way == "stop" else 60
+                    on_jack(server),
+                    8000,
+                    1,
+                    64,
+                    None,
+                    steady=True,
+                    name="system",
+                    wait=0.5 if way == "stop" else 60,
                 ) as p:
                     p.until("open")
                     connected(capture, 1)
@@ -268,11 +319,16 @@ def test_ways_out_fade(way):
                         time.sleep(0.4)
                         p.child.send_signal(way)
                     told = json.loads(p.child.communicate(timeout=30)[0])
-                    assert p.child.returncode == {"stop": 0, signal.SIGTERM: 143, signal.SIGINT: -2}[way]
+                    assert (
+                        p.child.returncode
+                        == {"stop": 0, signal.SIGTERM: 143, signal.SIGINT: -2}[way]
+                    )
                 frames = capture.frames.copy()
                 if told["report"]["underruns"]:
                     return False
-                return captured_fades(frames, capture.times[: len(frames)] - capture.times[0], [], capture.xruns)
+                return captured_fades(
+                    frames, capture.times[: len(frames)] - capture.times[0], [], capture.xruns
+                )
 
         until_judged(take)
 
@@ -280,14 +336,20 @@ def test_ways_out_fade(way):
 @needs_jack
 def test_a_stall_is_told_and_the_report_adds_up():
     with Jackd(8000, 64) as server:
-        with Player(on_jack(server), 8000, 1, 64, 2.0, name="system", wait=0.5, stall=300_000) as player:
+        with Player(
+            on_jack(server), 8000, 1, 64, 2.0, name="system", wait=0.5, stall=300_000
+        ) as player:
             player.until("open")
             player.say("go")
             player.until("playing")
             report, events, error = player.end()
     assert error is None
     assert report["produced"] == 16000 == report["delivered"] + report["lost"]
-    assert report["lost"] > 0.25 * 8000 and report["underruns"] >= 1 and report["block_time"]["max"] >= 0.3
+    assert (
+        report["lost"] > 0.25 * 8000
+        and report["underruns"] >= 1
+        and report["block_time"]["max"] >= 0.3
+    )
     assert sum(e["frames"] for _, kind, e in events if kind == "lost") == report["lost"]
 
 
@@ -304,7 +366,9 @@ def taken_away(environment, name, take_away):
         took = time.monotonic() - began
     assert "the device has" in error and "still there" in error
     assert report["delivered"] + report["lost"] == report["produced"]
-    assert took < 1.0 + CLOSE_WITHIN + 1.0 + SLACK, "a second for the error, two for close, and the end of the interpreter"
+    assert took < 1.0 + CLOSE_WITHIN + 1.0 + SLACK, (
+        "a second for the error, two for close, and the end of the interpreter"
+    )
     if not report["produced"]:
         unjudged("the device took nothing in 0.3 s")
 
@@ -351,7 +415,15 @@ def test_a_position_comes_in_as_a_signal():
 
     position = stimlib.Scene({"x": 1.0 * stimlib.Input("p", "m")})
     with Jackd(8000, 64) as server:
-        hand = JackSink(position, 0.05, motion={"p": HAND["x1"]}, server=server.name, connect=None, name="hand", realtime=False)
+        hand = JackSink(
+            position,
+            0.05,
+            motion={"p": HAND["x1"]},
+            server=server.name,
+            connect=None,
+            name="hand",
+            realtime=False,
+        )
         with Player(on_jack(server), 8000, 2, 64, None, code=FELT) as player, hand:
             player.until("open")
             hand.open(8000)
@@ -368,7 +440,7 @@ def test_a_position_comes_in_as_a_signal():
     assert report["delivered"] + report["lost"] == report["produced"]
 
 
-# Without a device ----------------------------------------------------------------------------------------------------
+# Without a device ---------------------------------------------------------------------
 def sink(**options):
     from stimlib.devices.portaudio import PortAudioSink
 
@@ -378,16 +450,24 @@ def sink(**options):
 
 @pytest.mark.parametrize(
     "missing, text",
-    [(ImportError("No module named 'sounddevice'"), "package sounddevice"), (OSError("not found"), "PortAudio library")],
+    [
+        (ImportError("No module named 'sounddevice'"), "package sounddevice"),
+        (OSError("not found"), "PortAudio library"),
+    ],
 )
 def test_what_is_missing_is_named_with_its_command(monkeypatch, missing, text):
     without(monkeypatch, "sounddevice", missing)
-    with pytest.raises(SinkError, match=rf"{text}.*pip install 'stimlib\[portaudio\]'.*apt-get install libportaudio2"):
+    with pytest.raises(
+        SinkError,
+        match=rf"{text}.*pip install 'stimlib\[portaudio\]'.*apt-get install libportaudio2",
+    ):
         sink().open(8000)
 
 
 def test_a_portaudio_that_does_not_start_is_told(monkeypatch):
-    """sounddevice starts it with the import; its error is then of a class that cannot be imported."""
+    """sounddevice starts it with the import; its error is then of a class that cannot
+    be imported.
+    """
     from stimlib.devices.available import devices
 
     real = builtins.__import__
@@ -401,7 +481,11 @@ def test_a_portaudio_that_does_not_start_is_told(monkeypatch):
     with pytest.raises(SinkError, match="PortAudio does not start .*initializing"):
         sink().open(8000)
     last = devices("stimlib_none")[-1]
-    assert (last.sink, last.ready, last.how) == ("portaudio", False, "see whether other programs play")
+    assert (last.sink, last.ready, last.how) == (
+        "portaudio",
+        False,
+        "see whether other programs play",
+    )
 
 
 def test_signals_of_portaudio_have_no_ports():
@@ -429,7 +513,9 @@ sounddevice._StreamBase.__init__ = no_pointers
 
 
 def test_another_sounddevice_falls_back_to_python_with_a_warning(tmp_path):
-    with Player(alsa(tmp_path), 8000, 1, 64, 0.5, name="stimfile", clocked=False, code=OTHER + PLAYER) as player:
+    with Player(
+        alsa(tmp_path), 8000, 1, 64, 0.5, name="stimfile", clocked=False, code=OTHER + PLAYER
+    ) as player:
         player.until("open")
         player.say("go")
         out, err = player.child.communicate(timeout=60)
@@ -437,7 +523,7 @@ def test_another_sounddevice_falls_back_to_python_with_a_warning(tmp_path):
     assert json.loads(out.splitlines()[-1])["report"]["delivered"] == 4000
 
 
-# PulseAudio ----------------------------------------------------------------------------------------------------------
+# PulseAudio ---------------------------------------------------------------------------
 PULSE = shutil.which("pulseaudio") and shutil.which("parec")
 
 
@@ -448,13 +534,17 @@ needs_pulse = pytest.mark.skipif(not PULSE, reason="needs PulseAudio (tests/devi
 @pytest.mark.stress
 @pytest.mark.parametrize("fs, channels", [(8000, 1), (48000, 2), (48000, 8), (8000, 24)])
 def test_over_pulseaudio_is_exact(tmp_path, fs, channels):
-    """A null sink with a clock of its own, recorded at its monitor: on a busy machine it loses frames that no sink can help."""
+    """A null sink with a clock of its own, recorded at its monitor: on a busy machine
+    it loses frames that no sink can help.
+    """
     seconds = 1.5
     outputs = min(channels, 2)
     for take in range(5):
         (tmp_path / str(take)).mkdir()
         with Pulse(tmp_path / str(take), fs, channels) as server:
-            with Player(server.environment, fs, channels, None, seconds, outputs=outputs, name="pulse") as player:
+            with Player(
+                server.environment, fs, channels, None, seconds, outputs=outputs, name="pulse"
+            ) as player:
                 player.until("open")
                 server.record()
                 player.say("go")
@@ -464,7 +554,9 @@ def test_over_pulseaudio_is_exact(tmp_path, fs, channels):
             frames = server.frames()
         assert error is None
         assert report["produced"] == round(seconds * fs)
-        if report["lost"] == 0 and is_exact(frames, events, fs, channels, outputs, seconds, may_lose=True):
+        if report["lost"] == 0 and is_exact(
+            frames, events, fs, channels, outputs, seconds, may_lose=True
+        ):
             return
     unjudged("PulseAudio lost frames, or the sink's are wrong, in each of 5 takes")
 
@@ -474,7 +566,11 @@ def test_over_pulseaudio_is_exact(tmp_path, fs, channels):
 @pytest.mark.longer
 def test_what_pulseaudio_takes_away_is_a_typed_error(tmp_path, what):
     with Pulse(tmp_path) as server:
-        taken_away(server.environment, "pulse", server.remove_the_sink if what == "sink" else server.__exit__)
+        taken_away(
+            server.environment,
+            "pulse",
+            server.remove_the_sink if what == "sink" else server.__exit__,
+        )
 
 
 HANGS = """
@@ -501,9 +597,13 @@ print("closed", flush=True)
 
 
 def hung(environment, device, server):
-    """A server that is stopped, as one that hangs: its own error, ``close`` comes back, and the program ends as it wanted to."""
+    """A server that is stopped, as one that hangs: its own error, ``close`` comes back,
+    and the program ends as it wanted to.
+    """
     told = dict(stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    child = subprocess.Popen([sys.executable, "-c", HANGS, device], env=os.environ | environment, **told)
+    child = subprocess.Popen(
+        [sys.executable, "-c", HANGS, device], env=os.environ | environment, **told
+    )
     try:
         assert child.stdout.readline() == "playing\n", child.stderr.read()
         server.send_signal(signal.SIGSTOP)
@@ -513,7 +613,11 @@ def hung(environment, device, server):
         child.kill()
         child.communicate()
     assert child.returncode == 0, (child.returncode, out, err)
-    assert "the device has taken no samples for" in out and out.endswith("closed\n") and "Error" not in err, out + err
+    assert (
+        "the device has taken no samples for" in out
+        and out.endswith("closed\n")
+        and "Error" not in err
+    ), out + err
 
 
 @needs_pulse
@@ -528,7 +632,7 @@ def test_a_jack_server_that_hangs_does_not_kill_the_program():
         hung({}, server.name, server.process)
 
 
-# Everything ----------------------------------------------------------------------------------------------------------
+# Everything ---------------------------------------------------------------------------
 @pytest.mark.stress
 @pytest.mark.parametrize("fs, block", list(itertools.product((1000, 8000, 48000), (16, 32, 64))))
 def test_alsa_file_is_exact_everywhere(tmp_path, fs, block):

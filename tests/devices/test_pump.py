@@ -1,4 +1,6 @@
-"""The compiled callback, called from here: any cut into blocks, losses, changes, motion that stays away, full rings."""
+"""The compiled callback, called from here: any cut into blocks, losses, changes, motion
+that stays away, full rings.
+"""
 
 import numpy as np
 import pytest
@@ -14,15 +16,21 @@ FS = 8000
 
 
 class Bench:
-    """A pump with buffers for its channels; ``out`` collects what a device would hear."""
+    """A pump with buffers for its channels; ``out`` collects what a device would
+    hear.
+    """
 
-    def __init__(self, scene, source, channels=None, fs=FS, log=True, full_scale=50.0, largest=4096):
+    def __init__(
+        self, scene, source, channels=None, fs=FS, log=True, full_scale=50.0, largest=4096
+    ):
         self.safety = Safety(full_scale)
         self.proc = stimlib.compile(protect(scene, self.safety), fs)
         self.channels = list(range(len(scene.outputs))) if channels is None else channels
         self.pump = Pump(self.proc, self.safety, self.channels, source, log)
         self.buffer = np.full((len(self.channels), largest), np.nan, np.float32)
-        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * largest * np.arange(len(self.channels))
+        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * largest * np.arange(
+            len(self.channels)
+        )
         self.out, self.events, self.motion, self.logged = [], [], [], []
 
     def block(self, n, lost=0):
@@ -51,12 +59,16 @@ class Bench:
                 i = at
                 proc.set(e["name"], e["value"], ramp=e["ramp"] / proc.fs)
         parts.append(proc.process(np.ascontiguousarray(x[:, i:])))
-        return to_device(np.concatenate(parts, axis=1), self.safety.scales(proc.outputs), self.channels)
+        return to_device(
+            np.concatenate(parts, axis=1), self.safety.scales(proc.outputs), self.channels
+        )
 
 
 def fingers(n, fs=FS):
     t = np.arange(n) / fs
-    return np.stack([0.01 * (1 - np.cos(2 * np.pi * 2 * t)), 0.004 * (1 - np.cos(2 * np.pi * 3 * t))])
+    return np.stack(
+        [0.01 * (1 - np.cos(2 * np.pi * 2 * t)), 0.004 * (1 - np.cos(2 * np.pi * 3 * t))]
+    )
 
 
 def cuts(kind, n):
@@ -64,7 +76,9 @@ def cuts(kind, n):
         return [kind] * (n // kind) + [n % kind] * (n % kind > 0)
     rng, sizes = np.random.default_rng(1), []
     while sum(sizes) < n:
-        sizes.append(int(min(rng.choice([1, 2, 7, 63, 64, 65, 255, 256, 257, 1000]), n - sum(sizes))))
+        sizes.append(
+            int(min(rng.choice([1, 2, 7, 63, 64, 65, 255, 256, 257, 1000]), n - sum(sizes)))
+        )
     return sizes
 
 
@@ -78,7 +92,10 @@ def test_the_samples_do_not_depend_on_the_block(kind):
         bench.block(n)
     heard = bench.heard()
     played = heard[160:3160]
-    assert np.array_equal(played, bench.reference(x)) and played[0].tolist() == np.float32([0.8, 0, 0.4]).tolist()
+    assert (
+        np.array_equal(played, bench.reference(x))
+        and played[0].tolist() == np.float32([0.8, 0, 0.4]).tolist()
+    )
     part = np.arange(160)[:, None] / 160
     assert np.array_equal(heard[:160], np.float32(part * [0.8, 0, 0.4]))
     assert np.allclose(heard[3160:3320], part[::-1] * played[-1], rtol=1e-6, atol=0)
@@ -87,9 +104,16 @@ def test_the_samples_do_not_depend_on_the_block(kind):
     assert np.array_equal(np.concatenate(bench.logged), played)
     assert np.array_equal(np.concatenate(bench.motion), x.T)
     assert [(at, e["value"]) for at, kind, e in bench.events if kind == "set"] == [(0, 1.0)]
-    assert [(at, kind, e["frames"]) for at, kind, e in bench.events if kind != "set"] == [(0, "rise", 160), (3000, "fall", 160)]
+    assert [(at, kind, e["frames"]) for at, kind, e in bench.events if kind != "set"] == [
+        (0, "rise", 160),
+        (3000, "fall", 160),
+    ]
     assert bench.pump.state == bench.pump.native.DONE and bench.pump.index == 3000
-    assert (bench.pump.read("ROSE"), bench.pump.read("FELL"), bench.pump.read("DELIVERED")) == (160, 160, 3000)
+    assert (bench.pump.read("ROSE"), bench.pump.read("FELL"), bench.pump.read("DELIVERED")) == (
+        160,
+        160,
+        3000,
+    )
 
 
 @pytest.mark.parametrize("before", [0, 50, 159, 160, 200])
@@ -100,7 +124,9 @@ def test_a_stop_before_sample_0_goes_back_at_once(before):
     bench.pump.stop("stop")
     bench.block(400)
     y, native = bench.heard()[:, 0], bench.pump.native
-    assert np.abs(np.diff(y, prepend=0)).max() < 0.01 and not y[before + 161 + before // 160 :].any()
+    assert (
+        np.abs(np.diff(y, prepend=0)).max() < 0.01 and not y[before + 161 + before // 160 :].any()
+    )
     assert bench.pump.state == native.DONE and (bench.pump.index == 0) == (before < 160)
 
 
@@ -111,7 +137,11 @@ def test_a_stop_close_to_the_end_makes_no_sample_more():
     bench.pump.stop("stop")
     bench.block(400)
     y = bench.heard()[:, 0]
-    assert bench.pump.index == 1000 and np.abs(np.diff(y)).max() < 0.01 and not y[160 + 1000 + 160 :].any()
+    assert (
+        bench.pump.index == 1000
+        and np.abs(np.diff(y)).max() < 0.01
+        and not y[160 + 1000 + 160 :].any()
+    )
 
 
 def test_what_a_device_skips_before_sample_0_is_no_loss():
@@ -119,7 +149,11 @@ def test_what_a_device_skips_before_sample_0_is_no_loss():
     bench.pump.start(1000, np.zeros(2))
     for lost in (0, 64, 1000):
         bench.block(64, lost)
-    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (3 * 64 - 160, 0, 0)
+    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (
+        3 * 64 - 160,
+        0,
+        0,
+    )
     bench.block(64, 10)
     assert bench.pump.read("LOST") == 10
 
@@ -135,7 +169,9 @@ def test_silent_before_the_start_and_after_the_end():
 
 
 def test_fades_have_room_where_changes_have_none():
-    """A program that floods a sink with changes can neither keep it silent nor keep it from ending."""
+    """A program that floods a sink with changes can neither keep it silent nor keep it
+    from ending.
+    """
     bench = Bench(Scene({"y": Param("level", 1.0) * 1}), None, full_scale=1.0)
     fill = lambda: sum(bench.pump.set("level", 1.0, 1) for _ in range(300))  # noqa: E731
     assert fill() == 256
@@ -168,7 +204,9 @@ def test_lost_frames_are_produced_and_told():
         kept[i : i + n] = False
     whole = bench.reference(x[:, :at])
     assert np.array_equal(bench.heard()[64:], whole[kept])
-    assert np.array_equal(np.concatenate(bench.motion), x[:, :at].T), "the motion of what was lost is in the log too"
+    assert np.array_equal(np.concatenate(bench.motion), x[:, :at].T), (
+        "the motion of what was lost is in the log too"
+    )
     p = bench.pump
     assert p.read("DELIVERED") + p.read("LOST") == p.index == at
     assert (p.read("LOST"), p.read("UNDERRUNS")) == (2103, 3)
@@ -179,7 +217,11 @@ def test_the_end_may_fall_into_what_is_lost():
     bench.pump.start(1000)
     bench.block(900)
     bench.block(64, lost=500)
-    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("DELIVERED")) == (1000, 100, 900)
+    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("DELIVERED")) == (
+        1000,
+        100,
+        900,
+    )
     bench.block(160)
     assert bench.out[-2].all() and not bench.out[-1][95:].any(), "it falls from the last sample"
 
@@ -214,7 +256,9 @@ def test_stop_fades_from_the_next_block():
     bench.block(300)
     bench.pump.stop("error", earliest=700)
     bench.block(1000)
-    assert (700, "stop", {"reason": "error"}) in bench.events and bench.heard()[699, 0] == 1 > bench.heard()[701, 0]
+    assert (700, "stop", {"reason": "error"}) in bench.events and bench.heard()[
+        699, 0
+    ] == 1 > bench.heard()[701, 0]
 
 
 def test_a_stop_during_the_fade_in_has_no_step():
@@ -258,14 +302,20 @@ def test_motion_that_stays_away_is_held_then_faded():
         bench.block(64)
     y = bench.heard()[:, 0]
     stale = [(at, e["samples"]) for at, kind, e in bench.events if kind == "stale"]
-    assert len(stale) == 1 and 800 <= stale[0][0] < 864, "50 ms after the last column, at a block's start"
+    assert len(stale) == 1 and 800 <= stale[0][0] < 864, (
+        "50 ms after the last column, at a block's start"
+    )
     assert np.abs(np.diff(y)).max() < 0.01
     assert y[700] == np.float32(0.8) and not y[stale[0][0] + 160 :].any()
     bench.pump.put_motion(np.full((1, 400), -0.8))
     for _ in range(6):
         bench.block(64)
     y = bench.heard()[:, 0]
-    assert bench.events[-2][1] == "fresh" and np.abs(np.diff(y)).max() < 0.01 and y[-1] == np.float32(-0.8)
+    assert (
+        bench.events[-2][1] == "fresh"
+        and np.abs(np.diff(y)).max() < 0.01
+        and y[-1] == np.float32(-0.8)
+    )
 
 
 def test_a_slow_tracker_is_held_between_its_reports():
@@ -285,7 +335,9 @@ def test_no_delay_grows_behind_a_live_motion():
         bench.pump.put_motion(np.full((1, 100), 0.01 * k))  # faster than the device
         bench.block(64)
         assert bench.motion[-1][-1, 0] >= 0.01 * (k - 1)
-    assert bench.pump.read("SKIPPED") == 5000 - 50 * 64 - (bench.pump.read("M_WRITE") - bench.pump.read("M_READ"))
+    assert bench.pump.read("SKIPPED") == 5000 - 50 * 64 - (
+        bench.pump.read("M_WRITE") - bench.pump.read("M_READ")
+    )
 
 
 def test_a_full_ring_takes_no_more():
@@ -349,7 +401,12 @@ def test_what_is_beyond_full_scale_stays_at_it():
 
 
 def test_a_log_that_is_not_read_says_what_it_lacks():
-    bench = Bench(Scene({"y": Param("a", 0.5) * Input("x")}), Recorded(np.ones((1, 10**5))), fs=1000, full_scale=1.0)
+    bench = Bench(
+        Scene({"y": Param("a", 0.5) * Input("x")}),
+        Recorded(np.ones((1, 10**5))),
+        fs=1000,
+        full_scale=1.0,
+    )
     bench.pump.start(None)
     size = bench.pump.read("L_SIZE")
     for _ in range(size // 1000 + 3):
@@ -357,14 +414,24 @@ def test_a_log_that_is_not_read_says_what_it_lacks():
     n = bench.pump.index
     bench.drain()
     gaps = [(at, e["frames"]) for at, kind, e in bench.events if kind == "gap"]
-    assert sum(g for _, g in gaps) == bench.pump.read("UNLOGGED") == n - sum(map(len, bench.logged)) > 0
+    assert (
+        sum(g for _, g in gaps)
+        == bench.pump.read("UNLOGGED")
+        == n - sum(map(len, bench.logged))
+        > 0
+    )
     assert sum(map(len, bench.motion)) == sum(map(len, bench.logged))
     bench.block(1000)
     assert sum(map(len, bench.logged)) == n - sum(g for _, g in gaps) + 1000
 
 
 def test_gaps_and_losses_do_not_overlap():
-    bench = Bench(Scene({"y": Param("a", 0.5) * Input("x")}), Recorded(np.ones((1, 10**5))), fs=2000, full_scale=1.0)
+    bench = Bench(
+        Scene({"y": Param("a", 0.5) * Input("x")}),
+        Recorded(np.ones((1, 10**5))),
+        fs=2000,
+        full_scale=1.0,
+    )
     bench.pump.start(None)
     size = bench.pump.read("L_SIZE")
     bench.pump.block(4096)
@@ -378,7 +445,12 @@ def test_gaps_and_losses_do_not_overlap():
     for at, k in lost + [g[:2] for g in gaps]:
         told[at : at + k] += 1
     logged = sum(map(len, bench.logged))
-    assert told.max() == 1 and not told[: size - 300].any() and told[size - 300 :].all() and logged == size - 300
+    assert (
+        told.max() == 1
+        and not told[: size - 300].any()
+        and told[size - 300 :].all()
+        and logged == size - 300
+    )
     assert bench.pump.read("LOST") == 1000 and sum(k for _, k in lost) == 256
     assert sum(map(len, bench.motion)) == size - 300 + 256 == n - bench.pump.read("UNLOGGED")
 

@@ -1,4 +1,6 @@
-"""What equal times mean, time in another unit, the largest numbers there are, and cubics with the bits of scipy's."""
+"""What equal times mean, time in another unit, the largest numbers there are, and
+cubics with the bits of scipy's.
+"""
 
 from pathlib import Path
 
@@ -33,7 +35,8 @@ def reports_of(r):
 def test_equal_times_name_the_option_and_how_many_rows(path):
     path.write_text(COARSE)
     with pytest.raises(
-        RecordingError, match=r'row 4: the same time as row 3 and other .*\(such rows: 4\) choose repeats="spread"'
+        RecordingError,
+        match=r'row 4: the same time as row 3 and other .*\(such rows: 4\) choose repeats="spread"',
     ):
         recording(path, COLUMNS, time=MS)
 
@@ -42,7 +45,8 @@ def test_spread_up_to_the_next_stamp(path):
     path.write_text(COARSE)
     r = recording(path, COLUMNS, time=MS, repeats="spread", max_speed=None)
     t, x, contact = reports_of(r)
-    stamps = [0, 10, 15, 20, 20 + 10 / 3, 30, 35]  # the report in the air, at 26.7 ms, is none of the track's
+    # the report in the air, at 26.7 ms, is none of the track's
+    stamps = [0, 10, 15, 20, 20 + 10 / 3, 30, 35]
     assert_allclose(t, np.array(stamps) * 1e-3, rtol=1e-12)
     assert_allclose(x, [1, 2, 3, 4, 5, 7, 8], rtol=1e-12)
     assert r.info["reports"] == 8 and r.info["repeats"] == 4 and "equal times: 4" in str(r)
@@ -57,16 +61,22 @@ def test_spread_does_not_reach_over_a_silence(path):
 
 
 @pytest.mark.parametrize(
-    "how, x, contact, rows", [("last", [1, 3, 8], [1, 1, 0, 1], [3]), ("mean", [1, 2.5, 7.5], [1, 1, 0, 1], [3])]
+    "how, x, contact, rows",
+    [("last", [1, 3, 8], [1, 1, 0, 1], [3]), ("mean", [1, 2.5, 7.5], [1, 1, 0, 1], [3])],
 )
 def test_one_report_for_each_stamp(path, how, x, contact, rows):
     path.write_text(COARSE)
     r = recording(path, COLUMNS, time=MS, repeats=how, max_speed=None)
-    assert r.contact([0.0, 0.01, 0.02, 0.03]).tolist() == [1, 0, 0, 1]  # from 0.01 to the lift at 0.02 there is no contact
+    # from 0.01 to the lift at 0.02 there is no contact
+    assert r.contact([0.0, 0.01, 0.02, 0.03]).tolist() == [1, 0, 0, 1]
     t = r.motion["x"]._knots
     assert_allclose(t, [0, 0.01, 0.03], rtol=1e-12)
     assert_allclose(r.motion["x"](t) * 1e3, x, rtol=1e-12)
-    assert r.info["reports"] == 4 and r.info["repeats"] == 4 and r.info["lifts"] == [(5, pytest.approx(0.02))]
+    assert (
+        r.info["reports"] == 4
+        and r.info["repeats"] == 4
+        and r.info["lifts"] == [(5, pytest.approx(0.02))]
+    )
 
 
 def test_repeats_is_in_the_spec_and_checked(path):
@@ -81,7 +91,10 @@ def test_repeats_is_in_the_spec_and_checked(path):
 def test_without_equal_times_the_option_changes_nothing(path, how):
     path.write_text("t_s,x\n0,0\n0.01,0.001\n0.03,0.002\n")
     r = recording(path, {"x": "x"}, repeats=how)
-    assert r.motion["x"]([0.0, 0.005, 0.02]).tolist() == recording(path, {"x": "x"}).motion["x"]([0.0, 0.005, 0.02]).tolist()
+    assert (
+        r.motion["x"]([0.0, 0.005, 0.02]).tolist()
+        == recording(path, {"x": "x"}).motion["x"]([0.0, 0.005, 0.02]).tolist()
+    )
 
 
 def test_nothing_but_one_time(path):
@@ -95,24 +108,35 @@ def test_nothing_but_one_time(path):
 
 
 @pytest.mark.parametrize(
-    "scale, unit, factor", [(1e3, "ms", "1e-3"), (1e6, "us", "1e-6"), (1e9, "ns", "1e-9")], ids=lambda v: str(v)
+    "scale, unit, factor",
+    [(1e3, "ms", "1e-3"), (1e6, "us", "1e-6"), (1e9, "ns", "1e-9")],
+    ids=lambda v: str(v),
 )
 @pytest.mark.parametrize("reports", ["always", "on_change"])
 def test_time_in_another_unit_is_asked_about(path, scale, unit, factor, reports):
     t = np.arange(20) * 0.008
     path.write_text("t,x\n" + "".join(f"{v * scale:.0f},{0.001 * i}\n" for i, v in enumerate(t)))
     message = (
-        rf'{8e-3 * scale:g}.* s from report to report, .*; time in {unit}\? write time="t\*{factor}"; if it is in s, give max_gap'
+        rf"{8e-3 * scale:g}.* s from report to report, .*; time in {unit}\? write"
+        rf' time="t\*{factor}"; if it is in s, give max_gap'
     )
     with pytest.raises(RecordingError, match=message.replace("e+0", "e.0")):
         recording(path, {"x": "x"}, time="t", reports=reports)
-    assert recording(path, {"x": "x"}, time=f"t*{factor}", reports=reports).info["period"] == pytest.approx(0.008)
+    assert recording(path, {"x": "x"}, time=f"t*{factor}", reports=reports).info[
+        "period"
+    ] == pytest.approx(0.008)
     slow = recording(path, {"x": "x"}, time="t", reports=reports, max_gap=0.008 * scale)
     assert slow.info["period"] == pytest.approx(0.008 * scale)
 
 
 @pytest.mark.parametrize(
-    ("period", "why"), [(0.9e-7, "which no clock gives"), (1.1e-7, ""), (0.49, ""), (0.51, "which is slow for a hand")]
+    ("period", "why"),
+    [
+        (0.9e-7, "which no clock gives"),
+        (1.1e-7, ""),
+        (0.49, ""),
+        (0.51, "which is slow for a hand"),
+    ],
 )
 def test_periods_of_a_hand_have_limits(path, period, why):
     path.write_text("t_s,x\n" + "".join(f"{period * i!r},0\n" for i in range(5)))
@@ -120,7 +144,9 @@ def test_periods_of_a_hand_have_limits(path, period, why):
         with pytest.raises(RecordingError, match=why):
             recording(path, {"x": "x"})
     else:
-        assert recording(path, {"x": "x"}, max_gap=None if period < 0.4 else 0.5).info["period"] == pytest.approx(period)
+        assert recording(path, {"x": "x"}, max_gap=None if period < 0.4 else 0.5).info[
+            "period"
+        ] == pytest.approx(period)
 
 
 def test_the_conversion_that_is_proposed_can_be_typed(path):
@@ -133,7 +159,9 @@ def test_the_conversion_that_is_proposed_can_be_typed(path):
 
 
 def test_recorded_hands_are_fast_enough():
-    """From the fastest, a puck, to the slowest, a force sensor: far from half a second."""
+    """From the fastest, a puck, to the slowest, a force sensor: far from half a
+    second.
+    """
     data = Path(__file__).parents[2].parent / "shared" / "data"
     if not data.is_dir():
         pytest.skip("the folder of human recordings is not beside the repository")
@@ -148,7 +176,10 @@ def test_recorded_hands_are_fast_enough():
 LARGE = ["1e308", "-1e308", "1e309", "5e-324", "1e-308", "1e17", "0", "-0.0", "1e150"]
 
 
-@pytest.mark.parametrize("options", [{}, {"repeats": "spread"}, {"reports": "on_change"}, {"repeats": "mean", "max_gap": 1e300}])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"repeats": "spread"}, {"reports": "on_change"}, {"repeats": "mean", "max_gap": 1e300}],
+)
 def test_any_number_gives_a_motion_or_an_error(path, options):
     rng = np.random.default_rng(7)
     for _ in range(150):
@@ -174,7 +205,9 @@ def test_a_time_that_no_clock_has(path):
 
 
 def test_cubics_have_the_bits_of_scipy(monkeypatch):
-    """Stretch by stretch, in blocks of any size, which is the most that is worked on at once."""
+    """Stretch by stretch, in blocks of any size, which is the most that is worked on at
+    once.
+    """
     from scipy.interpolate import PchipInterpolator
 
     rng = np.random.default_rng(0)
@@ -182,7 +215,11 @@ def test_cubics_have_the_bits_of_scipy(monkeypatch):
         monkeypatch.setattr(blocks, "BLOCK", int(rng.integers(1, 9)) if trial % 2 else 1 << 16)
         n = int(rng.integers(1, 30))
         t = np.cumsum(rng.uniform(0.001, 0.02, n))
-        x = rng.integers(-3, 4, n) * rng.choice([1e-3, 1.0, 1e100], n) if trial % 3 else np.cumsum(rng.normal(0, 1, n))
+        x = (
+            rng.integers(-3, 4, n) * rng.choice([1e-3, 1.0, 1e100], n)
+            if trial % 3
+            else np.cumsum(rng.normal(0, 1, n))
+        )
         whole = rng.random(n - 1) < rng.choice([0.5, 0.9, 1.0])
         expected = np.zeros((4, n))
         expected[3] = x

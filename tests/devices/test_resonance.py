@@ -1,4 +1,6 @@
-"""Sweeps through a sink: what was played and what answered it, at one point and at many, and takes that must be done again."""
+"""Sweeps through a sink: what was played and what answered it, at one point and at
+many, and takes that must be done again.
+"""
 
 from dataclasses import replace
 
@@ -27,7 +29,9 @@ def answer(u, scale=2e-6):
 
 @pytest.fixture(scope="module")
 def drive():
-    """What the device is given, with its fade: known from a take whose response is anything."""
+    """What the device is given, with its fade: known from a take whose response is
+    anything.
+    """
     return record_sweep(NullSink, 10.0, np.arange(4000.0), **TOLD).drive[0]
 
 
@@ -38,7 +42,9 @@ def test_what_the_device_was_given_is_the_drive_and_its_answer_the_response(driv
     np.testing.assert_array_equal(sweep.response[0], answer(drive))
     found = identify(*sweep)
     assert found.freq == pytest.approx(158.0, rel=1e-5) and found.q == pytest.approx(10.0, rel=1e-4)
-    half = record_sweep(NullSink, 10.0, answer(drive), amplitude=5.0, channels=[None, "drive"], **TOLD)
+    half = record_sweep(
+        NullSink, 10.0, answer(drive), amplitude=5.0, channels=[None, "drive"], **TOLD
+    )
     np.testing.assert_allclose(half.drive[0], drive / 2, atol=1e-5)
 
 
@@ -57,7 +63,12 @@ def test_points_are_asked_for_and_a_take_that_failed_is_done_again(drive):
         asked.append((k, tuple(place), None if error is None else "clipped" in str(error)))
 
     found = identify(*record_sweep(sensor, 10.0, Signal(1.0), points=places, ready=ready, **TOLD))
-    assert [a[0] for a in asked] == [0, 1, 1, 2] and [a[2] for a in asked] == [None, None, True, None]
+    assert [a[0] for a in asked] == [0, 1, 1, 2] and [a[2] for a in asked] == [
+        None,
+        None,
+        True,
+        None,
+    ]
     assert asked[1][1] == (0.1, 0.07)
     np.testing.assert_allclose(found.shape / found.shape[1], [-0.5, 1.0, -0.25], atol=1e-4)
 
@@ -76,7 +87,10 @@ def test_points_that_were_taken_are_kept_when_a_later_one_fails(drive, tmp_path)
     sweep = record_sweep(NullSink, 10.0, 2 * answer(drive), **told)
     assert asked == [0, 1, 1]
     np.testing.assert_array_equal(sweep.response, [answer(drive), 2 * answer(drive)])
-    again, read = record_sweep(NullSink, 10.0, [], **told), read_sweep(file, ["drive0", "drive1"], ["response0", "response1"])
+    again, read = (
+        record_sweep(NullSink, 10.0, [], **told),
+        read_sweep(file, ["drive0", "drive1"], ["response0", "response1"]),
+    )
     for name in ("drive", "response", "fs"):
         np.testing.assert_array_equal(getattr(again, name), getattr(sweep, name))
         np.testing.assert_allclose(getattr(read, name), getattr(sweep, name), rtol=1e-12)
@@ -88,13 +102,21 @@ def test_points_that_were_taken_are_kept_when_a_later_one_fails(drive, tmp_path)
         with pytest.raises(RecordingError, match=match):
             record_sweep(NullSink, 10.0, answer(drive), **(told | more))
     with pytest.raises(SinkError, match="cannot write"):
-        record_sweep(NullSink, 10.0, answer(drive), **(told | {"keep": tmp_path / "missing" / "plate.npz"}))
+        record_sweep(
+            NullSink, 10.0, answer(drive), **(told | {"keep": tmp_path / "missing" / "plate.npz"})
+        )
 
 
 def test_takes_that_tell_nothing_and_questions_without_sense_are_told(drive):
     asked = []
     with pytest.raises(RecordingError, match="clipped"):
-        record_sweep(NullSink, 10.0, np.minimum(answer(drive), 1e-6), ready=lambda k, p, e: asked.append(e), **TOLD)
+        record_sweep(
+            NullSink,
+            10.0,
+            np.minimum(answer(drive), 1e-6),
+            ready=lambda k, p, e: asked.append(e),
+            **TOLD,
+        )
     assert len(asked) == 3
     with pytest.raises(BadValue, match="record_sweep: sink = 'jack' must be a function"):
         record_sweep("jack", 10.0, answer(drive), **TOLD)
@@ -126,7 +148,9 @@ def test_lost_frames_are_told(drive):
 
 @needs_jack
 def test_a_plate_on_a_server_is_found():
-    """A plate as another client: what it is given through its port, it answers by the next block, 16 ms later."""
+    """A plate as another client: what it is given through its port, it answers by the
+    next block, 16 ms later.
+    """
     from stimlib.devices.jack import JackSink
     from stimlib.devices.sources import Signals
 
@@ -137,23 +161,47 @@ def test_a_plate_on_a_server_is_found():
     def take():
         with Jackd(fs, 128) as server:
             told["server"] = server.name
-            glassy = JackSink(Scene({"d": under}), 1e-4, motion=Signals({"v": Signal(50.0)}), name="glass", connect=None, **told)
+            glassy = JackSink(
+                Scene({"d": under}),
+                1e-4,
+                motion=Signals({"v": Signal(50.0)}),
+                name="glass",
+                connect=None,
+                **told,
+            )
             with glassy:
                 glassy.open(fs)
                 glassy.start()
-                sensor = {"full_scale": 50.0, "response": Signal(1e-4, connect="glass:d"), "connect": ["glass:in_v"]}
+                sensor = {
+                    "full_scale": 50.0,
+                    "response": Signal(1e-4, connect="glass:d"),
+                    "connect": ["glass:in_v"],
+                }
                 try:
-                    sweep = record_sweep(JackSink, rate=fs, band=(100.0, 220.0), seconds=1.5, rest=0.5, **sensor, **told)
+                    sweep = record_sweep(
+                        JackSink,
+                        rate=fs,
+                        band=(100.0, 220.0),
+                        seconds=1.5,
+                        rest=0.5,
+                        **sensor,
+                        **told,
+                    )
                 except RecordingError as e:
                     assert "lost" in str(e)
                     return False
             if glassy.report().lost:
                 return False
         found = identify(*sweep)
-        assert found.freq == pytest.approx(glass.carrier(), rel=5e-4) and found.q == pytest.approx(10.0, rel=0.03)
+        assert found.freq == pytest.approx(glass.carrier(), rel=5e-4) and found.q == pytest.approx(
+            10.0, rel=0.03
+        )
         assert found.delay == pytest.approx(128 / fs, abs=4e-3)
-        want = stimlib.plate.Plate.frf(glass, "patches", (glass.length / 2, glass.width / 2), glass.carrier(), modes=1)
-        assert abs(found.gain[0]) * found.q == pytest.approx(abs(want), rel=0.2)  # its sign is open behind a delay
+        want = stimlib.plate.Plate.frf(
+            glass, "patches", (glass.length / 2, glass.width / 2), glass.carrier(), modes=1
+        )
+        # its sign is open behind a delay
+        assert abs(found.gain[0]) * found.q == pytest.approx(abs(want), rel=0.2)
         return True
 
     until_judged(take, takes=3)

@@ -1,4 +1,6 @@
-"""The safety stage: what it does to samples, that it counts, and that it does nothing where nothing is wrong."""
+"""The safety stage: what it does to samples, that it counts, and that it does nothing
+where nothing is wrong.
+"""
 
 import json
 
@@ -45,18 +47,26 @@ def test_every_stage_limits_and_counts(target):
     assert y[1, 250:].tolist() == [-5.0] * 50, "no slew, no force rule: only the clip"
     counts = Watch(proc).counts()
     assert counts == {"peak": {"force": 200}, "slew": {"force": 1}, "clip": {"force": 200, "x": 50}}
-    long = compiled(scene, Safety({"force": 70.0, "x": 5.0}, peak=80.0, static=60.0), fs=1000, target=target)
+    long = compiled(
+        scene, Safety({"force": 70.0, "x": 5.0}, peak=80.0, static=60.0), fs=1000, target=target
+    )
     y = long.process(np.stack([np.full(20_000, 79.0), np.zeros(20_000)]))
     assert Watch(long).counts()["static"]["force"] > 5_000
     assert y[0, -1] < 69.0 and y.max() == 70.0
 
 
-@pytest.mark.parametrize(("fs", "samples"), [(100, 50), (1000, 128), (4000, 128), (8000, 160), (48000, 960)])
+@pytest.mark.parametrize(
+    ("fs", "samples"), [(100, 50), (1000, 128), (4000, 128), (8000, 160), (48000, 960)]
+)
 def test_a_fault_fades_in_small_steps_at_every_rate(fs, samples):
-    """A guard in a rendering takes 20 ms whatever the rate; at 1 kHz that would be steps of 5 % on a device."""
+    """A guard in a rendering takes 20 ms whatever the rate; at 1 kHz that would be
+    steps of 5 % on a device.
+    """
     proc = compiled(Scene({"y": 1 * Input("x")}), Safety(1.0), fs=fs)
     y = proc.process(np.r_[np.ones(10), np.full(1000, np.nan)][None])[0]
-    assert Watch(proc).fade == samples and np.allclose(y[10 : 11 + samples], 1 - np.arange(samples + 1) / samples)
+    assert Watch(proc).fade == samples and np.allclose(
+        y[10 : 11 + samples], 1 - np.arange(samples + 1) / samples
+    )
     assert not y[10 + samples :].any()
 
 
@@ -76,7 +86,9 @@ def test_what_is_not_finite_stops_its_output_and_says_where():
 @pytest.mark.parametrize("last", [1e3, 1e300, -1e308])
 @pytest.mark.parametrize("more", [{}, {"peak": 0.5}, {"static": 0.9}, {"slew": 1e4}])
 def test_a_scene_that_runs_away_fades_from_what_the_device_was_given(last, more):
-    """A filter that is not stable grows beyond all limits before it is no number: its last one is no place to fade from."""
+    """A filter that is not stable grows beyond all limits before it is no number: its
+    last one is no place to fade from.
+    """
     x = np.r_[np.linspace(0, 0.9, 200), np.full(100, last), np.full(400, np.nan)]
     proc = compiled(Scene({"F": 1 * Input("F", "N")}), Safety(1.0, **more))
     y = proc.process(x[None])[0]
@@ -84,7 +96,9 @@ def test_a_scene_that_runs_away_fades_from_what_the_device_was_given(last, more)
     assert 0.3 < abs(y[299]) and np.abs(np.diff(y[299:])).max() <= 1 / 128, "it fades in 20 ms"
     assert not y[299 + 162 :].any()
     counts = Watch(proc).counts()
-    assert counts["clip" if not more.get("peak") else "peak"]["F"] < 360, "what is not finite is not counted"
+    assert counts["clip" if not more.get("peak") else "peak"]["F"] < 360, (
+        "what is not finite is not counted"
+    )
 
 
 def test_a_slew_limit_comes_back_from_full_scale_at_once():
@@ -96,7 +110,9 @@ def test_a_slew_limit_comes_back_from_full_scale_at_once():
 
 
 def test_a_fade_during_a_fault_has_no_step():
-    """The gain stands behind the guard: stopping while the guard fades multiplies both."""
+    """The gain stands behind the guard: stopping while the guard fades multiplies
+    both.
+    """
     proc = compiled(Scene({"a": 1 * Input("u")}), Safety(1.0))
     x = np.ones((1, 100))
     parts = [proc.process(x)]
@@ -168,13 +184,18 @@ def test_names_that_do_not_fit():
     with pytest.raises(SceneError, match="sink_gain"):
         protect(Scene({"a": Param(GAIN, 1.0) * 2}), Safety(1.0))
     for limit in ({"peak": 1.0}, {"static": 1.0}):
-        with pytest.raises(BadValue, match=r"outputs in N, and this scene has none: a \[1\], b \[1\]"):
+        with pytest.raises(
+            BadValue, match=r"outputs in N, and this scene has none: a \[1\], b \[1\]"
+        ):
             protect(scene, Safety(1.0, **limit))
 
 
 def test_one_number_is_not_for_outputs_of_different_units():
     scene = Scene({"force": 1.0 * Input("f", "N"), "x": 1.0 * Input("x", "m")})
-    with pytest.raises(UnitError, match=r"full_scale = 50 cannot .*force \[N\], x \[m\].*give {'force': .., 'x': ..}"):
+    with pytest.raises(
+        UnitError,
+        match=r"full_scale = 50 cannot .*force \[N\], x \[m\].*give {'force': .., 'x': ..}",
+    ):
         protect(scene, Safety(50.0))
     with pytest.raises(UnitError, match="slew = 3 cannot be"):
         protect(scene, Safety({"force": 50.0, "x": 0.1}, slew=3.0))

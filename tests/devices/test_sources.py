@@ -15,10 +15,19 @@ FS = 8000
 
 def test_a_mapping_is_a_recording_or_a_hand():
     both = source_of({"b": np.arange(5), "a": np.zeros(7)}, ("a", "b"))
-    assert isinstance(both, Recorded) and both.x.shape == (2, 5) and both.x[1].tolist() == [0, 1, 2, 3, 4]
+    assert (
+        isinstance(both, Recorded)
+        and both.x.shape == (2, 5)
+        and both.x[1].tolist() == [0, 1, 2, 3, 4]
+    )
     hand = source_of({"a": np.sin, "b": np.zeros(7)}, ("a", "b"))
     assert isinstance(hand, Scripted)
-    assert (length(both), length(hand), length(source_of({"a": np.sin}, ("a",))), length(Live())) == (5, 7, None, None)
+    assert (
+        length(both),
+        length(hand),
+        length(source_of({"a": np.sin}, ("a",))),
+        length(Live()),
+    ) == (5, 7, None, None)
     assert source_of(None, ()) is None
 
 
@@ -63,7 +72,9 @@ def test_what_is_pushed_is_finite():
 
 
 def test_a_sink_needs_a_full_scale():
-    with pytest.raises(BadValue, match="safety is missing: give, as second argument, .* such as 50.0"):
+    with pytest.raises(
+        BadValue, match="safety is missing: give, as second argument, .* such as 50.0"
+    ):
         NullSink(Scene({"y": 1 * Input("x")}), motion={"x": np.zeros(9)})
 
 
@@ -73,14 +84,23 @@ def test_a_scripted_hand_is_its_function_of_time(clocked):
     scene = Scene({"y": 1.0 * Input("x", "m"), "z": Input("w") * 1})
     n = round(seconds * FS)
     w = np.linspace(0, 1, n)
-    with NullSink(scene, {"y": 1.0, "z": 1.0}, motion={"x": hand, "w": w}, clocked=clocked, log=log, realtime=False) as sink:
+    with NullSink(
+        scene,
+        {"y": 1.0, "z": 1.0},
+        motion={"x": hand, "w": w},
+        clocked=clocked,
+        log=log,
+        realtime=False,
+    ) as sink:
         sink.open(FS)
         sink.start()
         sink.wait(30)
         assert sink.finished
     x = np.concatenate(log.x, axis=1)
     expected = np.stack([hand(np.arange(n) / FS), w])
-    if clocked:  # on a busy machine the hand may be late: then it is held, and goes on where it belongs
+    # on a busy machine the hand may be late: then it is held, and goes on where it
+    # belongs
+    if clocked:
         late = (x != expected).any(axis=0)
         assert x.shape == expected.shape and late.sum() < n / 4 and not late[:64].any()
     else:
@@ -92,13 +112,19 @@ def test_a_hand_that_fails_fades_out_and_says_so():
         return np.where(t < 1.0, 0.5, np.nan)
 
     log = Seen()
-    with pytest.raises(SinkError, match="the motion failed: motion of x is not finite at sample 8000"):
-        with NullSink(Scene({"y": 1 * Input("x")}), 1.0, motion={"x": broken}, clocked=False, log=log) as sink:
+    with pytest.raises(
+        SinkError, match="the motion failed: motion of x is not finite at sample 8000"
+    ):
+        with NullSink(
+            Scene({"y": 1 * Input("x")}), 1.0, motion={"x": broken}, clocked=False, log=log
+        ) as sink:
             sink.open(FS)
             sink.start(seconds=10)
             sink.wait()
     with pytest.raises(BadValue, match="not finite"):  # at once, where it is seen before the start
-        with NullSink(Scene({"y": 1 * Input("x")}), 1.0, motion={"x": lambda t: t * np.nan}) as sink:
+        with NullSink(
+            Scene({"y": 1 * Input("x")}), 1.0, motion={"x": lambda t: t * np.nan}
+        ) as sink:
             sink.open(FS)
             sink.start()
     y = np.concatenate(log.frames)

@@ -1,4 +1,6 @@
-"""Tables of others: numpy's reader and the exact one see the same, limits hold before memory is taken, and files of Excel."""
+"""Tables of others: numpy's reader and the exact one see the same, limits hold before
+memory is taken, and files of Excel.
+"""
 
 import io
 import os
@@ -27,7 +29,10 @@ def path(tmp_path):
 @pytest.fixture
 def limits():
     """stimlib.limits, as they were afterwards."""
-    before = {name: getattr(stimlib.limits, name) for name in ("recording_bytes", "recording_rows", "recording_columns")}
+    before = {
+        name: getattr(stimlib.limits, name)
+        for name in ("recording_bytes", "recording_rows", "recording_columns")
+    }
     yield stimlib.limits
     for name, value in before.items():
         setattr(stimlib.limits, name, value)
@@ -39,7 +44,11 @@ def rows_of(path, columns):
     batches = list(table.batches())
     rows = np.concatenate([b.rows for b in batches]).tolist()
     assert len(rows) <= table.most
-    return type(batches[0]).__name__, rows, np.concatenate([b.numbers(columns) for b in batches], axis=1)
+    return (
+        type(batches[0]).__name__,
+        rows,
+        np.concatenate([b.numbers(columns) for b in batches], axis=1),
+    )
 
 
 # -- two readers, one table
@@ -48,10 +57,25 @@ def rows_of(path, columns):
 @settings(max_examples=40)
 @given(data=st.data())
 def test_a_quote_anywhere_changes_nothing(tmp_path_factory, data):
-    """The fast reader takes what is plain, the exact one the rest from there on; numbers and row numbers are the same."""
+    """The fast reader takes what is plain, the exact one the rest from there on;
+    numbers and row numbers are the same.
+    """
     path = tmp_path_factory.getbasetemp() / "either.csv"
-    words = ["0", "1.5", "-2e-3", " 7 ", "+.5", "1e400", "nan", "0.1000000000000000055511151231257827", "5e-324", "-0"]
-    rows = data.draw(st.lists(st.lists(st.sampled_from(words), min_size=2, max_size=2), min_size=1, max_size=30))
+    words = [
+        "0",
+        "1.5",
+        "-2e-3",
+        " 7 ",
+        "+.5",
+        "1e400",
+        "nan",
+        "0.1000000000000000055511151231257827",
+        "5e-324",
+        "-0",
+    ]
+    rows = data.draw(
+        st.lists(st.lists(st.sampled_from(words), min_size=2, max_size=2), min_size=1, max_size=30)
+    )
     end = data.draw(st.sampled_from(["\n", "\r\n"]))
     text = "a,b,c" + end + "".join(f"{a},{b},kind{end}" for a, b in rows)
     path.write_bytes(text.encode())
@@ -60,7 +84,9 @@ def test_a_quote_anywhere_changes_nothing(tmp_path_factory, data):
     path.write_bytes(text.replace("kind", '"kind"').encode())
     other, exact_numbers, exact = rows_of(path, ["b", "a"])
     assert other == "_Exact" and numbers == exact_numbers == list(range(2, len(rows) + 2))
-    assert np.array_equal(values, exact, equal_nan=True) and np.array_equal(np.signbit(values), np.signbit(exact))
+    assert np.array_equal(values, exact, equal_nan=True) and np.array_equal(
+        np.signbit(values), np.signbit(exact)
+    )
 
 
 def test_pieces_and_batches_do_not_show(path, monkeypatch):
@@ -72,40 +98,58 @@ def test_pieces_and_batches_do_not_show(path, monkeypatch):
     monkeypatch.setattr(tables, "BATCH", 7)
     at = np.linspace(-1, 6, 1001)
     assert np.array_equal(recording(path, {"x": "x"}).motion["x"](at), whole.motion["x"](at))
-    lines[300] = lines[300].replace("\n", '"\n', 1).replace(",", ',"', 2).replace('"', "", 1)  # quoted from here on
+    # quoted from here on
+    lines[300] = lines[300].replace("\n", '"\n', 1).replace(",", ',"', 2).replace('"', "", 1)
     path.write_text("t_s,x,kind\n" + "".join(lines))
     assert np.array_equal(recording(path, {"x": "x"}).motion["x"](at), whole.motion["x"](at))
     some = recording(path, {"x": "x"}, where={"kind": 6})
-    assert some.info["reports"] == 71 and some.motion["x"](0.0) == pytest.approx(np.sin(0.06) * 1e-3, abs=1e-6)
-    for wrong, message in ((",,6\n", "row 403, column x: there is no number"), (",6\n", "row 403, column kind: 2 fields for 3")):
-        path.write_text("t_s,x,kind\n" + "".join(lines[:401]) + "4.01" + wrong + "".join(lines[402:]))
+    assert some.info["reports"] == 71 and some.motion["x"](0.0) == pytest.approx(
+        np.sin(0.06) * 1e-3, abs=1e-6
+    )
+    for wrong, message in (
+        (",,6\n", "row 403, column x: there is no number"),
+        (",6\n", "row 403, column kind: 2 fields for 3"),
+    ):
+        path.write_text(
+            "t_s,x,kind\n" + "".join(lines[:401]) + "4.01" + wrong + "".join(lines[402:])
+        )
         with pytest.raises(RecordingError, match=message):
             recording(path, {"x": "x"})
 
 
 def test_decimal_commas_of_a_spreadsheet(path):
-    path.write_bytes("\ufefft_s;x (mm);note\r\n0,00;1,5;a,b\r\n0,01;-2,5E-1;\r\n0,02;3;c\r\n".encode())
+    path.write_bytes(
+        "\ufefft_s;x (mm);note\r\n0,00;1,5;a,b\r\n0,01;-2,5E-1;\r\n0,02;3;c\r\n".encode()
+    )
     r = recording(path, {"x": "'x (mm)'*1e-3"}, max_speed=None)
     assert r.motion["x"]([0.0, 0.01, 0.02]).tolist() == [0.0015, -0.00025, 0.003]
-    with pytest.raises(RecordingError, match="one report is not a motion"):  # the row that has this number
+    # the row that has this number
+    with pytest.raises(RecordingError, match="one report is not a motion"):
         recording(path, {"x": "'x (mm)'*1e-3"}, where={"x (mm)": "1,50"})
     path.write_text("t_s;x\n0,00;1.234,5\n0,01;2\n")
     with pytest.raises(RecordingError, match="row 2, column x: '1.234,5' is not a number"):
         recording(path, {"x": "x"})
     path.write_text("t_s,x\n0,00,1,5\n0,01,2,5\n")
-    with pytest.raises(RecordingError, match="row 2: 4 fields for 2 columns.*decimals with a point.*semicolons"):
+    with pytest.raises(
+        RecordingError, match="row 2: 4 fields for 2 columns.*decimals with a point.*semicolons"
+    ):
         recording(path, {"x": "x"})
 
 
 @pytest.mark.parametrize("quote", ["", '"'])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("above", [["sep=;"], ["# by hand, on Monday", "#"], ['\ufeff"SEP=;"', "# a;b", '#"'], ["#1;2;3"]])
+@pytest.mark.parametrize(
+    "above",
+    [["sep=;"], ["# by hand, on Monday", "#"], ['\ufeff"SEP=;"', "# a;b", '#"'], ["#1;2;3"]],
+)
 def test_a_hint_of_excel_and_comments_stand_above_the_names(path, above, end, quote):
     lines = [*above, "t_s;x", "0,00;1", f"{quote}0,01{quote};2"]
     path.write_bytes(end.join(lines).encode())
     assert recording(path, {"x": "x*1e-3"}).motion["x"]([0.0, 0.01]).tolist() == [0.001, 0.002]
     path.write_bytes(end.join([*lines, "0,02;c"]).encode())
-    with pytest.raises(RecordingError, match=f"row {len(lines) + 1}, column x: 'c' is not a number"):
+    with pytest.raises(
+        RecordingError, match=f"row {len(lines) + 1}, column x: 'c' is not a number"
+    ):
         recording(path, {"x": "x"})
 
 
@@ -113,10 +157,15 @@ def test_what_a_hint_says_goes_before_what_the_names_look_like(path):
     for mark in ",;|\t":
         other = ";" if mark == "," else ","
         path.write_text(f"sep={mark}\nt_s{mark}x{other}y\n0{mark}1\n1{mark}2\n")
-        assert read_table(path).names == ("t_s", f"x{other}y") and rows_of(path, ["t_s"])[2].tolist() == [[0.0, 1.0]]
+        assert read_table(path).names == ("t_s", f"x{other}y") and rows_of(path, ["t_s"])[
+            2
+        ].tolist() == [[0.0, 1.0]]
 
 
-@pytest.mark.parametrize(("names", "row"), [("#,t_s,x", "1,0,0"), ("# t_s,x", "0,0"), ("#;x", "1;0,5"), ('#,"x"', '"0",0')])
+@pytest.mark.parametrize(
+    ("names", "row"),
+    [("#,t_s,x", "1,0,0"), ("# t_s,x", "0,0"), ("#;x", "1;0,5"), ('#,"x"', '"0",0')],
+)
 def test_names_may_begin_with_a_number_sign(path, names, row):
     path.write_text(f"# by hand\n{names}\n{row}\n")
     assert read_table(path).names == tuple(names.replace('"', "").replace(";", ",").split(","))
@@ -125,7 +174,9 @@ def test_names_may_begin_with_a_number_sign(path, names, row):
 @pytest.mark.parametrize("text", ["sep=;\n", "# a\n", "sep=,\r\n#\r\n# t_s,x"])
 def test_nothing_but_hint_and_comments(path, text):
     path.write_text(text)
-    with pytest.raises(RecordingError, match="the file is empty; give a file with a line of column names"):
+    with pytest.raises(
+        RecordingError, match="the file is empty; give a file with a line of column names"
+    ):
         read_table(path)
 
 
@@ -152,14 +203,19 @@ def saved(**arrays) -> bytes:
 
 def test_limits_of_a_table(path, limits):
     path.write_text(",".join(f"c{i}" for i in range(100_000)) + "\n")
-    with pytest.raises(RecordingError, match="columns: 100000 is more than limits.recording_columns = 1000; .*STIMLIB_LIMITS"):
+    with pytest.raises(
+        RecordingError,
+        match="columns: 100000 is more than limits.recording_columns = 1000; .*STIMLIB_LIMITS",
+    ):
         recording(path, {"x": "x"})
     path.write_text("t_s,x\n" + "0,0\n" * 30)
     limits.recording_rows = 20
     with pytest.raises(RecordingError, match="rows: 3. is more than limits.recording_rows = 20"):
         recording(path, {"x": "x"})
     limits.recording_bytes = 100
-    with pytest.raises(RecordingError, match="bytes: 126 is more than limits.recording_bytes = 100"):
+    with pytest.raises(
+        RecordingError, match="bytes: 126 is more than limits.recording_bytes = 100"
+    ):
         recording(path, {"x": "x"})
 
 
@@ -180,14 +236,22 @@ def test_what_is_no_regular_file_is_not_waited_for(tmp_path, suffix):
     zero = tmp_path / f"zero.{suffix}"
     zero.symlink_to("/dev/zero")
     for place in (pipe, zero):
-        with pytest.raises(RecordingError, match=r"cannot be read \(it is not a regular file\); give the name of a CSV or npz"):
+        with pytest.raises(
+            RecordingError,
+            match=r"cannot be read \(it is not a regular file\); give the name of a CSV or npz",
+        ):
             recording(place, {"x": "x"})
 
 
 def test_a_small_archive_of_much_is_refused_without_unpacking(tmp_path):
-    """64 MiB of zeros in 65 kB: the memory of a process that is told no more than its own."""
+    """64 MiB of zeros in 65 kB: the memory of a process that is told no more than its
+    own.
+    """
     head = array("{'descr': '|u1', 'fortran_order': False, 'shape': (67108864,), }")
-    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as z, z.open("x.npy", "w") as f:
+    with (
+        zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as z,
+        z.open("x.npy", "w") as f,
+    ):
         f.write(head)
         for _ in range(64):
             f.write(bytes(1 << 20))
@@ -216,12 +280,16 @@ def peak(path, columns="{'x': 'x'}"):
 
 @pytest.mark.longer
 def test_memory_of_many_rows(path):
-    """10 million rows within 1 GB is 100 bytes a row, for file, time, position and cubics; it was 430."""
+    """10 million rows within 1 GB is 100 bytes a row, for file, time, position and
+    cubics; it was 430.
+    """
     rows = 10_000_000 if STRESS else 300_000
     with path.open("w") as f:
         f.write("t_s,x,contact\n")
         for a in range(0, rows, 100_000):
-            f.write("".join(f"{i / 1000:.3f},{i % 999 * 1e-6:.8f},1\n" for i in range(a, a + 100_000)))
+            f.write(
+                "".join(f"{i / 1000:.3f},{i % 999 * 1e-6:.8f},1\n" for i in range(a, a + 100_000))
+            )
     said, grown = peak(path)
     assert f"{rows} reports" in said
     assert grown < 100 * rows / 2**20 + 10
@@ -230,21 +298,65 @@ def test_memory_of_many_rows(path):
 @pytest.mark.parametrize(
     "members, message",
     [
-        ([("x.npy", array("{'descr': '<f8', 'fortran_order': False, 'shape': (8589934592,), }"))], "recording_rows"),
         (
-            [("x.npy", array("{'descr': '<f8', 'fortran_order': False, 'shape': (5,), }", bytes(24)))],
+            [
+                (
+                    "x.npy",
+                    array("{'descr': '<f8', 'fortran_order': False, 'shape': (8589934592,), }"),
+                )
+            ],
+            "recording_rows",
+        ),
+        (
+            [
+                (
+                    "x.npy",
+                    array("{'descr': '<f8', 'fortran_order': False, 'shape': (5,), }", bytes(24)),
+                )
+            ],
             "24 bytes for 5 values of 8",
         ),
-        ([("x.npy", array("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }"))], "cannot be read as npz"),
-        ([("x.npy", array("{'descr': '<U4000000000', 'fortran_order': False, 'shape': (1,), }"))], "not an array"),
-        ([("x.npy", array("{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,), }"))], "not an array"),
-        ([("x.npy", array("{'descr': '<f7', 'fortran_order': False, 'shape': (1,), }"))], "cannot be read as npz"),
+        (
+            [("x.npy", array("{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }"))],
+            "cannot be read as npz",
+        ),
+        (
+            [
+                (
+                    "x.npy",
+                    array("{'descr': '<U4000000000', 'fortran_order': False, 'shape': (1,), }"),
+                )
+            ],
+            "not an array",
+        ),
+        (
+            [
+                (
+                    "x.npy",
+                    array("{'descr': [('a', '<f8')], 'fortran_order': False, 'shape': (1,), }"),
+                )
+            ],
+            "not an array",
+        ),
+        (
+            [("x.npy", array("{'descr': '<f7', 'fortran_order': False, 'shape': (1,), }"))],
+            "cannot be read as npz",
+        ),
         ([("x.npy", array("(" * 99))], "cannot be read as npz"),
         ([("x.npy", b"\x93NUMPY\2\0\xff\xff\xff\xff")], "its header is too long"),
-        ([("x.npy", b"\x93NUMPY\1\0" + (10_001).to_bytes(2, "little") + bytes(99))], "its header is too long"),
-        ([("x.npy", b"\x93NUMPY\1\0" + (10_000).to_bytes(2, "little") + b"[0]".ljust(10_000))], "list indices"),
+        (
+            [("x.npy", b"\x93NUMPY\1\0" + (10_001).to_bytes(2, "little") + bytes(99))],
+            "its header is too long",
+        ),
+        (
+            [("x.npy", b"\x93NUMPY\1\0" + (10_000).to_bytes(2, "little") + b"[0]".ljust(10_000))],
+            "list indices",
+        ),
         ([("x.npy", b"\x93NUMPY\1\0\xff")], "cannot be read as npz"),
-        ([(f"a{i}.npy", b"") for i in range(3000)], "arrays: 3000 is more than limits.recording_columns = 1000"),
+        (
+            [(f"a{i}.npy", b"") for i in range(3000)],
+            "arrays: 3000 is more than limits.recording_columns = 1000",
+        ),
     ],
     ids=lambda v: v if isinstance(v, str) else "",
 )
@@ -273,16 +385,22 @@ def test_an_archive_that_is_locked_or_lies(tmp_path):
         path.write_bytes(change)
         with pytest.raises(RecordingError, match=message):
             recording(path, {"x": "x"})
-    path.write_bytes(saved(t_s=t, x=t, note=np.array(["a"] * 4)).replace(b"a\0\0\0", b"\xff\xff\xff\x7f", 1))
+    path.write_bytes(
+        saved(t_s=t, x=t, note=np.array(["a"] * 4)).replace(b"a\0\0\0", b"\xff\xff\xff\x7f", 1)
+    )
     with pytest.raises(RecordingError, match="column note: cannot be read as npz"):
         recording(path, {"x": "x"}, where={"note": "a"})
 
 
 def test_only_the_columns_in_use_are_unpacked(tmp_path):
-    """Damage far inside another array does not matter; damage in one that is used does."""
+    """Damage far inside another array does not matter; damage in one that is used
+    does.
+    """
     t = np.arange(4000) * 0.01
     path = tmp_path / "log.npz"
-    path.write_bytes(saved(t_s=t, x=t, other=t + 5).replace((t + 5).tobytes(), (t + 6).tobytes(), 1))
+    path.write_bytes(
+        saved(t_s=t, x=t, other=t + 5).replace((t + 5).tobytes(), (t + 6).tobytes(), 1)
+    )
     assert recording(path, {"x": "x"}, max_speed=None).info["reports"] == 4000
     with pytest.raises(RecordingError, match="column other: cannot be read as npz"):
         recording(path, {"x": "other"})

@@ -66,14 +66,18 @@ print(*sorted(ends), sep=", ")
 def ran(code, *words, **env):
     """What a program of its own has printed."""
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])} | env
-    done = subprocess.run([sys.executable, "-c", code, *words], env=env, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], env=env, capture_output=True, text=True, timeout=300
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
 def test_without_threads_a_sink_does_not_open_and_holds_nothing():
-    """Whichever of a session's four threads is the one too many: a real limit of memory, of which a thread takes half a GiB."""
+    """Whichever of a session's four threads is the one too many: a real limit of
+    memory, of which a thread takes half a GiB.
+    """
     ends = ran(FEW).strip().split(", ")
     assert {"stimlib close", "played"} < set(ends) and len(ends) >= 3, ends
 
@@ -134,7 +138,8 @@ assert not wrong, wrong
 
 
 def test_null_sinks_in_several_threads():
-    ran("import warnings; warnings.simplefilter('ignore', RuntimeWarning)\n" + MANY, "null")  # what is not permitted here
+    # what is not permitted here
+    ran("import warnings; warnings.simplefilter('ignore', RuntimeWarning)\n" + MANY, "null")
 
 
 @needs_jack
@@ -144,9 +149,18 @@ def test_jack_sinks_in_several_threads():
 
 
 def test_portaudio_sinks_in_several_threads(tmp_path):
-    pytest.importorskip("sounddevice", reason="needs PortAudio (tests/devices/install.sh)", exc_type=(ImportError, OSError))
+    pytest.importorskip(
+        "sounddevice",
+        reason="needs PortAudio (tests/devices/install.sh)",
+        exc_type=(ImportError, OSError),
+    )
     if not Path("/usr/share/alsa/alsa.conf").exists():
         pytest.skip("needs ALSA's configuration (apt-get install libasound2-data)")
     config = tmp_path / "asound.conf"
     config.write_text('pcm.stimnull { type null hint { show on description "stimnull" } }\n')
-    ran(MANY, "portaudio", ALSA_CONFIG_PATH=f"/usr/share/alsa/alsa.conf:{config}", JACK_DEFAULT_SERVER="stimlib_none")
+    ran(
+        MANY,
+        "portaudio",
+        ALSA_CONFIG_PATH=f"/usr/share/alsa/alsa.conf:{config}",
+        JACK_DEFAULT_SERVER="stimlib_none",
+    )

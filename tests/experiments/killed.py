@@ -1,8 +1,9 @@
-"""Kill sessions at random moments and resume them: ``python killed.py FOLDER KILLS SEED``.  Run by test_session.py.
+"""Kill sessions at random moments and resume them: ``python killed.py FOLDER KILLS
+SEED``.  Run by test_session.py.
 
-A child runs the session and says when it has begun and after each answer that is kept; it is killed, and another goes on, until
-one comes to the end.
-The log must have every answer that was kept, and be that of a session that nobody killed.
+A child runs the session and says when it has begun and after each answer that is kept;
+it is killed, and another goes on, until one comes to the end. The log must have every
+answer that was kept, and be that of a session that nobody killed.
 """
 
 import os
@@ -66,7 +67,8 @@ def main(folder, kills, rng):
             listen, told = os.pipe()
             pid = child(data, told)
             os.close(told)
-            said = os.read(listen, 1) if rng.random() < 0.7 else b""  # else it may be killed while it reads
+            # else it may be killed while it reads
+            said = os.read(listen, 1) if rng.random() < 0.7 else b""
             time.sleep(rng.random() * length * 0.3)
             os.kill(pid, signal.SIGKILL)
             _, status = os.waitpid(pid, 0)

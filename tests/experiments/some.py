@@ -1,4 +1,6 @@
-"""A small experiment for tests: a spring, a staircase of two tracks, and an observer."""
+"""A small experiment for tests: a spring, a staircase of two tracks, and an
+observer.
+"""
 
 import stimlib
 import stimlib.experiments.streams

@@ -1,4 +1,6 @@
-"""Which cue explains the answers of the bounciness experiment: from a session's logs, against numbers made by another route."""
+"""Which cue explains the answers of the bounciness experiment: from a session's logs,
+against numbers made by another route.
+"""
 
 import dataclasses
 from math import pi
@@ -10,7 +12,16 @@ from scipy.special import log_ndtr, ndtri
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.bounciness import CUES, PAIRS, Explained, analysis, bounciness, cues_text, explained, known
+from stimlib.experiments.bounciness import (
+    CUES,
+    PAIRS,
+    Explained,
+    analysis,
+    bounciness,
+    cues_text,
+    explained,
+    known,
+)
 from stimlib.experiments.designs import Listed
 from stimlib.experiments.distances import displayed, recorded
 from stimlib.experiments.experiment import Timing
@@ -25,11 +36,15 @@ from stimlib.scenes import viscoelastic
 
 NAME = "0.5 and 0.65"
 TRIALS, WRONG = 12, (3, 6)  # one of each material is taken for the other
-TASK = Identify(NAME, "bouncier", {"green": known("P01", 9)["green"], "red": known("P01", 9)["red"]})
+TASK = Identify(
+    NAME, "bouncier", {"green": known("P01", 9)["green"], "red": known("P01", 9)["red"]}
+)
 
 
 def moves(k):
-    """Amplitude in m and frequency in Hz of the k-th trial: a hand that follows badly."""
+    """Amplitude in m and frequency in Hz of the k-th trial: a hand that follows
+    badly.
+    """
     return 0.01 * (1 + 0.1 * np.sin(5.0 * k)), 1.5 * (1 + 0.1 * np.sin(3.0 * k))
 
 
@@ -37,7 +52,9 @@ def moves(k):
 def session(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     design = Listed(((TASK, "red"), (TASK, "green")), TRIALS // 2, shuffle="none")
-    short = dataclasses.replace(bounciness(), design=design, timing=Timing(interval=2.0), cursor=None, familiarisation={})
+    short = dataclasses.replace(
+        bounciness(), design=design, timing=Timing(interval=2.0), cursor=None, familiarisation={}
+    )
 
     def said(trial, rng):
         other = {"red": "green", "green": "red"}
@@ -54,7 +71,9 @@ def session(tmp_path_factory):
 
 
 def by_hand(experiment, saved):
-    """Phase, work and slope of each trial, of the scene rendered anew; and the answers."""
+    """Phase, work and slope of each trial, of the scene rendered anew; and the
+    answers.
+    """
     rows = []
     for k, record in enumerate(saved.records):
         amplitude, f = moves(k)
@@ -62,14 +81,19 @@ def by_hand(experiment, saved):
         t = np.arange(b) / 1000
         alpha = float(record.trial.stimuli[0].scene)
         y = sinusoid(amplitude, f)(t)[a:b]
-        force = stimlib.render(viscoelastic(alpha), {"y": y}, 1000)["force"]  # which knows of no motion before its interval
+        # which knows of no motion before its interval
+        force = stimlib.render(viscoelastic(alpha), {"y": y}, 1000)["force"]
         rise = (1 - np.cos(pi * np.arange(20) / 20)) / 2
         force[:20] *= rise
         force[-20:] *= 1 - rise
         n = len(y)
-        waves = np.stack([np.cos(2 * pi * f * t[:n]), np.sin(2 * pi * f * t[:n]), np.ones(n)], axis=1)
+        waves = np.stack(
+            [np.cos(2 * pi * f * t[:n]), np.sin(2 * pi * f * t[:n]), np.ones(n)], axis=1
+        )
         weight = np.sin(pi * (np.arange(n) + 0.5) / n)
-        (yc, ys, _), (fc, fs, _) = (np.linalg.lstsq(waves * weight[:, None], u * weight)[0] for u in (y, force))
+        (yc, ys, _), (fc, fs, _) = (
+            np.linalg.lstsq(waves * weight[:, None], u * weight)[0] for u in (y, force)
+        )
         phase = np.angle((fc - 1j * fs) / (yc - 1j * ys))
         work = np.sum(np.maximum(force * np.gradient(y), 0))
         rows.append((phase, work, force @ y / (y @ y), record.answer.values["bouncier"] == "green"))
@@ -80,7 +104,12 @@ def distance(cue, said):
     """Of a probit by an optimiser that knows no more than the likelihood."""
     x = (cue - cue.mean()) / cue.std()
     z = lambda p: p[0] + p[1] * x  # noqa: E731
-    best = minimize(lambda p: -np.sum(log_ndtr(np.where(said, z(p), -z(p)))), (0.0, 0.0), method="BFGS", options={"gtol": 1e-9})
+    best = minimize(
+        lambda p: -np.sum(log_ndtr(np.where(said, z(p), -z(p)))),
+        (0.0, 0.0),
+        method="BFGS",
+        options={"gtol": 1e-9},
+    )
     z = z(best.x)
     return z[z > 0].mean() - z[z <= 0].mean()
 
@@ -96,28 +125,39 @@ def test_the_ratios_are_those_of_the_scene_rendered_anew(session):
     d = 2 * ndtri(5 / 6)  # five of six of each
     assert found.d == {0.5: pytest.approx(d)}
     for name, cue in (("phi", phase), ("k_fit", slope), ("W", np.array(table["W"]))):
-        assert found.ratio[0.5, name][0] == pytest.approx(distance(cue, said.astype(bool)) / d, rel=2e-3), name
-    assert found.left_out == 0 and 2 * found.ratio[0.5, "W"][0] < found.ratio[0.5, "phi"][0] == pytest.approx(1.0, abs=0.01), (
-        "what parts them is phase"
-    )
+        assert found.ratio[0.5, name][0] == pytest.approx(
+            distance(cue, said.astype(bool)) / d, rel=2e-3
+        ), name
+    assert found.left_out == 0 and 2 * found.ratio[0.5, "W"][0] < found.ratio[0.5, "phi"][
+        0
+    ] == pytest.approx(1.0, abs=0.01), "what parts them is phase"
 
 
 def test_the_table_has_the_three_largest_of_each_reference():
     ratio = {(a, name): (k / 10, 0.01, 2) for a in (0.0, 0.5) for k, name in enumerate(CUES)}
     ratio[0.5, "phi"] = (9.0, float("nan"), 1)
     ratio[0.0, "b_fit"] = (float("nan"), float("nan"), 0)
-    rows = {line.split("  ")[0]: line for line in cues_text(Explained({0.0: 1.5, 0.5: 2.5}, ratio)).splitlines()}
+    rows = {
+        line.split("  ")[0]: line
+        for line in cues_text(Explained({0.0: 1.5, 0.5: 2.5}, ratio)).splitlines()
+    }
     assert rows["mean d'"].split()[2:] == ["1.500", "2.500"] and len(rows) == 17
     assert rows["phi"].split() == ["phi", "0.400", "±0.010", "(2)", "9.000", "(1)*"]
     assert rows["b_fit"].split() == ["b_fit", "-", "1.400", "±0.010", "(2)*"]
-    assert rows["k_fit"].count("*") == 2 and rows["k_I"].count("*") == 1 and rows["v_mean"].count("*") == 1
+    assert (
+        rows["k_fit"].count("*") == 2
+        and rows["k_I"].count("*") == 1
+        and rows["v_mean"].count("*") == 1
+    )
 
 
 def test_what_has_no_cues_is_said(session, tmp_path):
     experiment, saved = session
     with pytest.raises(UnknownName, match="no signal 'x'; there are y, force"):
         recorded([saved], "x", "force")
-    bare = dataclasses.replace(saved, records=[dataclasses.replace(r, displayed=[]) for r in saved.records])
+    bare = dataclasses.replace(
+        saved, records=[dataclasses.replace(r, displayed=[]) for r in saved.records]
+    )
     with pytest.raises(BadValue, match="trial 1: no log of it was kept"):
         recorded([bare], "y", "force")
     with pytest.raises(BadValue, match="window"):
@@ -127,20 +167,32 @@ def test_what_has_no_cues_is_said(session, tmp_path):
 
 
 def test_the_analysis_prints_both_tables(session):
-    """Twelve sessions of the same four trials, each under the name of another condition: all references get the same numbers."""
+    """Twelve sessions of the same four trials, each under the name of another
+    condition: all references get the same numbers.
+    """
     _, saved = session
     four = saved.records[:4]
-    named = [[dataclasses.replace(r, trial=dataclasses.replace(r.trial, condition=c)) for r in four] for c in PAIRS]
+    named = [
+        [dataclasses.replace(r, trial=dataclasses.replace(r.trial, condition=c)) for r in four]
+        for c in PAIRS
+    ]
     told = analysis([dataclasses.replace(saved, records=records) for records in named]).splitlines()
-    assert told[0].startswith("alpha = 0     JND") and told[6].startswith("normalised distance over d', mean over sessions")
+    assert told[0].startswith("alpha = 0     JND") and told[6].startswith(
+        "normalised distance over d', mean over sessions"
+    )
     (row,) = [line.split() for line in told if line.startswith("k_fit")]
     assert (
-        told[7].split() == ["alpha", "0", "0.25", "0.5", "0.75"] and row[1:4] == row[4:7] and len(row) == 13 and row[3] == "(3)*"
+        told[7].split() == ["alpha", "0", "0.25", "0.5", "0.75"]
+        and row[1:4] == row[4:7]
+        and len(row) == 13
+        and row[3] == "(3)*"
     ), "four references, three sessions of each"
 
 
 def test_a_trial_without_movement_is_left_out(session, monkeypatch):
-    """The last two of them, one of each material: all numbers are those of the ten before."""
+    """The last two of them, one of each material: all numbers are those of the ten
+    before.
+    """
     _, saved = session
     real, calls = displayed, []
 
@@ -152,6 +204,12 @@ def test_a_trial_without_movement_is_left_out(session, monkeypatch):
     monkeypatch.setattr("stimlib.experiments.distances.displayed", still)
     found = explained(recorded([saved], "y", "force"))
     monkeypatch.undo()
-    before = explained(recorded([dataclasses.replace(saved, records=saved.records[:-2])], "y", "force"))
-    assert (found.d, found.ratio, found.left_out) == (before.d, before.ratio, 2) and len(calls) == TRIALS
-    assert cues_text(found).endswith("trials left out, because the hand moved for less than two periods: 2")
+    before = explained(
+        recorded([dataclasses.replace(saved, records=saved.records[:-2])], "y", "force")
+    )
+    assert (found.d, found.ratio, found.left_out) == (before.d, before.ratio, 2) and len(
+        calls
+    ) == TRIALS
+    assert cues_text(found).endswith(
+        "trials left out, because the hand moved for less than two periods: 2"
+    )

@@ -1,4 +1,6 @@
-"""Designs: the levels of a staircase, orders that own their draws, squares, and states that are plain data."""
+"""Designs: the levels of a staircase, orders that own their draws, squares, and states
+that are plain data.
+"""
 
 import dataclasses as dc
 import json
@@ -19,30 +21,54 @@ from stimlib.experiments.streams import seed_of, stream
 from stimlib.experiments.tasks import Identify, Pair, Show
 from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
 
-PAIR = Pair("silent", "softer", Stimulus("squeeze", {"k": 2.0}), Stimulus("squeeze", {"A": 3.4}), "k", asks_less=True)
+PAIR = Pair(
+    "silent",
+    "softer",
+    Stimulus("squeeze", {"k": 2.0}),
+    Stimulus("squeeze", {"A": 3.4}),
+    "k",
+    asks_less=True,
+)
 STAIRS = Staircase(PAIR, start=5.0, bounds=(0.1, 100.0))
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
 
 
 def says(trial: Trial, more: bool) -> Answer:
-    return Answer({trial.questions[0]: next(c for c, score in trial.scores.items() if score == more)})
+    return Answer(
+        {trial.questions[0]: next(c for c, score in trial.scores.items() if score == more)}
+    )
 
 
 def levels(design, answers, seed=1):
-    """Levels that a list of outcomes leads to; a function of the level answers for somebody."""
+    """Levels that a list of outcomes leads to; a function of the level answers for
+    somebody.
+    """
     state, found = design.init(seed), []
-    while (trial := design.next(state)) is not None and (callable(answers) or len(found) < len(answers)):
+    while (trial := design.next(state)) is not None and (
+        callable(answers) or len(found) < len(answers)
+    ):
         found.append(trial.level)
-        state = design.update(state, says(trial, answers(trial.level) if callable(answers) else answers[len(found) - 1]))
+        state = design.update(
+            state,
+            says(trial, answers(trial.level) if callable(answers) else answers[len(found) - 1]),
+        )
     return found
 
 
-# The up-down rule as PsychoPy's StairHandler has it, written down from its documentation: one step per entry --------------
+# The up-down rule as PsychoPy's StairHandler has it, written down from its documentatio
 def reference(answers, level, up, down, steps, low, high):
     found, way, run, turns = [], 0, 0, 0
     for more in answers:
         found.append(level)
-        run = run + 1 if more and run >= 0 else run - 1 if not more and run <= 0 else 1 if more else -1
+        run = (
+            run + 1
+            if more and run >= 0
+            else run - 1
+            if not more and run <= 0
+            else 1
+            if more
+            else -1
+        )
         needed = 1 if turns == 0 else down if more else up
         if abs(run) >= needed:
             new = -1 if more else 1
@@ -66,8 +92,12 @@ def test_staircase_of_the_paper_has_22_levels():
 @pytest.mark.parametrize("up, down", [(1, 1), (1, 2), (2, 1), (1, 3)])
 def test_staircase_is_the_up_down_rule_on_any_answers(up, down):
     answers = stream(3, up, down).integers(2, size=120).astype(bool).tolist()
-    design = Staircase(PAIR, 5.0, (0.5, 20.0), steps=(8.0, 4.0, 2.0), reversals=10**6, up=up, down=down)
-    assert levels(design, answers) == pytest.approx(reference(answers, 5.0, up, down, (8.0, 4.0, 2.0), 0.5, 20.0), rel=1e-12)
+    design = Staircase(
+        PAIR, 5.0, (0.5, 20.0), steps=(8.0, 4.0, 2.0), reversals=10**6, up=up, down=down
+    )
+    assert levels(design, answers) == pytest.approx(
+        reference(answers, 5.0, up, down, (8.0, 4.0, 2.0), 0.5, 20.0), rel=1e-12
+    )
 
 
 def test_no_staircase_passes_its_bounds_and_each_ends():
@@ -83,18 +113,32 @@ def test_no_staircase_passes_its_bounds_and_each_ends():
 
 @pytest.mark.parametrize("more", [False, True])
 def test_a_staircase_ends_where_every_answer_asks_for_a_level_beyond_its_bound(more):
-    """Somebody who is always wrong, or presses one key, was asked 1000 times; a fit then says that all answers are the same."""
+    """Somebody who is always wrong, or presses one key, was asked 1000 times; a fit
+    then says that all answers are the same.
+    """
     found = levels(Staircase(PAIR, 5.0, (1.5, 20.0), up=1, down=3), lambda k: more)
     assert found[-1] == (1.5 if more else 20.0) and found.count(found[-1]) == 20
     assert psychometric(found, [more] * len(found)).problems == ("few",)
-    turns = iter([True, True, False] * 50)  # on the bound, and no end of it: not all answers ask for more
-    assert len(levels(Staircase(PAIR, 20.0, (1.5, 20.0), down=3, reversals=99, most=140), lambda k: next(turns))) == 140
+    # on the bound, and no end of it: not all answers ask for more
+    turns = iter([True, True, False] * 50)
+    assert (
+        len(
+            levels(
+                Staircase(PAIR, 20.0, (1.5, 20.0), down=3, reversals=99, most=140),
+                lambda k: next(turns),
+            )
+        )
+        == 140
+    )
 
 
 def test_a_pair_knows_whether_it_is_a_detection():
     silent = Pair("felt", "which", Stimulus("tone", {"A": 0}), Stimulus("tone"), "A")
     assert PAIR.chance is None and silent.chance == 0.5
-    assert dc.replace(PAIR, detection=True).chance == 0.5 and dc.replace(silent, detection=False).chance is None
+    assert (
+        dc.replace(PAIR, detection=True).chance == 0.5
+        and dc.replace(silent, detection=False).chance is None
+    )
     trial = silent.trial(0.2, seed=1, n=0)
     assert trial.chance == 0.5 and Trial.from_dict(trial.to_dict()) == trial
     old = {name: value for name, value in trial.to_dict().items() if name != "chance"}
@@ -127,7 +171,11 @@ def test_a_staircase_that_makes_no_sense(wrong, why):
 def test_a_start_is_drawn_between_its_two_levels_and_from_a_stream_of_its_own():
     design = Staircase(PAIR, (4.0, 5.0), (0.1, 20.0))
     starts = np.array([design.init(seed)["level"] for seed in range(400)])
-    assert 4.0 <= starts.min() < 4.05 and 4.95 < starts.max() <= 5.0 and abs(starts.mean() - 4.5) < 0.05
+    assert (
+        4.0 <= starts.min() < 4.05
+        and 4.95 < starts.max() <= 5.0
+        and abs(starts.mean() - 4.5) < 0.05
+    )
     assert design.init(7)["level"] == 4.0 + stream(7, "start").random()
 
 
@@ -137,28 +185,42 @@ def test_order_of_a_pair_is_random_and_scores_follow_it():
     assert 160 < first.sum() < 240 and abs(np.corrcoef(first[1:], first[:-1])[0, 1]) < 0.15
     for t in trials[:20]:
         standard = next(i for i, s in enumerate(t.stimuli) if s.name == "standard")
-        assert t.scores[("first", "second")[standard]] == 1.0  # the standard was softer: the comparison is more
-        assert t.stimuli[standard].params == {"k": 2.0} and t.stimuli[1 - standard].params == {"A": 3.4, "k": 5.0}
-    assert len({s.seed for t in trials for s in t.stimuli}) == 800  # noise of its own in each interval
+        # the standard was softer: the comparison is more
+        assert t.scores[("first", "second")[standard]] == 1.0
+        assert t.stimuli[standard].params == {"k": 2.0} and t.stimuli[1 - standard].params == {
+            "A": 3.4,
+            "k": 5.0,
+        }
+    # noise of its own in each interval
+    assert len({s.seed for t in trials for s in t.stimuli}) == 800
 
 
 def test_one_more_track_or_part_changes_no_other_draw():
     def seen(*names, make):
         design = make({n: Staircase(PAIR, (2.0, 9.0), (0.1, 20.0), reversals=4) for n in names})
         found = {}
-        for trial, _ in observed(design, 5, lambda t, rng: says(t, t.level > 2.0), np.random.default_rng(1)):
-            found.setdefault(trial.track, []).append((trial.level, [(s.name, s.seed) for s in trial.stimuli]))
+        for trial, _ in observed(
+            design, 5, lambda t, rng: says(t, t.level > 2.0), np.random.default_rng(1)
+        ):
+            found.setdefault(trial.track, []).append(
+                (trial.level, [(s.name, s.seed) for s in trial.stimuli])
+            )
         return found
 
     for make in (Interleaved, lambda parts: Parts(parts, shuffle=True)):
         two, three = seen("high", "low", make=make), seen("high", "new", "low", make=make)
         assert {k: three[k] for k in two} == two and len(three) == 3
-    assert seen("high", "low", make=Interleaved)["high"] != seen("high", "low", make=Interleaved)["low"]
+    assert (
+        seen("high", "low", make=Interleaved)["high"]
+        != seen("high", "low", make=Interleaved)["low"]
+    )
 
 
 def test_interleaved_tracks_take_turns_at_random():
     tracks = {n: Staircase(PAIR, 5.0, (0.1, 20.0)) for n in ("high", "low")}
-    answers = observed(Interleaved(tracks), 1, lambda t, rng: says(t, t.level > 2.0), np.random.default_rng(1))
+    answers = observed(
+        Interleaved(tracks), 1, lambda t, rng: says(t, t.level > 2.0), np.random.default_rng(1)
+    )
     order = [t.track for t, _ in answers]
     assert order.count("high") == order.count("low") == 22
     turns = sum(a != b for a, b in zip(order, order[1:], strict=False))
@@ -170,26 +232,37 @@ def test_listed_trials_come_each_as_often_as_asked():
     shown = [
         t
         for t, _ in observed(
-            Listed(((task, "red"), (task, "green")), 50), 3, lambda t, r: Answer({"bouncier": "red"}), stream(1, "observer")
+            Listed(((task, "red"), (task, "green")), 50),
+            3,
+            lambda t, r: Answer({"bouncier": "red"}),
+            stream(1, "observer"),
         )
     ]
     names = [t.stimuli[0].name for t in shown]
-    assert names.count("red") == names.count("green") == 50 and names[:50].count("red") not in (0, 50)
-    assert all(t.correct == {"bouncier": n} and t.scores == {"red": 1.0, "green": 0.0} for t, n in zip(shown, names, strict=True))
+    assert names.count("red") == names.count("green") == 50 and names[:50].count("red") not in (
+        0,
+        50,
+    )
+    assert all(
+        t.correct == {"bouncier": n} and t.scores == {"red": 1.0, "green": 0.0}
+        for t, n in zip(shown, names, strict=True)
+    )
 
 
 def test_each_repeat_by_itself_and_as_listed():
     tasks = tuple((Show(f"{i}", ("rough",), Stimulus("bumps")), None) for i in range(8))
     rate = lambda t, rng: Answer({"rough": 4})  # noqa: E731
-    each = [t.condition for t, _ in observed(Listed(tasks, 3, "each"), 3, rate, stream(1, "observer"))]
+    each = [
+        t.condition for t, _ in observed(Listed(tasks, 3, "each"), 3, rate, stream(1, "observer"))
+    ]
     assert [sorted(each[i : i + 8]) for i in (0, 8, 16)] == 3 * [[str(i) for i in range(8)]]
     assert each[:8] != each[8:16]
-    assert [t.condition for t, _ in observed(Listed(tasks, 2, "none"), 3, rate, stream(1, "observer"))] == 2 * [
-        str(i) for i in range(8)
-    ]
-    assert [t.condition for t, _ in observed(Listed(tasks, 1), 4, rate, stream(1, "observer"))] != each[
-        :8
-    ]  # another participant, another order
+    assert [
+        t.condition for t, _ in observed(Listed(tasks, 2, "none"), 3, rate, stream(1, "observer"))
+    ] == 2 * [str(i) for i in range(8)]
+    assert [
+        t.condition for t, _ in observed(Listed(tasks, 1), 4, rate, stream(1, "observer"))
+    ] != each[:8]  # another participant, another order
 
 
 def test_parts_rest_between_and_nowhere_else():
@@ -197,12 +270,23 @@ def test_parts_rest_between_and_nowhere_else():
     trials = [
         t
         for t, _ in observed(
-            Parts({"1": part, "2": part}, pause=60.0), 1, lambda t, r: Answer({"rough": 1}), stream(1, "observer")
+            Parts({"1": part, "2": part}, pause=60.0),
+            1,
+            lambda t, r: Answer({"rough": 1}),
+            stream(1, "observer"),
         )
     ]
-    assert [t.pause for t in trials] == [0.0, 0.0, 60.0, 0.0] and [t.track for t in trials] == ["1", "1", "2", "2"]
+    assert [t.pause for t in trials] == [0.0, 0.0, 60.0, 0.0] and [t.track for t in trials] == [
+        "1",
+        "1",
+        "2",
+        "2",
+    ]
     nested = Parts({"a": Parts({"1": part, "2": part}, pause=60.0), "b": part}, pause=90.0)
-    assert [t.pause for t, _ in observed(nested, 1, lambda t, r: Answer({"rough": 1}), stream(1, "observer"))] == [
+    assert [
+        t.pause
+        for t, _ in observed(nested, 1, lambda t, r: Answer({"rough": 1}), stream(1, "observer"))
+    ] == [
         0.0,
         0.0,
         60.0,
@@ -210,12 +294,18 @@ def test_parts_rest_between_and_nowhere_else():
         90.0,
         0.0,
     ]
-    assert all(t.training for t in trials) and trials[0].stimuli[0].seed != trials[2].stimuli[0].seed
+    assert (
+        all(t.training for t in trials) and trials[0].stimuli[0].seed != trials[2].stimuli[0].seed
+    )
 
 
 DESIGNS = {
     "staircase": STAIRS,
-    "interleaved": Parts({"a": Interleaved({"x": STAIRS, "y": STAIRS}), "b": Listed(((PAIR, 2.0), (PAIR, 4.0)), 2)}, 60, True),
+    "interleaved": Parts(
+        {"a": Interleaved({"x": STAIRS, "y": STAIRS}), "b": Listed(((PAIR, 2.0), (PAIR, 4.0)), 2)},
+        60,
+        True,
+    ),
 }
 
 
@@ -242,12 +332,17 @@ def test_an_answer_that_is_none():
 
 
 def test_quest_finds_the_mean_and_goes_on_from_its_state():
-    design = Quest(PAIR, (1.0, 1.5, 2.0, 2.5, 3.0, 3.5), (1.5, 2.0, 2.5, 3.0), (0.2, 0.4), trials=10)
+    design = Quest(
+        PAIR, (1.0, 1.5, 2.0, 2.5, 3.0, 3.5), (1.5, 2.0, 2.5, 3.0), (0.2, 0.4), trials=10
+    )
     state, trials = design.init(1), []
     while (trial := design.next(state)) is not None:
         trials.append(trial)
         state = design.update(state, says(trial, trial.level > 2.4))
-    assert abs(design.estimate(state)["mean"] - 2.4) < 0.25 and {t.level for t in trials} == {2.0, 2.5}
+    assert abs(design.estimate(state)["mean"] - 2.4) < 0.25 and {t.level for t in trials} == {
+        2.0,
+        2.5,
+    }
     assert len(trials) == 10 == len({t.stimuli[0].seed for t in trials})
     again = dc.replace(design, trials=11)  # nothing of it is known yet: as a resumed session has it
     cold = {k: v if k == "seed" else v[:9] for k, v in state.items()}
@@ -255,7 +350,9 @@ def test_quest_finds_the_mean_and_goes_on_from_its_state():
 
 
 def test_quest_finds_a_threshold_where_half_is_guessed():
-    """As a comparison's, its curve had to be flat and low: the levels stayed far from a threshold of 0.1."""
+    """As a comparison's, its curve had to be flat and low: the levels stayed far from a
+    threshold of 0.1.
+    """
     task = Pair("felt", "which", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
     steps = tuple(0.02 * k for k in range(1, 16))
     design = Quest(task, steps, steps, (0.02, 0.05), trials=50)
@@ -273,7 +370,9 @@ def test_graeco_latin_squares_are_orthogonal(n):
     square = graeco_latin(n)
     assert len({tuple(pair) for pair in square.reshape(-1, 2).tolist()}) == n * n
     for letters in (square[:, :, 0], square[:, :, 1]):
-        assert (np.sort(letters, 0) == np.arange(n)[:, None]).all() and (np.sort(letters, 1) == np.arange(n)).all()
+        assert (np.sort(letters, 0) == np.arange(n)[:, None]).all() and (
+            np.sort(letters, 1) == np.arange(n)
+        ).all()
 
 
 def test_squares_that_are_none():
@@ -290,7 +389,9 @@ def test_squares_that_are_none():
     with pytest.raises(BadValue, match="column 1 has not each Greek letter once"):
         check_graeco_latin(np.tile(np.arange(3)[:, None], (3, 1, 2)))
     for shape in ((3, 2, 2), (2, 3, 2), (3, 3, 1)):
-        with pytest.raises(BadValue, match=f"shape .n, n, 2., got .{shape[0]}, {shape[1]}, {shape[2]}"):
+        with pytest.raises(
+            BadValue, match=f"shape .n, n, 2., got .{shape[0]}, {shape[1]}, {shape[2]}"
+        ):
             check_graeco_latin(np.zeros(shape))
     square[0, 0, 1] = 1
     with pytest.raises(BadValue, match="row 1 has not each Latin letter once"):
@@ -301,7 +402,8 @@ def test_streams_are_their_words():
     assert stream(1, "a", 1).random() != stream(1, "a", 2).random() != stream(2, "a", 2).random()
     assert stream(1, "ab", "c").random() != stream(1, "a", "bc").random()
     assert 0 <= seed_of(2**64 - 1, "x") < 2**53
-    assert stream(1, "a").random() == 0.24298954765102643  # a session that goes on draws what it would have drawn
+    # a session that goes on draws what it would have drawn
+    assert stream(1, "a").random() == 0.24298954765102643
     assert seed_of(1, "x") == 2552818200496343
     for wrong in (-1, 1.0, True, 2**64):
         with pytest.raises(BadValue, match="seed"):
@@ -321,7 +423,11 @@ def test_turns_go_by_the_number_of_the_participant():
         (choice("q", "?", "yes", "no", keys="yn"), "yes", ["y", 1, None]),
         (rating("q", "?", "smooth", "rough"), 7, [0, 8, 3.0, True, "3"]),
         (ranking("q", "?", "A", "B", "C"), ["C", "A", "B"], [["A", "B"], ["A", "A", "B"], "ABC"]),
-        (places("q", "?", 2), [[0.1, 0.2], [0.3, 0.4]], [[[0, 1], [1, 2], [2, 3]], [[1]], [["a", "b"]], [[float("nan"), 0.0]]]),
+        (
+            places("q", "?", 2),
+            [[0.1, 0.2], [0.3, 0.4]],
+            [[[0, 1], [1, 2], [2, 3]], [[1]], [["a", "b"]], [[float("nan"), 0.0]]],
+        ),
     ],
 )
 def test_answers_are_held_against_their_question(question, good, bad):
@@ -345,12 +451,17 @@ def test_questions_and_tasks_that_make_no_sense():
     for names in (("a",), ("a", "a"), ("a", "two words")):
         with pytest.raises(BadValue, match="two names of one word, each once"):
             ranking("q", "?", *names)
-    for make, most in ((lambda n: rating("q", "?", "low", "high", n), 1), (lambda n: places("q", "?", n), 0)):
+    for make, most in (
+        (lambda n: rating("q", "?", "low", "high", n), 1),
+        (lambda n: places("q", "?", n), 0),
+    ):
         with pytest.raises(BadValue, match=f"most = {most} must be"):
             make(most)
     for wrong in ({"deviations": (0.0,)}, {"lapses": (0.5,)}, {"trials": 0}):
         with pytest.raises(BadValue, match="Quest: "):
-            Quest(**({"task": PAIR, "levels": (1.0,), "means": (1.0,), "deviations": (1.0,)} | wrong))
+            Quest(
+                **({"task": PAIR, "levels": (1.0,), "means": (1.0,), "deviations": (1.0,)} | wrong)
+            )
     with pytest.raises(BadValue, match="two stimuli"):
         Identify("c", "q", {"one": Stimulus("s")})
     with pytest.raises(UnknownName, match="no stimulus 'blue'"):
@@ -363,29 +474,52 @@ def test_questions_and_tasks_that_make_no_sense():
 
 @pytest.mark.parametrize(("made", "what"), [(Parts, "part"), (Interleaved, "track")])
 def test_designs_of_nothing(made, what):
-    with pytest.raises(BadValue, match=f"{made.__name__}: give at least one design, by the name of its {what}"):
+    with pytest.raises(
+        BadValue, match=f"{made.__name__}: give at least one design, by the name of its {what}"
+    ):
         made({})
 
 
 @pytest.mark.parametrize(
     ("made", "says"),
     [
-        (lambda: Staircase(PAIR, 5.0, (0.1, 100.0), steps=3.0), "Staircase: steps = 3.0 must be a tuple"),
+        (
+            lambda: Staircase(PAIR, 5.0, (0.1, 100.0), steps=3.0),
+            "Staircase: steps = 3.0 must be a tuple",
+        ),
         (
             lambda: Staircase(PAIR, 5.0, (0.1, 100.0), reversals=2.5),
             "Staircase: reversals = 2.5 must be a whole number",
         ),
-        (lambda: Staircase((PAIR, 5.0), 5.0, (0.1, 100.0)), "Staircase: task = .* must be a task, such as Pair"),
+        (
+            lambda: Staircase((PAIR, 5.0), 5.0, (0.1, 100.0)),
+            "Staircase: task = .* must be a task, such as Pair",
+        ),
         (
             lambda: Listed((PAIR, 5.0)),
-            r"Listed: items = .* must be a tuple \(a tuple \(a task, such as Pair, any value\), ...\)",
+            (
+                r"Listed: items = .* must be a tuple \(a tuple \(a task, such as Pair, any value\),"
+                r" ...\)"
+            ),
         ),
         (lambda: Listed(zip([PAIR], [5.0], strict=True)), "Listed: items = .* must be a tuple"),
         (lambda: Listed(((PAIR, 5.0),), repeats=2.5), "Listed: repeats = 2.5"),
-        (lambda: Interleaved([STAIRS]), "Interleaved: tracks = .* must be a dict {name: a design, such as Staircase or Listed"),
+        (
+            lambda: Interleaved([STAIRS]),
+            "Interleaved: tracks = .* must be a dict {name: a design, such as Staircase or Listed",
+        ),
         (lambda: Parts([STAIRS]), "Parts: parts = .* must be a dict {name: a design, such as"),
-        (lambda: Parts({"a": PAIR}), "Parts: parts = {'a': Pair.* must be a dict {name: a design, such as Staircase or Listed"),
-        (lambda: Pair("a", "q", "squeeze", Stimulus("squeeze"), "k"), "Pair: standard = 'squeeze' must be a Stimulus"),
+        (
+            lambda: Parts({"a": PAIR}),
+            (
+                "Parts: parts = {'a': Pair.* must be a dict {name: a design, such as Staircase or"
+                " Listed"
+            ),
+        ),
+        (
+            lambda: Pair("a", "q", "squeeze", Stimulus("squeeze"), "k"),
+            "Pair: standard = 'squeeze' must be a Stimulus",
+        ),
     ],
 )
 def test_a_design_of_wrong_parts_is_refused_where_it_is_made(made, says):
@@ -402,20 +536,36 @@ def test_a_design_of_wrong_parts_is_refused_where_it_is_made(made, says):
         ),
         ({"questions": ("q",)}, "questions = .* must be a tuple"),
         ({"scenes": SPRING}, "scenes = .* must be a dict {name: a Scene"),
-        ({"timing": {"interval": 1.0}}, r"timing = .* must be a Timing, such as Timing\(interval=1.0\)"),
-        ({"design": PAIR}, "design = Pair.* must be a design, such as Staircase or Listed, which takes the task"),
-        ({"bounds": {"k": 500.0}}, "bounds = .* must be a dict {name: a tuple .a number, a number.}"),
+        (
+            {"timing": {"interval": 1.0}},
+            r"timing = .* must be a Timing, such as Timing\(interval=1.0\)",
+        ),
+        (
+            {"design": PAIR},
+            "design = Pair.* must be a design, such as Staircase or Listed, which takes the task",
+        ),
+        (
+            {"bounds": {"k": 500.0}},
+            "bounds = .* must be a dict {name: a tuple .a number, a number.}",
+        ),
         ({"bounds": [("k", 0.0, 1.0)]}, "bounds = .* must be a dict"),
     ],
 )
 def test_an_experiment_of_wrong_parts_is_refused_where_it_is_made(words, says):
-    usual = {"scenes": {"spring": SPRING}, "design": STAIRS, "questions": (choice("q", "?", "first", "second"),), "fs": 1000.0}
+    usual = {
+        "scenes": {"spring": SPRING},
+        "design": STAIRS,
+        "questions": (choice("q", "?", "first", "second"),),
+        "fs": 1000.0,
+    }
     with pytest.raises(BadValue, match=says):
         Experiment("e", "1", **{**usual, "safety": 10.0, **words})
 
 
 def test_quest_and_a_trial_of_another_chance_level_are_refused():
-    """Quest reads the task's, fits the trial's: of an odd-one-out in three it would search a curve without guesses."""
+    """Quest reads the task's, fits the trial's: of an odd-one-out in three it would
+    search a curve without guesses.
+    """
 
     class Oddity:
         condition = "odd"
@@ -424,16 +574,23 @@ def test_quest_and_a_trial_of_another_chance_level_are_refused():
             return dc.replace(PAIR.trial(level, seed, n), chance=1 / 3)
 
     design = Quest(Oddity(), (1.0, 2.0), means=(1.0, 2.0), deviations=(0.5,))
-    with pytest.raises(BadValue, match=r"Quest: the task has the chance level None, its trial 0.333; give the task's class"):
+    with pytest.raises(
+        BadValue,
+        match=r"Quest: the task has the chance level None, its trial 0.333; give the task's class",
+    ):
         design.next(design.init(seed=1))
     Oddity.chance = 1 / 3
     assert design.next(design.init(seed=1)).chance == 1 / 3
 
 
 def test_quest_takes_rows_of_numpy_and_lists():
-    """As np.linspace gives them; a list failed at the first trial, an array where it was made."""
+    """As np.linspace gives them; a list failed at the first trial, an array where it
+    was made.
+    """
     plain = Quest(PAIR, (1.0, 1.5, 2.0), means=(1.0, 1.5), deviations=(0.5,), trials=3)
-    rows = Quest(PAIR, np.linspace(1.0, 2.0, 3), means=[1.0, 1.5], deviations=np.array([0.5]), trials=3)
+    rows = Quest(
+        PAIR, np.linspace(1.0, 2.0, 3), means=[1.0, 1.5], deviations=np.array([0.5]), trials=3
+    )
     assert rows == plain and rows.next(rows.init(seed=1)) == plain.next(plain.init(seed=1))
     with pytest.raises(BadValue, match="Quest: levels = 1.0 must be a tuple"):
         Quest(PAIR, 1.0, means=(1.0,), deviations=(0.5,))

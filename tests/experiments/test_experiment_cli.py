@@ -1,4 +1,6 @@
-"""The command line of experiments: answers by keyboard, a session that is left and resumed, simulations, tables."""
+"""The command line of experiments: answers by keyboard, a session that is left and
+resumed, simulations, tables.
+"""
 
 import csv
 import json
@@ -51,18 +53,33 @@ def stimlib(*words, typed="", status=0):
 
 
 def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
-    who = [f"{file}:short", "--participant", "P07", "--session", "1", "--data", tmp_path / "data", "--sink", "offline"]
-    said = stimlib("run", *who, typed="1\n0\n" + "\n1\n" + "\n7\nr\n2\n" + "\n", status=2)  # one familiar, two answers
+    who = [
+        f"{file}:short",
+        "--participant",
+        "P07",
+        "--session",
+        "1",
+        "--data",
+        tmp_path / "data",
+        "--sink",
+        "offline",
+    ]
+    # one familiar, two answers
+    said = stimlib("run", *who, typed="1\n0\n" + "\n1\n" + "\n7\nr\n2\n" + "\n", status=2)
     assert (
         "Get to know the stimuli: 1 = red, 0 = begin\n" in said
         and "'7' is no answer; answer one of first, second" in said
         and "once more (1 left)" in said
     )
     again = shlex.join(["stimlib", "experiment", "resume", *map(str, who)])
-    assert f"the input has ended before the session; 2 answers are kept; go on with {again}\n" in said
+    assert (
+        f"the input has ended before the session; 2 answers are kept; go on with {again}\n" in said
+    )
     saved = read(tmp_path / "data/pair/P07-s1")
     assert [r.answer.values["softer"] for r in saved.records] == ["first", "second"]
-    assert [r.answer.replays for r in saved.records] == [0, 1] and [len(r.displayed) for r in saved.records] == [1, 2]
+    assert [r.answer.replays for r in saved.records] == [0, 1] and [
+        len(r.displayed) for r in saved.records
+    ] == [1, 2]
     assert saved.records[0].displayed[0]["peak"]["force"] == pytest.approx(
         [s.params.get("k", 2.0) for s in saved.records[0].trial.stimuli]
     )
@@ -70,10 +87,16 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     assert "Thank you" in stimlib("resume", *who, typed="0\n\n1\n\n1\n")
     assert len(read(tmp_path / "data/pair/P07-s1").records) == 4
     told = stimlib("status", f"{file}:short", "--data", tmp_path / "data")
-    assert "P07 session 1: 4 trials, 0 of them training" in told and "1 replays" in told and "silent" not in told
+    assert (
+        "P07 session 1: 4 trials, 0 of them training" in told
+        and "1 replays" in told
+        and "silent" not in told
+    )
     stimlib("analyse", f"{file}:short", "--data", tmp_path / "data", "--out", tmp_path / "t.csv")
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
-    assert [r["softer"] for r in rows] == ["first", "second", "first", "first"] and rows[1]["replays"] == "1"
+    assert [r["softer"] for r in rows] == ["first", "second", "first", "first"] and rows[1][
+        "replays"
+    ] == "1"
 
 
 def test_ctrl_c_says_the_whole_command_that_goes_on(file, tmp_path, monkeypatch):
@@ -94,7 +117,10 @@ def test_ctrl_c_says_the_whole_command_that_goes_on(file, tmp_path, monkeypatch)
         "--pilot",
     ]
     said = stimlib("run", *who, status=130)
-    assert f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n" in said
+    assert (
+        f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n"
+        in said
+    )
 
 
 def test_simulated_sessions_are_pilots(file, tmp_path):
@@ -102,18 +128,31 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     assert "2 sessions" in stimlib("simulate", f"{file}:made", "--participants", 2, *where)
     assert "there is no session of pair" in stimlib("analyse", f"{file}:made", *where, status=2)
     table = stimlib("analyse", f"{file}:made", *where, "--pilot")
-    assert table.startswith("participant,session,number,condition,track,level,chance,outcome,") and table.count("\n") == 9
+    assert (
+        table.startswith("participant,session,number,condition,track,level,chance,outcome,")
+        and table.count("\n") == 9
+    )
     told = json.loads(stimlib("status", f"{file}:made", *where, "--json"))
-    assert [(s["participant"], s["pilot"], s["trials"]) for s in told] == [("P1", True, 4), ("P2", True, 4)]
+    assert [(s["participant"], s["pilot"], s["trials"]) for s in told] == [
+        ("P1", True, 4),
+        ("P2", True, 4),
+    ]
 
 
 def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
     text = file.read_text()
-    file.write_text(text + "\ndef wrong(*words):\n    return {}['it']\nodd = experiment(design=design, observer=wrong)\n")
+    file.write_text(
+        text + "\ndef wrong(*words):\n    return {}['it']\nodd = experiment(design=design,"
+        " observer=wrong)\n"
+    )
     where = f"{file}, line {text.count(chr(10)) + 3}"
     data = ["--data", tmp_path / "sim", "--participants", 1]
-    assert f"the observer ({where}): KeyError: 'it'" in stimlib("simulate", f"{file}:odd", *data, status=2)
-    file.write_text(file.read_text().replace("observer=wrong", "observer=observer, analysis=wrong", 1))
+    assert f"the observer ({where}): KeyError: 'it'" in stimlib(
+        "simulate", f"{file}:odd", *data, status=2
+    )
+    file.write_text(
+        file.read_text().replace("observer=wrong", "observer=observer, analysis=wrong", 1)
+    )
     stimlib("simulate", f"{file}:odd", "--data", tmp_path / "b", "--participants", 1)
     assert f"the analysis ({where}): KeyError: 'it'" in stimlib(
         "analyse", f"{file}:odd", "--data", tmp_path / "b", "--pilot", status=2
@@ -123,11 +162,23 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
 @pytest.mark.parametrize(
     "words, says",
     [
-        (["run", "{}:number", "--participant", "P1"], "is a int, no Experiment|there is no 'number'"),
-        (["run", "{}:shorts", "--participant", "P1"], "there is no 'shorts' in it: write .*; there is .*short"),
-        (["run", "nothing", "--participant", "P1"], "write FILE.py:NAME, or one of ugrip, bounciness, roughness, nodules"),
+        (
+            ["run", "{}:number", "--participant", "P1"],
+            "is a int, no Experiment|there is no 'number'",
+        ),
+        (
+            ["run", "{}:shorts", "--participant", "P1"],
+            "there is no 'shorts' in it: write .*; there is .*short",
+        ),
+        (
+            ["run", "nothing", "--participant", "P1"],
+            "write FILE.py:NAME, or one of ugrip, bounciness, roughness, nodules",
+        ),
         (["run", "{}:short", "--participant", "Anna"], "must be a code"),
-        (["run", "{}:short", "--participant", "P1", "--sink", "jak"], "--sink jak: choose one of null, offline"),
+        (
+            ["run", "{}:short", "--participant", "P1", "--sink", "jak"],
+            "--sink jak: choose one of null, offline",
+        ),
         (["run", "{}:short", "--participant", "P1", "--device", "x"], "null has no device"),
         (["resume", "{}:short", "--participant", "P1"], "no session .* to resume"),
         (["run", "{}:short"], "Missing option '--participant'; see stimlib experiment run --help"),
@@ -135,8 +186,12 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
 )
 def test_mistakes_get_one_line(file, tmp_path, monkeypatch, words, says):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, ["experiment", *(w.format(file) for w in words)], prog_name="stimlib")
-    assert done.exit_code == 2 and re.search(says, done.output) and done.output.count("\n") == 1, done.output
+    done = CliRunner().invoke(
+        app, ["experiment", *(w.format(file) for w in words)], prog_name="stimlib"
+    )
+    assert done.exit_code == 2 and re.search(says, done.output) and done.output.count("\n") == 1, (
+        done.output
+    )
     assert not (tmp_path / "data").exists()
 
 
@@ -153,7 +208,11 @@ def test_mistakes_get_one_line(file, tmp_path, monkeypatch, words, says):
 )
 def test_every_kind_of_question_has_its_keys(monkeypatch, capsys, question, typed, value):
     lines = iter(typed.splitlines(keepends=True))
-    monkeypatch.setattr(terminal.sys, "stdin", SimpleNamespace(isatty=lambda: False, readline=lambda: next(lines, "")))
+    monkeypatch.setattr(
+        terminal.sys,
+        "stdin",
+        SimpleNamespace(isatty=lambda: False, readline=lambda: next(lines, "")),
+    )
     assert Terminal().ask(None, question, 0) == value
     assert capsys.readouterr().out.count("is no answer") == typed.count("\n") - 1
 
@@ -172,7 +231,9 @@ def test_a_line_that_is_no_text_is_no_answer(monkeypatch, capsys):
 
 
 class Pty:
-    """A terminal whose keys are hit by ``hit``, and what it has shown so far, echo included."""
+    """A terminal whose keys are hit by ``hit``, and what it has shown so far, echo
+    included.
+    """
 
     def __init__(self):
         self.hands, self.fd = os.openpty()
@@ -193,7 +254,9 @@ class Pty:
         return self.shown
 
     def at(self, text, keys):
-        """Hits keys when a text has been shown: after what was hit before is dropped."""
+        """Hits keys when a text has been shown: after what was hit before is
+        dropped.
+        """
 
         def print_(words, **options):
             os.write(self.fd, words.encode() + b"\n")
@@ -231,7 +294,9 @@ def test_keys_of_a_terminal_are_taken_and_shown_only_where_they_are_asked_for(pt
             with pytest.raises(SinkError, match="the input has ended before the session"):
                 ask()
         pty.hit(b"rm -r data\n")
-    assert termios.tcgetattr(pty.fd) == pty.before and not select.select([pty.fd], [], [], 0)[0], "nothing for the shell"
+    assert termios.tcgetattr(pty.fd) == pty.before and not select.select([pty.fd], [], [], 0)[0], (
+        "nothing for the shell"
+    )
 
 
 @pytest.mark.parametrize("end", [KeyboardInterrupt, SystemExit, SinkError("gone")])
@@ -240,7 +305,9 @@ def test_the_terminal_is_as_it_was_whatever_ends_a_session(pty, end):
     with pytest.raises((KeyboardInterrupt, SystemExit, SinkError)), terminal.terminal():
         attributes = termios.tcgetattr(pty.fd)
         assert not attributes[3] & (termios.ECHO | termios.ICANON) and attributes[3] & termios.ISIG
-        assert attributes[6][termios.VQUIT] == b"\0" != pty.before[6][termios.VQUIT], "no key ends it without this"
+        assert attributes[6][termios.VQUIT] == b"\0" != pty.before[6][termios.VQUIT], (
+            "no key ends it without this"
+        )
         raise end
     assert termios.tcgetattr(pty.fd) == pty.before and signal.getsignal(signal.SIGTSTP) is usual
 
@@ -280,20 +347,46 @@ def test_sigterm_and_sighup_end_a_session_as_ctrl_c_does(file, tmp_path, monkeyp
 
     monkeypatch.setattr(Terminal, "tell", terminated)
     monkeypatch.setattr(Terminal, "pick", terminated)
-    who = [f"{file}:short", "--participant", "P1", "--session", "1", "--data", str(tmp_path), "--sink", "offline"]
+    who = [
+        f"{file}:short",
+        "--participant",
+        "P1",
+        "--session",
+        "1",
+        "--data",
+        str(tmp_path),
+        "--sink",
+        "offline",
+    ]
     said = stimlib("run", *who, status=code)
-    assert said.endswith(f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n")
-    assert "the sessions of pair in " in stimlib("analyse", f"{file}:short", "--data", tmp_path, status=2), "no answers yet"
+    assert said.endswith(
+        f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n"
+    )
+    assert "the sessions of pair in " in stimlib(
+        "analyse", f"{file}:short", "--data", tmp_path, status=2
+    ), "no answers yet"
     assert signal.getsignal(getattr(signal, name)) is signal.SIG_DFL
 
 
 @pytest.mark.parametrize("error", [SinkError, FaultError])
-def test_a_device_that_fails_says_the_whole_command_that_goes_on(file, tmp_path, monkeypatch, error):
+def test_a_device_that_fails_says_the_whole_command_that_goes_on(
+    file, tmp_path, monkeypatch, error
+):
     def failed(*_, **__):
         raise error("the device has gone")
 
     monkeypatch.setattr("stimlib.experiments.run.present", failed)
-    who = [f"{file}:short", "--participant", "P1", "--session", "1", "--data", str(tmp_path), "--sink", "offline"]
+    who = [
+        f"{file}:short",
+        "--participant",
+        "P1",
+        "--session",
+        "1",
+        "--data",
+        str(tmp_path),
+        "--sink",
+        "offline",
+    ]
     again = shlex.join(["stimlib", "experiment", "resume", *who])
     assert f"error: the device has gone; 0 answers are kept; go on with {again}\n" in stimlib(
         "run", *who, typed="0\n\n", status=2

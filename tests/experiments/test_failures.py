@@ -1,4 +1,6 @@
-"""What goes wrong around a session: full disks, devices that go, hands, designs and observers that make no sense."""
+"""What goes wrong around a session: full disks, devices that go, hands, designs and
+observers that make no sense.
+"""
 
 import errno
 import os
@@ -26,7 +28,7 @@ from stimlib.files.replay import replay
 from stimlib.files.session import read_log
 
 
-# The disk -------------------------------------------------------------------------------------------------------------
+# The disk -----------------------------------------------------------------------------
 def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_path, monkeypatch):
     full, shown = [], []
     write, publish = os.write, stimlib.core.regular.publish
@@ -51,7 +53,9 @@ def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_pat
             full.append(True)
         return {}
 
-    with pytest.raises(SinkError, match="no room for an answer, so no stimulus is displayed.*resume"):
+    with pytest.raises(
+        SinkError, match="no room for an answer, so no stimulus is displayed.*resume"
+    ):
         with Session(experiment(), tmp_path, "P01") as session:
             run(session, Simulated(session, observer), show)
     assert len(shown) == 3 and len(read(session.folder).records) == 3
@@ -61,7 +65,9 @@ def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_pat
 
 
 def test_on_a_disk_that_gets_full_no_answer_is_lost_and_no_stimulus_begun(mounted):
-    """A file system of 1.5 MB. In the third trial others take all that is left: its answer has the spare file's place."""
+    """A file system of 1.5 MB. In the third trial others take all that is left: its
+    answer has the spare file's place.
+    """
     disk = mounted("size=1536k")
     shown = []
 
@@ -74,23 +80,36 @@ def test_on_a_disk_that_gets_full_no_answer_is_lost_and_no_stimulus_begun(mounte
             return {"long": 4000 * "x"}  # so that the line needs a page more
         return {}
 
-    with pytest.raises(SinkError, match="no room for an answer, so no stimulus is displayed: free some space, and resume"):
+    with pytest.raises(
+        SinkError,
+        match="no room for an answer, so no stimulus is displayed: free some space, and resume",
+    ):
         with Session(experiment(), disk, "P01") as session:
             run(session, Simulated(session, observer), show)
     assert len(shown) == 3 == len(read(session.folder).records)
-    with pytest.raises(SinkError, match="no room for an answer"), Session(experiment(), disk, "P01", resume=True) as session:
+    with (
+        pytest.raises(SinkError, match="no room for an answer"),
+        Session(experiment(), disk, "P01", resume=True) as session,
+    ):
         run(session, Simulated(session, observer), show)
     assert len(shown) == 3
     (disk / "others").unlink()
     with Session(experiment(), disk, "P01", resume=True) as session:
         run(session, Simulated(session, observer), nothing)
-    assert [r.answer.values for r in session.records] == [r.answer.values for r in simulate(disk / "again").records]
+    assert [r.answer.values for r in session.records] == [
+        r.answer.values for r in simulate(disk / "again").records
+    ]
 
 
 def test_a_trial_whose_log_has_no_room_is_not_begun(mounted):
-    """Logs of 16 kB each on 1.2 MB: the session stops between two trials, each of them with its whole log, and goes on."""
+    """Logs of 16 kB each on 1.2 MB: the session stops between two trials, each of them
+    with its whole log, and goes on.
+    """
     disk = mounted("size=1200k")
-    with pytest.raises(SinkError, match=r"bytes are free, the log of a trial may need \d+, so no stimulus is displayed"):
+    with pytest.raises(
+        SinkError,
+        match=r"bytes are free, the log of a trial may need \d+, so no stimulus is displayed",
+    ):
         with Session(experiment(), disk, "P01") as session:
             run(session, Simulated(session, observer))
     kept = read(session.folder).records
@@ -98,10 +117,12 @@ def test_a_trial_whose_log_has_no_room_is_not_begun(mounted):
     assert 0 < len(kept) == len(logs) < 8 and all(replay(read_log(log)).matches for log in logs)
 
 
-# The device ----------------------------------------------------------------------------------------------------------
+# The device ---------------------------------------------------------------------------
 @needs_jack
 def test_a_device_that_goes_in_the_middle_of_a_trial_leaves_it_to_be_repeated(tmp_path):
-    """The server is killed in the third trial: two answers are kept, and the presentation is told as one without an answer."""
+    """The server is killed in the third trial: two answers are kept, and the
+    presentation is told as one without an answer.
+    """
     made = experiment(fs=8000.0, timing=Timing(interval=0.15, gap=0.05, before=0.0, ramp=0.0))
     whole = [(r.trial, r.answer.values) for r in simulate(tmp_path / "whole", made).records]
     folders = (tmp_path / f"take {k}" for k in count())
@@ -115,12 +136,17 @@ def test_a_device_that_goes_in_the_middle_of_a_trial_leaves_it_to_be_repeated(tm
                     threading.Timer(0.2, server.process.kill).start()
                 return present(made, trial, "jack", folder, server=server.name, realtime=False)
 
-            with pytest.raises(SinkError, match="the server has ended"), Session(made, data, "P01") as session:
+            with (
+                pytest.raises(SinkError, match="the server has ended"),
+                Session(made, data, "P01") as session,
+            ):
                 run(session, Simulated(session, observer), show)
         left = read(session.folder)
         assert len(left.records) == 2 and status(left)["unanswered"] == 1
         partly = read_log(session.folder / "trial-0003-1.stimlog")
-        assert partly.frames < 3120 and replay(partly).matches, "what came out is known to the sample"
+        assert partly.frames < 3120 and replay(partly).matches, (
+            "what came out is known to the sample"
+        )
         with Session(made, data, "P01", resume=True) as again:
             run(again, Simulated(again, observer), lambda trial, folder: {"log": folder.name})
         assert again.records[2].displayed[0]["log"] == "trial-0003-2.stimlog"
@@ -135,14 +161,19 @@ def test_a_row_of_positions_means_the_same_input_in_every_trial(motion):
     """The scenes have the same inputs, but the second alone would take y first."""
     x, y = stimlib.Input("x", "m"), stimlib.Input("y", "m")
     made = experiment(
-        scenes={"xy": stimlib.Scene({"a": 2.0 * x - y}), "yx": stimlib.Scene({"a": y - x})}, bounds={}, motion=motion
+        scenes={"xy": stimlib.Scene({"a": 2.0 * x - y}), "yx": stimlib.Scene({"a": y - x})},
+        bounds={},
+        motion=motion,
     )
     assert made.inputs == ("x", "y")
-    with pytest.raises(BadValue, match="takes the inputs y, x, the experiment x, y: a row of positions would mean another"):
+    with pytest.raises(
+        BadValue,
+        match="takes the inputs y, x, the experiment x, y: a row of positions would mean another",
+    ):
         present(made, Trial("a", (Stimulus("yx"),), ("softer",)), "null")
 
 
-# Designs and observers -----------------------------------------------------------------------------------------------
+# Designs and observers ----------------------------------------------------------------
 class Nothing:
     """A design that has no trial."""
 
@@ -162,7 +193,9 @@ def test_a_design_without_a_trial_is_no_session(tmp_path):
     with pytest.raises(BadValue, match="the design of P01, session 1, has no trial"):
         observe(experiment(design=Nothing()), observer, 1)
     training = experiment(design=Listed(((TASK, 1.0),), training=True))
-    assert observe(training, observer, 2)["outcome"] == [] and not list(tmp_path.glob("**/session.json"))
+    assert observe(training, observer, 2)["outcome"] == [] and not list(
+        tmp_path.glob("**/session.json")
+    )
 
 
 def wrong(trial, rng):
@@ -173,7 +206,10 @@ def wrong(trial, rng):
     ("who", "why"),
     [
         (wrong, rf"the observer \({re.escape(__file__)}, line \d+\): KeyError: 'answer'"),
-        (lambda trial, rng: {"softer": "first"}, "the observer gives .* where it must give an Answer"),
+        (
+            lambda trial, rng: {"softer": "first"},
+            "the observer gives .* where it must give an Answer",
+        ),
     ],
 )
 def test_an_error_of_an_observer_is_told_as_its_own(tmp_path, who, why):

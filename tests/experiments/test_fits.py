@@ -1,4 +1,6 @@
-"""Psychometric fits: against other programs, against the truth of simulated people, and of data that determine nothing."""
+"""Psychometric fits: against other programs, against the truth of simulated people, and
+of data that determine nothing.
+"""
 
 import dataclasses as dc
 
@@ -20,7 +22,11 @@ from stimlib.experiments.tables import fitted
 from stimlib.experiments.tasks import Pair
 from stimlib.experiments.trial import Stimulus
 
-LEVELS, YES, ASKED = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]), np.array([1, 4, 9, 17, 19, 20]), np.full(6, 20)
+LEVELS, YES, ASKED = (
+    np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]),
+    np.array([1, 4, 9, 17, 19, 20]),
+    np.full(6, 20),
+)
 
 
 def ndtr(x):
@@ -29,7 +35,7 @@ def ndtr(x):
     return ndtr(x)
 
 
-# The same as elsewhere -------------------------------------------------------------------------------------------------
+# The same as elsewhere ----------------------------------------------------------------
 @pytest.mark.parametrize("link", ["probit", "logit"])
 @pytest.mark.parametrize("log", [False, True])
 def test_fits_are_those_of_statsmodels(link, log):
@@ -38,17 +44,22 @@ def test_fits_are_those_of_statsmodels(link, log):
 
     family = Binomial({"probit": links.Probit, "logit": links.Logit}[link]())
     x = np.log10(LEVELS) if log else LEVELS
-    other = GLM(np.column_stack([YES, ASKED - YES]), np.column_stack([np.ones(6), x]), family=family).fit(tol=1e-15, maxiter=200)
+    other = GLM(
+        np.column_stack([YES, ASKED - YES]), np.column_stack([np.ones(6), x]), family=family
+    ).fit(tol=1e-15, maxiter=200)
     fit = psychometric(LEVELS, YES, ASKED, link=link, log=log, interval="none")
     assert [fit.intercept, fit.slope] == pytest.approx(list(other.params), rel=1e-8)
     assert fit.deviance == pytest.approx(other.deviance, rel=1e-8)
     trials = np.repeat([1, 0], [YES.sum(), (ASKED - YES).sum()])
     at = np.concatenate([np.repeat(LEVELS, YES), np.repeat(LEVELS, ASKED - YES)])
-    assert repr(psychometric(at, trials, link=link, log=log, interval="none")) == repr(fit)  # an answer at a time
+    # an answer at a time
+    assert repr(psychometric(at, trials, link=link, log=log, interval="none")) == repr(fit)
 
 
 def test_a_profile_interval_is_where_a_held_parameter_costs_so_much():
-    """By trying, of the likelihood as it is written down, which has several peaks: guesses of one half, lapses of 2 %."""
+    """By trying, of the likelihood as it is written down, which has several peaks:
+    guesses of one half, lapses of 2 %.
+    """
     from scipy.stats import chi2
 
     yes, asked = np.array([33, 30, 39, 54, 57, 60]), 60
@@ -65,13 +76,21 @@ def test_a_profile_interval_is_where_a_held_parameter_costs_so_much():
         assert min(deviance(end, s) for s in sigmas) == pytest.approx(wanted, abs=2e-3)
     for end in fit.sigma_interval:
         assert min(deviance(m, end) for m in pses) == pytest.approx(wanted, abs=2e-3)
-    assert fit.pse_interval[0] < fit.pse < fit.pse_interval[1] and fit.sigma_interval[0] < fit.sigma < fit.sigma_interval[1]
+    assert (
+        fit.pse_interval[0] < fit.pse < fit.pse_interval[1]
+        and fit.sigma_interval[0] < fit.sigma < fit.sigma_interval[1]
+    )
     assert fit(np.array([fit.pse, 1e9])) == pytest.approx([0.74, 0.98])
 
 
 def test_ends_are_found_where_a_function_is_bent_and_infinite_where_there_is_none():
-    assert ends(lambda x, rows: x**8 - 0.5, np.zeros(1), 1.0) == pytest.approx(0.5 ** (1 / 8), abs=1e-6)
-    assert list(ends(lambda x, rows: 0 * x - 1, np.zeros(2), np.array([1.0, -1.0]))) == [np.inf, -np.inf]
+    assert ends(lambda x, rows: x**8 - 0.5, np.zeros(1), 1.0) == pytest.approx(
+        0.5 ** (1 / 8), abs=1e-6
+    )
+    assert list(ends(lambda x, rows: 0 * x - 1, np.zeros(2), np.array([1.0, -1.0]))) == [
+        np.inf,
+        -np.inf,
+    ]
     asked = []
 
     def line(x, rows):  # the second is nowhere above 0
@@ -79,7 +98,10 @@ def test_ends_are_found_where_a_function_is_bent_and_infinite_where_there_is_non
         return np.where(rows == 0, x - 0.5, -1.0)
 
     assert ends(line, np.zeros(2), 1.0).tolist() == [0.5, np.inf]
-    assert (asked.count(0), asked.count(1)) == (3, 2 + 14), "only what is still looked for is computed"
+    assert (asked.count(0), asked.count(1)) == (
+        3,
+        2 + 14,
+    ), "only what is still looked for is computed"
 
 
 def test_a_rate_of_lapses_is_the_best_there_is():
@@ -93,29 +115,43 @@ def test_a_rate_of_lapses_is_the_best_there_is():
         return -np.sum(yes * np.log(p) + (ASKED - yes) * np.log(1 - p))
 
     other = minimize(
-        cost, [2, 0.5, 0.05], bounds=[(1.5, 2.5), (0.2, 2), (0.001, 0.1)], method="L-BFGS-B", options={"ftol": 1e-15}
+        cost,
+        [2, 0.5, 0.05],
+        bounds=[(1.5, 2.5), (0.2, 2), (0.001, 0.1)],
+        method="L-BFGS-B",
+        options={"ftol": 1e-15},
     )
     assert [fit.pse, fit.sigma, fit.lapse] == pytest.approx(list(other.x), rel=1e-5)
     assert fit.loglik >= -other.fun - 1e-10 and fit.guess == fit.lapse
-    ends = [psychometric(LEVELS, yes, ASKED, lapse=None, interval="none").lapse for yes in (YES, [5, 6, 9, 14, 15, 15])]
+    ends = [
+        psychometric(LEVELS, yes, ASKED, lapse=None, interval="none").lapse
+        for yes in (YES, [5, 6, 9, 14, 15, 15])
+    ]
     assert ends == [0.0, pytest.approx(0.1)]  # neither below 0 nor beyond a tenth
 
 
 @pytest.mark.parametrize("guess", [None, 0.5])
 def test_the_likelihood_neither_rises_nor_falls_with_the_rate_of_lapses_that_is_found(guess):
-    """Of 48 people; the search alone ended on a grid of rates, up to 0.003 below the maximum."""
+    """Of 48 people; the search alone ended on a grid of rates, up to 0.003 below the
+    maximum.
+    """
     rng = np.random.default_rng(3)
     low = 0.04 if guess is None else guess
     p = low + (0.96 - low) * ndtr((LEVELS - 2.0) / 0.5)
     yes = {k: rng.binomial(40, p) for k in range(48)}
     fits = psychometrics(
-        {k: (LEVELS, v, np.full(LEVELS.size, 40)) for k, v in yes.items()}, lapse=None, guess=guess, interval="none"
+        {k: (LEVELS, v, np.full(LEVELS.size, 40)) for k, v in yes.items()},
+        lapse=None,
+        guess=guess,
+        interval="none",
     )
     inside = [k for k, fit in fits.items() if 0 < fit.lapse < 0.1 and not fit.problems]
     for k in inside:
         F, q = ndtr((LEVELS - fits[k].pse) / fits[k].sigma), fits[k](LEVELS)
         gain = np.sum((yes[k] / q - (40 - yes[k]) / (1 - q)) * (1 - 2 * F if guess is None else -F))
-        assert abs(gain) < 1e-5  # the slope of the log-likelihood over the rate; hundreds within a step of the grid
+        # the slope of the log-likelihood over the rate; hundreds within a step of the
+        # grid
+        assert abs(gain) < 1e-5
     assert len(inside) >= 20
 
 
@@ -131,9 +167,23 @@ def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
         "one": ([1, 1], [0, 1]),
     }
     fits = psychometrics(data)
-    assert {key: repr(fit) for key, fit in fits.items()} == {key: repr(psychometric(*each)) for key, each in data.items()}
-    assert [fit.problems for fit in fits.values()] == [(), (), ("separated",), ("lapses",), ("few",)]
-    assert [(fit.trials, fit.levels) for fit in fits.values()] == [(120, 6), (180, 9), (120, 6), (120, 6), (2, 1)]
+    assert {key: repr(fit) for key, fit in fits.items()} == {
+        key: repr(psychometric(*each)) for key, each in data.items()
+    }
+    assert [fit.problems for fit in fits.values()] == [
+        (),
+        (),
+        ("separated",),
+        ("lapses",),
+        ("few",),
+    ]
+    assert [(fit.trials, fit.levels) for fit in fits.values()] == [
+        (120, 6),
+        (180, 9),
+        (120, 6),
+        (120, 6),
+        (2, 1),
+    ]
     assert psychometrics({}) == {}
     with pytest.raises(BadValue, match=r"of \('P01', 'a'\): yes\[1\] = 2"):
         psychometrics({"good": data["six"], ("P01", "a"): ([1, 2], [0, 2])})
@@ -143,19 +193,24 @@ def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
 
 def test_differences_and_scales():
     fit = psychometric(LEVELS, YES, ASKED)
-    assert fit(fit.pse + fit.jnd) == pytest.approx(0.75, abs=1e-12) and fit(fit.pse) == pytest.approx(0.5, abs=1e-12)
+    assert fit(fit.pse + fit.jnd) == pytest.approx(0.75, abs=1e-12) and fit(
+        fit.pse
+    ) == pytest.approx(0.5, abs=1e-12)
     assert fit.jnd_interval == pytest.approx([fit.jnd * s / fit.sigma for s in fit.sigma_interval])
     logs = psychometric(LEVELS, YES, ASKED, log=True)
     assert logs(logs.pse * (1 + logs.jnd)) == pytest.approx(0.75, abs=1e-12)
-    assert dc.replace(logs, sigma_interval=(0.1, 600.0)).jnd_interval[1] == np.inf  # 10 to the power of 405
+    # 10 to the power of 405
+    assert dc.replace(logs, sigma_interval=(0.1, 600.0)).jnd_interval[1] == np.inf
     more = psychometric(1000 * LEVELS, YES, ASKED, log=True)  # other units
     assert more.pse == pytest.approx(1000 * logs.pse) and more.jnd == pytest.approx(logs.jnd)
     assert more.pse_interval == pytest.approx([1000 * v for v in logs.pse_interval], rel=1e-7)
 
 
-# Against the truth -----------------------------------------------------------------------------------------------------
+# Against the truth --------------------------------------------------------------------
 def staircases(rng, people, pse, sigma, k0=2.0):
-    """Four staircases of paper 000 for each of many people: stiffness (N/mm) and answers, 0 trials where one has ended."""
+    """Four staircases of paper 000 for each of many people: stiffness (N/mm) and
+    answers, 0 trials where one has ended.
+    """
     columns = []
     for low, high in [(2.0, 2.5), (1 / 2.5, 1 / 2.0)] * 2:
         k = k0 * rng.uniform(low, high, people)
@@ -180,20 +235,29 @@ def test_2000_observers_of_the_staircases():
 def covered(people, model, at, chance):
     """How often the ends of the intervals hold PSE 2 and sigma 0.4."""
     n = np.full(at.size, 40.0)
-    sets = Sets(at, np.random.default_rng(3).binomial(40, chance((at - 2) / 0.4), (people, at.size)).astype(float), n)
+    sets = Sets(
+        at,
+        np.random.default_rng(3)
+        .binomial(40, chance((at - 2) / 0.4), (people, at.size))
+        .astype(float),
+        n,
+    )
     (low, high), (flat_low, flat_high) = profile(sets, model)
     return np.mean((low < 2) & (2 < high)), np.mean((flat_low < 0.4) & (0.4 < flat_high))
 
 
 @pytest.mark.longer
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such a count.  With guesses it is 93 %."""
+    """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such
+    a count.  With guesses it is 93 %.
+    """
     people, off = (20000, 0.01) if STRESS else (1000, 0.02)
     at = np.linspace(1.2, 2.8, 7)
     assert covered(people, Model(), at, ndtr) == pytest.approx((0.95, 0.95), abs=off)
     if STRESS:
         guessed = covered(1000, Model(guess=0.5, lapse=0.02), at, lambda z: 0.5 + 0.48 * ndtr(z))
-        assert guessed == pytest.approx((0.936, 0.926), abs=0.004)  # as docs say; five of the same 1000 people may differ
+        # as docs say; five of the same 1000 people may differ
+        assert guessed == pytest.approx((0.936, 0.926), abs=0.004)
 
 
 @pytest.mark.stress
@@ -207,12 +271,22 @@ def test_bootstrap_intervals_hold_the_truth():
 
 
 def test_bootstrap_draws_lapses_too():
-    """As by hand: answers drawn from the curve with its lapses, each fitted with the same rate."""
+    """As by hand: answers drawn from the curve with its lapses, each fitted with the
+    same rate.
+    """
     yes, asked, n = 10 * np.array(YES), 10 * np.array(ASKED), 20
-    drawn = np.random.default_rng(3).binomial(asked, psychometric(LEVELS, yes, asked, lapse=0.1)(LEVELS), (n, len(LEVELS)))
-    fits = psychometrics({k: (LEVELS, drawn[k], asked) for k in range(n)}, lapse=0.1, interval="none")
+    drawn = np.random.default_rng(3).binomial(
+        asked, psychometric(LEVELS, yes, asked, lapse=0.1)(LEVELS), (n, len(LEVELS))
+    )
+    fits = psychometrics(
+        {k: (LEVELS, drawn[k], asked) for k in range(n)}, lapse=0.1, interval="none"
+    )
     wanted = np.quantile([f.pse for f in fits.values()], [0.025, 0.975], method="median_unbiased")
-    np.testing.assert_allclose(bootstrap(Sets(np.array(LEVELS), yes, asked), Model(lapse=0.1), seed=3, n=n)[0], wanted, rtol=1e-9)
+    np.testing.assert_allclose(
+        bootstrap(Sets(np.array(LEVELS), yes, asked), Model(lapse=0.1), seed=3, n=n)[0],
+        wanted,
+        rtol=1e-9,
+    )
 
 
 def test_bootstrap_and_profile_agree_where_there_are_many_answers():
@@ -221,10 +295,13 @@ def test_bootstrap_and_profile_agree_where_there_are_many_answers():
     assert b.pse_interval == pytest.approx(a.pse_interval, abs=0.01)
     assert b.sigma_interval == pytest.approx(a.sigma_interval, rel=0.04)
     assert psychometric(LEVELS, *many, interval="bootstrap", seed=5) == b
-    assert (bootstrap(Sets(LEVELS, YES, ASKED), seed=1, n=20) != bootstrap(Sets(LEVELS, YES, ASKED), seed=2, n=20)).all()
+    assert (
+        bootstrap(Sets(LEVELS, YES, ASKED), seed=1, n=20)
+        != bootstrap(Sets(LEVELS, YES, ASKED), seed=2, n=20)
+    ).all()
 
 
-# Nothing to fit --------------------------------------------------------------------------------------------------------
+# Nothing to fit -----------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("yes", "problem"),
     [
@@ -243,30 +320,49 @@ def test_data_that_determine_no_curve_give_no_number(yes, problem):
 
 
 def test_a_gap_is_told():
-    assert "between 2 and 2.5" in psychometric(LEVELS, [0, 0, 0, 20, 20, 20], ASKED, log=True).advice()[0]
-    fit = psychometric(LEVELS, [0, 0, 1, 20, 20, 19], ASKED, lapse=0.02)  # but for a lapse, separated
+    assert (
+        "between 2 and 2.5"
+        in psychometric(LEVELS, [0, 0, 0, 20, 20, 20], ASKED, log=True).advice()[0]
+    )
+    # but for a lapse, separated
+    fit = psychometric(LEVELS, [0, 0, 1, 20, 20, 19], ASKED, lapse=0.02)
     assert fit.problems == ("separated",)
 
 
 def test_a_gap_beside_guesses_is_where_the_answers_pass_half_way():
     fit = psychometric([1, 2, 3, 4], [10, 10, 20, 20], [20] * 4, guess=0.5)
     assert fit.problems == ("separated",) and fit.gap == (2, 3)
-    assert psychometric([1, 10], [10, 11], [20] * 2, guess=0.5, log=True, interval="none").gap == (10, np.inf)
+    assert psychometric([1, 10], [10, 11], [20] * 2, guess=0.5, log=True, interval="none").gap == (
+        10,
+        np.inf,
+    )
 
 
 def test_lapses_are_told_and_can_be_fitted():
     levels = [1, 1.5, 2, 2.5, 3, 10]
     plain = psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED)
     assert plain.problems == ("lapses",) and plain.sigma > 1
-    for other in (psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED, lapse=v) for v in (None, 0.04)):
-        assert other.problems == () and other.sigma < 0.6 and 1.7 < other.pse_interval[0] < 2 < other.pse_interval[1] < 2.3
-    near, far = (psychometric([*levels[:5], v], [0, 3, 10, 17, 20, 19], ASKED, interval="none") for v in (3.6, 3.75))
-    assert (near.problems, far.problems) == ((), ("lapses",))  # twice the gain is 4.6 and 6.1; one in a hundred passes 5.4
+    for other in (
+        psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED, lapse=v) for v in (None, 0.04)
+    ):
+        assert (
+            other.problems == ()
+            and other.sigma < 0.6
+            and 1.7 < other.pse_interval[0] < 2 < other.pse_interval[1] < 2.3
+        )
+    near, far = (
+        psychometric([*levels[:5], v], [0, 3, 10, 17, 20, 19], ASKED, interval="none")
+        for v in (3.6, 3.75)
+    )
+    # twice the gain is 4.6 and 6.1; one in a hundred passes 5.4
+    assert (near.problems, far.problems) == ((), ("lapses",))
 
 
-# The task ------------------------------------------------------------------------------------------------------------
+# The task -----------------------------------------------------------------------------
 def test_the_threshold_of_a_detection_has_the_chance_level_of_its_task():
-    """A standard of no amplitude: answers, observer and fit know that half of all answers are right by chance."""
+    """A standard of no amplitude: answers, observer and fit know that half of all
+    answers are right by chance.
+    """
     task = Pair("felt", "buzz", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
     levels = np.geomspace(0.02, 0.5, 7).tolist()
     tone = stimlib.Scene({"v": stimlib.Param("A", 0.1) * oscillator(250)})
@@ -275,12 +371,23 @@ def test_the_threshold_of_a_detection_has_the_chance_level_of_its_task():
     made = Experiment("buzz", "1", {"tone": tone}, trials, (buzz,), fs=8000.0, safety=1.0)
     answers = simulate(made, Observer(0.1, 0.2, log=True), 1)
     assert set(answers["chance"]) == {0.5}
-    for fit in (psychometric(answers, log=True, unit="V"), fitted(answers, log=True, unit="V")["P01", "felt"]):
-        assert (fit.guess, fit.name, fit.problems) == (0.5, "threshold", ()) and fit.pse_interval[0] < 0.1 < fit.pse_interval[1]
-        assert str(fit).startswith(f"threshold {fit.pse:.4g} V [") and str(fit).endswith(f"JND {fit.jnd:.0%} of it")
+    for fit in (
+        psychometric(answers, log=True, unit="V"),
+        fitted(answers, log=True, unit="V")["P01", "felt"],
+    ):
+        assert (fit.guess, fit.name, fit.problems) == (0.5, "threshold", ()) and fit.pse_interval[
+            0
+        ] < 0.1 < fit.pse_interval[1]
+        assert str(fit).startswith(f"threshold {fit.pse:.4g} V [") and str(fit).endswith(
+            f"JND {fit.jnd:.0%} of it"
+        )
         assert fit(0.0) == 0.5 and fit(np.array([[1e9]])) == pytest.approx(1.0)
     alone = psychometric(answers["level"], answers["outcome"], log=True)
-    assert alone.problems == ("guess",) and "PSE" in str(alone) and "0.5 about as well" in alone.advice()[0]
+    assert (
+        alone.problems == ("guess",)
+        and "PSE" in str(alone)
+        and "0.5 about as well" in alone.advice()[0]
+    )
     assert alone.pse < 0.06  # what comes out without the task: half of the truth
     assert psychometric(answers, log=True, guess=0.0).guess == 0.0  # who says a rate means it
 
@@ -292,7 +399,9 @@ def test_a_table_of_answers_is_taken_whole():
     table = pandas.DataFrame(rows | {"chance": [None] * 6})
     assert repr(psychometric(table)) == repr(psychometric(rows))
     assert repr(psychometric(table.assign(chance=0.5))) == repr(psychometric(rows, guess=0.5))
-    both = psychometrics({"a": rows, "b": rows | {"chance": [0.5] * 6}, "c": (rows["level"], rows["outcome"])})
+    both = psychometrics(
+        {"a": rows, "b": rows | {"chance": [0.5] * 6}, "c": (rows["level"], rows["outcome"])}
+    )
     assert [fit.guess for fit in both.values()] == [0, 0.5, 0] and list(both) == ["a", "b", "c"]
     with pytest.raises(BadValue, match="chance levels .*fit each task by itself"):
         psychometric(rows | {"chance": [0.5] * 3 + [None] * 3})
@@ -304,19 +413,24 @@ def flagged(z, chance, people, n=20, **how):
     """How often of these people "guess" is among the problems."""
     p = chance + (1 - chance) * ndtr(z)
     drawn = np.random.default_rng(7).binomial(n, p, (people, z.size))
-    fits = psychometrics({k: (z, yes, np.full(z.size, n)) for k, yes in enumerate(drawn)}, interval="none", **how)
+    fits = psychometrics(
+        {k: (z, yes, np.full(z.size, n)) for k, yes in enumerate(drawn)}, interval="none", **how
+    )
     return sum("guess" in fit.problems for fit in fits.values()) / people
 
 
 @pytest.mark.longer
 def test_a_wrong_chance_level_is_flagged_and_a_right_one_is_not():
-    """As docs/reference/experiments_analysis says; of 100 people, where none should be flagged two at most may be."""
+    """As docs/reference/experiments_analysis says; of 100 people, where none should be
+    flagged two at most may be.
+    """
     people, off = (2000, 0.0) if STRESS else (100, 0.01)
     z = np.linspace(-2, 2, 7)  # levels, in sigmas from the middle
     assert flagged(z, 0.0, people) <= 0.01 + off  # a comparison
     assert flagged(z, 0.5, people, guess=0.5) <= 0.01 + off  # a detection
     assert flagged(z, 0.5, people) >= 0.9  # a detection that is taken for a comparison
-    assert flagged(z, 0.0, people, guess=0.5) >= 0.85  # a comparison that is taken for a detection; the rest: "separated"
+    # a comparison that is taken for a detection; the rest: "separated"
+    assert flagged(z, 0.0, people, guess=0.5) >= 0.85
 
 
 def test_levels_that_differ_by_rounding_are_one():
@@ -331,7 +445,9 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
     fit = psychometric(LEVELS, YES, ASKED, log=True, unit="N/mm")
     ax = fit.plot().axes[0]
     (points,), (curve, interval) = ax.collections, ax.lines
-    assert np.ma.getdata(points.get_offsets()) == pytest.approx(np.column_stack([LEVELS, YES / ASKED]))
+    assert np.ma.getdata(points.get_offsets()) == pytest.approx(
+        np.column_stack([LEVELS, YES / ASKED])
+    )
     x, y = curve.get_data()
     assert y == pytest.approx(fit(x)) and (x[0], x[-1]) == pytest.approx((1, 4))
     assert list(interval.get_xdata()) == pytest.approx(fit.pse_interval)

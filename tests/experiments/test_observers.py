@@ -1,4 +1,6 @@
-"""Observers of parameters and of rendered samples, and whole experiments that they take part in."""
+"""Observers of parameters and of rendered samples, and whole experiments that they take
+part in.
+"""
 
 import math
 
@@ -28,7 +30,7 @@ def listener(measure="rms", sigma=0.1, **other):
     return Listener({"spring": SPRING}, HAND, 1000.0, 1.0, measure, sigma, **other)
 
 
-# Of parameters ---------------------------------------------------------------------------------------------------------
+# Of parameters ------------------------------------------------------------------------
 def test_an_observer_of_parameters_answers_as_often_as_its_curve():
     observer = Psychometric({"k": 100.0, "other": 1.0}, 20.0, lapse=0.05)
     trial = PAIR.trial(120.0, 1, 0)
@@ -41,7 +43,7 @@ def test_an_observer_of_parameters_answers_as_often_as_its_curve():
     )
 
 
-# Of samples ------------------------------------------------------------------------------------------------------------
+# Of samples ---------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("measure", "figure", "value"),
     [
@@ -52,39 +54,55 @@ def test_an_observer_of_parameters_answers_as_often_as_its_curve():
     ],
 )
 def test_what_a_listener_feels_is_that_of_the_samples(measure, figure, value):
-    assert listener(measure, figure=figure).figure_of(Stimulus("spring", {"k": 200.0})) == pytest.approx(value, rel=1e-3)
+    assert listener(measure, figure=figure).figure_of(
+        Stimulus("spring", {"k": 200.0})
+    ) == pytest.approx(value, rel=1e-3)
 
 
 def test_a_listener_compares_what_it_feels():
-    """By the same draws: an error of its own for each interval, on the axis of the logarithm."""
+    """By the same draws: an error of its own for each interval, on the axis of the
+    logarithm.
+    """
     trial = PAIR.trial(150.0, 1, 0)
     hears, answers, wanted = listener(sigma=0.2, log=True), [], []
     for k in range(30):
         rng, same = stream(k, "it"), stream(k, "it")
         answers.append(trial.scores[hears(trial, rng).values["stiffer"]])
         first, second = 0.2 * same.normal(), 0.2 * same.normal()
-        felt = {s.name: e + math.log10(s.params.get("k", 100.0)) for s, e in zip(trial.stimuli, (first, second), strict=True)}
+        felt = {
+            s.name: e + math.log10(s.params.get("k", 100.0))
+            for s, e in zip(trial.stimuli, (first, second), strict=True)
+        }
         wanted.append(float(felt["comparison"] > felt["standard"]))
     assert answers == wanted and 0 < sum(wanted) < 30
 
 
 def test_one_interval_and_ratings():
-    task = Identify("k", "which", {"hard": Stimulus("spring", {"k": 200.0}), "soft": Stimulus("spring")})
+    task = Identify(
+        "k", "which", {"hard": Stimulus("spring", {"k": 200.0}), "soft": Stimulus("spring")}
+    )
     told = listener(sigma=0.0, criterion=1.0)
-    assert [told(task.trial(name, 1, 0), stream(1)).values["which"] for name in ("hard", "soft")] == ["hard", "soft"]
+    assert [
+        told(task.trial(name, 1, 0), stream(1)).values["which"] for name in ("hard", "soft")
+    ] == ["hard", "soft"]
     show = Show("k", ("rough",), Stimulus("spring", {"k": 300.0})).trial(None, 1, 0)
     ratings = [listener(sigma=0.0, gain=g)(show, stream(1)).values["rough"] for g in (-1, 1, 2, 9)]
     assert ratings == [1, 2, 4, 7]  # the force has an rms of 2.12 N
 
     def coin(k):
-        """The last number that an observer draws, after that of the interval and the one that decides on a lapse."""
+        """The last number that an observer draws, after that of the interval and the
+        one that decides on a lapse.
+        """
         rng = stream(k)
         return (rng.normal(), *rng.random(2))[-1]
 
     absent = listener(sigma=0.0, criterion=1.0, lapse=0.5)  # never attends
     for k in range(20):
-        assert absent(task.trial("hard", 1, 0), stream(k)).values["which"] == ("hard" if coin(k) < 0.5 else "soft")
-        assert absent(show, stream(k)).values["rough"] == 1 + int(7 * coin(k))  # each of 1 to 7 as often
+        assert absent(task.trial("hard", 1, 0), stream(k)).values["which"] == (
+            "hard" if coin(k) < 0.5 else "soft"
+        )
+        # each of 1 to 7 as often
+        assert absent(show, stream(k)).values["rough"] == 1 + int(7 * coin(k))
 
 
 def test_a_listener_hears_the_noise_of_its_trial():
@@ -92,17 +110,34 @@ def test_a_listener_hears_the_noise_of_its_trial():
     hears = Listener({"noise": scene}, {}, 1000.0, 0.1, "rms", 0.1)
     felt = [hears.figure_of(Stimulus("noise", seed=seed)) for seed in (5, 6, 5)]
     y = [stimlib.render(scene, {}, 1000.0, 0.1, seed=seed)["force"] for seed in (5, 6, 5)]
-    assert felt == pytest.approx(np.sqrt(np.mean(np.square(y), axis=1)), rel=1e-12) and felt[0] != felt[1]
+    assert (
+        felt == pytest.approx(np.sqrt(np.mean(np.square(y), axis=1)), rel=1e-12)
+        and felt[0] != felt[1]
+    )
 
 
-# Whole experiments -----------------------------------------------------------------------------------------------------
+# Whole experiments --------------------------------------------------------------------
 def test_a_participant_more_changes_no_other():
     two, three = (simulate(experiment(), Psychometric(2.34, 0.3), n) for n in (2, 3))
-    assert set(two) == {"participant", "number", "condition", "track", "level", "chance", "outcome", "softer"}
+    assert set(two) == {
+        "participant",
+        "number",
+        "condition",
+        "track",
+        "level",
+        "chance",
+        "outcome",
+        "softer",
+    }
     assert {name: column[: len(two["level"])] for name, column in three.items()} == two
     first = [v for v, who in zip(two["level"], two["participant"], strict=True) if who == "P01"]
-    assert two["number"][: len(first)] == list(range(1, len(first) + 1)) and len(first) < len(two["level"])
-    assert simulate(experiment(), Psychometric(2.34, 0.3), ["P03"])["level"] == three["level"][len(two["level"]) :]
+    assert two["number"][: len(first)] == list(range(1, len(first) + 1)) and len(first) < len(
+        two["level"]
+    )
+    assert (
+        simulate(experiment(), Psychometric(2.34, 0.3), ["P03"])["level"]
+        == three["level"][len(two["level"]) :]
+    )
     assert simulate(experiment(), Psychometric(2.34, 0.3), 2, seed=1) != two
 
 
@@ -117,7 +152,9 @@ def listener_of(e):
 
 
 def test_power_bias_and_length():
-    """By the mean of each staircase's last levels: a PSE of 2.6 is told from 2, and 2 seldom."""
+    """By the mean of each staircase's last levels: a PSE of 2.6 is told from 2, and 2
+    seldom.
+    """
 
     def analyse(columns):
         level, who = np.array(columns["level"]), np.array(columns["participant"])
@@ -125,11 +162,26 @@ def test_power_bias_and_length():
         return float(np.mean(means)), paired(means, np.full(len(means), 2.0)).p
 
     def run(pse):
-        return power(experiment(), lambda rng: Psychometric(pse, 0.2), analyse, 3, truth=pse, experiments=8, progress=False)
+        return power(
+            experiment(),
+            lambda rng: Psychometric(pse, 0.2),
+            analyse,
+            3,
+            truth=pse,
+            experiments=8,
+            progress=False,
+        )
 
     found, nothing = run(2.6), run(2.0)
-    assert found.found > 0.7 > 0.4 > nothing.found and found.interval[0] < found.found <= found.interval[1]
-    assert abs(found.bias) < 0.15 and found.bias == pytest.approx(found.estimate - 2.6) and found.spread < 0.3
+    assert (
+        found.found > 0.7 > 0.4 > nothing.found
+        and found.interval[0] < found.found <= found.interval[1]
+    )
+    assert (
+        abs(found.bias) < 0.15
+        and found.bias == pytest.approx(found.estimate - 2.6)
+        and found.spread < 0.3
+    )
     assert found.failed == 0 and 16 < found.trials[0] <= found.trials[1] < 200
 
 
@@ -145,7 +197,16 @@ def test_power_counts_all_experiments_and_everybody_is_somebody_else():
         return one
 
     short = experiment(design=Listed(((TASK, 4.0),)), sessions=2)
-    found = power(short, anybody, lambda columns: next(told), 2, truth=1.5, experiments=4, alpha=0.2, progress=False)
+    found = power(
+        short,
+        anybody,
+        lambda columns: next(told),
+        2,
+        truth=1.5,
+        experiments=4,
+        alpha=0.2,
+        progress=False,
+    )
     assert (found.found, found.interval) == (0.5, (wilson(2, 4).low, wilson(2, 4).high))
     assert (found.estimate, found.bias, found.spread, found.failed) == (2.0, 0.5, 1.0, 1)
     assert (len(set(people)), len(set(draws)), found.trials) == (8, 16, (2.0, 2))
@@ -153,13 +214,17 @@ def test_power_counts_all_experiments_and_everybody_is_somebody_else():
 
 def test_training_is_left_out():
     practice, real = Listed(((TASK, 2.5),), training=True), Listed(((TASK, 4.0),))
-    found = simulate(experiment(design=Parts({"first": practice, "then": real})), Psychometric(2.0, 1.0), 1)
+    found = simulate(
+        experiment(design=Parts({"first": practice, "then": real})), Psychometric(2.0, 1.0), 1
+    )
     assert (found["level"], found["number"]) == ([4.0], [2])
 
 
-# What they went by -----------------------------------------------------------------------------------------------------
+# What they went by --------------------------------------------------------------------
 def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
-    """Answers by phase alone: its distance is that of a probit by statsmodels; work, which follows it loosely, has less."""
+    """Answers by phase alone: its distance is that of a probit by statsmodels; work,
+    which follows it loosely, has less.
+    """
     from statsmodels.genmod.families import Binomial, links
     from statsmodels.genmod.generalized_linear_model import GLM
 
@@ -169,19 +234,29 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
     said = (phase - 0.5 + 0.6 * rng.normal(size=200) > 0).astype(float)
     found = distances({"force": force, "work": work, "phase": -phase}, said, d=1.5)
     assert [v.cue for v in found] == ["phase", "work", "force"]
-    z = GLM(said, np.column_stack([np.ones(200), -phase]), family=Binomial(links.Probit())).fit(tol=1e-14)
+    z = GLM(said, np.column_stack([np.ones(200), -phase]), family=Binomial(links.Probit())).fit(
+        tol=1e-14
+    )
     z_of = z.params[0] - z.params[1] * phase
     assert found[0].value == pytest.approx(z_of[z_of > 0].mean() - z_of[z_of <= 0].mean(), rel=1e-8)
-    assert found[0].slope == pytest.approx(z.params[1], rel=1e-8) and found[0].slope < 0 < found[1].slope
+    assert (
+        found[0].slope == pytest.approx(z.params[1], rel=1e-8)
+        and found[0].slope < 0 < found[1].slope
+    )
     assert found[0].ratio == pytest.approx(found[0].value / 1.5)
     nearly = np.r_[np.zeros(100), 1 + 1e-6 * np.arange(100)]
     (far,) = distances({"cue": nearly}, np.r_[np.zeros(102), 1.0, 0.0, np.ones(96)])
-    assert far.problem == "separated" and np.isnan(far.value), "all that z is known by are trials that hardly differ"
+    assert far.problem == "separated" and np.isnan(far.value), (
+        "all that z is known by are trials that hardly differ"
+    )
     parted = distances({"cue": said, "none": np.ones(200), "phase": phase}, said)
-    assert [(v.cue, v.problem) for v in parted[1:]] == [("cue", "separated"), ("none", "few")] and np.isnan(parted[1].value)
+    assert [(v.cue, v.problem) for v in parted[1:]] == [
+        ("cue", "separated"),
+        ("none", "few"),
+    ] and np.isnan(parted[1].value)
 
 
-# What cannot be used ---------------------------------------------------------------------------------------------------
+# What cannot be used ------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -189,21 +264,38 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
         (lambda t: Psychometric(1.0, 1.0, lapse=0.6)(t, None), "lapse = 0.6"),
         (lambda t: Psychometric({"a": 1.0}, 1.0)(t, None), "pse of condition 'k'"),
         (lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",)), None), "no level"),
-        (lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",), 1.0), stream(1)), "no scores"),
+        (
+            lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",), 1.0), stream(1)),
+            "no scores",
+        ),
         (lambda t: listener("cues")(t, stream(1)), "several figures"),
         (lambda t: listener(figure="rms")(t, stream(1)), "there are rms_force"),
         (lambda t: listener().figure_of(Stimulus("wall")), "no scene 'wall'"),
-        (lambda t: listener(log=True)(Trial("k", (Stimulus("spring", {"k": 0.0}),), ("q",)), stream(1)), "logarithm"),
-        (lambda t: listener()(Trial("k", t.stimuli[:1], ("q",), scores={"a": 1.0}), stream(1)), "criterion"),
+        (
+            lambda t: listener(log=True)(
+                Trial("k", (Stimulus("spring", {"k": 0.0}),), ("q",)), stream(1)
+            ),
+            "logarithm",
+        ),
+        (
+            lambda t: listener()(Trial("k", t.stimuli[:1], ("q",), scores={"a": 1.0}), stream(1)),
+            "criterion",
+        ),
         (
             lambda t: listener()(
-                Trial("k", (Stimulus("spring", name="a"), *t.stimuli[:1]), ("q",), scores={"a": 1.0}), stream(1)
+                Trial(
+                    "k", (Stimulus("spring", name="a"), *t.stimuli[:1]), ("q",), scores={"a": 1.0}
+                ),
+                stream(1),
             ),
             "named",
         ),
         (lambda t: simulate(experiment(), Psychometric(2.0, 1.0), 0), "participant"),
         (lambda t: simulate(experiment(), {"P01": Psychometric(2.0, 1.0)}, 2), "P02"),
-        (lambda t: power(experiment(), lambda rng: None, lambda found: None, 1, experiments=0), "experiments"),
+        (
+            lambda t: power(experiment(), lambda rng: None, lambda found: None, 1, experiments=0),
+            "experiments",
+        ),
         (lambda t: distances({}, [0, 1]), "one cue"),
         (lambda t: distances({"a": [1, 2]}, [0, 2]), "0 and 1"),
         (lambda t: distances({"a": [1, 2, 3]}, [0, 1]), r"\(3,\)"),
@@ -217,7 +309,9 @@ def test_what_cannot_be_used_is_said(call, said):
 
 def test_one_code_is_no_row_of_letters():
     """As a sequence, "P01" would be three people: P, 0 and 1."""
-    with pytest.raises(BadValue, match="simulate: participants = 'P01' must be a whole number or a list"):
+    with pytest.raises(
+        BadValue, match="simulate: participants = 'P01' must be a whole number or a list"
+    ):
         simulate(experiment(), Psychometric(2.0, 0.5), "P01")
     with pytest.raises(BadValue, match="simulate: participants = 2.0 must be"):
         simulate(experiment(), Psychometric(2.0, 0.5), 2.0)

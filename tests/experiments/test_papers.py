@@ -1,4 +1,6 @@
-"""The papers' experiments, with few trials: what is shown, how it is ordered, and the numbers of their tables."""
+"""The papers' experiments, with few trials: what is shown, how it is ordered, and the
+numbers of their tables.
+"""
 
 import dataclasses
 from itertools import combinations
@@ -14,7 +16,15 @@ from stimlib.experiments import nodule_places as place
 from stimlib.experiments import nodule_sizes as size
 from stimlib.experiments import nodules as nod
 from stimlib.experiments import roughness as rough
-from stimlib.experiments.bounciness import PAIRS, REFERENCES, SQUARE, bounciness, jnds, pair_of, phase
+from stimlib.experiments.bounciness import (
+    PAIRS,
+    REFERENCES,
+    SQUARE,
+    bounciness,
+    jnds,
+    pair_of,
+    phase,
+)
 from stimlib.experiments.bounciness import person as bouncy
 from stimlib.experiments.compare import paired
 from stimlib.experiments.experiment import Timing
@@ -32,19 +42,26 @@ from stimlib.scenes import soft_surface, squeeze, viscoelastic
 from stimlib.soft import block, buried
 
 
-# UGrip -----------------------------------------------------------------------------------------------------------------
+# UGrip --------------------------------------------------------------------------------
 def test_ugrip_has_the_papers_staircases_one_pair_for_each_condition():
     paper, quick = ugrip(), ugrip(reversals=2)
 
     def session(seed):
-        return [t for t, _ in observed(quick.designed("P01"), seed, Psychometric(K0, 0.1, log=True), stream(5, "observer"))]
+        return [
+            t
+            for t, _ in observed(
+                quick.designed("P01"), seed, Psychometric(K0, 0.1, log=True), stream(5, "observer")
+            )
+        ]
 
     trials = session(5)
     for t in trials:
         paper.check(t)
     assert len({t.track for t in trials}) == 8, "two of each condition"
     conditions = list(dict.fromkeys(t.condition for t in trials))
-    assert sorted(conditions) == [f"{f}, {v}" for f in ("one finger", "two fingers") for v in ("silent", "vibrating")]
+    assert sorted(conditions) == [
+        f"{f}, {v}" for f in ("one finger", "two fingers") for v in ("silent", "vibrating")
+    ]
     assert [t.pause for t in trials if t.pause] == [120.0] * 3, "two minutes between pairs"
     first = {t.track: t.level for t in reversed(trials)}
     for track, level in first.items():
@@ -56,13 +73,21 @@ def test_ugrip_has_the_papers_staircases_one_pair_for_each_condition():
         assert by["comparison"].params["A"] == (3.4 if "vibrating" in t.condition else 0.0)
     for pair in paper.design.parts.values():
         for stairs in pair.tracks.values():
-            assert (stairs.steps, stairs.reversals, stairs.bounds) == ((12.0,) * 5 + (3.0,), 20, (250.0, 16000.0))
+            assert (stairs.steps, stairs.reversals, stairs.bounds) == (
+                (12.0,) * 5 + (3.0,),
+                20,
+                (250.0, 16000.0),
+            )
             assert (stairs.up, stairs.down, stairs.task.asks_less) == (1, 1, True)
-    assert conditions != list(dict.fromkeys(t.condition for t in session(7))), "another order for another person"
+    assert conditions != list(dict.fromkeys(t.condition for t in session(7))), (
+        "another order for another person"
+    )
 
 
 def test_ugrip_finds_what_its_observers_feel():
-    """Of parameters, with the paper's points of subjective equality and slopes; the tests are those within people."""
+    """Of parameters, with the paper's points of subjective equality and slopes; the
+    tests are those within people.
+    """
     pse = {
         "one finger, silent": 2020.0,
         "one finger, vibrating": 2340.0,
@@ -78,19 +103,33 @@ def test_ugrip_finds_what_its_observers_feel():
         ("intercept", "one finger, silent", "one finger, vibrating"),
         ("pse", "two fingers, silent", "two fingers, vibrating"),
     ]
-    assert (found[0].mean_a, found[0].mean_b) == (pytest.approx(2.02, abs=0.15), pytest.approx(2.34, abs=0.15))
-    assert (found[3].mean_a, found[3].mean_b) == (pytest.approx(2.02, abs=0.07), pytest.approx(2.02, abs=0.07))
+    assert (found[0].mean_a, found[0].mean_b) == (
+        pytest.approx(2.02, abs=0.15),
+        pytest.approx(2.34, abs=0.15),
+    )
+    assert (found[3].mean_a, found[3].mean_b) == (
+        pytest.approx(2.02, abs=0.07),
+        pytest.approx(2.02, abs=0.07),
+    )
     assert found[7].mean_b > 1.5 * found[7].mean_a > 9.0, "two fingers feel finer differences"
-    assert found[2].mean_a == pytest.approx(-found[1].mean_a * np.log10(2.02), rel=0.3), "over k in N/mm"
+    assert found[2].mean_a == pytest.approx(-found[1].mean_a * np.log10(2.02), rel=0.3), (
+        "over k in N/mm"
+    )
     line = text(found[:1])
-    assert line.startswith("pse") and "F(1, 2)" in line and line.endswith("paper: 2.02, 2.34: F > 5.6, p < .03")
+    assert (
+        line.startswith("pse")
+        and "F(1, 2)" in line
+        and line.endswith("paper: 2.02, 2.34: F > 5.6, p < .03")
+    )
 
 
 @pytest.mark.parametrize(("softer", "felt"), [(0.0, 2340.0), (316.0, 2000.0)])
 def test_one_finger_feels_a_vibrating_object_of_2340_as_a_silent_one_of_2000(softer, felt):
     """The paper's point of subjective equality; every 3 s of the rendering count."""
     one = Listener({"one finger": squeeze(fingers=1)}, SQUEEZES, 8000.0, 3.0, feels(softer), 0.1)
-    mean = np.mean([one.figure_of(Stimulus("one finger", {"k": 2340.0, "A": 3.4}, seed)) for seed in range(4)])
+    mean = np.mean(
+        [one.figure_of(Stimulus("one finger", {"k": 2340.0, "A": 3.4}, seed)) for seed in range(4)]
+    )
     assert mean == pytest.approx(felt, rel=0.01)
     assert one.figure_of(Stimulus("one finger", {"k": 1500.0, "A": 0.0})) == pytest.approx(1500.0)
 
@@ -101,29 +140,44 @@ def test_a_trial_takes_of_the_hands_inputs_those_that_its_scene_has():
     assert present(some, trial)["delivered"] > 0
 
 
-# Bounciness ------------------------------------------------------------------------------------------------------------
+# Bounciness ---------------------------------------------------------------------------
 def ideal(alpha):
     """The phase of a springpot that has forgotten its beginning."""
     return alpha * pi / 2
 
 
 def test_bounciness_has_the_thesis_square_and_its_sessions():
-    square = [[("βγζθ".index(pair[0]), "ABCD".index(pair[1])) for pair in row.split()] for row in SQUARE]
+    square = [
+        [("βγζθ".index(pair[0]), "ABCD".index(pair[1])) for pair in row.split()] for row in SQUARE
+    ]
     check_graeco_latin(square)
     for participant in ("P01", "P02", "P03", "P04"):
-        assert sorted(pair_of(participant, n) for n in range(1, 13)) == sorted(PAIRS), "each pair once"
-    assert [pair_of("P03", n) for n in (4, 5, 6)] == ["0.75 and 0.8", "0.75 and 0.85", "0.75 and 0.9"], "theta A"
+        assert sorted(pair_of(participant, n) for n in range(1, 13)) == sorted(PAIRS), (
+            "each pair once"
+        )
+    assert [pair_of("P03", n) for n in (4, 5, 6)] == [
+        "0.75 and 0.8",
+        "0.75 and 0.85",
+        "0.75 and 0.9",
+    ], "theta A"
     with pytest.raises(BadValue, match="there are 12"):
         pair_of("P01", 13)
     experiment = bounciness()
-    trials = [t for t, _ in observed(experiment.designed("P02", 3), 1, bouncy(ideal), stream(1, "observer"))]
+    trials = [
+        t
+        for t, _ in observed(experiment.designed("P02", 3), 1, bouncy(ideal), stream(1, "observer"))
+    ]
     assert [t.training for t in trials] == 2 * (10 * [True] + 50 * [False])
     assert [n for n, t in enumerate(trials) if t.pause] == [60]
     shown = [t.stimuli[0].scene for t in trials if not t.training]
     assert {name: shown.count(name) for name in shown} == {"0.25": 50, "0.3": 50}
     assert {t.correct["bouncier"] for t in trials if t.stimuli[0].scene == "0.25"} == {"red"}
     assert experiment.familiar("P02", 3)["green"].scene == "0.3"
-    assert experiment.scenes["0.25"].hash == viscoelastic(alpha=0.25).hash != experiment.scenes["0.3"].hash
+    assert (
+        experiment.scenes["0.25"].hash
+        == viscoelastic(alpha=0.25).hash
+        != experiment.scenes["0.3"].hash
+    )
 
 
 def test_bounciness_finds_the_jnds_that_its_observer_has():
@@ -133,7 +187,9 @@ def test_bounciness_finds_the_jnds_that_its_observer_has():
     assert list(found.jnd.values()) == pytest.approx([0.03, 0.0351, 0.0714, 0.1077], rel=0.35)
     a, b, c = found.d["P01", 0.5]
     assert found.jnd[0.5] == pytest.approx(3 / (a / 0.05 + b / 0.1 + c / 0.15)) and a < b < c
-    assert found.line.slope * 0.25 + found.line.intercept == pytest.approx(found.jnd[0.25], abs=0.03)
+    assert found.line.slope * 0.25 + found.line.intercept == pytest.approx(
+        found.jnd[0.25], abs=0.03
+    )
     late = {name: column[120:] for name, column in answers.items()}
     with pytest.raises(BadValue, match="P01 has no session of"):
         jnds(late)
@@ -143,7 +199,7 @@ def test_the_phase_is_that_of_the_rendered_force():
     assert phase(0.25) == pytest.approx(0.25 * pi / 2, rel=0.02)
 
 
-# Roughness -------------------------------------------------------------------------------------------------------------
+# Roughness ----------------------------------------------------------------------------
 def print_of(name):
     """The RMS as table 6.1 has it."""
     s = rough.STIMULI[name]
@@ -156,15 +212,24 @@ def test_roughness_shows_all_stimuli_twice_a_day_in_an_order_of_ones_own(monkeyp
 
     def shown(code, session):
         seed = experiment.seeded(code, session)
-        return [t for t, _ in observed(experiment.designed(code, session), seed, rough.person(), stream(1, "observer"))]
+        return [
+            t
+            for t, _ in observed(
+                experiment.designed(code, session), seed, rough.person(), stream(1, "observer")
+            )
+        ]
 
     first, second, other = shown("P01", 1), shown("P01", 2), shown("P02", 2)
     assert [t.training for t in first] == 48 * [True] + 162 * [False]
     for a in (48, 129):
-        assert sorted(t.condition for t in first[a : a + 81]) == sorted(rough.STIMULI), "a set is each stimulus once"
+        assert sorted(t.condition for t in first[a : a + 81]) == sorted(rough.STIMULI), (
+            "a set is each stimulus once"
+        )
     orders = [[t.condition for t in trials] for trials in (first[48:], second, other)]
     assert len(second) == 162 and orders[0] != orders[1] != orders[2]
-    (shown_once,) = [t.stimuli[0] for t in second[:81] if t.condition == "square, 18 bumps, duty 0.2, 7.5 V"]
+    (shown_once,) = [
+        t.stimuli[0] for t in second[:81] if t.condition == "square, 18 bumps, duty 0.2, 7.5 V"
+    ]
     assert (shown_once.scene, dict(shown_once.params)) == ("square 18", {"duty": 0.2, "A": 7.5})
     assert (experiment.replays, experiment.timing.interval, experiment.sessions) == (1, 15.0, 2)
     assert [(q.name, q.choices, q.most) for q in experiment.questions] == [
@@ -189,37 +254,62 @@ def test_roughness_gives_the_thesis_tables_and_law(monkeypatch):
     ]
     assert len(rows) == 3 * 3 * 4 and found.mean[7.5, 0.8, "square"] == pytest.approx(np.mean(rows))
     assert [e.name for e in found.effects[:4]] == ["waveform", "bumps", "duty", "amplitude"]
-    assert min(found.effects[:4], key=lambda e: e.p).name == "amplitude" and len(found.effects) == 15
+    assert (
+        min(found.effects[:4], key=lambda e: e.p).name == "amplitude" and len(found.effects) == 15
+    )
     means = [
-        [np.mean([v for v, w, c in zip(answers["outcome"], answers["participant"], answers["condition"], strict=True)
-                  if w == who and c.endswith(f", {volt} V")]) for who in people]
+        [
+            np.mean(
+                [
+                    v
+                    for v, w, c in zip(
+                        answers["outcome"],
+                        answers["participant"],
+                        answers["condition"],
+                        strict=True,
+                    )
+                    if w == who and c.endswith(f", {volt} V")
+                ]
+            )
+            for who in people
+        ]
         for volt in ("4", "7.5")
-    ]  # fmt: skip
-    assert found.pairs["amplitude", "4.0", "7.5"] == pytest.approx(3 * paired(*means).p), "Bonferroni"
+    ]
+    assert found.pairs["amplitude", "4.0", "7.5"] == pytest.approx(3 * paired(*means).p), (
+        "Bonferroni"
+    )
     assert "4     0.5   square    1.41 (1.41)" in rough.text(found)
     with pytest.raises(BadValue, match="P1 has not rated"):
         rough.ratings({name: column[:80] for name, column in answers.items()})
 
 
 def test_the_rendered_rms_is_the_formulas():
-    """A sqrt(d)/2, and A sqrt(d/12) for the sawtooth, which the thesis prints up to 15 % lower."""
+    """A sqrt(d)/2, and A sqrt(d/12) for the sawtooth, which the thesis prints up to 15
+    % lower.
+    """
     assert rough.rms("square, 6 bumps, duty 0.2, 4 V") == pytest.approx(4 * 0.2**0.5 / 2, rel=0.01)
-    assert rough.rms("sawtooth, 6 bumps, duty 0.2, 4 V") == pytest.approx(4 * (0.2 / 12) ** 0.5, rel=0.01)
+    assert rough.rms("sawtooth, 6 bumps, duty 0.2, 4 V") == pytest.approx(
+        4 * (0.2 / 12) ** 0.5, rel=0.01
+    )
 
 
 def test_fechners_law_of_the_printed_tables():
     x, r = np.transpose(list(rough.PRINTED.values()))
     law = fechner(x, r)
-    assert (law.line.intercept, law.line.slope, law.r2) == pytest.approx((3.9201, 2.2464, 0.9563), abs=5e-5)
+    assert (law.line.intercept, law.line.slope, law.r2) == pytest.approx(
+        (3.9201, 2.2464, 0.9563), abs=5e-5
+    )
     assert np.corrcoef(x, r)[0, 1] == pytest.approx(0.9024, abs=5e-5)
 
 
-# Nodules ---------------------------------------------------------------------------------------------------------------
+# Nodules ------------------------------------------------------------------------------
 def test_nodules_shows_each_surface_once_and_begins_with_another_technique():
     experiment = nod.nodules()
     firsts = []
     for code in ("P01", "P02", "P03"):
-        trials = [t for t, _ in observed(experiment.designed(code), 1, nod.person, stream(1, "observer"))]
+        trials = [
+            t for t, _ in observed(experiment.designed(code), 1, nod.person, stream(1, "observer"))
+        ]
         assert sorted(t.condition for t in trials) == sorted(nod.SURFACES) and len(trials) == 39
         techniques = [nod.SURFACES[t.condition][0] for t in trials]
         assert techniques == sorted(techniques, key=techniques.index), "one after another"
@@ -227,15 +317,23 @@ def test_nodules_shows_each_surface_once_and_begins_with_another_technique():
         for t in trials:
             assert t.stimuli[0].scene == t.condition and t.correct == nod.right_answers(t.condition)
     assert firsts == ["deformation", "cursor", "combined"]
-    sides = [side for t in trials if t.condition.startswith("cursor") for side in t.correct.values()]
+    sides = [
+        side for t in trials if t.condition.startswith("cursor") for side in t.correct.values()
+    ]
     assert (sides.count("nodule"), sides.count("none")) == (18, 8)
     assert nod.right_answers("combined, none and C1") == {"left": "none", "right": "nodule"}
     flat, nodule = (experiment.scenes[f"combined, {left} and none"].hash for left in ("none", "A1"))
-    assert flat != nodule and list(experiment.scenes["cursor, A1 and B1"].outputs) == ["x", "y", "depth"]
+    assert flat != nodule and list(experiment.scenes["cursor, A1 and B1"].outputs) == [
+        "x",
+        "y",
+        "depth",
+    ]
 
 
 def test_nodules_gives_the_papers_rates_of_the_papers_counts():
-    """Answers with these counts: the rates are the printed ones, the intervals those of 252, 112 and 364 sides."""
+    """Answers with these counts: the rates are the printed ones, the intervals those of
+    252, 112 and 364 sides.
+    """
     answers = simulate(nod.nodules(), nod.person, 14, seed=1)
     for mode, (hits, rejections) in nod.COUNTS.items():
         left = {"nodule": hits, "none": rejections}
@@ -243,52 +341,82 @@ def test_nodules_gives_the_papers_rates_of_the_papers_counts():
             for side, under in nod.right_answers(name).items():
                 if nod.SURFACES[name][0] == mode:
                     left[under] -= 1
-                    answers[side][k] = under if left[under] >= 0 else {"nodule": "none", "none": "nodule"}[under]
+                    answers[side][k] = (
+                        under if left[under] >= 0 else {"nodule": "none", "none": "nodule"}[under]
+                    )
     found = nod.found(answers)
     for mode, printed in nod.PRINTED.items():
         rates = found.rates[mode]
         three = (rates.sensitivity, rates.specificity, rates.accuracy)
-        assert [100 * p.value for p in three] == pytest.approx(printed, abs=0.051) and [p.n for p in three] == [252, 112, 364]
-    assert (found.rates["combined"].sensitivity.low, found.rates["combined"].accuracy.high) == pytest.approx(
-        (0.9138, 0.9790), abs=5e-5
-    )
+        assert [100 * p.value for p in three] == pytest.approx(printed, abs=0.051) and [
+            p.n for p in three
+        ] == [252, 112, 364]
+    assert (
+        found.rates["combined"].sensitivity.low,
+        found.rates["combined"].accuracy.high,
+    ) == pytest.approx((0.9138, 0.9790), abs=5e-5)
     test, pairs = found.tests["Se"]
-    assert [(p.a, p.b) for p in pairs] == list(combinations(nod.MODES, 2)) and pairs[0].statistic < -1.5
+    assert [(p.a, p.b) for p in pairs] == list(combinations(nod.MODES, 2)) and pairs[
+        0
+    ].statistic < -1.5
     assert test.df == (2.0,) and {p.sides for p in found.tests["ACC"][1]} == {"one-sided"}
     assert "Se 94.8 % [91.4, 97.0] (94.8)" in nod.text(found)
 
 
 def test_sizes_the_mark_that_is_right_has_the_hardest_place():
-    """The level of the map under each mark; the marks stay where they are while the nodules go round."""
+    """The level of the map under each mark; the marks stay where they are while the
+    nodules go round.
+    """
     experiment = size.nodule_sizes()
     marks = list(buried().values())
     firsts = []
     for k, code in enumerate(("P01", "P02", "P03")):
-        (trial,) = [t for t, _ in observed(experiment.designed(code), 1, size.person, stream(1, "observer"))]
+        (trial,) = [
+            t for t, _ in observed(experiment.designed(code), 1, size.person, stream(1, "observer"))
+        ]
         S = block(k * 2 * pi / 3).levels
-        hard = {m: S[round(y / 0.002), round(x / 0.002)] for m, (x, y) in zip("123", marks, strict=True)}
+        hard = {
+            m: S[round(y / 0.002), round(x / 0.002)] for m, (x, y) in zip("123", marks, strict=True)
+        }
         assert trial.correct["order"] == sorted(hard, key=hard.get, reverse=True)
-        assert experiment.scenes[trial.condition].hash == soft_surface("combined", S=block(k * 2 * pi / 3)).hash
+        assert (
+            experiment.scenes[trial.condition].hash
+            == soft_surface("combined", S=block(k * 2 * pi / 3)).hash
+        )
         firsts.append(trial.correct["order"][0])
     assert firsts == ["1", "2", "3"]
 
 
 def test_sizes_gives_the_printed_rates_and_places():
-    """20 orders, each counted by hand: the rates, their intervals and the mean places are those of the paper."""
+    """20 orders, each counted by hand: the rates, their intervals and the mean places
+    are those of the paper.
+    """
     orders = [order for order, n in size.ORDERS.items() for _ in range(n)]
     names = list(size.UNDER) * 7
     mark = [{n: m for m, n in size.UNDER[name].items()} for name in names]
-    answers = {"condition": names[:20], "order": [[m[n] for n in o] for m, o in zip(mark, orders, strict=False)]}
+    answers = {
+        "condition": names[:20],
+        "order": [[m[n] for n in o] for m, o in zip(mark, orders, strict=False)],
+    }
     found = size.sorted_rightly(answers)
     assert {pair: (p.k, p.n) for pair, p in found.pairs.items()} == {
         ("A", "B"): (17, 20),
         ("A", "C"): (18, 20),
         ("B", "C"): (14, 20),
     }
-    assert found.rank == pytest.approx(size.PRINTED_RANK) and (found.every.k, found.every.n) == (49, 60)
+    assert found.rank == pytest.approx(size.PRINTED_RANK) and (found.every.k, found.every.n) == (
+        49,
+        60,
+    )
     told = size.text(found)
-    assert "A before B  85.0 % [64.0, 94.8] of 20 (85.0)" in told and "all pairs   81.7 % [70.1, 89.4] of 60 (81.7)" in told
-    assert "B before C  70.0 % [48.1, 85.5] of 20 (70.0)" in told and size.nodule_sizes().timing.interval == 60.0
+    assert (
+        "A before B  85.0 % [64.0, 94.8] of 20 (85.0)" in told
+        and "all pairs   81.7 % [70.1, 89.4] of 60 (81.7)" in told
+    )
+    assert (
+        "B before C  70.0 % [48.1, 85.5] of 20 (70.0)" in told
+        and size.nodule_sizes().timing.interval == 60.0
+    )
     drawn = simulate(size.nodule_sizes(), size.person, 60, seed=1)
     assert size.sorted_rightly(drawn).rank == pytest.approx(size.PRINTED_RANK, abs=0.2)
     with pytest.raises(UnknownName, match="no column 'order'"):
@@ -299,19 +427,35 @@ def test_places_nine_people_have_nine_orders_and_no_place_twice():
     experiment = place.nodule_places()
     seen = {}
     for n in range(9):
-        seen[n] = [t for t, _ in observed(experiment.designed(f"P{n + 1}"), 1, place.person, stream(1, "observer"))]
+        seen[n] = [
+            t
+            for t, _ in observed(
+                experiment.designed(f"P{n + 1}"), 1, place.person, stream(1, "observer")
+            )
+        ]
         assert {place.SURFACES[t.condition][0] for t in seen[n]} == set(place.FEEDBACK)
         where = [at for t in seen[n] for at in t.correct["nodules"]] + list(buried().values())
-        assert min(dist(a, b) for a, b in combinations(where, 2)) > place.NEAR, "what was learnt does not help"
+        assert min(dist(a, b) for a, b in combinations(where, 2)) > place.NEAR, (
+            "what was learnt does not help"
+        )
         for t in seen[n]:
             how, turn = place.SURFACES[t.condition]
             S = block(radians(turn))
-            assert experiment.scenes[t.condition].hash == soft_surface(place.FEEDBACK[how], S=S).hash
+            assert (
+                experiment.scenes[t.condition].hash == soft_surface(place.FEEDBACK[how], S=S).hash
+            )
             levels = [S.levels[round(y / 0.002), round(x / 0.002)] for x, y in t.correct["nodules"]]
-            assert levels == sorted(levels, reverse=True) and levels[-1] > 1.2 * S.levels[0, 0], "hard where it is right, A first"
-    assert len({tuple(t.condition for t in trials) for trials in seen.values()}) == 9 and experiment.timing.interval == 90.0
+            assert levels == sorted(levels, reverse=True) and levels[-1] > 1.2 * S.levels[0, 0], (
+                "hard where it is right, A first"
+            )
+    assert (
+        len({tuple(t.condition for t in trials) for trials in seen.values()}) == 9
+        and experiment.timing.interval == 90.0
+    )
     for k in range(3):
-        assert sorted(trials[k].condition for trials in seen.values()) == sorted(place.SURFACES), "each thrice in each place"
+        assert sorted(trials[k].condition for trials in seen.values()) == sorted(place.SURFACES), (
+            "each thrice in each place"
+        )
 
 
 def test_places_gives_the_printed_rates():
@@ -321,13 +465,26 @@ def test_places_gives_the_printed_rates():
     for first, misses in ((0, 5), (20, 7), (40, 3)):
         for k in range(misses):
             marks[first + k][k % 3][0] += 0.0101  # 10 mm are near
-    answers = {"participant": [f"P{k % 20}" for k in range(60)], "condition": names, "nodules": marks}
+    answers = {
+        "participant": [f"P{k % 20}" for k in range(60)],
+        "condition": names,
+        "nodules": marks,
+    }
     found = place.located(answers)
-    assert {how: (p.k, p.n) for how, p in found.rates.items()} == {how: (k, 60) for how, k in place.FOUND.items()}
+    assert {how: (p.k, p.n) for how, p in found.rates.items()} == {
+        how: (k, 60) for how, k in place.FOUND.items()
+    }
     assert found.nodules["single-point", "A"].k == 18 and found.nodules["single-point", "C"].k == 19
-    assert found.test.df == (2.0,) and found.test.value == pytest.approx(2.0978, abs=1e-4) and len(found.pairs) == 3
+    assert (
+        found.test.df == (2.0,)
+        and found.test.value == pytest.approx(2.0978, abs=1e-4)
+        and len(found.pairs) == 3
+    )
     told = place.text(found)
-    assert "single-point  91.7 % [81.9, 96.4] (91.7 [82.0, 96.4])" in told and "multi-point   88.3 % [77.8, 94.2]" in told
+    assert (
+        "single-point  91.7 % [81.9, 96.4] (91.7 [82.0, 96.4])" in told
+        and "multi-point   88.3 % [77.8, 94.2]" in told
+    )
     assert {p.sides for p in found.pairs} == {"one-sided"}
     one = place.located({name: column[:20] for name, column in answers.items()})
     assert one.test is None and one.pairs == (), "one feedback cannot be compared"
@@ -354,7 +511,9 @@ def test_sizes_are_displayed_within_the_devices_range():
     design = quick.designed("P01")
     shown = present(quick, design.next(design.init(1)), log=None)
     assert shown["clips"] == {} and shown["delivered"] > 2000 and size.PEN["press"] is size.held
-    force = stimlib.render(soft_surface("combined", S=block()), OVER_ALL, fs=1000, seconds=2.0)["force"]
+    force = stimlib.render(soft_surface("combined", S=block()), OVER_ALL, fs=1000, seconds=2.0)[
+        "force"
+    ]
     assert max(force) == pytest.approx(0.83, abs=0.005), "half of what a pen can tell"
 
 
@@ -365,7 +524,16 @@ def test_places_are_displayed_and_analysed_from_their_log(tmp_path):
     saved = sessions(quick.name, tmp_path)
     peaks = {place.SURFACES[r.trial.condition][0]: r.displayed[0]["peak"] for r in saved[0].records}
     shown = {how: {name for name, (peak,) in of.items() if peak > 0} for how, of in peaks.items()}
-    assert shown["single-point"] == {"x1", "y1", "depth1", "force"} and shown["vibration"] == {"x1", "y1", "force", "vibration"}
-    assert shown["multi-point"] == {f"{k}{i}" for k in ("x", "y", "depth") for i in (1, 2, 3)} | {"force"}
-    assert all(r.displayed[0]["clips"] == {} for r in saved[0].records), "nothing is out of the device's range"
+    assert shown["single-point"] == {"x1", "y1", "depth1", "force"} and shown["vibration"] == {
+        "x1",
+        "y1",
+        "force",
+        "vibration",
+    }
+    assert shown["multi-point"] == {f"{k}{i}" for k in ("x", "y", "depth") for i in (1, 2, 3)} | {
+        "force"
+    }
+    assert all(r.displayed[0]["clips"] == {} for r in saved[0].records), (
+        "nothing is out of the device's range"
+    )
     assert "single-point" in quick.analysis(saved)

@@ -1,4 +1,6 @@
-"""Tables of answers, and the page: whole, self-contained, the same for the same answers, with what is wrong told."""
+"""Tables of answers, and the page: whole, self-contained, the same for the same
+answers, with what is wrong told.
+"""
 
 import dataclasses as dc
 import re
@@ -19,7 +21,13 @@ from stimlib.experiments.tables import fitted, frame, grouped, plain
 @pytest.fixture(scope="module")
 def answers():
     columns = simulate(experiment(), Psychometric(2.34, 0.3), 2)
-    more = {"participant": "P<03>", "number": 1, "condition": "silent", "track": "high", "outcome": 1.0}
+    more = {
+        "participant": "P<03>",
+        "number": 1,
+        "condition": "silent",
+        "track": "high",
+        "outcome": 1.0,
+    }
     for level in (1.0, 2.0, 3.0):  # who felt every difference
         row = more | {"level": level, "outcome": float(level > 2)}
         for name, column in columns.items():
@@ -31,7 +39,12 @@ def test_each_group_is_fitted_by_its_own_answers(answers):
     fits = fitted(answers, interval="none", log=True)
     assert list(fits) == [("P01", "silent"), ("P02", "silent"), ("P<03>", "silent")]
     of = [k for k, who in enumerate(answers["participant"]) if who == "P02"]
-    alone = psychometric([answers["level"][k] for k in of], [answers["outcome"][k] for k in of], interval="none", log=True)
+    alone = psychometric(
+        [answers["level"][k] for k in of],
+        [answers["outcome"][k] for k in of],
+        interval="none",
+        log=True,
+    )
     assert repr(fits["P02", "silent"]) == repr(alone)
 
 
@@ -40,18 +53,31 @@ def test_the_page_is_whole_and_tells_what_is_wrong(answers, tmp_path):
     tables = {"Found": [wilson(3, 4)], "ANOVA": repeated([[1.0, 2.0], [2.0, 2.5]])}
     for name in ("a.html", "b.html"):
         write_report(
-            tmp_path / name, "A & B", "First.\n\nSecond.", answers, fits=fits, tables=tables, notes=["<as printed>"], unit="N/mm"
+            tmp_path / name,
+            "A & B",
+            "First.\n\nSecond.",
+            answers,
+            fits=fits,
+            tables=tables,
+            notes=["<as printed>"],
+            unit="N/mm",
         )
     page = (tmp_path / "a.html").read_text()
     assert page == (tmp_path / "b.html").read_text()
-    assert "<h1>A &amp; B</h1>" in page and "<p>First.</p><p>Second.</p>" in page and "&lt;as printed&gt;" in page
+    assert (
+        "<h1>A &amp; B</h1>" in page
+        and "<p>First.</p><p>Second.</p>" in page
+        and "&lt;as printed&gt;" in page
+    )
     assert "P&lt;03&gt; silent: no level has both answers" in page and "P<03>" not in page
     assert f"{fits['P01', 'silent'].pse:.4g}" in page and "0.75" in page and page.count("<svg") == 2
     assert "level / N/mm" in page and page.count("<h2>") == 7
     asked = [answers["participant"].count(who) for who in ("P01", "P02", "P<03>")]
     assert asked[2] == 3 and f"{sum(asked)}; of a participant 3 to {max(asked)}" in page
     assert not re.search(r"<script|(?:src|href)=\"http", page)
-    write_report(tmp_path / "c.html", "None", "", {**answers, "track": [""] * len(answers["track"])})
+    write_report(
+        tmp_path / "c.html", "None", "", {**answers, "track": [""] * len(answers["track"])}
+    )
     assert "<svg" not in (tmp_path / "c.html").read_text()
 
 
@@ -67,20 +93,40 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
 
     monkeypatch.setattr("stimlib.experiments.report.svg", kept)
     at, asked, yes = [-2, -1, 0, 1, 2], [4, 8, 8, 8, 4], [0, 2, 4, 6, 4]
-    rows = {"level": np.repeat(at, asked).tolist(), "outcome": [k < y for n, y in zip(asked, yes, strict=True) for k in range(n)]}
-    rows |= {"participant": ["a"] * 32, "condition": ["b"] * 32, "track": ["t"] * 32, "number": list(range(1, 33))}
+    rows = {
+        "level": np.repeat(at, asked).tolist(),
+        "outcome": [k < y for n, y in zip(asked, yes, strict=True) for k in range(n)],
+    }
+    rows |= {
+        "participant": ["a"] * 32,
+        "condition": ["b"] * 32,
+        "track": ["t"] * 32,
+        "number": list(range(1, 33)),
+    }
     fits = {key: dc.replace(fit, pse_interval=(-np.inf, 1.0)) for key, fit in fitted(rows).items()}
     write_report(tmp_path / "a.html", "", "", rows, fits=fits)
     (points,), (curve, interval), (track,) = drawn[0].collections, drawn[0].lines, drawn[1].lines
-    assert np.ma.getdata(points.get_offsets()).tolist() == [[-2, 0], [-1, 0.25], [0, 0.5], [1, 0.75], [2, 1]]
+    assert np.ma.getdata(points.get_offsets()).tolist() == [
+        [-2, 0],
+        [-1, 0.25],
+        [0, 0.5],
+        [1, 0.75],
+        [2, 1],
+    ]
     x, y = curve.get_data()
-    assert (x[0], x[-1]) == (-2, 2) and y == pytest.approx(fits["a", "b"](x)) and list(interval.get_xdata()) == [-2, 1]
+    assert (
+        (x[0], x[-1]) == (-2, 2)
+        and y == pytest.approx(fits["a", "b"](x))
+        and list(interval.get_xdata()) == [-2, 1]
+    )
     assert [list(v) for v in track.get_data()] == [rows["number"], rows["level"]]
 
 
 def test_results_are_tables():
     one = frame({("P1", "a"): wilson(1, 4), ("P1", "b"): wilson(3, 4)}, ["who", "condition"])
-    assert list(one.columns) == ["who", "condition", "value", "low", "high", "k", "n"] and list(one["k"]) == [1, 3]
+    assert list(one.columns) == ["who", "condition", "value", "low", "high", "k", "n"] and list(
+        one["k"]
+    ) == [1, 3]
     fit = psychometric([1, 2, 3, 4], [1, 4, 15, 19], [20] * 4, interval="none")
     assert plain([fit])[0]["slope"] == fit.slope and plain([fit])[0]["jnd"] == fit.jnd
     assert plain([fit])[0]["intercept"] == fit.intercept
@@ -98,15 +144,34 @@ def test_what_is_missing_is_said(answers):
 
 @pytest.mark.parametrize("level", [[-3.0, 1.0] * 4, [0.0, 1.0] * 4])
 def test_hostile_names_and_levels_make_a_page(level, tmp_path):
-    """Tags, a formula that is none, control characters, half a character; levels that no logarithm takes."""
+    """Tags, a formula that is none, control characters, half a character; levels that
+    no logarithm takes.
+    """
     who = "<script>x</script>$\\frac{\x00\ud800\u202e"
-    rows = {"participant": [who] * 8, "condition": ["]]>"] * 8, "track": ["<b>$_"] * 8, "number": list(range(8))}
+    rows = {
+        "participant": [who] * 8,
+        "condition": ["]]>"] * 8,
+        "track": ["<b>$_"] * 8,
+        "number": list(range(8)),
+    }
     rows |= {"level": level, "outcome": [0, 1, 1, 1, 0, 0, 1, 1]}
     rows[who] = rows["participant"]
     fits = fitted(rows, by := [who, "condition"], interval="none")
-    write_report(tmp_path / "a.html", who, who, rows, fits=fits, by=by, tables={who: fits.values()}, notes=[who], unit=who)
+    write_report(
+        tmp_path / "a.html",
+        who,
+        who,
+        rows,
+        fits=fits,
+        by=by,
+        tables={who: fits.values()},
+        notes=[who],
+        unit=who,
+    )
     page = (tmp_path / "a.html").read_bytes().decode()
-    assert "<script" not in page and "<b>" not in page and "\x00" not in page and "\u202e" not in page
+    assert (
+        "<script" not in page and "<b>" not in page and "\x00" not in page and "\u202e" not in page
+    )
     assert page.count("&lt;script&gt;x&lt;/script&gt;$\\frac{") >= 6 and page.count("<svg") == 2
     assert [ax for ax in re.findall(r'id="(\w+tick_\d+)"', page)]
 

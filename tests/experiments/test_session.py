@@ -1,4 +1,6 @@
-"""Sessions: presented to the sample, logged line by line, resumed after any end, and refused where something was changed."""
+"""Sessions: presented to the sample, logged line by line, resumed after any end, and
+refused where something was changed.
+"""
 
 import json
 import os
@@ -10,7 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments.some import QUESTION, SPRING, TASK, experiment, nothing, observer, simulate, some, still
+from experiments.some import (
+    QUESTION,
+    SPRING,
+    TASK,
+    experiment,
+    nothing,
+    observer,
+    simulate,
+    some,
+    still,
+)
 from laws import assert_same, random_cuts
 from laws import run as cut_run
 
@@ -35,18 +47,26 @@ from stimlib.files.session import read_log
 from stimlib.scenes import SHIPPED
 
 
-# Trials are scenes ---------------------------------------------------------------------------------------------------
+# Trials are scenes --------------------------------------------------------------------
 def pair(seed=0, **other):
-    return Trial("a", (Stimulus("spring", {"k": 1.0}, seed), Stimulus("spring", {"k": 3.0}, seed)), ("softer",), **other)
+    return Trial(
+        "a",
+        (Stimulus("spring", {"k": 1.0}, seed), Stimulus("spring", {"k": 3.0}, seed)),
+        ("softer",),
+        **other,
+    )
 
 
 def test_intervals_are_there_to_the_sample_and_nothing_between(tmp_path):
     made = experiment()
     shown = present(made, pair(seed=5), "file", tmp_path / "a.stimlog")
-    assert shown["intervals"] == [(128, 228), (278, 378)] and shown["delivered"] == shown["produced"] == 378 + 128
-    assert shown["peak"]["force"] == pytest.approx([1.0, 3.0], rel=1e-6) and shown["rms"]["force"] == pytest.approx(
-        [1.0, 3.0], rel=1e-6
+    assert (
+        shown["intervals"] == [(128, 228), (278, 378)]
+        and shown["delivered"] == shown["produced"] == 378 + 128
     )
+    assert shown["peak"]["force"] == pytest.approx([1.0, 3.0], rel=1e-6) and shown["rms"][
+        "force"
+    ] == pytest.approx([1.0, 3.0], rel=1e-6)
     log = read_log(tmp_path / "a.stimlog")
     assert log.seed == 5 and replay(log).matches
     assert (tmp_path / "a.stimlog" / "delivered.caf").stat().st_size > 4 * shown["delivered"]
@@ -67,50 +87,93 @@ def window(long, ramp, fs):
 def test_a_stimulus_is_its_own_rendering_bit_for_bit():
     """In its interval, whatever the rate; ramps are within it."""
     noisy = stimlib.Scene(
-        {"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m") * (1 + 0.1 * stimlib.blocks.white_noise(1))}
+        {
+            "force": (
+                stimlib.Param("k", 2.0, "N/m")
+                * stimlib.Input("x", "m")
+                * (1 + 0.1 * stimlib.blocks.white_noise(1))
+            )
+        }
     )
-    made = experiment(scenes={"spring": noisy}, fs=1234.5, timing=Timing(interval=0.1, gap=0.05, before=0.01, ramp=0.02))
+    made = experiment(
+        scenes={"spring": noisy},
+        fs=1234.5,
+        timing=Timing(interval=0.1, gap=0.05, before=0.01, ramp=0.02),
+    )
     hand = np.sin(np.arange(800) / 30)
-    trial = Trial("a", (Stimulus("spring", {"k": 1.0}, 9), Stimulus("spring", {"k": 3.0}, 4)), ("softer",))
+    trial = Trial(
+        "a", (Stimulus("spring", {"k": 1.0}, 9), Stimulus("spring", {"k": 3.0}, 4)), ("softer",)
+    )
     at, (scene, params) = spans(made, trial), program(made, trial)
     assert params == {"k_1": 1.0, "k_2": 3.0}
     whole = stimlib.render(scene, {"x": hand}, fs=made.fs, seed=9, params=params)["force"]
     for (a, b), k, seed in zip(at, (1.0, 3.0), (9, 4), strict=True):
-        alone = stimlib.render(noisy, {"x": hand[a:b]}, fs=made.fs, seed=seed, params={"k": k})["force"]
+        alone = stimlib.render(noisy, {"x": hand[a:b]}, fs=made.fs, seed=seed, params={"k": k})[
+            "force"
+        ]
         assert b - a == 123 and (whole[a + 26 : b - 26] == alone[26:-26]).all()
         assert np.abs(whole[a:b] - window(b - a, 0.02, made.fs) * alone).max() < 1e-14
-    assert (whole[: at[0][0]] == 0).all() and (whole[at[0][1] : at[1][0]] == 0).all() and (whole[at[1][1] :] == 0).all()
+    assert (
+        (whole[: at[0][0]] == 0).all()
+        and (whole[at[0][1] : at[1][0]] == 0).all()
+        and (whole[at[1][1] :] == 0).all()
+    )
     assert at[1][0] - at[0][1] == round(0.05 * 1234.5)
 
 
 def drawn(scene, rng, n):
-    """Parameters and a hand, drawn: moving, held or jumping, from the first sample on."""
-    params = {name: p.value * rng.uniform(0.6, 1.4) for name, p in scene.params.items() if rng.random() < 0.7}
+    """Parameters and a hand, drawn: moving, held or jumping, from the first sample
+    on.
+    """
+    params = {
+        name: p.value * rng.uniform(0.6, 1.4)
+        for name, p in scene.params.items()
+        if rng.random() < 0.7
+    }
     motion = {}
     for name in scene.inputs:
         x = 0.01 * (1.1 + np.sin(np.arange(n) * rng.uniform(0.002, 0.02) + rng.uniform(0, 6)))
-        motion[name] = (np.cumsum(rng.normal(0, 1, n // 90 + 1) > 0).repeat(90)[:n] % 2.0) if name == "contact" else x
+        motion[name] = (
+            (np.cumsum(rng.normal(0, 1, n // 90 + 1) > 0).repeat(90)[:n] % 2.0)
+            if name == "contact"
+            else x
+        )
     return params, motion
 
 
 @pytest.mark.parametrize(
     ("name", "target"),
     [
-        pytest.param(name, target, marks=[pytest.mark.stress] * (target == "python" and name not in ("wall", "viscoelastic")))
+        pytest.param(
+            name,
+            target,
+            marks=[pytest.mark.stress]
+            * (target == "python" and name not in ("wall", "viscoelastic")),
+        )
         for name in SHIPPED
         for target in ("numba", "python")
     ],
 )
 def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
-    """Of any parameters, also inside enabled, and seeds; times the window; in random cuts; nothing of it runs between."""
+    """Of any parameters, also inside enabled, and seeds; times the window; in random
+    cuts; nothing of it runs between.
+    """
     rng, fs = np.random.default_rng(len(name)), 8000.0
-    kinds = [{}] if name in ("texture", "touch_screen") or target == "python" else [{}, {"contact": True}]
+    kinds = (
+        [{}]
+        if name in ("texture", "touch_screen") or target == "python"
+        else [{}, {"contact": True}]
+    )
     for options, count in zip(kinds, (2, 3), strict=False):
         scene = SHIPPED[name](**({"model": made_up()} if name == "texture" else {}) | options)
-        timing = Timing(interval=0.2 if target == "numba" else 0.012, gap=0.004, before=0.0, ramp=0.003)
+        timing = Timing(
+            interval=0.2 if target == "numba" else 0.012, gap=0.004, before=0.0, ramp=0.003
+        )
         made = experiment(scenes={"it": scene}, fs=fs, bounds={}, timing=timing)
         told = [drawn(scene, rng, 1)[0] for _ in range(count)]
-        trial = Trial("a", tuple(Stimulus("it", p, int(rng.integers(3))) for p in told), ("softer",))
+        trial = Trial(
+            "a", tuple(Stimulus("it", p, int(rng.integers(3))) for p in told), ("softer",)
+        )
         at, (whole, params) = spans(made, trial), program(made, trial)
         hand = drawn(scene, rng, at[-1][1] + 50)[1]
         proc = stimlib.compile(whole, fs, target, trial.stimuli[0].seed)
@@ -119,7 +182,9 @@ def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
         x = np.array([hand[i] for i in proc.inputs]).reshape(len(proc.inputs), -1)
         y = dict(zip(proc.outputs, cut_run(proc, x, random_cuts(x.shape[1], rng)), strict=True))
         long = at[0][1] - at[0][0]
-        shape = timeline([(0.0, 0.0), (0.003, 1.0), (long / fs - 0.003, 1.0), (long / fs, 0.0)], "cosine")
+        shape = timeline(
+            [(0.0, 0.0), (0.003, 1.0), (long / fs - 0.003, 1.0), (long / fs, 0.0)], "cosine"
+        )
         shape = stimlib.render(stimlib.Scene({"w": shape}), {}, fs, long / fs)["w"]
         assert np.abs(shape - window(long, 0.003, fs)).max() < 1e-14
         within = np.zeros(x.shape[1], bool)
@@ -133,9 +198,13 @@ def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
 
 
 def test_what_depends_on_the_time_is_there_in_every_interval():
-    """A burst, events, a sweep and a timeline began with the trial once: the second interval was silent, without a word."""
+    """A burst, events, a sweep and a timeline began with the trial once: the second
+    interval was silent, without a word.
+    """
     timed = {
-        "burst": stimlib.blocks.oscillator(250.0) * stimlib.blocks.burst(0.01, duration=0.05, ramp=0.01),
+        "burst": (
+            stimlib.blocks.oscillator(250.0) * stimlib.blocks.burst(0.01, duration=0.05, ramp=0.01)
+        ),
         "at": stimlib.blocks.at([0.02, 0.03]),
         "chirp": stimlib.blocks.chirp(20.0, 200.0, 0.08),
         "timeline": stimlib.blocks.timeline([(0.0, 1.0), (0.05, 2.0)]),
@@ -145,55 +214,87 @@ def test_what_depends_on_the_time_is_there_in_every_interval():
     whole = stimlib.render(program(made, trial)[0], {}, made.fs, 0.7)
     alone = stimlib.render(made.scenes["it"], {}, made.fs, 0.1)
     for name in timed:
-        assert alone[name].any() and all((whole[name][a:b] == alone[name]).all() for a, b in spans(made, trial)), name
+        assert alone[name].any() and all(
+            (whole[name][a:b] == alone[name]).all() for a, b in spans(made, trial)
+        ), name
 
 
 def test_two_scenes_in_one_trial():
     other = stimlib.Scene({"force": stimlib.Param("c", 1.0, "N") * 1.0})
     made = experiment(scenes={"spring": SPRING, "weight": other})
-    trial = Trial("a", (Stimulus("weight", {"c": 4.0}), Stimulus("spring", {"k": 3.0})), ("softer",))
+    trial = Trial(
+        "a", (Stimulus("weight", {"c": 4.0}), Stimulus("spring", {"k": 3.0})), ("softer",)
+    )
     scene, params = program(made, trial)
     force = stimlib.render(scene, {"x": still}, fs=1000, seconds=0.5, params=params)["force"]
-    assert params == {"c_1": 4.0, "k_2": 3.0} and (force[[127, 128, 227, 228, 278, 377, 378]] == [0, 4, 4, 0, 3, 3, 0]).all()
+    assert (
+        params == {"c_1": 4.0, "k_2": 3.0}
+        and (force[[127, 128, 227, 228, 278, 377, 378]] == [0, 4, 4, 0, 3, 3, 0]).all()
+    )
 
 
 def test_a_channel_is_the_same_in_every_trial():
-    """Whatever the order of the intervals, and where one scene lacks it: an actuator gets no other's signal."""
-    other = stimlib.Scene({"buzz": stimlib.Input("y", "N") * 1.0, "force": stimlib.Param("c", 1.0, "N") * 1.0})
+    """Whatever the order of the intervals, and where one scene lacks it: an actuator
+    gets no other's signal.
+    """
+    other = stimlib.Scene(
+        {"buzz": stimlib.Input("y", "N") * 1.0, "force": stimlib.Param("c", 1.0, "N") * 1.0}
+    )
     made = experiment(scenes={"spring": SPRING, "weight": other}, motion={"x": still, "y": still})
     for order in (["spring", "weight"], ["weight", "spring"], ["spring"]):
-        assert list(program(made, Trial("a", tuple(map(Stimulus, order)), ("softer",)))[0].outputs) == ["force", "buzz"]
+        assert list(
+            program(made, Trial("a", tuple(map(Stimulus, order)), ("softer",)))[0].outputs
+        ) == ["force", "buzz"]
     spring = Trial("a", (Stimulus("spring"),), ("softer",))
     assert present(made, spring)["lost"] == 0  # though it has no input y
-    assert (stimlib.render(program(made, spring)[0], {"x": still}, fs=1000, seconds=0.4)["buzz"] == 0).all()
+    assert (
+        stimlib.render(program(made, spring)[0], {"x": still}, fs=1000, seconds=0.4)["buzz"] == 0
+    ).all()
 
 
 def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
     with Session(experiment(design=Listed(((TASK, 9.0),))), tmp_path, "P01") as session:
-        with pytest.raises(BadValue, match="k = 9 is beyond its bounds"):  # before anything is displayed
+        # before anything is displayed
+        with pytest.raises(BadValue, match="k = 9 is beyond its bounds"):
             session.due()
     with pytest.raises(BadValue, match="k = 2 is beyond its bounds, 0.5 to 1.5"):
-        program(experiment(bounds={"k": (0.5, 1.5)}), Trial("a", (Stimulus("spring"),), ("softer",)))
+        program(
+            experiment(bounds={"k": (0.5, 1.5)}), Trial("a", (Stimulus("spring"),), ("softer",))
+        )
 
 
 def test_parameters_of_two_scenes_are_kept_apart(tmp_path):
-    """Of one name, with other values, units and defaults; the log has each with the number of its interval."""
+    """Of one name, with other values, units and defaults; the log has each with the
+    number of its interval.
+    """
     other = stimlib.Scene({"force": stimlib.Param("k", 7.0, "N") * stimlib.Param("k_1", 1.0)})
     made = experiment(scenes={"spring": SPRING, "weight": other}, bounds={})
-    trial = Trial("a", (Stimulus("spring", {"k": 3.0}), Stimulus("weight"), Stimulus("spring", {"k": 3.0})), ("softer",))
+    trial = Trial(
+        "a",
+        (Stimulus("spring", {"k": 3.0}), Stimulus("weight"), Stimulus("spring", {"k": 3.0})),
+        ("softer",),
+    )
     shown = present(made, trial, "offline", tmp_path / "a.stimlog")
-    assert shown["params"] == {"k_1": 3.0, "k_3": 3.0} and shown["peak"]["force"] == pytest.approx([3.0, 7.0, 3.0])
+    assert shown["params"] == {"k_1": 3.0, "k_3": 3.0} and shown["peak"]["force"] == pytest.approx(
+        [3.0, 7.0, 3.0]
+    )
     assert list(read_log(tmp_path / "a.stimlog").scene.params) == ["k_3", "k_2", "k_1_2", "k_1"]
 
 
 def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
-    """Two trials of a burst, displayed when all intervals of a trial had one time: the second had no burst."""
+    """Two trials of a burst, displayed when all intervals of a trial had one time: the
+    second had no burst.
+    """
     shutil.copytree(Path(__file__).with_name("shared_time"), tmp_path / "data")
     (saved,) = sessions("old", tmp_path / "data")
     assert [r.time for r in saved.records] == ["shared", "shared"] and status(saved)["shared"] == 2
     log = read_log(saved.folder / "trial-0001-1.stimlog")
     assert replay(log).matches
-    course = 1 + stimlib.blocks.burst(0.01, duration=0.02, ramp=0.005) + 0.1 * stimlib.blocks.white_noise(1)
+    course = (
+        1
+        + stimlib.blocks.burst(0.01, duration=0.02, ramp=0.005)
+        + 0.1 * stimlib.blocks.white_noise(1)
+    )
     noisy = stimlib.Scene({"force": SPRING.outputs["force"] * course})
     made = experiment(
         name="old", design=Listed(((TASK, 4.0), (TASK, 1.0))), scenes={"spring": noisy},
@@ -204,7 +305,8 @@ def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
     assert shown["intervals"] == [tuple(a) for a in then["intervals"]]
     assert shown["peak"]["force"][0] > 1.5 * then["peak"]["force"][0]  # twice, where the burst is
     record = Record(1, saved.records[0].trial, saved.records[0].answer, [shown])
-    assert record.time == Record(1, record.trial, record.answer, [then, shown]).time == "own"  # as displayed last
+    # as displayed last
+    assert record.time == Record(1, record.trial, record.answer, [then, shown]).time == "own"
     assert Record(1, record.trial, record.answer, [nothing(None, None)]).time == ""
     with pytest.raises(BadValue, match="another experiment or version: experiment.design differs"):
         Session(made, tmp_path / "data", "P01", resume=True).__enter__()
@@ -218,8 +320,16 @@ def test_an_outcome_is_what_the_first_question_counts_for():
 
 
 def test_limits_show_in_what_was_displayed(tmp_path):
-    shown = present(experiment(safety=2.5, motion={"x": lambda t: -still(t)}), pair(), "offline", tmp_path / "a.stimlog")
-    assert shown["peak"]["force"] == pytest.approx([1.0, 2.5], rel=1e-6) and shown["clips"]["clip"]["force"] == 100
+    shown = present(
+        experiment(safety=2.5, motion={"x": lambda t: -still(t)}),
+        pair(),
+        "offline",
+        tmp_path / "a.stimlog",
+    )
+    assert (
+        shown["peak"]["force"] == pytest.approx([1.0, 2.5], rel=1e-6)
+        and shown["clips"]["clip"]["force"] == 100
+    )
 
 
 def test_masking_has_a_channel_of_its_own_and_a_cursor_is_followed(tmp_path):
@@ -242,40 +352,74 @@ def test_a_hand_pushes_its_positions_while_the_trial_plays(tmp_path):
 
 
 def forms(opened):
-    """What is compiled of each program: its blocks and how they hang together, without their numbers."""
-    return {tuple((type(q.block).__name__, q.kind, q.clock, q.args) for q in scene.program.instances) for scene in opened}
+    """What is compiled of each program: its blocks and how they hang together, without
+    their numbers.
+    """
+    return {
+        tuple((type(q.block).__name__, q.kind, q.clock, q.args) for q in scene.program.instances)
+        for scene in opened
+    }
 
 
-def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(tmp_path, monkeypatch):
+def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
+    tmp_path, monkeypatch
+):
     """The first of a kind would begin late, and tell that it is one."""
     opened, started = [], []
     take, begin = NullSink.open, NullSink.start
-    monkeypatch.setattr(NullSink, "open", lambda sink, rate: (opened.append(sink.scene), take(sink, rate))[1])
-    monkeypatch.setattr(NullSink, "start", lambda sink, seconds: (started.append(sink.scene), begin(sink, seconds))[1])
+    monkeypatch.setattr(
+        NullSink, "open", lambda sink, rate: (opened.append(sink.scene), take(sink, rate))[1]
+    )
+    monkeypatch.setattr(
+        NullSink,
+        "start",
+        lambda sink, seconds: (started.append(sink.scene), begin(sink, seconds))[1],
+    )
     force = SPRING.outputs["force"]
-    twice, square = (stimlib.Scene({"force": f}) for f in (2.0 * force, force * force / stimlib.constant(1.0, "N")))
-    tasks = Listed(((TASK, 4.0), (TASK, 2.0), (Identify("w", "softer", {n: Stimulus(n) for n in ("first", "second")}), "second")))
+    twice, square = (
+        stimlib.Scene({"force": f})
+        for f in (2.0 * force, force * force / stimlib.constant(1.0, "N"))
+    )
+    tasks = Listed(
+        (
+            (TASK, 4.0),
+            (TASK, 2.0),
+            (Identify("w", "softer", {n: Stimulus(n) for n in ("first", "second")}), "second"),
+        )
+    )
     made = experiment(
         scenes={"spring": SPRING, "first": SPRING, "second": square, "third": twice},
         design=Parts({"learnt": Listed(((TASK, 4.0),), training=True), "main": tasks}),
         familiarisation={"soft": Stimulus("third")},
     )
     with Session(made, tmp_path, "P01") as session:
-        face, state = Simulated(session, lambda trial, rng: Answer({"softer": "first"})), session.state
+        face, state = (
+            Simulated(session, lambda trial, rng: Answer({"softer": "first"})),
+            session.state,
+        )
         assert prepare(session, "offline") == 0 and not opened
         told = prepare(session, "null")
-        assert told == len(opened) and not started and session.state == state and session.number == 1
+        assert (
+            told == len(opened) and not started and session.state == state and session.number == 1
+        )
         before = forms(opened)
         picks = iter(["soft", None])
         monkeypatch.setattr(face, "pick", lambda names: next(picks), raising=False)
         opened.clear()
         run(session, face, "null", realtime=False)
-    assert len(session.records) == 4 and len(started) == 5 and forms(started) <= before and len(before) > 2
+    assert (
+        len(session.records) == 4
+        and len(started) == 5
+        and forms(started) <= before
+        and len(before) > 2
+    )
     assert len(opened) == told + 5, "and a session does so by itself"
 
 
 def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
-    """A trial that is not allowed, and a design that fails on an answer, end no session before its first trial."""
+    """A trial that is not allowed, and a design that fails on an answer, end no session
+    before its first trial.
+    """
     high = Show("a", ("softer",), Stimulus("spring", {"k": 9.0}))
 
     class Odd(Listed):
@@ -291,12 +435,32 @@ def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
 @pytest.mark.parametrize(
     "trial, error, why",
     [
-        (Trial("a", (Stimulus("spring", {"k": 9.0}),), ("softer",)), BadValue, "k = 9 is beyond its bounds, 0.5 to 8"),
-        (Trial("a", (Stimulus("spring", {"k": 0.4}),), ("softer",)), BadValue, "k = 0.4 is beyond its bounds"),
-        (Trial("a", (Stimulus("spring", {"k": "2"}),), ("softer",)), BadValue, "k = '2' is no number"),
-        (Trial("a", (Stimulus("spring", {"k": np.int64(2)}),), ("softer",)), BadValue, "cannot be kept in a log.*float"),
+        (
+            Trial("a", (Stimulus("spring", {"k": 9.0}),), ("softer",)),
+            BadValue,
+            "k = 9 is beyond its bounds, 0.5 to 8",
+        ),
+        (
+            Trial("a", (Stimulus("spring", {"k": 0.4}),), ("softer",)),
+            BadValue,
+            "k = 0.4 is beyond its bounds",
+        ),
+        (
+            Trial("a", (Stimulus("spring", {"k": "2"}),), ("softer",)),
+            BadValue,
+            "k = '2' is no number",
+        ),
+        (
+            Trial("a", (Stimulus("spring", {"k": np.int64(2)}),), ("softer",)),
+            BadValue,
+            "cannot be kept in a log.*float",
+        ),
         (Trial("a", (Stimulus("spring"),), ()), BadValue, "one question at least"),
-        (Trial("a", (Stimulus("spring"),), ("softer",), scores={"A": 1.0}), BadValue, "the task counts A: they must be the same"),
+        (
+            Trial("a", (Stimulus("spring"),), ("softer",), scores={"A": 1.0}),
+            BadValue,
+            "the task counts A: they must be the same",
+        ),
         (Trial("a", (Stimulus("springs"),), ("softer",)), UnknownName, "no scene 'springs'"),
         (Trial("a", (Stimulus("spring", {"q": 1.0}),), ("softer",)), UnknownName, "no parameter q"),
         (Trial("a", (Stimulus("spring"),), ("harder",)), UnknownName, "no question 'harder'"),
@@ -316,7 +480,11 @@ def test_experiments_that_make_no_sense():
         ({"bounds": {"q": (1.0, 2.0)}}, UnknownName, "no scene has a parameter 'q'"),
         ({"bounds": {"k": (0.5, np.inf)}}, BadValue, "finite numbers that rise"),
         ({"masking": Masking("force")}, BadValue, "'force' is an output of a scene"),
-        ({"cursor": Cursor("y", 1.0)}, UnknownName, "Cursor: no scene has an input 'y'; there are x"),
+        (
+            {"cursor": Cursor("y", 1.0)},
+            UnknownName,
+            "Cursor: no scene has an input 'y'; there are x",
+        ),
         ({"fs": 0.0}, BadValue, "fs = 0.0 must be in Hz"),
         ({"fs": 4.0}, BadValue, "a sample in each interval"),
         ({"replays": -1}, BadValue, "replays = -1 must be a whole number"),
@@ -335,7 +503,7 @@ def test_experiments_that_make_no_sense():
         Timing(interval=0.04)
 
 
-# Sessions ------------------------------------------------------------------------------------------------------------
+# Sessions -----------------------------------------------------------------------------
 def test_a_session_is_its_log(tmp_path):
     session = simulate(tmp_path)
     saved = read(tmp_path / "pair" / "P01-s1")
@@ -351,13 +519,22 @@ def test_a_session_that_was_left_goes_on_as_it_would_have(tmp_path):
     whole = simulate(tmp_path / "a")
     some(tmp_path / "b", 7)
     simulate(tmp_path / "b", resume=True)
-    facts = [[(r.number, r.trial, r.answer.values) for r in read(tmp_path / d / "pair/P01-s1").records] for d in "ab"]
+    facts = [
+        [(r.number, r.trial, r.answer.values) for r in read(tmp_path / d / "pair/P01-s1").records]
+        for d in "ab"
+    ]
     assert facts[0] == facts[1] and len(facts[0]) == len(whole.records)
 
 
 @pytest.mark.parametrize("kills", [8, pytest.param(200, marks=pytest.mark.stress)])
 def test_killed_at_random_moments_nothing_is_lost_and_nothing_doubled(tmp_path, kills):
-    command = [sys.executable, str(Path(__file__).with_name("killed.py")), str(tmp_path), str(kills), "1"]
+    command = [
+        sys.executable,
+        str(Path(__file__).with_name("killed.py")),
+        str(tmp_path),
+        str(kills),
+        "1",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0 and int(done.stdout.split()[0]) >= kills, done.stdout + done.stderr
 
@@ -401,7 +578,12 @@ def test_lines_that_are_missing_at_the_end_are_told(tmp_path, lines, witness):
         return
     last = 4 if witness == "the logs" else 5
     for act in (lambda: read(session.folder), lambda: some(tmp_path, 0, resume=True)):
-        with pytest.raises(SinkError, match=f"trials {(lines or 0) + 1} to {last} are missing at its end. Put back a whole copy"):
+        with pytest.raises(
+            SinkError,
+            match=(
+                f"trials {(lines or 0) + 1} to {last} are missing at its end. Put back a whole copy"
+            ),
+        ):
             act()
 
 
@@ -414,7 +596,8 @@ def test_a_damaged_number_of_answers_is_told(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
-@pytest.mark.filterwarnings("ignore:os.fork")  # of JAX, where another test in this process has loaded it
+# of JAX, where another test in this process has loaded it
+@pytest.mark.filterwarnings("ignore:os.fork")
 def test_a_fork_of_a_session_writes_nothing(tmp_path):
     with Session(experiment(), tmp_path, "P01") as session:
         trial = session.due()
@@ -441,10 +624,15 @@ def test_a_fork_of_a_session_writes_nothing(tmp_path):
 
 @pytest.mark.parametrize("change", ["unlink", "replace", "truncate", "append"])
 def test_a_log_that_others_replaced_or_changed_takes_no_answer(tmp_path, change):
-    """An answer written to a file that has no name any more would be lost without a word."""
+    """An answer written to a file that has no name any more would be lost without a
+    word.
+    """
     with Session(experiment(), tmp_path, "P01") as session:
         session.put(observer(session.due(), np.random.default_rng(1)), [])
-        path, answer = session.folder / "trials.jsonl", observer(session.due(), np.random.default_rng(1))
+        path, answer = (
+            session.folder / "trials.jsonl",
+            observer(session.due(), np.random.default_rng(1)),
+        )
         kept = path.read_bytes()
         match change:
             case "unlink":
@@ -457,7 +645,10 @@ def test_a_log_that_others_replaced_or_changed_takes_no_answer(tmp_path, change)
             case "append":
                 path.write_bytes(kept + b"{}")
         for act in (session.due, lambda: session.put(answer, [])):
-            with pytest.raises(SinkError, match=r"trials.jsonl is not as this session wrote it: .*resume the session"):
+            with pytest.raises(
+                SinkError,
+                match=r"trials.jsonl is not as this session wrote it: .*resume the session",
+            ):
                 act()
         assert len(session.records) == 1
     path.write_bytes(kept)
@@ -512,7 +703,10 @@ def test_a_log_of_another_experiment_or_version_is_refused(tmp_path):
         ({"version": "2"}, "experiment.version"),
         ({"bounds": {"k": (0.5, 8.5)}}, "experiment.bounds"),
         ({"seed": 1}, "seed, experiment.seed"),
-        ({"scenes": {"spring": stimlib.Scene({"force": 2.0 * SPRING.outputs["force"]})}}, "experiment.scenes"),
+        (
+            {"scenes": {"spring": stimlib.Scene({"force": 2.0 * SPRING.outputs["force"]})}},
+            "experiment.scenes",
+        ),
     ):
         with pytest.raises(BadValue, match=f"another experiment or version: {what} differs"):
             some(tmp_path, 0, experiment(**other), resume=True)
@@ -527,13 +721,16 @@ def test_an_answer_is_on_the_disk_and_its_log_has_room(tmp_path, monkeypatch):
         session.put(observer(session.due(), np.random.default_rng(1)), [nothing(None, None)])
         assert (session.folder / "trials.jsonl").stat().st_size in synced
         four = Trial("a", 4 * pair().stimuli[:1], ("softer",))
-        assert session._log_bytes(four) - LOG >= 11 * 1000 * (8 + 4)  # 4 intervals and 3 gaps: motion, and what was delivered
+        # 4 intervals and 3 gaps: motion, and what was delivered
+        assert session._log_bytes(four) - LOG >= 11 * 1000 * (8 + 4)
 
 
 def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):
     session = some(tmp_path, 4)
     monkeypatch.setattr("stimlib.experiments.tasks.seed_of", lambda *words: 1)
-    with pytest.raises(BadValue, match="trials.jsonl, line 1: the design gives another trial there"):
+    with pytest.raises(
+        BadValue, match="trials.jsonl, line 1: the design gives another trial there"
+    ):
         some(tmp_path, 0, resume=True)
     assert len(read(session.folder).records) == 4
 
@@ -544,7 +741,10 @@ def test_data_are_never_overwritten_and_nobody_is_in_two_sessions_at_once(tmp_pa
         some(tmp_path, 0)
     with pytest.raises(BadValue, match="there is no session .* to resume"):
         some(tmp_path, 0, session=2, resume=True)
-    with Session(experiment(), tmp_path, "P01", resume=True), pytest.raises(SinkError, match="one participant cannot be in two"):
+    with (
+        Session(experiment(), tmp_path, "P01", resume=True),
+        pytest.raises(SinkError, match="one participant cannot be in two"),
+    ):
         some(tmp_path, 0, resume=True)
     assert len(read(tmp_path / "pair" / "P01-s1").records) == 2
 
@@ -589,12 +789,18 @@ def test_a_pilot_is_none_of_the_data(tmp_path):
     pilot.folder.rename(tmp_path / "pair" / "P03-s1")  # renamed by hand
     with pytest.raises(BadValue, match="is a pilot"):
         sessions("pair", tmp_path)
-    assert all(json.loads(line)["pilot"] for line in (tmp_path / "pair" / "P03-s1" / "trials.jsonl").read_text().splitlines())
+    assert all(
+        json.loads(line)["pilot"]
+        for line in (tmp_path / "pair" / "P03-s1" / "trials.jsonl").read_text().splitlines()
+    )
 
 
 def test_an_answer_that_is_none_is_not_written(tmp_path):
     with Session(experiment(), tmp_path, "P01") as session:
-        for values, why in (({}, "not answered"), ({"softer": "third"}, "no answer; answer one of first, second")):
+        for values, why in (
+            ({}, "not answered"),
+            ({"softer": "third"}, "no answer; answer one of first, second"),
+        ):
             with pytest.raises(BadValue, match=why):
                 session.put(Answer(values))
         with pytest.raises(BadValue, match="Answer: seconds = nan is not finite"):
@@ -608,19 +814,31 @@ def test_an_answer_that_is_none_is_not_written(tmp_path):
 
 
 def test_what_the_experimenter_sees_is_blinded(tmp_path):
-    task = Identify("secret", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})})
+    task = Identify(
+        "secret", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})}
+    )
     made = experiment(design=Listed(((task, "first"), (task, "second")), 2, training=True))
     with Session(made, tmp_path, "P01") as session:
-        run(session, Simulated(session, lambda t, rng: Answer({"softer": "first"}, replays=0)), nothing)
+        run(
+            session,
+            Simulated(session, lambda t, rng: Answer({"softer": "first"}, replays=0)),
+            nothing,
+        )
     told = status(read(session.folder))
-    assert told["trials"] == told["training"] == 4 and read(session.folder).data == [] and told["limited"] == 8
+    assert (
+        told["trials"] == told["training"] == 4
+        and read(session.folder).data == []
+        and told["limited"] == 8
+    )
     assert list(told["conditions"].values()) == [4] and "secret" not in json.dumps(told)
     assert session.blind(session.records[0].trial) in told["conditions"]
 
 
 def test_columns_have_the_trials_that_count(tmp_path):
     pairs = ((TASK, 4.0), (TASK, 1.0))
-    made = experiment(design=Parts({"learn": Listed(pairs, training=True), "test": Listed(pairs, 2)}))
+    made = experiment(
+        design=Parts({"learn": Listed(pairs, training=True), "test": Listed(pairs, 2)})
+    )
     with Session(made, tmp_path, "P01", pilot=True) as session:
         run(session, Simulated(session, observer), nothing)
     found = sessions("pair", tmp_path, pilot=True)
@@ -629,7 +847,7 @@ def test_columns_have_the_trials_that_count(tmp_path):
     assert "secret" not in " ".join(p.name for p in tmp_path.rglob("*"))
 
 
-# Around the trials ---------------------------------------------------------------------------------------------------
+# Around the trials --------------------------------------------------------------------
 class Scripted:
     """A face that notes what it is asked, and answers from a list."""
 
@@ -654,7 +872,9 @@ class Scripted:
 
 
 def test_rests_replays_familiarisation_and_feedback(tmp_path):
-    task = Identify("c", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})})
+    task = Identify(
+        "c", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})}
+    )
     day = Listed(((task, "first"),))
     logs = []
     made = experiment(
@@ -680,7 +900,13 @@ def test_rests_replays_familiarisation_and_feedback(tmp_path):
     ]
     asked = [("softer", 1), ("softer", 0), ("softer", 0)]  # the second replay is not there
     assert face.noted[:6] == ["Squeeze.", "trial 1", *asked, "right"]
-    assert face.noted[6:] == [("rest", 60), "trial 2", ("softer", 1), "wrong", "That was the last one. Thank you."]
+    assert face.noted[6:] == [
+        ("rest", 60),
+        "trial 2",
+        ("softer", 1),
+        "wrong",
+        "That was the last one. Thank you.",
+    ]
     first = read(session.folder).records[0]
     assert first.answer.replays == 1 and [d["log"] for d in first.displayed] == logs[2:4]
 
@@ -690,15 +916,21 @@ def test_a_rest_is_counted_from_the_last_answer_also_after_a_resume(tmp_path):
     day = Listed(((task, None),), training=True)
     made = experiment(
         design=Parts({"1": day, "2": day}, pause=60.0),
-        questions=(rating("roughness", "?", "smooth", "rough"), rating("bumpiness", "?", "flat", "bumpy")),
+        questions=(
+            rating("roughness", "?", "smooth", "rough"),
+            rating("bumpiness", "?", "flat", "bumpy"),
+        ),
     )
     with Session(made, tmp_path, "P01") as session:
         session.put(Answer({"roughness": 3, "bumpiness": 7}))
     with Session(made, tmp_path, "P01", resume=True) as session:
         assert 55 < session.rest(session.due()) <= 60
         now = datetime.now(UTC)
-        for passed, left in ((40, 20), (70, 0), (-30, 60)):  # a clock that was set back keeps nobody longer
-            object.__setattr__(session.records[0], "ended", (now - timedelta(seconds=passed)).isoformat())
+        # a clock that was set back keeps nobody longer
+        for passed, left in ((40, 20), (70, 0), (-30, 60)):
+            object.__setattr__(
+                session.records[0], "ended", (now - timedelta(seconds=passed)).isoformat()
+            )
             assert session.rest(session.due()) == pytest.approx(left, abs=2)
 
 

@@ -1,6 +1,8 @@
-"""Changes of a good file that keep its form: of cells, of values in JSON, of arrays in an npz, and of bytes.
+"""Changes of a good file that keep its form: of cells, of values in JSON, of arrays in
+an npz, and of bytes.
 
-Who chooses is a function, ``below(n)``, a whole number from 0 to n - 1: hypothesis, atheris or a plain generator of numbers.
+Who chooses is a function, ``below(n)``, a whole number from 0 to n - 1: hypothesis,
+atheris or a plain generator of numbers.
 """
 
 import io
@@ -13,13 +15,77 @@ from typing import Any
 
 Below = Callable[[int], int]
 
-NUMBERS = "0 -0.0 1 -1 0.5 1e-308 5e-324 1e308 -1e308 1e309 nan inf -inf 1e-30 1e11 1e400 0x10 1_0 1,5 \u0661 1e15".split()
-TEXTS = ["", " ", '"', '"a', 'a"b', "\x1b[31m", "\0", "\u202e", "\ud7ff", "'", ";", "a" * 300, "\r", "\n", "t_s", "x_m", "\ufeff"]
-VALUES: list[Any] = [None, True, False, 0, -1, 1, 2**53, 2**64, 10**400, -(10**400), 0.0, 1e-308, 1e308, 1e17, 0.5, "", "m",
-                     "m/0", "\x1b[31m", "\0", "\ud800", "a" * 5000, [], {}, [0], [[]], {"": 0}, [1e308] * 3]  # fmt: skip
-HEADERS = [("<f8", "<f4"), ("<f8", "|O"), ("<f8", "<c16"), ("<f8", "<U2"), ("<f8", ">f8"), ("<f8", "<U0"), ("(6,)", "(-1,)"),
-           ("(6,)", "(8589934592,)"), ("(6,)", "(3, 2)"), ("(6,)", "()"), ("False", "True"), ("'<f8'", "[('a', '<f8')]"),
-           ("}", "(" * 200), ("(6,)", "(6.0,)"), ("<f8", "<f7"), ("descr", "d")]  # fmt: skip
+NUMBERS = (
+    "0 -0.0 1 -1 0.5 1e-308 5e-324 1e308 -1e308 1e309 nan inf -inf 1e-30 1e11 1e400 0x10 1_0 1,5"
+    " \u0661 1e15".split()
+)
+TEXTS = [
+    "",
+    " ",
+    '"',
+    '"a',
+    'a"b',
+    "\x1b[31m",
+    "\0",
+    "\u202e",
+    "\ud7ff",
+    "'",
+    ";",
+    "a" * 300,
+    "\r",
+    "\n",
+    "t_s",
+    "x_m",
+    "\ufeff",
+]
+VALUES: list[Any] = [
+    None,
+    True,
+    False,
+    0,
+    -1,
+    1,
+    2**53,
+    2**64,
+    10**400,
+    -(10**400),
+    0.0,
+    1e-308,
+    1e308,
+    1e17,
+    0.5,
+    "",
+    "m",
+    "m/0",
+    "\x1b[31m",
+    "\0",
+    "\ud800",
+    "a" * 5000,
+    [],
+    {},
+    [0],
+    [[]],
+    {"": 0},
+    [1e308] * 3,
+]
+HEADERS = [
+    ("<f8", "<f4"),
+    ("<f8", "|O"),
+    ("<f8", "<c16"),
+    ("<f8", "<U2"),
+    ("<f8", ">f8"),
+    ("<f8", "<U0"),
+    ("(6,)", "(-1,)"),
+    ("(6,)", "(8589934592,)"),
+    ("(6,)", "(3, 2)"),
+    ("(6,)", "()"),
+    ("False", "True"),
+    ("'<f8'", "[('a', '<f8')]"),
+    ("}", "(" * 200),
+    ("(6,)", "(6.0,)"),
+    ("<f8", "<f7"),
+    ("descr", "d"),
+]
 INTS = [0, 1, 2, 4, 8, 16, 127, 128, 255]
 
 
@@ -86,7 +152,9 @@ def _cells(data: bytes, below: Below) -> bytes:
 
 
 def _json(data: bytes, below: Below) -> bytes:
-    """Of one value somewhere in JSON: another, a copy of another place's, none, or itself at another place."""
+    """Of one value somewhere in JSON: another, a copy of another place's, none, or
+    itself at another place.
+    """
     lines = data.split(b"\n") if data.count(b"\n{") else [data]
     i = below(len(lines))
     try:
@@ -110,13 +178,21 @@ def _json(data: bytes, below: Below) -> bytes:
 
 
 def _places(tree: Any, found: list[tuple[Any, Any]]) -> None:
-    for key, value in list(tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()):
+    for key, value in list(
+        tree.items()
+        if isinstance(tree, dict)
+        else enumerate(tree)
+        if isinstance(tree, list)
+        else ()
+    ):
         found.append((tree, key))
         _places(value, found)
 
 
 def _archive(data: bytes, below: Below) -> bytes:
-    """Of an npz: what an array says of itself, its values, its name or its packing; the archive stays whole."""
+    """Of an npz: what an array says of itself, its values, its name or its packing; the
+    archive stays whole.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as z:
             members = [(info.filename, z.read(info)) for info in z.infolist()][:20]
@@ -128,7 +204,9 @@ def _archive(data: bytes, below: Below) -> bytes:
     name, array = members[i]
     how = below(6)
     if how == 0:
-        name = pick(below, ["t_s.npy", "x_m", "", "../a.npy", "\x1b[31m.npy", "a" * 3000, "contact.npy"])
+        name = pick(
+            below, ["t_s.npy", "x_m", "", "../a.npy", "\x1b[31m.npy", "a" * 3000, "contact.npy"]
+        )
     elif how == 1:
         old, new = pick(below, HEADERS)
         array = array.replace(old.encode(), new.encode(), 1)
@@ -142,7 +220,16 @@ def _archive(data: bytes, below: Below) -> bytes:
     if how == 5:
         del members[i]
     raw = io.BytesIO()
-    packing = pick(below, [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+    packing = pick(
+        below,
+        [
+            zipfile.ZIP_STORED,
+            zipfile.ZIP_DEFLATED,
+            zipfile.ZIP_DEFLATED,
+            zipfile.ZIP_BZIP2,
+            zipfile.ZIP_LZMA,
+        ],
+    )
     with warnings.catch_warnings(), zipfile.ZipFile(raw, "w", packing) as z:
         warnings.simplefilter("ignore")  # of names that are there twice
         for name, array in members:
@@ -153,13 +240,26 @@ def _archive(data: bytes, below: Below) -> bytes:
 def _elements(data: bytes, below: Below) -> bytes:
     """Of XML: a text is another, or a tag goes."""
     text = data.decode(errors="replace")
-    texts, tags = list(re.finditer(r"(?<=>)[^<>]+(?=<)", text)), list(re.finditer(r"<[^<>]*>", text))
+    texts, tags = (
+        list(re.finditer(r"(?<=>)[^<>]+(?=<)", text)),
+        list(re.finditer(r"<[^<>]*>", text)),
+    )
     at = pick(below, tags if below(3) == 0 and tags else texts or [re.search("$", text)])
-    new = "" if text[at.start() : at.end()].startswith("<") else pick(below, NUMBERS if below(3) else TEXTS)
+    new = (
+        ""
+        if text[at.start() : at.end()].startswith("<")
+        else pick(below, NUMBERS if below(3) else TEXTS)
+    )
     return (text[: at.start()] + new + text[at.end() :]).encode(errors="replace")
 
 
 CHANGES: dict[str, Callable[[bytes, Below], bytes]] = {
-    "csv": _cells, "table": _cells, "npz": _archive, "scene": _json, "sidecar": _json, "session": _json, "events": _json,
+    "csv": _cells,
+    "table": _cells,
+    "npz": _archive,
+    "scene": _json,
+    "sidecar": _json,
+    "session": _json,
+    "events": _json,
     "texture": _elements,
-}  # fmt: skip
+}

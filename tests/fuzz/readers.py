@@ -1,4 +1,6 @@
-"""Everything that reads a file, in one table: each must give a result or an error of stimlib's, soon and in little memory."""
+"""Everything that reads a file, in one table: each must give a result or an error of
+stimlib's, soon and in little memory.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ class Reader(NamedTuple):
 
 
 def attempt(name: str, data: bytes) -> object:
-    """What a reader makes of these bytes; what is against the promise goes on as it is."""
+    """What a reader makes of these bytes; what is against the promise goes on as it
+    is.
+    """
     READERS[name].seeds()  # some are made here by what may have to be compiled first
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
@@ -103,7 +107,11 @@ def _npz() -> list[bytes]:
     t = np.array([0.0, 0.01, 0.01, 0.02, 0.03, 0.5])
     kind = np.array(list("aaabbb"))
     out = []
-    for save, f in ((np.savez, np.float64), (np.savez_compressed, np.float32), (np.savez, np.longdouble)):
+    for save, f in (
+        (np.savez, np.float64),
+        (np.savez_compressed, np.float32),
+        (np.savez, np.longdouble),
+    ):
         raw = io.BytesIO()
         save(raw, t_s=t, x_m=(t * 0.1).astype(f), contact=t < 0.2, kind=kind)
         out.append(raw.getvalue())
@@ -117,7 +125,9 @@ def _table(data: bytes, folder: Path) -> object:
     for kind in ("linear", "pchip", "cubic", None):
         try:
             done = equalize(x, path, kind=kind)
-            stimlib.compile(stimlib.Scene({"y": done}), 8000, target="python").process(np.array([[0.0, 0.03, 1e3]]))
+            stimlib.compile(stimlib.Scene({"y": done}), 8000, target="python").process(
+                np.array([[0.0, 0.03, 1e3]])
+            )
         except StimlibError:
             continue
     return equalize(x, path) if done is None else done
@@ -150,7 +160,14 @@ def _scene(data: bytes, folder: Path) -> object:
 def _scenes() -> list[bytes]:
     x = stimlib.Input("x", "m")
     made = [squeeze(fingers=1), viscoelastic()]
-    made += [stimlib.Scene({"y": lut(x, [0.0, 0.1, 0.3], [1.0, 2.0, 4.0], "pchip"), "z": stimlib.blocks.delay(x, 3)})]
+    made += [
+        stimlib.Scene(
+            {
+                "y": lut(x, [0.0, 0.1, 0.3], [1.0, 2.0, 4.0], "pchip"),
+                "z": stimlib.blocks.delay(x, 3),
+            }
+        )
+    ]
     return [json.dumps(scene.to_dict()).encode() for scene in made]
 
 
@@ -198,7 +215,10 @@ def _logged(part: str) -> Reader:
 
 
 READERS: dict[str, Reader] = {
-    "csv": Reader(lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()], _recording(".csv")),
+    "csv": Reader(
+        lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()],
+        _recording(".csv"),
+    ),
     "npz": Reader(_npz, _recording(".npz")),
     "table": Reader(lambda: [TABLE.encode()], _table),
     "texture": Reader(_textures, _texture),

@@ -1,7 +1,9 @@
-"""Fuzz the readers of files: ``run.py SECONDS [READER ...]``, or with coverage as a guide ``run.py --guided SECONDS READER``.
+"""Fuzz the readers of files: ``run.py SECONDS [READER ...]``, or with coverage as a
+guide ``run.py --guided SECONDS READER``.
 
-Each input that breaks the promise is kept in cases/READER, and from then on ``make test`` tries it.  With --guided it needs
-atheris (``pip install atheris``) and stops at the first one; else it goes on and tells all of them.
+Each input that breaks the promise is kept in cases/READER, and from then on ``make
+test`` tries it.  With --guided it needs atheris (``pip install atheris``) and stops at
+the first one; else it goes on and tells all of them.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ def limit() -> None:
 
 
 def run(seconds: float, names: list[str], seed: int) -> int:
-    """Mutate good files at random, the readers in turn; how many inputs broke the promise, each place counted once."""
+    """Mutate good files at random, the readers in turn; how many inputs broke the
+    promise, each place counted once.
+    """
     from fuzz.mutations import mutated
     from fuzz.readers import READERS, attempt
 
@@ -60,12 +64,17 @@ def run(seconds: float, names: list[str], seed: int) -> int:
             if isinstance(error, KeyboardInterrupt):
                 raise
             frames = traceback.extract_tb(error.__traceback__)
-            ours = [f for f in frames if "stimlib" in f.filename and "fuzz" not in f.filename][-1:] or frames[-1:]
+            ours = [f for f in frames if "stimlib" in f.filename and "fuzz" not in f.filename][
+                -1:
+            ] or frames[-1:]
             place = (name, type(error).__name__, ours[0].filename, ours[0].lineno)
             if place not in places:
                 places[place] = keep(name, data)
                 where = f"{Path(ours[0].filename).name}:{ours[0].lineno}"
-                print(f"{places[place]}: {where}: {type(error).__name__}: {str(error)[:200]!r}", flush=True)
+                print(
+                    f"{places[place]}: {where}: {type(error).__name__}: {str(error)[:200]!r}",
+                    flush=True,
+                )
     inputs = ", ".join(f"{name} {n}" for name, n in count.items())
     print(f"seed {seed}: inputs {inputs}; {len(places)} broken places")
     return len(places)
@@ -74,7 +83,9 @@ def run(seconds: float, names: list[str], seed: int) -> int:
 def guided(seconds: float, name: str) -> None:
     import atheris
 
-    with atheris.instrument_imports(include=["stimlib.devices", "stimlib.core.scene", "stimlib.blocks", "csv", "zipfile"]):
+    with atheris.instrument_imports(
+        include=["stimlib.devices", "stimlib.core.scene", "stimlib.blocks", "csv", "zipfile"]
+    ):
         from fuzz.mutations import mutated
         from fuzz.readers import CASES, READERS, attempt
     seeds = READERS[name].seeds()
@@ -96,7 +107,14 @@ def guided(seconds: float, name: str) -> None:
     corpus.mkdir(parents=True, exist_ok=True)
     for i, data in enumerate(seeds):
         (corpus / f"seed{i}").write_bytes(data)
-    words = [sys.argv[0], f"-max_total_time={seconds:g}", "-max_len=20000", "-rss_limit_mb=4000", "-timeout=60", str(corpus)]
+    words = [
+        sys.argv[0],
+        f"-max_total_time={seconds:g}",
+        "-max_len=20000",
+        "-rss_limit_mb=4000",
+        "-timeout=60",
+        str(corpus),
+    ]
     atheris.Setup(words, one, custom_mutator=change)
     atheris.Fuzz()
 

@@ -1,4 +1,6 @@
-"""Whatever was found by fuzzing, and a few changes of good files for each reader on every run; a minute of them: make stress."""
+"""Whatever was found by fuzzing, and a few changes of good files for each reader on
+every run; a minute of them: make stress.
+"""
 
 import warnings
 
@@ -10,10 +12,15 @@ from hypothesis import strategies as st
 
 from stimlib.errors import StimlibError
 
-OURS = ("csv", "npz", "table", "texture")  # readers that hold the promise for every input tried so far
+# readers that hold the promise for every input tried so far
+OURS = ("csv", "npz", "table", "texture")
 
 
-@pytest.mark.parametrize("case", sorted(p for p in CASES.glob("*/*") if p.is_file()), ids=lambda p: f"{p.parent.name}/{p.name}")
+@pytest.mark.parametrize(
+    "case",
+    sorted(p for p in CASES.glob("*/*") if p.is_file()),
+    ids=lambda p: f"{p.parent.name}/{p.name}",
+)
 def test_what_was_found_stays_mended(case):
     attempt(case.parent.name, case.read_bytes())
 

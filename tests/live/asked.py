@@ -23,14 +23,28 @@ QUESTIONS = (
     ranking("order", "The largest first", "A", "B"),
     places("where", "Where?", 2),
 )
-WHICH = Identify("secret", "softer", {"red": Stimulus("spring", {"k": 4.321}), "green": Stimulus("spring", {"k": 2.345})})
-RATED = Show("hidden", ("rough", "much", "order", "where"), Stimulus("spring", {"k": 1.987}), {"rough": 6})
+WHICH = Identify(
+    "secret",
+    "softer",
+    {"red": Stimulus("spring", {"k": 4.321}), "green": Stimulus("spring", {"k": 2.345})},
+)
+RATED = Show(
+    "hidden", ("rough", "much", "order", "where"), Stimulus("spring", {"k": 1.987}), {"rough": 6}
+)
 
 
 def every(**other):
-    """Training, a rest, feedback, a replay, familiarisation, a reference, and every kind of question: four trials."""
+    """Training, a rest, feedback, a replay, familiarisation, a reference, and every
+    kind of question: four trials.
+    """
     learn = Listed(((WHICH, "red"),), training=True)
-    design = Parts({"learnt": learn, "rated": Listed(((RATED, None),)), "main": Listed(((WHICH, "green"), (WHICH, "red")))})
+    design = Parts(
+        {
+            "learnt": learn,
+            "rated": Listed(((RATED, None),)),
+            "main": Listed(((WHICH, "green"), (WHICH, "red"))),
+        }
+    )
     told = {
         "design": design,
         "scenes": {"spring": SPRING},
@@ -45,9 +59,26 @@ def every(**other):
     return experiment(**(told | other))
 
 
-TYPED = ["1", "0", "", "r", "1", "", "9", "6", " 55 ", "B A", f"1.{'0' * 1500} 2; 0.5 3", "", "2", "", "1"]
-"""The answers to all of it: one to get familiar, a replay, one that is none and given again (the page has no such key).
-A place with many digits: an answer may be longer than a message of a live page."""
+TYPED = [
+    "1",
+    "0",
+    "",
+    "r",
+    "1",
+    "",
+    "9",
+    "6",
+    " 55 ",
+    "B A",
+    f"1.{'0' * 1500} 2; 0.5 3",
+    "",
+    "2",
+    "",
+    "1",
+]
+"""The answers to all of it: one to get familiar, a replay, one that is none and given
+again (the page has no such key). A place with many digits: an answer may be longer than
+a message of a live page."""
 
 
 class Asked:

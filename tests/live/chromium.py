@@ -1,4 +1,6 @@
-"""A headless Chromium by the DevTools protocol, with nothing but `websockets`: pages, pointers of three kinds, keys, pictures."""
+"""A headless Chromium by the DevTools protocol, with nothing but `websockets`: pages,
+pointers of three kinds, keys, pictures.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +21,26 @@ from websockets.sync.client import connect
 
 NAMES = "chromium", "chromium-browser", "google-chrome"
 FLAGS = (
-    "--headless=new", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync",
-    "--disable-extensions", "--disable-component-update", "--disable-quic", "--disable-dev-shm-usage", "--mute-audio",
-    "--hide-scrollbars", "--autoplay-policy=no-user-gesture-required", "--remote-debugging-port=0",
-)  # fmt: skip
-KEYS = {" ": ("Space", 32), "Enter": ("Enter", 13), "ArrowLeft": ("ArrowLeft", 37), "ArrowUp": ("ArrowUp", 38)}
+    "--headless=new",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-sync",
+    "--disable-extensions",
+    "--disable-component-update",
+    "--disable-quic",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+    "--hide-scrollbars",
+    "--autoplay-policy=no-user-gesture-required",
+    "--remote-debugging-port=0",
+)
+KEYS = {
+    " ": ("Space", 32),
+    "Enter": ("Enter", 13),
+    "ArrowLeft": ("ArrowLeft", 37),
+    "ArrowUp": ("ArrowUp", 38),
+}
 KEYS |= {"ArrowRight": ("ArrowRight", 39), "ArrowDown": ("ArrowDown", 40), "Tab": ("Tab", 9)}
 
 
@@ -33,17 +50,30 @@ def where() -> str | None:
 
 
 class Browser:
-    """One browser with a profile of its own; both are gone after ``close``, or when the program ends."""
+    """One browser with a profile of its own; both are gone after ``close``, or when the
+    program ends.
+    """
 
     def __init__(self, *flags: str):
         self._exit = contextlib.ExitStack()
         atexit.register(self.close)
-        folder = self._exit.enter_context(tempfile.TemporaryDirectory(prefix="stimlib-chromium-", ignore_cleanup_errors=True))
+        folder = self._exit.enter_context(
+            tempfile.TemporaryDirectory(prefix="stimlib-chromium-", ignore_cleanup_errors=True)
+        )
         sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # it refuses root otherwise
         self.process = subprocess.Popen(
-            [where() or NAMES[0], *FLAGS, *sandbox, *flags, f"--user-data-dir={folder}", "about:blank"],
-            start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            [
+                where() or NAMES[0],
+                *FLAGS,
+                *sandbox,
+                *flags,
+                f"--user-data-dir={folder}",
+                "about:blank",
+            ],
+            start_new_session=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         self._exit.callback(self._end)
         port, end = Path(folder, "DevToolsActivePort"), time.monotonic() + 60
         while not (port.exists() and len(port.read_text().split()) == 2):
@@ -51,7 +81,9 @@ class Browser:
                 raise TimeoutError("Chromium did not open its DevTools port")
             time.sleep(0.05)
         number, path = port.read_text().split()
-        self.socket = self._exit.enter_context(connect(f"ws://127.0.0.1:{number}{path}", max_size=None, ping_interval=None))
+        self.socket = self._exit.enter_context(
+            connect(f"ws://127.0.0.1:{number}{path}", max_size=None, ping_interval=None)
+        )
         self.last, self.events = 0, []
 
     def call(self, method: str, session: str | None = None, **params: Any) -> dict:
@@ -68,7 +100,11 @@ class Browser:
 
     def page(self, url: str, wide: int = 1240, high: int = 900) -> Page:
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        page = Page(self, target, self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"])
+        page = Page(
+            self,
+            target,
+            self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"],
+        )
         for domain in ("Page", "Runtime", "Log"):
             page.call(f"{domain}.enable")
         page.size(wide, high)
@@ -109,7 +145,9 @@ class Page:
         self.browser.call("Target.closeTarget", targetId=self.target)
 
     def complaints(self) -> list[str]:
-        """What the console was told of errors: exceptions, what the content policy refused."""
+        """What the console was told of errors: exceptions, what the content policy
+        refused.
+        """
         found = []
         for e in self.browser.events:
             if (
@@ -123,17 +161,36 @@ class Page:
         return found
 
     def size(self, wide: int, high: int, ratio: float = 1.0) -> None:
-        self.call("Emulation.setDeviceMetricsOverride", width=wide, height=high, deviceScaleFactor=ratio, mobile=False)
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=wide,
+            height=high,
+            deviceScaleFactor=ratio,
+            mobile=False,
+        )
 
     def media(self, **features: str) -> None:
         """media(prefers_color_scheme="dark")"""
-        self.call("Emulation.setEmulatedMedia", features=[{"name": k.replace("_", "-"), "value": v} for k, v in features.items()])
+        self.call(
+            "Emulation.setEmulatedMedia",
+            features=[{"name": k.replace("_", "-"), "value": v} for k, v in features.items()],
+        )
 
     def js(self, text: str) -> Any:
         """The value of an expression; a promise is awaited."""
-        r = self.call("Runtime.evaluate", expression=text, returnByValue=True, awaitPromise=True, userGesture=True)
+        r = self.call(
+            "Runtime.evaluate",
+            expression=text,
+            returnByValue=True,
+            awaitPromise=True,
+            userGesture=True,
+        )
         if "exceptionDetails" in r:
-            raise RuntimeError(r["exceptionDetails"].get("exception", {}).get("description", r["exceptionDetails"]["text"]))
+            raise RuntimeError(
+                r["exceptionDetails"]
+                .get("exception", {})
+                .get("description", r["exceptionDetails"]["text"])
+            )
         return r["result"].get("value")
 
     def until(self, text: str, seconds: float = 30.0) -> Any:
@@ -146,7 +203,10 @@ class Page:
         return found
 
     def box(self, css: str) -> list[float]:
-        return self.js(f"(r => [r.left, r.top, r.width, r.height])(document.querySelector({css!r}).getBoundingClientRect())")
+        return self.js(
+            "(r => [r.left, r.top, r.width,"
+            f" r.height])(document.querySelector({css!r}).getBoundingClientRect())"
+        )
 
     def at(self, css: str, u: float = 0.5, v: float = 0.5) -> tuple[float, float]:
         """A place in an element, from its lower left corner; it is scrolled to."""
@@ -154,13 +214,22 @@ class Page:
         x, y, w, h = self.box(css)
         return x + u * w, y + (1 - v) * h
 
-    def mouse(self, kind: str, x: float, y: float, pointer: str = "mouse", force: float = 0.0) -> None:
+    def mouse(
+        self, kind: str, x: float, y: float, pointer: str = "mouse", force: float = 0.0
+    ) -> None:
         """Pressed, Moved, Released; with pointer "pen" force is the pressure."""
         held = kind != "Released"
         self.call(
-            "Input.dispatchMouseEvent", type=f"mouse{kind}", x=x, y=y, button="left", buttons=int(held), clickCount=1,
-            pointerType=pointer, force=force,
-        )  # fmt: skip
+            "Input.dispatchMouseEvent",
+            type=f"mouse{kind}",
+            x=x,
+            y=y,
+            button="left",
+            buttons=int(held),
+            clickCount=1,
+            pointerType=pointer,
+            force=force,
+        )
 
     def click(self, css: str) -> None:
         x, y = self.at(css)
@@ -169,7 +238,10 @@ class Page:
 
     def touch(self, kind: str, *points: tuple[float, float, float]) -> None:
         """Start, Move, End (without points): x, y, force of each finger."""
-        fingers = [{"x": x, "y": y, "force": f, "id": i, "radiusX": 4, "radiusY": 4} for i, (x, y, f) in enumerate(points)]
+        fingers = [
+            {"x": x, "y": y, "force": f, "id": i, "radiusX": 4, "radiusY": 4}
+            for i, (x, y, f) in enumerate(points)
+        ]
         self.call("Input.dispatchTouchEvent", type=f"touch{kind}", touchPoints=fingers)
 
     def key(self, key: str, seconds: float = 0.0) -> None:
@@ -179,9 +251,15 @@ class Page:
             {"key": key, "code": code, "windowsVirtualKeyCode": number},
             "\r" if key == "Enter" else key * (len(key) == 1),
         )
-        self.call("Input.dispatchKeyEvent", type="keyDown", **more, **({"text": text} if text else {}))
+        self.call(
+            "Input.dispatchKeyEvent", type="keyDown", **more, **({"text": text} if text else {})
+        )
         time.sleep(seconds)
         self.call("Input.dispatchKeyEvent", type="keyUp", **more)
 
     def picture(self, path: str | Path, **more: Any) -> None:
-        Path(path).write_bytes(base64.b64decode(self.call("Page.captureScreenshot", **{"format": "png"} | more)["data"]))
+        Path(path).write_bytes(
+            base64.b64decode(
+                self.call("Page.captureScreenshot", **{"format": "png"} | more)["data"]
+            )
+        )

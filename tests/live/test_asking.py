@@ -1,4 +1,6 @@
-"""A session's page without a browser: who answers, what is refused, what is shown, and what happens where the page is lost."""
+"""A session's page without a browser: who answers, what is refused, what is shown, and
+what happens where the page is lost.
+"""
 
 import asyncio
 import io
@@ -33,7 +35,9 @@ from stimlib.live.asking import FIELDS, LONGEST, Asking
 from stimlib.live.site import Page
 
 SHORT = experiment(design=Listed(((TASK, 4.0), (TASK, 1.0))))
-LONG = experiment(design=Listed(((TASK, 4.0),)), timing=Timing(interval=0.8, gap=0.05, before=0.0, ramp=0.0))
+LONG = experiment(
+    design=Listed(((TASK, 4.0),)), timing=Timing(interval=0.8, gap=0.05, before=0.0, ramp=0.0)
+)
 TRIAL = TASK.trial(4.0, 1, 0)
 FOLDER = "pair/P01-s1"
 
@@ -66,7 +70,9 @@ class Phone:
 @contextmanager
 def page(running, greet=True, **options):
     at = f"127.0.0.1:{running.server.port}"
-    with connect(f"ws://{at}/ws", **{"origin": f"http://{at}", "compression": None} | options) as ws:
+    with connect(
+        f"ws://{at}/ws", **{"origin": f"http://{at}", "compression": None} | options
+    ) as ws:
         phone = Phone(ws)
         if greet:
             ws.send('{"do": "hello", "token": "T", "version": 1}')
@@ -78,7 +84,9 @@ def facts(records):
     return [(r.number, r.trial, r.answer.values, r.answer.replays, r.displayed) for r in records]
 
 
-def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(tmp_path, monkeypatch, capsys):
+def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
+    tmp_path, monkeypatch, capsys
+):
     with asked(tmp_path / "page", every()) as running, page(running) as phone:
         phone.whole(text for text in TYPED if text != "9")
         assert phone.until(phase="end")["told"][-1] == "That was the last one. Thank you."
@@ -92,16 +100,28 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(tmp_pat
     capsys.readouterr()
     mine, terminals = (read(tmp_path / d / FOLDER).records for d in ("page", "terminal"))
     assert facts(mine) == facts(terminals) and [r.answer.replays for r in mine] == [1, 0, 0, 0]
-    assert mine[1].answer.values == {"rough": 6, "much": 55, "order": ["B", "A"], "where": [[1.0, 2.0], [0.5, 3.0]]}
+    assert mine[1].answer.values == {
+        "rough": 6,
+        "much": 55,
+        "order": ["B", "A"],
+        "where": [[1.0, 2.0], [0.5, 3.0]],
+    }
     assert 0 <= mine[0].answer.seconds < 60  # in ms: an answer may be there at once
 
     states = [m for m in phone.told if m["is"] == "state"]
     every_field = {"is", "number", "phase", "trial", "told", "since"}
-    fields = {"wait": set(), "end": set(), "ask": {"text", "keys", "line", "words"}, "feel": {"intervals", "cursor"}}
+    fields = {
+        "wait": set(),
+        "end": set(),
+        "ask": {"text", "keys", "line", "words"},
+        "feel": {"intervals", "cursor"},
+    }
     assert {m["is"] for m in phone.told} == {"hello", "state"}
     assert all(set(m) == every_field | fields[m["phase"]] for m in states)
     assert {m["phase"] for m in states} >= {"ask", "feel", "end"}
-    said = json.dumps([{k: v for k, v in m.items() if k not in ("since", "number")} for m in phone.told]) + str(running.notes)
+    said = json.dumps(
+        [{k: v for k, v in m.items() if k not in ("since", "number")} for m in phone.told]
+    ) + str(running.notes)
     unseen = "secret hidden spring learnt main 4.321 2.345 1.987 3.456 0.777 P01".split()
     assert not [word for word in [*unseen, str(mine[0].trial.stimuli[0].seed)] if word in said]
     first = next(m for m in states if m["phase"] == "ask")
@@ -109,17 +129,31 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(tmp_pat
     which = [m["keys"][2:] for m in asks if m["text"] == "Which one was that?"]
     assert which[:2] == [[["r", "once more (1 left)"]], []]
     assert [m["text"] for m in asks if m["line"]] == [
-        "How much? (1 = none, 100 = most)", "The largest first (in order, of A B)", "Where? (x y; x y)",
-    ]  # fmt: skip
+        "How much? (1 = none, 100 = most)",
+        "The largest first (in order, of A B)",
+        "Where? (x y; x y)",
+    ]
     assert first["told"] == ["Squeeze."] and first["keys"] == [["1", "soft"], ["0", "begin"]]
-    assert ["n", "none"] in next(m["keys"] for m in asks if m["text"] == "Where? (x y; x y)"), "or a page could not say so"
+    assert ["n", "none"] in next(m["keys"] for m in asks if m["text"] == "Where? (x y; x y)"), (
+        "or a page could not say so"
+    )
     begins = [m["told"] for m in states if m.get("text", "").startswith("trial")]
-    assert begins == [[], ["right"], ["right"], ["right" if mine[2].trial.correct["softer"] == "green" else "wrong"]]
+    assert begins == [
+        [],
+        ["right"],
+        ["right"],
+        ["right" if mine[2].trial.correct["softer"] == "green" else "wrong"],
+    ]
     assert running.notes[-1] == "That was the last one. Thank you."
     feel = next(m for m in states if m["phase"] == "feel")
     assert feel["cursor"] == 7.0 and feel["intervals"] == [[0.128, 0.228]]
     assert "trial 1, for training" in {m["trial"] for m in states if m["phase"] == "feel"}
-    assert [n for n in running.notes if n.startswith("trial")] == ["trial 1, for training", "trial 2", "trial 3", "trial 4"]
+    assert [n for n in running.notes if n.startswith("trial")] == [
+        "trial 1, for training",
+        "trial 2",
+        "trial 3",
+        "trial 4",
+    ]
 
 
 def test_an_answer_is_taken_once_and_only_when_it_is_asked_for(tmp_path):
@@ -131,7 +165,8 @@ def test_an_answer_is_taken_once_and_only_when_it_is_asked_for(tmp_path):
             phone.answer("", ready["number"])
         assert "was answered" in phone.until(about="answer")["text"]
         feel = phone.until(phase="feel")
-        for number in (feel["number"], feel["number"] + 1, feel["number"] + 2):  # before its end, and what would come
+        # before its end, and what would come
+        for number in (feel["number"], feel["number"] + 1, feel["number"] + 2):
             phone.answer("1", number)
             assert "nothing is asked now" in phone.until(about="answer")["text"]
         question = phone.until(phase="ask")
@@ -155,7 +190,9 @@ def test_an_earlier_page_answers_nothing():
     """Between the opening of another and its own end."""
     face, (first, second), said = Asking(lambda text: None), (Page(), Page()), []
     face.join(first), face.join(second)
-    thread = threading.Thread(target=lambda: said.append(face.read(Prompt("?", {"1": "one", "2": "two"}))))
+    thread = threading.Thread(
+        target=lambda: said.append(face.read(Prompt("?", {"1": "one", "2": "two"})))
+    )
     thread.start()
     while face._state["phase"] != "ask":
         time.sleep(0.001)
@@ -187,7 +224,11 @@ def test_a_page_that_is_lost_in_a_stimulus_lets_it_fade_and_it_comes_once_more(t
         time.sleep(0.4)
         with page(running) as phone:
             again = phone.until(phase="ask")
-            assert again["text"] == "Once more" and "connection was lost" in again["told"][0] and again["trial"] == "trial 1"
+            assert (
+                again["text"] == "Once more"
+                and "connection was lost" in again["told"][0]
+                and again["trial"] == "trial 1"
+            )
             phone.answer("", again["number"])
             feel = phone.until(phase="feel")
             assert phone.until(phase="ask")["number"] == feel["number"] + 1
@@ -197,7 +238,11 @@ def test_a_page_that_is_lost_in_a_stimulus_lets_it_fade_and_it_comes_once_more(t
     first, second = record.displayed
     assert record.answer.replays == 0 and first["missed"] and "missed" not in second
     assert first["produced"] < 1500 < 1900 < second["produced"]
-    stops = [e.data["reason"] for e in read_log(tmp_path / FOLDER / first["log"]).events if e.kind == "stop"]
+    stops = [
+        e.data["reason"]
+        for e in read_log(tmp_path / FOLDER / first["log"]).events
+        if e.kind == "stop"
+    ]
     assert stops == ["stop"] and "the page is gone: the session waits for it" in running.notes
 
 
@@ -226,7 +271,9 @@ def test_a_stimulus_that_no_page_sees_begin_fades_at_once(tmp_path, monkeypatch)
 
 
 def test_a_rest_is_the_servers(tmp_path):
-    made = experiment(design=Listed(((TASK, 4.0), (TASK, 1.0))), timing=Timing(0.1, 0.05, 0.0, 0.0, pause=0.5))
+    made = experiment(
+        design=Listed(((TASK, 4.0), (TASK, 1.0))), timing=Timing(0.1, 0.05, 0.0, 0.0, pause=0.5)
+    )
     with asked(tmp_path, made) as running, page(running) as phone:
         phone.whole(["", "1"])
         rest = phone.until(phase="rest")
@@ -246,7 +293,11 @@ STRANGERS = {
     "a foreign origin": ({"origin": "http://evil.example"}, [], 403),
     "no token": ({}, ["{}"], 4401),
     "a wrong token": ({}, ['{"do": "hello", "token": "t", "version": 1}'], 4401),
-    "rubbish": ({}, ['{"do": "hello", "token": "T", "version": 1}', *['{"do": "start"}'] * 25], 4400),
+    "rubbish": (
+        {},
+        ['{"do": "hello", "token": "T", "version": 1}', *['{"do": "start"}'] * 25],
+        4400,
+    ),
     "long answers": (
         {},
         [
@@ -257,7 +308,10 @@ STRANGERS = {
     ),
     "a flood": (
         {},
-        ['{"do": "hello", "token": "T", "version": 1}', *['{"do": "answer", "number": 1, "text": "7"}'] * 3000],
+        [
+            '{"do": "hello", "token": "T", "version": 1}',
+            *['{"do": "answer", "number": 1, "text": "7"}'] * 3000,
+        ],
         4408,  # it does not read why it is refused; or 4429
     ),
 }
@@ -301,7 +355,9 @@ def test_a_session_that_stops_tells_the_page(tmp_path, monkeypatch):
 
 
 def test_a_state_is_told_once():
-    """Also where a page is opened while it is on its way: the answer would be given again, to the next."""
+    """Also where a page is opened while it is on its way: the answer would be given
+    again, to the next.
+    """
     face, page_ = Asking(lambda text: None), Page()
     face._become("rest", seconds=1.0)
     face.join(page_)
@@ -356,7 +412,10 @@ def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypat
                 show(TRIAL, tmp_path)
             else:
                 getattr(face, what)(*["wait"] * (what == "_become"))
-        thread = threading.Thread(target=lambda lock, free: free.append(lock.acquire(blocking=False)), args=(face._changed, free))
+        thread = threading.Thread(
+            target=lambda lock, free: free.append(lock.acquire(blocking=False)),
+            args=(face._changed, free),
+        )
         thread.start()
         thread.join()
         assert free == [True]
@@ -368,7 +427,22 @@ def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Asking, "ready", interrupted)
     monkeypatch.chdir(tmp_path)
-    who = ["ugrip", "--participant", "P07", "--session", "1", "--data", "data", "--sink", "offline", "--host", "127.0.0.1"]
+    who = [
+        "ugrip",
+        "--participant",
+        "P07",
+        "--session",
+        "1",
+        "--data",
+        "data",
+        "--sink",
+        "offline",
+        "--host",
+        "127.0.0.1",
+    ]
     done = CliRunner().invoke(app, ["experiment", "run", *who, "--page"])
     assert done.exit_code == 130 and "the participant answers at http://127.0.0.1:" in done.output
-    assert f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who, '--page'])}\n" in done.output
+    assert (
+        "0 answers are kept; go on with"
+        f" {shlex.join(['stimlib', 'experiment', 'resume', *who, '--page'])}\n" in done.output
+    )

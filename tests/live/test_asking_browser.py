@@ -1,4 +1,6 @@
-"""A session's page in a real browser: all of it by keyboard, with a reload and lost connections; touch, mouse, looks."""
+"""A session's page in a real browser: all of it by keyboard, with a reload and lost
+connections; touch, mouse, looks.
+"""
 
 import io
 import time
@@ -21,7 +23,9 @@ from stimlib.experiments.session import Session
 
 pytestmark = [
     pytest.mark.xdist_group("browser"),
-    pytest.mark.skipif(where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"),
+    pytest.mark.skipif(
+        where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"
+    ),
 ]
 LOOKS = Path(__file__).with_name("looks.js").read_text()
 FOLDER = "pair/P01-s1"
@@ -43,8 +47,13 @@ def awaited(running, page, known=0):
             running.thread.join(10)  # which keeps the error that has ended it
         assert running.thread.is_alive() and time.monotonic() < end, (state, running.errors)
         time.sleep(0.01)
-    page.until(f"{TEXT} === {state['text']!r} && document.querySelector('#keys button:enabled, #typed:enabled') !== null")
-    assert page.js("document.querySelector('#trial').textContent") == (state["trial"] if state["trial"] != state["text"] else "")
+    page.until(
+        f"{TEXT} === {state['text']!r} && document.querySelector('#keys button:enabled,"
+        " #typed:enabled') !== null"
+    )
+    assert page.js("document.querySelector('#trial').textContent") == (
+        state["trial"] if state["trial"] != state["text"] else ""
+    )
     time.sleep(0.26)
     return state
 
@@ -60,7 +69,9 @@ def press(page, state, text):
     page.key("Enter" if state["line"] else text or " ")
 
 
-def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(browser, tmp_path, monkeypatch, capsys):
+def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(
+    browser, tmp_path, monkeypatch, capsys
+):
     made = every(timing=Timing(interval=0.5, gap=0.05, before=0.0, ramp=0.0))
     answers, number, lost = [text for text in TYPED if text != "9"], 0, False
     with asked(tmp_path / "page", made, "null") as running:
@@ -70,9 +81,15 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(browser,
             if len(answers) in (9, 4):  # in the middle of questions: a line, a key
                 page.reload() if len(answers) == 9 else lose(running)
                 page.until("document.querySelector('#state').textContent === 'Connected'")
-                assert awaited(running, page, number) == state | {"since": pytest.approx(state["since"], abs=30)}
+                assert awaited(running, page, number) == state | {
+                    "since": pytest.approx(state["since"], abs=30)
+                }
             again = state["text"] == "Once more"
-            assert not again or not lost and "connection was lost" in page.js("document.querySelector('#told').textContent")
+            assert (
+                not again
+                or not lost
+                and "connection was lost" in page.js("document.querySelector('#told').textContent")
+            )
             lost, number = lost or again, state["number"]
             press(page, state, "" if again else answers.pop(0))
             if len(answers) == 1 and not lost:  # in the middle of a stimulus
@@ -91,10 +108,18 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(browser,
     assert [(r.trial, r.answer.values, r.answer.replays) for r in mine] == [
         (r.trial, r.answer.values, r.answer.replays) for r in terminals
     ]
-    assert [[d.get("missed", False) for d in r.displayed] for r in mine] == [[False] * 2, [False], [False], [True, False]]
-    seen, wanted = ([d for r in all_ for d in r.displayed if not d.get("missed")] for all_ in (mine, terminals))
+    assert [[d.get("missed", False) for d in r.displayed] for r in mine] == [
+        [False] * 2,
+        [False],
+        [False],
+        [True, False],
+    ]
+    seen, wanted = (
+        [d for r in all_ for d in r.displayed if not d.get("missed")] for all_ in (mine, terminals)
+    )
     for d, w in zip(seen, wanted, strict=True):
-        facts = ("scene", "params", "seed", "intervals") + ("peak", "rms") * (d["lost"] == 0)  # a busy machine may lose samples
+        # a busy machine may lose samples
+        facts = ("scene", "params", "seed", "intervals") + ("peak", "rms") * (d["lost"] == 0)
         assert [d[k] for k in facts] == [w[k] for k in facts]
 
 
@@ -103,8 +128,10 @@ def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
     with asked(tmp_path, made) as running:
         page = browser.page(running.server.url, 390, 800)
         first = awaited(running, page)
-        page.js("""new MutationObserver(() => document.querySelector('#keys button')?.click())
-            .observe(document.querySelector('#keys'), {childList: true})""")  # a double click: each new question gets one
+        page.js(
+            """new MutationObserver(() => document.querySelector('#keys button')?.click())
+            .observe(document.querySelector('#keys'), {childList: true})"""
+        )  # a double click: each new question gets one
         page.click("#keys button")
         question = awaited(running, page, first["number"])
         assert question["text"] == "Which one was softer?" and len(running.session.records) == 0
@@ -115,11 +142,22 @@ def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
         page.call("Input.dispatchKeyEvent", type="keyDown", key="2", text="2", code="Digit2")
         asked_now = awaited(running, page, held["number"])
         for _ in range(5):
-            page.call("Input.dispatchKeyEvent", type="keyDown", key="2", text="2", code="Digit2", autoRepeat=True)
+            page.call(
+                "Input.dispatchKeyEvent",
+                type="keyDown",
+                key="2",
+                text="2",
+                code="Digit2",
+                autoRepeat=True,
+            )
         page.call("Input.dispatchKeyEvent", type="keyUp", key="2", code="Digit2")
-        assert len(running.session.records) == 1 and running.session.records[0].answer.values == {"softer": "second"}
+        assert len(running.session.records) == 1 and running.session.records[0].answer.values == {
+            "softer": "second"
+        }
         other = browser.page(running.server.url, 390, 800)
-        page.until("document.querySelector('#state').textContent.includes('opened on another page')")
+        page.until(
+            "document.querySelector('#state').textContent.includes('opened on another page')"
+        )
         assert page.js("document.querySelector('#keys button').disabled")
         state = awaited(running, other)
         assert state["number"] == asked_now["number"]
@@ -127,10 +165,16 @@ def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
             other.key(key)
             if key != "2":
                 state = awaited(running, other, state["number"])
-        other.until("document.querySelector('#state').textContent.startsWith('The session is over')")
+        other.until(
+            "document.querySelector('#state').textContent.startsWith('The session is over')"
+        )
         assert page.complaints() == other.complaints() == []
         page.close(), other.close()
-    assert [r.answer.values["softer"] for r in running.session.records] == ["second", "first", "second"]
+    assert [r.answer.values["softer"] for r in running.session.records] == [
+        "second",
+        "first",
+        "second",
+    ]
 
 
 @pytest.mark.parametrize("wide", [160, 320, 1240])
@@ -146,15 +190,20 @@ def test_it_can_be_read_at_any_width_in_both_themes(browser, tmp_path, wide):
                 page.media(prefers_color_scheme=theme)
                 ratio, element = page.js("looks.contrast()")
                 assert ratio >= 4.5, (theme, element)
-            assert page.js("document.documentElement.scrollWidth") <= wide and page.js(f"looks.inside({wide})")
-            for _, _, w, h in [page.box(f"#keys button:nth-child({k + 1})") for k in range(len(state["keys"]))]:
+            assert page.js("document.documentElement.scrollWidth") <= wide and page.js(
+                f"looks.inside({wide})"
+            )
+            for _, _, w, h in [
+                page.box(f"#keys button:nth-child({k + 1})") for k in range(len(state["keys"]))
+            ]:
                 assert w >= 44 and h >= 44  # CSS pixels, which a finger hits
             press(page, state, text)
         page.close()
 
 
 HTML = "<img src=x onerror='complain()'>\"&amp;" + 300 * "W"
-PERSIAN = "کدام\u200cیک نرم\u200cتر بود؟"  # which one was softer? with joiners that it is spelled with
+# which one was softer? with joiners that it is spelled with
+PERSIAN = "کدام\u200cیک نرم\u200cتر بود؟"
 
 
 def test_any_text_is_shown_as_it_was_written_from_the_side_where_it_begins(browser, tmp_path):
@@ -163,7 +212,10 @@ def test_any_text_is_shown_as_it_was_written_from_the_side_where_it_begins(brows
     with asked(tmp_path, made) as running:
         page = browser.page(running.server.url, 320, 700)
         state = awaited(running, page)
-        assert page.js("document.querySelector('#told').textContent") == HTML and page.js("document.images.length") == 0
+        assert (
+            page.js("document.querySelector('#told').textContent") == HTML
+            and page.js("document.images.length") == 0
+        )
         assert page.js("document.documentElement.scrollWidth") <= 320
         press(page, state, "")
         awaited(running, page, state["number"])
@@ -207,5 +259,6 @@ def test_a_reference_moves_in_its_intervals_and_a_rest_counts_down(browser, tmp_
         assert all(y <= 0 for y in way) and -130 < min(way) < -60
     assert all(y == 0 for clock, y in felt if not clock)
     rest = [clock for text, clock, _ in seen if text == "Please rest"]
-    assert {"0:02"} <= set(rest) <= {"0:03", "0:02", "0:01", "0:00"}  # 0:00: the server was late; a busy page skips some
+    # 0:00: the server was late; a busy page skips some
+    assert {"0:02"} <= set(rest) <= {"0:03", "0:02", "0:01", "0:00"}
     assert rest == sorted(rest, reverse=True)  # loaded again, it is no longer

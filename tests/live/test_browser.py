@@ -1,4 +1,6 @@
-"""The page in a real browser: what a hand does reaches the processor, what comes back is drawn and heard, and all can use it."""
+"""The page in a real browser: what a hand does reaches the processor, what comes back
+is drawn and heard, and all can use it.
+"""
 
 import time
 from pathlib import Path
@@ -23,7 +25,9 @@ from stimlib.live.stream import Stream
 
 pytestmark = [
     pytest.mark.xdist_group("browser"),
-    pytest.mark.skipif(where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"),
+    pytest.mark.skipif(
+        where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"
+    ),
 ]
 FS, TOKEN, WIDE = 8000, "T" * 32, 0.1  # Hz; m that the field is wide
 LOOKS = Path(__file__).with_name("looks.js").read_text()
@@ -44,7 +48,15 @@ class Site:
 
     def __init__(self, folder):
         self.folder, self.port = folder, 0
-        self.serve(Stream(springs(), FS, Safety({"force1": 500.0, "force2": 500.0, "tone": 2.0}), title="Springs", folder=folder))
+        self.serve(
+            Stream(
+                springs(),
+                FS,
+                Safety({"force1": 500.0, "force2": 500.0, "tone": 2.0}),
+                title="Springs",
+                folder=folder,
+            )
+        )
         self.browser = Browser()
 
     def serve(self, stream):
@@ -96,7 +108,9 @@ def until(page: Page, expression: str):
 
 
 def place(page: Page, u: float, v: float) -> tuple[float, float]:
-    """Where in the window a place of the field is, of 0 to 1 from its lower left corner."""
+    """Where in the window a place of the field is, of 0 to 1 from its lower left
+    corner.
+    """
     page.js("document.querySelector('#field').scrollIntoView({block: 'center'})")
     (x, y, *_), box = page.box("#field"), live(page, "live.field.box")
     return x + box["x"] + u * box["w"], y + box["y"] + (1 - v) * box["h"]
@@ -108,9 +122,14 @@ def press(page: Page, u: float, v: float, pointer: str = "mouse", force: float =
 
 
 def move(page: Page, u: float, v: float) -> None:
-    """Until the finger is there: while a page still takes its shape, a place of the field moves in the window."""
+    """Until the finger is there: while a page still takes its shape, a place of the
+    field moves in the window.
+    """
     end = time.monotonic() + 30
-    while page.mouse("Moved", *place(page, u, v)) or abs((live(page, "live.field.fingers.get(0)?.u") or 0.0) - u) > 0.01:
+    while (
+        page.mouse("Moved", *place(page, u, v))
+        or abs((live(page, "live.field.fingers.get(0)?.u") or 0.0) - u) > 0.01
+    ):
         assert time.monotonic() < end
         time.sleep(0.05)
 
@@ -121,7 +140,10 @@ def release(page: Page, u: float = 0.0, pointer: str = "mouse") -> None:
 
 def choose(page: Page, css: str, value: str) -> None:
     """A value is chosen, or typed."""
-    page.js(f"(s => {{ s.value = {value!r}; s.dispatchEvent(new Event('change')); }})(document.querySelector({css!r}))")
+    page.js(
+        f"(s => {{ s.value = {value!r}; s.dispatchEvent(new Event('change'));"
+        f" }})(document.querySelector({css!r}))"
+    )
 
 
 SECOND = "#sources fieldset:nth-child(2)"  # what drives x2
@@ -132,7 +154,8 @@ def test_a_pointer_reaches_the_processor_and_the_curves(page):
     move(page, 0.6, 0.5)
     until(page, "Math.abs(live.outputs.force1 - 120) < 1")
     assert live(page, "live.history.newest(0)") == pytest.approx(0.6 * WIDE, abs=5e-4)
-    until(page, "live.history.last(2, 2048)?.every(v => Math.abs(v - 120) < 1)")  # the curve ends level
+    # the curve ends level
+    until(page, "live.history.last(2, 2048)?.every(v => Math.abs(v - 120) < 1)")
     curve = page.until("looks.curve('force1', 120).then(c => c.blue.length && c)")
     assert max(abs(row - curve["at"]) for row in curve["blue"]) <= 2
     page.until("document.querySelector('#outputs output').textContent.startsWith('120')")
@@ -169,7 +192,11 @@ def test_two_fingers_a_pen_and_a_sine_drive_what_they_are_given(page):
     until(page, "Math.abs(live.outputs.force2) < 1")
     choose(page, f"{SECOND} select", "sine")
     choose(page, f"{SECOND} input[aria-label*=frequency]", "4")
-    until(page, "live.state.sources.x2.freq === 4 && live.history.last(1, 4000)?.reduce((a, b) => Math.max(a, b)) > 0.099")
+    until(
+        page,
+        "live.state.sources.x2.freq === 4 && live.history.last(1, 4000)?.reduce((a, b) =>"
+        " Math.max(a, b)) > 0.099",
+    )
     choose(page, f"{SECOND} select", "u")
 
 
@@ -177,7 +204,10 @@ def test_keys_move_the_finger_start_stop_and_record(page):
     page.js("document.activeElement.blur()")
     press(page, 0.5, 0.5)
     release(page, 0.5)
-    until(page, "Math.abs(live.field.fingers.get(0).u - 0.5) < 0.05 && live.field.fingers.get(0).on === 0")
+    until(
+        page,
+        "Math.abs(live.field.fingers.get(0).u - 0.5) < 0.05 && live.field.fingers.get(0).on === 0",
+    )
     before = live(page, "live.field.fingers.get(0).u")
     page.key("ArrowRight", 0.1)
     right = live(page, "live.field.fingers.get(0)")
@@ -196,7 +226,8 @@ def test_keys_move_the_finger_start_stop_and_record(page):
     page.js("document.querySelector('#window').focus()")
     page.key("r")  # typed into a choice: no recording
     page.key("Tab")
-    assert page.js("getComputedStyle(document.activeElement).outlineStyle") == "solid"  # the focus is seen
+    # the focus is seen
+    assert page.js("getComputedStyle(document.activeElement).outlineStyle") == "solid"
     assert live(page, "live.state.phase") == "idle"
     page.js("document.activeElement.blur()")
 
@@ -212,18 +243,23 @@ def test_what_is_heard_is_what_was_made(page):
     page.js("looks.listen()")
     high = 1 / np.sqrt(1 + (20 / 158) ** 2)  # the worklet's pole at 20 Hz
     want = high * 0.5 / np.sqrt(2)  # 1 V of 2 V
-    heard = page.until(f"Math.abs(looks.rms() / {want} - 1) < 0.02 && looks.rms()")  # once whole, whatever else the machine does
+    # once whole, whatever else the machine does
+    heard = page.until(f"Math.abs(looks.rms() / {want} - 1) < 0.02 && looks.rms()")
     page.click("#sound")
     page.click("#record")
     until(page, "live.state.phase === 'idle'")
-    again = np.concatenate([y for _, y, given in delivered(read_log(log), 8192) if given])[1000:-1000, 2]  # without the fades
+    # without the fades
+    again = np.concatenate([y for _, y, given in delivered(read_log(log), 8192) if given])[
+        1000:-1000, 2
+    ]
     assert heard == pytest.approx(high * np.sqrt(np.mean(again**2)), rel=0.03)
     assert heard > 0.3
 
 
 def test_level_and_clip_light(page):
     choose(page, "#heard", "2")
-    page.until("document.querySelector('#level').textContent === '−6 dB'")  # 1 V of 2 V, whether or not it is heard
+    # 1 V of 2 V, whether or not it is heard
+    page.until("document.querySelector('#level').textContent === '−6 dB'")
     assert page.js("document.querySelector('#clip').textContent") == "no clip"
     press(page, 1.0, 0.5)
     choose(page, "#sources input[aria-label*=' to']", "0.5")  # 1000 N of 500
@@ -241,29 +277,48 @@ def test_a_reloaded_page_begins_anew_and_a_second_one_watches(page, site):
     other = site.open()
     try:
         until(other, "live.state?.role === 'watch' && live.blocks > 5")
-        other.until("document.querySelector('#run').disabled && document.querySelector('#params input')?.disabled")
+        other.until(
+            "document.querySelector('#run').disabled && document.querySelector('#params"
+            " input')?.disabled"
+        )
         third = site.open()
         third.until("document.querySelector('#state').textContent.startsWith('Refused: 2 pages')")
         third.close()
         other.click("#control")
         until(other, "live.state.role === 'control'")
         press(other, 0.3, 0.5)
-        until(page, "live.state.role === 'watch' && Math.abs(live.outputs.force1 - 60) < 1")  # the other's finger is seen here
+        # the other's finger is seen here
+        until(page, "live.state.role === 'watch' && Math.abs(live.outputs.force1 - 60) < 1")
         page.js("document.querySelector('#control').click()")
         until(page, "live.state.role === 'control'")
     finally:
         other.close()
 
 
-NAMED = {"button", "slider", "combobox", "spinbutton", "checkbox", "image", "img", "meter", "application", "toolbar"}
+NAMED = {
+    "button",
+    "slider",
+    "combobox",
+    "spinbutton",
+    "checkbox",
+    "image",
+    "img",
+    "meter",
+    "application",
+    "toolbar",
+}
 
 
 def test_every_control_has_a_name(page):
     page.call("Accessibility.enable")
     nodes = [n for n in page.call("Accessibility.getFullAXTree")["nodes"] if not n.get("ignored")]
     page.call("Accessibility.disable")
-    assert {"button", "slider", "combobox", "spinbutton", "meter", "application"} <= {n["role"]["value"] for n in nodes}
-    assert [n for n in nodes if n["role"]["value"] in NAMED and not n.get("name", {}).get("value")] == []
+    assert {"button", "slider", "combobox", "spinbutton", "meter", "application"} <= {
+        n["role"]["value"] for n in nodes
+    }
+    assert [
+        n for n in nodes if n["role"]["value"] in NAMED and not n.get("name", {}).get("value")
+    ] == []
 
 
 def test_text_has_contrast_in_both_themes(page):
@@ -276,7 +331,9 @@ def test_text_has_contrast_in_both_themes(page):
         assert painted["text"] >= 4.5 and painted["curves"] >= 3
         seen.append(page.js("getComputedStyle(document.body).backgroundColor"))
     choose(page, "#theme", "light")  # goes before what the system says
-    assert seen[0] != seen[1] and page.js("getComputedStyle(document.body).backgroundColor") == seen[0]
+    assert (
+        seen[0] != seen[1] and page.js("getComputedStyle(document.body).backgroundColor") == seen[0]
+    )
     page.media(prefers_color_scheme="light")
     choose(page, "#theme", "auto")
 
@@ -299,9 +356,14 @@ def test_who_wants_less_motion_sees_few_pictures(page):
     page.media(prefers_reduced_motion="no-preference")
 
 
-# What is computed on the page, against Python -------------------------------------------------------------------------
+# What is computed on the page, against Python -----------------------------------------
 def test_heights_are_those_of_the_pictures(first):
-    avatars = [(0.0312, 0.0498, 0.0123), (0.043, 0.052, 0.0071), (0.1195, 0.0302, 0.004), (0.02, 0.09, 0.0006)]
+    avatars = [
+        (0.0312, 0.0498, 0.0123),
+        (0.043, 0.052, 0.0071),
+        (0.1195, 0.0302, 0.004),
+        (0.02, 0.09, 0.0006),
+    ]
     given = [{"x": x, "y": y, "depth": d} for x, y, d in avatars]
     h = first.js(f"import('./surface.js').then(m => [...m.heights({given}, 0.12, 0.12, 0.005).h])")
     want = surface(avatars, 0.12, 0.12).ravel()
@@ -310,23 +372,29 @@ def test_heights_are_those_of_the_pictures(first):
 
 
 def test_the_camera_and_its_inverse_and_shades(first):
-    out = first.js("""import('./surface.js').then(m => {
+    out = first.js(
+        """import('./surface.js').then(m => {
         const c = m.camera(0.12, 0.1, 10, 20, 800, 300), [px, py] = c.to(0.03, 0.07, 0);
-        return [c.from(px, py), c.to(0, 0, 0), c.to(0.12, 0, 0), c.to(0, 0.1, 0), ...[0, 1, -1].map(s => m.shade(s, 0))]; })""")
+        return [c.from(px, py), c.to(0, 0, 0), c.to(0.12, 0, 0), c.to(0, 0.1, 0), ...[0, 1, -1].map(s => m.shade(s, 0))]; })"""
+    )
     assert out[0] == pytest.approx([0.03, 0.07], abs=1e-12)
     (left, low, near), (right, *_), (far_left, top, far) = out[1:4]
     assert 10 - 1e-9 <= left < far_left and right <= 810 + 1e-9
     assert (top, low) == pytest.approx((20, 320))
     away, tilt = 4.563 * np.sqrt(0.12**2 + 0.1**2 + 0.026**2), 0.05 * np.sqrt(0.5)
     assert far / near == pytest.approx((away - tilt) / (away + tilt))
-    lit = [0.25 + 0.75 * max(0.0, -0.5 * -s + 0.7071) / np.sqrt(s * s + 1) / 0.7071 for s in (0, 1, -1)]
+    lit = [
+        0.25 + 0.75 * max(0.0, -0.5 * -s + 0.7071) / np.sqrt(s * s + 1) / 0.7071 for s in (0, 1, -1)
+    ]
     assert out[4:] == pytest.approx([min(1.0, v) for v in lit])
 
 
 def test_the_spectrum_is_welch(first):
     x = np.random.default_rng(1).normal(size=512) + 3
     got = first.js(f"import('./spectrum.js').then(m => [...m.density({x.tolist()}, 8000)])")
-    np.testing.assert_allclose(got, welch(x, 8000, "hann", 512, detrend="constant")[1], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        got, welch(x, 8000, "hann", 512, detrend="constant")[1], rtol=1e-9, atol=1e-15
+    )
 
 
 def test_curves_have_gaps_where_samples_are_missing_and_a_new_session_is_empty(first):
@@ -343,20 +411,34 @@ def test_curves_have_gaps_where_samples_are_missing_and_a_new_session_is_empty(f
 
 
 def test_a_curve_that_grew_is_the_curve_drawn_at_once(first):
-    """Two with dashes and a gap, one that has gone through the window twice, and one with fewer samples than pixels."""
+    """Two with dashes and a gap, one that has gone through the window twice, and one
+    with fewer samples than pixels.
+    """
     first.js(LOOKS)
-    two, long, few = (first.js(f"looks.grown({how})") for how in ("2, 900, 1000, 20", "1, 2500, 1000, 20", "1, 420, 100, 10"))
-    assert max(two["worst"], long["worst"], few["worst"]) <= 100  # of 255: smoothing of edges differs by a quarter of that
+    two, long, few = (
+        first.js(f"looks.grown({how})")
+        for how in ("2, 900, 1000, 20", "1, 2500, 1000, 20", "1, 420, 100, 10")
+    )
+    # of 255: smoothing of edges differs by a quarter of that
+    assert max(two["worst"], long["worst"], few["worst"]) <= 100
     assert long["columns"] >= long["wide"] - 1
     assert few["columns"] >= few["wide"] - 5  # half a sample at each end
 
 
 def test_numbers_and_units_as_people_write_them(first):
-    out = first.js("""import('./scales.js').then(m => [
+    out = first.js(
+        """import('./scales.js').then(m => [
         m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01), m.pretty('N*s/m**2'), m.pretty('1/s'),
-        m.scaled('m', 0.02), m.scaled('N', 3), m.short(1234.5), m.short(0.0123), m.roundUp(0.13)])""")
+        m.scaled('m', 0.02), m.scaled('N', 3), m.short(1234.5), m.short(0.0123), m.roundUp(0.13)])"""
+    )
     assert out[:4] == [6, "−0.05", "N·s/m²", "Hz"]
-    assert out[4:] == [{"factor": 1e3, "unit": "mm"}, {"factor": 1, "unit": "N"}, "1235", "0.0123", pytest.approx(0.15)]
+    assert out[4:] == [
+        {"factor": 1e3, "unit": "mm"},
+        {"factor": 1, "unit": "N"},
+        "1235",
+        "0.0123",
+        pytest.approx(0.15),
+    ]
 
 
 def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_pointer_is(page, site):
@@ -373,14 +455,20 @@ def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_point
     x, y = until(page, f"live.field.cam?.from({px}, {py})")
     for kind in ("Pressed", "Moved"):
         page.mouse(kind, left + px, top + py, "pen", 0.9)
-    until(page, f"Math.hypot(live.outputs.x1 - {x}, live.outputs.y1 - {y}) < 1e-3 && live.outputs.depth1 > 0.005")
+    until(
+        page,
+        f"Math.hypot(live.outputs.x1 - {x}, live.outputs.y1 - {y}) < 1e-3 && live.outputs.depth1 >"
+        " 0.005",
+    )
     until(page, f"Math.abs(looks.ball() - {px}) < 6")  # the ball is blue, and above its place
     page.mouse("Released", left + px, top + py, "pen")
 
 
 @pytest.mark.stress
 def test_ten_minutes_without_growth(site):
-    """The page and this process, which has the server, once everything has been used for a minute."""
+    """The page and this process, which has the server, once everything has been used
+    for a minute.
+    """
     page, sizes = site.open(), []
     page.until(READY)
     page.js("document.querySelector('#run').click(); document.querySelector('#sound').click()")

@@ -1,4 +1,6 @@
-"""The parts of the live page that need no server: messages, inputs, description, the sink and what waits for a page."""
+"""The parts of the live page that need no server: messages, inputs, description, the
+sink and what waits for a page.
+"""
 
 import asyncio
 import time
@@ -31,11 +33,26 @@ SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
         ('{"do": "jump"}', "do must be one of hello, move"),
         ('{"do": "set", "name": "k"}', "value is missing"),
         ('{"do": "set", "name": "k", "value": true}', "value must be a finite number"),
-        ('{"do": "move", "finger": 10, "u": 0, "v": 0, "p": 0, "on": 1, "t": 0}', "finger must be a whole number from 0 to 9"),
-        ('{"do": "move", "finger": 0, "u": 1.01, "v": 0, "p": 0, "on": 1, "t": 0}', "u must be a number from 0 to 1"),
-        ('{"do": "move", "finger": 0, "u": 0, "v": 0, "p": 0, "on": 0.5, "t": 0}', "on must be a whole number from 0 to 1"),
-        ('{"do": "source", "input": "x", "from": "sine", "freq": 0}', "freq must be a number from 0.01 to 1000"),
-        ('{"do": "source", "input": "x", "from": "u", "low": -1.1e9}', "low must be a number from -1e\\+09 to 1e\\+09"),
+        (
+            '{"do": "move", "finger": 10, "u": 0, "v": 0, "p": 0, "on": 1, "t": 0}',
+            "finger must be a whole number from 0 to 9",
+        ),
+        (
+            '{"do": "move", "finger": 0, "u": 1.01, "v": 0, "p": 0, "on": 1, "t": 0}',
+            "u must be a number from 0 to 1",
+        ),
+        (
+            '{"do": "move", "finger": 0, "u": 0, "v": 0, "p": 0, "on": 0.5, "t": 0}',
+            "on must be a whole number from 0 to 1",
+        ),
+        (
+            '{"do": "source", "input": "x", "from": "sine", "freq": 0}',
+            "freq must be a number from 0.01 to 1000",
+        ),
+        (
+            '{"do": "source", "input": "x", "from": "u", "low": -1.1e9}',
+            "low must be a number from -1e\\+09 to 1e\\+09",
+        ),
         ('{"do": "source", "input": "x", "from": "u", "speed": 1}', "source has no speed"),
         ("[" * 1000, "nested too deeply|not a JSON|Expecting"),
     ],
@@ -48,7 +65,9 @@ def test_a_message_that_the_table_has_not_is_refused(text, why):
 def test_every_message_of_the_table_is_in_its_text():
     from stimlib.live import protocol
 
-    assert all(f"\n{name} " in protocol.__doc__ or f"\n{name}\n" in protocol.__doc__ for name in FIELDS)
+    assert all(
+        f"\n{name} " in protocol.__doc__ or f"\n{name}\n" in protocol.__doc__ for name in FIELDS
+    )
 
 
 @pytest.mark.parametrize("chosen, bandwidth", [({}, 40.0), ({"bandwidth": 10.0}, 10.0)])
@@ -58,7 +77,9 @@ def test_a_pointer_is_followed_along_its_range(chosen, bandwidth):
     inputs.move(0, 0.5, 0.9, 0.3, 0)  # hovers: this scene is not told of contact
     t = np.arange(1, 201) / FS
     w = 2 * np.pi * bandwidth
-    assert inputs.columns(2000, 200)[0] == pytest.approx(0.02 - 0.01 * (1 + w * t) * np.exp(-w * t), abs=1e-12)
+    assert inputs.columns(2000, 200)[0] == pytest.approx(
+        0.02 - 0.01 * (1 + w * t) * np.exp(-w * t), abs=1e-12
+    )
 
 
 def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_where_it_lands():
@@ -74,7 +95,8 @@ def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_whe
     assert inputs.columns(603, 2).tolist() == [[pytest.approx(0.08)] * 2, [0.0] * 2]
     inputs.choose("contact", **{"from": "contact"})
     inputs.move(0, 0.8, 0.0, 0.0, 1)
-    assert inputs.columns(605, 1)[1, 0] == 1.0  # contact jumps, also where its source is chosen anew
+    # contact jumps, also where its source is chosen anew
+    assert inputs.columns(605, 1)[1, 0] == 1.0
 
 
 def test_an_input_goes_over_to_a_sine_and_then_is_one():
@@ -87,8 +109,12 @@ def test_an_input_goes_over_to_a_sine_and_then_is_one():
     x = np.concatenate([inputs.columns(at, 100)[0] for at in range(1000, 1500, 100)])
     assert x[n - 1 :] == pytest.approx(wanted[n - 1 :], abs=1e-12)
     w = np.arange(1, n) / n
-    assert x[: n - 1] == pytest.approx(0.1 + w * (wanted[: n - 1] - 0.1), abs=1e-7)  # the follower is 1e-8 short of 0.1
-    assert inputs.columns(0, 100)[0] == pytest.approx(0.04 - 0.02 * np.cos(4 * np.pi * np.arange(100) / FS))  # a new session
+    # the follower is 1e-8 short of 0.1
+    assert x[: n - 1] == pytest.approx(0.1 + w * (wanted[: n - 1] - 0.1), abs=1e-7)
+    # a new session
+    assert inputs.columns(0, 100)[0] == pytest.approx(
+        0.04 - 0.02 * np.cos(4 * np.pi * np.arange(100) / FS)
+    )
 
 
 def test_what_was_chosen_before_a_session_is_gone_over_to_once():
@@ -96,7 +122,8 @@ def test_what_was_chosen_before_a_session_is_gone_over_to_once():
     inputs.choose("x", **{"from": "sine", "low": 0.02, "high": 0.06})
     wanted = 0.04 - 0.02 * np.cos(2 * np.pi * np.arange(40) / FS)
     first = np.concatenate([inputs.columns(at, 20)[0] for at in (0, 20)])
-    assert first == pytest.approx(np.arange(1, 41) / 100 * wanted, abs=1e-12)  # within 0.1 s, from where it was
+    # within 0.1 s, from where it was
+    assert first == pytest.approx(np.arange(1, 41) / 100 * wanted, abs=1e-12)
     assert inputs.columns(0, 40)[0] == pytest.approx(wanted, abs=1e-12)  # the next session
 
 
@@ -117,22 +144,41 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
 def test_a_page_is_told_of_the_surface_and_its_avatars():
     scene = soft_surface("multipoint")
     view = description(scene, ranges_of(scene), dict.fromkeys(scene.outputs, 1.0), {})["view"]
-    assert (view["columns"], view["rows"], view["width"]) == (61, 61, 0.12) and len(view["levels"]) == 61 * 61
-    assert view["avatars"][2] == {"x": "x3", "y": "y3", "depth": "depth3"} and view["inputs"]["press"] == "press"
+    assert (view["columns"], view["rows"], view["width"]) == (61, 61, 0.12) and len(
+        view["levels"]
+    ) == 61 * 61
+    assert (
+        view["avatars"][2] == {"x": "x3", "y": "y3", "depth": "depth3"}
+        and view["inputs"]["press"] == "press"
+    )
     mouse = soft_surface("cursor", device="mouse")
     view = description(mouse, ranges_of(mouse), dict.fromkeys(mouse.outputs, 1.0), {})["view"]
-    assert view["avatars"] == [{"x": "x1", "y": "y1", "depth": None}] and view["inputs"]["press"] is None
+    assert (
+        view["avatars"] == [{"x": "x1", "y": "y1", "depth": None}]
+        and view["inputs"]["press"] is None
+    )
     assert description(SPRING, ranges_of(SPRING), {"force": 1.0}, {})["view"] is None
 
 
 def test_a_slider_goes_around_its_value():
     values = {"k": 2000.0, "part": 0.3, "two": 2.0, "none": 0.0, "down": -4.0, "all": 1.0}
     scene = Scene({name: Param(name, v) * constant(1.0) for name, v in values.items()})
-    assert ranges_of(scene) == {"k": (0, 5000), "part": (0, 1), "two": (0, 5), "none": (0, 1), "down": (-10, 0), "all": (0, 1)}
+    assert ranges_of(scene) == {
+        "k": (0, 5000),
+        "part": (0, 1),
+        "two": (0, 5),
+        "none": (0, 1),
+        "down": (-10, 0),
+        "all": (0, 1),
+    }
 
 
 def test_ranges_that_are_none_are_refused():
-    for given, why in (({"z": (0, 1)}, "has x, k"), ({"x": (1, 0)}, "must be finite and rise"), ({"k": (0, 1)}, "does not hold")):
+    for given, why in (
+        ({"z": (0, 1)}, "has x, k"),
+        ({"x": (1, 0)}, "must be finite and rise"),
+        ({"k": (0, 1)}, "does not hold"),
+    ):
         with pytest.raises(BadValue if "z" not in given else UnknownName, match=why):
             ranges_of(SPRING, given)
 
@@ -152,7 +198,9 @@ class Clock:
 
 
 def played(feed, tmp_path, monkeypatch, seconds, stall=0.0):
-    """A session with its log: what was heard, the sink, and the motion of each block that was heard."""
+    """A session with its log: what was heard, the sink, and the motion of each block
+    that was heard.
+    """
     clock, heard, moved = Clock(), [], []
     monkeypatch.setattr("stimlib.live.sink.time", clock)
 
@@ -178,7 +226,9 @@ def test_a_motion_that_fails_fades_out_and_says_why(tmp_path, monkeypatch):
         return 0.01 + 1e-9 * np.arange(at, at + n)[None]
 
     heard, sink, moved = played(feed, tmp_path, monkeypatch, seconds=60.0)
-    assert set(np.concatenate(moved[11:]).tolist()) == {0.01 + 1e-9 * 219}, "it stands where it was last"
+    assert set(np.concatenate(moved[11:]).tolist()) == {0.01 + 1e-9 * 219}, (
+        "it stands where it was last"
+    )
     y = np.concatenate([y[0] for _, y in heard])
     assert (
         "feed failed: the hand has gone; correct it" in str(sink.error)
@@ -188,10 +238,18 @@ def test_a_motion_that_fails_fades_out_and_says_why(tmp_path, monkeypatch):
     assert np.abs(np.diff(y)).max() < 0.01
 
 
-@pytest.mark.parametrize("stall, lost", [(0.26, 0), (0.28, 260), (0.4, 380), (0.8, 500)])  # one block later there are 20 less
-def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(tmp_path, monkeypatch, stall, lost):
-    heard, sink, moved = played(lambda at, n: 1e-5 * np.arange(at, at + n)[None], tmp_path, monkeypatch, 1.0, stall)
-    assert all(np.array_equal(x, 1e-5 * np.arange(at, at + y.shape[1])) for (at, y), x in zip(heard, moved, strict=True))
+# one block later there are 20 less
+@pytest.mark.parametrize("stall, lost", [(0.26, 0), (0.28, 260), (0.4, 380), (0.8, 500)])
+def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(
+    tmp_path, monkeypatch, stall, lost
+):
+    heard, sink, moved = played(
+        lambda at, n: 1e-5 * np.arange(at, at + n)[None], tmp_path, monkeypatch, 1.0, stall
+    )
+    assert all(
+        np.array_equal(x, 1e-5 * np.arange(at, at + y.shape[1]))
+        for (at, y), x in zip(heard, moved, strict=True)
+    )
     report = sink.report()
     assert (report.lost, report.underruns, report.produced) == (lost, lost > 0, 1000)
     at = [a for a, _ in heard]
@@ -233,8 +291,14 @@ def test_a_scene_that_is_shown_again_ends_its_earlier_page():
     first = SPRING.live(FS, 50.0, title='a "spring"')
     second = SPRING.live(FS, 50.0)
     try:
-        assert "frame-ancestors http://127.0.0.1:* http://localhost:*" in second._headers["Content-Security-Policy"]
-        assert first.url in first._repr_html_() and 'title="a &quot;spring&quot;"' in first._repr_html_()
+        assert (
+            "frame-ancestors http://127.0.0.1:* http://localhost:*"
+            in second._headers["Content-Security-Policy"]
+        )
+        assert (
+            first.url in first._repr_html_()
+            and 'title="a &quot;spring&quot;"' in first._repr_html_()
+        )
         assert not first._thread.is_alive() and second._thread.is_alive()
     finally:
         second.close()

@@ -1,4 +1,6 @@
-"""The audio thread of the page: its ring against a server whose clock is another, and against one that stops for a moment."""
+"""The audio thread of the page: its ring against a server whose clock is another, and
+against one that stops for a moment.
+"""
 
 import json
 import math
@@ -10,13 +12,20 @@ import pytest
 
 RING = Path(__file__).with_name("ring.js")
 WORKLET = Path(__file__).parents[2] / "stimlib" / "live" / "page" / "worklet.js"
-pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="needs node, which runs the audio thread without a browser")
+pytestmark = pytest.mark.skipif(
+    shutil.which("node") is None, reason="needs node, which runs the audio thread without a browser"
+)
 RMS = 0.25 / math.sqrt(2) / math.hypot(1, 20 / 158)
 """Of the sine of 158 Hz behind one pole at 20 Hz; its mean is taken out."""
 
 
 def heard(**options):
-    words = ["node", RING, WORKLET, json.dumps({"pace": 1.0, "steer": True, "seconds": 20, "jitter": 0.002} | options)]
+    words = [
+        "node",
+        RING,
+        WORKLET,
+        json.dumps({"pace": 1.0, "steer": True, "seconds": 20, "jitter": 0.002} | options),
+    ]
     return json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
 
 
@@ -27,7 +36,8 @@ def test_the_step_follows_the_servers_clock(pace):
     assert y["ratio"] == pytest.approx(pace, abs=4e-4)
     assert y["rms"] == pytest.approx(RMS, rel=0.003) and abs(y["mean"]) < 5e-4
     assert y["step"] < 1.01 * 0.25 * 2 * math.pi * 158 / 48000  # the sine's own
-    assert y["fill"] == pytest.approx(2 * 0.004 + 0.01, abs=0.004)  # s: two blocks, and what the card takes at once
+    # s: two blocks, and what the card takes at once
+    assert y["fill"] == pytest.approx(2 * 0.004 + 0.01, abs=0.004)
 
 
 def test_a_slow_server_leaves_the_ring_its_reserve_while_its_clock_is_learnt():

@@ -1,4 +1,6 @@
-"""The server of the live page, driven by a WebSocket client of its own: a session, a recording, strangers and floods."""
+"""The server of the live page, driven by a WebSocket client of its own: a session, a
+recording, strangers and floods.
+"""
 
 import json
 import logging
@@ -28,7 +30,9 @@ MOVE = '{"do": "move", "finger": 0, "u": 1, "v": 0, "p": 0, "on": 1, "t": 5}'
 
 
 class Client:
-    """A page without a browser: what it has been told, and the samples, (n_inputs + n_outputs, n) each."""
+    """A page without a browser: what it has been told, and the samples, (n_inputs +
+    n_outputs, n) each.
+    """
 
     def __init__(self, ws):
         self.ws, self.texts, self.heads, self.blocks = ws, [], [], []
@@ -41,7 +45,9 @@ class Client:
         m = self.ws.recv(timeout=5)
         if isinstance(m, bytes):
             self.heads.append(np.frombuffer(m, "<f8", HEAD))
-            self.blocks.append(np.frombuffer(m, "<f4", offset=8 * HEAD).reshape(-1, int(self.heads[-1][5])))
+            self.blocks.append(
+                np.frombuffer(m, "<f4", offset=8 * HEAD).reshape(-1, int(self.heads[-1][5]))
+            )
             return {"is": "samples"}
         self.texts.append(json.loads(m))
         if self.texts[-1]["is"] == "report" and self.answers:
@@ -65,7 +71,9 @@ class Client:
 def server(tmp_path_factory):
     scene = Scene({"force": Param("k", K, "N/m") * Input("x", "m")})
     folder = tmp_path_factory.mktemp("logs")
-    stream = Stream(scene, FS, FULL, title="spring", ranges={"x": (0, 0.01)}, block=BLOCK, folder=folder)
+    stream = Stream(
+        scene, FS, FULL, title="spring", ranges={"x": (0, 0.01)}, block=BLOCK, folder=folder
+    )
     stream.warm_up()
     with Server(stream, token="T") as running:
         yield running
@@ -75,7 +83,9 @@ def server(tmp_path_factory):
 def page(server, host="127.0.0.1", **options):
     at = f"{host}:{server.port}"
     sock = socket.create_connection(("127.0.0.1", server.port))
-    with connect(f"ws://{at}/ws", sock=sock, **{"origin": f"http://{at}", "compression": None} | options) as ws:
+    with connect(
+        f"ws://{at}/ws", sock=sock, **{"origin": f"http://{at}", "compression": None} | options
+    ) as ws:
         yield Client(ws)
 
 
@@ -91,7 +101,9 @@ def greeted(server):
 
 
 def recorded(client):
-    """A session with a move and a change: its state, and the heads, motion and samples that came."""
+    """A session with a move and a change: its state, and the heads, motion and samples
+    that came.
+    """
     client.heads.clear()
     client.blocks.clear()
     client.say("set", name="k", value=K)
@@ -108,9 +120,13 @@ def recorded(client):
 
 def test_a_session_is_driven_heard_and_recorded(server):
     with greeted(server) as client:
-        assert client.hello["inputs"] == [{"name": "x", "unit": "m", "low": 0.0, "high": 0.01, "given": False}]
+        assert client.hello["inputs"] == [
+            {"name": "x", "unit": "m", "low": 0.0, "high": 0.01, "given": False}
+        ]
         assert client.hello["outputs"] == [{"name": "force", "unit": "N", "full": FULL}]
-        assert client.hello["params"] == [{"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K}]
+        assert client.hello["params"] == [
+            {"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K}
+        ]
         assert client.until(**{"is": "state"})["role"] == "control"
         for _ in range(5):
             state, heads, x, y = recorded(client)
@@ -118,12 +134,15 @@ def test_a_session_is_driven_heard_and_recorded(server):
                 break
         else:
             unjudged("samples were lost in each of 5 sessions")
-    k = np.searchsorted(np.cumsum(heads[:, 5]), 0.2 * FS) + 3  # the hand is followed, and the fade-in over
+    # the hand is followed, and the fade-in over
+    k = np.searchsorted(np.cumsum(heads[:, 5]), 0.2 * FS) + 3
     assert heads[0, 0] == 0 and set(heads[:, 4]) == {state["session"]}
     assert np.array_equal(np.diff(heads[:, 0]), heads[:-1, 5])  # no sample is missing
     assert heads[k, 1] == 5 and 0 <= heads[k, 2]
     at = int(heads[k, 0])
-    assert x[at] == pytest.approx(0.01, abs=1e-5) and y[at] == pytest.approx(K * x[at] / FULL, rel=1e-6)
+    assert x[at] == pytest.approx(0.01, abs=1e-5) and y[at] == pytest.approx(
+        K * x[at] / FULL, rel=1e-6
+    )
     assert y[-BLOCK * 8] == pytest.approx(1000.0 * 0.01 / FULL, rel=1e-3) and abs(y[-1]) < 0.005
 
     log = read_log(state["log"])
@@ -134,16 +153,22 @@ def test_a_session_is_driven_heard_and_recorded(server):
 
 
 def test_a_block_does_not_wait_until_the_one_before_is_acknowledged(server):
-    assert server._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)  # accepted connections have it from there
+    # accepted connections have it from there
+    assert server._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_a_server_is_started_once(server, monkeypatch):
-    """In a notebook ``with scene.live() as page`` starts one that runs: two loops over one stream ended the process."""
+    """In a notebook ``with scene.live() as page`` starts one that runs: two loops over
+    one stream ended the process.
+    """
     assert server.start() is server
     with pytest.raises(SinkError, match="runs already, or has ended: make another"):
         server.run()
-    handler = logging.Handler()  # of somebody else in this process; absl's closes stderr with itself
-    monkeypatch.setattr(handler, "close", lambda: pytest.fail("a server has closed a handler that is not its own"))
+    # of somebody else in this process; absl's closes stderr with itself
+    handler = logging.Handler()
+    monkeypatch.setattr(
+        handler, "close", lambda: pytest.fail("a server has closed a handler that is not its own")
+    )
     never = Server(server.stream, token="")
     assert len(never.token) > 30  # of an empty token, anything would be right
     never.close()
@@ -154,7 +179,11 @@ def test_a_server_is_started_once(server, monkeypatch):
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up")
 def test_a_closed_terminal_ends_a_server_as_a_kill_does():
-    got, term, hup = [], signal.getsignal(signal.SIGTERM), signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    got, term, hup = (
+        [],
+        signal.getsignal(signal.SIGTERM),
+        signal.signal(signal.SIGHUP, signal.SIG_DFL),
+    )
     signal.signal(signal.SIGTERM, lambda number, frame: got.append(number))
     try:
         with _closed_terminal_ends():
@@ -168,7 +197,11 @@ def test_a_closed_terminal_ends_a_server_as_a_kill_does():
 
 
 def test_at_port_80_browsers_leave_the_port_out(server, monkeypatch):
-    assert server._known(f"localhost:{server.port}") and not server._known("localhost:1") and not server._known("localhost")
+    assert (
+        server._known(f"localhost:{server.port}")
+        and not server._known("localhost:1")
+        and not server._known("localhost")
+    )
     monkeypatch.setattr(server, "port", 80)
     assert all(server._known(host) for host in ("127.0.0.1", "localhost:80", "[::1]"))
     assert not any(server._known(host) for host in ("evil.example", "127.0.0.1:81", ""))
@@ -176,7 +209,9 @@ def test_at_port_80_browsers_leave_the_port_out(server, monkeypatch):
 
 def test_a_page_that_leaves_before_its_first_word_is_no_error(server, monkeypatch):
     said = []
-    monkeypatch.setattr(logging.getLogger("uvicorn.error"), "error", lambda *a, **more: said.append(a))
+    monkeypatch.setattr(
+        logging.getLogger("uvicorn.error"), "error", lambda *a, **more: said.append(a)
+    )
     for _ in range(3):
         with page(server) as client:
             client.ws.socket.close()
@@ -186,7 +221,9 @@ def test_a_page_that_leaves_before_its_first_word_is_no_error(server, monkeypatc
 
 @pytest.mark.parametrize("source, k", [("contact", 10.0), ("u", K)])
 def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
-    """The finger that was down stays down until then: lifted at once, it would end the stimulus with a step."""
+    """The finger that was down stays down until then: lifted at once, it would end the
+    stimulus with a step.
+    """
     with greeted(server) as client:
         client.say("set", name="k", value=k)
         client.say("source", input="x", **{"from": source})
@@ -246,7 +283,9 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
 
 def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
     """Of a scene without inputs, which nobody has to drive."""
-    stream = Stream(Scene({"y": Param("level", 0.5) * constant(1.0)}), FS, 1.0, block=BLOCK, folder=tmp_path)
+    stream = Stream(
+        Scene({"y": Param("level", 0.5) * constant(1.0)}), FS, 1.0, block=BLOCK, folder=tmp_path
+    )
     with Server(stream, token="T") as server, greeted(server) as client:
         client.say("record")
         folder = client.until(phase="running")["log"]
@@ -264,8 +303,14 @@ REFUSED = [
     ({"do": "set", "name": "k", "value": -1}, "k = -1 is outside its range, 0 to 5000"),
     ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; the inputs are x"),
     ({"do": "source", "input": "x", "from": "given"}, "nothing was given for x"),
-    ({"do": "source", "input": "x", "from": "sine", "low": 1, "high": 0}, "low = 1 must be below high = 0"),
-    ({"do": "source", "input": "x", "from": "sine", "low": 1, "high": 1}, "low = 1 must be below high = 1"),
+    (
+        {"do": "source", "input": "x", "from": "sine", "low": 1, "high": 0},
+        "low = 1 must be below high = 0",
+    ),
+    (
+        {"do": "source", "input": "x", "from": "sine", "low": 1, "high": 1},
+        "low = 1 must be below high = 1",
+    ),
 ]
 
 
@@ -308,17 +353,24 @@ def test_strangers_and_floods_are_refused_and_the_stream_goes_on(server):
         client.until(phase="running")
         for name, (headers, messages, code) in FAULTS.items():
             said = knock(server, headers, messages)
-            assert said == code or (name == "a flood" and said is None), name  # cut off, it may come before the reason
+            # cut off, it may come before the reason
+            assert said == code or (name == "a flood" and said is None), name
         client.hear(10)
         client.say("stop")
         client.until(phase="idle")
     report = [m for m in client.texts if m["is"] == "report"][-1]
-    heard = sum(head[5] for head in client.heads if head[4] == client.heads[-1][4])  # not of a session of the test before
-    assert heard > 200 and client.heads[-1][:6:5].sum() == heard + report["lost"] + report["skipped"] * BLOCK
+    # not of a session of the test before
+    heard = sum(head[5] for head in client.heads if head[4] == client.heads[-1][4])
+    assert (
+        heard > 200
+        and client.heads[-1][:6:5].sum() == heard + report["lost"] + report["skipped"] * BLOCK
+    )
 
 
 def knock(server, headers, messages):
-    """How the server ends a connection that behaves so: status of HTTP or code of closing."""
+    """How the server ends a connection that behaves so: status of HTTP or code of
+    closing.
+    """
     try:
         with page(server, **headers) as client:
             for message in messages:
@@ -342,7 +394,9 @@ def closed(sock):
 
 @pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: "])
 def test_connections_without_a_request_keep_no_page_out(server, sent, monkeypatch):
-    """A hundred of them: the oldest make room at once, and all have ended a little later."""
+    """A hundred of them: the oldest make room at once, and all have ended a little
+    later.
+    """
     monkeypatch.setattr("stimlib.live.server.REQUEST", 1.0)
     with ExitStack() as stack:
         many = []
@@ -376,7 +430,9 @@ def test_an_answer_ends_its_connection(server):
 def test_only_the_page_is_served_and_only_to_this_machine(server):
     def get(path, host=None):
         try:
-            with urllib.request.urlopen(urllib.request.Request(own(server) + path, headers={"Host": host} if host else {})) as r:
+            with urllib.request.urlopen(
+                urllib.request.Request(own(server) + path, headers={"Host": host} if host else {})
+            ) as r:
                 return r.status, r.headers
         except urllib.error.HTTPError as e:
             return e.code, e.headers
@@ -390,6 +446,8 @@ def test_only_the_page_is_served_and_only_to_this_machine(server):
     ):
         found, headers = get(path, host)
         assert found == status
-        assert headers["Content-Security-Policy"].startswith("default-src 'none'; script-src 'self';")
+        assert headers["Content-Security-Policy"].startswith(
+            "default-src 'none'; script-src 'self';"
+        )
         assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
     assert server.url.endswith("/#T") and server.host == "127.0.0.1"

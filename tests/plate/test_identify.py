@@ -1,4 +1,6 @@
-"""Resonances from sweeps that are known, with noise that is known; and sweeps that are none."""
+"""Resonances from sweeps that are known, with noise that is known; and sweeps that are
+none.
+"""
 
 from dataclasses import replace
 
@@ -25,20 +27,26 @@ def sweep(f0=F0, q=Q, seconds=2.0, rest=0.4, low=60.0, high=320.0, velocity=Fals
 
 @pytest.mark.longer
 def test_what_is_measured_is_found_within_what_is_said():
-    """40 dB of signal over noise: 0.05 % and 3 %; of all intervals 95 in 100 hold the truth."""
+    """40 dB of signal over noise: 0.05 % and 3 %; of all intervals 95 in 100 hold the
+    truth.
+    """
     u, y = sweep()
     rng, hits, seen, noise = np.random.default_rng(5), [], [], np.std(y) / 100
     for _ in range(SWEEPS):
         r = identify(u, y + noise * rng.standard_normal(y.size), FS)
         assert abs(r.freq / F0 - 1) < 5e-4 and abs(r.q / Q - 1) < 0.03
         seen.append((r.freq, r.q, r.freq_sd, r.q_sd))
-        hits += [r.freq_interval[0] < F0 < r.freq_interval[1], r.q_interval[0] < Q < r.q_interval[1]]
+        hits += [
+            r.freq_interval[0] < F0 < r.freq_interval[1],
+            r.q_interval[0] < Q < r.q_interval[1],
+        ]
     slack = 0.01 if SWEEPS > 100 else 0.05
     assert 0.95 - slack <= np.mean(hits) <= 0.95 + slack
     scatter, told = np.std(seen, axis=0)[:2], np.mean(seen, axis=0)[2:]
     np.testing.assert_allclose(scatter / told, 1.0, atol=0.4)
     assert np.ptp(r.freq_interval) == pytest.approx(2 * 1.97 * r.freq_sd, rel=0.01)
-    lines = 2 * 4 * F0 / (2 * Q) * u.size / FS  # four half widths on each side, two numbers each; two of pole, ten of one point
+    # four half widths on each side, two numbers each; two of pole, ten of one point
+    lines = 2 * 4 * F0 / (2 * Q) * u.size / FS
     assert r.dof == pytest.approx(2 * lines - 12, abs=4)
 
 
@@ -60,10 +68,14 @@ def test_a_delay_between_the_recordings_changes_no_frequency():
     for samples in (2, 40):  # the first of them goes into the rest; the second would make q 12
         late = identify(u, np.roll(y, samples), FS)
         assert late.freq == pytest.approx(F0, rel=1e-6) and late.q == pytest.approx(Q, rel=1e-5)
-    assert late.delay == pytest.approx(40 / FS, abs=2e-3) and late.gain[0] == pytest.approx(0.98, abs=0.12)
-    assert identify(np.roll(u, 40), y, FS).delay == pytest.approx(-40 / FS, abs=2e-3)  # the drive's way is the longer one
+    assert late.delay == pytest.approx(40 / FS, abs=2e-3) and late.gain[0] == pytest.approx(
+        0.98, abs=0.12
+    )
+    # the drive's way is the longer one
+    assert identify(np.roll(u, 40), y, FS).delay == pytest.approx(-40 / FS, abs=2e-3)
     noise = np.std(y) / 30 * np.random.default_rng(0).standard_normal(y.size)
-    noisy = identify(u, np.roll(y, 40) + noise, FS)  # the delay is seen through 3 % of noise: not seen, q is 11.6
+    # the delay is seen through 3 % of noise: not seen, q is 11.6
+    noisy = identify(u, np.roll(y, 40) + noise, FS)
     assert noisy.delay > 0.01 and noisy.q == pytest.approx(Q, abs=4 * noisy.q_sd)
     with pytest.raises(RecordingError, match="point 1 answers out of phase"):
         identify(u, np.array([y, 0.9 * np.roll(y, 2)]), FS)
@@ -89,8 +101,19 @@ def test_a_file_is_read(tmp_path):
     with pytest.raises(RecordingError, match="t, volt, centre"):
         read_sweep(tmp_path / "sweep.npz", "volt", ["edge"])
     with pytest.raises(RecordingError, match="equal steps"):
-        read_sweep({"t": 1e-3 * np.cumsum(np.r_[np.ones(50), 1.012]), "volt": u[:51], "y": y[:51]}, "volt", ["y"])
-    assert read_sweep({"t": 1e-3 * np.cumsum(np.r_[np.ones(50), 1.008]), "volt": u[:51], "y": y[:51]}, "volt", ["y"]).fs < 1000
+        read_sweep(
+            {"t": 1e-3 * np.cumsum(np.r_[np.ones(50), 1.012]), "volt": u[:51], "y": y[:51]},
+            "volt",
+            ["y"],
+        )
+    assert (
+        read_sweep(
+            {"t": 1e-3 * np.cumsum(np.r_[np.ones(50), 1.008]), "volt": u[:51], "y": y[:51]},
+            "volt",
+            ["y"],
+        ).fs
+        < 1000
+    )
     ms = {"t": 1000 * t, "mV": 1000 * u, "y": y}
     with pytest.raises(RecordingError, match=r'time="t\*1e-3"'):
         read_sweep(ms, "mV", "y")
@@ -137,7 +160,10 @@ def test_arguments_that_make_no_sense_are_told():
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("colour",)), "colour"),
         (lambda: fit_frame(Plate.paper(), [158.0], ("E",)), "measured = .* must be a dict"),
         (lambda: fit_frame(Plate.paper(), {40: 158.0}, ("E",)), "ask for 1 to 36"),
-        (lambda: fit_frame(replace(Plate.paper(), terms=4), {0: 1e-3}, ("E",)), "count them from 0"),
+        (
+            lambda: fit_frame(replace(Plate.paper(), terms=4), {0: 1e-3}, ("E",)),
+            "count them from 0",
+        ),
         (lambda: drift([Resonance(1.0, 1.0, 1.0, 1.0, u, u, u, 9)] * 2, [1.0, 2.0]), "2 sweeps"),
     ):
         with pytest.raises(BadValue, match=match):
@@ -147,8 +173,19 @@ def test_arguments_that_make_no_sense_are_told():
 def test_a_drift_is_followed():
     found = [identify(*sweep(f0=f), FS) for f in (160.0, 158.0, 157.0)]
     line = drift(found, [20.0, 21.0, 21.5])
-    assert line.slope == pytest.approx(-2.0, abs=1e-3) and line(20.5) == pytest.approx(159.0, abs=1e-3)
-    f, sd, T, one = [160.0, 158.1, 157.0, 155.0], [0.1, 0.3, 0.1, 0.6], np.array([20.0, 21.0, 22.0, 24.0]), np.ones(1)
-    line = drift([Resonance(a, 10.0, b, 0.1, one, one, one, 99) for a, b in zip(f, sd, strict=True)], T)
+    assert line.slope == pytest.approx(-2.0, abs=1e-3) and line(20.5) == pytest.approx(
+        159.0, abs=1e-3
+    )
+    f, sd, T, one = (
+        [160.0, 158.1, 157.0, 155.0],
+        [0.1, 0.3, 0.1, 0.6],
+        np.array([20.0, 21.0, 22.0, 24.0]),
+        np.ones(1),
+    )
+    line = drift(
+        [Resonance(a, 10.0, b, 0.1, one, one, one, 99) for a, b in zip(f, sd, strict=True)], T
+    )
     (slope, level), cov = np.polyfit(T - line.at, f, 1, w=1 / np.array(sd), cov="unscaled")
-    np.testing.assert_allclose([line.slope, line.freq, line.slope_sd, line.freq_sd], [slope, level, *np.sqrt(np.diag(cov))])
+    np.testing.assert_allclose(
+        [line.slope, line.freq, line.slope_sd, line.freq_sd], [slope, level, *np.sqrt(np.diag(cov))]
+    )

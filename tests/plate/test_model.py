@@ -12,14 +12,18 @@ from stimlib.errors import BadValue
 from stimlib.plate import Patch, Plate, best_patches
 
 GLASS = {"length": 0.206, "width": 0.147, "thickness": 1.4e-3, "E": 70e9, "nu": 0.24, "rho": 2500.0}
-ARGYRIS = {  # scikit-fem 12.0.2, ElementTriArgyris on 26 x 19 rectangles; where edges are free itself about 5e-5 high
+# scikit-fem 12.0.2, ElementTriArgyris on 26 x 19 rectangles; where edges are free
+# itself about 5e-5 high
+ARGYRIS = {
     "CCCC": [452.956453, 733.618586, 1085.28854, 1200.54347, 1344.965185, 1785.453479],
     "CFCF": [183.491004, 251.286575, 506.210655, 539.555866, 605.830474, 931.132649],
 }
 
 
 def levy(a, b, nu):
-    """sqrt(rho h/D) w of a plate that is supported along x = 0, a and free along y = 0, b: the six lowest."""
+    """sqrt(rho h/D) w of a plate that is supported along x = 0, a and free along y = 0,
+    b: the six lowest.
+    """
 
     def even_and_odd(w, m):
         al = m * np.pi / a
@@ -39,7 +43,13 @@ def levy(a, b, nu):
         for k in (0, 1):
             v = np.array([even_and_odd(w, m)[k] for w in grid])
             for i in np.flatnonzero(np.sign(v[1:]) != np.sign(v[:-1])):
-                w = brentq(lambda w, m=m, k=k: even_and_odd(w, m)[k], grid[i], grid[i + 1], xtol=1e-10, rtol=1e-14)
+                w = brentq(
+                    lambda w, m=m, k=k: even_and_odd(w, m)[k],
+                    grid[i],
+                    grid[i + 1],
+                    xtol=1e-10,
+                    rtol=1e-14,
+                )
                 if abs(w / al2 - 1) > 1e-9:  # there p or q is 0
                     found.append(w)
     return np.sort(found)[:6]
@@ -60,11 +70,18 @@ def test_clamped_and_free_edges_are_those_of_finite_elements():
 
 
 def test_the_printed_frequencies_are_not_reached_and_that_is_kept():
-    """Tables 2.1 and 2.2 contradict each other; the residuals in percent, of ours over the print."""
+    """Tables 2.1 and 2.2 contradict each other; the residuals in percent, of ours over
+    the print.
+    """
     printed = {"all": [378, 776, 1171], "long": [307, 410, 651], "short": [158, 244, 541]}
-    ours = {edges: Plate.paper(edges).modes(4)[[0, 1, 3 if edges == "short" else 2]] for edges in printed}
+    ours = {
+        edges: Plate.paper(edges).modes(4)[[0, 1, 3 if edges == "short" else 2]]
+        for edges in printed
+    }
     off = np.array([100 * (ours[e] / printed[e] - 1) for e in printed]).round(1)
-    np.testing.assert_allclose(off, [[19.8, -5.5, -7.3], [17.8, -2.4, -16.8], [16.1, 3.0, -0.3]], atol=0.11)
+    np.testing.assert_allclose(
+        off, [[19.8, -5.5, -7.3], [17.8, -2.4, -16.8], [16.1, 3.0, -0.3]], atol=0.11
+    )
     assert 11.5 < np.sqrt(np.mean(off**2)) < 12.5
 
 
@@ -72,7 +89,9 @@ def test_a_load_in_the_plane_and_a_spring_at_the_edge_do_what_they_do():
     N, supported = -2000.0, Plate(**GLASS, edges="SSSS")
     kx, ky = np.pi / 0.206, np.pi / 0.147
     w2 = (supported.stiffness * (kx**2 + ky**2) ** 2 + N * kx**2) / (2500.0 * 1.4e-3)
-    assert replace(supported, in_plane_load=N).modes(1)[0] == pytest.approx(np.sqrt(w2) / (2 * np.pi), rel=1e-10)
+    assert replace(supported, in_plane_load=N).modes(1)[0] == pytest.approx(
+        np.sqrt(w2) / (2 * np.pi), rel=1e-10
+    )
     stiff = {k: Plate(**GLASS, clamp_stiffness=k).modes(2) for k in (0.0, 1e3, 1e9)}
     np.testing.assert_allclose(stiff[0.0], Plate(**GLASS, edges="SFSF").modes(2), rtol=1e-9)
     np.testing.assert_allclose(stiff[1e9], Plate(**GLASS).modes(2), rtol=3e-4)
@@ -88,12 +107,15 @@ def test_shapes_are_orthonormal_and_the_response_is_reciprocal():
     np.testing.assert_allclose(mass, np.eye(3), atol=1e-9)
     a, b, f = (0.05, 0.03), (0.12, 0.11), np.array([0.0, 150.0, 183.5, 400.0])
     np.testing.assert_allclose(plate.frf(a, b, f), plate.frf(b, a, f), rtol=1e-9)
-    k = -plate.frf(a, a, plate.modes(1)[0]).imag * (2 * np.pi * plate.modes(1)[0]) ** 2  # phi^2 Q, and a little of the others
+    # phi^2 Q, and a little of the others
+    k = -plate.frf(a, a, plate.modes(1)[0]).imag * (2 * np.pi * plate.modes(1)[0]) ** 2
     assert k == pytest.approx(plate.shape(0, *a) ** 2 / plate.damping, rel=0.03)
 
 
 def test_a_patch_is_a_moment_along_its_edges():
-    """The modal force is the closed integral of d(phi)/dn along the electrode, here by differences of the shape."""
+    """The modal force is the closed integral of d(phi)/dn along the electrode, here by
+    differences of the shape.
+    """
     plate = replace(Plate.paper(), patches=(Patch.duraact(0.03, 0.05, side=-1),), terms=12)
     (patch,) = plate.patches
     x0, x1, y0, y1 = patch.rectangle(1e-3)
@@ -101,13 +123,28 @@ def test_a_patch_is_a_moment_along_its_edges():
     h, xs, ys = 1e-5, (x0 + x1) / 2 + (x1 - x0) / 2 * s, (y0 + y1) / 2 + (y1 - y0) / 2 * s
     total = 0.0
     for sign, x in ((-1, x0), (1, x1)):
-        total += sign * (plate.shape(0, x + h, ys) - plate.shape(0, x - h, ys)) / (2 * h) @ w * (y1 - y0) / 2
+        total += (
+            sign
+            * (plate.shape(0, x + h, ys) - plate.shape(0, x - h, ys))
+            / (2 * h)
+            @ w
+            * (y1 - y0)
+            / 2
+        )
     for sign, y in ((-1, y0), (1, y1)):
-        total += sign * (plate.shape(0, xs, y + h) - plate.shape(0, xs, y - h)) / (2 * h) @ w * (x1 - x0) / 2
+        total += (
+            sign
+            * (plate.shape(0, xs, y + h) - plate.shape(0, xs, y - h))
+            / (2 * h)
+            @ w
+            * (x1 - x0)
+            / 2
+        )
     assert plate.forces(1)[0] == pytest.approx(patch.moment(plate) * total, rel=1e-5)
     once, twice = (plate.frf("patches", (0.1, 0.07), 150.0, weights=w) for w in (None, [-2.0]))
     assert twice == pytest.approx(-2 * once, rel=1e-12)
-    # a thin sheet without covers: e31 times half of both thicknesses, less what its own stiffness moves the neutral plane
+    # a thin sheet without covers: e31 times half of both thicknesses, less what its own
+    # stiffness moves the neutral plane
     sheet = Patch(0.1, 0.07, 0.02, 0.02, -180e-12, 1e-6)
     assert sheet.moment(plate) == pytest.approx(180e-12 * 62e9 / 0.66 * 0.7e-3, rel=3e-3)
     assert replace(plate, patches=(sheet,), terms=6).modes(1)[0] == pytest.approx(
@@ -128,7 +165,8 @@ def test_edges_are_the_best_place_where_the_clamp_can_hardly_turn():
 def test_gradients_are_those_of_differences():
     import jax
 
-    soft = Patch(0.05, 0.07, 0.04, 0.04, -180e-12, 5e-4, E=30e9, mass=1e-3)  # what it adds depends on the plate's E too
+    # what it adds depends on the plate's E too
+    soft = Patch(0.05, 0.07, 0.04, 0.04, -180e-12, 5e-4, E=30e9, mass=1e-3)
     model = Plate(**GLASS, clamp_stiffness=1500.0, in_plane_load=-1000.0, terms=6, patches=[soft])
     numbers = {"E": 70e9, "clamp_stiffness": 1500.0, "in_plane_load": -1000.0}
     with jax.enable_x64(True):
@@ -210,7 +248,8 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, nu=-1.1), "Poisson"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, cover_nu=-1.1), "Poisson"),
         (lambda: best_patches(plate, points=2, gap=0.029), "do not fit"),  # 74 mm of 73.5 across
-        (lambda: best_patches(replace(plate, length=0.14), points=2, gap=0.028), "do not fit"),  # 72 mm of 70 along
+        # 72 mm of 70 along
+        (lambda: best_patches(replace(plate, length=0.14), points=2, gap=0.028), "do not fit"),
     ):
         with pytest.raises(BadValue, match=match):
             ask()
@@ -218,8 +257,16 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
 
 def test_the_thesis_plate_is_solved_once_for_all_who_ask():
     """Each scene of a touch screen asks for its modes."""
-    assert Plate.paper(measured=True) is Plate.paper("short", True, patches=True) is not Plate.paper(patches=True)
-    for shared in (Plate.paper().matrices["bending"], Plate.paper().axes[0].series[0], Plate.paper().solved(1)[0]):
+    assert (
+        Plate.paper(measured=True)
+        is Plate.paper("short", True, patches=True)
+        is not Plate.paper(patches=True)
+    )
+    for shared in (
+        Plate.paper().matrices["bending"],
+        Plate.paper().axes[0].series[0],
+        Plate.paper().solved(1)[0],
+    ):
         with pytest.raises(ValueError, match="read-only"):
             shared *= 4
     with pytest.raises(BadValue, match="edges = .'short'.; choose one of all, long, short"):

@@ -1,4 +1,6 @@
-"""The plate in a scene: against an integration in time, and what equalisation and compensation leave."""
+"""The plate in a scene: against an integration in time, and what equalisation and
+compensation leave.
+"""
 
 from dataclasses import replace
 
@@ -22,14 +24,18 @@ X, Y, V = Input("x", "m"), Input("y", "m"), Input("v", "V")
 
 
 def stroke(n):
-    """A finger that strokes across the plate, 0.5 m/s and slower, and a voltage with edges."""
+    """A finger that strokes across the plate, 0.5 m/s and slower, and a voltage with
+    edges.
+    """
     t = np.arange(n) / FS
     drive = 40 * np.sin(2 * np.pi * 159 * t) * (np.sin(2 * np.pi * 90 * t) > -0.2)
     return {"x": 0.053 + 0.05 * np.sin(10 * t), "y": 0.07 + 0.02 * np.sin(7 * t), "v": drive}
 
 
 def recorded_stroke(n):
-    """A finger that was recorded as it went in circles, from 1 s on, and the same voltage."""
+    """A finger that was recorded as it went in circles, from 1 s on, and the same
+    voltage.
+    """
     if not RECORDED.is_file():
         pytest.skip("the recordings are not beside the project")
     hand = recording(RECORDED, {"x": "x_raw*5e-5", "y": "y_raw*4e-5"}, reports="on_change").motion
@@ -43,15 +49,25 @@ def pulled(scene, rows):
 
 
 def integrated(rows, finger=None, modes=2):
-    """The same modes by an integrator that knows the voltage as straight lines, sample after sample."""
+    """The same modes by an integrator that knows the voltage as straight lines, sample
+    after sample.
+    """
     n, force, w2 = rows["v"].size, GLASS.forces(16), GLASS.solved(16)[0]
     driven = [k for k in range(16) if abs(force[k]) / w2[k] > 1e-6 * max(abs(force) / w2)][:modes]
     phi = np.array([GLASS.shape(k, rows["x"], rows["y"]) for k in driven])
-    w2, F, loss, state, out = w2[driven], force[driven], np.sqrt(w2[driven]) * GLASS.damping, np.zeros(2 * modes), []
+    w2, F, loss, state, out = (
+        w2[driven],
+        force[driven],
+        np.sqrt(w2[driven]) * GLASS.damping,
+        np.zeros(2 * modes),
+        [],
+    )
     at = np.r_[0.0, rows["v"]]
     for i in range(n):
         a = np.zeros(modes) if finger is None else phi[:, i] ** 2
-        m, c, k = (0.0, 0.0, 0.0) if finger is None else (finger.mass, finger.damping, finger.stiffness)
+        m, c, k = (
+            (0.0, 0.0, 0.0) if finger is None else (finger.mass, finger.damping, finger.stiffness)
+        )
 
         def slope(t, s, i=i, a=a, m=m, c=c, k=k):
             v = at[i] + (at[i + 1] - at[i]) * t * FS
@@ -85,13 +101,17 @@ def test_at_a_place_it_is_the_plates_own_response():
     centre = GLASS.length / 2, GLASS.width / 2
     proc = stimlib.compile(Scene({"d": plate(*centre, V, GLASS)}), 48000, "python")
     f = np.array([50.0, GLASS.carrier(), 300.0])
-    np.testing.assert_allclose(proc.response("d", "v", f), GLASS.frf("patches", centre, f, modes=9), rtol=2e-3)
+    np.testing.assert_allclose(
+        proc.response("d", "v", f), GLASS.frf("patches", centre, f, modes=9), rtol=2e-3
+    )
 
 
 def test_a_shape_is_held_beyond_its_edges_and_nan_comes_through():
     scene = Scene({"y": mode_shape(X, Y, [[0.1, 0.2], [0.3, 0.4]], 0.2, 0.1)})
     rows = {"x": np.array([-1.0, 0.05, 9.0, np.inf]), "y": np.array([0.0, 0.025, 0.1, 0.1])}
-    np.testing.assert_allclose(pulled(scene, rows), [0.1 - 0.2 - 0.3 + 0.4, 0.1 - 0.1 - 0.15 + 0.1, 1.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(
+        pulled(scene, rows), [0.1 - 0.2 - 0.3 + 0.4, 0.1 - 0.1 - 0.15 + 0.1, 1.0, 1.0], atol=1e-12
+    )
 
 
 KNOTS = np.arange(5) * 0.025
@@ -111,7 +131,12 @@ def test_a_mode_through_knots_is_exact_and_keeps_out_their_noise(soft):
     fit = mode_fit(Plate.paper(), origin=0.053)  # it does not know how soft they are
     np.testing.assert_allclose(fit(KNOTS, truth(KNOTS))[1], truth(x), rtol=1e-5)
     rng = np.random.default_rng(0)
-    worst = [np.abs(truth(x) / fit(KNOTS, truth(KNOTS) * (1 + 0.01 * rng.standard_normal(5)))[1] - 1).max() for _ in range(20)]
+    worst = [
+        np.abs(
+            truth(x) / fit(KNOTS, truth(KNOTS) * (1 + 0.01 * rng.standard_normal(5)))[1] - 1
+        ).max()
+        for _ in range(20)
+    ]
     assert np.quantile(worst, 0.95) <= 0.023
     moved = mode_fit(Plate.paper(), origin=0.050)(KNOTS, truth(KNOTS))[1]  # the ruler is 3 mm off
     np.testing.assert_allclose(moved, truth(x), rtol=1e-5)
@@ -136,9 +161,18 @@ def test_knots_that_are_too_few_or_another_shape_are_told(soft):
         (lambda: fit(KNOTS, truth(KNOTS) * [1, 1, 0, 1, 1]), "above 0"),
         (lambda: fit(0 * KNOTS, truth(KNOTS)), "must rise"),
         (lambda: mode_fit(model, origin=np.nan), "origin = nan is not finite"),
-        (lambda: equalize(X, (KNOTS, truth(KNOTS)), kind=mode_fit), "mode_fit: model = .* must be a Plate"),
-        (lambda: equalize(X, (KNOTS, truth(KNOTS)), kind="mode"), r"stimlib.plate.mode_fit\(model\)"),
-        (lambda: mode_fit(replace(model, edges="CCCC", clamp_stiffness=None), y=0.0), "nothing moves"),
+        (
+            lambda: equalize(X, (KNOTS, truth(KNOTS)), kind=mode_fit),
+            "mode_fit: model = .* must be a Plate",
+        ),
+        (
+            lambda: equalize(X, (KNOTS, truth(KNOTS)), kind="mode"),
+            r"stimlib.plate.mode_fit\(model\)",
+        ),
+        (
+            lambda: mode_fit(replace(model, edges="CCCC", clamp_stiffness=None), y=0.0),
+            "nothing moves",
+        ),
         (lambda: mode_fit(model, clamp="free"), "fit or known"),
         (lambda: mode_fit(model, y=1.0), "beside the plate"),
     ):
@@ -150,8 +184,11 @@ def test_the_swap_gives_back_the_depth_of_modulation_at_its_price():
     before, after = (envelope_behind(158.0, 10.0, 20.0, gain) for gain in (1, 4))
     assert 0.39 < before.depth < 0.41 and before.drive == pytest.approx(1.0)
     assert after.depth >= 0.85 and after.drive == pytest.approx(2.0, abs=0.05)
-    assert envelope_behind(158.0, 10.0, 90.0, 4).depth > 3.5 * envelope_behind(158.0, 10.0, 90.0).depth
-    np.testing.assert_allclose(envelope_behind(0.5, 10.0, 0.5 * 20 / 158, 4)[:4], after[:4])  # it goes by rate over frequency
+    assert (
+        envelope_behind(158.0, 10.0, 90.0, 4).depth > 3.5 * envelope_behind(158.0, 10.0, 90.0).depth
+    )
+    # it goes by rate over frequency
+    np.testing.assert_allclose(envelope_behind(0.5, 10.0, 0.5 * 20 / 158, 4)[:4], after[:4])
     half = envelope_behind(158.0, 10.0, 20.0, 4, lambda u: 0.5 * half_sine(u))
     np.testing.assert_allclose(half[:4], after[:4])
     gain = best_gain(158.0, 10.0, 45.0, 1.8)
@@ -180,7 +217,11 @@ def test_drives_that_make_no_sense_are_told():
         (lambda: pole_swap(V, 158.0, 10.0, 4.0, v_max=-1.0), BadValue, "v_max"),
         (lambda: amplifier(X), UnitError, "must be in V"),
         (lambda: amplifier(V, lowest=5.0, highest=1.0), BadValue, "must be below"),
-        (lambda: amplifier(V, 50.0, *Plate.paper().voltages), BadValue, "amplifier: lowest = -inf is not finite"),
+        (
+            lambda: amplifier(V, 50.0, *Plate.paper().voltages),
+            BadValue,
+            "amplifier: lowest = -inf is not finite",
+        ),
         (lambda: plate(X, Y, X, GLASS), UnitError, "must be in V"),
         (lambda: plate(V, Y, V, GLASS), UnitError, "must be in m"),
         (lambda: plate(X, Y, V, Plate.paper()), BadValue, "no patches"),
@@ -190,8 +231,16 @@ def test_drives_that_make_no_sense_are_told():
         (lambda: Finger(mass=-1.0), BadValue, "mass"),
         (lambda: envelope_behind(158.0, 10.0, 0.0), BadValue, "above 0"),
         (lambda: envelope_behind(158.0, np.inf, 20.0), BadValue, "q = inf is not finite"),
-        (lambda: envelope_behind(158.0, 10.0, 20.0, 4.0, "square"), BadValue, "envelope = .square. must be a function"),
-        (lambda: envelope_behind(158.0, 10.0, 20.0, 4.0, lambda u: np.arange(3.0)), BadValue, "function of an array"),
+        (
+            lambda: envelope_behind(158.0, 10.0, 20.0, 4.0, "square"),
+            BadValue,
+            "envelope = .square. must be a function",
+        ),
+        (
+            lambda: envelope_behind(158.0, 10.0, 20.0, 4.0, lambda u: np.arange(3.0)),
+            BadValue,
+            "function of an array",
+        ),
         (lambda: best_gain(158.0, 10.0, 20.0, 0.5), BadValue, "1 or above"),
     ):
         with pytest.raises(error, match=match):
@@ -203,7 +252,9 @@ def test_a_limit_holds_and_an_amplifier_knows_its_patches():
     y = pulled(scene, {"v": np.where(np.arange(200) % 50 < 25, 1.0, -1.0)})
     assert np.abs(y).max() == 1.5
     assert GLASS.voltages == (-100.0, 400.0)
-    assert pulled(Scene({"v": amplifier(V, 50.0, *GLASS.voltages)}), {"v": np.array([-9.0, 3.0, 9.0])}).tolist() == [
+    assert pulled(
+        Scene({"v": amplifier(V, 50.0, *GLASS.voltages)}), {"v": np.array([-9.0, 3.0, 9.0])}
+    ).tolist() == [
         -100,
         150,
         400,

@@ -19,10 +19,16 @@ TABLE_4_1 = {  # (number of bumps, duty): ridge and groove width in mm
     (18, 0.2): (1.11, 4.44), (18, 0.5): (2.78, 2.78), (18, 0.8): (4.44, 1.11),
 }  # fmt: skip
 TABLE_6_1 = {  # (waveform, amplitude in V): RMS in V at duty 0.2, 0.5, 0.8
-    ("sine", 0.5): (0.08, 0.13, 0.15), ("square", 0.5): (0.11, 0.18, 0.22), ("sawtooth", 0.5): (0.06, 0.10, 0.12),
-    ("sine", 4.0): (0.65, 1.0, 1.18), ("square", 4.0): (0.89, 1.41, 1.79), ("sawtooth", 4.0): (0.44, 0.80, 0.99),
-    ("sine", 7.5): (1.23, 1.88, 2.21), ("square", 7.5): (1.66, 2.64, 3.35), ("sawtooth", 7.5): (0.83, 1.51, 1.85),
-}  # fmt: skip
+    ("sine", 0.5): (0.08, 0.13, 0.15),
+    ("square", 0.5): (0.11, 0.18, 0.22),
+    ("sawtooth", 0.5): (0.06, 0.10, 0.12),
+    ("sine", 4.0): (0.65, 1.0, 1.18),
+    ("square", 4.0): (0.89, 1.41, 1.79),
+    ("sawtooth", 4.0): (0.44, 0.80, 0.99),
+    ("sine", 7.5): (1.23, 1.88, 2.21),
+    ("square", 7.5): (1.66, 2.64, 3.35),
+    ("sawtooth", 7.5): (0.83, 1.51, 1.85),
+}
 
 
 def test_the_set_is_the_experiment():
@@ -39,15 +45,18 @@ def test_ridges_and_grooves_of_the_rendered_signal(nb, duty):
     """Table 4.1 from samples: on a slow stroke, how far the voltage is on and off."""
     speed = 0.02
     x = 0.01 + speed * np.arange(int(0.1 / speed * FS) + 1) / FS
-    y = stimlib.compile(bumps("square", nb, duty, gain=1.0, amplitude=1.0, rectify=None, freq=0.0, phase=np.pi / 2), FS).process(
-        x[None]
-    )[0]
+    y = stimlib.compile(
+        bumps("square", nb, duty, gain=1.0, amplitude=1.0, rectify=None, freq=0.0, phase=np.pi / 2),
+        FS,
+    ).process(x[None])[0]
     edges = np.flatnonzero(np.diff((y > 0.5).astype(int)))
     widths = 1e3 * np.diff(x[edges])
     first_is_ridge = y[edges[0] + 1] > 0.5
     ridge, groove = (widths[a::2] for a in ((0, 1) if first_is_ridge else (1, 0)))
     for seen, printed in ((ridge, TABLE_4_1[nb, duty][0]), (groove, TABLE_4_1[nb, duty][1])):
-        assert np.abs(seen - printed).max() <= 0.005 + 2 * 1e3 * speed / FS if seen.size else nb == 2
+        assert (
+            np.abs(seen - printed).max() <= 0.005 + 2 * 1e3 * speed / FS if seen.size else nb == 2
+        )
     assert y[1:].mean() == pytest.approx(duty, abs=1e-12)  # whole bumps
 
 
@@ -55,7 +64,9 @@ def test_ridges_and_grooves_of_the_rendered_signal(nb, duty):
 def test_table_6_1(waveform, amplitude):
     ours = [rms(waveform, d, amplitude) for d in (0.2, 0.5, 0.8)]
     printed = TABLE_6_1[waveform, amplitude]
-    if waveform == "sawtooth":  # a ramp has more: the paper's figures are up to 15 % below it, and ours are not fitted to them
+    # a ramp has more: the paper's figures are up to 15 % below it, and ours are not
+    # fitted to them
+    if waveform == "sawtooth":
         ratio = np.array(printed) / ours
         assert (ratio < 1.05).all() and (ratio > 0.82).all()
         assert amplitude == 0.5 or (ratio < 1).all()
@@ -66,7 +77,9 @@ def test_table_6_1(waveform, amplitude):
 
 
 def stroke(s, speed, phases=8):
-    """RMS in V before the amplifier of one stroke over 0.1 m, mean of squares over carrier phases."""
+    """RMS in V before the amplifier of one stroke over 0.1 m, mean of squares over
+    carrier phases.
+    """
     x = speed * np.arange(round(0.1 / speed * FS) + 1) / FS
     squares = []
     for k in range(phases):
@@ -83,7 +96,9 @@ def test_rms_of_all_81(s):
 
 
 def test_bumps_stay_at_their_places():
-    """Two movements, one surface: what is felt over a ridge does not depend on how the finger came there."""
+    """Two movements, one surface: what is felt over a ridge does not depend on how the
+    finger came there.
+    """
     scene = bumps("sine", 6, rectify=None, freq=0.0, phase=np.pi / 2, gain=1.0, amplitude=1.0)
     proc = stimlib.compile(scene, FS)
     t = np.arange(8000) / FS
@@ -93,11 +108,17 @@ def test_bumps_stay_at_their_places():
     fast = proc.process(np.ascontiguousarray(there[None, ::7]))[0]
     middle = (there[1:] + there[:-1]) / 2
     order = np.argsort(middle)
-    np.testing.assert_allclose(fast[1:], np.interp((there[7::7] + there[:-7:7]) / 2, middle[order], slow[1:][order]), atol=0.015)
+    np.testing.assert_allclose(
+        fast[1:],
+        np.interp((there[7::7] + there[:-7:7]) / 2, middle[order], slow[1:][order]),
+        atol=0.015,
+    )
 
 
 def test_contact():
-    """Silent off contact; re-contact somewhere else plays no bumps in between; the carrier goes on."""
+    """Silent off contact; re-contact somewhere else plays no bumps in between; the
+    carrier goes on.
+    """
     n = 4000
     x = np.r_[0.03 * np.arange(n) / FS, np.full(n, np.nan), 0.08 + 0.02 * np.arange(n) / FS]
     touch = np.repeat([1.0, 0.0, 1.0], n)
@@ -126,7 +147,9 @@ def test_amplitude_zero_is_silent_and_comes_back_in_phase():
 
 
 def test_equalised():
-    """Constant displacement up to the limit: 1 % between the knots, whatever the policy."""
+    """Constant displacement up to the limit: 1 % between the knots, whatever the
+    policy.
+    """
     knots = np.linspace(0, 0.1, 5)
 
     def mode(x):
@@ -155,7 +178,8 @@ def test_equalised():
 def test_limits_without_a_profile(headroom):
     x = 0.02 * np.arange(8000) / FS
     free, y = (
-        stimlib.compile(bumps(amplitude=7.5, **kw), FS).process(x[None])[0] for kw in ({}, {"limit": 300.0, "headroom": headroom})
+        stimlib.compile(bumps(amplitude=7.5, **kw), FS).process(x[None])[0]
+        for kw in ({}, {"limit": 300.0, "headroom": headroom})
     )
     wanted = np.minimum(free, 300.0) if headroom == "clip" else free * 300 / 375
     np.testing.assert_allclose(y, wanted, rtol=1e-12)
@@ -168,7 +192,9 @@ def test_it_keeps_laws_1_2_3(s, contact, equal, seed):
     profile = ([0.0, 0.03, 0.06, 0.1], [100.0, 120.0, 118.0, 90.0]) if equal else None
     scene = bumps(*s, contact=contact, displacement=profile, limit=350.0 if equal else None)
     fast, other, slow = (stimlib.compile(scene, FS, t) for t in ("numba", "numba", "python"))
-    x = np.cumsum(rng.standard_normal(n) * np.repeat(rng.choice([0.0, 1e-5, 1e-3, 0.1], n // 25), 25))
+    x = np.cumsum(
+        rng.standard_normal(n) * np.repeat(rng.choice([0.0, 1e-5, 1e-3, 0.1], n // 25), 25)
+    )
     touch = np.repeat(rng.choice([1.0, 1.0, 0.0], n // 50), 50)
     rows = np.array([{"x": x, "contact": touch}[name] for name in fast.inputs])
     sets = [q for q in some_sets(fast, n, rng, 6) if q.name != "freq" or q.value >= 0]
@@ -180,7 +206,13 @@ def test_it_keeps_laws_1_2_3(s, contact, equal, seed):
 
 
 def test_files_and_units(tmp_path):
-    scene = bumps([0.0, 1.0, 0.5], contact=True, displacement=([0, 0.05, 0.1], [1, 2, 1]), limit=400.0, headroom="scale")
+    scene = bumps(
+        [0.0, 1.0, 0.5],
+        contact=True,
+        displacement=([0, 0.05, 0.1], [1, 2, 1]),
+        limit=400.0,
+        headroom="scale",
+    )
     scene.save(tmp_path / "bumps.json")
     assert stimlib.load(tmp_path / "bumps.json").hash == scene.hash
     units = stimlib.compile(scene, FS).units
@@ -216,4 +248,7 @@ def test_a_carrier_above_half_the_sample_rate_is_an_error():
 
 
 def test_a_stimulus_is_a_scene():
-    assert bumps(*Stimulus("sine", 6, 0.5, 4.0)).hash == bumps("sine", bumps=6, duty=0.5, amplitude=4.0).hash
+    assert (
+        bumps(*Stimulus("sine", 6, 0.5, 4.0)).hash
+        == bumps("sine", bumps=6, duty=0.5, amplitude=4.0).hash
+    )

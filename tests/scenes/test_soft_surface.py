@@ -1,4 +1,6 @@
-"""The soft surface of Li et al. (2016): what each mode shows, that verify proves it and would notice, and a recorded pen."""
+"""The soft surface of Li et al. (2016): what each mode shows, that verify proves it and
+would notice, and a recorded pen.
+"""
 
 from types import SimpleNamespace
 
@@ -26,13 +28,22 @@ MOTION = {
 HARD = nodules([(0.09, 0.05, 0.006), (0.03, 0.075, 0.006)])  # on the way
 MODES = {
     "a pen's cursor": ({"mode": "cursor"}, {"x1", "y1", "force"}),
-    "a mouse's cursor": ({"mode": "cursor", "device": "mouse", "contact": True}, {"x1", "y1", "force"}),
+    "a mouse's cursor": (
+        {"mode": "cursor", "device": "mouse", "contact": True},
+        {"x1", "y1", "force"},
+    ),
     "combined": ({"contact": True}, {"x1", "y1", "depth1", "force"}),
     "in frames": ({"frames": True}, {"x1", "y1", "depth1", "force"}),
-    "a mouse in frames": ({"device": "mouse", "frames": True, "contact": True}, {"x1", "y1", "depth1", "force"}),
+    "a mouse in frames": (
+        {"device": "mouse", "frames": True, "contact": True},
+        {"x1", "y1", "depth1", "force"},
+    ),
     "deformation": ({"mode": "deformation", "device": "mouse"}, {"x1", "y1", "depth1", "force"}),
     "vibration": ({"mode": "vibration"}, {"x1", "y1", "force", "vibration"}),
-    "multipoint": ({"mode": "multipoint"}, {f"{n}{i}" for n in ("x", "y", "depth") for i in (1, 2, 3)} | {"force"}),
+    "multipoint": (
+        {"mode": "multipoint"},
+        {f"{n}{i}" for n in ("x", "y", "depth") for i in (1, 2, 3)} | {"force"},
+    ),
 }
 
 
@@ -57,11 +68,29 @@ FAULTS = {
     "table 1e-6 off": (Cursor, "c", 1 + 1e-6, "a mouse's cursor", "steps of the reversible cursor"),
     "delays 1e-6 off": (DelayAvatar, "per_newton", 1 + 1e-6, "combined", "waits of the avatar"),
     "noticed 10 % later": (DelayAvatar, "notice", 1.1, "combined", "waits of the avatar"),
-    "catching up 1 % off": (DelayAvatar, "catch_up", 1.01, "combined", "x1: the hand of some time ago"),
+    "catching up 1 % off": (
+        DelayAvatar,
+        "catch_up",
+        1.01,
+        "combined",
+        "x1: the hand of some time ago",
+    ),
     "vibration 10 % off": (Vibration, "factor", 1.1, "vibration", "vibration: as long"),
     "frames 5 % off": (FrameAvatar, "frame", 1.05, "in frames", "x1: the hand of some time ago"),
-    "mouse's frames 5 % off": (CursorFrames, "frame", 1.05, "a mouse in frames", "x1: eq. (1), frame by frame"),
-    "mouse never below .2": (CursorFrames, "slowest", 4.0, "a mouse in frames", "x1: eq. (1), frame by frame"),
+    "mouse's frames 5 % off": (
+        CursorFrames,
+        "frame",
+        1.05,
+        "a mouse in frames",
+        "x1: eq. (1), frame by frame",
+    ),
+    "mouse never below .2": (
+        CursorFrames,
+        "slowest",
+        4.0,
+        "a mouse in frames",
+        "x1: eq. (1), frame by frame",
+    ),
 }
 
 
@@ -75,13 +104,18 @@ def test_what_is_off_is_caught(name, monkeypatch):
         return p._replace(**{field: getattr(p, field) * factor}), s
 
     monkeypatch.setattr(owner, "design", design)
-    bad = [c.name for c in proved(soft_surface(**MODES[mode][0], S=HARD)).checks if not c.passed and c.group in "de"]
+    bad = [
+        c.name
+        for c in proved(soft_surface(**MODES[mode][0], S=HARD)).checks
+        if not c.passed and c.group in "de"
+    ]
     assert any(says in text for text in bad), bad
 
 
 def test_the_laws_of_avatars_see_starts_stands_speeds_and_short_frames():
     n, on = np.arange(6.0), np.array([1, 1, 0, 0, 1, 1]) > 0
-    x = np.array([0, 1, 1, 1, 4, 5.0])  # over a soft place, in mm: it follows, stands, and starts at the hand
+    # over a soft place, in mm: it follows, stands, and starts at the hand
+    x = np.array([0, 1, 1, 1, 4, 5.0])
 
     def error(x):
         return law.reversible(lambda x, y: 0.0 * x, 1e-3 * x, 0 * x, 1e-3 * n, 0 * x, on)[0]
@@ -92,7 +126,8 @@ def test_the_laws_of_avatars_see_starts_stands_speeds_and_short_frames():
     seen, hand = (np.array([np.repeat([6, 2, last], 4), np.zeros(12)]) * 1e-3 for last in (3.2, 3))
     got = law.by_frames(lambda x, y: x / 0.01, seen, hand, np.ones(12, bool), 4, (0.3, 1.2))
     np.testing.assert_allclose(got, seen, rtol=0, atol=1e-12)
-    k, b = np.arange(40.0), SimpleNamespace(frame=0.0005, notice=0.01, per_newton=0.5)  # frames of half a sample
+    # frames of half a sample
+    k, b = np.arange(40.0), SimpleNamespace(frame=0.0005, notice=0.01, per_newton=0.5)
     rows = k, 0 * k, np.where(k < 20, 0.0, 0.02)
     out, due, _ = law.delayed_by_frames(rows, 0.01 * (k == 20), k >= 0, 1000.0, b)
     np.testing.assert_allclose(out[0], np.where((k > 20) & (k < 30), 20, k))
@@ -105,18 +140,40 @@ def test_a_row_that_is_off_either_way_is_seen():
     x = np.array([MOTION[name][300:340] for name in proc.inputs])
     y = proc.process(x)
     for factor, passes in ((1.0, True), (1 + 1e-9, False), (1 - 1e-9, False)):
-        e = SimpleNamespace(scene=scene, proc=proc, fs=FS, x=x, y=factor * y, seed=0, params={}, numbers=[], wanted={})
+        e = SimpleNamespace(
+            scene=scene,
+            proc=proc,
+            fs=FS,
+            x=x,
+            y=factor * y,
+            seed=0,
+            params={},
+            numbers=[],
+            wanted={},
+        )
         checks = law.soft_surface(asked(e, scene.parts[0]))
-        assert all(c.passed is passes for c in checks if c.name.startswith(("force", "depth1"))), factor
+        assert all(c.passed is passes for c in checks if c.name.startswith(("force", "depth1"))), (
+            factor
+        )
 
 
 def test_depth_and_force_are_the_papers_and_the_springs():
     over, beside = np.array([0.06, 0.02]), np.array([0.06, 0.06])
     S = nodules([(0.06, 0.06, 0.006)])
     level = np.array([0.75, 0.75])
-    y = dict(zip("x1 y1 depth1 force".split(), run(soft_surface("deformation", S=S), over, beside, level), strict=True))
+    y = dict(
+        zip(
+            "x1 y1 depth1 force".split(),
+            run(soft_surface("deformation", S=S), over, beside, level),
+            strict=True,
+        )
+    )
     np.testing.assert_allclose(y["force"], 2.366609, atol=5e-7)
-    np.testing.assert_allclose(y["depth1"], [2.366609 / 1200, 2.366609 / (400 + 800 * (1 + (40 / 12.5) ** 2) ** -3)], rtol=1e-6)
+    np.testing.assert_allclose(
+        y["depth1"],
+        [2.366609 / 1200, 2.366609 / (400 + 800 * (1 + (40 / 12.5) ** 2) ** -3)],
+        rtol=1e-6,
+    )
     three = stimlib.compile(soft_surface("multipoint", S=S), FS)
     got = dict(zip(three.outputs, three.process(np.array([[0.06], [0.03], [0.75]])), strict=True))
     np.testing.assert_allclose([got["y1"][0], got["x2"][0]], [0.041547005, 0.05], atol=1e-9)
@@ -172,7 +229,11 @@ def test_a_recorded_pen_over_three_nodules():
     path = DATA / "pen-pressure" / "pen_loops.csv"
     if not path.is_file():
         pytest.skip("the recordings are not beside the project")
-    columns = {"x": "(x_raw - 4034)*3.404e-6 + 0.008", "y": "(y_raw - 2860)*8.184e-6 + 0.008", "press": "pressure_raw/23825"}
+    columns = {
+        "x": "(x_raw - 4034)*3.404e-6 + 0.008",
+        "y": "(y_raw - 2860)*8.184e-6 + 0.008",
+        "press": "pressure_raw/23825",
+    }
     pen = recording(path, columns, reports="on_change", max_speed={"press": None})
     scene = soft_surface("combined", S=block(1.66), contact=True)
     motion = pen.for_inputs(tuple(scene.inputs))
@@ -181,5 +242,7 @@ def test_a_recorded_pen_over_three_nodules():
     assert r.passed, str(r)
     touching = pen.contact(result.t) > 0
     assert not result["force"][~touching].any() and 5.0 < result["force"].max() < 5.5
-    lag = np.hypot(result["x1"] - pen.motion["x"](result.t), result["y1"] - pen.motion["y"](result.t))[touching]
+    lag = np.hypot(
+        result["x1"] - pen.motion["x"](result.t), result["y1"] - pen.motion["y"](result.t)
+    )[touching]
     assert 0.005 < lag.max() < 0.1 and np.median(lag) < 0.02

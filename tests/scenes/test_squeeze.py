@@ -1,4 +1,6 @@
-"""The two-finger squeeze against a second one, written by hand from the UGrip paper without stimlib; and what it promises."""
+"""The two-finger squeeze against a second one, written by hand from the UGrip paper
+without stimlib; and what it promises.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from stimlib.scenes import squeeze
 TAU = 1 / 8000  # the paper's sample period
 
 
-# The witness: numpy and scipy only -------------------------------------------------------------------------------------
+# The witness: numpy and scipy only ----------------------------------------------------
 def philox(counter, key):
     """Philox4x32-10 of rows of four and two 32-bit words."""
     c, k = [np.array(v, np.uint64) for v in counter], [np.array(v, np.uint64) for v in key]
@@ -31,17 +33,30 @@ def philox(counter, key):
 def white(key, start, n):
     """Box-Muller deviates start .. start + n of a stream, start even."""
     m = np.array([(start % 2**64 // 2 + i) % 2**63 for i in range(n // 2 + 1)], np.uint64)
-    a, b = philox([m & np.uint64(0xFFFFFFFF), m >> np.uint64(32), 0 * m, 0 * m], [key & 0xFFFFFFFF, key >> 32])
+    a, b = philox(
+        [m & np.uint64(0xFFFFFFFF), m >> np.uint64(32), 0 * m, 0 * m], [key & 0xFFFFFFFF, key >> 32]
+    )
     radius = np.sqrt(-2 * np.log((a.astype(float) + 0.5) / 2**64))
-    turns = (b >> np.uint64(62)).astype(float) / 4 + ((b >> np.uint64(11) & np.uint64(2**51 - 1)).astype(float) - 2**50) / 2**53
-    return np.stack([radius * np.cos(2 * np.pi * turns), radius * np.sin(2 * np.pi * turns)], axis=1).ravel()[:n]
+    turns = (b >> np.uint64(62)).astype(float) / 4 + (
+        (b >> np.uint64(11) & np.uint64(2**51 - 1)).astype(float) - 2**50
+    ) / 2**53
+    return np.stack(
+        [radius * np.cos(2 * np.pi * turns), radius * np.sin(2 * np.pi * turns)], axis=1
+    ).ravel()[:n]
 
 
-def witness(x, fs, stream, k, A, poles, r, d, q, taps, on, off, cutoff=100.0, seed=0, run=0, lead=256):
-    """F = k x + A (k tau v)(tau dp/dt) while v, from two poles, is loading; noise runs on the loading samples only."""
+def witness(
+    x, fs, stream, k, A, poles, r, d, q, taps, on, off, cutoff=100.0, seed=0, run=0, lead=256
+):
+    """F = k x + A (k tau v)(tau dp/dt) while v, from two poles, is loading; noise runs
+    on the loading samples only.
+    """
     c = philox([seed & 0xFFFFFFFF, seed >> 32, stream, 0], [run & 0xFFFFFFFF, run >> 32])
     n = white(int(c[0]), -lead, lead + x.size)
-    p = d * n + sum(rk * lfilter([1], [1, -pk], n, zi=[pk * qk])[0] for pk, rk, qk in zip(poles, r, q, strict=True))
+    p = d * n + sum(
+        rk * lfilter([1], [1, -pk], n, zi=[pk * qk])[0]
+        for pk, rk, qk in zip(poles, r, q, strict=True)
+    )
     dp = np.convolve(p, taps)[lead : lead + x.size]
     pole = np.exp(-2 * np.pi * cutoff / fs)
     v = np.diff(x, prepend=x[0]) * fs
@@ -56,14 +71,19 @@ def witness(x, fs, stream, k, A, poles, r, d, q, taps, on, off, cutoff=100.0, se
     return k * x + A * (k * TAU * v) * (TAU * noise)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------
 def data_of(proc, finger):
     """The designed numbers of one finger, as plain arrays."""
     of = {}
     for q, (p, s) in zip(proc.program.instances, proc.design, strict=True):
         if isinstance(q.block, PinkNoise) and q.kind == "block" and q.block.white.stream == finger:
             used = p.r != 0
-            of |= {"poles": p.p[used], "r": p.r[used], "d": p.d, "q": q.block.start(p, s, proc.seed).q[used]}
+            of |= {
+                "poles": p.p[used],
+                "r": p.r[used],
+                "d": p.d,
+                "q": q.block.start(p, s, proc.seed).q[used],
+            }
         if isinstance(q.block, Differentiator):
             of["taps"] = p.taps[::-1][: int(p.order) + 1]
         if isinstance(q.block, Loading):
@@ -78,14 +98,18 @@ def fingers(fs, seconds):
     return np.round(np.stack([one, other]) * 1e6) / 1e6
 
 
-@pytest.mark.parametrize(("fs", "seed", "run"), [(8000.0, 0, 0), (8000.0, 2**63 + 7, 2**40 + 3), (48000.0, 5, 1)])
+@pytest.mark.parametrize(
+    ("fs", "seed", "run"), [(8000.0, 0, 0), (8000.0, 2**63 + 7, 2**40 + 3), (48000.0, 5, 1)]
+)
 def test_an_independent_squeeze_gives_the_same_force(fs, seed, run):
     x = fingers(fs, 1.2)
     proc = stimlib.compile(squeeze(k=1700.0, A=2.9, seed=seed), fs, seed=run)
     y = proc.process(x)
     lead = max(256, round(0.032 * fs))
     for i in (0, 1):
-        mine = witness(x[i], fs, i + 1, 1700.0, 2.9, **data_of(proc, i + 1), seed=seed, run=run, lead=lead)
+        mine = witness(
+            x[i], fs, i + 1, 1700.0, 2.9, **data_of(proc, i + 1), seed=seed, run=run, lead=lead
+        )
         spring = 1700.0 * x[i]
         vibration = np.abs(mine - spring).max()
         assert vibration > 0.05
@@ -94,20 +118,27 @@ def test_an_independent_squeeze_gives_the_same_force(fs, seed, run):
 
 
 def expected_rms(fs, v, k=2000.0, A=3.4):
-    """From the response of the noise chain: the pass band, and what the transition band lets through."""
+    """From the response of the noise chain: the pass band, and what the transition band
+    lets through.
+    """
     chain = Scene({"dp": b.differentiator(b.pink_noise(1 / np.pi, 0, f_low=10.0), passband=1000.0)})
     proc = stimlib.compile(chain, fs, "python")
     f = np.linspace(0, fs / 2, 40001)[1:-1]
     density = np.abs(proc.response("dp", "white(0, 0)", f)) ** 2 * 2 / fs
     inside = f <= 1000
     step = f[1] - f[0]
-    return [A * k * TAU * v * TAU * np.sqrt(np.sum(density[band]) * step) for band in (inside, slice(None))]
+    return [
+        A * k * TAU * v * TAU * np.sqrt(np.sum(density[band]) * step)
+        for band in (inside, slice(None))
+    ]
 
 
 @pytest.mark.parametrize("fs", [8000.0, 48000.0])
 def test_the_vibration_has_the_level_of_the_paper_at_any_rate(fs):
     band, total = expected_rms(fs, 0.1)
-    assert band == pytest.approx(3.4 * 2000 * TAU * 0.1 * TAU * np.pi * 1000 * np.sqrt(2 / np.pi), rel=2e-3)
+    assert band == pytest.approx(
+        3.4 * 2000 * TAU * 0.1 * TAU * np.pi * 1000 * np.sqrt(2 / np.pi), rel=2e-3
+    )
     assert band == pytest.approx(0.027, rel=0.02)
     proc = stimlib.compile(squeeze(fingers=1), fs)
     x = 0.1 * np.arange(int(30 * fs)) / fs
@@ -115,7 +146,9 @@ def test_the_vibration_has_the_level_of_the_paper_at_any_rate(fs):
     assert np.sqrt(np.mean(vibration**2)) == pytest.approx(total, rel=0.01)
     spectrum = np.fft.rfft(vibration)
     spectrum[int(1000 * vibration.size / fs) :] = 0
-    assert np.sqrt(np.mean(np.fft.irfft(spectrum, vibration.size) ** 2)) == pytest.approx(0.027, rel=0.02)
+    assert np.sqrt(np.mean(np.fft.irfft(spectrum, vibration.size) ** 2)) == pytest.approx(
+        0.027, rel=0.02
+    )
 
 
 def test_the_vibration_grows_with_the_rate_and_not_with_the_depth():
@@ -156,7 +189,8 @@ def test_noise_is_skipped_at_A_0_and_A_k_and_level_are_live():
     proc = stimlib.compile(squeeze(A=0.0), 8000)
     fresh = proc.state
     assert_same(proc.process(x), 2000 * x)
-    white_at = [k for k in range(2, fresh.size) if fresh[k] == 0]  # a stream's index at sample 0 is among these
+    # a stream's index at sample 0 is among these
+    white_at = [k for k in range(2, fresh.size) if fresh[k] == 0]
     assert (proc.state[white_at] == 4000).sum() == 2, "only the two guards have counted"
     for name in ("A", "level"):
         proc = stimlib.compile(squeeze(), 8000)
@@ -167,7 +201,9 @@ def test_noise_is_skipped_at_A_0_and_A_k_and_level_are_live():
         np.testing.assert_array_equal(proc.process(rest), 2000 * rest)
     proc = stimlib.compile(squeeze(), 8000)
     proc.set("A", 6.8, ramp=0.0)
-    np.testing.assert_allclose(proc.process(x) - 2000 * x, 2 * (on - 2000 * x), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        proc.process(x) - 2000 * x, 2 * (on - 2000 * x), rtol=1e-9, atol=1e-15
+    )
     proc = stimlib.compile(squeeze(), 8000)
     proc.set("k", 1000.0, ramp=0.0)
     np.testing.assert_allclose(proc.process(x), on / 2, rtol=1e-12)
@@ -203,11 +239,16 @@ def test_off_contact_is_silent_and_re_contact_starts_anew():
     y = proc.process(np.array([rows[n] for n in proc.inputs]))[0] - 2000 * x
     assert not y[touch == 0].any()
     early, late = y[(t > 0.1) & (t < 0.44)], y[t > 0.6]
-    assert np.abs(late).max() < 0.5 * np.abs(early).max() and np.std(late) == pytest.approx(np.std(early) / 5, rel=0.2)
+    assert np.abs(late).max() < 0.5 * np.abs(early).max() and np.std(late) == pytest.approx(
+        np.std(early) / 5, rel=0.2
+    )
     assert np.abs(y[(t > 0.55) & (t < 0.6)]).max() <= 1.2 * np.abs(late).max()
 
 
-@pytest.mark.parametrize("scene", [squeeze(fingers=1), squeeze(fingers=3, k=500.0), squeeze(passband=1200.0, cutoff=50.0)])
+@pytest.mark.parametrize(
+    "scene",
+    [squeeze(fingers=1), squeeze(fingers=3, k=500.0), squeeze(passband=1200.0, cutoff=50.0)],
+)
 def test_it_is_a_scene_like_any_other(scene, tmp_path):
     scene.save(tmp_path / "scene.json")
     again = stimlib.load(tmp_path / "scene.json")

@@ -1,4 +1,6 @@
-"""The scene of a measured texture, held against its law; and the law against the block at its edges."""
+"""The scene of a measured texture, held against its law; and the law against the block
+at its edges.
+"""
 
 import dataclasses as dc
 
@@ -20,7 +22,9 @@ HAND = {"x": sinusoid(0.03, 1.0), "force": sinusoid(0.8, 3.0, mean=1.0)}
 
 
 def report(scene, motion, fs, seconds, **more):
-    return verify(scene, motion, stimlib.render(scene, motion, fs=fs, seconds=seconds, seed=3, **more))
+    return verify(
+        scene, motion, stimlib.render(scene, motion, fs=fs, seconds=seconds, seed=3, **more)
+    )
 
 
 def test_a_stroke_is_proved_sample_by_sample():
@@ -35,7 +39,9 @@ def test_a_steady_stroke_has_the_spectrum_of_its_place():
     assert r.passed and any("acceleration: spectrum" in c.name for c in r.checks), str(r)
     a = asked(r.evidence, r.evidence.scene.parts[0])
     for factor, refused in ((1.0, False), (1.2, True)):
-        checks = scenes.SCENES["texture"](dc.replace(a, y={"acceleration": factor * a.y["acceleration"]}))
+        checks = scenes.SCENES["texture"](
+            dc.replace(a, y={"acceleration": factor * a.y["acceleration"]})
+        )
         assert any("acceleration: spectrum" in c.name for c in checks if not c.passed) is refused
 
 
@@ -48,7 +54,11 @@ def test_a_number_one_per_mille_off_is_caught(monkeypatch, field):
         return p._replace(**{field: getattr(p, field) * 1.001}), s
 
     monkeypatch.setattr(Texture, "design", design)
-    bad = {c.group for c in report(stimlib.scenes.texture(MODEL), HAND, 8000, 0.2).checks if not c.passed}
+    bad = {
+        c.group
+        for c in report(stimlib.scenes.texture(MODEL), HAND, 8000, 0.2).checks
+        if not c.passed
+    }
     assert bad == {"d", "f"}
 
 
@@ -58,7 +68,9 @@ def odd():
     lsf, ma = np.sort(rng.uniform(0.2, 3.0, (5, 3)), axis=1), rng.uniform(0.5, 2.5, (5, 1))
     triangles = [[0, 1, 4], [1, 4, 3], [3, 4, 2], [0, 4, 2], [0, 1, 4]]
     place = [0.0, 0.2, 0.0, 0.2, 1e-7], [0.0, 0.0, 3.0, 3.0, 1.0]
-    return TextureModel(*place, triangles, lsf, ma, [0.0, 0.5, 0.3, 1.0, 0.2], rng.uniform(0.5, 2, 5), 500.0)
+    return TextureModel(
+        *place, triangles, lsf, ma, [0.0, 0.5, 0.3, 1.0, 0.2], rng.uniform(0.5, 2, 5), 500.0
+    )
 
 
 def test_the_law_and_the_block_agree_at_the_edges():
@@ -66,9 +78,13 @@ def test_the_law_and_the_block_agree_at_the_edges():
     rng = np.random.default_rng(6)
     v, f = rng.uniform(-0.3, 0.3, n), rng.uniform(-0.5, 4, n)
     v[1000:1100], f[2000:2100], v[3000:3100], f[3500:3600] = np.nan, np.nan, np.inf, -np.inf
-    proc = stimlib.compile(Scene({"a": texture(Input("v", "m/s"), Input("f", "N"), model, seed=7)}), 1500, seed=11)
+    proc = stimlib.compile(
+        Scene({"a": texture(Input("v", "m/s"), Input("f", "N"), model, seed=7)}), 1500, seed=11
+    )
     want = laws.texture(model, v, f, laws.white(11, 7, 0, 0, n), 3)
-    np.testing.assert_allclose(proc.process(np.array([v, f]))[0], want, atol=1e-7 * np.abs(want).max())
+    np.testing.assert_allclose(
+        proc.process(np.array([v, f]))[0], want, atol=1e-7 * np.abs(want).max()
+    )
 
 
 def test_a_lift_is_silent_and_a_file_is_a_model(tmp_path):
@@ -76,7 +92,10 @@ def test_a_lift_is_silent_and_a_file_is_a_model(tmp_path):
     scene = stimlib.scenes.texture(tmp_path / "a.xml", contact=True)
     lifted = HAND | {"contact": lambda t: 1.0 * (t < 0.2)}
     r = stimlib.render(scene, lifted, fs=1000, seconds=0.6)
-    assert np.abs(r["acceleration"][50:200]).max() > 0.1 and np.abs(r["acceleration"][450:]).max() < 1e-4
+    assert (
+        np.abs(r["acceleration"][50:200]).max() > 0.1
+        and np.abs(r["acceleration"][450:]).max() < 1e-4
+    )
     assert verify(scene, lifted, r).passed
     assert list(scene.inputs) == ["x", "contact", "force"]
     with pytest.raises(BadValue, match="cannot read"):

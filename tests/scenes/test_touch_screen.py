@@ -1,4 +1,6 @@
-"""The touch screen down to the finger: its law, what the law catches, and what the swap is for."""
+"""The touch screen down to the finger: its law, what the law catches, and what the swap
+is for.
+"""
 
 import dataclasses as dc
 import re
@@ -18,18 +20,29 @@ GLASS = dc.replace(Plate.paper(measured=True), terms=10)
 
 
 def report(scene, motion, **words):
-    return stimlib.verify(scene, {"x": motion}, stimlib.render(scene, {"x": motion}, 8000, 0.5, **words))
+    return stimlib.verify(
+        scene, {"x": motion}, stimlib.render(scene, {"x": motion}, 8000, 0.5, **words)
+    )
 
 
 @pytest.mark.parametrize(
     "more",
-    [{}, {"swap": 1.0, "rectify": "half", "waveform": "sawtooth"}, {"waveform": "square", "amplitude": 3.0}, {"finger": True}],
+    [
+        {},
+        {"swap": 1.0, "rectify": "half", "waveform": "sawtooth"},
+        {"waveform": "square", "amplitude": 3.0},
+        {"finger": True},
+    ],
 )
 @pytest.mark.filterwarnings("ignore:touch_screen.* are held")
 def test_every_stage_is_proved(more):
-    r = report(touch_screen(model=GLASS, **more), minimum_jerk(depth=0.1, rise=0.3), params={"duty": 0.4})
+    r = report(
+        touch_screen(model=GLASS, **more), minimum_jerk(depth=0.1, rise=0.3), params={"duty": 0.4}
+    )
     assert r.passed, str(r)
-    assert "voltage: every stage" in str(r) and ("displacement: sum over" in str(r)) == ("finger" not in more)
+    assert "voltage: every stage" in str(r) and ("displacement: sum over" in str(r)) == (
+        "finger" not in more
+    )
 
 
 def test_the_law_sees_another_voltage_and_another_plate():
@@ -43,7 +56,11 @@ def test_a_carrier_beside_the_resonance_is_refused():
     data = touch_screen(model=GLASS).to_dict()
     (freq,) = (b["fields"] for b in data["blocks"] if b["fields"].get("name") == "freq")
     freq["value"] *= 1.000001
-    (bad,) = [c.name for c in report(Scene.from_dict(data), constant_speed(0.1, 0.1)).checks if not c.passed]
+    (bad,) = [
+        c.name
+        for c in report(Scene.from_dict(data), constant_speed(0.1, 0.1)).checks
+        if not c.passed
+    ]
     assert bad == "parameters: as they were asked for"
 
 
@@ -71,7 +88,9 @@ def test_the_displacement_is_the_same_everywhere_and_the_swap_keeps_the_bumps():
     ],
 )
 def test_a_drive_that_the_patches_cannot_take_warns_and_says_what_is_lost(more):
-    """Against the scene itself: a bump that is on all the time, a finger held where the plate moves least."""
+    """Against the scene itself: a bump that is on all the time, a finger held where the
+    plate moves least.
+    """
     words = {"waveform": "square", "duty": 1.0, "model": GLASS, "modes": 1} | more
     with pytest.warns(RuntimeWarning, match="% of the vibration is lost") as told:
         scene = touch_screen(**words)

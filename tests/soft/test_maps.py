@@ -1,4 +1,6 @@
-"""Stiffness maps against numbers worked out by hand; pictures and arrays that are none."""
+"""Stiffness maps against numbers worked out by hand; pictures and arrays that are
+none.
+"""
 
 import struct
 import zlib
@@ -17,7 +19,10 @@ FALL = np.array([1, 0.512, 0.125, 0.008])
 def along(S, x, y):
     """The level at nodes of the table."""
     rows, columns = S.levels.shape
-    return S.levels[np.rint(np.asarray(y) / S.height * (rows - 1)).astype(int), np.rint(x / S.width * (columns - 1)).astype(int)]
+    return S.levels[
+        np.rint(np.asarray(y) / S.height * (rows - 1)).astype(int),
+        np.rint(x / S.width * (columns - 1)).astype(int),
+    ]
 
 
 @pytest.mark.parametrize(("b", "top"), [(0.006, 1), (0.005, 125 / 216), (0.004, 8 / 27)])
@@ -29,20 +34,30 @@ def test_a_nodule(b, top):
 
 def test_two_nodules_a_deep_one_and_the_other_shape():
     S = nodules([(0.02, 0.01, 0.006), (0.045, 0.01, 0.004)], 0.1, 0.02, spacing=0.0025)
-    assert along(S, np.array(0.0325), 0.01) == pytest.approx(17 / 108, abs=1e-12)  # 1 - (7/8)(26/27)
-    assert nodules([(0.05, 0.01, 0.006, 0.025)], 0.1, 0.02, 0.01).levels[1, 5] == pytest.approx(1 / 16, abs=1e-12)
-    np.testing.assert_allclose(
-        nodules([(0.05, 0.0, 0.006, 0.025)], 0.1, 0.025, 0.025).levels[0, 2:4], [1 / 16, 1 / 128], atol=1e-12
+    # 1 - (7/8)(26/27)
+    assert along(S, np.array(0.0325), 0.01) == pytest.approx(17 / 108, abs=1e-12)
+    assert nodules([(0.05, 0.01, 0.006, 0.025)], 0.1, 0.02, 0.01).levels[1, 5] == pytest.approx(
+        1 / 16, abs=1e-12
     )
-    assert nodules([(0.05, 0.01, 0.006, 0.006)], 0.1, 0.02, 0.01).levels.max() == 1  # nearer than A's is no harder than hard
+    np.testing.assert_allclose(
+        nodules([(0.05, 0.0, 0.006, 0.025)], 0.1, 0.025, 0.025).levels[0, 2:4],
+        [1 / 16, 1 / 128],
+        atol=1e-12,
+    )
+    # nearer than A's is no harder than hard
+    assert nodules([(0.05, 0.01, 0.006, 0.006)], 0.1, 0.02, 0.01).levels.max() == 1
     half = 12.5e-3 * (2 ** (1 / 3) - 1) ** 0.5
     bell = nodules([(0.0, 0.01, 0.006)], 4 * half, 0.02, spacing=half, shape="gaussian")
-    np.testing.assert_allclose(bell.levels[bell.levels.shape[0] // 2, :3], [1, 0.5, 1 / 16], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        bell.levels[bell.levels.shape[0] // 2, :3], [1, 0.5, 1 / 16], rtol=0, atol=1e-12
+    )
 
 
 def test_the_experiment_has_thirteen_pairs():
     assert len(THIRTEEN) == len(set(THIRTEEN)) == 13
-    assert sum(side == "none" for pair in THIRTEEN for side in pair) == 8 and all(pair[::-1] in THIRTEEN for pair in THIRTEEN)
+    assert sum(side == "none" for pair in THIRTEEN for side in pair) == 8 and all(
+        pair[::-1] in THIRTEEN for pair in THIRTEEN
+    )
     S = sides("B1", "A1")
     np.testing.assert_allclose(
         along(S, np.array([0.03, 0.09]), 0.06), [125 / 216, 1], rtol=0, atol=2e-3
@@ -51,7 +66,10 @@ def test_the_experiment_has_thirteen_pairs():
 
 
 def test_the_block_can_be_turned():
-    x, y = 0.06 + 0.03 * np.cos(a := np.pi / 2 + np.arange(3) * 2 * np.pi / 3), 0.06 + 0.03 * np.sin(a)
+    x, y = (
+        0.06 + 0.03 * np.cos(a := np.pi / 2 + np.arange(3) * 2 * np.pi / 3),
+        0.06 + 0.03 * np.sin(a),
+    )
     got = along(block(spacing=0.00125), x, y)
     np.testing.assert_allclose(got, [1, 125 / 216, 8 / 27], rtol=0, atol=0.02)
     np.testing.assert_allclose(block(np.pi).levels[::-1, ::-1], block().levels, rtol=0, atol=1e-12)
@@ -62,22 +80,33 @@ def test_pictures(tmp_path):
     imsave(tmp_path / "rgb.png", np.repeat(grey[..., None], 3, 2))
     S = image(tmp_path / "rgb.png", width=0.03)
     np.testing.assert_allclose(S.levels, grey[::-1] / 255, atol=1e-7)
-    assert (S.width, S.height) == (0.03, 0.06) and image(tmp_path / "rgb.png", 0.03, 0.01).height == 0.01
-    deep = b"".join(b"\0" + np.array(row, ">u2").tobytes() for row in ([0, 65535], [13107, 1]))  # 16 bits, grey
+    assert (S.width, S.height) == (0.03, 0.06) and image(
+        tmp_path / "rgb.png", 0.03, 0.01
+    ).height == 0.01
+    # 16 bits, grey
+    deep = b"".join(b"\0" + np.array(row, ">u2").tobytes() for row in ([0, 65535], [13107, 1]))
 
     def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
 
     png = (
-        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 2, 2, 16, 0, 0, 0, 0)) + chunk(b"IDAT", zlib.compress(deep))
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", 2, 2, 16, 0, 0, 0, 0))
+        + chunk(b"IDAT", zlib.compress(deep))
     )
     (tmp_path / "deep.png").write_bytes(png + chunk(b"IEND", b""))
-    np.testing.assert_allclose(image(tmp_path / "deep.png").levels, [[0.2, 1 / 65535], [0, 1]], atol=1e-7)
+    np.testing.assert_allclose(
+        image(tmp_path / "deep.png").levels, [[0.2, 1 / 65535], [0, 1]], atol=1e-7
+    )
     (tmp_path / "cut.png").write_bytes(png[:48])
     (tmp_path / "head.png").write_bytes(png[:16])
     (tmp_path / "huge.png").write_bytes(png[:16] + struct.pack(">II", 10**5, 10**5) + png[24:])
     (tmp_path / "text.png").write_text("S")
-    (tmp_path / "twice.png").write_bytes(png[:33] + chunk(b"IHDR", struct.pack(">IIBBBBB", 3, 2, 16, 0, 0, 0, 0)) + png[33:])
+    (tmp_path / "twice.png").write_bytes(
+        png[:33] + chunk(b"IHDR", struct.pack(">IIBBBBB", 3, 2, 16, 0, 0, 0, 0)) + png[33:]
+    )
     imsave(tmp_path / "one.png", np.zeros((1, 1)))
     for name, says in {
         "cut": "damaged",

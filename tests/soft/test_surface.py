@@ -9,7 +9,11 @@ from stimlib import BadValue, Input, Scene
 from stimlib.errors import SinkError
 from stimlib.soft import film, picture, surface
 
-HAND = {"x1": np.linspace(0.02, 0.04, 40), "y1": np.full(40, 0.03), "depth1": np.linspace(0.0, 0.01, 40)}
+HAND = {
+    "x1": np.linspace(0.02, 0.04, 40),
+    "y1": np.full(40, 0.03),
+    "depth1": np.linspace(0.0, 0.01, 40),
+}
 RESULT = stimlib.render(Scene({name: Input(name, "m") * 1.0 for name in HAND}), HAND, fs=100)
 SMALL = {"width": 0.06, "height": 0.06, "progress_bar": False}
 
@@ -24,16 +28,23 @@ def test_nodes_that_move():
     h = down((30, 30, 7.5))
     assert h.shape == (25, 25) and h.argmax() == 12 * 25 + 12
     near = down((31, 29.4, 7.5))
-    assert near[12, 12] == pytest.approx(7.5, abs=1e-12)  # the nearest node goes down by the whole depth
+    # the nearest node goes down by the whole depth
+    assert near[12, 12] == pytest.approx(7.5, abs=1e-12)
     assert near[12, 13] == pytest.approx(7.5 - 5 + (25 - 1.5**2 - 0.6**2) ** 0.5, abs=1e-9)
-    assert not down((30, -60, 3.0)).any() and not down((0, 0, 0.0)).any() and not surface([], 0.06, 0.06).any()
+    assert (
+        not down((30, -60, 3.0)).any()
+        and not down((0, 0, 0.0)).any()
+        and not surface([], 0.06, 0.06).any()
+    )
 
 
 def test_where_neighbourhoods_overlap():
     at = [8, 10, 11, 12, 13, 16]
     two = (20, 30, 15), (40, 30, 15)
     np.testing.assert_allclose(down(*two)[12, at], [15, 10, 5, 5, 5, 15], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(down(*two, join="deepest")[12, at], [15, 10, 7.5, 5, 7.5, 15], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        down(*two, join="deepest")[12, at], [15, 10, 7.5, 5, 7.5, 15], rtol=0, atol=1e-9
+    )
 
 
 def test_a_picture_is_of_its_time():
@@ -62,7 +73,8 @@ def test_a_film_takes_as_long_as_the_movement(tmp_path):
         shown = [(gif.seek(i), gif.info["duration"])[1] for i in range(gif.n_frames)]
     assert shown == [30, 40, 30, 30]  # a GIF counts in 10 ms; the sum is 4/30 s to one of them
     brief = stimlib.render(RESULT.scene, {name: x[:2] for name, x in HAND.items()}, fs=100)
-    assert film(brief, tmp_path / "frames", fps=60, **SMALL) == 1  # the next would be sample 1.67, which there is not
+    # the next would be sample 1.67, which there is not
+    assert film(brief, tmp_path / "frames", fps=60, **SMALL) == 1
 
 
 @pytest.mark.parametrize(
@@ -81,7 +93,10 @@ def test_a_film_takes_as_long_as_the_movement(tmp_path):
         (lambda: surface([(0, 0, 1)], width=-1.0), "width"),
         (lambda: picture(RESULT, at=0.5), "0 to 0.39 s"),
         (lambda: picture(RESULT, at=-0.1), "0 to 0.39 s"),
-        (lambda: picture(stimlib.render(Scene({"y": Input("y")}), {"y": np.ones(3)}, fs=100)), "outputs x1 and y1"),
+        (
+            lambda: picture(stimlib.render(Scene({"y": Input("y")}), {"y": np.ones(3)}, fs=100)),
+            "outputs x1 and y1",
+        ),
         (lambda: film(RESULT, "a.mp4"), ".gif"),
         (lambda: film(RESULT, "a.gif", fps=0.0), "fps"),
     ],

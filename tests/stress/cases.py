@@ -1,10 +1,12 @@
-"""What is done to blocks and scenes in ``make stress``: kinds of input, rates, sizes of blocks, and how a hand moves."""
+"""What is done to blocks and scenes in ``make stress``: kinds of input, rates, sizes of
+blocks, and how a hand moves.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Inputs: of n samples at a rate ------------------------------------------------------------------------------------------
+# Inputs: of n samples at a rate -------------------------------------------------------
 DENORMALS = [5e-324, -5e-324, 1e-310, -2.2e-308, 0.0, -0.0]
 WRONG = [np.nan, np.inf, -np.inf]
 
@@ -42,23 +44,25 @@ FINITE = {
 }
 INPUTS = FINITE | {"nan and inf anywhere": wrong}
 
-# Rates and blocks --------------------------------------------------------------------------------------------------------
+# Rates and blocks ---------------------------------------------------------------------
 RATES = [1000.0, 2000.0, 4000.0, 8000.0, 11025.0, 22050.0, 44100.0, 48000.0, 96000.0, 192000.0]
 PRIMES = [2, 3, 5, 7, 11, 13, 31, 61, 67, 127, 131, 257, 509, 1021, 2053, 4099, 8191]
 SIZES = [1, *PRIMES, 63, 64, 65, 128, 129, 1024, 4096, 8192, 8193]
 
-# Ends of a number that lies from 0 to 1 -----------------------------------------------------------------------------------
+# Ends of a number that lies from 0 to 1 -----------------------------------------------
 SMALL = [5e-324, 1e-300, 1e-30, 2.0**-53, 1e-9]
 LARGE = [1 - 2.0**-53, 1 - 2.0**-52, 1 - 1e-9]
 
 
-# Hands: position over time, in m, within 0.04 m ---------------------------------------------------------------------------
+# Hands: position over time, in m, within 0.04 m ---------------------------------------
 def stroke(t):
     return 0.02 * (1 - np.cos(2 * np.pi * 1.5 * t))
 
 
 def reports(t, f, rate=125.0, jitter=0.0):
-    """What a device says that looks every 1/rate seconds, too late by up to a part of that."""
+    """What a device says that looks every 1/rate seconds, too late by up to a part of
+    that.
+    """
     k = np.floor(t * rate)
     late = jitter * (np.modf(np.sin(12.9898 * k) * 43758.5453)[0] ** 2) / rate
     return f(np.where(t - k / rate >= late, k, k - 1) / rate)

@@ -1,4 +1,6 @@
-"""Random correct compositions of all classes: ``python tests/stress/compositions.py [HOW MANY [FIRST]]``; none may be refused."""
+"""Random correct compositions of all classes: ``python tests/stress/compositions.py
+[HOW MANY [FIRST]]``; none may be refused.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ from stimlib.run.processor import Change
 
 RATES = 1000.0, 4000.0, 8000.0, 44100.0
 EVENTS = {"sparse"}  # of these an input of an entry is made of nothing else
-ENTRIES = [e for e in TABLE if e.name not in ("squeeze", "bumps", "guard")]  # two have inputs of their own, one is of outputs
+# two have inputs of their own, one is of outputs
+ENTRIES = [e for e in TABLE if e.name not in ("squeeze", "bumps", "guard")]
 
 
 def plain(block: Block) -> Block:
@@ -28,7 +31,9 @@ def plain(block: Block) -> Block:
 
 
 def drawn(rng: Any) -> tuple[Scene, dict[str, Callable], float]:
-    """A scene of some entries, each driven by inputs, noises or the entries before, in gates, segments and loops."""
+    """A scene of some entries, each driven by inputs, noises or the entries before, in
+    gates, segments and loops.
+    """
     fs = float(rng.choice(RATES))
     made: list[Block] = [b.white_noise(1), Param("a", 0.7) * b.oscillator(31.0, "triangle")]
     drives: dict[str, Callable] = {}
@@ -40,7 +45,10 @@ def drawn(rng: Any) -> tuple[Scene, dict[str, Callable], float]:
         signals = []
         for name, drive in zip(e.inputs, e.drive, strict=True):
             if rng.random() < 0.4 and drive.__name__ not in EVENTS | {"positive"}:
-                signals.append(b.tanh(plain(made[rng.integers(len(made))])) * constant(0.02 if e.unit == "m" else 1.0, e.unit))
+                signals.append(
+                    b.tanh(plain(made[rng.integers(len(made))]))
+                    * constant(0.02 if e.unit == "m" else 1.0, e.unit)
+                )
             else:
                 drives[f"x{k}_{name}"] = drive
                 signals.append(Input(f"x{k}_{name}", e.unit))
@@ -50,9 +58,17 @@ def drawn(rng: Any) -> tuple[Scene, dict[str, Callable], float]:
         if kind == 0 and not any(isinstance(v, Input) for v in reach([block])):
             block = b.enabled(block, by=b.white_noise(100 + k) > 0.3)
         elif kind == 1:
-            block = b.segment(block, float(rng.uniform(0, 0.05)), float(rng.uniform(0.02, 0.3)), seed=int(rng.integers(9)))
+            block = b.segment(
+                block,
+                float(rng.uniform(0, 0.05)),
+                float(rng.uniform(0.02, 0.3)),
+                seed=int(rng.integers(9)),
+            )
         elif kind == 2 and below:
-            block = b.loop(lambda last, block=block: 0.7 * last + block, unit="" if block.dim == units.ONE else str(block.dim))
+            block = b.loop(
+                lambda last, block=block: 0.7 * last + block,
+                unit="" if block.dim == units.ONE else str(block.dim),
+            )
         outputs[f"y{k}"] = block
         made.append(block)
     return Scene(outputs or {"y": made[1]}), drives, fs
@@ -66,7 +82,10 @@ def refused(seed: int) -> tuple[list[local.Held], Scene] | None:
         n = int(rng.choice([300, 3000, 40000], p=[0.3, 0.6, 0.1]))
         x = {name: drives[name](rng, n, fs) for name in scene.inputs}
         some = list(scene.params) and np.sort(rng.integers(0, n, 3))
-        moves = [Change(int(at), str(rng.choice(list(scene.params))), float(rng.uniform(0.1, 0.9)), 0.01) for at in some]
+        moves = [
+            Change(int(at), str(rng.choice(list(scene.params))), float(rng.uniform(0.1, 0.9)), 0.01)
+            for at in some
+        ]
         params = {name: p.value for name, p in scene.params.items()}
         run = local.Run(scene, fs, seed, x, n, params, moves, local.spans(n, seed))
         return [h for h in local.held(run) if not h.error <= 1], scene
@@ -83,7 +102,10 @@ def main(count: str = "2000", first: str = "0") -> None:
             for h in found[0]:
                 print(f"seed {seed}: {h.block!r}{h.where}: {h.error:.3g} {h.why}", flush=True)
             wrong += bool(found[0])
-    print(f"{done} compositions of {len(seen)} classes in {time.monotonic() - began:.0f} s: {wrong} refused")
+    print(
+        f"{done} compositions of {len(seen)} classes in {time.monotonic() - began:.0f} s: {wrong}"
+        " refused"
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,11 @@
-"""Write the hashes of many renderings and states, or compare them with hashes that were written before.
+"""Write the hashes of many renderings and states, or compare them with hashes that were
+written before.
 
-``python tests/stress/hashes.py new.json [old.json]`` renders every shipped scene, with contact where it takes one, for two
-hands at four rates, compiled in one piece, in blocks of 64 and of 37, and interpreted; then every block of the table of
-``tests/contract.py``.  A change of the code that is to leave all samples alone is made between two runs on one machine.
+``python tests/stress/hashes.py new.json [old.json]`` renders every shipped scene, with
+contact where it takes one, for two hands at four rates, compiled in one piece, in
+blocks of 64 and of 37, and interpreted; then every block of the table of
+``tests/contract.py``.  A change of the code that is to leave all samples alone is made
+between two runs on one machine.
 """
 
 import hashlib
@@ -28,8 +31,12 @@ def sha(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()[:16]
 
 
-def rendered(scene: stimlib.Scene, fs: float, x: np.ndarray, target: str, cut: int | None) -> list[str]:
-    """The hashes of samples and of state after a motion that is given in pieces, or the error's text."""
+def rendered(
+    scene: stimlib.Scene, fs: float, x: np.ndarray, target: str, cut: int | None
+) -> list[str]:
+    """The hashes of samples and of state after a motion that is given in pieces, or the
+    error's text.
+    """
     try:
         processor = stimlib.compile(scene, fs, target, seed=5)
         cuts = range(0, x.shape[1], cut or x.shape[1])
@@ -40,7 +47,9 @@ def rendered(scene: stimlib.Scene, fs: float, x: np.ndarray, target: str, cut: i
 
 
 def motion(scene: stimlib.Scene, hand, t: np.ndarray) -> np.ndarray:
-    values = [(np.sin(7 * t) > -0.4) * 1.0 if name == "contact" else hand(t) for name in scene.inputs]
+    values = [
+        (np.sin(7 * t) > -0.4) * 1.0 if name == "contact" else hand(t) for name in scene.inputs
+    ]
     return np.array(values).reshape(len(values), t.size)
 
 
@@ -55,7 +64,10 @@ def scenes() -> Iterator[tuple[str, list[str]]]:
                     x = motion(scene, f, np.arange(int(0.6 * fs)) / fs)
                     for target, cut in CUTS:
                         some = x[:, :160] if target == "python" else x
-                        yield f"{variant}, {fs:g} Hz, {hand}, {target}, {cut}", rendered(scene, fs, some, target, cut)
+                        yield (
+                            f"{variant}, {fs:g} Hz, {hand}, {target}, {cut}",
+                            rendered(scene, fs, some, target, cut),
+                        )
 
 
 def blocks() -> Iterator[tuple[str, list[str]]]:

@@ -1,7 +1,9 @@
-"""Half an hour in real time on a JACK server without hardware: ``make soak``, or ``soak.py MINUTES``.
+"""Half an hour in real time on a JACK server without hardware: ``make soak``, or
+``soak.py MINUTES``.
 
-What it says goes to soak.log beside this file too.  It ends with an error where memory grows by more than 4 MiB after the first
-tenth, where a sample is not accounted for, or where the log does not replay.
+What it says goes to soak.log beside this file too.  It ends with an error where memory
+grows by more than 4 MiB after the first tenth, where a sample is not accounted for, or
+where the log does not replay.
 """
 
 from __future__ import annotations
@@ -41,12 +43,21 @@ def main(minutes: float) -> None:
         print(text, flush=True)
         print(text, file=out, flush=True)
 
-    say(f"{datetime.now(UTC):%F %H:%M} UTC, stimlib {stimlib.__version__}, Python {platform.python_version()}, {minutes:g} min")
+    say(
+        f"{datetime.now(UTC):%F %H:%M} UTC, stimlib {stimlib.__version__}, Python"
+        f" {platform.python_version()}, {minutes:g} min"
+    )
     with tempfile.TemporaryDirectory() as place, Jackd(FS, BLOCK) as server:
         with Capture(server.name, 2, round((seconds + 30) * FS)) as capture:
             folder = Path(place) / "soak.stimlog"
             with JackSink(
-                squeeze(), 50.0, motion=HAND, server=server.name, connect=capture.names, log=folder, realtime=False
+                squeeze(),
+                50.0,
+                motion=HAND,
+                server=server.name,
+                connect=capture.names,
+                log=folder,
+                realtime=False,
             ) as sink:
                 sink.open(FS)
                 sink.start(seconds)
@@ -58,7 +69,10 @@ def main(minutes: float) -> None:
                         sink.set("k", 1500.0 + 500.0 * (n % 3), ramp=0.2)
                     memory.append(resident())
                     if n % 60 == 0:
-                        say(f"{time.monotonic() - began:6.0f} s  {memory[-1]:8.2f} MiB  {sink.report()}")
+                        say(
+                            f"{time.monotonic() - began:6.0f} s  {memory[-1]:8.2f} MiB "
+                            f" {sink.report()}"
+                        )
                         sink.check()
             time.sleep(0.1)
             frames = capture.frames
@@ -85,7 +99,10 @@ def main(minutes: float) -> None:
                 wrong += int((frames[places[there]] != part[there]).any(axis=1).sum())
             else:
                 wrong += int((places >= 0).sum())
-        say(f"captured  {int(captured.sum())}, lost {report.lost}, missed by the capturing client itself {late}, wrong {wrong}")
+        say(
+            f"captured  {int(captured.sum())}, lost {report.lost}, missed by the capturing client"
+            f" itself {late}, wrong {wrong}"
+        )
         assert report.produced == round(seconds * FS) == report.delivered + report.lost
         assert captured.sum() + report.lost + late == report.produced
         assert again.matches and report.unlogged == 0

@@ -1,6 +1,8 @@
-"""The whole table of blocks, and the scenes, under what ``cases`` holds: ``make stress``; docs/explanation/reliability.rst.
+"""The whole table of blocks, and the scenes, under what ``cases`` holds: ``make
+stress``; docs/explanation/reliability.rst.
 
-With STIMLIB_RECORD=FILE, what was seen is written there as a table: in the docs it is reliability.csv.
+With STIMLIB_RECORD=FILE, what was seen is written there as a table: in the docs it is
+reliability.csv.
 """
 
 from __future__ import annotations
@@ -33,21 +35,45 @@ U = np.uint64
 LINEAR = [pytest.param(e, id=e.name) for e in TABLE if e.lti]
 
 
-# What was seen -------------------------------------------------------------------------------------------------------------
+# What was seen ------------------------------------------------------------------------
 MUST = {
-    "inputs": "The compiler gives the samples, states and faults of the interpreter, and every sample is finite. No guard of a "
-    "linear block closes where the input is finite.",
-    "linear": "Every block that is linear gives its impulse response convolved with the input, to 1e-12.",
-    "rates": "From 1 to 192 kHz: finite, and the same samples in blocks of one and at once; or refused when it is compiled.",
-    "laws": "From 1 to 192 kHz: the response is the physical law within the tolerance of the block.",
-    "blocks": "The same samples and state for blocks of 1 to 8193 samples, primes and random ones among them.",
-    "states": "The state before each of 140 samples goes on in another processor with the same bits.",
-    "parameters": "A parameter that changes at every sample, at once or by a ramp: as the interpreter in every bit.",
-    "ends": "alpha and duty at their ends, and at the next floats to them: finite, and as near to the value at the end as the "
-    "operator is continuous.",
+    "inputs": (
+        "The compiler gives the samples, states and faults of the interpreter, and every sample is"
+        " finite. No guard of a linear block closes where the input is finite."
+    ),
+    "linear": (
+        "Every block that is linear gives its impulse response convolved with the input, to 1e-12."
+    ),
+    "rates": (
+        "From 1 to 192 kHz: finite, and the same samples in blocks of one and at once; or refused"
+        " when it is compiled."
+    ),
+    "laws": (
+        "From 1 to 192 kHz: the response is the physical law within the tolerance of the block."
+    ),
+    "blocks": (
+        "The same samples and state for blocks of 1 to 8193 samples, primes and random ones among"
+        " them."
+    ),
+    "states": (
+        "The state before each of 140 samples goes on in another processor with the same bits."
+    ),
+    "parameters": (
+        "A parameter that changes at every sample, at once or by a ramp: as the interpreter in"
+        " every bit."
+    ),
+    "ends": (
+        "alpha and duty at their ends, and at the next floats to them: finite, and as near to the"
+        " value at the end as the operator is continuous."
+    ),
     "hands": "Each scene is proved (``verify``) whatever the hand does.",
-    "run": "1e8 samples really run: counters, phases, noise, sums and springpot are what formulas say.",
-    "jump": "A state moved on by 1e8, 1e9 and 1e12 samples: noise, phases and times are what formulas say.",
+    "run": (
+        "1e8 samples really run: counters, phases, noise, sums and springpot are what formulas say."
+    ),
+    "jump": (
+        "A state moved on by 1e8, 1e9 and 1e12 samples: noise, phases and times are what formulas"
+        " say."
+    ),
 }
 SEEN: dict[str, Counter] = defaultdict(Counter)
 WORST: dict[str, tuple[float, str]] = {}
@@ -66,19 +92,24 @@ def record():
     if not (path := os.environ.get("STIMLIB_RECORD")):
         return
     on = (
-        f"{datetime.now(UTC):%Y-%m-%d}, {platform.machine()}, stimlib {stimlib.__version__}, Python {platform.python_version()}, "
+        f"{datetime.now(UTC):%Y-%m-%d}, {platform.machine()}, stimlib {stimlib.__version__}, Python"
+        f" {platform.python_version()}, "
     )
     with Path(path).open("w", newline="") as f:
         out = csv.writer(f, lineterminator="\n")
         for case, must in MUST.items():
             if case in SEEN:
                 did = [f"{n} {what}" for what, n in SEEN[case].items()]
-                did += [f"largest error {WORST[case][0]:.1e} ({WORST[case][1]})"] if case in WORST else []
+                did += (
+                    [f"largest error {WORST[case][0]:.1e} ({WORST[case][1]})"]
+                    if case in WORST
+                    else []
+                )
                 out.writerow((case, must, ", ".join(did)))
         out.writerow(("", on + f"numpy {np.__version__}, numba {numba.__version__}", ""))
 
 
-# Every block -----------------------------------------------------------------------------------------------------------------
+# Every block --------------------------------------------------------------------------
 def kept(proc) -> np.ndarray:
     """A state whose numbers that are none all look alike."""
     state, floats = proc.state, float_words(proc)
@@ -151,7 +182,9 @@ def test_every_rate(entry):
 ONE_RATE = {"delay_seconds", "moving_average", "grain"}  # whose laws are written in samples
 
 
-@pytest.mark.parametrize("entry", [p for p in ALL if p.values[0].laws and p.values[0].name not in ONE_RATE])
+@pytest.mark.parametrize(
+    "entry", [p for p in ALL if p.values[0].laws and p.values[0].name not in ONE_RATE]
+)
 def test_the_law_at_every_rate(entry):
     for fs in cases.RATES:
         try:
@@ -160,7 +193,10 @@ def test_the_law_at_every_rate(entry):
             continue
         source = [*proc.inputs, *proc.program.noises][0]
         for law in entry.laws:
-            used = law.error(lambda f, proc=proc, source=source: proc.response("y", source, f), fs) / law.tol
+            used = (
+                law.error(lambda f, proc=proc, source=source: proc.response("y", source, f), fs)
+                / law.tol
+            )
             saw("laws", f"{entry.name} at {fs:g} Hz, as a part of its tolerance", used)
             assert used <= 1
 
@@ -172,7 +208,10 @@ def test_every_size_of_block(entry):
     x = rows(proc, entry.x(n, fs), entry.inputs)
     whole, end = run(proc, x), proc.state
     rng = np.random.default_rng(0)
-    for cuts in [cut_at(n, size) for size in cases.SIZES] + [random_cuts(n, rng), random_cuts(n, rng, 500)]:
+    for cuts in [cut_at(n, size) for size in cases.SIZES] + [
+        random_cuts(n, rng),
+        random_cuts(n, rng, 500),
+    ]:
         proc.reset()
         assert_same(run(proc, x, cuts), whole, f"cuts at {cuts[1:3]}..")
         assert_same(proc.state, end, "state")
@@ -199,12 +238,16 @@ def test_a_parameter_at_every_sample(entry):
     rng = np.random.default_rng(0)
     for ramp in (0.0, 0.0013, 0.05):
         params = stimlib.compile(entry.scene(), fs, "python").params
-        sets = [Set(at, name, value * rng.uniform(0.2, 1.0), ramp) for at in range(n) for name, value in params.items()]
+        sets = [
+            Set(at, name, value * rng.uniform(0.2, 1.0), ramp)
+            for at in range(n)
+            for name, value in params.items()
+        ]
         assert_as_the_interpreter(entry.scene(), fs, entry.x(n, fs), entry.inputs, (), sets)
         saw("parameters", changes=len(sets))
 
 
-# Ends ------------------------------------------------------------------------------------------------------------------------
+# Ends ---------------------------------------------------------------------------------
 X, LIVE = stimlib.Input("x"), stimlib.Input("live")
 ENDS = {
     "springpot gl": lambda v: b.springpot(X, 1.0, v, "gl"),
@@ -220,13 +263,17 @@ ENDS = {
 @pytest.mark.parametrize("live", [False, True])
 @pytest.mark.parametrize("name", ENDS)
 def test_next_to_the_ends(name, live):
-    """A derivative along the number is at most some hundreds here; a duty is held to 1e-6 or more."""
+    """A derivative along the number is at most some hundreds here; a duty is held to
+    1e-6 or more.
+    """
     n, fs = 300, 1000.0
     x = np.cumsum(0.02 + 0.1 * np.random.default_rng(0).random(n))
 
     def at(v):
         scene = stimlib.Scene({"y": ENDS[name](LIVE if live else v)})
-        return assert_as_the_interpreter(scene, fs, np.array([x, np.full(n, v)]), ["x", "live"], [70])[1][0]
+        return assert_as_the_interpreter(
+            scene, fs, np.array([x, np.full(n, v)]), ["x", "live"], [70]
+        )[1][0]
 
     ends = {0.0: at(0.0 if "springpot" in name else 1e-6), 1.0: at(1.0)}
     for v in cases.SMALL + cases.LARGE:
@@ -237,7 +284,7 @@ def test_next_to_the_ends(name, live):
         assert error <= limit, v
 
 
-# Hands -----------------------------------------------------------------------------------------------------------------------
+# Hands --------------------------------------------------------------------------------
 SCENES = {
     "squeeze": stimlib.scenes.squeeze(fingers=1, limits=True, motor_constant=10.0),
     "viscoelastic": stimlib.scenes.viscoelastic(0.3),
@@ -259,10 +306,15 @@ def test_whatever_the_hand_does(name, hand):
     saw("hands", checks=len(report.checks))
 
 
-# Long runs -------------------------------------------------------------------------------------------------------------------
+# Long runs ----------------------------------------------------------------------------
 FS, PERIOD, FREQUENCY = 48000.0, 1 / 158.3, 157.9
 CLOCKS = stimlib.Scene(
-    {"noise": b.white_noise(7, 3), "carrier": b.carrier(FREQUENCY), "time": b.elapsed(), "every": b.every(PERIOD)}
+    {
+        "noise": b.white_noise(7, 3),
+        "carrier": b.carrier(FREQUENCY),
+        "time": b.elapsed(),
+        "every": b.every(PERIOD),
+    }
 )
 
 
@@ -272,16 +324,21 @@ def assert_clocks(y, n):
     assert np.abs(y[0] - laws.white(0, 7, 3, n, len(k))).max() <= 1e-13
     turns = [float(Fraction(FREQUENCY) * i / Fraction(FS) % 1) for i in k]
     error = np.abs(y[1] - np.sin(2 * np.pi * np.array(turns))).max()
-    assert error <= 2 * np.pi * k[-1] * 2.0**-65 + 1e-14  # half a bit of the phase's 64 is lost at each sample
+    # half a bit of the phase's 64 is lost at each sample
+    assert error <= 2 * np.pi * k[-1] * 2.0**-65 + 1e-14
     assert_same(y[2], np.array([float(Fraction(i) / Fraction(FS)) for i in k]))
     first = int(n / FS / PERIOD) - 1
-    events = np.floor(np.arange(first, first + 20) * Fraction(PERIOD) * Fraction(FS) + Fraction(1, 2)).astype(int)
+    events = np.floor(
+        np.arange(first, first + 20) * Fraction(PERIOD) * Fraction(FS) + Fraction(1, 2)
+    ).astype(int)
     assert np.flatnonzero(y[3]).tolist() == [e - n for e in events if n <= e < k[-1] + 1]
     return error
 
 
 def counters(proc):
-    """Its first state, and by what its counters and phases go on at each sample; as words, and where they are floats."""
+    """Its first state, and by what its counters and phases go on at each sample; as
+    words, and where they are floats.
+    """
     proc.reset()
     first = proc.state
     proc.process(np.empty((0, 1)))
@@ -292,7 +349,9 @@ def counters(proc):
 
 
 def jumped(proc, n):
-    """Its first state, moved on by n samples; the last value that a guard keeps is not."""
+    """Its first state, moved on by n samples; the last value that a guard keeps is
+    not.
+    """
     state, more, floats = counters(proc)
     state += U(n) * more
     state[floats] = (state.view(float)[floats] + n).view(U)
@@ -316,11 +375,17 @@ def test_after_a_jump(n):
     proc = stimlib.compile(CLOCKS, FS)
     proc.state = jumped(proc, n)
     assert proc.index == n
-    saw("jump", f"carrier after {n:.0e} samples", assert_clocks(proc.process(np.empty((0, 1000))), n))
+    saw(
+        "jump",
+        f"carrier after {n:.0e} samples",
+        assert_clocks(proc.process(np.empty((0, 1000))), n),
+    )
 
 
 def test_samples_really_run(n=10**8, block=100_000):
-    """A position that rises by 10 um/s, and a constant: sums, means, filters and history have had time to drift."""
+    """A position that rises by 10 um/s, and a constant: sums, means, filters and
+    history have had time to drift.
+    """
     speed, alpha, size = 1e-5, 0.4, 80
     memory = {
         "springpot": b.springpot(X, 1.0, alpha, "l1"),
@@ -330,12 +395,19 @@ def test_samples_really_run(n=10**8, block=100_000):
     }
     proc = stimlib.compile(stimlib.Scene({**CLOCKS.outputs, **memory}), FS)
     for start in range(0, n, block):
-        y = proc.process(rows(proc, np.array([speed / FS * np.arange(start, start + block), np.full(block, 0.7)]), ["x", "live"]))
+        y = proc.process(
+            rows(
+                proc,
+                np.array([speed / FS * np.arange(start, start + block), np.full(block, 0.7)]),
+                ["x", "live"],
+            )
+        )
     assert proc.index == n and proc.fault is None
     saw("run", "carrier", assert_clocks(y[:4, -1000:], n - 1000))
     t = np.arange(n - 1000, n) / FS
     wanted = {
-        "springpot": speed * t ** (1 - alpha) / gamma(2 - alpha),  # the scheme is exact for a straight line
+        # the scheme is exact for a straight line
+        "springpot": speed * t ** (1 - alpha) / gamma(2 - alpha),
         "integral": 0.7 * (t + 0.5 / FS),  # straight from 0 before the first sample
         "mean": speed * (t - (size - 1) / 2 / FS),
         "lowpass": np.full(1000, 0.7),

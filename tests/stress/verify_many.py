@@ -1,8 +1,10 @@
-"""A thousand correct renderings, none of which may be refused, and every fault of ``tests/faults.py``, each of which must be.
+"""A thousand correct renderings, none of which may be refused, and every fault of
+``tests/faults.py``, each of which must be.
 
     python tests/stress/verify_many.py [RENDERINGS] [FIRST_SEED]
 
-Prints a line for each that is refused, and the table fault -> checks that caught it.  Exit status 1 if anything is wrong.
+Prints a line for each that is refused, and the table fault -> checks that caught it.
+Exit status 1 if anything is wrong.
 """
 
 import sys
@@ -21,7 +23,8 @@ import stimlib
 
 
 def main(count: int, first: int) -> int:
-    warnings.simplefilter("ignore", RuntimeWarning)  # runs beyond a springpot's horizon are none of these
+    # runs beyond a springpot's horizon are none of these
+    warnings.simplefilter("ignore", RuntimeWarning)
     kinds, refused = Counter(), 0
     for seed in range(first, first + count):
         kind, scene, motion, given = rendering(np.random.default_rng(seed))
@@ -29,7 +32,9 @@ def main(count: int, first: int) -> int:
         kinds[kind] += 1
         if not report.passed:
             refused += 1
-            print(f"REFUSED {seed} {kind}: {[c for c in report.checks if not c.passed]}", flush=True)
+            print(
+                f"REFUSED {seed} {kind}: {[c for c in report.checks if not c.passed]}", flush=True
+            )
         if seed % 100 == 99:
             print(f"{seed + 1 - first} verified, {refused} refused", flush=True)
     print(f"{count} correct renderings, {refused} refused; {dict(kinds)}")
@@ -44,4 +49,4 @@ def main(count: int, first: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*(int(v) for v in (sys.argv[1:] + ["1000", "0"][len(sys.argv) - 1 :]))))
+    sys.exit(main(*(int(v) for v in sys.argv[1:] + ["1000", "0"][len(sys.argv) - 1 :])))

@@ -2,7 +2,8 @@
 Bumps and carriers
 ==================
 
-An envelope that is tied to the place of the finger, times a vibration that is tied to time. See
+An envelope that is tied to the place of the finger, times a vibration that is tied to
+time. See
 :doc:`/reference/blocks/carrier`.
 """
 
@@ -12,7 +13,9 @@ from stimlib.blocks import bump, carrier, constant
 from stimlib.motion.generators import constant_speed
 
 u = stimlib.Input("x", "m") / constant(0.02, "m")  # one bump every 20 mm
-scene = stimlib.Scene({"envelope": bump(u, "sawtooth", duty=0.6), "y": bump(u, "sawtooth", duty=0.6) * carrier(158.0)})
+scene = stimlib.Scene(
+    {"envelope": bump(u, "sawtooth", duty=0.6), "y": bump(u, "sawtooth", duty=0.6) * carrier(158.0)}
+)
 result = stimlib.render(scene, {"x": constant_speed(0.05, 0.1)}, fs=8000, seconds=2.0)
 listen(result, "y", "sawtooth_bumps.wav")
 figure = result.plot()

@@ -2,7 +2,8 @@
 Delay
 =====
 
-The force comes 50 ms after the press: what a slow loop would feel like. See :doc:`/reference/blocks/delay`.
+The force comes 50 ms after the press: what a slow loop would feel like. See
+:doc:`/reference/blocks/delay`.
 """
 
 from matplotlib.figure import Figure
@@ -13,7 +14,9 @@ from stimlib.motion.generators import minimum_jerk
 
 force = spring(stimlib.Input("x", "m"), 1000.0)
 scene = stimlib.Scene({"now": force, "late": delay(force, seconds=0.05)})
-result = stimlib.render(scene, {"x": minimum_jerk(depth=0.02, rise=0.1, fall=0.1)}, fs=8000, seconds=1.0)
+result = stimlib.render(
+    scene, {"x": minimum_jerk(depth=0.02, rise=0.1, fall=0.1)}, fs=8000, seconds=1.0
+)
 figure = Figure(figsize=(8, 4), layout="constrained")
 axes = figure.subplots()
 axes.plot(result.t, result.y.T, label=result.outputs)

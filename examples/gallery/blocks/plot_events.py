@@ -2,7 +2,8 @@
 Events
 ======
 
-A finger strokes lines 5 mm apart; each passage is an event, negative on the way back. See :doc:`/reference/blocks/events`.
+A finger strokes lines 5 mm apart; each passage is an event, negative on the way back.
+See :doc:`/reference/blocks/events`.
 """
 
 import stimlib

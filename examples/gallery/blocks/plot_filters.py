@@ -2,7 +2,8 @@
 Filters
 =======
 
-A noise between 100 and 300 Hz, and one whose band sweeps. See :doc:`/reference/blocks/filters`.
+A noise between 100 and 300 Hz, and one whose band sweeps. See
+:doc:`/reference/blocks/filters`.
 """
 
 import stimlib

@@ -2,7 +2,8 @@
 FIR filters: the differentiator
 ===============================
 
-The rate of pink noise, dp/dt, up to a pass edge and nothing beyond. See :doc:`/reference/blocks/fir`.
+The rate of pink noise, dp/dt, up to a pass edge and nothing beyond. See
+:doc:`/reference/blocks/fir`.
 """
 
 from math import pi

@@ -2,7 +2,8 @@
 Springpot
 =========
 
-From spring (order 0) to dashpot (order 1): what is pressed and held relaxes the faster, the higher the order. See
+From spring (order 0) to dashpot (order 1): what is pressed and held relaxes the faster,
+the higher the order. See
 :doc:`/reference/blocks/fractional`.
 """
 
@@ -14,7 +15,12 @@ from stimlib.motion.generators import ramp_and_hold
 
 y = stimlib.Input("y", "m")
 orders = (0.0, 0.25, 0.5)
-scene = stimlib.Scene({f"order_{100 * a:03.0f}": springpot(y, equal_force(300.0, 0.0, a), a, scheme="l1") for a in orders})
+scene = stimlib.Scene(
+    {
+        f"order_{100 * a:03.0f}": springpot(y, equal_force(300.0, 0.0, a), a, scheme="l1")
+        for a in orders
+    }
+)
 press = ramp_and_hold(depth=0.01, rise=0.2, start_time=0.2)
 result = stimlib.render(scene, {"y": press}, fs=1000, seconds=2.0)
 figure = Figure(figsize=(8, 4), layout="constrained")

@@ -2,7 +2,8 @@
 Gates
 =====
 
-``loading`` is 1 while something is compressed; ``enabled`` runs a noise only then. See :doc:`/reference/blocks/gate`.
+``loading`` is 1 while something is compressed; ``enabled`` runs a noise only then. See
+:doc:`/reference/blocks/gate`.
 """
 
 import stimlib

@@ -2,7 +2,8 @@
 Velocity and impedances
 =======================
 
-A spring answers the position, a damper the velocity; both together are a Kelvin-Voigt element. See
+A spring answers the position, a damper the velocity; both together are a Kelvin-Voigt
+element. See
 :doc:`/reference/blocks/impedance`.
 """
 
@@ -13,7 +14,13 @@ from stimlib.blocks import kelvin_voigt, spring, velocity
 from stimlib.motion.generators import sinusoid
 
 x = stimlib.Input("x", "m")
-scene = stimlib.Scene({"v": velocity(x, cutoff=50), "spring": spring(x, 300.0), "both": kelvin_voigt(x, k=300.0, b=20.0)})
+scene = stimlib.Scene(
+    {
+        "v": velocity(x, cutoff=50),
+        "spring": spring(x, 300.0),
+        "both": kelvin_voigt(x, k=300.0, b=20.0),
+    }
+)
 result = stimlib.render(scene, {"x": sinusoid(0.01, 1.0)}, fs=1000, seconds=3.0)
 figure = Figure(figsize=(8, 6), layout="constrained")
 rows = figure.subplots(len(result.outputs), 1, sharex=True)

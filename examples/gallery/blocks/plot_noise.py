@@ -2,7 +2,8 @@
 White noise
 ===========
 
-The same samples on every machine; a seed names the noise, a stream each of its independent copies. See
+The same samples on every machine; a seed names the noise, a stream each of its
+independent copies. See
 :doc:`/reference/blocks/noise`.
 """
 
@@ -10,7 +11,9 @@ import stimlib
 from stimlib.analysis.listen import listen
 from stimlib.blocks import white_noise
 
-scene = stimlib.Scene({"left": white_noise(seed=1, stream=0), "right": white_noise(seed=1, stream=1)})
+scene = stimlib.Scene(
+    {"left": white_noise(seed=1, stream=0), "right": white_noise(seed=1, stream=1)}
+)
 result = stimlib.render(scene, {}, fs=8000, seconds=1.0)
 listen(result, "left", "white_noise.wav")
 figure = result.plot()

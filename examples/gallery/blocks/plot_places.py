@@ -2,7 +2,8 @@
 Surfaces: noise tied to place
 =============================
 
-Roughness over 20 mm, stroked slowly and fast: the same places, in a quarter of the time. See :doc:`/reference/blocks/places`.
+Roughness over 20 mm, stroked slowly and fast: the same places, in a quarter of the
+time. See :doc:`/reference/blocks/places`.
 """
 
 from matplotlib.figure import Figure
@@ -13,7 +14,12 @@ from stimlib.blocks import grating, spatial_noise
 from stimlib.motion.generators import minimum_jerk
 
 x = stimlib.Input("x", "m")
-scene = stimlib.Scene({"rough": spatial_noise(x, slope=1.0, seed=1, longest=0.02), "ribs": grating(x, [(2e-3, 1.0, 0.0)])})
+scene = stimlib.Scene(
+    {
+        "rough": spatial_noise(x, slope=1.0, seed=1, longest=0.02),
+        "ribs": grating(x, [(2e-3, 1.0, 0.0)]),
+    }
+)
 stroke = minimum_jerk(depth=0.02, rise=0.8, hold=0.1, fall=0.2)
 result = stimlib.render(scene, {"x": stroke}, fs=8000, seconds=1.2)
 listen(result, "rough", "roughness.wav")

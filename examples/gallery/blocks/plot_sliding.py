@@ -2,7 +2,8 @@
 Friction
 ========
 
-A finger goes to and fro over a way that grows. Little ways are those of a spring; then it slips, smoothly or tooth by tooth. See
+A finger goes to and fro over a way that grows. Little ways are those of a spring; then
+it slips, smoothly or tooth by tooth. See
 :doc:`/reference/blocks/sliding`.
 """
 
@@ -14,9 +15,14 @@ from stimlib.analysis.listen import listen
 from stimlib.blocks import friction, stick_slip
 
 x = stimlib.Input("x", "m")
-laws = {law: friction(x, 1.0, 0.6, 1000.0, law, elastic=0.3) for law in ("coulomb", "elastoplastic", "dahl")}
+laws = {
+    law: friction(x, 1.0, 0.6, 1000.0, law, elastic=0.3)
+    for law in ("coulomb", "elastoplastic", "dahl")
+}
 scene = stimlib.Scene(laws | {"stick_slip": stick_slip(x, 1.0, 0.8, 0.5, 1000.0)})
-result = stimlib.render(scene, {"x": lambda t: 1e-3 * t * np.sin(2 * np.pi * t)}, fs=8000, seconds=3.0)
+result = stimlib.render(
+    scene, {"x": lambda t: 1e-3 * t * np.sin(2 * np.pi * t)}, fs=8000, seconds=3.0
+)
 listen(result, "stick_slip", "stick_slip.wav")
 figure = Figure(figsize=(8, 6), layout="constrained")
 for axes, name in zip(figure.subplots(2, 2, sharey=True).flat, result.outputs, strict=True):

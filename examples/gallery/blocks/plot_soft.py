@@ -2,7 +2,8 @@
 Soft objects: a cursor over a nodule
 ====================================
 
-The hand moves evenly; the cursor is held back where the object is hard, and comes back by the way it went. See
+The hand moves evenly; the cursor is held back where the object is hard, and comes back
+by the way it went. See
 :doc:`/reference/blocks/soft`.
 """
 
@@ -15,7 +16,12 @@ from stimlib.soft import nodules
 
 nodule = nodules([(0.04, 0.06, 0.006)])
 x, y = stimlib.Input("x", "m"), stimlib.constant(0.06, "m")
-result = stimlib.render(stimlib.Scene({"x": cursor(x, y, nodule).x}), {"x": ramp_and_hold(0.12, 0.05)}, fs=1000, seconds=2.4)
+result = stimlib.render(
+    stimlib.Scene({"x": cursor(x, y, nodule).x}),
+    {"x": ramp_and_hold(0.12, 0.05)},
+    fs=1000,
+    seconds=2.4,
+)
 figure = Figure(figsize=(8, 4), layout="constrained")
 axes = figure.subplots()
 axes.plot(result.t, 1000 * ramp_and_hold(0.12, 0.05)(result.t), label="hand")

@@ -2,7 +2,8 @@
 Tables: a detent
 ================
 
-A measured curve, or one that you make up: the force of a notch that holds the finger in its middle. See
+A measured curve, or one that you make up: the force of a notch that holds the finger in
+its middle. See
 :doc:`/reference/blocks/table`.
 """
 
@@ -14,7 +15,8 @@ from stimlib.blocks import lut
 from stimlib.motion.generators import minimum_jerk
 
 place = np.linspace(0.0, 0.02, 21)  # m
-force = 2.0 * np.sin(np.pi * (place - 0.01) / 0.01) * np.hanning(21)  # N, towards the middle on both sides
+# N, towards the middle on both sides
+force = 2.0 * np.sin(np.pi * (place - 0.01) / 0.01) * np.hanning(21)
 scene = stimlib.Scene({"force": lut(stimlib.Input("x", "m"), place, force, kind="pchip", unit="N")})
 hand = minimum_jerk(depth=0.02, rise=0.5, fall=0.5)
 result = stimlib.render(scene, {"x": hand}, fs=8000, seconds=1.4)

@@ -2,7 +2,8 @@
 A measured texture
 ==================
 
-Noise whose spectrum follows speed and normal force, after measurements; this surface is invented. See
+Noise whose spectrum follows speed and normal force, after measurements; this surface is
+invented. See
 :doc:`/reference/blocks/textures`.
 """
 
@@ -13,7 +14,9 @@ from stimlib.design.texture import made_up
 
 speed = timeline([(0.0, 0.0), (0.8, 0.15), (1.6, 0.0)], unit="m/s")
 force = timeline([(0.0, 0.2), (1.6, 2.5)], unit="N")
-scene = stimlib.Scene({"speed": speed, "force": force, "acceleration": texture(speed, force, made_up(), seed=1)})
+scene = stimlib.Scene(
+    {"speed": speed, "force": force, "acceleration": texture(speed, force, made_up(), seed=1)}
+)
 result = stimlib.render(scene, {}, fs=8000, seconds=1.6)
 listen(result, "acceleration", "texture_sweep.wav")
 figure = result.plot()

@@ -2,7 +2,8 @@
 Walls, detents and buttons
 ==========================
 
-A finger goes forth and back over each of them: forces over place. See :doc:`/reference/blocks/touching`.
+A finger goes forth and back over each of them: forces over place. See
+:doc:`/reference/blocks/touching`.
 """
 
 import numpy as np
@@ -13,8 +14,17 @@ from stimlib.blocks import button, detents, wall
 
 x = stimlib.Input("x", "m")
 key = button(x, peak=2.0, drop=0.4, at=1e-3)
-outputs = {"wall": wall(x, k=2000.0, b=20.0, at=1e-3), "detents": detents(x, spacing=1e-3), "button": key.force}
-result = stimlib.render(stimlib.Scene(outputs), {"x": lambda t: 1e-3 * (1 - np.cos(2 * np.pi * t))}, fs=8000, seconds=1.0)
+outputs = {
+    "wall": wall(x, k=2000.0, b=20.0, at=1e-3),
+    "detents": detents(x, spacing=1e-3),
+    "button": key.force,
+}
+result = stimlib.render(
+    stimlib.Scene(outputs),
+    {"x": lambda t: 1e-3 * (1 - np.cos(2 * np.pi * t))},
+    fs=8000,
+    seconds=1.0,
+)
 figure = Figure(figsize=(9, 3), layout="constrained")
 for axes, name in zip(figure.subplots(1, 3, sharex=True), result.outputs, strict=True):
     axes.plot(2 * np.sin(np.pi * result.t) ** 2, result[name])

@@ -2,7 +2,8 @@
 Tracking slow reports
 =====================
 
-A touch screen reports 60 times a second; ``track`` makes a smooth movement of the staircase. See
+A touch screen reports 60 times a second; ``track`` makes a smooth movement of the
+staircase. See
 :doc:`/reference/blocks/tracking`.
 """
 

@@ -2,7 +2,8 @@
 What events make
 ================
 
-Every 0.25 s a ring, a grain and a burst of noise. See :doc:`/reference/blocks/transients`.
+Every 0.25 s a ring, a grain and a burst of noise. See
+:doc:`/reference/blocks/transients`.
 """
 
 import stimlib

@@ -2,8 +2,8 @@
 Modes, and a faster resonance
 =============================
 
-A burst at a mode's frequency, and what the mode makes of it, without and with ``pole_swap``.
-See :doc:`/reference/blocks/vibration`.
+A burst at a mode's frequency, and what the mode makes of it, without and with
+``pole_swap``. See :doc:`/reference/blocks/vibration`.
 """
 
 import stimlib
@@ -11,6 +11,8 @@ from stimlib.blocks import burst, carrier, constant, every, mode, pole_swap
 
 drive = constant(10.0, "V") * burst(every(0.25), 0.06, ramp=0.005) * carrier(158.0)
 swapped = pole_swap(drive, 158.0, q=10, gain=4)
-scene = stimlib.Scene({"drive": drive, "slow": mode(drive, 158.0, q=10), "fast": mode(swapped, 158.0, q=10)})
+scene = stimlib.Scene(
+    {"drive": drive, "slow": mode(drive, 158.0, q=10), "fast": mode(swapped, 158.0, q=10)}
+)
 result = stimlib.render(scene, {}, fs=8000, seconds=0.5)
 figure = result.plot()

@@ -2,7 +2,8 @@
 Bumps on a touch screen
 =======================
 
-A vibration of 158 Hz whose strength follows the place of the finger. See :doc:`/reference/scenes/bumps`.
+A vibration of 158 Hz whose strength follows the place of the finger. See
+:doc:`/reference/scenes/bumps`.
 """
 
 import stimlib
@@ -11,6 +12,8 @@ from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import bumps
 
 stroke = minimum_jerk(depth=0.1, rise=1.0, hold=0.2, fall=1.0)
-result = stimlib.render(bumps("sine", bumps=6, duty=0.5, amplitude=4.0), {"x": stroke}, fs=8000, seconds=2.4)
+result = stimlib.render(
+    bumps("sine", bumps=6, duty=0.5, amplitude=4.0), {"x": stroke}, fs=8000, seconds=2.4
+)
 listen(result, "voltage", "bumps.wav")
 figure = result.plot()

@@ -2,7 +2,8 @@
 Ribbed cloth
 ============
 
-A texture: ribs that are tied to the place, and a rustle that is tied to the speed. The tutorial writes it:
+A texture: ribs that are tied to the place, and a rustle that is tied to the speed. The
+tutorial writes it:
 :doc:`/tutorial/own_stimulus`.
 """
 

@@ -2,7 +2,8 @@
 A knob with detents
 ===================
 
-It is turned forth and back over six detents; the friction is the difference between both ways. See
+It is turned forth and back over six detents; the friction is the difference between
+both ways. See
 :doc:`/reference/scenes/detents`.
 """
 

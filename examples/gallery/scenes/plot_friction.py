@@ -2,7 +2,8 @@
 Stick-slip
 ==========
 
-A finger that strokes sticks like a spring and slips, every 0.3 mm: at 100 mm/s that is 330 Hz. See
+A finger that strokes sticks like a spring and slips, every 0.3 mm: at 100 mm/s that is
+330 Hz. See
 :doc:`/reference/scenes/friction`.
 """
 

@@ -2,7 +2,8 @@
 Gratings and roughness
 ======================
 
-A grooved, rough surface: on the way back the finger feels what it felt on the way there. See
+A grooved, rough surface: on the way back the finger feels what it felt on the way
+there. See
 :doc:`/reference/scenes/grating`.
 """
 

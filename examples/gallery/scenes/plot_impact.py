@@ -2,7 +2,8 @@
 Impacts
 =======
 
-A finger taps on a hard surface, faster each time, and each tap rings by its velocity. See
+A finger taps on a hard surface, faster each time, and each tap rings by its velocity.
+See
 :doc:`/reference/scenes/impact`.
 """
 

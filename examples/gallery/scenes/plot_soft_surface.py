@@ -2,7 +2,8 @@
 A soft surface with a nodule
 ============================
 
-A pen goes over a hard nodule: the avatar waits, and goes less deep. See :doc:`/reference/scenes/soft_surface`.
+A pen goes over a hard nodule: the avatar waits, and goes less deep. See
+:doc:`/reference/scenes/soft_surface`.
 """
 
 import stimlib

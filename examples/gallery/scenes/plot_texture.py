@@ -2,7 +2,8 @@
 A measured surface
 ==================
 
-Strokes that become harder, over a surface that was invented in the place of one that was measured. See
+Strokes that become harder, over a surface that was invented in the place of one that
+was measured. See
 :doc:`/reference/scenes/texture`.
 """
 

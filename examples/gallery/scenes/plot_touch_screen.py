@@ -2,12 +2,15 @@
 Touch screen, down to the finger
 ================================
 
-Voltage on the patches of a glass plate, and how the plate moves under the finger. See :doc:`/reference/scenes/touch_screen`.
+Voltage on the patches of a glass plate, and how the plate moves under the finger. See
+:doc:`/reference/scenes/touch_screen`.
 """
 
 import stimlib
 from stimlib.motion.generators import constant_speed
 from stimlib.scenes import touch_screen
 
-result = stimlib.render(touch_screen(bumps=20), {"x": constant_speed(0.1, 0.1)}, fs=8000, seconds=1.0)
+result = stimlib.render(
+    touch_screen(bumps=20), {"x": constant_speed(0.1, 0.1)}, fs=8000, seconds=1.0
+)
 figure = result.plot()

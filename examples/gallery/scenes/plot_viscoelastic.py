@@ -2,7 +2,8 @@
 A material between spring and dashpot
 =====================================
 
-Pressed and held, its force runs down; the loop over position is the work lost. See :doc:`/reference/scenes/viscoelastic`.
+Pressed and held, its force runs down; the loop over position is the work lost. See
+:doc:`/reference/scenes/viscoelastic`.
 """
 
 import stimlib

@@ -1,8 +1,11 @@
-"""How the primitives run over whole signals under JAX: banks of modes and taps as products with small matrices.
+"""How the primitives run over whole signals under JAX: banks of modes and taps as
+products with small matrices.
 
-``LOWERINGS`` maps a block class to a function (block, p, s, x, run) -> y, where p, s come from ``design``, x are arrays (n,) or
-scalars (the same at all samples), contact last for a resettable block, and y is one or the other.  A class without one runs its
-step, see ``recurrence``.  Blocks of others join with ``LOWERINGS[MyBlock] = my_function``.
+``LOWERINGS`` maps a block class to a function (block, p, s, x, run) -> y, where p, s
+come from ``design``, x are arrays (n,) or scalars (the same at all samples), contact
+last for a resettable block, and y is one or the other.  A class without one runs its
+step, see ``recurrence``.  Blocks of others join with ``LOWERINGS[MyBlock] =
+my_function``.
 """
 
 from __future__ import annotations
@@ -52,7 +55,7 @@ class Run(NamedTuple):
     surrogate: float | None  # relative width of a gate's smoothed edge; None: its derivative is 0
 
 
-# Linear time-invariant parts -----------------------------------------------------------------------------------------
+# Linear time-invariant parts ----------------------------------------------------------
 def rows(x: Any, size: int) -> Any:
     """(n,) as (tiles, size), zeros behind."""
     return jnp.pad(x, (0, -x.shape[0] % size)).reshape(-1, size)
@@ -69,7 +72,9 @@ def later(x: Any, by: int, before: Any = 0.0) -> Any:
 
 
 def decay(a: np.ndarray, v: Any, first: Any) -> Any:
-    """States before each update of s' = a s + v; a (k,) numbers below or at 1, v (n, k), first (k,)."""
+    """States before each update of s' = a s + v; a (k,) numbers below or at 1, v (n,
+    k), first (k,).
+    """
     n, k = v.shape
     factor = jnp.asarray(a, v.dtype)
     if n <= SHORT:
@@ -90,7 +95,9 @@ def toeplitz(h: Any, xp: Any) -> Any:
 
 
 def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: Any = None) -> Any:
-    """q_k += x - e_k q_k;  y = direct x + sum_k r_k q_k.  In tiles: y = T x + R a^i q(start), q(end) = a^64 q(start) + E x."""
+    """q_k += x - e_k q_k;  y = direct x + sum_k r_k q_k.  In tiles: y = T x + R a^i
+    q(start), q(end) = a^64 q(start) + E x.
+    """
     xp: Any = jnp
     if isinstance(r, np.ndarray):
         xp, e, r = np, e[r != 0], r[r != 0]
@@ -98,7 +105,10 @@ def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: 
             return direct * x
     j = np.arange(1, TILE + 1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        powers = np.concatenate([np.ones((1, e.size)), np.where(e < 1, np.exp(j * np.log1p(-e)), (1 - e) ** j)])  # of the poles
+        # of the poles
+        powers = np.concatenate(
+            [np.ones((1, e.size)), np.where(e < 1, np.exp(j * np.log1p(-e)), (1 - e) ** j)]
+        )
     h = xp.asarray(powers[:TILE]) @ r
     T = toeplitz(h, xp) + direct * np.eye(TILE)
     u = rows(x.astype(dtype), TILE)
@@ -109,9 +119,11 @@ def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: 
 
 
 def taps_tiles(taps: np.ndarray, x: Any) -> Any:
-    """y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles and those before.
+    """y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles and those
+    before.
 
-    In the type of x: taps may take small differences, which noise has in float32 and a position has not.
+    In the type of x: taps may take small differences, which noise has in float32 and a
+    position has not.
     """
     n, m = x.shape[0], taps.size
     before = -(-(m - 1) // TILE)
@@ -124,17 +136,25 @@ def taps_tiles(taps: np.ndarray, x: Any) -> Any:
 
 
 def running(x: Any) -> Any:
-    """Sum of all samples before each one; whole numbers stay exact, those of a gate by a product with a matrix of ones."""
+    """Sum of all samples before each one; whole numbers stay exact, those of a gate by
+    a product with a matrix of ones.
+    """
     u = rows(x, TILE)
     if x.dtype == jnp.bool_:
         u, x = u.astype(jnp.int32), x.astype(jnp.int32)
-        inside = (u.astype(jnp.float32) @ jnp.asarray(np.triu(np.ones((TILE, TILE))), jnp.float32)).astype(jnp.int32)
+        inside = (
+            u.astype(jnp.float32) @ jnp.asarray(np.triu(np.ones((TILE, TILE))), jnp.float32)
+        ).astype(jnp.int32)
     else:
         inside = jnp.cumsum(u, axis=1)
     if u.shape[0] == 1:
         tops = jnp.zeros((1,), x.dtype)
     else:
-        tops = running(inside[:, -1]) if u.shape[0] > TILE else jnp.cumsum(inside[:, -1]) - inside[:, -1]
+        tops = (
+            running(inside[:, -1])
+            if u.shape[0] > TILE
+            else jnp.cumsum(inside[:, -1]) - inside[:, -1]
+        )
     return (inside - u + tops[:, None]).reshape(-1)[: x.shape[0]]
 
 
@@ -173,14 +193,23 @@ def pink(b, p, s, x, run):
     return bank(1 - p.p, p.r, spread(x[0], run.n), run.dtype, p.d, q)
 
 
-# Noise ---------------------------------------------------------------------------------------------------------------
+# Noise --------------------------------------------------------------------------------
 U = np.uint64
-PAIRS = 4096  # integers are made in so long rows: a loop over rows, or XLA would make them anew for every use, five times
+# integers are made in so long rows: a loop over rows, or XLA would make them anew for
+# every use, five times
+PAIRS = 4096
 
 
 def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
     """``noise.noise_key`` of a traced run key."""
-    words = [U(seed & 0xFFFFFFFF), U(seed >> 32), U(stream), U(use), run_key & noise.LOW, run_key >> noise.HALF_WORD]
+    words = [
+        U(seed & 0xFFFFFFFF),
+        U(seed >> 32),
+        U(stream),
+        U(use),
+        run_key & noise.LOW,
+        run_key >> noise.HALF_WORD,
+    ]
     c = noise.philox(*(jnp.asarray(w, jnp.uint64) for w in words))
     return c[0] | (c[1] << noise.HALF_WORD)
 
@@ -204,10 +233,14 @@ def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
 
 
 def short_radius(a: Any) -> Any:
-    """``noise.radius`` in float32: log(1 - v) where u is near 1, so that small radii keep their digits."""
+    """``noise.radius`` in float32: log(1 - v) where u is near 1, so that small radii
+    keep their digits.
+    """
     u, v = a.astype(jnp.float32), (~a).astype(jnp.float32)
     near = jnp.log1p(-(v + 0.5) * np.float32(2.0**-64))
-    return jnp.sqrt(-2 * jnp.where(a >> U(63) > 0, near, jnp.log((u + np.float32(0.5)) * np.float32(2.0**-64))))
+    return jnp.sqrt(
+        -2 * jnp.where(a >> U(63) > 0, near, jnp.log((u + np.float32(0.5)) * np.float32(2.0**-64)))
+    )
 
 
 def short_turn(b: Any) -> tuple[Any, Any]:
@@ -228,7 +261,7 @@ def white(b, p, s, x, run):
     return deviates(stream_key(run.key, b.seed, b.stream, 0), -lead(run.fs), run.n, run.dtype)
 
 
-# Gates ---------------------------------------------------------------------------------------------------------------
+# Gates --------------------------------------------------------------------------------
 def smoothed(exact: Any, distance: Any, width: Any) -> Any:
     """The gate as it is, with the derivative of 1/(1 + exp(-distance/width))."""
     soft = jax.nn.sigmoid(distance / lax.stop_gradient(width))
@@ -269,7 +302,7 @@ def delay(b, p, s, x, run):
     return later(spread(x[0], run.n), min(int(p.n), run.n)) if p.n < run.n else jnp.zeros(run.n)
 
 
-# Contact: where a history begins -------------------------------------------------------------------------------------
+# Contact: where a history begins ------------------------------------------------------
 def steady(contact: Any) -> bool:
     """A plain number above 0: contact from the first sample on, for ever."""
     return isinstance(contact, (float, np.floating)) and bool(contact > 0)
@@ -285,7 +318,9 @@ class History(NamedTuple):
 
 
 def history(x: Any, contact: Any, cold: float, n: int) -> History:
-    """Movements since contact; a step from 0 at the very first contact where ``cold``, before it, is above 1."""
+    """Movements since contact; a step from 0 at the very first contact where ``cold``,
+    before it, is above 1.
+    """
     x = spread(x, n)
     if steady(contact):
         first = jnp.where(cold > 1, 0.0, x[0])
@@ -312,7 +347,9 @@ def maxwell_arms(b, p, s, x, run):
 
 
 def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
-    """A loop over samples, ``state, y = body(state, *row)``: the state is ``start`` and y is 0 off contact."""
+    """A loop over samples, ``state, y = body(state, *row)``: the state is ``start`` and
+    y is 0 off contact.
+    """
 
     def sample(s, row):
         on, *x = row
@@ -327,7 +364,7 @@ def kelvin_chain(b, p, s, x, run):
     return bank(p.e, p.r, later(f, 1), run.dtype) + p.d * f
 
 
-# Springpots ----------------------------------------------------------------------------------------------------------
+# Springpots ---------------------------------------------------------------------------
 class HistoryWeights(NamedTuple):
     """Of a springpot of one order."""
 
@@ -342,7 +379,11 @@ def springpot(b, p, s, x, run):
     if p.alpha in (0.0, 1.0):
         return h.d * p.fs if p.alpha else h.way
     w = HistoryWeights(p.r, p.taps, p.constant, p.scale)
-    return whole_history(p.e, w, h, run) if steady(x[1]) else _scan_history(p.e, lambda a: w, 0.5, h, run)
+    return (
+        whole_history(p.e, w, h, run)
+        if steady(x[1])
+        else _scan_history(p.e, lambda a: w, 0.5, h, run)
+    )
 
 
 def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any:
@@ -362,7 +403,8 @@ def springpot_live(b, p, s, x, run):
         y = _scan_history(p.e, lambda a: weights(p, a), alpha, h, run)
     ends = jnp.where(alpha > 0.5, h.d * p.fs, h.way)
     exact = jnp.where((alpha == 0) | (alpha == 1), ends, y)
-    y = y + lax.stop_gradient(exact - y)  # the order's derivative is that of the sum, also at 0 and 1
+    # the order's derivative is that of the sum, also at 0 and 1
+    y = y + lax.stop_gradient(exact - y)
     return jnp.where(h.on, jnp.where(alpha == x[1], y, jnp.nan), 0.0)
 
 
@@ -372,14 +414,20 @@ def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
     t, left = 2.0 * alpha - 1.0, 1.0 - alpha
     chebyshev, power, poly = traced.bind(pot.chebyshev), traced.bind(pot.power), jnp.asarray(p.poly)
     gain = jnp.sin(math.pi * jnp.where(alpha > 0.5, left, alpha)) / math.pi
-    g = jnp.concatenate([left * chebyshev(poly, n * np.arange(m), n, t), jnp.broadcast_to(gain, (p.a.size - m,))])
+    g = jnp.concatenate(
+        [left * chebyshev(poly, n * np.arange(m), n, t), jnp.broadcast_to(gain, (p.a.size - m,))]
+    )
     r = g * p.a * power(alpha, p.high, p.rest)
-    taps = chebyshev(poly, n * (m + np.arange(7, -1, -1)), n, t) * jnp.concatenate([jnp.broadcast_to(left, (7,)), jnp.ones(1)])
+    taps = chebyshev(poly, n * (m + np.arange(7, -1, -1)), n, t) * jnp.concatenate(
+        [jnp.broadcast_to(left, (7,)), jnp.ones(1)]
+    )
     return HistoryWeights(r[1:], taps, r[0], power(alpha, p.fs_high, p.fs_rest))
 
 
 def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: Run) -> Any:
-    """``whole_history`` from rest at each contact, for an order that may change: a loop over samples."""
+    """``whole_history`` from rest at each contact, for an order that may change: a loop
+    over samples.
+    """
     a = jnp.asarray(1 - e)
     moving = jnp.ndim(alpha) > 0
 
@@ -387,9 +435,13 @@ def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: R
         line, q, total = state
         line, q, total = jnp.concatenate([line[1:], d[None]]), a * q + line[0], total + line[0]
         w = weigh(order if moving else alpha)
-        return (line, q, total), w.scale * (jnp.sum(w.taps * line) + w.constant * total + jnp.sum(w.r * q))
+        return (line, q, total), w.scale * (
+            jnp.sum(w.taps * line) + w.constant * total + jnp.sum(w.r * q)
+        )
 
-    return in_contact(body, (jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())), h.on, h.d, spread(alpha, run.n))
+    return in_contact(
+        body, (jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())), h.on, h.d, spread(alpha, run.n)
+    )
 
 
 def series(b, p, s, x, run):
@@ -398,12 +450,15 @@ def series(b, p, s, x, run):
     a = jnp.asarray(1 - p.e)
 
     def body(state, d, way):
-        line, q, total, z = state  # movements of the springpot, its modes, its way until 8 samples ago and now
+        # movements of the springpot, its modes, its way until 8 samples ago and now
+        line, q, total, z = state
         q, total = a * q + line[0], total + line[0]
         rest = jnp.sum(p.taps[:7] * line[1:]) + p.constant * total + jnp.sum(p.r * q)
         u = d if p.dashpot else way - z
         step = (p.other * u - p.pot * rest) / (p.other + p.pot * p.newest)
-        return (jnp.concatenate([line[1:], step[None]]), q, total, z + step), p.pot * (p.newest * step + rest)
+        return (jnp.concatenate([line[1:], step[None]]), q, total, z + step), p.pot * (
+            p.newest * step + rest
+        )
 
     start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(())
     return in_contact(body, start, h.on, h.d, h.way)
@@ -434,17 +489,21 @@ def downsampled(b, p, s, x, run):
         inside = j * m <= k
         return total + jnp.where(inside, w * h.way[jnp.where(inside, i - j * m, 0)], 0.0), None
 
-    total = lax.scan(body, jnp.zeros(run.n), (jnp.arange(p.weights.size), jnp.asarray(p.weights)))[0]
+    total = lax.scan(body, jnp.zeros(run.n), (jnp.arange(p.weights.size), jnp.asarray(p.weights)))[
+        0
+    ]
     y = p.scale * jnp.exp(-p.alpha * jnp.log(m.astype(jnp.float64))) * total
     return jnp.where(h.on, jnp.where(k < s.past.size, y, jnp.nan), 0.0)
 
 
-# Carrier -------------------------------------------------------------------------------------------------------------
+# Carrier ------------------------------------------------------------------------------
 TOP_BITS = U(0xFFFFFFFFF8000000)
 
 
 def lost(a: Any, b: Any) -> Any:
-    """What rounding takes from the product a b, exactly: halves of 26 bits, whose products round no more."""
+    """What rounding takes from the product a b, exactly: halves of 26 bits, whose
+    products round no more.
+    """
     split = traced.bits
     high = [traced.unbits(split(jnp.asarray(v, jnp.float64)) & TOP_BITS) for v in (a, b)]
     low = [v - h for v, h in zip((a, b), high, strict=True)]
@@ -460,7 +519,9 @@ def increment(p: Any, g: Any) -> Any:
 
 
 def carrier(b, p, s, x, run):
-    """Whole-number phases as on any target; the derivative is that of the sum of the frequencies."""
+    """Whole-number phases as on any target; the derivative is that of the sum of the
+    frequencies.
+    """
     f, contact = x
     count = jnp.maximum(jnp.arange(run.n) - int(s.wait), 0)  # samples that have moved the phase
     held = jnp.where(f > 0, jnp.where(f < p.top, f, p.top), 0.0)
@@ -479,7 +540,8 @@ def carrier(b, p, s, x, run):
         rising = (x0 + QUARTER) >> U(63) == 0
         t = traced.bind(fold)(x0) + jnp.where(rising, 2.0, -2.0) * (way - lax.stop_gradient(way))
         q = traced.as_float(inc) * WORD + (turns - lax.stop_gradient(turns))
-        half = traced.bind(sinpi)(jnp.where(q > 0, q, 0.5))  # at 0 Hz no sample lies over a zero crossing
+        # at 0 Hz no sample lies over a zero crossing
+        half = traced.bind(sinpi)(jnp.where(q > 0, q, 0.5))
         y = traced.bind(rectified)(p.mode, t, q, 1.0 / half)
         return jnp.where(contact > 0, jnp.where(f - f == 0, y, f - f), 0.0)
 
@@ -487,13 +549,29 @@ def carrier(b, p, s, x, run):
 
 
 LOWERINGS: dict[type[Block], Callable] = {
-    noise.White: white, PinkNoise: pink, Modes: modes, Fir: fir, Delay: delay, Carrier: carrier,
-    Cascade: signalforms.cascade, Grain: grain, Ring: signalforms.ring,
+    noise.White: white,
+    PinkNoise: pink,
+    Modes: modes,
+    Fir: fir,
+    Delay: delay,
+    Carrier: carrier,
+    Cascade: signalforms.cascade,
+    Grain: grain,
+    Ring: signalforms.ring,
     SpatialNoise: placeforms.spatial_noise,
-    Cursor: signalforms.cursor, DelayAvatar: signalforms.avatar,
+    Cursor: signalforms.cursor,
+    DelayAvatar: signalforms.avatar,
     First: lambda b, p, s, x, run: spread(x[0], run.n)[0],
-    Gate: gate, Greater: comparison, AtLeast: comparison, Guard: guard,
-    MaxwellArms: maxwell_arms, KelvinChain: kelvin_chain, Series: series,
-    pot.Springpot: springpot, pot.SpringpotLive: springpot_live,
-    thesis.Downsampled: downsampled, thesis.ShortMemory: short_memory, Texture: textureforms.texture,
-}  # fmt: skip
+    Gate: gate,
+    Greater: comparison,
+    AtLeast: comparison,
+    Guard: guard,
+    MaxwellArms: maxwell_arms,
+    KelvinChain: kelvin_chain,
+    Series: series,
+    pot.Springpot: springpot,
+    pot.SpringpotLive: springpot_live,
+    thesis.Downsampled: downsampled,
+    thesis.ShortMemory: short_memory,
+    Texture: textureforms.texture,
+}

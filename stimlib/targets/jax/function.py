@@ -1,8 +1,11 @@
-"""Whole signals at once, for batches and gradients: a scene as one pure function of JAX.
+"""Whole signals at once, for batches and gradients: a scene as one pure function of
+JAX.
 
-The program is the one that all targets run.  Each instance becomes an array over the samples of its clock (or a scalar where
-it is the same at all of them): what is autonomous begins ``lead(fs)`` samples early, and a gated clock has as many samples as
-could be enabled, of which the gate picks those that were. A segment has its own samples alone, or none where a run ends before.
+The program is the one that all targets run.  Each instance becomes an array over the
+samples of its clock (or a scalar where it is the same at all of them): what is
+autonomous begins ``lead(fs)`` samples early, and a gated clock has as many samples as
+could be enabled, of which the gate picks those that were. A segment has its own samples
+alone, or none where a run ends before.
 """
 
 from __future__ import annotations
@@ -19,7 +22,17 @@ import numpy as np
 from ...blocks.gate import Gate
 from ...core.cycles import Cycle
 from ...core.graph import Block, Compare, Const, Param, Segment
-from ...core.program import PARAMS, ROOT, Program, check_memory, design_of, lead, program_of, rate, warn_beyond
+from ...core.program import (
+    PARAMS,
+    ROOT,
+    Program,
+    check_memory,
+    design_of,
+    lead,
+    program_of,
+    rate,
+    warn_beyond,
+)
 from ...errors import BadValue, SceneError, UnknownName
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady
 from .recurrence import run_step
@@ -30,13 +43,16 @@ OPTIONS = ("dtype", "surrogate")
 
 
 class Function:
-    """signals = f(params, motion, key): pure, jitted; made by ``stimlib.compile(scene, fs, target="jax")``.
+    """signals = f(params, motion, key): pure, jitted; made by ``stimlib.compile(scene,
+    fs, target="jax")``.
 
-    Every transformation of JAX applies: ``jax.vmap`` over parameters, motions and keys, ``jax.grad`` with respect to parameters
-    and motions.  Inside them JAX must be in 64-bit mode, as ``with jax.enable_x64(True):`` has it; called with plain numbers
-    and arrays, f sees to that itself.
+    Every transformation of JAX applies: ``jax.vmap`` over parameters, motions and keys,
+    ``jax.grad`` with respect to parameters and motions.  Inside them JAX must be in
+    64-bit mode, as ``with jax.enable_x64(True):`` has it; called with plain numbers and
+    arrays, f sees to that itself.
 
-    Numbers below 2.3e-308 count as 0, as JAX has them, also in comparisons: a ``contact`` of 5e-324 is none here.
+    Numbers below 2.3e-308 count as 0, as JAX has them, also in comparisons: a
+    ``contact`` of 5e-324 is none here.
 
     Attributes
     ----------
@@ -44,16 +60,28 @@ class Function:
     params : dict of str to float
         Parameters and their initial values.
     gates : tuple of str
-        Names of what is 0 or 1: gates, comparisons and whether ``enabled`` is, on the sample clock and in running order; see
-        ``decisions``.
+        Names of what is 0 or 1: gates, comparisons and whether ``enabled`` is, on the
+        sample clock and in running order; see ``decisions``.
     units : dict of str to str
     """
 
-    def __init__(self, scene: Any, fs: float, seed: int = 0, dtype: str = "float64", surrogate: float | None = None):
+    def __init__(
+        self,
+        scene: Any,
+        fs: float,
+        seed: int = 0,
+        dtype: str = "float64",
+        surrogate: float | None = None,
+    ):
         if dtype not in DTYPES:
             raise BadValue(f"dtype = {dtype!r}: choose one of {', '.join(DTYPES)}")
-        if surrogate is not None and not (isinstance(surrogate, (int, float)) and 0 < surrogate < math.inf):
-            raise BadValue(f"surrogate = {surrogate!r} must be a number above 0, or None for gates whose derivative is 0")
+        if surrogate is not None and not (
+            isinstance(surrogate, (int, float)) and 0 < surrogate < math.inf
+        ):
+            raise BadValue(
+                f"surrogate = {surrogate!r} must be a number above 0, or None for gates whose"
+                " derivative is 0"
+            )
         self.scene, self.fs, self.dtype, self.surrogate = scene, rate(fs), dtype, surrogate
         self.seed = int(_key("seed", seed))
         self.program: Program = program_of(scene)
@@ -69,24 +97,37 @@ class Function:
             f"gate {i}": i
             for i, q in enumerate(instances)
             if q.clock == ROOT
-            and (isinstance(q.block, (Gate, Compare)) or (q.kind == "open" and not isinstance(q.block, Segment)))
+            and (
+                isinstance(q.block, (Gate, Compare))
+                or (q.kind == "open" and not isinstance(q.block, Segment))
+            )
         }
         self.gates = tuple(self._decisions)
-        self.units = {n: str(instances[i].block.dim) for g in (self.program.inputs, self.program.params) for n, i in g.items()}
+        self.units = {
+            n: str(instances[i].block.dim)
+            for g in (self.program.inputs, self.program.params)
+            for n, i in g.items()
+        }
         self.units |= {n: str(b.dim) for n, b in scene.outputs.items()}
         self._jitted = jax.jit(self._signals, static_argnames=("n", "wanted"))
 
     def __repr__(self):
-        return f"Function({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)}, fs={self.fs:g}, {self.dtype})"
+        return (
+            f"Function({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)},"
+            f" fs={self.fs:g}, {self.dtype})"
+        )
 
-    def __call__(self, params=None, motion=None, key=None, *, n: int | None = None, gates=None) -> dict[str, Any]:
+    def __call__(
+        self, params=None, motion=None, key=None, *, n: int | None = None, gates=None
+    ) -> dict[str, Any]:
         """The signals of a whole run.
 
         Parameters
         ----------
         params : dict of str to scalar or array (n,)
-            Parameters by name, in their units; those not given have their initial values.  An array is one value per
-            sample; before sample 0 its first value holds.
+            Parameters by name, in their units; those not given have their initial
+            values.  An array is one value per sample; before sample 0 its first value
+            holds.
         motion : dict of str to array (n,) or scalar, or array (n_inputs, n)
             Every input, in its unit.  A scalar holds throughout.
         key : int
@@ -94,13 +135,15 @@ class Function:
         n : int
             Samples, where the length of no array is it.
         gates : dict of str to array (n,)
-            Decisions to take instead of the function's own, by the names of ``gates``: those of another run.
+            Decisions to take instead of the function's own, by the names of ``gates``:
+            those of another run.
 
         Returns
         -------
         dict of str to array (n,)
-            Each output; numpy's where JAX is in 32-bit mode and its own arrays would lose digits.  From the first sample on that
-            is not finite, an output fades as that of the processor does.
+            Each output; numpy's where JAX is in 32-bit mode and its own arrays would
+            lose digits.  From the first sample on that is not finite, an output fades
+            as that of the processor does.
 
         Warns
         -----
@@ -112,8 +155,9 @@ class Function:
         UnknownName
             A name that the scene does not have, or an input that is missing.
         BadValue
-            What is not real numbers; arrays of different lengths or of more than one dimension; a parameter that is not
-            finite; a key outside 0 .. 2**64 - 1; JAX in 32-bit mode inside a transformation.
+            What is not real numbers; arrays of different lengths or of more than one
+            dimension; a parameter that is not finite; a key outside 0 .. 2**64 - 1; JAX
+            in 32-bit mode inside a transformation.
 
         Examples
         --------
@@ -125,8 +169,12 @@ class Function:
         """
         return self._call(params, motion, key, n, gates, self.outputs)
 
-    def decisions(self, params=None, motion=None, key=None, *, n: int | None = None) -> dict[str, Any]:
-        """As a call, with the results of gates and comparisons besides: rows of 0 and 1 by the names of ``gates``."""
+    def decisions(
+        self, params=None, motion=None, key=None, *, n: int | None = None
+    ) -> dict[str, Any]:
+        """As a call, with the results of gates and comparisons besides: rows of 0 and 1
+        by the names of ``gates``.
+        """
         return self._call(params, motion, key, n, None, self.outputs + self.gates)
 
     def _call(self, params, motion, key, n, gates, wanted):
@@ -136,19 +184,27 @@ class Function:
         with jax.enable_x64(True):
             if motion is not None and not isinstance(motion, Mapping):
                 motion = self._rows(motion)
-            params, motion, gates = _named("params", params), _named("motion", motion), _named("gates", gates)
+            params, motion, gates = (
+                _named("params", params),
+                _named("motion", motion),
+                _named("gates", gates),
+            )
             for what, given, known in (
                 ("parameter", params, self.params), ("input", motion, self.inputs), ("gate", gates, self.gates),
             ):  # fmt: skip
                 for name in given:
                     if name not in known:
-                        raise UnknownName(f"no {what} {name!r}; this scene has {', '.join(known) or 'none'}")
+                        raise UnknownName(
+                            f"no {what} {name!r}; this scene has {', '.join(known) or 'none'}"
+                        )
             for name in self.inputs:
                 if name not in motion:
                     raise UnknownName(f"the motion lacks the input {name!r}")
             motion = {name: _real(f"input {name!r}", v) for name, v in motion.items()}
             gates = {name: _real(name, v) for name, v in gates.items()}
-            params = {name: _real(f"parameter {name!r}", v) for name, v in (self.params | params).items()}
+            params = {
+                name: _real(f"parameter {name!r}", v) for name, v in (self.params | params).items()
+            }
             for name, v in params.items():
                 if isinstance(v, np.ndarray) and not np.isfinite(v).all():
                     at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""
@@ -164,23 +220,28 @@ class Function:
             return signals
         if _traced(signals):  # by a transformation of what does not reach f
             raise BadValue(NARROW)
-        return {name: np.asarray(v) for name, v in signals.items()}  # JAX's own would lose half their digits outside
+        # JAX's own would lose half their digits outside
+        return {name: np.asarray(v) for name, v in signals.items()}
 
     def _rows(self, motion: Any) -> dict[str, Any]:
         if not isinstance(motion, jax.Array):
             motion = _array("motion", motion)
         if motion.ndim != 2 or motion.shape[0] != len(self.inputs):
-            raise BadValue(f"motion must be a dict by input name or an array ({len(self.inputs)}, n), got shape {motion.shape}")
+            raise BadValue(
+                f"motion must be a dict by input name or an array ({len(self.inputs)}, n), got"
+                f" shape {motion.shape}"
+            )
         return dict(zip(self.inputs, motion, strict=True))
 
-    # The program -------------------------------------------------------------------------------------------------
+    # The program ----------------------------------------------------------------------
     def _signals(self, params, motion, key, gates, n, wanted):
         instances, early = self.program.instances, lead(self.fs)
         value: dict[int, Any] = {}
         total = {ROOT: early + n}  # samples of each clock, with those before its sample 0
         opened: dict[int, Any] = {}  # gate of each enabled clock, over its parent's samples
         place: dict[int, Any] = {}
-        span: dict[int, tuple[int, int]] = {}  # of each segment's clock, in its parent's samples from sample 0 on
+        # of each segment's clock, in its parent's samples from sample 0 on
+        span: dict[int, tuple[int, int]] = {}
         parents = self.program.parents
         silent: set[int] = set()  # clocks that have no sample in this run
 
@@ -190,11 +251,18 @@ class Function:
                 return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), param])
             above = row(param, parents[clock])
             if clock in span:
-                return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), above[early:][slice(*span[clock])]])
+                return jnp.concatenate(
+                    [jnp.broadcast_to(param[0], (early,)), above[early:][slice(*span[clock])]]
+                )
             by = opened[clock]
             if clock not in place:
                 place[clock] = jnp.nonzero(by, size=by.shape[0], fill_value=by.shape[0] - 1)[0]
-            return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), above[above.shape[0] - by.shape[0] :][place[clock]]])
+            return jnp.concatenate(
+                [
+                    jnp.broadcast_to(param[0], (early,)),
+                    above[above.shape[0] - by.shape[0] :][place[clock]],
+                ]
+            )
 
         def signal(a: int, clock: int) -> Any:
             """What an instance gives on a clock."""
@@ -247,7 +315,9 @@ class Function:
             given = gates.get(f"gate {i}")
             if q.kind == "open":
                 by = spread(jnp.asarray(x[0]) > 0, size)
-                opened[q.child] = by if given is None else jnp.concatenate([by[: size - n], spread(given > 0, n)])
+                opened[q.child] = (
+                    by if given is None else jnp.concatenate([by[: size - n], spread(given > 0, n)])
+                )
                 total[q.child] = early + size
                 value[i] = opened[q.child].astype(jnp.float64)
                 continue
@@ -255,14 +325,20 @@ class Function:
                 value[i] = jnp.concatenate([jnp.zeros(size - n), spread(given, n)])
                 continue
             seed = self.program.seeds[clock]
-            run = Run(size, self.fs, key if seed is None else np.uint64(seed), jnp.dtype(self.dtype), self.surrogate)
+            run = Run(
+                size,
+                self.fs,
+                key if seed is None else np.uint64(seed),
+                jnp.dtype(self.dtype),
+                self.surrogate,
+            )
             p, s = self.design[i]
             value[i] = _run_block(q.block, p, s, x, run)
         named = self.program.outputs | self._decisions
         return {name: _tail(value[named[name]], n) for name in wanted}
 
 
-# What is given -------------------------------------------------------------------------------------------------------
+# What is given ------------------------------------------------------------------------
 NARROW = (
     "JAX is in 32-bit mode, which would lose the motion's digits: put the transformation inside "
     "'with jax.enable_x64(True):', or call jax.config.update('jax_enable_x64', True) first"
@@ -286,7 +362,10 @@ def _array(what: str, v: Any) -> np.ndarray:
         a = np.array(None)
     if a.dtype.kind not in "biuf":
         remedy = "; sample it, at np.arange(n)/fs" if callable(v) else ""
-        raise BadValue(f"{what} must be real numbers, got {type(v).__name__ if a.dtype.kind in 'OUS' else a.dtype}{remedy}")
+        raise BadValue(
+            f"{what} must be real numbers, got"
+            f" {type(v).__name__ if a.dtype.kind in 'OUS' else a.dtype}{remedy}"
+        )
     return a
 
 
@@ -294,10 +373,17 @@ def _real(what: str, v: Any) -> Any:
     """A number or a row of them, as float64: other types would have f compiled anew."""
     if not isinstance(v, jax.Array):
         v = _array(what, v)
-    elif not (jnp.issubdtype(v.dtype, jnp.floating) or jnp.issubdtype(v.dtype, jnp.integer) or v.dtype == jnp.bool_):
+    elif not (
+        jnp.issubdtype(v.dtype, jnp.floating)
+        or jnp.issubdtype(v.dtype, jnp.integer)
+        or v.dtype == jnp.bool_
+    ):
         raise BadValue(f"{what} must be real numbers, got {v.dtype}")
     if v.ndim > 1:
-        raise BadValue(f"{what} must be one number or a row (n,), got shape {v.shape}; for many runs use jax.vmap")
+        raise BadValue(
+            f"{what} must be one number or a row (n,), got shape {v.shape}; for many runs use"
+            " jax.vmap"
+        )
     return v.astype(np.float64)
 
 
@@ -305,12 +391,17 @@ def _key(what: str, key: Any) -> Any:
     """A run's key, as uint64."""
     if isinstance(key, jax.core.Tracer):
         if key.ndim or not jnp.issubdtype(key.dtype, jnp.integer):
-            raise BadValue(f"{what} must be a whole number, got {key.dtype} of shape {key.shape}; for many runs use jax.vmap")
+            raise BadValue(
+                f"{what} must be a whole number, got {key.dtype} of shape {key.shape}; for many"
+                " runs use jax.vmap"
+            )
         return key.astype(np.uint64)
     try:
         number = operator.index(key)
     except TypeError:
-        raise BadValue(f"{what} = {key!r} must be a whole number; for many runs use jax.vmap") from None
+        raise BadValue(
+            f"{what} = {key!r} must be a whole number; for many runs use jax.vmap"
+        ) from None
     if not 0 <= number < 2**64:
         raise BadValue(f"{what} = {number} must be a whole number from 0 to 2**64 - 1")
     return np.uint64(number)
@@ -320,7 +411,9 @@ def _length(rows: Mapping[str, Any], n: Any) -> int:
     """Samples of a run."""
     if n is not None and (isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0):
         raise BadValue(f"n = {n!r} must be a whole number of samples, at least 0")
-    lengths = {name: v.shape[0] for name, v in rows.items() if v.ndim} | ({} if n is None else {"n": int(n)})
+    lengths = {name: v.shape[0] for name, v in rows.items() if v.ndim} | (
+        {} if n is None else {"n": int(n)}
+    )
     if not lengths:
         raise BadValue("the length of the run is not known: give n, the number of samples")
     if len(set(lengths.values())) > 1:
@@ -329,7 +422,7 @@ def _length(rows: Mapping[str, Any], n: Any) -> int:
     return next(iter(lengths.values()))
 
 
-# Blocks --------------------------------------------------------------------------------------------------------------
+# Blocks -------------------------------------------------------------------------------
 def _tail(v: Any, n: int) -> Any:
     return v[v.shape[0] - n :] if jnp.ndim(v) else spread(jnp.asarray(v), n)
 
@@ -340,17 +433,23 @@ def _lowering(b: Block) -> Any:
         for m in b.members:
             if m.definition.step is None or type(m).start is not Block.start:
                 raise SceneError(
-                    f"{m!r} is inside a loop, where JAX runs steps, and has only a tile, or a start of its own; "
-                    "move it out of the loop"
+                    f"{m!r} is inside a loop, where JAX runs steps, and has only a tile, or a start"
+                    " of its own; move it out of the loop"
                 )
         return None
     for c in type(b).__mro__:
         if c in LOWERINGS:
             return LOWERINGS[c]
         if c.__dict__.get("start") and c is not Block:
-            raise SceneError(f"{b!r}: {c.__name__} has a start of its own and needs a lowering for JAX; see blockforms.LOWERINGS")
+            raise SceneError(
+                f"{b!r}: {c.__name__} has a start of its own and needs a lowering for JAX; see"
+                " blockforms.LOWERINGS"
+            )
     if type(b).step is None:
-        raise SceneError(f"{b!r}: {type(b).__name__} has only a tile and needs a lowering for JAX; see blockforms.LOWERINGS")
+        raise SceneError(
+            f"{b!r}: {type(b).__name__} has only a tile and needs a lowering for JAX; see"
+            " blockforms.LOWERINGS"
+        )
     return None
 
 
@@ -365,5 +464,7 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
         on = spread(jnp.asarray(x[-1]) > 0, run.n)
         contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
     y = run_step(b.definition.step, p, s, x[:-1] if b.resettable else x, run.n, contact)
-    full = [v if jnp.ndim(v) or not len(s) else spread(v, run.n) for v in (y if b.outputs else (y,))]
+    full = [
+        v if jnp.ndim(v) or not len(s) else spread(v, run.n) for v in (y if b.outputs else (y,))
+    ]
     return tuple(full) if b.outputs else full[0]

@@ -1,4 +1,6 @@
-"""How noise over place runs over whole signals under JAX: octave by octave, all samples at once."""
+"""How noise over place runs over whole signals under JAX: octave by octave, all samples
+at once.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +13,28 @@ from . import traced
 
 
 def cells_of(key, lo):
-    """Seven lattice values from the cell of lo on; made in a loop, or XLA would make them anew for every use."""
+    """Seven lattice values from the cell of lo on; made in a loop, or XLA would make
+    them anew for every use.
+    """
     lattice, half = traced.bind(places.lattice), jnp.floor(0.5 * jnp.floor(lo))
     first = half.astype(jnp.int64).astype(jnp.uint64)
-    z = lax.map(lambda k: jnp.stack(lattice(key, first + k)), jnp.arange(4, dtype=jnp.uint64)).reshape(8, -1)
+    z = lax.map(
+        lambda k: jnp.stack(lattice(key, first + k)), jnp.arange(4, dtype=jnp.uint64)
+    ).reshape(8, -1)
     return jnp.where(jnp.floor(lo) > 2.0 * half, z[1:], z[:7])
 
 
 def mean(z, lo, hi):
-    """Mean of an octave from lo to hi, in its cells; of no use where they are four or more apart."""
+    """Mean of an octave from lo to hi, in its cells; of no use where they are four or
+    more apart.
+    """
     spline, f, g = traced.bind(places.spline_mean), jnp.floor(lo), jnp.floor(hi)
     cells = f + jnp.arange(5.0)[:, None]  # a movement of less than four touches no more
     a, b = (jnp.clip(v - cells, 0.0, 1.0) for v in (lo, hi))
     area = jnp.sum(jnp.where(cells <= g, (b - a) * spline(z[:5], z[1:6], z[2:], a, b), 0.0), axis=0)
-    return jnp.where(f == g, spline(z[0], z[1], z[2], lo - f, hi - f), area / jnp.where(f == g, 1.0, hi - lo))
+    return jnp.where(
+        f == g, spline(z[0], z[1], z[2], lo - f, hi - f), area / jnp.where(f == g, 1.0, hi - lo)
+    )
 
 
 def spatial_noise(b, p, s, x, run):

@@ -1,8 +1,11 @@
-"""Recursions over whole signals: which part of a step's state is a delay, which is linear, and which must be scanned.
+"""Recursions over whole signals: which part of a step's state is a delay, which is
+linear, and which must be scanned.
 
-``run_step`` looks at a step once.  State that the old state does not enter is the input, one sample later.  State whose
-update is affine, s' = M s + v with M and v known beforehand, is solved in blocks (``affine``): the time axis becomes two, each
-about the square root as long.  Only what is left is a loop over samples.  So a step needs nothing but its definition.
+``run_step`` looks at a step once.  State that the old state does not enter is the
+input, one sample later.  State whose update is affine, s' = M s + v with M and v known
+beforehand, is solved in blocks (``affine``): the time axis becomes two, each about the
+square root as long.  Only what is left is a loop over samples.  So a step needs nothing
+but its definition.
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ _PASSIVE = {
 }
 
 
-# Looking at a step ---------------------------------------------------------------------------------------------------
+# Looking at a step --------------------------------------------------------------------
 def degrees(jaxpr: Any, given: list[int]) -> list[int]:
     """FREE, LINEAR or CURVED for each output, from that of each input."""
     env = dict(zip(jaxpr.invars, given, strict=True))
@@ -64,7 +67,9 @@ def degrees(jaxpr: Any, given: list[int]) -> list[int]:
 
 
 def groups(depends: np.ndarray) -> list[list[int]]:
-    """States that depend on each other, together; each group after those it depends on.  depends[i, j]: i needs j."""
+    """States that depend on each other, together; each group after those it depends on.
+    depends[i, j]: i needs j.
+    """
     n = len(depends)
     reach = depends.copy()
     for k in range(n):
@@ -78,11 +83,14 @@ def groups(depends: np.ndarray) -> list[list[int]]:
 
 
 def _resettable(f: Callable, first: Any) -> Callable:
-    """A step that rests where the last but one of its signals is not True; the last one is what ``cold`` then is."""
+    """A step that rests where the last but one of its signals is not True; the last one
+    is what ``cold`` then is.
+    """
 
     def step(p, s, *x):
         on, rest = x[-2], first._replace(cold=x[-1])
-        s = type(first)(*(jnp.where(on, a, b) for a, b in zip(s, rest, strict=True)))  # or a NaN would enter derivatives
+        # or a NaN would enter derivatives
+        s = type(first)(*(jnp.where(on, a, b) for a, b in zip(s, rest, strict=True)))
         y, after = f(p, s, *(jnp.where(on, v, 0.0) for v in x[:-2]))
         after = after._replace(cold=0.0)
         return jax.tree.map(lambda v: jnp.where(on, v, 0.0), y), type(first)(
@@ -93,10 +101,11 @@ def _resettable(f: Callable, first: Any) -> Callable:
 
 
 def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: tuple = ()) -> Any:
-    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same at all of them; a tuple of several.
+    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same
+    at all of them; a tuple of several.
 
-    first is a NamedTuple of scalars; x are arrays (n,) or scalars.  contact, of a resettable block: where it runs, and ``cold``
-    where it does not.
+    first is a NamedTuple of scalars; x are arrays (n,) or scalars.  contact, of a
+    resettable block: where it runs, and ``cold`` where it does not.
     """
     f, p = traced.bind(step), traced.on_arrays(p)
     if contact:
@@ -105,13 +114,18 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
         return traced.run(lambda *x: f(p, (), *x)[0], *x)
     if any(np.ndim(v) for v in first):
         if step.__module__ is not None:
-            raise SceneError(f"{step.__qualname__} keeps an array as state: it needs a lowering of its own for JAX")
+            raise SceneError(
+                f"{step.__qualname__} keeps an array as state: it needs a lowering of its own"
+                " for JAX"
+            )
         return scan_arrays(f, p, first, x, n)
     make = type(first)
     s0 = [jnp.asarray(v) for v in first]
 
     def update(s, x):
-        return [jnp.asarray(v).astype(o.dtype) for v, o in zip(f(p, make(*s), *x)[1], s0, strict=True)]
+        return [
+            jnp.asarray(v).astype(o.dtype) for v, o in zip(f(p, make(*s), *x)[1], s0, strict=True)
+        ]
 
     scalars = [jnp.zeros((), v.dtype) for v in map(jnp.asarray, x)]
     jaxpr = jax.make_jaxpr(update)(s0, scalars).jaxpr
@@ -134,7 +148,9 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
         if not depends[np.ix_(group, group)].any():
             new = part(start, others, x)
             series = [_later(a, b, n) for a, b in zip(start, new, strict=True)]
-        elif max(np.array(degree(group))[group]) == LINEAR and all(jnp.issubdtype(v.dtype, jnp.floating) for v in start):
+        elif max(np.array(degree(group))[group]) == LINEAR and all(
+            jnp.issubdtype(v.dtype, jnp.floating) for v in start
+        ):
             series = _affine_part(part, start, others, x, n)
         else:
             series = _scan_part(part, start, others, x, n)
@@ -153,7 +169,8 @@ class Line:
         return lax.dynamic_index_in_dim(self.a, i, keepdims=False)
 
     def __setitem__(self, i: Any, v: Any) -> None:
-        self.a = lax.dynamic_update_index_in_dim(self.a, jnp.asarray(v, self.a.dtype), i, 0)  # at[i].set would take 1 us
+        # at[i].set would take 1 us
+        self.a = lax.dynamic_update_index_in_dim(self.a, jnp.asarray(v, self.a.dtype), i, 0)
 
 
 def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
@@ -167,9 +184,14 @@ def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
         for j, v in zip(moving, row, strict=True):
             here[j] = v
         y, new = f(p, make(*(Line(v) if jnp.ndim(v) else v for v in s)), *here)
-        return [jnp.asarray(v.a if isinstance(v, Line) else v).astype(o.dtype) for v, o in zip(new, s0, strict=True)], y
+        return [
+            jnp.asarray(v.a if isinstance(v, Line) else v).astype(o.dtype)
+            for v, o in zip(new, s0, strict=True)
+        ], y
 
-    return lax.scan(lambda s, row: tuple(traced.run(one, s, row)), s0, [x[j] for j in moving], length=n)[1]
+    return lax.scan(
+        lambda s, row: tuple(traced.run(one, s, row)), s0, [x[j] for j in moving], length=n
+    )[1]
 
 
 def _later(first: Any, new: Any, n: int) -> Any:
@@ -208,15 +230,22 @@ def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> 
     scalar = [jnp.zeros((), jnp.asarray(v).dtype) for v in flat]
     jaxpr = jax.make_jaxpr(lambda *a: matrix(*jax.tree.unflatten(tree, a)))(*scalar).jaxpr
     steady = all(
-        not any(degrees(jaxpr, [LINEAR if i == j else FREE for i in range(len(flat))])) for j, v in enumerate(flat) if jnp.ndim(v)
+        not any(degrees(jaxpr, [LINEAR if i == j else FREE for i in range(len(flat))]))
+        for j, v in enumerate(flat)
+        if jnp.ndim(v)
     )
     v = jnp.stack([jnp.broadcast_to(a, (n,)) for a in part(zero, others, x)], axis=-1)
     shape = () if steady else (n,)
     here = [z if jnp.ndim(a) else a for a, z in zip(flat, scalar, strict=True)] if steady else flat
     columns = matrix(*jax.tree.unflatten(tree, here))
-    M = jnp.stack([jnp.stack([jnp.broadcast_to(a, shape) for a in c], axis=-1) for c in columns], axis=-1)
+    M = jnp.stack(
+        [jnp.stack([jnp.broadcast_to(a, shape) for a in c], axis=-1) for c in columns], axis=-1
+    )
     if not steady:  # where not even a NaN gets through, the state begins anew
-        ill = jnp.stack(jnp.broadcast_arrays(*part([jnp.full_like(z, jnp.nan) for z in zero], others, x)), axis=-1)
+        ill = jnp.stack(
+            jnp.broadcast_arrays(*part([jnp.full_like(z, jnp.nan) for z in zero], others, x)),
+            axis=-1,
+        )
         anew = jnp.broadcast_to(~jnp.isnan(ill).any(axis=-1), (n,))
         s = affine(M, v, jnp.stack(start), anew)
     else:
@@ -224,18 +253,21 @@ def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> 
     return [s[:, j] for j in range(k)]
 
 
-# Solving -------------------------------------------------------------------------------------------------------------
+# Solving ------------------------------------------------------------------------------
 def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
     """States s[0..n-1] before each update of s' = M s + v.
 
-    v (n, k), first (k,); M (n, k, k), or (k, k) where it is the same throughout.  anew (n,): s' = v, whatever s, even NaN.
+    v (n, k), first (k,); M (n, k, k), or (k, k) where it is the same throughout.  anew
+    (n,): s' = v, whatever s, even NaN.
     """
     n, k = v.shape
     if anew is None:
         anew = jnp.zeros(n, bool)
     if n <= SHORT:
         steps = (jnp.broadcast_to(M, (n, k, k)), v, anew)
-        return lax.scan(lambda s, q: (_apply(q[0], jnp.where(q[2], 0.0, s)) + q[1], s), first, steps)[1]
+        return lax.scan(
+            lambda s, q: (_apply(q[0], jnp.where(q[2], 0.0, s)) + q[1], s), first, steps
+        )[1]
     m = math.isqrt(n)  # of blocks
     length = -(-n // m)
     v = jnp.pad(v, ((0, length * m - n), (0, 0))).reshape(m, length, k).swapaxes(0, 1)
@@ -245,10 +277,16 @@ def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
             P, q = c
             return (_times(M, P), _apply(M, q) + v), c
 
-        (P, q), (Ps, qs) = lax.scan(along, (jnp.eye(k, dtype=v.dtype), jnp.zeros((m, k), v.dtype)), v)
+        (P, q), (Ps, qs) = lax.scan(
+            along, (jnp.eye(k, dtype=v.dtype), jnp.zeros((m, k), v.dtype)), v
+        )
         Ps = Ps[:, None]
     else:
-        M = jnp.pad(M, ((0, length * m - n), (0, 0), (0, 0))).reshape(m, length, k, k).swapaxes(0, 1)
+        M = (
+            jnp.pad(M, ((0, length * m - n), (0, 0), (0, 0)))
+            .reshape(m, length, k, k)
+            .swapaxes(0, 1)
+        )
         anew = jnp.pad(anew, (0, length * m - n)).reshape(m, length).T
 
         def along_each(c, row):
@@ -257,7 +295,9 @@ def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
             return (_times(M, P), _apply(M, q) + v, cut | anew), c
 
         one = jnp.broadcast_to(jnp.eye(k, dtype=v.dtype), (m, k, k))
-        (P, q, cut), (Ps, qs, cuts) = lax.scan(along_each, (one, jnp.zeros((m, k), v.dtype), jnp.zeros(m, bool)), (M, v, anew))
+        (P, q, cut), (Ps, qs, cuts) = lax.scan(
+            along_each, (one, jnp.zeros((m, k), v.dtype), jnp.zeros(m, bool)), (M, v, anew)
+        )
         starts = jnp.where(cuts[..., None], 0.0, affine(P, q, first, cut))
         return (_apply(Ps, starts) + qs).swapaxes(0, 1).reshape(m * length, k)[:n]
     starts = affine(P, q, first)  # of the blocks
@@ -265,7 +305,9 @@ def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
 
 
 def _apply(M: Any, s: Any) -> Any:
-    """M s over the last axes, as sums of products: for one or two states a matrix product costs more."""
+    """M s over the last axes, as sums of products: for one or two states a matrix
+    product costs more.
+    """
     return sum(M[..., :, j] * s[..., j : j + 1] for j in range(s.shape[-1]))
 
 

@@ -1,4 +1,6 @@
-"""How some families run over whole signals under JAX: filters and rings as recursions that are linear in their states."""
+"""How some families run over whole signals under JAX: filters and rings as recursions
+that are linear in their states.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from .recurrence import affine, run_step, scan_arrays
 
 
 def cascade(b, p, s, x, run):
-    """One section after the other, each two states with an affine update; in float64, which a low cutoff needs."""
+    """One section after the other, each two states with an affine update; in float64,
+    which a low cutoff needs.
+    """
     v = jnp.broadcast_to(x[0], (run.n,))
     M = np.stack([np.stack([1 - p.c, -p.a], -1), np.stack([p.b, 1 - p.d], -1)], -2)
 
@@ -43,13 +47,18 @@ def avatar(b, p, s, x, run):
 
 
 def cursor(b, p, s, x, run):
-    """Sample by sample; the ratio's derivative is that of Newton's last step, which is the implicit function's."""
+    """Sample by sample; the ratio's derivative is that of Newton's last step, which is
+    the implicit function's.
+    """
     table, one = jnp.asarray(p.c).reshape(-1, int(p.width)), np.eye(4)
 
     def cell(v, per, n):
         held = jnp.clip(v * per, 0.0, n)
         i = jnp.minimum(lax.stop_gradient(jnp.floor(held)), n - 1.0)
-        w, d = (jnp.stack([f(row[0], row[1], row[2], row[3], held - i) for row in one]) for f in (spline, spline_slope))
+        w, d = (
+            jnp.stack([f(row[0], row[1], row[2], row[3], held - i) for row in one])
+            for f in (spline, spline_slope)
+        )
         return i.astype(jnp.int64), w, d, jnp.where(held == v * per, per, 0.0)
 
     def level(x, y):
@@ -71,7 +80,10 @@ def cursor(b, p, s, x, run):
         c = lax.fori_loop(0, 5, lambda _, c: better(c, *still), ratio(level(*still[:2])[0]))
         c = better(lax.stop_gradient(c), *place)
         on, fresh = contact > 0.0, s.cold > 0.0
-        x, y = (jnp.where(on, jnp.where(fresh, p, at + c * d), at) for p, at, d in ((px, s.x, place[2]), (py, s.y, place[3])))
+        x, y = (
+            jnp.where(on, jnp.where(fresh, p, at + c * d), at)
+            for p, at, d in ((px, s.x, place[2]), (py, s.y, place[3]))
+        )
         return s._replace(x=x, y=y, px=px, py=py, cold=jnp.where(on, 0.0, 1.0)), (x, y)
 
     first = type(s)(*(jnp.asarray(v, jnp.float64) for v in s))

@@ -1,4 +1,6 @@
-"""How measured textures run over whole signals under JAX: all models at once, then one loop over the samples of their clock."""
+"""How measured textures run over whole signals under JAX: all models at once, then one
+loop over the samples of their clock.
+"""
 
 from __future__ import annotations
 
@@ -49,13 +51,19 @@ def later(row, new):
 
 
 def predictor(c):
-    """a_1 .. a_p of each row of cosines of p line spectral frequencies, (n, p): (P + Q)/2, multiplied out."""
+    """a_1 .. a_p of each row of cosines of p line spectral frequencies, (n, p): (P +
+    Q)/2, multiplied out.
+    """
     n, p = c.shape
     halves = []
     for first, sign in ((0, 1.0), (1, -1.0)):
         half = jnp.ones((n, 1))
         for k in range(first, p, 2):
-            half = jnp.pad(half, ((0, 0), (0, 2))) - 2 * c[:, k : k + 1] * jnp.pad(half, ((0, 0), (1, 1))) + later_by(half, 2)
+            half = (
+                jnp.pad(half, ((0, 0), (0, 2)))
+                - 2 * c[:, k : k + 1] * jnp.pad(half, ((0, 0), (1, 1)))
+                + later_by(half, 2)
+            )
         if p % 2 == 0:
             half = jnp.pad(half, ((0, 0), (0, 1))) + sign * later_by(half, 1)
         elif sign < 0:

@@ -1,8 +1,10 @@
 """Steps under JAX: the same text, with JAX's mathematics under the names it uses.
 
-A step is straight-line, so called with whole signals instead of samples it computes all of them at once.  ``bind`` gives a
-step its twins: each name of ``stimlib.core.maths`` has one here, which differs in rounding alone (XLA is free to contract
-a*b + c).  ``run`` evaluates it so that its derivative is finite: where a denominator is 0, that of a quotient is 0.
+A step is straight-line, so called with whole signals instead of samples it computes all
+of them at once.  ``bind`` gives a step its twins: each name of ``stimlib.core.maths``
+has one here, which differs in rounding alone (XLA is free to contract a*b + c).
+``run`` evaluates it so that its derivative is finite: where a denominator is 0, that of
+a quotient is 0.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from jax.extend import core
 from ...core import maths
 from ...errors import SceneError
 
-# The twins -----------------------------------------------------------------------------------------------------------
+# The twins ----------------------------------------------------------------------------
 SILENT, TINY, F = maths.SILENT, maths.TINY, maths.F
 
 
@@ -109,7 +111,7 @@ TYPES = {
 }
 
 
-# A step and its helpers ----------------------------------------------------------------------------------------------
+# A step and its helpers ---------------------------------------------------------------
 _bound: dict[types.FunctionType, Callable] = {}
 
 
@@ -128,7 +130,9 @@ def bind(f: Callable) -> Callable:
 
 
 def _names(code: types.CodeType) -> set[str]:
-    return set(code.co_names).union(*(_names(c) for c in code.co_consts if isinstance(c, types.CodeType)))
+    return set(code.co_names).union(
+        *(_names(c) for c in code.co_consts if isinstance(c, types.CodeType))
+    )
 
 
 def _twin(f: Callable, name: str, v: Any) -> Any:
@@ -141,22 +145,33 @@ def _twin(f: Callable, name: str, v: Any) -> Any:
     ours = getattr(v, "__name__", "")
     if callable(v) and v is getattr(maths, ours, None):
         if ours not in TWINS:
-            raise SceneError(f"{f.__qualname__} uses {name}, which works on arrays: it needs a lowering of its own for JAX")
+            raise SceneError(
+                f"{f.__qualname__} uses {name}, which works on arrays: it needs a lowering of its"
+                " own for JAX"
+            )
         return TWINS[ours]
     return bind(v) if isinstance(v, types.FunctionType) else v
 
 
 def on_arrays(p: Any) -> Any:
     """Design numbers whose arrays can be indexed by signals."""
-    return type(p)(*(jnp.asarray(v) if isinstance(v, np.ndarray) else v for v in p)) if hasattr(p, "_fields") else p
+    return (
+        type(p)(*(jnp.asarray(v) if isinstance(v, np.ndarray) else v for v in p))
+        if hasattr(p, "_fields")
+        else p
+    )
 
 
-# Evaluating with finite derivatives ----------------------------------------------------------------------------------
+# Evaluating with finite derivatives ---------------------------------------------------
 def run(f: Callable, *args: Any) -> Any:
     """f(*args) with every quotient by ``divide``."""
     flat, tree_in = jax.tree.flatten(args)
-    closed, shape = jax.make_jaxpr(lambda *a: f(*jax.tree.unflatten(tree_in, a)), return_shape=True)(*flat)
-    return jax.tree.unflatten(jax.tree.structure(shape), _evaluate(closed.jaxpr, closed.consts, flat))
+    closed, shape = jax.make_jaxpr(
+        lambda *a: f(*jax.tree.unflatten(tree_in, a)), return_shape=True
+    )(*flat)
+    return jax.tree.unflatten(
+        jax.tree.structure(shape), _evaluate(closed.jaxpr, closed.consts, flat)
+    )
 
 
 def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:

@@ -1,9 +1,11 @@
-"""Compiled segments on the disk: what takes time is compiled once per machine, for all processes.
+"""Compiled segments on the disk: what takes time is compiled once per machine, for all
+processes.
 
-An entry is a folder, named by its content: the text, the runtime, the versions, the processor.  It is compiled in a folder
-of its own, put on the disk with the SHA-256 of each of its files, and then renamed: so it appears whole, and never changes.
-numba unpickles and runs what it finds there.  So the cache must be private, and numba sees nothing that is not what was
-written.
+An entry is a folder, named by its content: the text, the runtime, the versions, the
+processor.  It is compiled in a folder of its own, put on the disk with the SHA-256 of
+each of its files, and then renamed: so it appears whole, and never changes. numba
+unpickles and runs what it finds there.  So the cache must be private, and numba sees
+nothing that is not what was written.
 """
 
 from __future__ import annotations
@@ -48,7 +50,9 @@ logger = logging.getLogger(__name__)
 SUMS = "sha256.json"
 WAIT = 60.0  # s, for another process to compile an entry: it may be stopped
 LONG = "runtime_", "pump_"
-"""What takes seconds to compile, and is missing in an empty cache; a block class takes half a second."""
+"""What takes seconds to compile, and is missing in an empty cache; a block class takes
+half a second.
+"""
 
 LEFT = re.compile(r"\w+_[0-9a-f]{20}\.\w{8}\.tmp")  # a folder that tempfile.mkdtemp made here
 _lock = threading.RLock()
@@ -56,11 +60,15 @@ _loaded: dict[str, types.ModuleType] = {}  # complete ones only
 _folder: Path | None = None
 
 
-# The folder ----------------------------------------------------------------------------------------------------------
+# The folder ---------------------------------------------------------------------------
 def folder() -> Path:
-    """Where compiled segments are kept: $STIMLIB_CACHE, else the user's cache folder; nobody else can write there."""
+    """Where compiled segments are kept: $STIMLIB_CACHE, else the user's cache folder;
+    nobody else can write there.
+    """
     global _folder
-    wanted = Path(os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")).absolute()
+    wanted = Path(
+        os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")
+    ).absolute()
     with _lock:
         if _folder is None or (_folder != wanted and not _folder.name.startswith("stimlib-tmp-")):
             try:
@@ -78,13 +86,19 @@ def folder() -> Path:
 
 
 def _check_private(place: Path) -> None:
-    """Raise OSError unless a folder is ours, nobody else can write to it, and nobody can put another in its place."""
+    """Raise OSError unless a folder is ours, nobody else can write to it, and nobody
+    can put another in its place.
+    """
     if problem := _open_to_others(os.stat(place)):
-        raise PermissionError(f"{problem}, and what is in it is run: see that it is yours, and `chmod go-w` it")
+        raise PermissionError(
+            f"{problem}, and what is in it is run: see that it is yours, and `chmod go-w` it"
+        )
     for above in place.parents:
         mode = os.stat(above).st_mode
         if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
-            raise PermissionError(f"everybody may replace what is in {above}, and the cache is run: `chmod o-w` it")
+            raise PermissionError(
+                f"everybody may replace what is in {above}, and the cache is run: `chmod o-w` it"
+            )
 
 
 def _open_to_others(info: os.stat_result) -> str:
@@ -101,26 +115,39 @@ def _temporary(wanted: Path, why: OSError) -> None:
     _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
     atexit.register(shutil.rmtree, _folder, ignore_errors=True)
     warnings.warn(
-        f"the cache folder {wanted} cannot be written safely ({why.strerror or why}): compiling into {_folder} for this process; "
-        "set STIMLIB_CACHE to a folder of your own",
+        f"the cache folder {wanted} cannot be written safely ({why.strerror or why}): compiling"
+        f" into {_folder} for this process; set STIMLIB_CACHE to a folder of your own",
         RuntimeWarning,
         stacklevel=2,
     )
 
 
-# Entries -------------------------------------------------------------------------------------------------------------
+# Entries ------------------------------------------------------------------------------
 @cache
 def _salt() -> str:
     runtime = Path(__file__).with_name("runtime.py").read_text()
     config: Any = numba.config
     host = llvmlite.binding.get_host_cpu_name(), config.CPU_NAME, kernels.FEATURES
-    flags = numba.__version__, llvmlite.__version__, sys.version_info[:2], config.BOUNDSCHECK, config.OPT, *host
+    flags = (
+        numba.__version__,
+        llvmlite.__version__,
+        sys.version_info[:2],
+        config.BOUNDSCHECK,
+        config.OPT,
+        *host,
+    )
     operations = "".join(source(cls.step) for cls in lanes.OPERATIONS if cls.step)
-    return "".join(map(inspect.getsource, (kernels, lanes, native, maths))) + runtime + operations + repr(flags)
+    return (
+        "".join(map(inspect.getsource, (kernels, lanes, native, maths)))
+        + runtime
+        + operations
+        + repr(flags)
+    )
 
 
 def load(text: str, stem: str) -> types.ModuleType:
-    """Import generated text, compiled now or before; from any number of threads and processes at once.
+    """Import generated text, compiled now or before; from any number of threads and
+    processes at once.
 
     Raises
     ------
@@ -137,7 +164,9 @@ def load(text: str, stem: str) -> types.ModuleType:
                 try:
                     _loaded[name] = _load(folder() / name, text)
                 except OSError as again:
-                    raise SinkError(f"cannot compile into {folder()}: {again.strerror or again}") from again
+                    raise SinkError(
+                        f"cannot compile into {folder()}: {again.strerror or again}"
+                    ) from again
         return _loaded[name]
 
 
@@ -162,7 +191,12 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
         _publish(part, place)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    logger.info("cache miss: %s compiled in %.2f s, into %s", place.name, time.perf_counter() - began, place.parent)
+    logger.info(
+        "cache miss: %s compiled in %.2f s, into %s",
+        place.name,
+        time.perf_counter() - began,
+        place.parent,
+    )
     return module
 
 
@@ -170,8 +204,8 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
 def _turn(place: Path, text: str) -> Iterator[None]:
     """Wait for another process that compiles an entry, then keep others from it.
 
-    Where the file system has no locks, or the other process takes longer than WAIT, both
-    compile, and one result is kept.
+    Where the file system has no locks, or the other process takes longer than WAIT,
+    both compile, and one result is kept.
     """
     at, until = place.with_name(f"{place.name}.lock"), time.monotonic() + WAIT
     with open(regular.opened(at, os.O_RDWR | os.O_CREAT), "rb") as lock:
@@ -184,7 +218,9 @@ def _turn(place: Path, text: str) -> Iterator[None]:
 
 
 def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
-    """Run a text whose file lies in a folder: numba keeps what it compiles beside it."""
+    """Run a text whose file lies in a folder: numba keeps what it compiles beside
+    it.
+    """
     name = name or place.name
     path = str(place / f"{name}.py")
     module = types.ModuleType(name)
@@ -204,7 +240,8 @@ def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
 
 @contextmanager
 def _no_compiler() -> Iterator[None]:
-    """What is only loaded does not need what numba knows of Python, numpy and scipy; that takes longer than all else of a start.
+    """What is only loaded does not need what numba knows of Python, numpy and scipy;
+    that takes longer than all else of a start.
 
     Whoever compiles later lets numba load it, as ever.
     """
@@ -219,9 +256,16 @@ def _no_compiler() -> Iterator[None]:
 
 
 def _publish(part: Path, place: Path) -> None:
-    """Put an entry on the disk and then into its place, unless another process was faster."""
-    sums = {str(path.relative_to(part)): _sum(path.read_bytes()) for path in sorted(part.rglob("*")) if path.is_file()}
-    if any(name.endswith(".nbc") for name in sums):  # or numba has kept it elsewhere, where its folder cannot be written
+    """Put an entry on the disk and then into its place, unless another process was
+    faster.
+    """
+    sums = {
+        str(path.relative_to(part)): _sum(path.read_bytes())
+        for path in sorted(part.rglob("*"))
+        if path.is_file()
+    }
+    # or numba has kept it elsewhere, where its folder cannot be written
+    if any(name.endswith(".nbc") for name in sums):
         regular.publish(part / SUMS, json.dumps(sums))
         for path in part.rglob("*"):
             path.chmod(0o700 if path.is_dir() else 0o600)
@@ -236,13 +280,18 @@ def _publish(part: Path, place: Path) -> None:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what processes that were killed left: folders of ours where nobody has written for a day."""
+    """Remove what processes that were killed left: folders of ours where nobody has
+    written for a day.
+    """
     for part in folder.glob("*.tmp"):
         with suppress(OSError):  # another process was faster
             info = os.lstat(part)
             ours = stat.S_ISDIR(info.st_mode) and info.st_uid == getattr(os, "geteuid", lambda: 0)()
             if ours and LEFT.fullmatch(part.name):
-                if max(os.lstat(p).st_mtime for p in (part, *part.rglob("*"))) < time.time() - 86400:
+                if (
+                    max(os.lstat(p).st_mtime for p in (part, *part.rglob("*")))
+                    < time.time() - 86400
+                ):
                     shutil.rmtree(part, ignore_errors=True)  # it follows no link
 
 
@@ -255,13 +304,21 @@ def _sound(place: Path, text: str) -> bool:
         sums = json.loads(regular.read(place / SUMS, "sidecar_bytes"))
         source = regular.read(place / f"{place.name}.py", "sidecar_bytes")
         sources = sums.pop(f"{place.name}.py") == _sum(source) and source == text.encode()
-        return sources and bool(sums) and all(_sum(regular.read(place / name, "sidecar_bytes")) == s for name, s in sums.items())
+        return (
+            sources
+            and bool(sums)
+            and all(
+                _sum(regular.read(place / name, "sidecar_bytes")) == s for name, s in sums.items()
+            )
+        )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return False
 
 
 def _remove(place: Path) -> None:
-    """Take an entry away, all of it at once: another process may be about to read it."""
+    """Take an entry away, all of it at once: another process may be about to read
+    it.
+    """
     if os.path.lexists(place):
         aside = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))
         with suppress(FileNotFoundError):  # another process was faster

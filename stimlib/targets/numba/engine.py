@@ -1,6 +1,7 @@
 """Streaming on the CPU: one compiled segment per block class, called from a table.
 
-Compiling a scene only fills tables; what takes time, a segment, is compiled once per machine (``segments``, ``cache``).
+Compiling a scene only fills tables; what takes time, a segment, is compiled once per
+machine (``segments``, ``cache``).
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ KERNELS = "fir", "modes", "memory"
 
 @cache
 def runtime() -> types.ModuleType:
-    """The compiled runtime; segments find its kernels by name, so none can be loaded before."""
+    """The compiled runtime; segments find its kernels by name, so none can be loaded
+    before.
+    """
     module = load(Path(__file__).with_name("runtime.py").read_text(), "runtime")
     for name in KERNELS:
         llvmlite.binding.add_symbol(f"stimlib_{name}", getattr(module, name).address)
@@ -45,7 +48,7 @@ def _together() -> types.ModuleType:
     return load(Path(__file__).with_name("together.py").read_text(), "together")
 
 
-# A program to a table ------------------------------------------------------------------------------------------------
+# A program to a table -----------------------------------------------------------------
 class Engine:
     """Tables and memory of one compiled program; ``words`` is its whole state."""
 
@@ -70,20 +73,46 @@ class Engine:
         def place(key: Any) -> int:
             return slot.setdefault(key, len(slot) * TILE)
 
-        def row(address: int, i: int, words: list[int], p: int = 0, clock: int | None = None, stands: bool = False) -> None:
+        def row(
+            address: int,
+            i: int,
+            words: list[int],
+            p: int = 0,
+            clock: int | None = None,
+            stands: bool = False,
+        ) -> None:
             q = instances[i]
-            rows.append((address, p, state[i], len(A), q.clock if clock is None else clock, q.autonomous, stands, 0))
+            rows.append(
+                (
+                    address,
+                    p,
+                    state[i],
+                    len(A),
+                    q.clock if clock is None else clock,
+                    q.autonomous,
+                    stands,
+                    0,
+                )
+            )
             A.extend(words)
 
         def arg(i: int, clock: int) -> int:
-            """Slot of an argument; a parameter or an input is first gathered onto a child clock."""
+            """Slot of an argument; a parameter or an input is first gathered onto a
+            child clock.
+            """
             q = instances[i]
             if q.kind == "pick":
                 return slot["output", q.args[0], q.block.place]  # type: ignore[attr-defined]
             if q.kind == "const" or clock <= ROOT or (q.clock != PARAMS and q.kind != "input"):
                 return place(i)
             if (i, clock) not in slot:
-                row(machine.GATHER, i, [place(i), place((i, clock))], clock=clock, stands=q.clock == PARAMS)
+                row(
+                    machine.GATHER,
+                    i,
+                    [place(i), place((i, clock))],
+                    clock=clock,
+                    stands=q.clock == PARAMS,
+                )
             return slot[i, clock]
 
         def parameters(words: np.ndarray, payload: list[np.ndarray]) -> int:
@@ -113,7 +142,12 @@ class Engine:
                 row(machine.CLOSE, i, [arg(q.args[1], q.child), place(i), q.child])
             elif cls in lanes.OPERATIONS:
                 words = [arg(a, q.clock) for a in q.args]
-                row(machine.OPERATION + lanes.OPERATIONS.index(cls), i, [*words, place(i)], stands=still[i])
+                row(
+                    machine.OPERATION + lanes.OPERATIONS.index(cls),
+                    i,
+                    [*words, place(i)],
+                    stands=still[i],
+                )
             else:
                 p, s = design[i]
                 f = cls.tile or cls.step
@@ -121,9 +155,14 @@ class Engine:
                 contact = instances[q.args[-1]] if cls.resettable else None
                 resets = contact is not None and not _always(contact)
                 count = len(q.args) - cls.resettable
-                code = f.__code__, () if str(f.__module__).startswith("stimlib.") else steps.meaning(f)
+                code = (
+                    f.__code__,
+                    (() if str(f.__module__).startswith("stimlib.") else steps.meaning(f)),
+                )
                 read = tuple((i, j) in listened for j in range(len(cls.outputs))) or (True,)
-                compiled = segment(cls, code, type(p), kinds(p), type(s), kinds(s), count, len(together), read)
+                compiled = segment(
+                    cls, code, type(p), kinds(p), type(s), kinds(s), count, len(together), read
+                )
                 address, words, at = compiled._sl_segment.address, [], []
                 for k in together:
                     self.segments[k] = compiled.__name__
@@ -134,14 +173,26 @@ class Engine:
                         sizes.append(cls.work(p))
                         scratch = max(scratch, sizes[-1])
                     numbers, payload = _parameter_words(p, sizes)
-                    at.append(parameters(numbers, [*payload, *([pack(at_rest(s))] if resets else [])]))
-                words += [w for k, p_of in zip(together[1:], at[1:], strict=True) for w in (p_of - at[0], state[k] - state[i])]
+                    at.append(
+                        parameters(numbers, [*payload, *([pack(at_rest(s))] if resets else [])])
+                    )
+                words += [
+                    w
+                    for k, p_of in zip(together[1:], at[1:], strict=True)
+                    for w in (p_of - at[0], state[k] - state[i])
+                ]
                 if resets:
                     rest = pack(at_rest(s))
                     outs = places(i)
                     words = [
-                        arg(q.args[-1], q.clock), outs[0], len(outs), p_at - at[0] - rest.size, rest.size, address, *words
-                    ]  # fmt: skip
+                        arg(q.args[-1], q.clock),
+                        outs[0],
+                        len(outs),
+                        p_at - at[0] - rest.size,
+                        rest.size,
+                        address,
+                        *words,
+                    ]
                     address = machine.RESETTABLE
                 if cls.work:
                     work_slots.append(len(A) + len(words))
@@ -163,9 +214,18 @@ class Engine:
         self._allot()
 
     def _allot(self) -> None:
-        """Memory of one run, in whole lines of the cache: threads that run copies write into no line of each other."""
+        """Memory of one run, in whole lines of the cache: threads that run copies write
+        into no line of each other.
+        """
         machine, params = runtime(), len(self._param)
-        words = max(self.size, 1), self._buffers, self._clocks, self._clocks * 2 * TILE, 4 * max(1, params), 20
+        words = (
+            max(self.size, 1),
+            self._buffers,
+            self._clocks,
+            self._clocks * 2 * TILE,
+            4 * max(1, params),
+            20,
+        )
         ends = np.cumsum([-(-n // 8) * 8 for n in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
         self.nbytes = memory.nbytes
@@ -179,37 +239,65 @@ class Engine:
         for i, j in self._param.items():
             self.pending[j, 1] = self._place[i]
         self.ctx[:17] = [
-            len(self.table), *(a.ctypes.data for a in (self.table, self.P, self.S, self.W, self.A)), self._empty[0].shape[0],
-            self._empty[1].shape[0], self._outs_at, self.N.ctypes.data, self.index.ctypes.data, self._clocks, -1,
-            self.pending.ctypes.data, params, 0, machine.entry.address,
-        ]  # fmt: skip
+            len(self.table),
+            *(a.ctypes.data for a in (self.table, self.P, self.S, self.W, self.A)),
+            self._empty[0].shape[0],
+            self._empty[1].shape[0],
+            self._outs_at,
+            self.N.ctypes.data,
+            self.index.ctypes.data,
+            self._clocks,
+            -1,
+            self.pending.ctypes.data,
+            params,
+            0,
+            machine.entry.address,
+        ]
         self.ctx[18:20] = calls.array_words()
         self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
         self.process = calls.function(machine.process.address, self.address[1])
-        """process(x, out): fill out (n_outputs, n) from x (n_inputs, n); nonzero when they are no such arrays."""
+        """process(x, out): fill out (n_outputs, n) from x (n_inputs, n); nonzero when
+        they are no such arrays.
+        """
 
     def copy(self) -> Engine:
-        """Another run of the same program: with memory of its own, all tables shared."""
+        """Another run of the same program: with memory of its own, all tables
+        shared.
+        """
         other = copy.copy(self)
         other._allot()
         return other
 
     @staticmethod
-    def together(engines: Sequence[Engine]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
-        """run(turn, x, out), for each of several threads: what of copies of one program no other thread has taken, without
-        Python's lock.  turn is one number, 0 at the start; x (1 or copies, n_inputs, n) and out (copies, n_outputs, n) fit."""
+    def together(
+        engines: Sequence[Engine],
+    ) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
+        """run(turn, x, out), for each of several threads: what of copies of one program
+        no other thread has taken, without Python's lock.  turn is one number, 0 at the
+        start; x (1 or copies, n_inputs, n) and out (copies, n_outputs, n) fit.
+        """
         contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _together().process
 
-        def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)) -> None:
-            """A thread whose caller was interrupted goes on for a while: what it runs lives as long."""
+        def run(
+            turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)
+        ) -> None:
+            """A thread whose caller was interrupted goes on for a while: what it runs
+            lives as long.
+            """
             process(contexts, turn, x, out)
 
         return run
 
     @staticmethod
     def start(block: Block, p: Any, s: Any, seed: int) -> Any:
-        """The first state of a block in a run with this seed: that of the block, drawn from compiled noise."""
-        return block.start(p, s, seed, normals) if isinstance(block, PinkNoise) else block.start(p, s, seed)
+        """The first state of a block in a run with this seed: that of the block, drawn
+        from compiled noise.
+        """
+        return (
+            block.start(p, s, seed, normals)
+            if isinstance(block, PinkNoise)
+            else block.start(p, s, seed)
+        )
 
     def warm(self, clock: int, n: int) -> None:
         """Run only what is autonomous, for n samples of one clock."""
@@ -218,7 +306,9 @@ class Engine:
         self.ctx[12] = -1
 
     def set(self, i: int, target: float, left: float) -> None:
-        """Send Param instance i towards target over so many samples, from the next sample on."""
+        """Send Param instance i towards target over so many samples, from the next
+        sample on.
+        """
         q = self.pending[self._param[i]]
         q[2:4] = np.array([target, left]).view(np.int64)
         q[0] = 1
@@ -233,7 +323,9 @@ class Engine:
         self.ctx[15] = n
 
     def peek(self) -> np.ndarray:
-        """The states as they are, without touching anything; safe while another thread runs the program."""
+        """The states as they are, without touching anything; safe while another thread
+        runs the program.
+        """
         return self.S[: self.size].copy()
 
     @property
@@ -289,17 +381,27 @@ def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
     """What is one number as long as no parameter moves: those, and maps of them."""
     still: list[bool] = []
     for q, (_, s) in zip(program.instances, design, strict=True):
-        of_them = q.kind in ("block", "pick") and not s and bool(q.args) and all(still[a] for a in q.args)
-        still.append(q.kind == "const" or isinstance(q.block, Param) or (of_them and isinstance(q.block, Map | Pick)))
+        of_them = (
+            q.kind in ("block", "pick") and not s and bool(q.args) and all(still[a] for a in q.args)
+        )
+        still.append(
+            q.kind == "const"
+            or isinstance(q.block, Param)
+            or (of_them and isinstance(q.block, Map | Pick))
+        )
     return still
 
 
 NEAR = 16
-"""So many blocks at most run earlier than written, for two recursions to stand side by side."""
+"""So many blocks at most run earlier than written, for two recursions to stand side by
+side.
+"""
 
 
 def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, ...]]:
-    """Instances in running order; two of one class that step along one clock run in one loop, each in the other's latency."""
+    """Instances in running order; two of one class that step along one clock run in one
+    loop, each in the other's latency.
+    """
     instances = program.instances
     opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
     done = [q.kind in ("const", "input") for q in instances]
@@ -314,7 +416,11 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
         todo = [j]
         while todo and len(found) <= NEAR:
             q = instances[todo.pop()]
-            need = [a for a in (*q.args, *((opened[q.clock],) if q.clock > ROOT else ())) if not done[a] and a not in found]
+            need = [
+                a
+                for a in (*q.args, *((opened[q.clock],) if q.clock > ROOT else ()))
+                if not done[a] and a not in found
+            ]
             found.update(need)
             todo += need
         return None if todo else sorted(found)
@@ -341,17 +447,27 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
 
 
 def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
-    """What two instances have in common that can step side by side; None where one cannot."""
+    """What two instances have in common that can step side by side; None where one
+    cannot.
+    """
     q, (p, s) = program.instances[i], design[i]
     cls = q.block.definition
-    alone = q.kind != "block" or cls.tile or cls.outputs or not s or any(isinstance(v, np.ndarray) for v in s)
+    alone = (
+        q.kind != "block"
+        or cls.tile
+        or cls.outputs
+        or not s
+        or any(isinstance(v, np.ndarray) for v in s)
+    )
     if alone or (cls.resettable and not _always(program.instances[q.args[-1]])):
         return None
     return cls, type(p), kinds(p), type(s), kinds(s), q.clock, q.autonomous
 
 
 def _parameter_words(p: Any, sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Words of one row: numbers, (offset, size) of arrays, sizes of state arrays and scratch; then the arrays."""
+    """Words of one row: numbers, (offset, size) of arrays, sizes of state arrays and
+    scratch; then the arrays.
+    """
     arrays = [np.ascontiguousarray(v).view(np.uint64) for v in p if isinstance(v, np.ndarray)]
     end = sum(2 if isinstance(v, np.ndarray) else 1 for v in p) + len(sizes)
     words: list[np.ndarray] = []

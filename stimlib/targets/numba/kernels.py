@@ -1,7 +1,9 @@
-"""The long sums, vector by vector: taps, banks of modes.  Compiled once, in the runtime; segments call them by name.
+"""The long sums, vector by vector: taps, banks of modes.  Compiled once, in the
+runtime; segments call them by name.
 
-Vectors of eight are spelled out, so the speed does not hang on the optimiser's mood; where a processor has shorter ones, LLVM
-takes several.  Every partial sum is kept apart as ``maths`` defines it: the bits do not depend on the width.
+Vectors of eight are spelled out, so the speed does not hang on the optimiser's mood;
+where a processor has shorter ones, LLVM takes several.  Every partial sum is kept apart
+as ``maths`` defines it: the bits do not depend on the width.
 """
 
 from __future__ import annotations
@@ -26,19 +28,30 @@ MOST = 5  # groups of eight modes of each kind in one pass
 
 
 WIDER = {512: (), 256: ("avx512",), 128: ("avx", "fma", "f16c", "vaes", "vpclmulqdq")}
-"""Features, by the beginning of their names, that programs of at most so many bits a vector do without."""
+"""Features, by the beginning of their names, that programs of at most so many bits a
+vector do without.
+"""
 
 
 def features() -> str:
-    """What programs are built for: what the processor has, less what STIMLIB_VECTOR_BITS = 256 or 128 leaves out."""
+    """What programs are built for: what the processor has, less what
+    STIMLIB_VECTOR_BITS = 256 or 128 leaves out.
+    """
     config: Any = numba.config
     if config.DISABLE_JIT:
-        raise BadValue('NUMBA_DISABLE_JIT is set, and target="numba" is compiled: unset it, or take target="python"')
+        raise BadValue(
+            'NUMBA_DISABLE_JIT is set, and target="numba" is compiled: unset it, or take'
+            ' target="python"'
+        )
     have = config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
     bits = os.environ.get("STIMLIB_VECTOR_BITS") or "512"
     if bits not in map(str, WIDER):
-        raise BadValue(f"STIMLIB_VECTOR_BITS = {bits:.20}: choose one of {', '.join(map(str, WIDER))}")
-    return ",".join("-" + f[1:] if f[1:].startswith(WIDER[int(bits)]) else f for f in have.split(","))
+        raise BadValue(
+            f"STIMLIB_VECTOR_BITS = {bits:.20}: choose one of {', '.join(map(str, WIDER))}"
+        )
+    return ",".join(
+        "-" + f[1:] if f[1:].startswith(WIDER[int(bits)]) else f for f in have.split(",")
+    )
 
 
 FEATURES = features().split(",")
@@ -46,7 +59,7 @@ if os.environ.get("STIMLIB_VECTOR_BITS"):
     numba.config.CPU_FEATURES = ",".join(FEATURES)  # type: ignore[attr-defined]  # before numba builds anything
 
 
-# Eight numbers -------------------------------------------------------------------------------------------------------
+# Eight numbers ------------------------------------------------------------------------
 def zeros(t):
     return ir.Constant(t, [0.0] * t.count)
 
@@ -67,7 +80,9 @@ def store(b, v, p, k=0):
 def splat(b, x, count=8):
     """One number eight times."""
     none = ir.Constant(ir.VectorType(x.type, count), ir.Undefined)
-    return b.shuffle_vector(b.insert_element(none, x, I32(0)), none, ir.Constant(ir.VectorType(I32, count), [0] * count))
+    return b.shuffle_vector(
+        b.insert_element(none, x, I32(0)), none, ir.Constant(ir.VectorType(I32, count), [0] * count)
+    )
 
 
 def shuffle(b, x, y, lanes):
@@ -78,12 +93,19 @@ def known(b, name, *v):
     """LLVM's own function of one or more numbers or vectors."""
     t = v[0].type
     kind = "f64" if t == DOUBLE else f"v{t.count}f64"
-    return b.call(cgutils.get_or_insert_function(b.module, ir.FunctionType(t, [t] * len(v)), f"llvm.{name}.{kind}"), v)
+    return b.call(
+        cgutils.get_or_insert_function(
+            b.module, ir.FunctionType(t, [t] * len(v)), f"llvm.{name}.{kind}"
+        ),
+        v,
+    )
 
 
 def flush(b, s):
     """maths.flush."""
-    limit, zero = (ir.Constant(s.type, v if s.type == DOUBLE else [v] * s.type.count) for v in (SILENT, 0.0))
+    limit, zero = (
+        ir.Constant(s.type, v if s.type == DOUBLE else [v] * s.type.count) for v in (SILENT, 0.0)
+    )
     return b.select(b.fcmp_ordered("<=", known(b, "fabs", s), limit), zero, s)
 
 
@@ -103,9 +125,16 @@ def across(b, v):
 
 def fold(b, v):
     """``across`` of eight vectors at once: lane k of the result is that of vector k."""
-    for apart, lanes in ((4, [0, 1, 2, 3, 8, 9, 10, 11]), (2, [0, 1, 8, 9, 4, 5, 12, 13]), (1, [0, 8, 2, 10, 4, 12, 6, 14])):
+    for apart, lanes in (
+        (4, [0, 1, 2, 3, 8, 9, 10, 11]),
+        (2, [0, 1, 8, 9, 4, 5, 12, 13]),
+        (1, [0, 8, 2, 10, 4, 12, 6, 14]),
+    ):
         both = [(v[k], v[k + apart]) for k in range(apart)]
-        v = [b.fadd(shuffle(b, x, y, lanes), shuffle(b, x, y, [k + apart for k in lanes])) for x, y in both]
+        v = [
+            b.fadd(shuffle(b, x, y, lanes), shuffle(b, x, y, [k + apart for k in lanes]))
+            for x, y in both
+        ]
     return v[0]
 
 
@@ -143,14 +172,17 @@ def whole_tile(ctx, to, source):
     return types.void(F8, F8), code
 
 
-# Taps ----------------------------------------------------------------------------------------------------------------
+# Taps ---------------------------------------------------------------------------------
 VECTORS = (8, 4, 2, 1) if "+avx512f" in FEATURES else (4, 2, 1) if "+avx" in FEATURES else (2, 1)
-"""Of outputs, that stay in registers: the most that leave room for the samples under the taps."""
+"""Of outputs, that stay in registers: the most that leave room for the samples under
+the taps.
+"""
 
 
 def _fir_at(b, R, taps, size, w, y, sums):
-    """8 R outputs.  Taps j, j + 8, .. make partial sum j, and output r under tap m needs the samples r + m: so for each j the
-    samples slide through the registers, and one load serves R products."""
+    """8 R outputs.  Taps j, j + 8, .. make partial sum j, and output r under tap m
+    needs the samples r + m: so for each j the samples slide through the registers, and
+    one load serves R products."""
     with loop(b, I64(0), I64(8), 1) as (j, _):
         base, tap_0, out = b.gep(w, [j]), b.gep(taps, [j]), b.gep(sums, [b.mul(j, I64(8 * R))])
         window = [variable(b, load(b, base, 8 * r)) for r in range(R - 1)]
@@ -192,10 +224,10 @@ def fir(ctx, taps, size, w, y, n):
     return types.void(F8, i8, F8, F8, i8), code
 
 
-# Modes ---------------------------------------------------------------------------------------------------------------
+# Modes --------------------------------------------------------------------------------
 def _pass(b, x, w, n, first, update, groups, r, states):
-    """Groups of eight modes along n samples: w[8 i] += sum r q.  Their states stay in registers; the groups are independent, so
-    that one's latency is another's time."""
+    """Groups of eight modes along n samples: w[8 i] += sum r q.  Their states stay in
+    registers; the groups are independent, so that one's latency is another's time."""
     held = [[variable(b, load(b, p, 8 * g)) for p in states(g)] for g in range(groups)]
     weights = [load(b, r, 8 * g) for g in range(groups)]
     nothing = variable(b, zeros(V8))
@@ -224,7 +256,17 @@ def poles(ctx, p, r, q, x, w, n, groups, first):
 
         def body(count):
             at = [load(b, p, 8 * g) for g in range(count)]
-            _pass(b, x, w, n, first, lambda g, drive, old: [known(b, "fma", at[g], old, drive)], count, r, lambda g: [q])
+            _pass(
+                b,
+                x,
+                w,
+                n,
+                first,
+                lambda g, drive, old: [known(b, "fma", at[g], old, drive)],
+                count,
+                r,
+                lambda g: [q],
+            )
 
         cases(b, groups, {k: lambda k=k: body(k) for k in range(1, 5)})
         return c.get_dummy_value()
@@ -234,7 +276,9 @@ def poles(ctx, p, r, q, x, w, n, groups, first):
 
 @intrinsic
 def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
-    """Up to MOST groups of q += (x + TINY) - e q with a second word, then as many without."""
+    """Up to MOST groups of q += (x + TINY) - e q with a second word, then as many
+    without.
+    """
 
     def code(c, b, sig, v):
         e, r, q, low, x, w, n, fine, coarse, first = v
@@ -263,7 +307,9 @@ def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
 def _total(direct):
     @intrinsic
     def total(ctx, d, x, w, y, n):
-        """y = flush(d x + tree(w)), or without d, for eight samples at once where there are as many."""
+        """y = flush(d x + tree(w)), or without d, for eight samples at once where there
+        are as many.
+        """
 
         def code(c, b, sig, v):
             d, x, w, y, n = v
@@ -275,7 +321,12 @@ def _total(direct):
             whole = b.and_(n, I64(-8))
             with loop(b, I64(0), whole, 8) as (i, _):
                 base = b.gep(w, [b.mul(i, I64(8))])
-                finish(fold(b, [load(b, base, 8 * k) for k in range(8)]), i, splat(b, d), lambda: load(b, x, i))
+                finish(
+                    fold(b, [load(b, base, 8 * k) for k in range(8)]),
+                    i,
+                    splat(b, d),
+                    lambda: load(b, x, i),
+                )
             with loop(b, whole, n, 1) as (i, _):
                 finish(across(b, load(b, w, b.mul(i, I64(8)))), i, d, lambda: b.load(b.gep(x, [i])))
             return c.get_dummy_value()

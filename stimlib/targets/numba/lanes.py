@@ -1,7 +1,8 @@
-"""A straight-line function on several numbers at once: it is run on stand-ins, each operation of which writes its vector
-instruction.
+"""A straight-line function on several numbers at once: it is run on stand-ins, each
+operation of which writes its vector instruction.
 
-So a loop over a helper is vectors by construction.  numba leaves that to LLVM, which takes shorter vectors or none.
+So a loop over a helper is vectors by construction.  numba leaves that to LLVM, which
+takes shorter vectors or none.
 """
 
 from __future__ import annotations
@@ -18,7 +19,20 @@ from numba.extending import intrinsic
 
 from ...blocks import maps
 from ...core import maths
-from ...core.graph import Abs, Add, AtLeast, Block, Div, Equal, Greater, Mul, Neg, NotEqual, Sub, signals
+from ...core.graph import (
+    Abs,
+    Add,
+    AtLeast,
+    Block,
+    Div,
+    Equal,
+    Greater,
+    Mul,
+    Neg,
+    NotEqual,
+    Sub,
+    signals,
+)
 from ...core.steps import used
 from ...errors import SceneError
 from . import kernels, native
@@ -26,7 +40,9 @@ from .kernels import DOUBLE, F8, I32, I64, cases, known, load, loop, shuffle, sp
 from .native import I8
 
 WIDTHS = 16, 2
-"""Sixteen hide the latency of the operations; two are quickest where a sink asks for a sample or two."""
+"""Sixteen hide the latency of the operations; two are quickest where a sink asks for a
+sample or two.
+"""
 
 
 class Lanes:
@@ -42,10 +58,13 @@ class Lanes:
         return self.v.type.element
 
     def __bool__(self):
-        raise TypeError("each lane has a truth value of its own: use where(c, a, b)")  # as a < b < c asks for
+        # as a < b < c asks for
+        raise TypeError("each lane has a truth value of its own: use where(c, a, b)")
 
     def like(self, x: Any) -> ir.Value:
-        """Lanes or a number of the same kind, in every lane; TypeError for others: numpy would turn one into the other."""
+        """Lanes or a number of the same kind, in every lane; TypeError for others:
+        numpy would turn one into the other.
+        """
         if isinstance(x, Lanes):
             return x.are(self.kind)
         if self.kind == DOUBLE:
@@ -89,7 +108,9 @@ def _comparison(sign: str) -> Callable:
     def f(self, other):
         x, y = self.v, self.like(other)
         if self.kind == DOUBLE:
-            return Lanes(self.b, (self.b.fcmp_unordered if sign == "!=" else self.b.fcmp_ordered)(sign, x, y))
+            return Lanes(
+                self.b, (self.b.fcmp_unordered if sign == "!=" else self.b.fcmp_ordered)(sign, x, y)
+            )
         return Lanes(self.b, self.b.icmp_unsigned(sign, x, y))
 
     return f
@@ -101,7 +122,14 @@ for _name, _floats, _words in (
 ):  # fmt: skip
     setattr(Lanes, f"__{_name}__", _operator(_floats, _words, swapped=False))
     setattr(Lanes, f"__r{_name}__", _operator(_floats, _words, swapped=True))
-for _name, _sign in (("lt", "<"), ("le", "<="), ("gt", ">"), ("ge", ">="), ("eq", "=="), ("ne", "!=")):
+for _name, _sign in (
+    ("lt", "<"),
+    ("le", "<="),
+    ("gt", ">"),
+    ("ge", ">="),
+    ("eq", "=="),
+    ("ne", "!="),
+):
     setattr(Lanes, f"__{_name}__", _comparison(_sign))
 
 
@@ -149,8 +177,15 @@ NAMESPACE = python.SimpleNamespace(**TWINS, SILENT=maths.SILENT, TINY=maths.TINY
 
 
 def twin(v: Any) -> Any:
-    """What a global of a helper becomes, a helper's own or that of its compiled text; None where there is nothing."""
-    if isinstance(v, (float, np.uint64)) or v is abs or v is range or (isinstance(v, type) and hasattr(v, "_fields")):
+    """What a global of a helper becomes, a helper's own or that of its compiled text;
+    None where there is nothing.
+    """
+    if (
+        isinstance(v, (float, np.uint64))
+        or v is abs
+        or v is range
+        or (isinstance(v, type) and hasattr(v, "_fields"))
+    ):
         return v
     if v is maths or v is native:
         return NAMESPACE
@@ -158,18 +193,33 @@ def twin(v: Any) -> Any:
         if v is getattr(maths, name) or v is getattr(native, name):
             return TWINS[name]
     f = getattr(v, "py_func", v)
-    return bind(f) if isinstance(f, python.FunctionType) and f.__module__ not in (maths.__name__, native.__name__) else None
+    return (
+        bind(f)
+        if isinstance(f, python.FunctionType)
+        and f.__module__ not in (maths.__name__, native.__name__)
+        else None
+    )
 
 
 def bind(f: python.FunctionType) -> Callable | None:
-    """A step or helper as a function of stand-ins; None where it uses what has no twin."""
-    scope = {name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__}
-    of_maths = [name for name in f.__code__.co_names if hasattr(maths, name)] if NAMESPACE in scope.values() else []
+    """A step or helper as a function of stand-ins; None where it uses what has no
+    twin.
+    """
+    scope = {
+        name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__
+    }
+    of_maths = (
+        [name for name in f.__code__.co_names if hasattr(maths, name)]
+        if NAMESPACE in scope.values()
+        else []
+    )
     if not all(hasattr(NAMESPACE, name) for name in of_maths):
         return None
     if None in scope.values() or f.__closure__:
         return None
-    return python.FunctionType(f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope}, None, f.__defaults__)
+    return python.FunctionType(
+        f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope}, None, f.__defaults__
+    )
 
 
 def number(b: ir.IRBuilder, v: Any) -> ir.Value:
@@ -180,7 +230,9 @@ def number(b: ir.IRBuilder, v: Any) -> ir.Value:
 
 
 def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str:
-    """Why a helper(p, *x) cannot run in vectors, or nothing; f: a float, u: np.uint64.  It is tried."""
+    """Why a helper(p, *x) cannot run in vectors, or nothing; f: a float, u: np.uint64.
+    It is tried.
+    """
     if helper is None:
         return "it uses what they do not have"
     vectors = [ir.VectorType(I64 if k == "u" else DOUBLE, 8) for k in p_kinds + kinds]
@@ -202,8 +254,12 @@ def in_vectors(step: Any, p_type: Any, p_kinds: str, inputs: int) -> bool:
     return not fault(run and (lambda p, *x: run(p, (), *x)[0]), p_type, p_kinds, "f" * inputs)
 
 
-def go_abreast(step: Any, p_type: Any, p_kinds: str, s_type: Any, s_kinds: str, inputs: int) -> bool:
-    """Whether a step with a state of floats can run in vectors, a block in each lane."""
+def go_abreast(
+    step: Any, p_type: Any, p_kinds: str, s_type: Any, s_kinds: str, inputs: int
+) -> bool:
+    """Whether a step with a state of floats can run in vectors, a block in each
+    lane.
+    """
     run, k = twin(step), len(s_kinds)
 
     def flat(p, *v):
@@ -214,7 +270,9 @@ def go_abreast(step: Any, p_type: Any, p_kinds: str, s_type: Any, s_kinds: str, 
 
 
 def _steps(b, step, p, x, y, n):
-    """y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that fill the last vector up."""
+    """y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that
+    fill the last vector up.
+    """
 
     def at(i):
         samples = [Lanes(b, load(b, q, i)) for q in x]
@@ -230,17 +288,30 @@ def _steps(b, step, p, x, y, n):
 
 def _numbers(b, t, p):
     """A NamedTuple of numbers, or ()."""
-    return t.instance_class(*(Lanes(b, splat(b, b.extract_value(p, k))) for k in range(len(t)))) if len(t) else ()
+    return (
+        t.instance_class(*(Lanes(b, splat(b, b.extract_value(p, k))) for k in range(len(t))))
+        if len(t)
+        else ()
+    )
 
 
 @intrinsic
 def steps(ctx, f, p, x, y, n):
-    """A step without state along slots: p a NamedTuple of numbers or (), x a tuple of pointers."""
+    """A step without state along slots: p a NamedTuple of numbers or (), x a tuple of
+    pointers.
+    """
 
     def code(c, b, sig, v):
         _, p, x, y, n = v
         numbers = _numbers(b, sig.args[1], p)
-        _steps(b, twin(f.dispatcher), numbers, [b.extract_value(x, k) for k in range(len(sig.args[2]))], y, n)
+        _steps(
+            b,
+            twin(f.dispatcher),
+            numbers,
+            [b.extract_value(x, k) for k in range(len(sig.args[2]))],
+            y,
+            n,
+        )
         return c.get_dummy_value()
 
     return types.void(f, p, x, y, types.int64), code
@@ -248,8 +319,8 @@ def steps(ctx, f, p, x, y, n):
 
 @intrinsic
 def abreast(ctx, f, p, s, x, y, n):
-    """A step along the slots of two blocks, one in each lane; p, s, x, y have what is of the one and of the other.  The states
-    after n samples come back."""
+    """A step along the slots of two blocks, one in each lane; p, s, x, y have what is
+    of the one and of the other.  The states after n samples come back."""
 
     def code(c, b, sig, v):
         p, s, x, y, n = v[1:]
@@ -267,15 +338,23 @@ def abreast(ctx, f, p, s, x, y, n):
         numbers = sig.args[1][0].instance_class(*lanes) if lanes else ()
         cells = [cgutils.alloca_once_value(b, both(*pair)) for pair in pairs_of(s, sig.args[2])]
         with loop(b, I64(0), n, 1) as (i, _):
-            samples = [Lanes(b, both(*(b.load(b.gep(q, [i])) for q in pair))) for pair in pairs_of(x, sig.args[3])]
+            samples = [
+                Lanes(b, both(*(b.load(b.gep(q, [i])) for q in pair)))
+                for pair in pairs_of(x, sig.args[3])
+            ]
             old = S.instance_class(*(Lanes(b, b.load(cell)) for cell in cells))
             out, new = step(numbers, old, *samples)
             for k in range(2):
-                b.store(b.extract_element(old[0].like(out), I32(k)), b.gep(b.extract_value(y, k), [i]))
+                b.store(
+                    b.extract_element(old[0].like(out), I32(k)), b.gep(b.extract_value(y, k), [i])
+                )
             for cell, value in zip(cells, new, strict=True):
                 b.store(old[0].like(value), cell)
         last = [b.load(cell) for cell in cells]
-        states = [c.make_tuple(b, S, [b.extract_element(value, I32(k)) for value in last]) for k in range(2)]
+        states = [
+            c.make_tuple(b, S, [b.extract_element(value, I32(k)) for value in last])
+            for k in range(2)
+        ]
         return c.make_tuple(b, sig.return_type, states)
 
     return types.UniTuple(s[0], 2)(f, p, s, x, y, types.int64), code
@@ -287,8 +366,9 @@ def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str) -> Callable:
     call = helper if "f" in kinds else helper and (lambda p, *x: helper(*x))
     if why := fault(call, p_type, p_kinds, kinds):
         raise SceneError(
-            f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. They have arithmetic, comparisons, abs, "
-            f"{', '.join(TWINS)} and helpers of these; else write a loop over the samples in place of each(..)"
+            f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. They have arithmetic,"
+            f" comparisons, abs, {', '.join(TWINS)} and helpers of these; else write a loop over"
+            " the samples in place of each(..)"
         )
     return helper
 
@@ -298,11 +378,15 @@ def _each(ctx, f, p, x, y):
     tuples = isinstance(p, types.BaseTuple) and isinstance(x, types.BaseTuple)
     known_kinds: dict[Any, str] = {types.float64: "f", types.uint64: "u"}
     kinds = "".join(known_kinds.get(t, "?") for t in getattr(p, "types", "?"))
-    arrays = [(a.dtype, a.ndim, a.layout) for a in (*getattr(x, "types", ()), y) if isinstance(a, types.Array)]
+    arrays = [
+        (a.dtype, a.ndim, a.layout)
+        for a in (*getattr(x, "types", ()), y)
+        if isinstance(a, types.Array)
+    ]
     if not tuples or "?" in kinds or arrays != [(types.float64, 1, "C")] * (len(x) + 1):
         raise SceneError(
-            "each(f, p, x, y): p must be a NamedTuple of numbers or (), x a tuple of arrays, such as (x,), and all arrays of "
-            "floats without gaps; else write a loop over the samples"
+            "each(f, p, x, y): p must be a NamedTuple of numbers or (), x a tuple of arrays, such"
+            " as (x,), and all arrays of floats without gaps; else write a loop over the samples"
         )
     helper = _helper(f, getattr(p, "instance_class", ()), kinds, "f" * len(x))
 
@@ -321,7 +405,8 @@ def _each(ctx, f, p, x, y):
         *x, out = (b.select(few, to, q) for to, q in zip(room, (*x, y.data), strict=True))
         last = b.select(few, I64(0), b.sub(n, I64(8)))
         ends = cgutils.alloca_once(b, DOUBLE, 8)
-        with loop(b, I64(0), n, 8) as (i, _):  # the last eight, which may hold some of those before, first: x may be y
+        # the last eight, which may hold some of those before, first: x may be y
+        with loop(b, I64(0), n, 8) as (i, _):
             first = b.icmp_signed("==", i, I64(0))
             i = b.select(first, last, b.sub(i, I64(8)))
             samples = [Lanes(b, load(b, q, i)) for q in x]
@@ -342,9 +427,22 @@ def each(f, p, x, y):
 
 
 OPERATIONS: tuple[type[Block], ...] = (
-    Add, Sub, Mul, Div, Neg, Abs, Greater, AtLeast, Equal, NotEqual, maps.Where, maps.Maximum, maps.Minimum, maps.Sqrt,
+    Add,
+    Sub,
+    Mul,
+    Div,
+    Neg,
+    Abs,
+    Greater,
+    AtLeast,
+    Equal,
+    NotEqual,
+    maps.Where,
+    maps.Maximum,
+    maps.Minimum,
+    maps.Sqrt,
     maps.Nonzero,
-)  # fmt: skip
+)
 """Blocks that are one operation: the runtime does these itself, without a call."""
 
 

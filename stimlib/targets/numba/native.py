@@ -1,4 +1,5 @@
-"""What compiled code does for each name of ``stimlib.core.maths``, and the few memory operations segments need.
+"""What compiled code does for each name of ``stimlib.core.maths``, and the few memory
+operations segments need.
 
 The long sums are compiled once, in the runtime, and called by name: see ``kernels``.
 """
@@ -13,7 +14,11 @@ from numba.extending import intrinsic
 
 from stimlib.core import maths
 
-F8, I8, U8 = types.CPointer(types.float64), types.CPointer(types.int64), types.CPointer(types.uint64)
+F8, I8, U8 = (
+    types.CPointer(types.float64),
+    types.CPointer(types.int64),
+    types.CPointer(types.uint64),
+)
 SEGMENT = types.void(F8, F8, F8, I8, types.int64)  # P, S, W, A, n
 f8, u8, i8 = types.float64, types.uint64, types.int64
 plain = njit(error_model="numpy", inline="always")
@@ -22,10 +27,12 @@ I64, DOUBLE = ir.IntType(64), ir.DoubleType()
 
 TINY, SILENT = maths.TINY, maths.SILENT
 C_ORDER, ALIGNED, WRITEABLE = 0x1, 0x100, 0x400  # flags of an array
-NUMBERS = -1 ^ (0xFF << 24)  # bits of word 3 of a type of numbers: kind, letter, order of bytes, not the next, number
+# bits of word 3 of a type of numbers: kind, letter, order of bytes, not the next,
+# number
+NUMBERS = -1 ^ (0xFF << 24)
 
 
-# one value -----------------------------------------------------------------------------------------------------------
+# one value ----------------------------------------------------------------------------
 @intrinsic
 def fma(ctx, a, b, c):
     return f8(f8, f8, f8), lambda c, b, s, v: b.fma(*v)
@@ -36,7 +43,9 @@ def where(ctx, c, a, b):
     t = u8 if a == u8 and b == u8 else f8
 
     def code(c, b, s, v):
-        one = v[0] if v[0].type.width == 1 else b.icmp_unsigned("!=", v[0], ir.Constant(v[0].type, 0))
+        one = (
+            v[0] if v[0].type.width == 1 else b.icmp_unsigned("!=", v[0], ir.Constant(v[0].type, 0))
+        )
         return b.select(one, v[1], v[2])
 
     return t(types.boolean, t, t), code
@@ -72,8 +81,14 @@ def settle(ctx, x):
 
     def code(c, b, s, v):
         size = b.call(b.module.declare_intrinsic("llvm.fabs", [DOUBLE]), [v[0]])
-        start, rare, done = b.basic_block, b.append_basic_block("silent"), b.append_basic_block("settled")
-        b.cbranch(b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, SILENT)), rare, done).set_weights([1, 1000000])
+        start, rare, done = (
+            b.basic_block,
+            b.append_basic_block("silent"),
+            b.append_basic_block("settled"),
+        )
+        b.cbranch(b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, SILENT)), rare, done).set_weights(
+            [1, 1000000]
+        )
         b.position_at_end(rare)
         b.branch(done)
         b.position_at_end(done)
@@ -85,7 +100,7 @@ def settle(ctx, x):
     return f8(f8), code
 
 
-# memory --------------------------------------------------------------------------------------------------------------
+# memory -------------------------------------------------------------------------------
 @intrinsic
 def at(ctx, p, o):
     """Pointer o words on."""
@@ -175,12 +190,14 @@ def search(knots, x):
     return low
 
 
-# long sums: kernels of the runtime ------------------------------------------------------------------------------------
+# long sums: kernels of the runtime ----------------------------------------------------
 FIR = types.void(F8, i8, F8, F8, i8)  # taps, size, w, y, n
 MODES = types.void(F8, F8, F8, i8, f8, F8, F8, F8, i8)  # p, r, q, size, d, x, w, y, n
-MEMORY = types.void(F8, F8, F8, F8, i8, i8, F8, F8, F8, i8)  # e, r, q, low, size, size of low, x, w, y, n
+# e, r, q, low, size, size of low, x, w, y, n
+MEMORY = types.void(F8, F8, F8, F8, i8, i8, F8, F8, F8, i8)
 _fir, _modes, _memory = (
-    types.ExternalFunction(f"stimlib_{name}", t) for name, t in (("fir", FIR), ("modes", MODES), ("memory", MEMORY))
+    types.ExternalFunction(f"stimlib_{name}", t)
+    for name, t in (("fir", FIR), ("modes", MODES), ("memory", MEMORY))
 )
 
 
@@ -196,4 +213,6 @@ def modes(p, r, q, d, x, y, w):
 
 @plain
 def memory(e, r, q, low, x, y, w):
-    _memory(data(e), data(r), data(q), data(low), e.size, low.size, data(x), data(w), data(y), y.size)
+    _memory(
+        data(e), data(r), data(q), data(low), e.size, low.size, data(x), data(w), data(y), y.size
+    )

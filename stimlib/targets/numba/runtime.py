@@ -1,4 +1,5 @@
-"""The one fixed loop that walks a program's table, and the long sums that segments call by name.
+"""The one fixed loop that walks a program's table, and the long sums that segments call
+by name.
 
 Its text is compiled from the cache, named by content, like a segment's.
 """
@@ -6,18 +7,40 @@ Its text is compiled from the cache, named by content, like a segment's.
 from numba import cfunc, njit, types
 
 from stimlib.targets.numba import kernels, lanes, native
-from stimlib.targets.numba.native import F8, FIR, I8, MEMORY, MODES, as_i8, at, call, f8_at, i8_at, move, run
+from stimlib.targets.numba.native import (
+    F8,
+    FIR,
+    I8,
+    MEMORY,
+    MODES,
+    as_i8,
+    at,
+    call,
+    f8_at,
+    i8_at,
+    move,
+    run,
+)
 
-# ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the outputs' slots in A, 9 &N, 10 &index,
-#      11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen, 16 &entry, 17 whether still rows have been run,
+# ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the
+# outputs' slots in A, 9 &N, 10 &index,
+# 11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen, 16 &entry, 17
+# whether still rows have been run,
 #      18 numpy's array, 19 what tells float64
-# row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no parameter moves), -
+# row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no
+# parameter moves), -
 OPEN, CLOSE, GATHER, RESETTABLE, OPERATION, SEGMENT = 1, 2, 3, 4, 16, 4096
 
 
 MOST = kernels.MOST
 _whole_tile, _operation = kernels.whole_tile, lanes.operation
-_fir, _poles, _leaks, _total, _total_of_modes = kernels.fir, kernels.poles, kernels.leaks, kernels.total, kernels.total_of_modes
+_fir, _poles, _leaks, _total, _total_of_modes = (
+    kernels.fir,
+    kernels.poles,
+    kernels.leaks,
+    kernels.total,
+    kernels.total_of_modes,
+)
 
 
 @cfunc(FIR, cache=True, error_model="numpy")
@@ -73,8 +96,14 @@ def open_clock(W, w, up, root, down, N, k):  # w = (slot of by, child)
 
 @njit(error_model="numpy", inline="always")
 def stretches(
-    P, S, W, w, k
-):  # w = (contact, first output, outputs, state at rest in P, its words, segment, the segment's own ..)
+    P,
+    S,
+    W,
+    w,
+    k,
+    # w = (contact, first output, outputs, state at rest in P, its words, segment, the
+    # segment's own ..)
+):
     by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[4] - 1)
     start, n = 0, 0
     for i in range(k):
@@ -112,8 +141,23 @@ def standing(S, pending, params):
 
 @cfunc(types.void(I8, F8, F8, types.int64), cache=True, error_model="numpy")
 def entry(ctx, x, y, n):
-    rows, table, P, S, W, A = ctx[0], i8_at(ctx[1]), f8_at(ctx[2]), f8_at(ctx[3]), f8_at(ctx[4]), i8_at(ctx[5])
-    n_in, n_out, outs, N, index, clocks, warm = ctx[6], ctx[7], at(A, ctx[8]), i8_at(ctx[9]), i8_at(ctx[10]), ctx[11], ctx[12]
+    rows, table, P, S, W, A = (
+        ctx[0],
+        i8_at(ctx[1]),
+        f8_at(ctx[2]),
+        f8_at(ctx[3]),
+        f8_at(ctx[4]),
+        i8_at(ctx[5]),
+    )
+    n_in, n_out, outs, N, index, clocks, warm = (
+        ctx[6],
+        ctx[7],
+        at(A, ctx[8]),
+        i8_at(ctx[9]),
+        i8_at(ctx[10]),
+        ctx[11],
+        ctx[12],
+    )
     pending = i8_at(ctx[13])
     for j in range(ctx[14]):  # parameters: read once per call
         q = at(pending, 4 * j)
@@ -135,7 +179,8 @@ def entry(ctx, x, y, n):
             N[warm] = m
             for i in range(m):
                 index[warm * 128 + 64 + i] = i
-        for turn in range(1 if ctx[17] != 0 or not standing(S, pending, ctx[14]) else 0, 2):  # 0: still rows, for good
+        # 0: still rows, for good
+        for turn in range(1 if ctx[17] != 0 or not standing(S, pending, ctx[14]) else 0, 2):
             for r in range(rows):
                 q = at(table, 8 * r)
                 c = q[4]
@@ -176,7 +221,8 @@ def entry(ctx, x, y, n):
         ctx[15] += n
 
 
-# of Python; an array has the words 1 type, 2 &data, 3 axes (an int), 4 &shape, 7 &type of numbers, 8 flags (an int): see calls
+# of Python; an array has the words 1 type, 2 &data, 3 axes (an int), 4 &shape, 7 &type
+# of numbers, 8 flags (an int): see calls
 READ, WRITE = native.C_ORDER | native.ALIGNED, native.C_ORDER | native.ALIGNED | native.WRITEABLE
 number = types.ExternalFunction("PyLong_FromLongLong", types.int64(types.int64))
 value = types.ExternalFunction("PyLong_AsLongLong", types.int64(types.int64))
@@ -185,12 +231,19 @@ value = types.ExternalFunction("PyLong_AsLongLong", types.int64(types.int64))
 @njit(error_model="numpy", inline="always")
 def fits(a, flags, ctx):
     """Whether an object is an array of float64 with two axes and these flags."""
-    return a[1] == ctx[18] and a[3] & 0xFFFFFFFF == 2 and a[8] & flags == flags and i8_at(a[7])[3] & native.NUMBERS == ctx[19]
+    return (
+        a[1] == ctx[18]
+        and a[3] & 0xFFFFFFFF == 2
+        and a[8] & flags == flags
+        and i8_at(a[7])[3] & native.NUMBERS == ctx[19]
+    )
 
 
 @cfunc(types.int64(types.int64, I8, types.int64), cache=True, error_model="numpy")
 def process(me, args, count):
-    """A function of Python, as METH_FASTCALL has it: of (x, out), made for the context at the number ``me``."""
+    """A function of Python, as METH_FASTCALL has it: of (x, out), made for the context
+    at the number ``me``.
+    """
     ctx = i8_at(value(me))
     if count != 2:
         return number(1)
@@ -201,6 +254,8 @@ def process(me, args, count):
     if n_x != ctx[6] or n_y != ctx[7] or i8_at(x[4])[1] != n:
         return number(1)
     if n_x > 0 and -8 * n_y * n < y[2] - x[2] < 8 * n_x * n and (y[2] - x[2]) % (8 * n) != 0:
-        return number(1)  # a sample would be written before it is read; whole rows are read first, and no rows may lie anywhere
+        # a sample would be written before it is read; whole rows are read first, and no
+        # rows may lie anywhere
+        return number(1)
     run(ctx[16], ctx, f8_at(x[2]), f8_at(y[2]), n)  # Python's lock is faster kept than given away
     return number(0)

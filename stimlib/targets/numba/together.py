@@ -1,4 +1,6 @@
-"""The loop over copies of a program that each of several threads runs.  Its text is compiled from the cache, as ``runtime``."""
+"""The loop over copies of a program that each of several threads runs.  Its text is
+compiled from the cache, as ``runtime``.
+"""
 
 from llvmlite import ir
 from numba import njit, types
@@ -10,7 +12,9 @@ from stimlib.targets.numba.native import at, data, i8_at, run
 @intrinsic
 def take(ctx, p):
     """The number at p, then one more: no two threads get the same."""
-    return types.int64(p), lambda c, b, s, v: b.atomic_rmw("add", v[0], ir.Constant(ir.IntType(64), 1), "monotonic")
+    return types.int64(p), lambda c, b, s, v: b.atomic_rmw(
+        "add", v[0], ir.Constant(ir.IntType(64), 1), "monotonic"
+    )
 
 
 WRITE = types.Array(types.float64, 3, "C")
