@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from stimlib.analysis.picture import check_place, save
-from stimlib.core import regular
 from stimlib.core.graph import Block, Input
-from stimlib.core.progress import progress
 from stimlib.core.scene import Scene
 from stimlib.errors import UnknownName
 from stimlib.run.processor import compile
 from stimlib.speed.timing import interleaved, machine, medians
+from stimlib.system import safe_files
+from stimlib.system.progress import progress
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -440,7 +440,7 @@ def record(points: list[Point], path: str | os.PathLike) -> None:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(Point._fields)
     out.writerows(points)
-    regular.publish(path, text.getvalue())
+    safe_files.publish(path, text.getvalue())
 
 
 def recorded(folder: str | os.PathLike) -> list[Point]:

@@ -11,6 +11,7 @@ import importlib
 import logging
 from typing import TYPE_CHECKING, Any
 
+from .above import PLACES
 from .version import __version__ as __version__
 
 # silent, unless a program wants to hear it
@@ -33,7 +34,7 @@ _HOME = {
     "render": "run.rendering",
     "Rendering": "run.rendering",
     "stream": "run.rendering",
-    "limits": "core.bounds",
+    "limits": "system.limits",
     "draw": "analysis.draw",
     "StimlibError": "errors",
     "BadValue": "errors",
@@ -86,7 +87,6 @@ if TYPE_CHECKING:
     )
     from .analysis.draw import draw
     from .checks.verify import verify
-    from .core.bounds import limits
     from .core.graph import Block, Input, Param, constant, enabled
     from .core.scene import Scene, load
     from .errors import (
@@ -105,6 +105,19 @@ if TYPE_CHECKING:
     from .fitting.scene import fit
     from .run.processor import Processor, compile
     from .run.rendering import Rendering, render, stream
+    from .system.limits import limits
+
+
+PLACES.update(
+    {
+        "blocks": "stimlib:blocks",
+        "Scene.live": "stimlib.live.notebook:show",
+        "Scene._repr_html_": "stimlib.analysis.draw:html_of",
+        "Rendering._repr_html_": "stimlib.analysis.picture:html_of",
+        "Rendering.plot": "stimlib.analysis.picture:figure",
+        "Rendering.save": "stimlib.files.audio:save",
+    }
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -13,8 +13,6 @@ from typing import NamedTuple
 from .analysis.listen import listen
 from .analysis.picture import picture
 from .checks.verify import verify
-from .core import regular
-from .core.pool import spread
 from .core.scene import Scene
 from .errors import public
 from .files.audio import write
@@ -22,6 +20,8 @@ from .motion.generators import Motion, jittered, minimum_jerk, quantised
 from .run.processor import compile
 from .run.rendering import render
 from .scenes import bumps, squeeze, viscoelastic
+from .system import safe_files
+from .system.pool import spread
 
 FS, SECONDS = 8000.0, 4.8
 
@@ -110,7 +110,7 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
     SinkError
         The folder, or a file in it, cannot be written.
     KeyboardInterrupt
-        As ``stimlib.core.pool.spread``.
+        As ``stimlib.system.pool.spread``.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
     >>> first.name, first.passed, [path.name for path, _, _ in first.files]
     ('squeeze', True, ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
     """
-    folder = regular.make_folder(folder)
+    folder = safe_files.make_folder(folder)
     with spread(show, [(folder, s) for s in STIMULI], workers) as made:
         yield from made
 

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from stimlib.core.beside import beside
+from stimlib.system.threads import beside
 
 
 def test_each_stage_gets_every_item_in_order_in_a_thread_of_its_own():

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 import stimlib
-from stimlib.core import fields, regular
-from stimlib.core.bounds import Limits
 from stimlib.errors import BadValue, SceneFileError, SinkError, UnknownName, shown
+from stimlib.system import fields, safe_files
+from stimlib.system.limits import Limits
 
 
 def test_a_limit_says_its_name_and_what_is_enough():
@@ -80,16 +80,16 @@ def test_only_regular_files_are_read(tmp_path):
         "x" * 5000,
     ):
         with pytest.raises(SinkError, match="cannot read"):
-            regular.read(path, "scene_bytes")
+            safe_files.read(path, "scene_bytes")
 
 
 def test_reading_stops_at_the_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(stimlib.limits, "scene_bytes", 10)
     (tmp_path / "a").write_bytes(b"x" * 10)
-    assert regular.read(tmp_path / "a", "scene_bytes") == b"x" * 10
+    assert safe_files.read(tmp_path / "a", "scene_bytes") == b"x" * 10
     (tmp_path / "a").write_bytes(b"x" * 11)
     with pytest.raises(SinkError, match="limits.scene_bytes"):
-        regular.read(tmp_path / "a", "scene_bytes")
+        safe_files.read(tmp_path / "a", "scene_bytes")
 
 
 def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
@@ -99,14 +99,14 @@ def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
     os.mkfifo(tmp_path / "b.json.part")
     for name in ("a.json", "b.json"):
         with pytest.raises(SinkError, match="remove it"):
-            regular.publish(tmp_path / name, "new")
+            safe_files.publish(tmp_path / name, "new")
         assert not (tmp_path / name).exists()
     assert victim.read_text() == "precious"
     os.mkfifo(tmp_path / "d.json")
     with pytest.raises(SinkError, match="not a regular file; remove it"):
-        regular.publish(tmp_path / "d.json", "new")  # as root, a device would be gone
+        safe_files.publish(tmp_path / "d.json", "new")  # as root, a device would be gone
     (tmp_path / "c.json").symlink_to(victim)
-    regular.publish(tmp_path / "c.json", "new")
+    safe_files.publish(tmp_path / "c.json", "new")
     assert victim.read_text() == "precious" and not (tmp_path / "c.json").is_symlink()
 
 
@@ -114,9 +114,9 @@ def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):
     (tmp_path / "a").write_text("old")
     (tmp_path / "a.part").write_text("of a run that was killed")
     with pytest.raises(AttributeError):
-        regular.publish(tmp_path / "a", 3)
+        safe_files.publish(tmp_path / "a", 3)
     assert (tmp_path / "a").read_text() == "old" and not (tmp_path / "a.part").exists()
-    regular.publish(tmp_path / "a", "new")
+    safe_files.publish(tmp_path / "a", "new")
     assert (tmp_path / "a").read_text() == "new" and os.listdir(tmp_path) == ["a"]
 
 

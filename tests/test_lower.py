@@ -13,10 +13,10 @@ from laws import assert_same
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core import bounds
 from stimlib.core.graph import Add, Block, Const, Enabled, Guard, Map, Mul, reach
 from stimlib.core.program import lead, lower
 from stimlib.errors import SceneError
+from stimlib.system.limits import limits
 
 x = Input("x")
 
@@ -349,7 +349,7 @@ def test_counting_ends_where_there_are_too_many(monkeypatch):
         by = -by
     for _ in range(1000):
         y = blocks.enabled(-y, by=by)
-    monkeypatch.setattr(bounds.limits, "scene_blocks", 10_000)
+    monkeypatch.setattr(limits, "scene_blocks", 10_000)
     with pytest.raises(SceneError, match=r"own copies: 1\d{4} is more than"):
         lower({"y": y})
 
@@ -363,10 +363,10 @@ def test_the_count_of_copies_is_exact(entry, monkeypatch):
     program = lower(outputs)
     copies = sum(not isinstance(q.block, (Param, Const)) for q in program.instances)
     monkeypatch.setattr(
-        bounds.limits, "scene_blocks", max(copies, len(reach([Guard(b) for b in outputs.values()])))
+        limits, "scene_blocks", max(copies, len(reach([Guard(b) for b in outputs.values()])))
     )
     assert lower(outputs).hash == program.hash
-    monkeypatch.setattr(bounds.limits, "scene_blocks", copies - 0.5)
+    monkeypatch.setattr(limits, "scene_blocks", copies - 0.5)
     with pytest.raises(SceneError, match="more than limits.scene_blocks"):
         lower(outputs)
 

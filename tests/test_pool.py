@@ -13,7 +13,7 @@ import time
 import pytest
 from laws import mostly
 
-from stimlib.core.pool import JobFailed, Pool, TimedOut, WorkerDied, spread
+from stimlib.system.pool import JobFailed, Pool, TimedOut, WorkerDied, spread
 
 WORK = """
 import os, time
@@ -31,7 +31,7 @@ def work(folder, n):
 """
 RUN = """
 import signal, sys
-from stimlib.core.pool import spread
+from stimlib.system.pool import spread
 from work import work
 
 try:  # no `if __name__ == "__main__"` is needed
@@ -215,7 +215,7 @@ NAMES = [f.__name__ for f in (sleep, holds_the_gil, sleeps_in_c_with_the_gil, re
 """
 DRIVER = """
 import ctypes, os, signal, sys, time
-from stimlib.core.pool import Pool
+from stimlib.system.pool import Pool
 from stuck import NAMES, stuck
 
 folder, end = sys.argv[1:]
@@ -375,7 +375,7 @@ def test_a_job_has_its_seconds_and_the_others_go_on(workers):
 
 def test_the_seconds_of_a_job_begin_anew_with_each_note(workers):
     text = (
-        "import time\nfrom stimlib.core.pool import note\nfor k in range(4):\n    note(k,"
+        "import time\nfrom stimlib.system.pool import note\nfor k in range(4):\n    note(k,"
         " bytes(16))\n    time.sleep(0.6)"
     )
     assert ask(workers, exec, text, seconds=1.5) is None
@@ -463,7 +463,7 @@ def test_what_failed_was_not_made(monkeypatch):
             self.room = 1
             return (self.what, self.n, None) if self.n != 1 else (self.what, None, ValueError())
 
-    monkeypatch.setattr("stimlib.core.pool.Pool", Row)
+    monkeypatch.setattr("stimlib.system.pool.Pool", Row)
     with (
         pytest.raises(KeyboardInterrupt, match="1 of 3 were made"),
         spread(abs, [(0,), (1,), (2,)], 2) as results,

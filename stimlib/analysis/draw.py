@@ -12,10 +12,10 @@ from base64 import b64encode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from ..core import regular
 from ..core.graph import Guard, Input
 from ..core.program import PARAMS, ROOT, Instance, Program
 from ..errors import BadValue, public, shown
+from ..system import safe_files
 from .layout import (
     LINE,
     MARGIN,
@@ -124,7 +124,7 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
     data = _render(Layout(program), suffix)
     if path is None:
         return Drawing(data.decode())
-    regular.publish(path, data)
+    safe_files.publish(path, data)
     return None
 
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..core.cycles import Cycle
 from ..core.graph import Add, Block, Const, Guard, Input, Mul, Param, Pick, signals
-from ..core.packages import package
 from ..core.program import PARAMS, ROOT, Instance, Program
+from ..system.packages import package
 
 # inches and points
 TITLE, SMALL = 8.0, 6.5

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core import regular
 from ..core.graph import Input, reach
-from ..core.packages import package
 from ..core.scene import Scene
 from ..errors import SinkError, public, shown
 from ..run.rendering import Rendering
+from ..system import safe_files
+from ..system.packages import package
 from .listen import CUTOFF, vibration
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def save(drawn: Figure, path: str | os.PathLike) -> None:
     """Write a figure whole, at a place that ``check_place`` has found good."""
     data = io.BytesIO()
     drawn.savefig(data, dpi=110, format=Path(path).suffix[1:].lower())
-    regular.publish(path, data.getvalue())
+    safe_files.publish(path, data.getvalue())
 
 
 def check_place(

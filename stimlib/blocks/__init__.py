@@ -2,6 +2,7 @@
 
 from ..core.graph import constant, enabled, segment
 from ..core.loops import loop
+from ..core.pointwise import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from ..design.texture_file import load_texture, save_texture
 from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
 from .avatar import delay_avatar, vibration
@@ -26,7 +27,6 @@ from .gate import hysteresis, loading
 from .grid import lut2
 from .impedance import first_order, kelvin_voigt, spring, velocity
 from .indenter import deformation, indentation, press, triangle
-from .maps import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from .modes import pink_noise, pinking
 from .noise import white_noise
 from .oscillators import oscillator, pulse_train

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import NONE, ONE, Block, as_block, positive
 from ..core.maths import as_float, floor, where
 from ..core.units import unit
 from ..errors import BadValue, UnitError, public
+from ..system.limits import limits
 from .cursor import FRAME
 from .stiffness import check_places
 

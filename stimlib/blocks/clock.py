@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.bounds import limits
 from ..core.graph import Block, positive
 from ..core.maths import floor, fma, search, where
 from ..core.program import lead
 from ..core.units import unit
 from ..errors import BadValue, public
+from ..system.limits import limits
 from .bump import sinpi
 from .events import Event
 

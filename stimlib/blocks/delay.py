@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import NONE, ONE, Block
 from ..core.maths import where
 from ..design import responses
 from ..errors import BadValue, public
+from ..system.limits import limits
 from .onset import begun
 
 

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import regular
-from ..core.bounds import limits
 from ..core.graph import Block, Const, as_block
 from ..core.maths import where
+from ..core.pointwise import clip, maximum
 from ..errors import BadValue, public
+from ..system import safe_files
+from ..system.limits import limits
 from .impedance import with_unit
-from .maps import clip, maximum
 from .table import KINDS, OUTSIDE, lut
 
 HEADROOM = ("clip", "scale")
@@ -60,7 +60,7 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
     file = os.fspath(path)
     rows: list[tuple[float, float]] = []
     try:
-        lines = regular.read(file, "sidecar_bytes", BadValue).decode("utf-8-sig").splitlines()
+        lines = safe_files.read(file, "sidecar_bytes", BadValue).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as e:
         raise BadValue(f"equalize: cannot read {file}: {e}") from None
     heading = False

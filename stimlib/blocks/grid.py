@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import Block, Const, as_block
 from ..core.maths import floor, where
 from ..core.units import unit
 from ..errors import BadValue, UnitError, public
+from ..system.limits import limits
 
 U = np.uint64
 KINDS = ("linear", "cubic")

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 from ..core.graph import Block, Map, as_block, constant, design_value, positive
 from ..core.maths import sqrt as root
 from ..core.maths import where as choose
+from ..core.pointwise import exp, maximum, minimum, where
 from ..errors import BadValue, public
-from .maps import exp, maximum, minimum, where
 from .stiffness import check_places
 
 

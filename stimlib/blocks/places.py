@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.bounds import limits
 from ..core.graph import Block, as_block, positive
 from ..core.maths import as_float, each, floor, pairs, sqrt, where
 from ..core.units import unit
 from ..design.octaves import octaves
 from ..errors import BadValue, public
+from ..system.limits import limits
 from .bump import gap, sinpi
 from .noise import noise_key, pair_of_words
 

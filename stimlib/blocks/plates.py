@@ -15,6 +15,7 @@ from numpy.polynomial import legendre
 from ..core import units as un
 from ..core.graph import Block, as_block, positive
 from ..core.maths import TINY, each, floor, flush, fma, where
+from ..core.pointwise import clip
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
@@ -22,7 +23,6 @@ from ..design.sections import Quadratic, sections
 from ..errors import BadValue, UnitError, public
 from .filters import Cascade, below_half, cascade
 from .impedance import with_unit
-from .maps import clip
 from .onset import begun
 
 INT = np.int64

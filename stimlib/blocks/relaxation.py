@@ -31,6 +31,7 @@ import numpy as np
 from ..core import units as un
 from ..core.graph import Block, Const, as_block, constant
 from ..core.maths import memory
+from ..core.pointwise import Where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
@@ -38,7 +39,6 @@ from ..design.eights import padded
 from ..errors import BadValue, UnitError, public
 from .fractional import origin
 from .impedance import sampled, spring
-from .maps import Where
 from .onset import ONSETS, check_onset
 
 SCRATCH = 512  # words that ``memory`` needs; differences stand behind them

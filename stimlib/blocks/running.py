@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import Block, as_block
 from ..core.maths import TINY, flush, fma, where
 from ..core.units import unit
 from ..design import responses
 from ..errors import BadValue, public
+from ..system.limits import limits
 from .events import as_signal
 from .fir import Fir, line
 from .impedance import Lag, LagParams, LagState, sampled

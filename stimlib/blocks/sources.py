@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.bounds import limits
 from ..core.graph import Block, in_unit, positive
 from ..core.maths import as_float, exp, floor, fma, where
 from ..core.units import unit
 from ..design import responses
 from ..design.resample import HALF, resampled
 from ..errors import BadValue, public
+from ..system.limits import limits
 from .bump import sinpi
 from .carrier import two_words
 from .clock import Time

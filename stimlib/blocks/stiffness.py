@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core import bounds
 from ..core.graph import Block, as_block, constant, design_value
 from ..core.maths import where
+from ..core.pointwise import clip
 from ..core.units import unit
 from ..errors import BadValue, UnitError, public
+from ..system.limits import limits
 from .grid import CubicGrid, GridParams, bicubic, lut2
-from .maps import clip
 
 METRE = unit("m")
 
@@ -64,7 +64,7 @@ def table_of(name: str, levels: Any, width: float, height: float) -> Levels:
         raise BadValue(
             f"{name}: levels must have two rows and columns at least; got the shape {table.shape}"
         )
-    bounds.limits.check("map_points", table.size, f"{name}: levels of a stiffness map")
+    limits.check("map_points", table.size, f"{name}: levels of a stiffness map")
     if not (table.min() >= 0 and table.max() <= 1):
         raise BadValue(
             f"{name}: levels must be 0 to 1, as S in eq. (1); got {table.min():g} to"

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import Block
 from ..core.maths import copy, exp, fir, floor, fma, log, where
 from ..design import responses
 from ..design.eights import padded
 from ..errors import BadValue
+from ..system.limits import limits
 from .fractional import check_fields, force_unit, origin
 from .onset import ONSETS
 

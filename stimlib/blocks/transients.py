@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import NONE, ONE, Block, Const, in_unit, positive
 from ..core.maths import SILENT, TINY, exp, flush, fma, where
 from ..core.response import backward
@@ -15,6 +14,7 @@ from ..core.units import unit
 from ..design import responses
 from ..design.resample import resampled
 from ..errors import BadValue, public
+from ..system.limits import limits
 from .bump import regular, sinpi
 from .events import as_event, happens
 from .filters import below_half

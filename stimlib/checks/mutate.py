@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.parts import Part
-from ..core.progress import progress
 from ..core.scene import Scene
 from ..errors import BadValue, StimlibError, shown
 from ..run.rendering import Rendering, render
+from ..system.progress import progress
 from .evidence import Check, gather
 from .scenes import scene_law
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..analysis.picture import Against, check_place
-from ..core import regular
 from ..errors import shown
+from ..system import safe_files
 from .evidence import Check, Evidence
 from .figures import spectra_of
 from .page import items, page, table_of
@@ -193,6 +193,6 @@ class Report:
             The file cannot be written, or has another suffix than .html or .htm.
         """
         check_place(path, "page", PAGES)
-        regular.publish(
+        safe_files.publish(
             path, page(self.what(), self.checks, self.evidence, self.certainty(), command)
         )

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, public
@@ -15,6 +14,7 @@ from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion
 from ..files.session import MotionFile, SessionLog
 from ..run.safety import GAIN, Watch, protect, to_device
 from ..run.walk import samples, walk
+from ..system.limits import limits
 from .evidence import Check, Evidence, at_first, keep_taps, last_of, with_taps
 from .local import blocks_held
 from .noise import generator, noise

@@ -4,7 +4,7 @@ A module for each group of commands; ``app`` has what they share, ``scene`` and
 ``motions`` what SCENE and --motion mean.
 """
 
-from . import (
+from . import (  # noqa: I001  each adds its commands, in the order of --help
     files,
     sweeps,
     devices,
@@ -13,7 +13,7 @@ from . import (
     proofs,
     scenes,
     speed,
-)  # noqa: I001  # each adds its commands, in the order of --help
+)
 from .app import app
 
 __all__ = ["app", "devices", "experiments", "files", "live", "proofs", "scenes", "speed", "sweeps"]

@@ -17,8 +17,8 @@ import typer
 from rich.console import Console
 from typer.core import TyperGroup
 
-from ..core.progress import announce
 from ..errors import StimlibError, shown
+from ..system.progress import announce
 from ..version import __version__
 
 _UsageError: Any = typer.BadParameter.__base__

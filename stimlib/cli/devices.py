@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from ..core.progress import progress
 from ..errors import BadValue, FaultError, SinkError
+from ..system.progress import progress
 from . import options as opt
 from .app import Output, command, end, errors, failed, print_json
 from .motions import motions_of

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..core import regular
-from ..core.pool import terminable
-from ..core.progress import progress
 from ..errors import BadValue, FaultError, SinkError, shown
+from ..system import safe_files
+from ..system.pool import terminable
+from ..system.progress import progress
 from . import options as opt
 from .app import command, group, note, print_json
 from .scene import own_of
@@ -322,7 +322,7 @@ def analyse(
     writer.writerow(table)
     writer.writerows(zip(*table.values(), strict=True))
     if out is not None:
-        regular.publish(out, text.getvalue())
+        safe_files.publish(out, text.getvalue())
     if made.analysis is not None:
         print(shown(called("the analysis", made.analysis, found)))
     elif out is None:

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from ..core.progress import progress
 from ..errors import shown
+from ..system.progress import progress
 from . import options as opt
 from .app import command, end, errors, note, print_json, print_wide
 from .motions import motions_of

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..core import regular
 from ..errors import BadValue, SceneError, StimlibError, UnknownName
+from ..system import safe_files
 
 if TYPE_CHECKING:  # --help and --version need no numpy
     from ..core.scene import Scene
@@ -126,7 +126,7 @@ def _own(
     """
     from ..core.scene import Scene
 
-    regular.read(path, "scene_bytes", SceneError)  # a regular file
+    safe_files.read(path, "scene_bytes", SceneError)  # a regular file
     spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
     if spec is None or spec.loader is None:
         raise SceneError(f"{path} is no file of Python: name one such as click_block.py")

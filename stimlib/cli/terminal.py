@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from ..core.progress import progress
 from ..errors import SinkError, shown
 from ..experiments.prompts import Keyed, Prompt
+from ..system.progress import progress
 
 _ENDED = "the input has ended before the session"
 

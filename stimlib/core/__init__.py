@@ -1,3 +1,5 @@
-"""What everything stands on: graph, units, arithmetic, steps, program, scene, response;
-limits; files of others.
+"""The language: blocks and their arithmetic, units, steps, loops, scenes and the program
+that a scene is lowered to.
 """
+
+from . import pointwise as pointwise  # numpy's functions on blocks

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import public
-from . import fields
+from ..system import fields
 from .graph import Block, reach, type_name
 from .parts import OWN, known
 

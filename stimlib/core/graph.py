@@ -21,7 +21,7 @@ import numpy as np
 from ..errors import BadValue, SceneError, StimlibError, UnitError, place, public
 from . import units as un
 from .maths import where
-from .operators import NUMBERS, Refusals, functions, no_numpy, power
+from .operators import FUNCTIONS, NUMBERS, Refusals, no_numpy, power
 from .source import source_of
 from .units import Unit, unit
 
@@ -261,7 +261,7 @@ class Block(Refusals):
         return Const(1.0) if isinstance(n, NUMBERS) and n == 0 else power(self, n)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        f = functions().get(ufunc.__name__)  # numpy asks here before it computes anything
+        f = FUNCTIONS.get(ufunc.__name__)  # numpy asks here before it computes anything
         if method != "__call__" or options or f is None:
             return no_numpy(ufunc.__name__)
         blocks = [as_block(v) for v in inputs]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -98,7 +97,7 @@ def power(x: Any, n: Any) -> Any:
             " exp(b * log(a))"
         )
     if n == 0.5:
-        return functions()["sqrt"](x)
+        return FUNCTIONS["sqrt"](x)
     if n != n // 1 or abs(n) > LARGEST_POWER:
         raise BadValue(
             f"({x!r}) ** {n!s:.40}: the exponent must be 0.5 or a whole number from"
@@ -116,29 +115,28 @@ def _power(x: Any, n: int) -> Any:
     return half * half * x if n % 2 else half * half
 
 
-def functions() -> dict[str, Callable[..., Any]]:
-    """Functions of numpy that have a meaning on blocks, by numpy's name."""
-    maps = import_module("stimlib.blocks.maps")
-    same = ("sqrt", "exp", "log", "sin", "cos", "tanh", "maximum", "minimum", "clip")
-    return {name: getattr(maps, name) for name in same} | {
-        "add": operator.add,
-        "subtract": operator.sub,
-        "multiply": operator.mul,
-        "divide": operator.truediv,
-        "negative": operator.neg,
-        "positive": operator.pos,
-        "absolute": abs,
-        "fabs": abs,
-        "square": lambda x: x * x,
-        "reciprocal": lambda x: 1.0 / x,
-        "greater": operator.gt,
-        "greater_equal": operator.ge,
-        "less": operator.lt,
-        "less_equal": operator.le,
-        "equal": operator.eq,
-        "not_equal": operator.ne,
-        "power": operator.pow,
-    }
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "negative": operator.neg,
+    "positive": operator.pos,
+    "absolute": abs,
+    "fabs": abs,
+    "square": lambda x: x * x,
+    "reciprocal": lambda x: 1.0 / x,
+    "greater": operator.gt,
+    "greater_equal": operator.ge,
+    "less": operator.lt,
+    "less_equal": operator.le,
+    "equal": operator.eq,
+    "not_equal": operator.ne,
+    "power": operator.pow,
+}
+"""Functions of numpy that have a meaning on blocks, by numpy's name; ``core.pointwise``
+adds its own.
+"""
 
 
 _THERE = (

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import BadValue, SceneFileError
-from . import fields
+from ..system import fields
 from .source import source_of
 
 OWN: dict[str, tuple[Callable, str]] = {}

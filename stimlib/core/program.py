@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import BadValue, SceneError, outside
+from ..system.limits import limits
 from . import steps
 from . import units as un
-from .bounds import limits
 from .cycles import Cycle, closed
 from .graph import (
     Add,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses as dc
 import hashlib
-import importlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -12,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from ..above import above
 from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, public
-from . import regular
-from .bounds import limits
+from ..system import safe_files
+from ..system.limits import limits
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
 from .parts import Part, parts_of
 from .program import Program, lower
@@ -269,7 +269,7 @@ class Scene:
         )
 
     def _repr_html_(self) -> str:
-        return importlib.import_module("stimlib.analysis.draw").html_of(self)
+        return above("Scene._repr_html_")(self)
 
     def live(self, fs: float = 8000.0, safety: Any = None, **options: Any) -> Any:
         """Show the scene live: in a notebook as a page in the cell, elsewhere at
@@ -299,7 +299,7 @@ class Scene:
         --------
         See ``stimlib.live.notebook.show``.
         """
-        return importlib.import_module("stimlib.live.notebook").show(self, fs, safety, **options)
+        return above("Scene.live")(self, fs, safety, **options)
 
     # File -----------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
@@ -349,7 +349,7 @@ class Scene:
                 f"{where}: file version {version!r:.40}, this stimlib reads {VERSION}: update"
                 " stimlib"
             )
-        importlib.import_module("stimlib.blocks")  # registers ours
+        above("blocks")  # registers ours
 
         made: list[Block] = []
 
@@ -429,7 +429,7 @@ class Scene:
         >>> load(path)
         Scene(x [1] -> y [1])
         """
-        regular.publish(
+        safe_files.publish(
             path, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n", SceneFileError
         )
 
@@ -453,7 +453,7 @@ def load(path: str | os.PathLike) -> Scene:
     --------
     See ``Scene.save``.
     """
-    text = regular.read(path, "scene_bytes", SceneFileError)
+    text = safe_files.read(path, "scene_bytes", SceneFileError)
     # reading them would take long
     limits.check("scene_blocks", text.count(b'"class"'), f"{path}: blocks", SceneFileError)
     try:

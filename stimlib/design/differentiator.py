@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..errors import BadValue
+from ..system.limits import limits
 from .minimax import FloatArray, alternating, between, peaks_of
 
 MAX_ORDER = 8192

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..core.bounds import limits
+from ..system.limits import limits
 
 # zero crossings on each side; of Kaiser's window: aliases and images below -110 dB
 HALF, BETA = 32, 12.0

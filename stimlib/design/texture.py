@@ -15,8 +15,8 @@ import dataclasses as dc
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.bounds import limits
 from ..errors import BadValue, public
+from ..system.limits import limits
 from .resample import PIECE
 
 # of the interpolator, in samples of the model; of Kaiser's window: flat to 1 % up to

@@ -16,9 +16,9 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from ..core import regular
-from ..core.bounds import limits
 from ..errors import BadValue, public, shown
+from ..system import safe_files
+from ..system.limits import limits
 from .texture import TextureModel
 
 LONGEST = 200  # letters of a name
@@ -141,7 +141,7 @@ def load_texture(path: str | os.PathLike[str]) -> TextureModel:
     file = os.fspath(path)
     reader = _Reader(str(file))
     try:
-        reader.parser.Parse(regular.read(file, "sidecar_bytes", BadValue), True)
+        reader.parser.Parse(safe_files.read(file, "sidecar_bytes", BadValue), True)
     except expat.ExpatError as e:
         raise BadValue(f"{file}: not XML: {e}") from None
     try:
@@ -246,4 +246,4 @@ def save_texture(model: TextureModel, path: str | os.PathLike[str]) -> None:
             + "".join(number(n, v) for n, v in numbers.items())
             + "</model>"
         )
-    regular.publish(path, "\n".join([*lines, "</modelSet>", ""]), BadValue)
+    safe_files.publish(path, "\n".join([*lines, "</modelSet>", ""]), BadValue)

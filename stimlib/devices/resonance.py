@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..blocks.sources import chirp
-from ..core import regular
 from ..core.graph import Input, constant
 from ..core.scene import Scene
 from ..errors import BadValue, RecordingError, public
 from ..motion.table import read_table
 from ..plate.identify import Sweep, check_taken, read_sweep
 from ..run.safety import Safety
+from ..system import safe_files
 from .sources import Signal, Signals
 
 TAKES = 3  # of a point, where somebody can be asked
@@ -268,4 +268,4 @@ def _keep(
         columns |= {f"drive{k}": u, f"response{k}": y}
     data = io.BytesIO()
     np.savez(data, **columns)
-    regular.publish(file, data.getvalue())
+    safe_files.publish(file, data.getvalue())

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.packages import package
 from ..errors import BadValue, UnknownName, public
+from ..system.packages import package
 from .likelihood import numbers
 
 Array = np.ndarray

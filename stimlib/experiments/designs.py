@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral
 from typing import Any
 
-from ..core.fields import number
 from ..errors import BadValue, public
+from ..system.fields import number
 from .streams import seed_of, stream
 from .tasks import Task
 from .trial import Answer, Design, State, Trial, outcome

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.cues import Cues, cues
-from ..core.progress import progress as bar
 from ..errors import BadValue, UnknownName, public
 from ..files.replay import delivered
 from ..files.session import read_log
+from ..system.progress import progress as bar
 from .fits import undetermined
 from .likelihood import Sets, maximum, numbers
 from .saved import Saved, columns

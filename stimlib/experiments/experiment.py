@@ -11,11 +11,11 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ..core import fields
 from ..core.scene import Scene
 from ..core.units import Unit
 from ..errors import BadValue, UnknownName, public
 from ..run.safety import Safety
+from ..system import fields
 from .own import called
 from .questions import Question
 from .streams import seed_of

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from ..core.packages import package
-from ..core.pool import spread
-from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
 from ..sweep import measured
+from ..system.packages import package
+from ..system.pool import spread
+from ..system.progress import progress as bar
 from .experiment import Experiment
 from .likelihood import Model, probability
 from .streams import stream

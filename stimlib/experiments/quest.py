@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.packages import package
 from ..errors import BadValue, public
+from ..system.packages import package
 from .tasks import Task
 from .trial import Answer, State, Trial, outcome
 

@@ -6,8 +6,8 @@ import dataclasses as dc
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from ..core.fields import number
 from ..errors import BadValue, public
+from ..system.fields import number
 
 if TYPE_CHECKING:
     import numpy as np

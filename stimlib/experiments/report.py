@@ -14,8 +14,8 @@ import numpy as np
 
 from ..checks.figures import svg
 from ..checks.page import STYLE, facts, items
-from ..core import regular
 from ..errors import UnknownName, public, shown
+from ..system import safe_files
 from .fits import Fit, logarithmic
 from .tables import Columns, grouped, plain
 
@@ -157,7 +157,7 @@ def write_report(
         f' charset="utf-8"><title>{_q(title)}</title><style>{STYLE}</style><h1>{_q(title)}</h1>{"".join(parts)}<p'
         f' class="small">Made with {_q(made)}.</p></html>\n'
     )
-    regular.publish(path, text)
+    safe_files.publish(path, text)
 
 
 def _q(text: object) -> str:

@@ -14,8 +14,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from ..core import fields, regular
 from ..errors import BadValue, SinkError, StimlibError, public, shown
+from ..system import fields, safe_files
 from .streams import seed_of
 from .trial import Answer, Record, Trial
 
@@ -146,7 +146,7 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     folder = Path(folder)
     if not os.path.lexists(folder / "session.json"):
         raise SinkError(f"{folder} is no session of an experiment: there is no session.json")
-    raw = regular.read(folder / "session.json", "sidecar_bytes")
+    raw = safe_files.read(folder / "session.json", "sidecar_bytes")
     try:
         header = fields.parse(raw)
         fields.require(header, _HEADER)
@@ -182,7 +182,7 @@ def _answered(folder: Path) -> int:
     begun = max((int(found[1]) for found in logs if found), default=1)
     path = folder / "answered"
     try:
-        told = int(regular.read(path, "sidecar_bytes")) if os.path.lexists(path) else 0
+        told = int(safe_files.read(path, "sidecar_bytes")) if os.path.lexists(path) else 0
     except ValueError:
         raise SinkError(
             f"{path} is damaged: it must have the number of answers; put back a copy of it"
@@ -194,7 +194,7 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
     """Records, bytes of whole lines, the last seal."""
     records: list[Record] = []
     size = 0
-    data = regular.read(path, "events_bytes") if os.path.lexists(path) else b""
+    data = safe_files.read(path, "events_bytes") if os.path.lexists(path) else b""
     # after the last end of a line is what a killed process had begun
     for number, line in enumerate(data.split(b"\n")[:-1], 1):
         try:

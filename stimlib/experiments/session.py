@@ -33,8 +33,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..core import regular
 from ..errors import BadValue, SinkError, public
+from ..system import safe_files
 from ..version import __version__
 from .experiment import Experiment
 from .saved import VERSION, Saved, blinded, folder_of, read, sealed
@@ -101,11 +101,11 @@ class Session:
     def __enter__(self) -> Self:
         if self._resume and not self._there():
             raise BadValue(f"there is no session {self.folder} to resume: run it first")
-        regular.make_folder(self.folder)
+        safe_files.make_folder(self.folder)
         busy = (
             f"another run has the session {self.folder}: one participant cannot be in two at once"
         )
-        self._lock = regular.lock(self.folder, busy)
+        self._lock = safe_files.lock(self.folder, busy)
         self._process = os.getpid()
         try:
             self._open()
@@ -142,16 +142,16 @@ class Session:
                     " data are never overwritten"
                 )
             text = json.dumps(self._header(), indent=1, allow_nan=False) + "\n"
-            regular.publish(self.folder / "session.json", text)
+            safe_files.publish(self.folder / "session.json", text)
         saved = read(self.folder, pilot=self.pilot)
         self._same(saved)
         for record in saved.records:
             self._replay(record)
         path = self.folder / "trials.jsonl"
-        self._file = regular.opened(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        self._file = safe_files.opened(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         os.ftruncate(self._file, saved.size)  # what a killed process had begun to write
         os.fsync(self._file)
-        regular.settle(self.folder)
+        safe_files.settle(self.folder)
         self._size, self._chain = saved.size, saved.chain
         self.records = list(saved.records)
 
@@ -307,7 +307,9 @@ class Session:
         then = "so no stimulus is displayed: free some space, and resume the session"
         if not spare.is_file():
             try:
-                regular.publish(spare, os.urandom(SPARE))  # of zeros a file system may keep nothing
+                safe_files.publish(
+                    spare, os.urandom(SPARE)
+                )  # of zeros a file system may keep nothing
             except SinkError as e:
                 raise SinkError(f"{e}: there is no room for an answer, {then}") from e
         disk = os.statvfs(self.folder)
@@ -354,7 +356,7 @@ class Session:
             ) from e
         self._size, self._chain = self._size + len(data), chain
         with suppress(SinkError):  # of a disk that is full: the answer is there
-            regular.publish(self.folder / "answered", f"{record.number}\n")
+            safe_files.publish(self.folder / "answered", f"{record.number}\n")
 
     def _write(self, data: bytes) -> None:
         """All of it, and on the disk, or nothing."""

@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..core.packages import package
 from ..errors import BadValue, UnknownName, public
+from ..system.packages import package
 from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]

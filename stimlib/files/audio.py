@@ -22,18 +22,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import definitions, regular
-from ..core.beside import beside
-from ..core.bounds import limits
+from ..core import definitions
 from ..core.graph import Input
 from ..core.program import warn_beyond
-from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, outside, public, shown
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
 from ..run.walk import rows_of, walk
+from ..system import safe_files
+from ..system.limits import limits
+from ..system.progress import progress as bar
+from ..system.threads import beside
 from ..version import __version__
 from .draft import PIECE, reading, reason, sha256, soundfile
 from .formats import (
@@ -503,7 +504,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     info = load(path, sidecar)
     frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
     try:
-        with open(regular.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
+        with open(safe_files.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
             if (f.samplerate, f.channels) != (info["fs"], len(scales)):
                 raise SinkError(
                     f"{sidecar} does not belong to {path}: it says {len(scales)} channels at"
@@ -577,7 +578,7 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
         y, info = read(path)
     else:
         try:
-            with open(regular.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
+            with open(safe_files.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
                 limits.check(
                     "render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples"
                 )

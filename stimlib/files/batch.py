@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from ..blocks.noise import noise_key
-from ..core import regular
 from ..core.definitions import definitions
-from ..core.pool import spread
-from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError
 from ..run.processor import compile
+from ..system import safe_files
+from ..system.pool import spread
+from ..system.progress import progress as bar
 from . import audio as file
 
 
@@ -103,7 +103,7 @@ def render_set(
     SinkError
         As ``file.write``.
     KeyboardInterrupt
-        As ``stimlib.core.pool.spread``.
+        As ``stimlib.system.pool.spread``.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def render_set(
         raise BadValue(f"render_set: {wrong[0]!r} is not a plain file name")
     if repetitions < 1:
         raise BadValue(f"render_set: repetitions = {repetitions} must be at least 1")
-    folder = regular.make_folder(folder)
+    folder = safe_files.make_folder(folder)
     jobs = {
         name: (folder / (name + suffix), scene, dict(motion), seconds, fs, seed, full_scale)
         for name, scene in scenes.items()
@@ -149,7 +149,7 @@ def render_set(
         "presentation": [[names[i] for i in one] for one in order(len(names), repetitions, seed)],
     }
     path = folder / "index.json"
-    regular.publish(path, json.dumps(index, indent=1) + "\n")
+    safe_files.publish(path, json.dumps(index, indent=1) + "\n")
     return path
 
 

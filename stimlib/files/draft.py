@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import regular
-from ..core.beside import beside
 from ..errors import SinkError
+from ..system import safe_files
+from ..system.threads import beside
 
 UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
 TYPES = {"FLOAT": "float32", "DOUBLE": "float64", "PCM_24": "int32"}  # of the samples of a subtype
@@ -55,7 +55,7 @@ class Draft:
         self._put = hashlib.blake2b()
         self._busy = Lock()  # an interrupt may close it while another thread puts
         sf = soundfile()
-        self.raw = open(regular.create(at), "r+b", buffering=0)
+        self.raw = open(safe_files.create(at), "r+b", buffering=0)
         try:
             with disk(path, self.raw):
                 self._sound = sf.SoundFile(

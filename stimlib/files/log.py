@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import definitions, fields, regular
+from ..core import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, StimlibError, public
 from ..run.processor import Processor
 from ..run.safety import Safety, protect
+from ..system import fields, safe_files
 from ..version import __version__
 from .draft import Draft
 from .session import COUNT, MAX_LOST, checked
@@ -108,7 +109,7 @@ class LogWriter:
                     " its own"
                 )
             text = json.dumps(header, indent=1, allow_nan=False, default=_plain) + "\n"
-            regular.publish(self.folder / "session.json", text)
+            safe_files.publish(self.folder / "session.json", text)
             self._events = self._open.enter_context(
                 open(self.folder / "events.jsonl", "xb", buffering=0)
             )
@@ -217,7 +218,7 @@ class LogWriter:
                 self._hash_motion()
                 if report is not None:
                     text = json.dumps(report, indent=1, allow_nan=False, default=_plain) + "\n"
-                    regular.publish(self.folder / "report.json", text)
+                    safe_files.publish(self.folder / "report.json", text)
         except SinkError:
             raise
         except OSError as e:

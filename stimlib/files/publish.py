@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import regular
-from ..core.bounds import limits
 from ..errors import SinkError, public
+from ..system import safe_files
+from ..system.limits import limits
 from .draft import TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 from .formats import JOURNAL, Array, physical
 from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
@@ -39,7 +39,7 @@ def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
         if os.path.lexists(p) and not overwrite:
             raise SinkError(f"{p} is there already, and overwrite=False")
     for p in (part_of(path), sidecar_of(part_of(path)), _new(path), part_of(sidecar)):
-        regular.check(p)
+        safe_files.check(p)
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise SinkError(f"folder {path.parent} is not writable")
 
@@ -91,7 +91,7 @@ def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> No
     complete = False
     try:
         with disk(path):
-            with open(regular.create(ready), "r+b", buffering=0) as f:
+            with open(safe_files.create(ready), "r+b", buffering=0) as f:
                 fill(f, text_of(info))
                 os.fsync(f.fileno())
             complete = True
@@ -101,7 +101,7 @@ def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> No
             except SinkError:
                 os.unlink(path)  # ours, and nothing without its sidecar
                 raise
-            regular.settle(path.parent)
+            safe_files.settle(path.parent)
     except BaseException:
         with suppress(OSError):
             # interrupted between the moves: the first cannot be taken back
@@ -172,7 +172,7 @@ def recover(
     with _locked(path), ExitStack() as stack:
         info = load(part, sidecar, BEGUN)
         check_place(to, sidecar_of(to), overwrite)
-        raw = stack.enter_context(open(regular.opened(part, os.O_RDWR), "rb", buffering=0))
+        raw = stack.enter_context(open(safe_files.opened(part, os.O_RDWR), "rb", buffering=0))
         info |= {
             "sha256": None,
             "recovered": {"frames": info["frames"]},
@@ -198,7 +198,7 @@ def _finish_move(path: Path) -> FileReport | None:
         return None
     try:
         info = load(path, ready)
-        with open(regular.opened(path), "rb", buffering=0) as raw:
+        with open(safe_files.opened(path), "rb", buffering=0) as raw:
             check_size(path, raw, info["frames"], len(info["channels"]))
             if sha256(raw) != info["file_sha256"]:
                 return None
@@ -206,7 +206,7 @@ def _finish_move(path: Path) -> FileReport | None:
         return None
     with _locked(path):
         with disk(path):
-            regular.check(ready)
+            safe_files.check(ready)
             os.replace(ready, sidecar_of(path))
         _remove(part_of(path), sidecar_of(part_of(path)))
     return report_of(path, info)
@@ -296,8 +296,8 @@ def _clean(path: Path) -> None:
     run's.
     """
     begun = sidecar_of(part_of(path))
-    with suppress(OSError), open(regular.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
-        if regular.held(f.fileno()) and os.path.samestat(os.fstat(f.fileno()), os.lstat(begun)):
+    with suppress(OSError), open(safe_files.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
+        if safe_files.held(f.fileno()) and os.path.samestat(os.fstat(f.fileno()), os.lstat(begun)):
             _remove(part_of(path), _new(path), part_of(sidecar_of(path)), begun)
 
 
@@ -309,5 +309,5 @@ def _locked(path: Path) -> Iterator[Any]:
     sidecar = sidecar_of(part_of(path))
     with ExitStack() as stack:
         with disk(path):
-            f = regular.alone(stack, sidecar, path)
+            f = safe_files.alone(stack, sidecar, path)
         yield f

@@ -31,12 +31,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import definitions, fields, regular
-from ..core.bounds import limits
+from ..core import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, StimlibError, public, shown
 from ..run.processor import Change
 from ..run.safety import GAIN, Safety, protect
+from ..system import fields, safe_files
+from ..system.limits import limits
 from ..version import __version__
 
 MAX_INDEX = 2**53  # beyond, a float no longer tells two samples apart
@@ -121,7 +122,7 @@ class MotionFile:
 
     def __init__(self, path: Path, inputs: int):
         self.path = path
-        with open(regular.opened(path), "rb") as f:
+        with open(safe_files.opened(path), "rb") as f:
             rows, self.rest = divmod(os.fstat(f.fileno()).st_size, 8 * inputs)
         self.shape = (rows, inputs)
 
@@ -145,7 +146,7 @@ class MotionFile:
             raise BadValue("log: motion is read row after row, log.motion[at:to]")
         x = np.empty((max(0, to - at), self.shape[1]), "<f8")
         try:
-            with open(regular.opened(self.path), "rb", buffering=0) as f:
+            with open(safe_files.opened(self.path), "rb", buffering=0) as f:
                 f.seek(8 * at * self.shape[1])
                 into = memoryview(x.reshape(-1)).cast("B")
                 while got := f.readinto(into):
@@ -344,7 +345,7 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        return fields.parse(regular.read(path, "sidecar_bytes"))
+        return fields.parse(safe_files.read(path, "sidecar_bytes"))
     except ValueError as e:
         raise SinkError(f"{path}: not JSON as a log has it ({e})") from e
 
@@ -405,7 +406,7 @@ def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
     params = set(head.scene.params) | {GAIN}
     found: list[Event] = []
     end = {"delivered": 0, "motion": 0, "lost": 0}
-    with open(regular.opened(path), "rb") as f:
+    with open(safe_files.opened(path), "rb") as f:
         limits.check("events_bytes", os.fstat(f.fileno()).st_size, f"{path}: bytes", SinkError)
         for number in range(1, 1 << 62):
             try:

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core import definitions, fields, regular
+from ..core import definitions
 from ..errors import SinkError, shown
+from ..system import fields, safe_files
 from .draft import soundfile
 from .formats import BYTES, FORMATS
 
@@ -132,7 +133,7 @@ def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dic
             f" known{hint(path)}"
         )
     try:
-        info = fields.parse(regular.read(sidecar, "sidecar_bytes"))
+        info = fields.parse(safe_files.read(sidecar, "sidecar_bytes"))
         fields.require(info, tests | _RECOVERED if "recovered" in info else tests)
         if (
             info["subtype"] not in FORMATS[info["format"]]

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.packages import package
-from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import compile
+from ..system.packages import package
+from ..system.progress import progress as bar
 from .relaxation import _intervals
 
 SEGMENTS = 16  # the fewest of a Welch estimate

@@ -45,7 +45,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from ..core import fields
 from ..devices.process import signals_wait
 from ..devices.sink import Sink
 from ..errors import SinkError
@@ -53,6 +52,7 @@ from ..experiments.experiment import Experiment
 from ..experiments.present import present, spans
 from ..experiments.prompts import Keyed, Prompt
 from ..experiments.trial import Trial
+from ..system import fields
 from . import protocol
 from .site import Page
 

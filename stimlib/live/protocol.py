@@ -93,8 +93,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import fields
 from ..errors import BadValue
+from ..system import fields
 
 VERSION = 1
 HEAD = 6

@@ -19,9 +19,9 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..core.packages import package
 from ..devices.process import begin
 from ..errors import BadValue, SinkError
+from ..system.packages import package
 from .protocol import BURST, RATE, VERSION, WRONG
 from .site import Page, Site
 

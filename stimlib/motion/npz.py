@@ -14,8 +14,8 @@ from math import prod
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..errors import RecordingError
+from ..system.limits import limits
 from .batch import Array, Batch, Rows, table_error
 
 SAVE = "save arrays of numbers with numpy.savez"

@@ -17,9 +17,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..core import regular
-from ..core.bounds import limits
 from ..errors import BadValue, RecordingError
+from ..system import safe_files
+from ..system.limits import limits
 from .batch import Array, Batch, Rows, table_error
 from .npz import ArrayBatch, read_npz
 
@@ -127,7 +127,7 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
         )
     file = os.fsdecode(source)
     try:
-        data = regular.read(file, "recording_bytes", RecordingError)
+        data = safe_files.read(file, "recording_bytes", RecordingError)
     except RecordingError as error:
         reason = error.args[0].removeprefix(f"cannot read {file}: ")
         if reason == error.args[0]:

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.packages import package
 from ..errors import BadValue, public
+from ..system.packages import package
 from .model import Plate, check_plate
 
 NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")

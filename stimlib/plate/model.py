@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.packages import package
 from ..errors import BadValue, public
+from ..system.packages import package
 from .patch import Patch
 from .ritz import HELD, Axis, bending
 

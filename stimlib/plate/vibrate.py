@@ -12,10 +12,10 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..blocks.impedance import with_unit
-from ..blocks.maps import sqrt
 from ..blocks.plates import mode, mode_shape
 from ..blocks.svf import svf
 from ..core.graph import Block, Const, constant
+from ..core.pointwise import sqrt
 from ..core.units import unit
 from ..errors import BadValue, UnitError, public
 from .model import Plate, check_plate

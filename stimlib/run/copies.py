@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..errors import BadValue
+from ..system.limits import limits
 from .given import columns, explain, key, length
 
 WORTHWHILE = 2048

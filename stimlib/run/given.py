@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..errors import BadValue
+from ..system.limits import limits
 
 
 def key(seed: Any) -> int:

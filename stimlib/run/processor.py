@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 import numpy as np
 
 from ..core.graph import kind, pack
-from ..core.packages import package
 from ..core.program import (
     PARAMS,
     Program,
@@ -27,6 +26,7 @@ from ..core.program import (
     rate,
 )
 from ..errors import BadValue, SceneError, StimlibError, UnknownName, public
+from ..system.packages import package
 from .copies import Copies
 from .given import columns, explain, key
 from .plan import Plan, PlanRow

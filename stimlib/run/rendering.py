@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import warnings
@@ -12,12 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..core.bounds import limits
-from ..core.packages import package
+from ..above import above
 from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, UnknownName, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
+from ..system.limits import limits
+from ..system.packages import package
 from .processor import Processor
 from .walk import rows_of, samples, walk
 
@@ -191,7 +191,7 @@ class Rendering:
 
     # Looking at it, and taking it elsewhere -------------------------------------------
     def _repr_html_(self) -> str:
-        return importlib.import_module("stimlib.analysis.picture").html_of(self)
+        return above("Rendering._repr_html_")(self)
 
     def plot(self) -> Figure:
         """Each signal over time; of each output its vibration in close-up, its course
@@ -211,7 +211,7 @@ class Rendering:
         >>> fig.axes[0].get_ylabel()
         'x'
         """
-        return importlib.import_module("stimlib.analysis.picture").figure(self)
+        return above("Rendering.plot")(self)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> Any:
         """Write the samples into a sound file with a sidecar that re-creates it.
@@ -245,7 +245,7 @@ class Rendering:
         ...     ).peak
         {'y': 198.0}
         """
-        return importlib.import_module("stimlib.files.audio").save(path, self, **options)
+        return above("Rendering.save")(path, self, **options)
 
     @property
     def units(self) -> dict[str, str]:

@@ -15,8 +15,8 @@ import numpy as np
 from ..blocks.bump import bump
 from ..blocks.carrier import carrier
 from ..blocks.equalise import equalize, points, within
-from ..blocks.maps import nonzero
 from ..core.graph import Input, Param, constant
+from ..core.pointwise import nonzero
 from ..core.scene import Scene
 from ..errors import BadValue, public
 

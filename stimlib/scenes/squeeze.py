@@ -22,10 +22,10 @@ from ..blocks import (
     static_limit,
     velocity,
 )
-from ..core import bounds
 from ..core.graph import Input, Param
 from ..core.scene import Scene
 from ..errors import public
+from ..system.limits import limits as bounds
 
 
 @public
@@ -95,7 +95,7 @@ def squeeze(
     Scene(x1 [m], k [N/m], A [1], level [1] -> force1 [N])
     """
     given = dict(locals())
-    bounds.limits.check("scene_blocks", 30 * fingers, f"squeeze: blocks of {fingers} fingers")
+    bounds.check("scene_blocks", 30 * fingers, f"squeeze: blocks of {fingers} fingers")
     k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
     tau = constant(1 / 8000, "s")  # the paper's sample period
     touching = Input("contact") if contact else 1.0

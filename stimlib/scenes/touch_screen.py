@@ -14,9 +14,9 @@ import numpy as np
 from ..blocks.bump import bump
 from ..blocks.carrier import carrier
 from ..blocks.equalise import equalize
-from ..blocks.maps import nonzero
 from ..blocks.plates import amplifier, pole_swap
 from ..core.graph import Input, Param, constant
+from ..core.pointwise import nonzero
 from ..core.scene import Scene
 from ..errors import BadValue, outside, public
 from ..plate.model import Plate, check_plate

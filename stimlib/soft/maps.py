@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..blocks.stiffness import Levels, table_of
-from ..core import bounds, regular
 from ..core.graph import design_value
-from ..core.packages import package
 from ..errors import BadValue, public
+from ..system import safe_files
+from ..system.limits import limits
+from ..system.packages import package
 
 BLOCK = 0.12
 """Side of the silicone block of Li et al. (2016), in m: 120 x 120 x 25 mm."""
@@ -105,11 +106,11 @@ def image(
     imread = package("matplotlib.image", "a map from a picture").imread
     from PIL import Image
 
-    data = regular.read(path, "sidecar_bytes", BadValue)
+    data = safe_files.read(path, "sidecar_bytes", BadValue)
     if data[:8] != b"\x89PNG\r\n\x1a\n" or len(data) < 24:
         raise BadValue(f"{path} is no PNG file; save the picture as PNG")
     columns, rows = struct.unpack(">II", data[16:24])
-    bounds.limits.check("map_points", rows * columns, f"{path}: pixels; make the picture smaller")
+    limits.check("map_points", rows * columns, f"{path}: pixels; make the picture smaller")
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as png:  # which decodes nothing yet
             if png.size != (columns, rows):
@@ -198,9 +199,7 @@ def nodes(name: str, width: float, height: float, spacing: float) -> tuple[int, 
             raise BadValue(f"{name}: {what} = {v!r} m must be above 0")
     # inf where there is no end
     rows, columns = (float(np.ceil(v / spacing - 1e-9)) + 1 for v in (height, width))
-    bounds.limits.check(
-        "map_points", rows * columns, f"{name}: nodes of the grid; take a larger spacing"
-    )
+    limits.check("map_points", rows * columns, f"{name}: nodes of the grid; take a larger spacing")
     return int(rows), int(columns)
 
 

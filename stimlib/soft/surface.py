@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..blocks.indenter import deformation
-from ..core import bounds, regular
 from ..core.graph import Input, design_value
-from ..core.packages import package
-from ..core.progress import progress
 from ..core.scene import Scene
 from ..errors import BadValue, public
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
+from ..system import safe_files
+from ..system.limits import limits
+from ..system.packages import package
+from ..system.progress import progress
 from .maps import BLOCK, nodes
 
 if TYPE_CHECKING:
@@ -345,11 +346,11 @@ def film(
                 done(1)
 
     if path.suffix:
-        regular.publish(path, _gif(pictures(), fps))
+        safe_files.publish(path, _gif(pictures(), fps))
     else:
-        regular.make_folder(path)
+        safe_files.make_folder(path)
         for i, pixels in enumerate(pictures()):
-            regular.publish(path / f"frame_{i:04d}.png", _coded([pixels], "PNG"))
+            safe_files.publish(path / f"frame_{i:04d}.png", _coded([pixels], "PNG"))
     return len(samples)
 
 
@@ -362,7 +363,7 @@ def _samples(result: Rendering, fps: float, start: float, stop: float | None) ->
     if last < first:
         raise BadValue(f"film: stop = {stop!r} s is before start = {start!r} s")
     count = float(np.floor((last - first) / result.fs * fps + 1e-9)) + 1
-    bounds.limits.check(
+    limits.check(
         "render_bytes", 480 * 360 * 4.0 * count, f"film: bytes of {count:g} pictures in memory"
     )
     return [first + round(i * result.fs / fps) for i in range(int(count))]

@@ -8,9 +8,9 @@ import warnings
 from typing import Any, Self
 from uuid import uuid4
 
-from ..core.packages import package
-from ..core.pool import Pool, TimedOut, WorkerDied
 from ..errors import BadValue, MissingPackage, SinkError, outside
+from ..system.packages import package
+from ..system.pool import Pool, TimedOut, WorkerDied
 from .drive import Death
 from .plan import Plan, versions
 from .work import NO_SCENE, Motions, Runner, as_bytes, begin, differing, from_bytes, run_kept

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.bounds import limits
 from ..core.graph import pack
 from ..core.program import design_of
 from ..core.scene import Scene
@@ -25,6 +24,7 @@ from ..errors import BadValue
 from ..motion.generators import Motion as Generated
 from ..motion.recorded import Recording
 from ..motion.source import frames_of, sources_of
+from ..system.limits import limits
 from .identity import identity, own_classes
 from .measures import Measure
 from .rows import Roles, arrow, name_of

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..core.bounds import limits
-from ..core.packages import package
 from ..core.scene import Scene
 from ..core.units import unit
 from ..errors import BadValue, UnitError, UnknownName, public, shortened
+from ..system.limits import limits
+from ..system.packages import package
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from ..core import regular
 from ..errors import BadValue, SinkError, StimlibError, outside
+from ..system import safe_files
 from .plan import KEY
 from .rows import arrow
 
@@ -61,7 +61,7 @@ class Store:
         dry: bool = False,
     ):
         self.dry, self.rows = dry, 0
-        self.folder = None if folder is None else regular.make_folder(folder)
+        self.folder = None if folder is None else safe_files.make_folder(folder)
         self.tables: list[pa.Table] = []
         self._waiting: list[pa.Table] = []
         self._written = time.monotonic()
@@ -74,7 +74,7 @@ class Store:
                 f"another sweep is writing into {self.folder}: wait for its end, or name another"
                 " folder"
             )
-            self._lock = regular.lock(self.folder, busy)
+            self._lock = safe_files.lock(self.folder, busy)
             try:
                 self._open(self.folder)
             except BaseException:
@@ -110,7 +110,7 @@ class Store:
         if known != (
             told := {"stimlib_sweep": VERSION, **self._facts, **self._about, "motion": motions}
         ):
-            regular.publish(sidecar, json.dumps(told, indent=1) + "\n")
+            safe_files.publish(sidecar, json.dumps(told, indent=1) + "\n")
         for path in (path for path, table in parts.items() if table is None):
             os.replace(path, aside := path.with_suffix(".damaged"))
             text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
@@ -120,7 +120,7 @@ class Store:
 
     def _same(self, sidecar: Path) -> dict[str, Any]:
         try:
-            known = json.loads(regular.read(sidecar, "sidecar_bytes"))
+            known = json.loads(safe_files.read(sidecar, "sidecar_bytes"))
             key, version, _ = known["key"], known["stimlib_sweep"], dict(known["motion"])
         except (ValueError, KeyError, TypeError, RecursionError) as e:
             if isinstance(e, StimlibError):
@@ -183,7 +183,7 @@ class Store:
                 table, sink, compression="zstd", use_dictionary=texts
             )
             data = sink.getvalue().to_pybytes()
-            regular.publish(self.folder / _name(data), data)
+            safe_files.publish(self.folder / _name(data), data)
             self._waiting.clear()
         self._written = time.monotonic()
 
@@ -195,7 +195,7 @@ def _name(data: bytes) -> str:
 
 def _part(path: Path, names: Collection[str]) -> pa.Table | None:
     """A part with these columns; None where it is damaged, or something else."""
-    data = regular.read(path, "audio_bytes")
+    data = safe_files.read(path, "audio_bytes")
     try:
         table = (
             arrow("pyarrow.parquet").read_table(arrow().BufferReader(data))

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import errors
-from ..core.bounds import limits
-from ..core.pool import Pool, WorkerDied, ended, note, terminable
 from ..core.program import rate, warn_beyond
-from ..core.progress import progress as bar
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, outside, public
 from ..motion.source import sources_of, warn_fast
 from ..run.rendering import Rendering
+from ..system.limits import limits
+from ..system.pool import Pool, WorkerDied, ended, note, terminable
+from ..system.progress import progress as bar
 from .drive import drive, joined
 from .engines import Cluster, Here, Local, packed
 from .measures import NAMED, Measure, measures_of

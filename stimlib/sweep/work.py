@@ -15,13 +15,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..core import pool
-from ..core.bounds import limits
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..motion.source import positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
+from ..system import pool
+from ..system.limits import limits
 from .measures import Measure, figures_of, measures_of, prepared
 from .plan import KEY, Plan, code_keys, frames, measure_keys, motion_of, scene_digest
 from .rows import arrow

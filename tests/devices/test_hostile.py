@@ -26,7 +26,6 @@ from stimlib.analysis.picture import picture
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
-from stimlib.core import fields, regular
 from stimlib.errors import SinkError, StimlibError
 from stimlib.files import audio as file
 from stimlib.files.batch import render_set
@@ -39,6 +38,7 @@ from stimlib.files.sidecar import BEGUN, DONE
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion
 from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.system import fields, safe_files
 
 KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]
 HAND = {"x": sinusoid(0.02, 3.0)}
@@ -336,21 +336,21 @@ def test_names_that_no_file_can_have(tmp_path, name):
 def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
     path, part = tmp_path / "a.html", tmp_path / "a.html.part"
     with ExitStack() as stack:
-        regular.alone(stack, part, path).write(b"half")
+        safe_files.alone(stack, part, path).write(b"half")
         with pytest.raises(SinkError, match="is being written by another run"):
-            regular.publish(path, "whole")
+            safe_files.publish(path, "whole")
         assert not path.exists() and part.read_bytes() == b"half"
     assert part.exists()  # as when it was killed
-    regular.publish(path, "all")
+    safe_files.publish(path, "all")
     assert path.read_text() == "all" and not part.exists()
 
 
 def test_what_a_killed_run_left_gives_a_small_file_neither_mode_nor_bytes(tmp_path):
     path, part = tmp_path / "a.html", tmp_path / "a.html.part"
-    regular.publish(tmp_path / "usual", "x")
+    safe_files.publish(tmp_path / "usual", "x")
     part.write_bytes(b"secret" * 100)
     part.chmod(0o777)
-    regular.publish(path, "all")
+    safe_files.publish(path, "all")
     assert path.read_text() == "all" and path.stat().st_mode == (tmp_path / "usual").stat().st_mode
     assert not part.exists()
 
@@ -362,9 +362,9 @@ def test_an_interrupt_behind_the_move_leaves_the_part_of_another_run(tmp_path, m
         part.write_text("another run's")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(regular, "settle", settle)
+    monkeypatch.setattr(safe_files, "settle", settle)
     with pytest.raises(KeyboardInterrupt):
-        regular.publish(path, "whole")
+        safe_files.publish(path, "whole")
     assert path.read_text() == "whole" and part.read_text() == "another run's"
 
 
@@ -377,7 +377,7 @@ def test_of_two_that_write_one_small_file_a_reader_sees_whole_ones(tmp_path):
     def write_it(letter):
         for _ in range(20):
             try:
-                regular.publish(path, letter * size)
+                safe_files.publish(path, letter * size)
             except SinkError as e:
                 said.append(str(e))
 
@@ -731,7 +731,7 @@ def test_fields_say_what_they_must_be():
 def test_a_large_limit_is_no_large_buffer(tmp_path, monkeypatch):
     (tmp_path / "a").write_bytes(b"x")
     monkeypatch.setattr(stimlib.limits, "scene_bytes", float("inf"))
-    assert regular.read(tmp_path / "a", "scene_bytes") == b"x"
+    assert safe_files.read(tmp_path / "a", "scene_bytes") == b"x"
 
 
 def test_render_tells_of_samples_that_players_clip(tmp_path):

@@ -31,7 +31,7 @@ from stimlib.files.session import read_log
 # The disk -----------------------------------------------------------------------------
 def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_path, monkeypatch):
     full, shown = [], []
-    write, publish = os.write, stimlib.core.regular.publish
+    write, publish = os.write, stimlib.system.safe_files.publish
 
     def no_room(path, *args):
         if full:

@@ -750,7 +750,7 @@ def test_data_are_never_overwritten_and_nobody_is_in_two_sessions_at_once(tmp_pa
 
 
 def test_a_run_that_comes_second_overwrites_nothing(tmp_path, monkeypatch):
-    lock, first = stimlib.core.regular.lock, []
+    lock, first = stimlib.system.safe_files.lock, []
 
     def late(*words):  # another run begins and ends before this one has the lock
         if not first:

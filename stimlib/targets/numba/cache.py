@@ -40,10 +40,11 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
 
-from ...core import maths, regular
-from ...core.progress import announce
+from ...core import maths
 from ...core.steps import source
 from ...errors import SinkError
+from ...system import safe_files
+from ...system.progress import announce
 from . import kernels, lanes, native
 
 logger = logging.getLogger(__name__)
@@ -208,8 +209,10 @@ def _turn(place: Path, text: str) -> Iterator[None]:
     both compile, and one result is kept.
     """
     at, until = place.with_name(f"{place.name}.lock"), time.monotonic() + WAIT
-    with open(regular.opened(at, os.O_RDWR | os.O_CREAT), "rb") as lock:
-        while not (regular.held(lock.fileno()) or _sound(place, text) or time.monotonic() > until):
+    with open(safe_files.opened(at, os.O_RDWR | os.O_CREAT), "rb") as lock:
+        while not (
+            safe_files.held(lock.fileno()) or _sound(place, text) or time.monotonic() > until
+        ):
             time.sleep(0.02)
         try:
             yield
@@ -266,16 +269,16 @@ def _publish(part: Path, place: Path) -> None:
     }
     # or numba has kept it elsewhere, where its folder cannot be written
     if any(name.endswith(".nbc") for name in sums):
-        regular.publish(part / SUMS, json.dumps(sums))
+        safe_files.publish(part / SUMS, json.dumps(sums))
         for path in part.rglob("*"):
             path.chmod(0o700 if path.is_dir() else 0o600)
-            regular.settle(path)
+            safe_files.settle(path)
         try:
             os.rename(part, place)
         except OSError as e:
             if e.errno not in (errno.EEXIST, errno.ENOTEMPTY):
                 raise
-        regular.settle(place.parent)
+        safe_files.settle(place.parent)
         _sweep(place.parent)
 
 
@@ -301,14 +304,15 @@ def _sound(place: Path, text: str) -> bool:
         info = os.lstat(place)
         if not stat.S_ISDIR(info.st_mode) or _open_to_others(info):
             return False
-        sums = json.loads(regular.read(place / SUMS, "sidecar_bytes"))
-        source = regular.read(place / f"{place.name}.py", "sidecar_bytes")
+        sums = json.loads(safe_files.read(place / SUMS, "sidecar_bytes"))
+        source = safe_files.read(place / f"{place.name}.py", "sidecar_bytes")
         sources = sums.pop(f"{place.name}.py") == _sum(source) and source == text.encode()
         return (
             sources
             and bool(sums)
             and all(
-                _sum(regular.read(place / name, "sidecar_bytes")) == s for name, s in sums.items()
+                _sum(safe_files.read(place / name, "sidecar_bytes")) == s
+                for name, s in sums.items()
             )
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

@@ -17,8 +17,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from ...blocks import maps
-from ...core import maths
+from ...core import maths, pointwise
 from ...core.graph import (
     Abs,
     Add,
@@ -437,11 +436,11 @@ OPERATIONS: tuple[type[Block], ...] = (
     AtLeast,
     Equal,
     NotEqual,
-    maps.Where,
-    maps.Maximum,
-    maps.Minimum,
-    maps.Sqrt,
-    maps.Nonzero,
+    pointwise.Where,
+    pointwise.Maximum,
+    pointwise.Minimum,
+    pointwise.Sqrt,
+    pointwise.Nonzero,
 )
 """Blocks that are one operation: the runtime does these itself, without a call."""
 

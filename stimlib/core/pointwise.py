@@ -1,4 +1,6 @@
-"""Functions of the present sample."""
+"""Functions of the present sample: where, clip, maximum, minimum, sqrt, exp, log, sin,
+cos, tanh, nonzero.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from inspect import Parameter, Signature
 
-from ..core import maths
-from ..core import units as un
-from ..core.graph import Block, Const, Map, as_block, same_unit
 from ..errors import BadValue, UnitError, public
+from . import maths
+from . import units as un
+from .graph import Block, Const, Map, as_block, same_unit
+from .operators import FUNCTIONS
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,3 +233,4 @@ def _function(cls: type[Map]) -> Callable[..., Block]:
 
 maximum, minimum = _function(Maximum), _function(Minimum)
 sqrt, exp, log, sin, cos, tanh, nonzero = map(_function, (Sqrt, Exp, Log, Sin, Cos, Tanh, Nonzero))
+FUNCTIONS.update({f.__name__: f for f in (sqrt, exp, log, sin, cos, tanh, maximum, minimum, clip)})

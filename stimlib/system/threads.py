@@ -43,7 +43,7 @@ def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T],
 
     Examples
     --------
-    >>> from stimlib.core.beside import beside
+    >>> from stimlib.system.threads import beside
     >>> squares, sums = [], []
     >>> with beside(
     ...     lambda x: squares.append(x * x), lambda x: sums.append(x + x)

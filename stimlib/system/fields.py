@@ -37,7 +37,7 @@ def parse(data: bytes) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from stimlib.core import fields
+    >>> from stimlib.system import fields
     >>> fields.parse(b'{"fs": 1e400}')
     Traceback (most recent call last):
     ValueError: 1e400 is not a finite number
@@ -64,7 +64,7 @@ def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
 
     Examples
     --------
-    >>> from stimlib.core import fields
+    >>> from stimlib.system import fields
     >>> fields.require({"fs": "fast"}, {"fs": fields.number})
     Traceback (most recent call last):
     ValueError: fs must be a finite number

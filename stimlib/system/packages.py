@@ -27,7 +27,7 @@ def package(module: str, what: str, install: str = "") -> Any:
 
     Examples
     --------
-    >>> from stimlib.core.packages import package
+    >>> from stimlib.system.packages import package
     >>> package("json", "an example").dumps([1])
     '[1]'
     """

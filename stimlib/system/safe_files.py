@@ -13,7 +13,7 @@ from io import FileIO
 from pathlib import Path
 
 from ..errors import SinkError, StimlibError
-from .bounds import limits
+from .limits import limits
 
 
 def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = SinkError) -> bytes:
@@ -34,8 +34,8 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
 
     Examples
     --------
-    >>> from stimlib.core import regular
-    >>> regular.read("/dev/zero", "scene_bytes")
+    >>> from stimlib.system import safe_files
+    >>> safe_files.read("/dev/zero", "scene_bytes")
     Traceback (most recent call last):
     stimlib.errors.SinkError: cannot read /dev/zero: it is not a regular file
     """
@@ -183,9 +183,9 @@ def publish(
     Examples
     --------
     >>> import tempfile, pathlib
-    >>> from stimlib.core import regular
+    >>> from stimlib.system import safe_files
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.txt"
-    >>> regular.publish(path, "whole")
+    >>> safe_files.publish(path, "whole")
     >>> path.read_text()
     'whole'
     """

@@ -88,7 +88,7 @@ class Pool(AbstractContextManager["Pool"]):
 
     Examples
     --------
-    >>> from stimlib.core.pool import Pool
+    >>> from stimlib.system.pool import Pool
     >>> with Pool(1, memory=2_000_000_000) as pool:
     ...     pool.submit("a power", pow, 2, 5, seconds=60)
     ...     pool.take()
@@ -303,7 +303,7 @@ def spread(
 
     Examples
     --------
-    >>> from stimlib.core.pool import spread
+    >>> from stimlib.system.pool import spread
     >>> with spread(pow, [(2, 3), (2, 4)], workers=1) as results:
     ...     list(results)
     [8, 16]

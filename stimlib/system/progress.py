@@ -34,7 +34,7 @@ def progress(
 
     Examples
     --------
-    >>> from stimlib.core.progress import progress
+    >>> from stimlib.system.progress import progress
     >>> with progress("counting", 3) as advance:
     ...     for _ in range(3):
     ...         advance(1)

@@ -1,0 +1,1 @@
+"""Files, processes, threads, progress and optional packages: what any program needs."""
