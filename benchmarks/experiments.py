@@ -16,8 +16,8 @@ import time
 from bench import Row, main, row
 
 from stimlib.experiments.observers import simulate
+from stimlib.experiments.papers.ugrip import comparisons, fits, person, text, ugrip
 from stimlib.experiments.streams import stream
-from stimlib.experiments.ugrip import comparisons, fits, person, text, ugrip
 
 PEOPLE = [f"P{n:02d}" for n in range(1, 9)]
 

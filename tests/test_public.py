@@ -22,10 +22,10 @@ from stimlib import blocks as b
 from stimlib.core.graph import Block
 from stimlib.design.texture import made_up
 from stimlib.errors import RecordingError, SceneFileError, SinkError, StimlibError
-from stimlib.experiments import roughness
 from stimlib.experiments.designs import Listed
 from stimlib.experiments.experiment import Cursor
 from stimlib.experiments.likelihood import Sets
+from stimlib.experiments.papers import roughness
 from stimlib.experiments.saved import columns, read
 from stimlib.experiments.trial import Answer, Stimulus, Trial
 from stimlib.fitting.exact import maxwell_force
@@ -357,8 +357,8 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "feels": {"softer": 0.5},
         "hit": {"condition": "vibration, 30 degrees", "marks": [[0.0, 0.0]]},
         "text": {"rows": []},
-        "stimlib.experiments.roughness.rms": {"name": next(iter(roughness.STIMULI))},
-        "stimlib.experiments.ugrip.fits": {},
+        "stimlib.experiments.papers.roughness.rms": {"name": next(iter(roughness.STIMULI))},
+        "stimlib.experiments.papers.ugrip.fits": {},
         "jnds": {},
         # Files and logs
         "as_scene": {"path": folder / "none.wav"},
@@ -421,7 +421,7 @@ ELSEWHERE = {
     "explained": "as jnds",
     "analysis": "as jnds",
     "comparisons": "as jnds",
-    "stimlib.experiments.ugrip.fits": "as jnds",
+    "stimlib.experiments.papers.ugrip.fits": "as jnds",
     "judged": "a step of verify",
     "tail": "a step of verify",
     "burg": "a step of fit_texture",

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..live.asking import Asking
 
 PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
-"""Experiments of papers: a function of this name in stimlib.experiments.NAME."""
+"""Experiments of papers: a function of this name in stimlib.experiments.papers.NAME."""
 
 experiment = group(
     "experiment", "Run an experiment, go on with it, simulate it, and get its answers."
@@ -105,7 +105,7 @@ def experiment_of(text: str) -> Experiment:
     from ..experiments.experiment import Experiment
 
     if text in PAPERS:
-        return getattr(importlib.import_module(f"stimlib.experiments.{text}"), text)()
+        return getattr(importlib.import_module(f"stimlib.experiments.papers.{text}"), text)()
     path, _, name = text.rpartition(":")
     if not path.endswith(".py"):
         raise BadValue(

@@ -31,16 +31,16 @@ from stimlib.checks.scenes import scene_law
 from stimlib.checks.session import verify_log
 from stimlib.core.parts import OWN, Part, Span, parts_of, plain
 from stimlib.devices.null import NullSink
-from stimlib.experiments.bounciness import bounciness
 from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.nodule_sizes import nodule_sizes
+from stimlib.experiments.papers.bounciness import bounciness
+from stimlib.experiments.papers.nodule_sizes import nodule_sizes
+from stimlib.experiments.papers.roughness import roughness
+from stimlib.experiments.papers.ugrip import ugrip
 from stimlib.experiments.present import present, program
 from stimlib.experiments.questions import choice
-from stimlib.experiments.roughness import roughness
 from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
-from stimlib.experiments.ugrip import ugrip
 from stimlib.files.replay import replay
 from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid

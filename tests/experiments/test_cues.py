@@ -12,7 +12,10 @@ from scipy.special import log_ndtr, ndtri
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.bounciness import (
+from stimlib.experiments.designs import Listed
+from stimlib.experiments.distances import displayed, recorded
+from stimlib.experiments.experiment import Timing
+from stimlib.experiments.papers.bounciness import (
     CUES,
     PAIRS,
     Explained,
@@ -22,9 +25,6 @@ from stimlib.experiments.bounciness import (
     explained,
     known,
 )
-from stimlib.experiments.designs import Listed
-from stimlib.experiments.distances import displayed, recorded
-from stimlib.experiments.experiment import Timing
 from stimlib.experiments.present import present, spans
 from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.saved import read

@@ -12,11 +12,14 @@ from experiments.some import experiment, still
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments import nodule_places as place
-from stimlib.experiments import nodule_sizes as size
-from stimlib.experiments import nodules as nod
-from stimlib.experiments import roughness as rough
-from stimlib.experiments.bounciness import (
+from stimlib.experiments.compare import paired
+from stimlib.experiments.experiment import Timing
+from stimlib.experiments.observers import Listener, Psychometric, simulate
+from stimlib.experiments.papers import nodule_places as place
+from stimlib.experiments.papers import nodule_sizes as size
+from stimlib.experiments.papers import nodules as nod
+from stimlib.experiments.papers import roughness as rough
+from stimlib.experiments.papers.bounciness import (
     PAIRS,
     REFERENCES,
     SQUARE,
@@ -25,10 +28,8 @@ from stimlib.experiments.bounciness import (
     pair_of,
     phase,
 )
-from stimlib.experiments.bounciness import person as bouncy
-from stimlib.experiments.compare import paired
-from stimlib.experiments.experiment import Timing
-from stimlib.experiments.observers import Listener, Psychometric, simulate
+from stimlib.experiments.papers.bounciness import person as bouncy
+from stimlib.experiments.papers.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
 from stimlib.experiments.present import present
 from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.saved import sessions
@@ -37,7 +38,6 @@ from stimlib.experiments.session import Session
 from stimlib.experiments.squares import check_graeco_latin
 from stimlib.experiments.streams import stream
 from stimlib.experiments.trial import Stimulus, observed
-from stimlib.experiments.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
 from stimlib.scenes import soft_surface, squeeze, viscoelastic
 from stimlib.soft import block, buried
 

@@ -12,23 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import public
-from ..motion.generators import minimum_jerk
-from ..run.rendering import Rendering
-from ..run.safety import Safety
-from ..scenes import squeeze
-from ..sweep import measure
-from ..sweep.measures import Measure
-from .compare import anova, paired
-from .designs import Interleaved, Parts, Staircase
-from .experiment import Experiment, Timing
-from .fits import Fit
-from .observers import Listener
-from .questions import choice
-from .saved import columns
-from .tables import Columns, fitted
-from .tasks import Pair
-from .trial import Answer, Observer, Stimulus, Trial
+from ...errors import public
+from ...motion.generators import minimum_jerk
+from ...run.rendering import Rendering
+from ...run.safety import Safety
+from ...scenes import squeeze
+from ...sweep import measure
+from ...sweep.measures import Measure
+from ..compare import anova, paired
+from ..designs import Interleaved, Parts, Staircase
+from ..experiment import Experiment, Timing
+from ..fits import Fit
+from ..observers import Listener
+from ..questions import choice
+from ..saved import columns
+from ..tables import Columns, fitted
+from ..tasks import Pair
+from ..trial import Answer, Observer, Stimulus, Trial
 
 K0 = 2000.0  # N/m, of the standard, which does not vibrate
 A0 = 3.4  # gain of the vibration
@@ -72,7 +72,7 @@ def ugrip(reversals: int = 20) -> Experiment:
 
     Examples
     --------
-    >>> from stimlib.experiments.ugrip import ugrip
+    >>> from stimlib.experiments.papers.ugrip import ugrip
     >>> design = ugrip().designed("P01")
     >>> trial = design.next(design.init(seed=1))
     >>> (
@@ -152,7 +152,7 @@ def feels(softer: float) -> Measure:
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.experiments.ugrip import SQUEEZES, feels
+    >>> from stimlib.experiments.papers.ugrip import SQUEEZES, feels
     >>> from stimlib.sweep import measured
     >>> object = stimlib.render(
     ...     stimlib.scenes.squeeze(A=0.0),
@@ -329,7 +329,7 @@ def text(rows: Iterable[Comparison]) -> str:
 
     Examples
     --------
-    >>> from stimlib.experiments.ugrip import Comparison, text
+    >>> from stimlib.experiments.papers.ugrip import Comparison, text
     >>> one = Comparison(
     ...     "pse",
     ...     "one finger, silent",

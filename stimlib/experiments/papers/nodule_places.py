@@ -13,20 +13,20 @@ from math import dist, radians
 
 import numpy as np
 
-from ..errors import UnknownName, public
-from ..run.safety import Safety
-from ..scenes import soft_surface
-from ..soft import block, buried
-from .compare import Pair, Statistic, dunn, kruskal
-from .designs import Listed, Parts, turn_of
-from .detection import Proportion, wilson
-from .experiment import Experiment, Timing
+from ...errors import UnknownName, public
+from ...run.safety import Safety
+from ...scenes import soft_surface
+from ...soft import block, buried
+from ..compare import Pair, Statistic, dunn, kruskal
+from ..designs import Listed, Parts, turn_of
+from ..detection import Proportion, wilson
+from ..experiment import Experiment, Timing
+from ..questions import places
+from ..saved import columns
+from ..tables import Columns, grouped
+from ..tasks import Show
+from ..trial import Answer, Stimulus, Trial
 from .nodule_sizes import PEN
-from .questions import places
-from .saved import columns
-from .tables import Columns, grouped
-from .tasks import Show
-from .trial import Answer, Stimulus, Trial
 
 FEEDBACK = {"single-point": "combined", "multi-point": "multipoint", "vibration": "vibration"}
 """Mode of ``soft_surface`` by the paper's name."""
@@ -69,7 +69,7 @@ def nodule_places() -> Experiment:
 
     Examples
     --------
-    >>> from stimlib.experiments.nodule_places import nodule_places, person
+    >>> from stimlib.experiments.papers.nodule_places import nodule_places, person
     >>> from stimlib.experiments.streams import stream
     >>> from stimlib.experiments.trial import observed
     >>> design = nodule_places().designed("P02")
@@ -229,7 +229,7 @@ def hit(condition: str, marks: Sequence[tuple[float, float]]) -> dict[str, bool]
 
     Examples
     --------
-    >>> from stimlib.experiments.nodule_places import hit
+    >>> from stimlib.experiments.papers.nodule_places import hit
     >>> hit("vibration, 90 degrees", [[0.03, 0.069], [0.06, 0.06]])
     {'A': True, 'B': False, 'C': False}
     """

@@ -14,19 +14,19 @@ from math import pi
 
 import numpy as np
 
-from ..errors import UnknownName, public
-from ..run.safety import Safety
-from ..scenes import soft_surface
-from ..soft import block
-from .designs import Listed, turn_of
-from .detection import Proportion, wilson
-from .experiment import Experiment, Timing
+from ...errors import UnknownName, public
+from ...run.safety import Safety
+from ...scenes import soft_surface
+from ...soft import block
+from ..designs import Listed, turn_of
+from ..detection import Proportion, wilson
+from ..experiment import Experiment, Timing
+from ..questions import ranking
+from ..saved import columns
+from ..tables import Columns
+from ..tasks import Show
+from ..trial import Answer, Stimulus, Trial
 from .nodules import HAND
-from .questions import ranking
-from .saved import columns
-from .tables import Columns
-from .tasks import Show
-from .trial import Answer, Stimulus, Trial
 
 NODULES = ("A", "B", "C")
 """From the hardest on."""
@@ -73,7 +73,7 @@ def nodule_sizes() -> Experiment:
 
     Examples
     --------
-    >>> from stimlib.experiments.nodule_sizes import nodule_sizes
+    >>> from stimlib.experiments.papers.nodule_sizes import nodule_sizes
     >>> experiment = nodule_sizes()
     >>> for code in ("P01", "P02"):
     ...     design = experiment.designed(code)
@@ -173,7 +173,7 @@ def sorted_rightly(answers: Columns) -> Sorted:
 
     Examples
     --------
-    >>> from stimlib.experiments.nodule_sizes import sorted_rightly
+    >>> from stimlib.experiments.papers.nodule_sizes import sorted_rightly
     >>> found = sorted_rightly(
     ...     {
     ...         "condition": ["A under 1", "A under 2"],

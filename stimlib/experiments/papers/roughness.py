@@ -15,21 +15,21 @@ from math import log10
 
 import numpy as np
 
-from ..core.scene import Scene
-from ..errors import BadValue, UnknownName, public
-from ..motion.generators import constant_speed
-from ..run.rendering import render
-from ..run.safety import Safety
-from ..scenes import bumps, bumps_set
-from .compare import Effect, paired, repeated
-from .designs import Listed, Parts
-from .experiment import Experiment, Masking, Timing
-from .questions import rating
-from .saved import columns
-from .scaling import Law, fechner
-from .tables import Columns, grouped
-from .tasks import Show
-from .trial import Answer, Observer, Stimulus, Trial
+from ...core.scene import Scene
+from ...errors import BadValue, UnknownName, public
+from ...motion.generators import constant_speed
+from ...run.rendering import render
+from ...run.safety import Safety
+from ...scenes import bumps, bumps_set
+from ..compare import Effect, paired, repeated
+from ..designs import Listed, Parts
+from ..experiment import Experiment, Masking, Timing
+from ..questions import rating
+from ..saved import columns
+from ..scaling import Law, fechner
+from ..tables import Columns, grouped
+from ..tasks import Show
+from ..trial import Answer, Observer, Stimulus, Trial
 
 WAVEFORMS, BUMPS, DUTIES, AMPLITUDES = (
     ("sine", "square", "sawtooth"),
@@ -125,7 +125,7 @@ def roughness() -> Experiment:
 
     Examples
     --------
-    >>> from stimlib.experiments.roughness import roughness
+    >>> from stimlib.experiments.papers.roughness import roughness
     >>> experiment = roughness()
     >>> for code in ("P01", "P02"):
     ...     design = experiment.designed(code, session=2)
@@ -189,7 +189,7 @@ def rms(name: str) -> float:
 
     Examples
     --------
-    >>> from stimlib.experiments.roughness import rms
+    >>> from stimlib.experiments.papers.roughness import rms
     >>> round(rms("square, 6 bumps, duty 0.5, 4 V"), 2)  # A sqrt(d)/2
     1.41
     """

@@ -14,23 +14,23 @@ from statistics import fmean, stdev
 
 import numpy as np
 
-from ..analysis.cues import Cues, cues
-from ..core.scene import Scene
-from ..errors import BadValue, public
-from ..motion.generators import sinusoid
-from ..run.rendering import render
-from ..run.safety import Safety
-from ..scenes import viscoelastic
-from .designs import Listed, Parts, turn_of
-from .detection import detection
-from .distances import distances, recorded
-from .experiment import Cursor, Experiment, Timing
-from .questions import choice
-from .saved import Saved, columns
-from .scaling import Line, jnd_from_dprime, line
-from .tables import Columns, grouped
-from .tasks import Identify
-from .trial import Answer, Observer, Stimulus, Trial
+from ...analysis.cues import Cues, cues
+from ...core.scene import Scene
+from ...errors import BadValue, public
+from ...motion.generators import sinusoid
+from ...run.rendering import render
+from ...run.safety import Safety
+from ...scenes import viscoelastic
+from ..designs import Listed, Parts, turn_of
+from ..detection import detection
+from ..distances import distances, recorded
+from ..experiment import Cursor, Experiment, Timing
+from ..questions import choice
+from ..saved import Saved, columns
+from ..scaling import Line, jnd_from_dprime, line
+from ..tables import Columns, grouped
+from ..tasks import Identify
+from ..trial import Answer, Observer, Stimulus, Trial
 
 REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
 ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1)}
@@ -65,7 +65,7 @@ def bounciness() -> Experiment:
 
     Examples
     --------
-    >>> from stimlib.experiments.bounciness import bounciness
+    >>> from stimlib.experiments.papers.bounciness import bounciness
     >>> experiment = bounciness()
     >>> for n in (1, 2, 3, 4):
     ...     design = experiment.designed("P02", n)
@@ -114,7 +114,7 @@ def pair_of(participant: str, session: int) -> str:
 
     Examples
     --------
-    >>> from stimlib.experiments.bounciness import pair_of
+    >>> from stimlib.experiments.papers.bounciness import pair_of
     >>> [pair_of("P01", n) for n in (1, 2, 3, 4)]
     ['0 and 0.05', '0 and 0.1', '0 and 0.15', '0.25 and 0.35']
     """
@@ -160,7 +160,7 @@ def phase(alpha: float) -> float:
 
     Examples
     --------
-    >>> from stimlib.experiments.bounciness import phase
+    >>> from stimlib.experiments.papers.bounciness import phase
     >>> round(phase(0.25), 3)
     0.393
     """

@@ -12,21 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.scene import Scene
-from ..errors import UnknownName, public
-from ..motion.generators import constant_speed
-from ..run.safety import Safety
-from ..scenes import soft_surface
-from ..soft import THIRTEEN, sides
-from .compare import Pair, Statistic, dunn, kruskal
-from .designs import Listed, Parts, turn_of
-from .detection import Diagnosis, diagnosis
-from .experiment import Experiment, Timing
-from .questions import choice
-from .saved import columns
-from .tables import Columns, grouped
-from .tasks import Show
-from .trial import Answer, Stimulus, Trial
+from ...core.scene import Scene
+from ...errors import UnknownName, public
+from ...motion.generators import constant_speed
+from ...run.safety import Safety
+from ...scenes import soft_surface
+from ...soft import THIRTEEN, sides
+from ..compare import Pair, Statistic, dunn, kruskal
+from ..designs import Listed, Parts, turn_of
+from ..detection import Diagnosis, diagnosis
+from ..experiment import Experiment, Timing
+from ..questions import choice
+from ..saved import columns
+from ..tables import Columns, grouped
+from ..tasks import Show
+from ..trial import Answer, Stimulus, Trial
 
 MODES = ("deformation", "cursor", "combined")
 PRINTED = {
@@ -69,7 +69,7 @@ def nodules() -> Experiment:
 
     Examples
     --------
-    >>> from stimlib.experiments.nodules import nodules
+    >>> from stimlib.experiments.papers.nodules import nodules
     >>> experiment = nodules()
     >>> for code in ("P01", "P02", "P03"):
     ...     design = experiment.designed(code)
@@ -126,7 +126,7 @@ def right_answers(condition: str) -> dict[str, str]:
 
     Examples
     --------
-    >>> from stimlib.experiments.nodules import right_answers
+    >>> from stimlib.experiments.papers.nodules import right_answers
     >>> right_answers("cursor, A1 and none")
     {'left': 'nodule', 'right': 'none'}
     """
