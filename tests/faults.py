@@ -12,6 +12,7 @@ import importlib
 import json
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 
@@ -179,22 +180,14 @@ MUTATIONS = {
         scaled(Velocity.design, lambda p: p._replace(fs=2 * p.fs)),
         {"a2", "d"},
     ),
-    "k 1 % off": ("scene", "spring", strong_spring, {"d"}),
+    "k 1 % off": (
+        importlib.import_module("stimlib.scenes.squeeze"),
+        "spring",
+        strong_spring,
+        {"d"},
+    ),
     "state that depends on the cut": (Modes, "tile", staticmethod(forgetful_tile), {"b"}),
 }
-
-
-@contextlib.contextmanager
-def mutated(owner, attribute, replacement):
-    if owner == "scene":
-        owner = importlib.import_module("stimlib.scenes.squeeze")
-    own = attribute in owner.__dict__
-    right = owner.__dict__.get(attribute)
-    setattr(owner, attribute, replacement)
-    try:
-        yield
-    finally:
-        setattr(owner, attribute, right) if own else delattr(owner, attribute)
 
 
 def failed(scene=None, motion=MOTION, seed=SEED, seconds=2.0, **words):
@@ -327,7 +320,7 @@ def design_fault(owner, change, scene, motion):
             if change
             else lambda self, fs: honest(dc.replace(self, samples=self.samples + 1), fs)
         )
-        with mutated(owner, "design", replacement):
+        with patch.object(owner, "design", replacement):
             return failed(scene, motion, seconds=3.0)
 
     return run
@@ -393,7 +386,7 @@ def old_fault(owner, replaced, block):
     def run(folder):
         with contextlib.ExitStack() as stack:
             for attribute, replacement in replaced.items():
-                stack.enter_context(mutated(owner, attribute, replacement))
+                stack.enter_context(patch.object(owner, attribute, replacement))
             return failed(scene_of(block), WAVE, seconds=0.5)
 
     return run
@@ -577,7 +570,7 @@ def storage_fault(name, full_scale):
 
 def step_fault(owner, attribute, replacement, groups):
     def run(folder):
-        with mutated(owner, attribute, replacement):
+        with patch.object(owner, attribute, replacement):
             return failed(seconds=15.0 if "tile" in attribute and owner is White else 2.0)
 
     return run

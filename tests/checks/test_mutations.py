@@ -5,10 +5,12 @@ renderings beside them.
 docs/explanation/verification.rst, and verifies a thousand correct renderings.
 """
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from correct import rendering
-from faults import DESIGNS, FAULTS, MUTATIONS, OLD, WAVE, caught, failed, mutated, scene_of
+from faults import DESIGNS, FAULTS, MUTATIONS, OLD, WAVE, caught, failed, scene_of
 from laws import STRESS
 
 import stimlib
@@ -48,7 +50,7 @@ def test_what_is_faulty_is_not_the_scene():
         assert not failed(scene, motion, seconds=0.3)
     for *_, block in OLD.values():
         assert not failed(scene_of(block), WAVE, seconds=0.3)
-    with mutated(*MUTATIONS["k 1 % off"][:3]):
+    with patch.object(*MUTATIONS["k 1 % off"][:3]):
         assert failed(seconds=0.1)
 
 

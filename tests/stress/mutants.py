@@ -1,9 +1,9 @@
-"""Would ``verify`` notice a wrong step or design?  Five changes of the text of each
-class, in compositions that no scene is.
+"""Would ``verify`` notice a wrong step or design?  Mutants of each class, in
+compositions that no shipped scene is.
 
-``python tests/stress/mutants.py [WORD]``: a constant or number 1e-3 larger, a sum for a
-difference, a sign, a comparison that takes the edge along, two sides exchanged, one
-more sample; of the classes that have WORD in their name.
+``python tests/stress/mutants.py [WORD] > docs/explanation/mutants.csv``: of the classes
+that have WORD in their name, three of each of ``KINDS`` that change a sample, and those
+met before that change none.  What is missed is named on stderr.
 """
 
 from __future__ import annotations
@@ -14,21 +14,25 @@ import inspect
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
-from contract import TABLE, ours
+from contract import TABLE, Entry, ours
 
 from stimlib import Scene, StimlibError
 from stimlib import blocks as b
 from stimlib.checks import local, verify
-from stimlib.core.graph import reach
+from stimlib.core.graph import kind as kind_of
+from stimlib.core.graph import reach, signals
+from stimlib.targets.python import Engine
 
-EACH, N, ROUNDING = 5, 500, 1e-13
-OTHER = {
+EACH, N, ROUNDING, EXAMPLES = 3, 500, 1e-13, 4
+KINDS = "late", "coefficient", "sign", "edge"
+OUTCOMES = "caught", "equal", "rounding", "missed"
+OTHER: dict[Any, Any] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
     ast.Gt: ast.GtE,
@@ -36,76 +40,61 @@ OTHER = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,
 }
+SIGNALS: dict[str, Callable] = {
+    "late": lambda v, last: last,
+    "coefficient": lambda v, last: v * 1.001,
+    "sign": lambda v, last: -v,
+}
+FIELDS: dict[str, Callable] = {
+    "edge": lambda v: np.roll(v, 1) if np.ndim(v) else v + 1,
+    "coefficient": lambda v: v * 1.001 if np.any(v) else v + 1e-3,
+    "sign": lambda v: -v,
+}
 
 
 class Mutant(NamedTuple):
-    """One change of a function, of a class or of the module that has it."""
+    """What stands in the place of a function of a class, of its module, or of the
+    interpreter that runs its step.
+    """
 
+    kind: str
+    text: str
     owner: Any
     name: str
-    tree: ast.Module
-    text: str
+    new: Any
 
 
-def changes(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
-    """The same text with one thing changed, and what that is."""
-    for k, node in enumerate(ast.walk(tree)):
-        new = copy.deepcopy(tree)
-        at: Any = list(ast.walk(new))[k]
-        if isinstance(node, ast.Constant) and type(node.value) is float:
-            at.value = node.value * 1.001 if node.value else 1e-3
-        elif isinstance(node, ast.Constant) and type(node.value) is int:
-            at.value = node.value + 1
-        # of a step
-        elif (
-            isinstance(node, ast.Return)
-            and isinstance(node.value, ast.Tuple)
-            and len(node.value.elts) == 2
-        ):
-            at.value.elts[0] = ast.BinOp(at.value.elts[0], ast.Mult(), ast.Constant(1.001))
-        elif isinstance(node, ast.BinOp) and type(node.op) in OTHER:
-            at.op = OTHER[type(node.op)]()
-        elif isinstance(node, ast.Compare) and type(node.ops[0]) in OTHER:
-            at.ops[0] = OTHER[type(node.ops[0])]()
-        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            at.op = ast.UAdd()
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "where":
-            at.args[1:] = at.args[:0:-1]
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) in (
-            "round",
-            "math.floor",
-            "math.ceil",
-        ):
-            at.args[0] = ast.BinOp(at.args[0], ast.Add(), ast.Constant(1.0))
-        elif (
-            isinstance(node, ast.Attribute)
-            and ast.unparse(node.value) == "p"
-            and isinstance(node.ctx, ast.Load)
-        ):
-            for parent in ast.walk(new):
-                for field, v in ast.iter_fields(parent):
-                    if v is at and isinstance(
-                        parent, ast.BinOp | ast.keyword | ast.Return | ast.Assign
-                    ):
-                        setattr(parent, field, ast.BinOp(at, ast.Mult(), ast.Constant(1.001)))
-        else:
-            continue
-        ast.fix_missing_locations(new)
-        if ast.unparse(new) != ast.unparse(tree):
-            yield (
-                (
-                    f"line {getattr(node, 'lineno', 0)}: {ast.unparse(node)[:60]} ->"
-                    f" {ast.unparse(at)[:60]}"
-                ),
-                new,
-            )
+def other(node: ast.AST) -> tuple[str, Any]:
+    """What kind of change a part of a text may have, and what it becomes."""
+    match node:
+        case ast.Constant(value) if type(value) is float:
+            return "coefficient", ast.Constant(value * 1.001 if value else 1e-3)
+        case ast.Constant(value) if type(value) is int:
+            return "edge", ast.Constant(value + 1)
+        case ast.Attribute(ast.Name("p"), ctx=ast.Load()):
+            return "coefficient", ast.BinOp(node, ast.Mult(), ast.Constant(1.001))
+        case ast.BinOp(left, op, right) if type(op) in OTHER:
+            return "sign", ast.BinOp(left, OTHER[type(op)](), right)
+        case ast.AugAssign(target, op, value) if type(op) in OTHER:
+            return "sign", ast.AugAssign(target, OTHER[type(op)](), value)
+        case ast.UnaryOp(ast.USub(), operand):
+            return "sign", operand
+        case ast.Compare(left, [op, *more], right) if type(op) in OTHER:
+            return "edge", ast.Compare(left, [OTHER[type(op)](), *more], right)
+        case ast.Call(ast.Name("where"), [condition, yes, no]):
+            return "edge", ast.Call(node.func, [condition, no, yes], [])
+        case ast.Call(f, [x]) if ast.unparse(f) in ("round", "math.floor", "math.ceil"):
+            return "edge", ast.Call(f, [ast.BinOp(x, ast.Add(), ast.Constant(1.0))], [])
+    return "", None
 
 
 def functions(cls: type) -> Iterator[tuple[Any, str, Any]]:
     """Where the functions that make a class's samples are: step or tile, design, and
     what these call in their modules.
     """
-    todo = [(cls, name) for name in ("step" if cls.step is not None else "tile", "design", "start")]
+    todo: list[tuple[Any, str]] = [
+        (cls, name) for name in ("step" if cls.step is not None else "tile", "design", "start")
+    ]
     seen = set()
     while todo:
         owner, name = todo.pop(0)
@@ -117,151 +106,209 @@ def functions(cls: type) -> Iterator[tuple[Any, str, Any]]:
             not inspect.isfunction(f)
             or f in seen
             or f.__module__ == "stimlib.core.maths"
-            or f.__qualname__.startswith("Block.")
             or f.__name__ == "lead"
         ):
+            continue
+        if f.__qualname__.startswith("Block."):
             continue
         seen.add(f)
         yield owner, name, f
         names = [v for v in f.__code__.co_names if inspect.isfunction(f.__globals__.get(v))]
         todo += [
-            (sys.modules[f.__globals__[v].__module__], v)
+            (sys.modules[f.__module__], v)
             for v in names
             if f.__globals__[v].__module__ == f.__module__
         ]
 
 
-def mutants(cls: type) -> list[Mutant]:
-    """All changes of a class."""
-    found = []
+def texts(cls: type) -> Iterator[Mutant]:
+    """One part of the text of a function changed."""
     for owner, name, f in functions(cls):
-        tree = ast.parse(textwrap.dedent(inspect.getsource(f)))
-        tree.body[0].decorator_list = [
-            d for d in tree.body[0].decorator_list if ast.unparse(d) != "staticmethod"
-        ]  # type: ignore[attr-defined]
-        if not tree.body[0].decorator_list:  # type: ignore[attr-defined]
-            found += [
-                Mutant(owner, name, new, f"{cls.__name__}, {name}, {text}")
-                for text, new in changes(tree)
-            ]
-    return found
+        tree: Any = ast.parse(textwrap.dedent(inspect.getsource(f)))
+        tree.body[0].decorator_list = []
+        for k, node in enumerate(ast.walk(tree)):
+            kind, part = other(node)
+            if kind:
+                new = copy.deepcopy(tree)
+                at: Any = list(ast.walk(new))[k]
+                at.__class__, at.__dict__ = type(part), copy.deepcopy(vars(part))
+                made: dict[str, Any] = {}
+                exec(
+                    compile(ast.fix_missing_locations(new), f"<{name}>", "exec"),
+                    f.__globals__,
+                    made,
+                )
+                text = (
+                    f"{name}, line {getattr(node, 'lineno', 0)}: {ast.unparse(node)[:60]} ->"
+                    f" {ast.unparse(part)[:60]}"
+                )
+                static = isinstance(inspect.getattr_static(owner, name), staticmethod)
+                yield Mutant(
+                    kind, text, owner, name, staticmethod(made[name]) if static else made[name]
+                )
 
 
-@contextmanager
-def mutated(m: Mutant | None) -> Iterator[None]:
-    """A world in which it is so, run by the interpreter."""
-    compiled, local.compile = local.compile, partial(local.compile, target="python")  # type: ignore[assignment]
-    old = inspect.getattr_static(m.owner, m.name) if m else None
-    try:
-        if m:
-            f = getattr(old, "__func__", old)
-            made: dict[str, Any] = {}
-            exec(compile(m.tree, f"<{m.text}>", "exec"), f.__globals__, made)
-            setattr(
-                m.owner,
-                m.name,
-                staticmethod(made[m.name]) if isinstance(old, staticmethod) else made[m.name],
-            )
-        yield
-    finally:
-        local.compile = compiled
-        if m:
-            setattr(m.owner, m.name, old)
+def wires(cls: type) -> Iterator[Mutant]:
+    """The output of a step, or one of its inputs, a sample late, larger, or of the
+    other sign.
+    """
+
+    def wired(change: Callable, place: int, right: Any = Engine.step) -> Callable:
+        def step(self: Any, i: int, x: list) -> Any:
+            if type(self.program.instances[i].block) is not cls:
+                return right(self, i, x)
+            v = np.asarray(x[place] if place >= 0 else right(self, i, x))
+            past = vars(self).setdefault("past", {})
+            last, past[i] = past.get(i, np.zeros_like(v)), v
+            made = change(v, last)[()]
+            return right(self, i, [*x[:place], made, *x[place + 1 :]]) if place >= 0 else made
+
+        return step
+
+    for kind, change in SIGNALS.items():
+        for place, name in enumerate(("output", *signals(cls)), -1):
+            yield Mutant(kind, f"{name}: {kind}", Engine, "step", wired(change, place))
 
 
-def composed(cls: str) -> tuple[Scene, dict[str, np.ndarray], float]:
+def fields(cls: type, made: tuple[Any, Any]) -> Iterator[Mutant]:
+    """One field of what its design gives, parameters or first state: larger, of the
+    other sign, one more, or moved by one.
+    """
+
+    def designed(change: Callable, which: int, name: str, right: Any = cls.design) -> Callable:
+        def design(self: Any, fs: float) -> tuple:
+            both = list(right(self, fs))
+            both[which] = both[which]._replace(**{name: change(getattr(both[which], name))})
+            return tuple(both)
+
+        return design
+
+    for which, part in enumerate(made):
+        for name in getattr(part, "_fields", ()):
+            for kind in list(FIELDS)[: 1 if kind_of(getattr(part, name)) in "uU" else None]:
+                yield Mutant(
+                    kind,
+                    f"{'ps'[which]}.{name}: {kind}",
+                    cls,
+                    "design",
+                    designed(FIELDS[kind], which, name),
+                )
+
+
+class World(NamedTuple):
     """A composition that no shipped scene is: an example of a class, heard directly,
     through a lag, and inside a loop.
     """
-    plain = [e for e in TABLE if e.cls == cls and e.name not in ("squeeze", "bumps")]
-    e = min(
-        plain or [e for e in TABLE if cls in {type(v).__name__ for v in reach([e.block()])}],
-        key=lambda e: min(e.rates),
-    )
-    fs = min(e.rates)
-    block = e.block()
+
+    scene: Scene
+    x: dict[str, np.ndarray]
+    fs: float
+
+    def held(self) -> tuple[list[local.Held], np.ndarray]:
+        """Its blocks, and what it gives, by the interpreter."""
+        params = {name: p.value for name, p in self.scene.params.items()}
+        with mock.patch.object(local, "compile", partial(local.compile, target="python")):
+            found, (seen,) = local._held(
+                local.Run(self.scene, self.fs, 3, self.x, N, params, [], [(0, N)])
+            )
+        # check (e)
+        faults = [local.Held(self.scene.outputs["y"], "", N, np.inf if seen.n < N else 0.0)]
+        return [*found, *self.responses(), *faults], seen.rows[id(self.scene.outputs["y"])]
+
+    def responses(self) -> Iterator[local.Held]:
+        """Check (a2) of ``verify``: the response that a design gives, against what it
+        stands for.
+        """
+        for block in local.outside(self.scene.outputs.values()):
+            for law in block.laws(self.fs) if type(block).transfer is not None else ():
+                error = law.error(
+                    partial(
+                        verify._response, type(block).transfer, block.design(self.fs)[0], self.fs
+                    ),
+                    self.fs,
+                )
+                yield local.Held(block, "", 0, error / law.tol / (1 + 1e-6))
+
+    def judged(self, m: Mutant, right: np.ndarray) -> str:
+        """Whether a mutant is caught, changes no sample or only the last digits, or is
+        missed.
+        """
+        try:
+            with mock.patch.object(m.owner, m.name, m.new), np.errstate(all="ignore"):
+                found, y = self.held()
+        except (
+            StimlibError,
+            ArithmeticError,
+            LookupError,
+            TypeError,
+            ValueError,
+            AssertionError,
+            AttributeError,
+        ):
+            return "stopped"  # a step that does not run displays nothing
+        if any(not h.error <= 1 for h in found):
+            return "caught"
+        if y.shape == right.shape and np.array_equal(y, right):
+            return "equal"
+        apart = (
+            np.abs(y - right).max() / (np.abs(right).max() or 1.0)
+            if y.shape == right.shape
+            else 1.0
+        )
+        return "rounding" if apart < ROUNDING else f"missed, {apart:.1g} of the largest"
+
+
+def composed(e: Entry) -> World:
+    """The composition of an example."""
+    block, fs = e.block(), min(e.rates)
     fed = b.loop(
         lambda last: 0.5 * last + block, unit="" if str(block.dim) == "1" else str(block.dim)
     )
-    return (
-        Scene({"y": block, "fed": fed, "z": b.first_order(block, 0.003)}),
-        dict(zip(e.inputs, e.x(N, fs, 1), strict=True)),
-        fs,
-    )
+    scene = Scene({"y": block, "fed": fed, "z": b.first_order(block, 0.003)})
+    return World(scene, dict(zip(e.inputs, e.x(N, fs, 1), strict=True)), fs)
 
 
-def held(cls: str) -> tuple[list[local.Held], np.ndarray]:
-    """The blocks of its composition, and what it gives."""
-    scene, x, fs = composed(cls)
-    params = {name: p.value for name, p in scene.params.items()}
-    seen = local._held(local.Run(scene, fs, 3, x, N, params, [], [(0, N)]))
-    # check (e)
-    faults = [local.Held(scene.outputs["y"], "", N, np.inf if seen[1][0].n < N else 0.0)]
-    return [*seen[0], *responses(scene, fs), *faults], seen[1][0].rows[id(scene.outputs["y"])]
-
-
-def responses(scene: Scene, fs: float) -> Iterator[local.Held]:
-    """Check (a2) of ``verify``: the response that a design gives, against what it
-    stands for.
+def sampled(name: str, each: int = EACH, seed: int = 0) -> Iterator[tuple[str, str, str]]:
+    """Mutants of a class that run: kind, text, and what came of each in the first
+    composition where it changes a sample.
     """
-    for block in local.outside(scene.outputs.values()):
-        for law in block.laws(fs) if type(block).transfer is not None else ():
-            error = law.error(
-                partial(verify._response, type(block).transfer, block.design(fs)[0], fs), fs
-            )
-            yield local.Held(block, "", 0, error / law.tol / (1 + 1e-6))
-
-
-def judged(cls: str, m: Mutant, right: np.ndarray) -> str:
-    """Whether it is caught, changes no sample or only the last digits, or is missed."""
-    try:
-        with mutated(m), np.errstate(all="ignore"):
-            found, y = held(cls)
-    except (
-        StimlibError,
-        ArithmeticError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AssertionError,
-        AttributeError,
-    ):
-        return "stopped"  # a step that does not run displays nothing
-    if any(not h.error <= 1 for h in found):
-        return "caught"
-    if y.shape == right.shape and np.array_equal(y, right):
-        return "equal"
-    apart = (
-        np.abs(y - right).max() / (np.abs(right).max() or 1.0) if y.shape == right.shape else 1.0
+    cls, examples = (
+        ours()[name],
+        [e for e in TABLE if e.cls == name and e.name not in ("squeeze", "bumps")],
     )
-    return "rounding" if apart < ROUNDING else f"missed, {apart:.1g} of the largest"
-
-
-def sampled(cls: str, each: int = EACH, seed: int = 0) -> Iterator[tuple[str, str]]:
-    """So many mutants of a class that run, and what came of them."""
-    with mutated(None):
-        _, right = held(cls)
-    some = mutants(ours()[cls])
+    examples = (
+        examples or [e for e in TABLE if name in {type(v).__name__ for v in reach([e.block()])}][:1]
+    )
+    worlds = [(w, w.held()[1]) for w in map(composed, examples[:EXAMPLES])]
+    block = next(v for v in reach(worlds[0][0].scene.outputs.values()) if type(v) is cls)
+    some = [*texts(cls), *wires(cls), *fields(cls, block.design(worlds[0][0].fs))]
     np.random.default_rng([seed, len(some)]).shuffle(some)  # type: ignore[arg-type]
+    left = dict.fromkeys(KINDS, each)
     for m in some:
-        if each and (said := judged(cls, m, right)) not in ("stopped",):
-            yield m.text, said
-            each -= said not in ("equal", "rounding")
+        if left[m.kind]:
+            outcomes = (w.judged(m, right) for w, right in worlds)
+            said = next((v for v in outcomes if v != "equal"), "equal")
+            left[m.kind] -= said not in ("stopped", "equal", "rounding")
+            if said != "stopped":
+                yield m.kind, m.text, said
 
 
 CLASSES = [name for name, c in ours().items() if c.step is not None or c.tile is not None]
 
 
 def main(word: str = "") -> None:
-    said: Counter[str] = Counter()
-    for cls in CLASSES:
-        if word in cls:
-            for text, what in sampled(cls):
-                said[what.split(",")[0]] += 1
-                if what.startswith("missed"):
-                    print(f"{text}: {what}", flush=True)
-            print(cls, dict(said), file=sys.stderr, flush=True)
-    print(dict(said))
+    print("class", *KINDS, *OUTCOMES, sep=",")
+    total: Counter[str] = Counter()
+    for name in [c for c in CLASSES if word in c]:
+        count: Counter[str] = Counter()
+        for kind, text, said in sampled(name):
+            what = said.split(",")[0]
+            count.update([what] + [kind] * (what in ("caught", "missed")))
+            if what == "missed":
+                print(f"{name}, {text}: {said}", file=sys.stderr, flush=True)
+        print(name, *(count[k] for k in (*KINDS, *OUTCOMES)), sep=",", flush=True)
+        total += count
+    print("all", *(total[k] for k in (*KINDS, *OUTCOMES)), sep=",")
 
 
 if __name__ == "__main__":
