@@ -575,9 +575,9 @@ def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
     what is possible lead to the same.
     """
     if rest:
-        return near(force(0.0), 1e-9)
-    want, tol = near(force(1e200), 1e-9)
-    return want, np.where(np.abs(want - force(-1e200)) < 1e-3 * tol, tol, np.inf)
+        return near(force(0.0))
+    want, tol = near(force(1e200))
+    return want, np.where(np.abs(want - force(-1e200)) < 0.1 * tol, tol, np.inf)
 
 
 @law("Coulomb", since=1)
@@ -642,8 +642,7 @@ def _lugre(b, fs, x, y):
 def _stribeck(b, fs, x, y):
     v = (x[0] - before(x[0], x[2])) * fs / b.speed
     return near(
-        np.where(x[2] > 0, x[1] * (1 + b.rise * np.exp(-(np.minimum(np.abs(v), 1e150) ** 2))), 0),
-        1e-9,
+        np.where(x[2] > 0, x[1] * (1 + b.rise * np.exp(-(np.minimum(np.abs(v), 1e150) ** 2))), 0)
     )
 
 
@@ -733,9 +732,16 @@ def _guard(b, fs, x, y):
 @law("Shape", since=0)
 def _shape(b, fs, x, y):
     from numpy.polynomial import legendre
+    from scipy.interpolate import CubicHermiteSpline
 
-    u, v = np.clip(2 * x[0] / b.length - 1, -1, 1), np.clip(2 * x[1] / b.width - 1, -1, 1)
-    return legendre.legval2d(u, v, b.c), 1e-6 * float(np.abs(b.c).sum())
+    places = np.clip(2 * x[0] / b.length - 1, -1, 1), np.clip(2 * x[1] / b.width - 1, -1, 1)
+    knots, parts = np.linspace(-1, 1, 257), []
+    for at, terms in zip(places, b.c.shape, strict=True):
+        slopes = legendre.legval(knots, legendre.legder(np.eye(terms)))
+        parts.append(CubicHermiteSpline(knots, legendre.legvander(knots, terms - 1), slopes.T)(at))
+    whole, size = legendre.legval2d(*places, b.c), float(np.abs(b.c).sum())
+    want = np.einsum("ki,ij,kj->k", parts[0], b.c, parts[1])
+    return np.where(np.abs(want - whole) < 1e-6 * size, want, whole), 1e-12 * size
 
 
 # Filters of live numbers --------------------------------------------------------------
@@ -852,8 +858,9 @@ def _cursor(b, fs, x, y):
     table, width, height = soft.table_of(b)
     piece = min(v / max(n - 1, 1) for v, n in zip((height, width), table.shape, strict=True))
     far = np.hypot(*way)  # beyond a piece of the map five steps of Newton's method may be too few
+    tol = 1e-12 * scale + 8 * ULP * float(np.abs(y).max())  # otherwise they reach the last digits
     return want, np.where(
-        on & ((far > piece) | (far * soft.steepest(S, last, way) > 0.5)), np.inf, 1e-9 * scale
+        on & ((far > piece) | (far * soft.steepest(S, last, way) > 0.5)), np.inf, tol
     )
 
 

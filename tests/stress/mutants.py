@@ -2,8 +2,8 @@
 compositions that no shipped scene is.
 
 ``python tests/stress/mutants.py [WORD] > docs/explanation/mutants.csv``: of the classes
-that have WORD in their name, three of each of ``KINDS`` that change a sample, and those
-met before that change none.  What is missed is named on stderr.
+that have WORD in their name, twelve of each of ``KINDS`` that change a sample, and
+those met before that change none.  What is missed is named on stderr.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from stimlib import blocks as b
 from stimlib.checks import local, verify
 from stimlib.core.graph import kind as kind_of
 from stimlib.core.graph import reach, signals
+from stimlib.run.processor import Change
 from stimlib.targets.python import Engine
 
-EACH, N, ROUNDING, EXAMPLES = 3, 500, 1e-13, 4
+EACH, N, ROUNDING, EXAMPLES = 12, 500, 1e-13, 3
 KINDS = "late", "coefficient", "sign", "edge"
 OUTCOMES = "caught", "equal", "rounding", "missed"
 OTHER: dict[Any, Any] = {
@@ -170,6 +171,25 @@ def wires(cls: type) -> Iterator[Mutant]:
             yield Mutant(kind, f"{name}: {kind}", Engine, "step", wired(change, place))
 
 
+def rows(cls: type) -> Iterator[Mutant]:
+    """The same of the row of a class that has no step: what wires the steps."""
+
+    def shown(change: Callable, right: Any = local._seen) -> Callable:
+        def seen(run: local.Run, blocks: list, *more: Any) -> tuple:
+            parts, whole = right(run, blocks, *more)
+            for block in [v for v in blocks if type(v) is cls]:
+                row = parts[0].rows[id(block)]
+                parts[0].rows[id(block)] = change(
+                    row, np.concatenate([0 * row[..., :1], row[..., :-1]], axis=-1)
+                )
+            return parts, whole
+
+        return seen
+
+    for kind, change in SIGNALS.items():
+        yield Mutant(kind, f"row: {kind}", local, "_seen", shown(change))
+
+
 def fields(cls: type, made: tuple[Any, Any]) -> Iterator[Mutant]:
     """One field of what its design gives, parameters or first state: larger, of the
     other sign, one more, or moved by one.
@@ -207,9 +227,10 @@ class World(NamedTuple):
     def held(self) -> tuple[list[local.Held], np.ndarray]:
         """Its blocks, and what it gives, by the interpreter."""
         params = {name: p.value for name, p in self.scene.params.items()}
+        moves = [Change(N // 3, name, 0.9 * v, 0.02) for name, v in params.items()]
         with mock.patch.object(local, "compile", partial(local.compile, target="python")):
             found, (seen,) = local._held(
-                local.Run(self.scene, self.fs, 3, self.x, N, params, [], [(0, N)])
+                local.Run(self.scene, self.fs, 3, self.x, N, params, moves, [(0, N)])
             )
         # check (e)
         faults = [local.Held(self.scene.outputs["y"], "", N, np.inf if seen.n < N else 0.0)]
@@ -255,7 +276,7 @@ class World(NamedTuple):
             if y.shape == right.shape
             else 1.0
         )
-        return "rounding" if apart < ROUNDING else f"missed, {apart:.1g} of the largest"
+        return f"{'rounding' if apart < ROUNDING else 'missed'}, {apart:.1g} of the largest"
 
 
 def composed(e: Entry) -> World:
@@ -281,30 +302,32 @@ def sampled(name: str, each: int = EACH, seed: int = 0) -> Iterator[tuple[str, s
     )
     worlds = [(w, w.held()[1]) for w in map(composed, examples[:EXAMPLES])]
     block = next(v for v in reach(worlds[0][0].scene.outputs.values()) if type(v) is cls)
-    some = [*texts(cls), *wires(cls), *fields(cls, block.design(worlds[0][0].fs))]
+    has = cls.step is not None or cls.tile is not None
+    some = [
+        *texts(cls),
+        *(wires if has else rows)(cls),
+        *fields(cls, block.design(worlds[0][0].fs)),
+    ]
     np.random.default_rng([seed, len(some)]).shuffle(some)  # type: ignore[arg-type]
     left = dict.fromkeys(KINDS, each)
     for m in some:
         if left[m.kind]:
             outcomes = (w.judged(m, right) for w, right in worlds)
             said = next((v for v in outcomes if v != "equal"), "equal")
-            left[m.kind] -= said not in ("stopped", "equal", "rounding")
+            left[m.kind] -= said.startswith(("caught", "missed"))
             if said != "stopped":
                 yield m.kind, m.text, said
-
-
-CLASSES = [name for name, c in ours().items() if c.step is not None or c.tile is not None]
 
 
 def main(word: str = "") -> None:
     print("class", *KINDS, *OUTCOMES, sep=",")
     total: Counter[str] = Counter()
-    for name in [c for c in CLASSES if word in c]:
+    for name in [c for c in ours() if word in c]:
         count: Counter[str] = Counter()
         for kind, text, said in sampled(name):
             what = said.split(",")[0]
             count.update([what] + [kind] * (what in ("caught", "missed")))
-            if what == "missed":
+            if what in ("rounding", "missed"):
                 print(f"{name}, {text}: {said}", file=sys.stderr, flush=True)
         print(name, *(count[k] for k in (*KINDS, *OUTCOMES)), sep=",", flush=True)
         total += count
