@@ -10,39 +10,19 @@ import math
 
 import numpy as np
 import pytest
+from faults import half_a_sample_early, hundred_samples, warped
 
 import stimlib
 from stimlib import Input, Scene
 from stimlib import blocks as b
-from stimlib.blocks.filters import CascadeState
 from stimlib.blocks.fir import Taps
 from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.impedance import FirstOrder
-from stimlib.blocks.svf import Resonator, section
+from stimlib.blocks.svf import Resonator
 from stimlib.blocks.thesis import ShortMemory
-from stimlib.design import exponentials
 
 X, F = Input("x", "m"), Input("f", "N")
-NOW = {cls: cls.design for cls in (Resonator, Springpot, ShortMemory, Taps, FirstOrder)}
-
-
-def g_over_q(block, fs):
-    """The width in g/q, which the bilinear transform warps."""
-    g = math.tan(math.pi * block.freq / fs)
-    p = section(g, g / block.q, "notch" if block.notched else "bandpass")
-    return p._replace(at=0.0 if block.notched else block.freq / fs), CascadeState(*np.zeros((4, 1)))
-
-
-def held(block, fs):
-    """Creep of forces that are held between samples: half a sample early."""
-    return NOW[Springpot](
-        dc.replace(block, scheme="l1") if block.scheme == exponentials.STRAIGHT else block, fs
-    )
-
-
-def samples(block, fs):
-    """A memory of 100 samples at any rate."""
-    return NOW[ShortMemory](dc.replace(block, seconds=100 / fs), fs)
+NOW = {cls: cls.design for cls in (Taps, FirstOrder)}
 
 
 def at_the_sample(block, fs):
@@ -60,14 +40,14 @@ def rounded_leak(block, fs):
 
 
 CASES = [
-    (Resonator, g_over_q, lambda: b.resonator(X, 700.0, 5.0), 8000),
-    (Resonator, g_over_q, lambda: b.resonator(X, 250.0, 5.0), 1000),
-    (Resonator, g_over_q, lambda: b.notch(X, 50.0, 3.0), 8000),
-    (Resonator, g_over_q, lambda: b.notch(X, 400.0, 5.0), 1000),
-    (Springpot, held, lambda: b.compliance(F, 100.0, 0.5, "l1"), 1000),
-    (Springpot, held, lambda: b.compliance(F, 100.0, 0.3, "l1"), 8000),
-    (ShortMemory, samples, lambda: b.springpot(X, 3.0, 0.5, "gl-short-memory"), 8000),
-    (ShortMemory, samples, lambda: b.springpot(X, 3.0, 0.5, "gl-short-memory"), 500),
+    (Resonator, warped, lambda: b.resonator(X, 700.0, 5.0), 8000),
+    (Resonator, warped, lambda: b.resonator(X, 250.0, 5.0), 1000),
+    (Resonator, warped, lambda: b.notch(X, 50.0, 3.0), 8000),
+    (Resonator, warped, lambda: b.notch(X, 400.0, 5.0), 1000),
+    (Springpot, half_a_sample_early, lambda: b.compliance(F, 100.0, 0.5, "l1"), 1000),
+    (Springpot, half_a_sample_early, lambda: b.compliance(F, 100.0, 0.3, "l1"), 8000),
+    (ShortMemory, hundred_samples, lambda: b.springpot(X, 3.0, 0.5, "gl-short-memory"), 8000),
+    (ShortMemory, hundred_samples, lambda: b.springpot(X, 3.0, 0.5, "gl-short-memory"), 500),
     (Taps, at_the_sample, lambda: b.kelvin_voigt(X, 300.0, 10.0), 1000),
     (FirstOrder, rounded_leak, lambda: b.first_order(X, 1e6), 8000),
 ]
