@@ -223,13 +223,25 @@ def _chirp(b, fs, x, y):
         else f0 * np.expm1(c * t) / c
     )
     want = np.sin(2 * np.longdouble(np.pi) * (turns - np.floor(turns))).astype(float)
-    return np.where((n >= 0) & (n < b.seconds * fs), want, 0), 1e-12 if linear else 1e-8
+    return np.where((n >= 0) & (n < b.seconds * fs), want, 0), (
+        1e-14 + 4e-19 * np.abs(turns.astype(float)) if linear else 1e-8
+    )
 
 
 @law("Scanned", since=0)
 def _scanned(b, fs, x, y):
-    # ``resampled`` again; two samples before its first
-    table, n = b.design(fs)[0].samples, 8 * b.samples.size
+    from ..design.resample import HALF, resampled  # as of ``Playback``
+
+    # samples beside the table that are resampled with it
+    more = 1 + b.loop * math.ceil(HALF * max(1.0, b.rate / fs))
+    table = resampled(
+        np.pad(b.samples, more, "wrap" if b.loop else "constant"),
+        b.rate,
+        8 * b.rate,
+        fs,
+        "playback",
+    )
+    table, n = table[8 * more - 2 :], 8 * b.samples.size  # two samples before its first
     u = x[0] * (8 * b.rate)
     k = np.floor(u)
     inside = b.loop | ((k >= 0) & (k < n))
@@ -575,7 +587,7 @@ def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
     what is possible lead to the same.
     """
     if rest:
-        return near(force(0.0))
+        return near(force(0.0), 1e-13)  # of which (1 - exp(-a))/a loses 4e-14 where a is 0.01
     want, tol = near(force(1e200))
     return want, np.where(np.abs(want - force(-1e200)) < 0.1 * tol, tol, np.inf)
 
@@ -721,7 +733,7 @@ def _accuracy(b, fs, x, y):
     from ..blocks.fractional import bounds_of_orders
 
     knots, bounds = bounds_of_orders(b.tol, b.horizon * fs)
-    return near(np.interp(x[0], knots, (1.02 + 2 * b.tol) * bounds), 1e-9)
+    return near(np.interp(x[0], knots, (1.02 + 2 * b.tol) * bounds))
 
 
 @law("Guard", since=0)
@@ -741,7 +753,8 @@ def _shape(b, fs, x, y):
         parts.append(CubicHermiteSpline(knots, legendre.legvander(knots, terms - 1), slopes.T)(at))
     whole, size = legendre.legval2d(*places, b.c), float(np.abs(b.c).sum())
     want = np.einsum("ki,ij,kj->k", parts[0], b.c, parts[1])
-    return np.where(np.abs(want - whole) < 1e-6 * size, want, whole), 1e-12 * size
+    steep = max(b.c.shape) ** 2  # of the last term, by which a rounding of the place counts
+    return np.where(np.abs(want - whole) < 1e-6 * size, want, whole), (1e-13 + ULP * steep) * size
 
 
 # Filters of live numbers --------------------------------------------------------------
