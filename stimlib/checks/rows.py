@@ -547,41 +547,6 @@ def _button(b, fs, x, y):
 
 
 # Friction -----------------------------------------------------------------------------
-def _dragged(
-    x: Row,
-    k: Row,
-    contact: Row,
-    most: Row,
-    slide: Callable[[int, float, float, float], tuple[float, float]],
-    start: float,
-) -> Row:
-    """Force of a spring whose deflection is held within most/k; slide gives it at the
-    end of a way, and in the mean.
-
-    At a first sample the deflection is 0, and start where that is sample 0.
-    """
-    k, want = np.maximum(k, 0), np.zeros(x.size)
-    top = np.where(k > 0, np.minimum(np.maximum(most, 0) / np.where(k > 0, k, 1), 1e150), 0)
-    # of a stiffness that grows
-    kept = np.r_[0.0, np.where(k[1:] > 0, np.minimum(1, k[:-1] / np.where(k[1:] > 0, k[1:], 1)), 1)]
-    for part in touched(contact):
-        z, ways = (
-            start if part.start == 0 else 0.0,
-            np.diff(x[part], prepend=x[part.start]).tolist(),
-        )
-        for n, (way, c, keep) in enumerate(
-            zip(ways, top[part].tolist(), kept[part].tolist(), strict=True), part.start
-        ):
-            z = z * keep if n > part.start else z
-            z = c if z > c else -c if z < -c else z
-            if way < 0:
-                after, mean = slide(n, -z, -way, c)
-                z, want[n] = -after, -mean
-            else:
-                z, want[n] = slide(n, z, way, c)
-    return k * want
-
-
 def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
     """A force that begins at rest; or, where it began before, so far as both ends of
     what is possible lead to the same.
@@ -594,13 +559,7 @@ def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
 
 @law("Coulomb", since=1)
 def _coulomb(b, fs, x, y):
-    def slide(n: int, z: float, a: float, c: float) -> tuple[float, float]:
-        if z + a <= c:
-            return z + a, z + a / 2
-        stuck = c - z
-        return c, ((z + stuck / 2) * stuck + c * (a - stuck)) / a if a else z
-
-    return forgotten(lambda z: _dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
+    return forgotten(lambda z: touch.dragged(x[0], x[2], x[3], x[1], touch.coulomb, z), x.rest)
 
 
 def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, float]:
@@ -613,7 +572,9 @@ def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, floa
 @law("Dahl", since=1)
 def _dahl(b, fs, x, y):
     return forgotten(
-        lambda z: _dragged(x[0], x[2], x[3], x[1], lambda n, z, a, c: _exponential(z, c, c, a), z),
+        lambda z: touch.dragged(
+            x[0], x[2], x[3], x[1], lambda n, z, a, c: _exponential(z, c, c, a), z
+        ),
         x.rest,
     )
 
@@ -626,7 +587,7 @@ def _elasto_plastic(b, fs, x, y):
         end, mean = _exponential(z + free, c, c - b.elastic * c, rest)
         return end, (free * (z + free / 2) + rest * mean) / a if a else z
 
-    return forgotten(lambda z: _dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
+    return forgotten(lambda z: touch.dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
 
 
 @law("LuGre", since=1)
@@ -643,7 +604,7 @@ def _lugre(b, fs, x, y):
     way = np.where(contact > 0, place - before(place, contact), 0)
 
     def force(z: float) -> Row:
-        return _dragged(place, k, contact, static, slide, z) + fs * (
+        return touch.dragged(place, k, contact, static, slide, z) + fs * (
             b.damping * np.where(way < 0, -1, 1) * moved + b.viscosity * way
         )
 
@@ -660,10 +621,7 @@ def _stribeck(b, fs, x, y):
 
 @law("StickSlip")
 def _stick_slip(b, fs, x, y):
-    place, limit, k, contact = x
-    if np.ptp(k) or k[0] <= 0:
-        return None
-    want = touch.stick_slip(place, contact, float(k[0]), limit, b.left, y)
+    want = touch.stick_slip(x[0], x[3], x[2], x[1], b.left, y)
     return want, touch.TOL * max(float(np.abs(want).max()), touch.LEAST)
 
 

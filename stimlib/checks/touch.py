@@ -129,27 +129,64 @@ def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> n
     return np.where(touching, depth * mean, 0)
 
 
-def coulomb(x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray) -> np.ndarray:
-    """Mean force of a spring that slips at a limit."""
-    last, touching = ways(x, contact)
-    y, z = np.zeros(x.size), 0.0
-    for n, (d, c) in enumerate(
-        zip((x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), strict=True)
-    ):
+def springs(x: np.ndarray, k: Any, limit: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stiffness and largest deflection at each sample, and what is left of a deflection
+    as it begins.
+
+    A stiffness that grows keeps the force, one that falls keeps the place, and one that
+    is not above 0 holds nothing.
+    """
+    k, limit = (np.maximum(np.broadcast_to(v, x.shape), 0) for v in (k, limit))
+    some = np.where(k > 0, k, 1)
+    most = np.where(k > 0, np.minimum(limit / some, 1e150), 0)
+    return k, most, np.r_[1.0, np.where(k[1:] > 0, np.minimum(1, k[:-1] / some[1:]), 1)]
+
+
+def dragged(
+    x: np.ndarray,
+    k: Any,
+    contact: np.ndarray,
+    limit: Any,
+    slide: Callable[[int, float, float, float], tuple[float, float]],
+    start: float = 0.0,
+) -> np.ndarray:
+    """Mean force of a spring whose deflection is held within limit/k; slide gives it at
+    the end of a way, and in the mean.
+
+    At a first sample the deflection is 0, and start where that is sample 0.
+    """
+    z, y, (last, touching), (k, top, kept) = (
+        start,
+        np.zeros(x.size),
+        ways(x, contact),
+        springs(x, k, limit),
+    )
+    rows = (x - last).tolist(), top.tolist(), kept.tolist()
+    for n, way, c, keep in zip(range(x.size), *rows, strict=True):
         if not touching[n]:
             z = 0.0
             continue
-        z = min(max(z, -c), c)
-        s, a = (1.0, d) if d >= 0 else (-1.0, -d)
-        stuck = min(a, c - s * z)
-        area = stuck * (z + s * stuck / 2) + (a - stuck) * s * c
-        z = s * c if stuck < a else z + d
-        y[n] = k * (area / a if a else z)
-    return y
+        z = min(max(z * keep, -c), c)
+        if way < 0:
+            after, mean = slide(n, -z, -way, c)
+            z, y[n] = -after, -mean
+        else:
+            z, y[n] = slide(n, z, way, c)
+    return k * y
+
+
+def coulomb(_: int, z: float, a: float, c: float) -> tuple[float, float]:
+    """Deflection at the end of a way a, and in its mean, of a spring that slips at
+    c.
+    """
+    if z + a <= c:
+        return z + a, z + a / 2
+    stuck = c - z
+    return c, ((z + stuck / 2) * stuck + c * (a - stuck)) / a if a else z
 
 
 def stick_slip(
-    x: np.ndarray, contact: np.ndarray, k: float, limit: np.ndarray, left: float, shown: np.ndarray
+    x: np.ndarray, contact: np.ndarray, k: Any, limit: Any, left: float, shown: np.ndarray
 ) -> np.ndarray:
     """Mean force of a spring that falls to a part of its limit wherever it reaches it,
     slip by slip.
@@ -158,22 +195,23 @@ def stick_slip(
     shown next says which.  Where on a very short way it slips is a matter of rounding,
     too: what was shown counts as far as that goes.
     """
-    last, touching = ways(x, contact)
-    d, c, y, z = (x - last).tolist(), (np.maximum(limit, 0) / k).tolist(), np.zeros(x.size), 0.0
+    (last, touching), (k, c, kept) = ways(x, contact), springs(x, k, limit)
+    d, y, z = x - last, np.zeros(x.size), 0.0
     tie = 0.0  # what a slip too few or too many would change
     for n in np.flatnonzero(touching):
         if not (n and touching[n - 1]) or c[n] == 0:
             z, tie = 0.0, 0.0
         if c[n] == 0:
             continue
-        tooth = c[n] * (1 - left)
+        tooth, z, tie = c[n] * (1 - left), z * kept[n], tie * kept[n]
         if tie:
             z = min(
-                (z, z + tie), key=lambda v: abs(k * _sawtooth(v, d[n], c[n], tooth)[0] - shown[n])
+                (z, z + tie),
+                key=lambda v: abs(k[n] * _sawtooth(v, d[n], c[n], tooth)[0] - shown[n]),
             )
         mean, z = _sawtooth(z, d[n], c[n], tooth)
-        y[n], tie = k * mean, 0.0
-        if d[n] and abs(shown[n] - y[n]) <= k * tooth * 2.0**-49 * abs(x[n]) / abs(d[n]):
+        y[n], tie = k[n] * mean, 0.0
+        if d[n] and abs(shown[n] - y[n]) <= k[n] * tooth * 2.0**-49 * abs(x[n]) / abs(d[n]):
             y[n] = shown[n]
         if abs(abs(z) - c[n]) < 1e-9 * c[n]:
             tie = -np.sign(z) * tooth
@@ -248,7 +286,7 @@ def detents_law(a: Asked) -> list[Check]:
     x, g = a.x["angle"], a.given
     k = g["friction"] / g["presliding"]
     drawn = detents(x, a.contact, 2 * np.pi / g["count"], a.live("depth"))
-    rubbed = coulomb(x, a.contact, k, np.maximum(a.live("friction"), 0))
+    rubbed = dragged(x, k, a.contact, a.live("friction"), coulomb)
     words = f"{g['count']} detents a turn, friction over {k:g} N m"
     return _held(a, "torque", "detents and friction", [drawn, rubbed], words)
 

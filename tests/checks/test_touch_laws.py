@@ -3,6 +3,7 @@ slightly off.
 """
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from correct import hand
 import stimlib
 from stimlib.blocks import sliding, touching
 from stimlib.blocks.transients import Ring
-from stimlib.checks import touch
+from stimlib.checks import local, touch
 from stimlib.checks.evidence import asked
 from stimlib.motion.generators import sinusoid
 from stimlib.scenes import click, detents, friction, impact, wall
@@ -97,6 +98,62 @@ def test_slips_that_a_rounding_places_are_proved(way, start):
         assert r.passed, str(r)
 
 
+STIFFNESS = {  # in N/m, over 2000 samples
+    "grows and falls": lambda n: 300 + 250 * np.sin(n / 90),
+    "jumps": lambda n: np.where(n // 130 % 2, 900.0, 40.0),
+    "is gone for a while": lambda n: 200 * np.sin(n / 70),
+    "follows a noise": lambda n: 500 * np.exp(np.random.default_rng(3).standard_normal(n.size)),
+}
+
+
+def sliding_on(k, off=()):
+    """A finger that moves to and fro over a surface of this stiffness, in contact
+    except at some samples.
+    """
+    n, contact = np.arange(2000), np.ones(2000)
+    contact[list(off)] = 0
+    force = stimlib.blocks.stick_slip(
+        stimlib.Input("x", "m"),
+        stimlib.Input("n", "N"),
+        0.8,
+        0.3,
+        stimlib.Input("k", "N/m"),
+        stimlib.Input("contact"),
+    )
+    motion = {
+        "x": 0.03 * np.sin(n / 200),
+        "n": 1 + 0.5 * np.sin(n / 333),
+        "k": STIFFNESS[k](n),
+        "contact": contact,
+    }
+    scene = stimlib.Scene({"force": force})
+    return scene, motion, stimlib.render(scene, motion, 1000)
+
+
+@pytest.mark.parametrize("off", [(), range(500, 700)])
+@pytest.mark.parametrize("k", STIFFNESS)
+def test_slips_over_a_stiffness_that_moves_are_proved(k, off):
+    """There was no law where the stiffness moves."""
+    report = stimlib.verify(*sliding_on(k, off))
+    assert report.passed and "StickSlip" in {c.name for c in report.checks}, str(report)
+    assert not [
+        text for text in report.evidence.skipped if "stick_slip" in text or "StickSlip" in text
+    ]
+
+
+@pytest.mark.parametrize(
+    "wrong", [lambda z, before, k: z, lambda z, before, k: sliding.where(before < k, z * 0.999, z)]
+)
+def test_a_deflection_that_keeps_no_force_as_the_stiffness_grows_is_refused(monkeypatch, wrong):
+    scene, motion, _ = sliding_on("grows and falls")
+    run = local.Run(scene, 1000.0, 0, motion, 2000, {}, [], [(0, 2000)])
+    # which has the step as it is now
+    monkeypatch.setattr(local, "compile", partial(local.compile, target="python"))
+    assert max(h.error for h in local.held(run)) <= 1
+    monkeypatch.setattr(sliding, "softened", wrong)
+    assert {type(h.block).__name__ for h in local.held(run) if h.error > 1} == {"StickSlip"}
+
+
 def test_a_law_says_of_another_wall_that_it_does_not_know_it():
     x = stimlib.Input("x", "m")
     scene = stimlib.Scene(
@@ -126,7 +183,8 @@ def test_springs_that_drag_follow_their_limits():
     """
     x, on = np.array([0.0, 3.0, 3.0, 3.0, 2.5]), np.ones(5)
     np.testing.assert_allclose(
-        touch.coulomb(x, on, 1.0, np.array([2, 2, 2, 1, 0.5])), [0, 4 / 3, 2, 1, 0.25]
+        touch.dragged(x, 1.0, on, np.array([2, 2, 2, 1, 0.5]), touch.coulomb),
+        [0, 4 / 3, 2, 1, 0.25],
     )
     np.testing.assert_array_equal(
         touch.stick_slip(0 * x, on, 1.0, np.full(5, 0.5), 0.5, np.full(5, 0.5)), 0 * x
