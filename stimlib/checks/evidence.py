@@ -313,6 +313,13 @@ def ramped(first: float, changes: Sequence[Change], fs: float, n: int) -> np.nda
     return y
 
 
+def lost_by_ramps(changes: Iterable[Change], fs: float) -> float:
+    """What the longest of these ramps may lose, each step of it being rounded, as a
+    part of the largest value.
+    """
+    return 2.0**-52 * max((c.ramp * fs for c in changes), default=0.0)
+
+
 # What a law sees ----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Asked:
@@ -349,15 +356,19 @@ class Asked:
 
     @property
     def slack(self) -> float:
-        """What the window's own rounding may change, as a part of a value: its time is
-        rounded, and its ramps are steep.
+        """What roundings that add up may change, as a part of a value: each step of a
+        parameter's ramp, and a window's time.
         """
-        span = self.part.span
-        return (
+        span, names = (
+            self.part.span,
+            {self.part.inputs.get(n, n) for n in self.part.inputs or self.e.params},
+        )
+        window = (
             0.0
             if span is None or not span.ramp
             else 4.0 * 2.0**-53 * (span.start + span.duration) / span.ramp
         )
+        return window + lost_by_ramps((c for c in self.e.changes if c.name in names), self.fs)
 
     def live(self, name: str) -> np.ndarray:
         """A parameter at every sample, its ramps written again as straight lines."""
@@ -370,15 +381,6 @@ class Asked:
         it.
         """
         return np.clip(self.live(name), low, high)
-
-    def rounding(self, *names: str) -> float:
-        """What the ramps of these parameters lose at most, each step of one being
-        rounded: in parts of their largest value.
-        """
-        called = {self.part.inputs.get(n, n) for n in names}
-        return 2.0**-52 * max(
-            (c.ramp * self.fs for c in self.e.changes if c.name in called), default=0.0
-        )
 
     def output(self, name: str) -> str:
         """What the scene calls an output."""

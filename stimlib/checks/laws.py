@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import BadValue
+
 # Noise: the published generator once more, over any whole numbers ---------------------
 LOW = (1 << 32) - 1
 
@@ -301,67 +303,64 @@ def springpot_convolution(
 
 
 # Bumps --------------------------------------------------------------------------------
-def _ridge_integral(waveform: str, w: Any, d: Any) -> Any:
-    """Integral of the envelope from 0 to w, 0 <= w <= 1."""
-    s = np.minimum(w, d)
-    if waveform == "square":
-        return s
-    if waveform == "sawtooth":
-        return s * s / (2 * d)
-    if waveform == "half_sine":
-        return d / np.pi * (1 - np.cos(np.pi * s / d))
-    pi = np.longdouble(math.pi)
-    return ((np.sin(2 * pi * (s - d / 2)) + np.sin(pi * d)) / (2 * pi) - np.cos(pi * d) * s) / (
-        1 - np.cos(pi * d)
-    )
-
-
-def ridge_sum(waveform: str, u: Any, d: Any) -> Any:
-    """Integral of the envelope from 0 to u."""
-    return np.floor(u) * _ridge_integral(waveform, np.longdouble(1), d) + _ridge_integral(
-        waveform, u - np.floor(u), d
-    )
-
-
-def bump_envelope(
-    u: np.ndarray, contact: np.ndarray, waveform: str, duty: np.ndarray
-) -> np.ndarray:
-    """Mean of the unipolar wave over u[n-1] .. u[n], of the duty of sample n
-    (touch-screen thesis, figure 4.1); 0 off contact.
+def ways(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where each sample's way began, and where there is contact, whose first sample has
+    no way.
     """
-    u, d = u.astype(np.longdouble), duty.astype(np.longdouble)
     touching = contact > 0
-    before = np.r_[u[:1], u[:-1]]
-    first = touching & ~np.r_[False, touching[:-1]]
-    before[first] = u[first]
-    du = u - before
-
-    same = (np.floor(u) == np.floor(before)) & (
-        (u - np.floor(u) < d) == (before - np.floor(before) < d)
-    )
-    same |= waveform in ("sine", "half_sine")  # they have no edges
-    # the value there: a difference of integrals would have no digits left
-    still = (np.abs(du) < 1e-8) & same
-    low = np.where(still, u, before)
-    low = low - np.floor(low)  # places within a period have all their digits
-    tiny = np.longdouble(1e-9)
-    # an edge is so near that a small step goes the other way
-    ahead = (low + tiny > 1) | ((low < d) & (low + tiny > d))
-    step = np.where(still, np.where(ahead, -tiny, tiny), du)
-    e = (ridge_sum(waveform, low + step, d) - ridge_sum(waveform, low, d)) / step
-    return np.where(touching, e, 0).astype(float)
+    return np.where(touching & ~np.r_[False, touching[:-1]], x, np.r_[x[:1], x[:-1]]), touching
 
 
-def bump_loss(u: np.ndarray, contact: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """What a mean over a small movement across an edge loses at most: its two integrals
-    are rounded, and their difference not.
+def _cell(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The number of the bump, and the place in it; what rounds to the next bump is
+    there.
     """
-    touching, before = contact > 0, np.r_[u[:1], u[:-1]]
-    way = np.where(touching & np.r_[False, touching[:-1]], np.abs(u - before), 0.0)
-    cells = np.floor(before), np.floor(u)
-    edge = (cells[0] != cells[1]) | ((before - cells[0] < duty) != (u - cells[1] < duty))
-    lost = (4e-16 + 4e-19 * np.abs(u)) / np.where(edge & (way > 0), duty * way, np.inf)
-    return np.minimum(lost, 1.0)  # an envelope is between 0 and 1
+    k = np.floor(u)
+    k += u - k >= 1
+    return k, np.maximum(u - k, 0)
+
+
+def _ridge_mean(waveform: str, d: np.ndarray, a: Any, b: np.ndarray) -> np.ndarray:
+    """Mean of the envelope from a to b on a ridge of the width d, 0 <= a <= b <= d:
+    products, so that nothing cancels.
+    """
+    z, way = (a + b) / 2 / d, b - a
+    if waveform not in ("square", "sawtooth", "half_sine", "sine"):
+        raise BadValue(
+            f"the waveform {waveform!r:.40} is not known; choose one of square, sawtooth,"
+            " half_sine, sine"
+        )
+    if waveform in ("square", "sawtooth"):
+        return np.ones(d.size) if waveform == "square" else z
+    if waveform == "half_sine":
+        return np.sin(np.pi * z) * np.sinc(way / 2 / d)
+    q = (np.pi * way) ** 2
+    # of a cosine, by its mean
+    lost = np.where(
+        way < 0.03, q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72))), 1 - np.sinc(way)
+    )
+    top = 2 * np.sin(np.pi * d * z) * np.sin(np.pi * d * (1 - z))
+    return (top - lost * np.cos(2 * np.pi * d * (z - 0.5))) / (2 * np.sin(np.pi * d / 2) ** 2)
+
+
+def bump_envelope(last: np.ndarray, u: np.ndarray, waveform: str, d: np.ndarray) -> np.ndarray:
+    """Mean of the unipolar wave over last .. u (touch-screen thesis, figure 4.1), and
+    what a mean over an edge may lose.
+
+    Over a way across an edge the mean is a difference of areas, which are rounded, over
+    that way.
+    """
+    (k, v), (m, w) = _cell(np.minimum(last, u)), _cell(np.maximum(last, u))
+    a, b, way = np.minimum(v, d), np.minimum(w, d), np.abs(u - last)
+    mean, whole = (
+        _ridge_mean(waveform, d, a, np.where(k == m, b, d)),
+        _ridge_mean(waveform, d, 0.0, d),
+    )
+    several = (d - a) * mean + (m - k - 1) * d * whole + b * _ridge_mean(waveform, d, 0.0, b)
+    inside = (k == m) & ((v < d) == (w < d))
+    way = np.where(inside, np.inf, way)
+    over = np.clip(np.where(k == m, (b - a) * mean, several) / way, 0, 1)
+    return np.array([np.where(inside, np.where(v < d, mean, 0), over), np.minimum(4e-16 / way, 1)])
 
 
 def profile_gain(
@@ -379,16 +378,20 @@ def profile_gain(
         "polynomial": interpolate.BarycentricInterpolator,
     }
     curve = make[kind](knots, d)
-    touching = contact > 0
-    before = np.r_[x[:1], x[:-1]]
-    first = touching & ~np.r_[False, touching[:-1]]
-    before[first] = x[first]
     places = np.concatenate(
         [np.linspace(a, b, 65) for a, b in zip(knots[:-1], knots[1:], strict=True)]
     )
-    return d.max() / curve(np.clip((before + x) / 2, knots[0], knots[-1])), float(
+    return d.max() / curve(np.clip((ways(x, contact)[0] + x) / 2, knots[0], knots[-1])), float(
         d.max() / curve(places).min()
     )
+
+
+def turning(freq: np.ndarray, fs: float, phase: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Turns of a carrier at each sample, which begins at a phase in rad, and those that
+    each sample takes.
+    """
+    step = freq.astype(np.longdouble) / np.longdouble(fs)
+    return np.cumsum(step) - step + phase / (2 * np.longdouble(np.pi)), step
 
 
 def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
@@ -397,6 +400,8 @@ def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
     """
     pi = np.longdouble(math.pi) + np.longdouble(1.2246467991473532e-16)
     t = t - np.floor(t + 0.25)  # the nearest half wave is 0 .. 1/2
+    if rectify not in (None, "half", "full"):
+        raise BadValue(f"rectify = {rectify!r:.40} is not known; choose None, 'half' or 'full'")
     if rectify is None:
         return np.sin(2 * pi * t).astype(float)
 
@@ -414,11 +419,3 @@ def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
     return (half(t) if rectify == "half" else half(t) + half(t + 0.5 - np.floor(t + 0.75))).astype(
         float
     )
-
-
-def carrier_half(freq: np.ndarray, fs: float) -> np.ndarray:
-    """Positive half wave of a sinusoid with a frequency for each sample: means over the
-    sample period, set right at freq (Hz).
-    """
-    step = freq.astype(np.longdouble) / np.longdouble(fs)
-    return carried(np.cumsum(step) - step, step, "half")

@@ -35,7 +35,7 @@ from ..run.processor import Change, compile
 from ..run.walk import walk
 from . import laws, rows
 from . import linear as linear  # it enters its laws into those of rows
-from .evidence import Check, Evidence, ramped
+from .evidence import Check, Evidence, lost_by_ramps, ramped
 from .rows import Rows
 
 # samples that are looked at: the first, and stretches that the seed places
@@ -330,7 +330,7 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
                 np.full(before, b.value),
                 ramped(run.params[b.name], moves, run.fs, part.at + part.n)[part.at :],
             ]
-            tol = 1e-12 * float(np.abs(want).max())
+            tol = (1e-12 + lost_by_ramps(moves, run.fs)) * float(np.abs(want).max())
         elif isinstance(b, White):
             want, tol = laws.white(run.seed, *b.noise_key, at - at % 2, n + at % 2)[at % 2 :], NOISE
         else:

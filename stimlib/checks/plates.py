@@ -45,15 +45,6 @@ def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
     return lfilter(b[0], a, v)
 
 
-def carried(freq: np.ndarray, fs: float, rectify: str | None) -> np.ndarray:
-    """The carrier whose mode names how it is rectified."""
-    if rectify == "half":
-        return laws.carrier_half(freq, fs)
-    step = freq.astype(np.longdouble) / np.longdouble(fs)
-    turns = np.cumsum(step) - step
-    return np.sin(2 * np.longdouble(np.pi) * (turns - np.floor(turns))).astype(float)
-
-
 def touch_screen(a: Asked) -> list[Check]:
     """Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the
     sum over modes.
@@ -66,11 +57,8 @@ def touch_screen(a: Asked) -> list[Check]:
     from ..plate.vibrate import LOOKED_AT, driven, series_of
 
     g, x, fs, A = a.given, a.x["x"], a.fs, a.live("A")
-    if not isinstance(g["waveform"], str) or g["rectify"] == "full":
-        a.e.skipped.append(
-            f"{a.title('voltage')}: the law knows the named waveforms on a carrier that is whole or"
-            " half"
-        )
+    if not isinstance(g["waveform"], str):
+        a.e.skipped.append(f"{a.title('voltage')}: the law knows the named waveforms, not tables")
         return []
     model = {**g["model"], "patches": [Patch(**p) for p in g["model"]["patches"]]}
     glass = Plate(**model)
@@ -86,11 +74,12 @@ def touch_screen(a: Asked) -> list[Check]:
     )
     # so rounded as in the scene
     u, on, duty = x * (g["bumps"] / g["length"]), (A != 0).astype(float), a.held("duty", 1e-6, 1.0)
-    shape = laws.bump_envelope(u, on, g["waveform"], duty)
-    v = A * shape * carried(a.held("freq", 0.0, fs / 2), fs, g["rectify"])
+    last, touching = laws.ways(u, on)
+    shape, lost = laws.bump_envelope(last, u, g["waveform"], duty) * touching
+    v = A * shape * laws.carried(*laws.turning(a.held("freq", 0.0, fs / 2), fs), g["rectify"])
     factor = laws.profile_gain(x, np.ones(x.size), knots, moved, "cubic")[0]
     asked = g["gain"] * np.abs(A) * factor  # at the top of a bump
-    v, lost = v * factor, laws.bump_loss(u, on, duty) * asked
+    v, lost = v * factor, lost * asked
     low, high = glass.voltages
     v = g["gain"] * swapped(v, fs, resonance, q, g["swap"])
     a.say(f"resonance {resonance:.6g} Hz, q = {q:g}, answers {g['swap']:g} times as fast")

@@ -83,7 +83,7 @@ def touched(contact: Row) -> Iterator[slice]:
 
 def before(x: Row, contact: Row) -> Row:
     """Where each sample's way began; at the first sample of a contact where it is."""
-    return touch.ways(x, contact)[0]
+    return laws.ways(x, contact)[0]
 
 
 # Arithmetic ---------------------------------------------------------------------------
@@ -439,28 +439,9 @@ def _oscillator(b, fs, x, y):
 # Places -------------------------------------------------------------------------------
 @law("LinearBump", "SineBump", since=1)
 def _bump(b, fs, x, y):
-    d = np.clip(x[1], 1e-6, 1)
     last = before(x[0], x[2]) if b.sampling == "area" else x[0]
-    (a, u), way = ((v - np.floor(v) for v in (last, x[0])), np.abs(x[0] - last))
-    # the value in the middle is the mean
-    still = (way < 1e-5 * d) & (np.floor(last) == np.floor(x[0])) & ((a < d) == (u < d))
-    z, k = np.where(still, (a + u) / 2, u) / d, np.pi * d
-    wave = {
-        "square": np.ones(z.size), "sawtooth": z, "half_sine": np.sin(np.pi * z),
-        "sine": 2 * np.sin(k * z) * np.sin(k * (1 - z)) / (1 - np.cos(k)),
-    }[b.waveform]  # fmt: skip
-    ends = [
-        laws.ridge_sum(b.waveform, v.astype(np.longdouble), d.astype(np.longdouble))
-        for v in (last, x[0])
-    ]
-    mean = (ends[1] - ends[0]) / np.where(still, 1, x[0].astype(np.longdouble) - last)
-    want = np.where(still, np.where(z < 1, wave, 0), mean.astype(float))
-    # the block's, and this
-    lost = np.where(
-        still, 1e-18 / d**2, (4e-16 + 4e-19 * np.abs(x[0])) / np.where(still, 1, d * way)
-    )
-    edge = np.minimum(np.abs(z - 1), np.minimum(u, 1 - u) / d) < TIE
-    return np.where(x[2] > 0, want, 0), np.where(still & edge, np.inf, 1e-9 + lost)
+    want, lost = laws.bump_envelope(last, x[0], b.waveform, np.clip(x[1], 1e-6, 1))
+    return np.where(x[2] > 0, want, 0), 1e-13 + lost
 
 
 @law("TableBump", since=1)

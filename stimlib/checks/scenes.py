@@ -197,8 +197,7 @@ def _squeeze(a: Asked) -> list[Check]:
         )
         scale = max(np.abs(finger.force).max(), 1e-300)
         quiet = a.far(np.where(runs, 0, a.y[name] - want)) / scale
-        steps = a.rounding("k")
-        limit = 1e-14 + steps + slack
+        limit = 1e-14 + slack
         checks.append(
             Check(
                 "d",
@@ -209,11 +208,7 @@ def _squeeze(a: Asked) -> list[Check]:
             )
         )
         vibration = np.abs(finger.force - finger.mean).max()
-        limit = (
-            1e-9 + (4e-16 + steps + slack) * scale / vibration
-            if vibration > 0
-            else 1e-14 + steps + slack
-        )
+        limit = 1e-9 + (4e-16 + slack) * scale / vibration if vibration > 0 else 1e-14 + slack
         error = a.apart(name, want) / (vibration or scale)
         checks.append(
             Check(
@@ -347,9 +342,8 @@ def _viscoelastic(a: Asked) -> list[Check]:
     block = springpot(
         Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact
     )
-    steps = a.rounding("firmness")
     same = a.near(
-        "force", a.live("firmness") * a.render(block), 1e-14 + steps, "springpot of these numbers"
+        "force", a.live("firmness") * a.render(block), 1e-14, "springpot of these numbers"
     )
     name, silent = a.title("force"), a.silent("force", ~touching)
     if g["scheme"] not in ("gl", "l1"):
@@ -362,9 +356,9 @@ def _viscoelastic(a: Asked) -> list[Check]:
         at = np.unique(np.linspace(0, j - i - 1, max(2, round(64 * (j - i) / n))).astype(int))
         force, size = laws.springpot_sum(y[i:j], a.fs, g["scheme"], order[i:j], at)
         k = gain[i:j][at]
-        bound = np.abs(k) * (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (
-            1e-15 + steps + a.slack
-        ) * np.abs(k) * np.abs(force)
+        bound = np.abs(k) * (
+            (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (1e-15 + a.slack) * np.abs(force)
+        )
         over[i:j][at] = (a.y["force"][i:j][at] - k * force) / np.maximum(bound, 1e-300)
 
     def everywhere() -> np.ndarray:
@@ -405,13 +399,9 @@ def _bumps(a: Asked) -> list[Check]:
     )
     # so rounded as in the scene: at an edge that counts
     contact, u = a.contact * (A != 0), a.x["x"] * (g["bumps"] / g["length"])
-    shape, step = (
-        laws.bump_envelope(u, contact, g["waveform"], duty),
-        freq.astype(np.longdouble) / np.longdouble(a.fs),
-    )
-    wave = laws.carried(
-        np.cumsum(step) - step + g["phase"] / (2 * np.longdouble(np.pi)), step, g["rectify"]
-    )
+    last, touching = laws.ways(u, contact)
+    shape, lost = laws.bump_envelope(last, u, g["waveform"], duty) * touching
+    wave = laws.carried(*laws.turning(freq, a.fs, g["phase"]), g["rectify"])
     if a.part.span is None:
         a.e.curves |= {"envelope": shape, "carrier": wave}
         edges = np.flatnonzero(np.diff(np.floor(u))) + 1
@@ -435,8 +425,7 @@ def _bumps(a: Asked) -> list[Check]:
         want = np.clip(want, -limit, limit)
     top = float(highest.max()) or 1.0
     a.expect("voltage", want, 1e-6 * top)
-    lost = laws.bump_loss(u, contact, duty) * highest / top
-    error = a.far((a.y["voltage"] - want) / (1 + lost / 1e-6)) / top
+    error = a.far((a.y["voltage"] - want) / (1 + lost * highest / top / 1e-6)) / top
     checks = [
         Check(
             "d",

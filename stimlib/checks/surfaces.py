@@ -11,19 +11,11 @@ import numpy as np
 
 from ..design.octaves import octaves
 from .evidence import Asked, Check
-from .laws import LOW, philox
+from .laws import LOW, philox, ways
 
 MOST = 20_000  # samples at which the scene's law is computed, evenly over the run
 LAW_DB = 0.5
 PI = np.longdouble("3.14159265358979323846264338327950288")
-
-
-def movements(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where each sample's movement began, at the first of a contact where it is; and
-    whether in contact.
-    """
-    on = contact > 0
-    return np.where(on & ~np.r_[False, on[:-1]], x, np.r_[x[:1], x[:-1]]), on
 
 
 def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray:
@@ -118,7 +110,7 @@ def grating(a: Asked) -> list[Check]:
     again from the movement alone.
     """
     g, x, n = a.given, a.x["x"], a.n
-    before, on = movements(x, a.contact)
+    before, on = ways(x, a.contact)
     ribs = [
         (a.live(depth), g[wavelength])
         for depth, wavelength in (("depth", "coarse"), ("fine_depth", "fine"))
@@ -132,7 +124,9 @@ def grating(a: Asked) -> list[Check]:
     bound = np.full(n, 1e-300)
     # a place is rounded, and so its phase
     for depth, wavelength in [*ribs, (a.live("roughness"), rough.shortest)]:
-        bound += np.abs(depth) * (1e-12 + 2.0**-44 * np.abs(x) / wavelength)
+        bound += np.abs(depth) * (1e-12 + 2.0**-44 * np.abs(x) / wavelength) + a.slack * np.abs(
+            depth
+        ).max(initial=0.0)
 
     def force(at: Any) -> np.ndarray:
         total = a.live("roughness")[at] * roughness(before[at], x[at], rough)
@@ -142,8 +136,7 @@ def grating(a: Asked) -> list[Check]:
 
     at = np.unique(np.linspace(0, n - 1, min(n, MOST)).astype(int))
     error = np.zeros(n)
-    want = force(at)
-    error[at] = (a.y["force"][at] - want) / (bound[at] + a.slack * np.abs(want))
+    error[at] = (a.y["force"][at] - force(at)) / bound[at]
     a.expect("force", lambda: force(np.arange(n)), float(bound.max(initial=0.0)))
     text = (
         f"error over its bound, {at.size} samples: what is at a place, averaged over each movement,"

@@ -16,19 +16,11 @@ import numpy as np
 
 from . import laws
 from .evidence import Asked, Check
+from .laws import ways
 
 STILL = 1e-11  # of the unit of x: over so short a way a sinusoid is straight
 MANY = 10_000  # slips within one sample: their mean is taken at once
 TOL, LEAST = 1e-6, 1e-12  # of the largest value, or of LEAST if there is nothing larger
-
-
-def ways(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where each sample's way began, and where there is contact, whose first sample has
-    no way.
-    """
-    touching, last = contact > 0, np.r_[x[:1], x[:-1]]
-    first = touching & ~np.r_[False, touching[:-1]]
-    return np.where(first, x, last), touching
 
 
 def mean_over(

@@ -31,8 +31,8 @@ from stimlib.checks.local import Run, held
 from stimlib.core.graph import reach
 from stimlib.errors import BadValue, StimlibError
 from stimlib.files import audio as file
-from stimlib.motion.generators import constant_speed, minimum_jerk
-from stimlib.scenes import bumps, squeeze
+from stimlib.motion.generators import constant_speed, minimum_jerk, sinusoid
+from stimlib.scenes import bumps, grating, soft_surface, squeeze, touch_screen
 
 
 def report(scene, motion, fs=8000, seconds=None, **words):
@@ -255,6 +255,50 @@ def test_files_whose_numbers_ramp_from_the_first_sample_pass(tmp_path, changes):
     r = stimlib.verify(scene, motion, tmp_path / "a.wav")
     assert r.passed, str(r)
     assert any(c.name.endswith("vibration law") for c in r.checks)
+
+
+HAND = sinusoid(0.02, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "name"),
+    [(grating(), "depth"), (soft_surface(device="mouse"), "push")],
+    ids=["grating", "soft_surface"],
+)
+def test_a_ramp_of_a_minute_whose_roundings_add_up_passes(tmp_path, scene, name):
+    """Its 480 000 steps lost up to 8e-12 of the largest value, and both laws and that
+    of a parameter allowed 1e-12.
+    """
+    motion, proc = dict.fromkeys(scene.inputs, HAND), stimlib.compile(scene, 8000)
+    proc.set(name, 0.123, 60.0)
+    file.write(tmp_path / "a.wav", proc, motion, 60.0, progress=False)
+    r = stimlib.verify(scene, motion, tmp_path / "a.wav")
+    assert r.passed, str(r)
+
+
+@pytest.mark.parametrize("duty", [0.0, 1e-9])
+@pytest.mark.parametrize("waveform", ["square", "sawtooth", "sine", "half_sine"])
+@pytest.mark.parametrize("make", [bumps, touch_screen])
+def test_a_duty_beyond_its_bounds_passes_as_the_nearest_one(make, waveform, duty):
+    """The laws took a mean over 1e-9 of a period where the finger stands, which a ridge
+    of 1e-6 is not flat over.
+    """
+    r = report(
+        make(waveform, amplitude=0.4),
+        {"x": constant_speed(0.03, 0.1)},
+        48000,
+        0.1,
+        params={"duty": duty},
+    )
+    assert r.passed and any(c.group == "d" for c in r.checks), str(r)
+
+
+@pytest.mark.parametrize("rectify", [None, "half", "full"])
+def test_a_touch_screen_passes_however_its_carrier_is_rectified(rectify):
+    r = report(
+        touch_screen(rectify=rectify, amplitude=0.1), {"x": constant_speed(0.03, 0.1)}, 48000, 0.1
+    )
+    assert r.passed and any("every stage" in c.name for c in r.checks), str(r)
 
 
 @pytest.mark.parametrize("samples", [4095, 4096, 9000])

@@ -78,6 +78,20 @@ def test_bumps_that_are_larger_by_a_fiftieth_have_another_rms():
         assert any("rms of the line spectrum" in c.name for c in checks if not c.passed) is refused
 
 
+@pytest.mark.parametrize("make", [bumps, stimlib.scenes.touch_screen])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("waveform", "sinus"), ("waveform", "square "), ("rectify", "Half"), ("rectify", "")],
+)
+def test_words_that_no_law_knows_are_refused(make, name, text):
+    """That of the touch screen took an unknown waveform for a sine, and passed."""
+    scene = make("sine", amplitude=0.1, rectify=None)
+    part = dc.replace(scene.parts[0], given=scene.parts[0].given | {name: text})
+    r = report(stimlib.Scene(scene.outputs, [part]), {"x": constant_speed(0.03, 0.1)}, 0.1)
+    (bad,) = [c for c in r.checks if not c.passed]
+    assert bad.name == "shape of the scene" and f"{text!r} is not known; choose" in bad.text
+
+
 def test_nothing_is_shown_at_amplitude_zero_and_the_report_says_so():
     r = report(bumps(amplitude=0.0), {"x": constant_speed(0.02, 0.1)}, seconds=1.0)
     assert r.passed and np.abs(r.evidence.y).max() == 0
@@ -109,7 +123,7 @@ def test_bumps_with_limits_and_profiles_are_proved(monkeypatch, name, wrong):
     )
     if wrong == "law":  # a law one per mille off is not what was rendered
         honest = laws.bump_envelope
-        monkeypatch.setattr(laws, "bump_envelope", lambda *a: 1.001 * honest(*a))
+        monkeypatch.setattr(laws, "bump_envelope", lambda *a: honest(*a) * [[1.001], [1.0]])
     if wrong == "limit":
         if "profile" not in name and "cubic" not in name:
             return
