@@ -99,6 +99,8 @@ class Evidence:
     # that stand in the graph alone, as the law reads them
     numbers: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
+    # laws that the scene names, and that are not known here
+    unknown: list[str] = field(default_factory=list)
     held: list[Any] = field(default_factory=list)  # ``local.Held`` of each block
     # of parameters, also those made before sample 0
     changes: list[Change] = field(default_factory=list)

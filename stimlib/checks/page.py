@@ -45,21 +45,28 @@ def page(
 ) -> str:
     """The whole text; what comes from others is escaped."""
     good = sum(c.passed for c in checks)
-    verdict = (
-        '<span class="ok">passed</span>'
-        if good == len(checks)
-        else '<span class="bad">FAILED</span>'
-    )
+    kind = "bad" if e.unknown or good < len(checks) else "ok"
+    word = f'<span class="{kind}">{_q(verdict(good == len(checks), e.unknown))}</span>'
     drawn = "".join(f"<h2>{_q(title)}</h2>{svg}" for title, svg in figures(e))
     return (
         '<!doctype html><html lang="en"><meta'
         f' charset="utf-8"><title>{_q(what)}</title><style>{STYLE}</style><h1>{_q(e.source)}'
-        f" {verdict}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p><h2>What was"
+        f" {word}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p><h2>What was"
         f" displayed</h2>{facts(_displayed(e))}<h2>Against which"
         f" model</h2>{_model(checks, e)}<h2>With which certainty</h2>{_certainty(certain)}<h2>What"
         f" was compared</h2>{table_of(checks)}<h2>Which block is held</h2>{_blocks(e)}<h2>Not"
         f" checked</h2>{items(e.skipped)}{drawn}<h2>How to reproduce"
         f" it</h2>{_reproduced(e, command)}</html>\n"
+    )
+
+
+def verdict(passed: bool, unknown: list[str]) -> str:
+    """Whether all checks held, and which laws of the scene were none of them."""
+    word = "passed" if passed else "FAILED"
+    return (
+        f"{word}, but its law {', '.join(map(repr, unknown))} is not known here and was not checked"
+        if unknown
+        else word
     )
 
 

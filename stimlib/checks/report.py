@@ -14,7 +14,7 @@ from ..errors import shown
 from ..system import safe_files
 from .evidence import Check, Evidence
 from .figures import spectra_of
-from .page import items, page, table_of
+from .page import items, page, table_of, verdict
 from .power import Shows, certainty
 
 PAGES = (".html", ".htm")  # a page must not take the place of the sound file or its sidecar
@@ -24,8 +24,8 @@ PAGES = (".html", ".htm")  # a page must not take the place of the sound file or
 class Report:
     """Every check of one verification, and what it was about.
 
-    ``passed`` is True when all checks held.  ``print`` gives a table, ``to_html`` a
-    page.
+    ``passed`` is True when all checks held, ``unknown`` has the names of laws that the
+    scene has and that are not known here. ``print`` gives a table, ``to_html`` a page.
     """
 
     checks: list[Check]
@@ -35,6 +35,18 @@ class Report:
     def passed(self) -> bool:
         """Whether every check held."""
         return all(c.passed for c in self.checks)
+
+    @property
+    def unknown(self) -> list[str]:
+        """Laws that the scene names and that were not checked, because they are not
+        known here.
+        """
+        return self.evidence.unknown
+
+    @property
+    def verdict(self) -> str:
+        """Whether it passed, in words."""
+        return verdict(self.passed, self.unknown)
 
     def spectra(self) -> dict[str, Against]:
         """Spectra of the outputs whose law is known, with it and the band around it:
@@ -90,7 +102,7 @@ class Report:
 
     def __repr__(self):
         bad = [c.name for c in self.checks if not c.passed]
-        return f"Report({self.what()}: {'passed' if self.passed else 'FAILED: ' + ', '.join(bad)})"
+        return f"Report({self.what()}: {self.verdict}{': ' * bool(bad) + ', '.join(bad)})"
 
     def __str__(self):
         from rich.console import Console
@@ -103,10 +115,7 @@ class Report:
         from rich.table import Table
         from rich.text import Text
 
-        table = Table(
-            title=Text(f"{self.what()}: {'passed' if self.passed else 'FAILED'}"),
-            title_justify="left",
-        )
+        table = Table(title=Text(f"{self.what()}: {self.verdict}"), title_justify="left")
         for column in ("", "check", "measured", "limit", "what it compares"):
             table.add_column(column, justify="right" if column in ("measured", "limit") else "left")
         for c in self.checks:
@@ -120,7 +129,7 @@ class Report:
         return table
 
     def _repr_html_(self) -> str:
-        title = f"<h4>{html.escape(self.what())}: {'passed' if self.passed else 'FAILED'}</h4>"
+        title = f"<h4>{html.escape(self.what())}: {html.escape(self.verdict)}</h4>"
         return f"{title}{table_of(self.checks)}<p>Not checked</p>{items(self.evidence.skipped)}"
 
     def what(self) -> str:
@@ -175,7 +184,13 @@ class Report:
             for h in sorted(e.held, key=lambda h: not h.why)
         ]
         more = {"numbers": list(e.numbers), "skipped": list(e.skipped), "blocks": blocks}
-        return {"passed": self.passed, **about, "checks": checks, **more}
+        return {
+            "passed": self.passed,
+            "unknown": list(self.unknown),
+            **about,
+            "checks": checks,
+            **more,
+        }
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
         """Write one self-contained page: no scripts, no other files, the same bytes for

@@ -37,10 +37,16 @@ def scene_law(e: Evidence) -> list[Check]:
     """The checks of all laws that the scene's parts have."""
     if not e.scene.parts:
         e.skipped.append("no law of the whole scene is known")
-    checks = []
+    checks, found = (
+        [],
+        {
+            part.law: SCENES.get(part.law, own_law if known(part.law) else None)
+            for part in e.scene.parts
+        },
+    )
+    e.unknown[:] = [name for name, law in found.items() if law is None]
     for part in e.scene.parts:
-        called = f"{part.name}: the law" if part.name else "the law"
-        law = SCENES.get(part.law, own_law if known(part.law) else None)
+        law, called = found[part.law], f"{part.name}: the law" if part.name else "the law"
         if law is None:
             where = (
                 "import its module first (--import FILE.py)"

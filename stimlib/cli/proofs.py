@@ -55,6 +55,9 @@ def verify_(
     """Prove that a file, or a session's log, is what scene and motion ask for.  Exit
     status 1 when a check fails.
 
+    It is 1, too, where the scene names a law that is not known here: import its module
+    with [bold]--import[/].
+
     Scene, parameters, seed and motion are read from the file's sidecar, a recording
     from the path that it names, if that file still has its SHA-256. A motion whose text
     does not define it is given again, as it was rendered. A log has all of it. If SCENE
@@ -122,7 +125,7 @@ def verify_(
             result.to_html(report, shlex.join(["stimlib", *sys.argv[1:]]))
     if report is not None and not json_:
         print(f"report: {report}")
-    end(result.passed)
+    end(result.passed and not result.unknown)
 
 
 def _names_a_scene(text: str) -> bool:

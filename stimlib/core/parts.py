@@ -5,6 +5,7 @@ its signals are called now.
 from __future__ import annotations
 
 import dataclasses as dc
+import importlib
 import inspect
 import os
 import sys
@@ -130,6 +131,12 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
             raise BadValue(
                 f"given without a law: {given!r:.80} needs the law that it is for; give that as"
                 " law="
+            )
+        shipped = importlib.import_module("stimlib.scenes").SHIPPED if law is not None else {}
+        if not (law is None or law in shipped or known(law)):
+            raise BadValue(
+                f"law = {law!r:.80} is not known; give one of {', '.join(shipped)}, or the function"
+                " itself"
             )
         return () if law is None else (Part(law, kept(given)),)
     if callable(law):

@@ -45,7 +45,8 @@ class Scene:
     SceneError
         No outputs; names used twice with different meaning; noise keys that collide.
     BadValue
-        A law that is no function with a name; something given that a file cannot keep.
+        A law that is no function with a name, or a name that no shipped scene has;
+        something given that a file cannot keep.
 
     Examples
     --------
@@ -165,7 +166,9 @@ class Scene:
         return Scene({every["output"][name]: new[id(b)] for name, b in self.outputs.items()}, parts)
 
     @staticmethod
-    def combine(*, share: Mapping[str, Sequence[str]] | None = None, **parts: Scene) -> Scene:
+    def combine(
+        *unnamed: Any, share: Mapping[str, Sequence[str]] | None = None, **parts: Scene
+    ) -> Scene:
         """Return one scene of several, each with its own inputs, parameters and
         outputs, and its own law.
 
@@ -185,8 +188,9 @@ class Scene:
         Raises
         ------
         SceneError
-            No part; what is shared differs in kind, unit or value; two parts mean
-            different things by one name, or have noise of the same key.
+            No part, or one without a name; what is shared differs in kind, unit or
+            value; two parts mean different things by one name, or have noise of the
+            same key.
         UnknownName
             Something is to be shared that no part has.
 
@@ -200,7 +204,7 @@ class Scene:
         >>> list(both.inputs), list(both.params), list(both.outputs)
         (['x'], ['edge_k', 'edge_b', 'screen_A', 'screen_duty', 'screen_freq'], ['edge_force', 'screen_voltage'])
         """
-        if not parts or not all(isinstance(s, Scene) for s in parts.values()):
+        if unnamed or not parts or not all(isinstance(s, Scene) for s in parts.values()):
             raise SceneError(
                 "combine needs scenes by name, such as Scene.combine(edge=wall(), screen=bumps())"
             )
@@ -398,7 +402,9 @@ class Scene:
         law = data.get("law")
         if isinstance(law, list):
             law = [Part.from_dict(part, where) for part in law]
-        elif not isinstance(law, (str, type(None))):
+        elif isinstance(law, str):
+            law = [Part(law)]  # which another version may know
+        elif law is not None:
             raise SceneFileError(f"{where}: law must be a name, or a list of laws")
         return cls({n: ref(v, f"output {n!r}") for n, v in outputs.items()}, law)
 

@@ -221,6 +221,16 @@ def test_inputs_are_joined_only_where_that_is_said():
     ("make", "error", "says"),
     [
         (lambda: Scene.combine(), SceneError, "combine needs scenes by name"),
+        (
+            lambda: Scene.combine(SCENES["wall"], SCENES["bumps"]),
+            SceneError,
+            "combine needs scenes by name",
+        ),
+        (
+            lambda: Scene.combine(SCENES["wall"], screen=SCENES["bumps"]),
+            SceneError,
+            "combine needs scenes by name",
+        ),
         (lambda: Scene.combine(a=1), SceneError, "combine needs scenes by name"),
         (
             lambda: Scene.combine(
@@ -387,11 +397,59 @@ def test_a_law_is_known_once_its_module_is_imported(monkeypatch):
     assert not verified(wrong, motion).passed
 
 
+@pytest.mark.parametrize("law", ["wal", "Wall", "os.path.join", "my.slope", ""])
+def test_a_law_that_has_no_such_name_is_refused_where_the_scene_is_made(law):
+    """It was made, and its law was one of the lines of what was not checked."""
+    with pytest.raises(
+        BadValue, match="is not known; give one of .*wall.*, or the function itself"
+    ):
+        Scene({"y": 1 * Input("x")}, law, {})
+
+
+def test_a_report_says_first_that_a_law_is_not_known_here(tmp_path):
+    scene = Scene.from_dict(
+        Scene(
+            {"y": 1 * Input("x")}, [Part("wal", {}), Part("my.slope", {}), Part("wal", {})]
+        ).to_dict()
+    )
+    report = verified(scene, {"x": sinusoid(0.02, 3.0)})
+    words = "passed, but its law 'wal', 'my.slope' is not known here and was not checked"
+    assert (
+        report.passed
+        and report.unknown == report.to_dict()["unknown"] == ["wal", "my.slope"]
+        and words in repr(report)
+    )
+    report.to_html(tmp_path / "a.html")
+    page = (tmp_path / "a.html").read_text()
+    assert (
+        words.replace("'", "&#x27;") in page.partition("</h1>")[0]
+        and '<span class="ok">passed' not in page
+    )
+    assert (
+        words in " ".join(str(report).split())
+        and verified(lone(), {"x": sinusoid(0.02, 3.0)}).unknown == []
+    )
+
+
+def test_the_command_does_not_succeed_where_a_law_is_not_known(tmp_path):
+    from typer.testing import CliRunner
+
+    from stimlib.cli import app
+
+    for law, status in (("wal", 1), ("wall", 0)):
+        right = SCENES["wall"]
+        scene = Scene(right.outputs, [dataclasses.replace(right.parts[0], law=law)])
+        stimlib.render(scene, {"x": sinusoid(0.02, 3.0)}, FS, 0.1).save(
+            tmp_path / "a.wav", full_scale=100.0
+        )
+        assert CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav")]).exit_code == status
+
+
 @pytest.mark.parametrize(
     "law", ["os.path.join", f"{__name__}.hands", f"{__name__}.sinusoid", f"{__name__}.FS"]
 )
 def test_a_file_cannot_name_another_function_as_its_law(law):
-    report = verified(Scene({"y": 1 * Input("x")}, law, {}), {"x": sinusoid(0.02, 3.0)})
+    report = verified(Scene({"y": 1 * Input("x")}, [Part(law, {})]), {"x": sinusoid(0.02, 3.0)})
     assert any("is not known here" in s for s in report.evidence.skipped)
 
 
