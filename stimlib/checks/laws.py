@@ -114,7 +114,12 @@ def from_line_spectrum(lsf: np.ndarray) -> np.ndarray:
 
 
 def texture(
-    model: Any, speed: np.ndarray, force: np.ndarray, noise: np.ndarray, every: int
+    model: Any,
+    speed: np.ndarray,
+    force: np.ndarray,
+    noise: np.ndarray,
+    every: int,
+    seen: Any = None,
 ) -> np.ndarray:
     """Acceleration of a measured texture: y = v + sum b v[-k] - sum a y[-k] at each
     ``every``-th sample, and a sinc between them.
@@ -126,6 +131,9 @@ def texture(
     speed, force, noise : ndarray, shape (n,)
         In m/s and N, and of the deviation 1.
     every : int
+    seen : ndarray, optional
+        What a texture gave that began earlier; its first values, which are those of the
+        model 6 of its samples later, are kept.
     """
     from scipy.signal import upfirdn
     from scipy.signal.windows import kaiser
@@ -146,7 +154,10 @@ def texture(
     ar, ma = from_line_spectrum(mean(model.lsf)), from_line_spectrum(mean(model.ma))
     p, q = ar.shape[1], ma.shape[1]
     driven, y = np.r_[np.zeros(q), v], np.zeros(p + v.size)
-    for n in range(v.size):
+    known = 0 if seen is None else p + q
+    if known:  # the sinc leaves them as they are
+        y[p : p + known] = seen[::every][6 * (every > 1) :][:known]
+    for n in range(known, v.size):
         y[p + n] = v[n] + ma[n] @ driven[n : n + q][::-1] - ar[n] @ y[n : n + p][::-1]
     if every == 1:
         return y[p:]

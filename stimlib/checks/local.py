@@ -348,8 +348,10 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
             if made is None:
                 return none
             want, tol = made[0], made[1] + (GONE * float(np.abs(y).max()) if part.at else 0.0)
-        samples += part.n - since
         cut = [np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol)]
+        samples += min(
+            part.n, int(np.count_nonzero(np.isfinite(np.atleast_2d(cut[2])).any(axis=0)))
+        )
         error, least = max(error, _error(*cut)), min(least, _least(*cut[1:]))
     if not samples and not seen[0].n and run.n:
         return Held(b, run.where, 0, 0.0, "something in the scene is not finite at sample 0")

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
+from ..core.graph import Const
+from ..core.program import lead
 from . import laws, soft, surfaces, touch
 
 Row = np.ndarray
@@ -79,6 +80,12 @@ def touched(contact: Row) -> Iterator[slice]:
         np.flatnonzero(on[1:] & ~on[:-1]), np.flatnonzero(on[:-1] & ~on[1:]), strict=True
     ):
         yield slice(a, b)
+
+
+def begun(x: Rows, tol: Any) -> Any:
+    """A tolerance, and none before the first contact that begins in a stretch."""
+    known = x.rest | (np.cumsum(np.diff(x[-1] > 0, prepend=x[-1][:1] > 0) & (x[-1] > 0)) > 0)
+    return np.where(known, tol, np.inf)
 
 
 def before(x: Row, contact: Row) -> Row:
@@ -269,20 +276,26 @@ def _edge(b, fs, x, y):
     return np.diff(above, prepend=above[0]) & (above == b.up), 0.0
 
 
-@law("Crossing")
+@law("Crossing", since=2)
 def _crossing(b, fs, x, y):
     u, half = x[0] / b.spacing, b.hysteresis / b.spacing / 2
-    want, cell, carry = np.zeros(u.size), math.floor(u[0]), 0.0
-    for n in range(1, u.size):
-        to = min(max(cell, math.floor(u[n] - half)), math.floor(u[n] + half))
-        moved, want[n] = to - cell, carry
-        # the middle of the lines that it has passed
-        line = (cell + to + 1) / 2 + math.copysign(half, moved)
-        part = (line - u[n - 1]) / (u[n] - u[n - 1]) if moved and u[n] != u[n - 1] else 0.0
-        carry = moved * min(max(part, 0.0), 1.0) * b.split
-        want[n] += moved - carry
-        cell = to
-    return want, 1e-9 * max(1.0, float(np.abs(want).max())) if b.split else 0.0
+
+    def passed(cell: int) -> Row:
+        want, carry = np.zeros(u.size), 0.0
+        for n in range(1, u.size):
+            to = min(max(cell, math.floor(u[n] - half)), math.floor(u[n] + half))
+            moved, want[n] = to - cell, carry
+            # the middle of the lines that it has passed
+            line = (cell + to + 1) / 2 + math.copysign(half, moved)
+            part = (line - u[n - 1]) / (u[n] - u[n - 1]) if moved and u[n] != u[n - 1] else 0.0
+            carry = moved * min(max(part, 0.0), 1.0) * b.split
+            want[n] += moved - carry
+            cell = to
+        return want
+
+    want = passed(math.floor(u[0] - half * (not x.rest)))
+    tol = 1e-9 * max(1.0, float(np.abs(want).max())) if b.split else 0.0
+    return want, tol if x.rest else np.where(want == passed(math.floor(u[0] + half)), tol, np.inf)
 
 
 @law("Count", since=1)
@@ -317,23 +330,23 @@ def _gate(b, fs, x, y):
     return opened > np.maximum.accumulate(np.where(x[0] > off, -1, n)), 0.0
 
 
-@law("PulseTrain")
+@law("PulseTrain", since=0)
 def _pulse_train(b, fs, x, y):
-    turn = 1 << 64
-    steps = {
-        f: int(Fraction(min(max(f, 0.0), fs / 2)) / Fraction(fs) * turn + Fraction(1, 2))
-        for f in set(x[0].tolist())
-    }
-    want, phase, mark = np.zeros(y.size), 0, turn // 2
-    for n, (f, jitter) in enumerate(zip(x[0].tolist(), x[1].tolist(), strict=True)):
-        after = phase + (steps[f] if x.at + n >= 0 else 0)
-        want[n] = phase <= mark < after
-        if after >= turn:
-            after -= turn
-            mark = int(min(max((0.5 + jitter) * turn, 0.0), turn - 2.0**11))
-            want[n] += mark < after
-        phase = after
-    return want, 0.0
+    phase, step = phases(x, fs)
+    n, after = np.arange(y.size), phase + step
+    wraps = after < phase
+    jitter = np.clip((0.5 + np.nan_to_num(x[1])) * 2.0**64, 0.0, 2.0**64 - 2.0**11).astype(
+        np.uint64
+    )
+    # where this period began; at first that of the period before
+    last = np.maximum.accumulate(np.where(wraps, n, -1))
+    first, known = (
+        (jitter[0], isinstance(b.jitter, Const)) if x.past >> 64 else (np.uint64(1 << 63), True)
+    )
+    now = np.where(last < 0, first, jitter[last])
+    mark = np.r_[first, now[:-1]]
+    want = ((phase <= mark) & (wraps | (mark < after))) + 1.0 * (wraps & (now < after))
+    return want, np.where(np.r_[known, (last[:-1] >= 0) | known], 0.0, np.inf)
 
 
 @law("Burst", since=lambda b, fs, x: round(b.duration * fs))
@@ -375,32 +388,44 @@ def _ring(b, fs, x, y):
     return near(want.imag if b.onset == "sine" else want.real, 1e-10)
 
 
-@law("Vibration")
+@law("Vibration", since=0)
 def _vibration(b, fs, x, y):
-    return soft.motor(x[0], fs, b.factor), 0.0
+    want = soft.motor(x[0], fs, b.factor)
+    # where it is off, nothing is left
+    return want, np.where(x.rest | (want > 0) | (np.cumsum(y == 0) > 0), 0.0, np.inf)
 
 
 # Waves --------------------------------------------------------------------------------
 def turning(freq: Row, fs: float) -> Row:
-    """Turns that each sample takes, in 2^-64: a sum of them loses nothing."""
-    return np.rint(
-        np.clip(np.nan_to_num(freq), 0, fs / 2).astype(np.longdouble) / np.longdouble(fs) * 2.0**64
-    ).astype(np.uint64)
+    """Turns that each sample takes, in 2^-64, to the nearest: the remainders of two
+    divisions are exact.
+    """
+    f, turns = np.clip(np.nan_to_num(freq), 0, fs / 2), np.zeros(freq.size, np.uint64)
+    for _ in range(2):
+        rest = np.fmod(2.0**32 * f, fs)
+        turns = (turns << 32) + np.rint((2.0**32 * f - rest) / fs).astype(np.uint64)
+        f = rest
+    return turns + (2 * f >= fs)
 
 
-SUMS = {"Carrier": turning, "Oscillator": turning}
+SUMS = {"Carrier": turning, "Oscillator": turning, "PulseTrain": turning}
 """What is added up of a block's first row before a stretch that begins later."""
 
 
+def phases(x: Rows, fs: float) -> tuple[Row, Row]:
+    """Phase at each sample, and what that sample adds to it, which counts from sample 0
+    on.
+    """
+    step = np.where(np.arange(x.at, x.at + x[0].size) < 0, np.uint64(0), turning(x[0], fs))
+    return np.cumsum(step) - step + np.uint64(x.past % 2**64), step
+
+
 def turns_of(x: Rows, fs: float, phase: float) -> tuple[Row, Row]:
-    """Turns at each sample, which count from sample 0 on, and those that each sample
+    """Turns at each sample, from a phase in rad on, and those that each sample
     takes.
     """
-    step = turning(x[0], fs)
-    counted = np.where(np.arange(x.at, x.at + step.size) < 0, np.uint64(0), step)
-    t = (np.cumsum(counted) - counted + np.uint64(x.past % 2**64)).astype(np.longdouble) / 2.0**64
-    t += phase / (2 * np.longdouble(math.pi))
-    return t - np.floor(t), step.astype(np.longdouble) / 2.0**64
+    t = phases(x, fs)[0].astype(np.longdouble) / 2.0**64 + phase / (2 * np.longdouble(math.pi))
+    return t - np.floor(t), turning(x[0], fs).astype(np.longdouble) / 2.0**64
 
 
 @law("Carrier", since=0)
@@ -521,9 +546,11 @@ def _wall(b, fs, x, y):
     return near(touch.wall(place, contact, fs, grown, np.maximum(damping, 0), at), 1e-9)
 
 
-@law("Button")
+@law("Button", since=1)
 def _button(b, fs, x, y):
-    force, pressed = touch.button(x[0], x[2], x[1], b.drop, b.at, b.back)
+    force, pressed = touch.button(
+        x[0], x[2], x[1], b.drop, b.at, b.back, None if x.rest else y[1, 0]
+    )
     return np.array([force, pressed]), np.array([[near(force, 1e-9)[1]], [0.0]])
 
 
@@ -600,10 +627,11 @@ def _stribeck(b, fs, x, y):
     )
 
 
-@law("StickSlip")
+@law("StickSlip", since=1)
 def _stick_slip(b, fs, x, y):
-    want = touch.stick_slip(x[0], x[3], x[2], x[1], b.left, y)
-    return want, touch.TOL * max(float(np.abs(want).max()), touch.LEAST)
+    want, begin = touch.stick_slip(x[0], x[3], x[2], x[1], b.left, y, x.rest)
+    tol = touch.TOL * max(float(np.abs(want).max()), touch.LEAST)
+    return want, np.where(np.arange(y.size) < begin, np.inf, tol)
 
 
 # Tables -------------------------------------------------------------------------------
@@ -723,9 +751,13 @@ def _svf(b, fs, x, y):
     return near(want, 1e-9)
 
 
-@law("Texture")
+@law("Texture", since=lambda b, fs, x: round(fs / b.rate) * (b.lsf.shape[1] + b.ma.shape[1] + 14))
 def _texture(b, fs, x, y):
-    want = laws.texture(b.model, x[1], x[2], x[0], round(fs / b.rate))
+    every, want = round(fs / b.rate), y.copy()
+    # the model's own samples, from where it began
+    first = 0 if x.rest else -(x.at + lead(fs) * b.autonomous) % every
+    noise, speed, force = (row[first:] for row in x)
+    want[first:] = laws.texture(b.model, speed, force, noise, every, None if x.rest else y[first:])
     # of which the roundings are, also where it rests
     most = float(np.max(b.model.gain * np.sqrt(b.model.variance)))
     return want, 1e-7 * max(float(np.abs(want).max(initial=0.0)), most)
@@ -816,18 +848,18 @@ def _cursor(b, fs, x, y):
     )
 
 
-@law("CursorFrames")
+@law("CursorFrames", since=1)
 def _cursor_frames(b, fs, x, y):
     S = soft.levels(*soft.table_of(b))
     want = soft.by_frames(S, y, np.array(x[:2]), x[2] > 0, b.frame * fs, (b.slowest, b.fastest))
-    return near(want, 1e-9)
+    return want, begun(x, near(want, 1e-9)[1])
 
 
-@law("DelayAvatar", "FrameAvatar")
+@law("DelayAvatar", "FrameAvatar", since=1)
 def _avatar(b, fs, x, y):
     if type(b).__name__ == "DelayAvatar":
         places, due, lag = soft.delayed(x[:3], y[3], x[3] > 0, fs, b)
     else:
         places, due, lag = soft.delayed_by_frames(x[:3], y[3], x[3] > 0, fs, b, y[2])
     size = max(float(np.abs(places).max(initial=0.0)), 1e-300)
-    return np.array([*places, lag, due]), 1e-9 * np.array([[size], [size], [1.0], [1.0]])
+    return np.array([*places, lag, due]), begun(x, 1e-9 * np.array([[size], [size], [1.0], [1.0]]))

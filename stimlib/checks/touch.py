@@ -71,15 +71,25 @@ def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any)
 
 
 def button(
-    x: np.ndarray, contact: np.ndarray, peak: Any, drop: float, at: float, back: float
+    x: np.ndarray,
+    contact: np.ndarray,
+    peak: Any,
+    drop: float,
+    at: float,
+    back: float,
+    begins: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean force of a button, and where it is pressed: since it was at ``at``, unless
     it was below ``back`` since.
+
+    One that began earlier is pressed at first as ``begins`` says.
     """
-    last, touching = ways(x, contact)
-    n = np.arange(x.size)
-    pressed = np.maximum.accumulate(np.where(touching & (x >= at), n, -1)) > np.maximum.accumulate(
-        np.where(~touching | (x < back), n, -1)
+    (last, touching), n = ways(x, contact), np.arange(x.size)
+    on, off = touching & (x >= at), ~touching | (x < back)
+    if begins is not None:
+        on[0], off[0] = begins > 0, begins == 0
+    pressed = np.maximum.accumulate(np.where(on, n, -1)) > np.maximum.accumulate(
+        np.where(off, n, -1)
     )
     was = np.where(touching & np.r_[False, touching[:-1]], np.r_[False, pressed[:-1]], pressed)
     way = np.where(x == last, 1, np.abs(x - last))
@@ -178,10 +188,19 @@ def coulomb(_: int, z: float, a: float, c: float) -> tuple[float, float]:
 
 
 def stick_slip(
-    x: np.ndarray, contact: np.ndarray, k: Any, limit: Any, left: float, shown: np.ndarray
-) -> np.ndarray:
+    x: np.ndarray,
+    contact: np.ndarray,
+    k: Any,
+    limit: Any,
+    left: float,
+    shown: np.ndarray,
+    rest: bool = True,
+) -> tuple[np.ndarray, int]:
     """Mean force of a spring that falls to a part of its limit wherever it reaches it,
-    slip by slip.
+    slip by slip; and from which sample on.
+
+    What does not begin at rest is known from the first contact on, or where two short
+    ways follow each other without a slip.
 
     A way that ends on the limit to rounding may have slipped or not: then what was
     shown next says which.  Where on a very short way it slips is a matter of rounding,
@@ -190,12 +209,28 @@ def stick_slip(
     (last, touching), (k, c, kept) = ways(x, contact), springs(x, k, limit)
     d, y, z = x - last, np.zeros(x.size), 0.0
     tie = 0.0  # what a slip too few or too many would change
-    for n in np.flatnonzero(touching):
+    fresh, ends = (
+        touching & ~np.r_[touching[:1], touching[:-1]],
+        shown / np.where(k > 0, k, 1) + d / 2,
+    )
+    short = np.abs(d) < c * (1 - left) / 4
+    apart = np.abs(np.r_[0.0, ends[:-1]] * kept - (ends - d))
+    stuck = (
+        short
+        & np.r_[False, (short & touching)[:-1]]
+        & touching
+        & (apart < 1e-10 * c)
+        & (np.abs(ends) <= c)
+    )
+    begin = 0 if rest else int(np.argmax(np.r_[fresh | stuck, True]))
+    for n in np.flatnonzero(touching[begin:]) + begin:
         if not (n and touching[n - 1]) or c[n] == 0:
             z, tie = 0.0, 0.0
         if c[n] == 0:
             continue
         tooth, z, tie = c[n] * (1 - left), z * kept[n], tie * kept[n]
+        if n == begin and not fresh[n] and not rest:
+            z = ends[n] - d[n]
         if tie:
             z = min(
                 (z, z + tie),
@@ -209,7 +244,7 @@ def stick_slip(
             tie = -np.sign(z) * tooth
         elif abs(abs(z) - (c[n] - tooth)) < 1e-9 * c[n] and d[n]:
             tie = math.copysign(tooth, d[n])
-    return y
+    return y, begin
 
 
 def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]:
@@ -298,7 +333,7 @@ def friction_law(a: Asked) -> list[Check]:
         a,
         "force",
         "sawtooth over place",
-        [stick_slip(x, a.contact, k, limit, left, a.y["force"])],
+        [stick_slip(x, a.contact, k, limit, left, a.y["force"])[0]],
         words,
     )
 
