@@ -17,8 +17,8 @@ import numpy as np
 from . import laws
 from .evidence import Asked, Check
 from .laws import ways
+from .surfaces import gratings
 
-STILL = 1e-11  # of the unit of x: over so short a way a sinusoid is straight
 MANY = 10_000  # slips within one sample: their mean is taken at once
 TOL, LEAST = 1e-6, 1e-12  # of the largest value, or of LEAST if there is nothing larger
 
@@ -116,19 +116,7 @@ def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndar
 def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> np.ndarray:
     """Mean of depth sin(2 pi x/spacing)."""
     last, touching = ways(x, contact)
-    turn = 2 * np.longdouble(np.pi) + 2 * np.longdouble(1.2246467991473532e-16)
-
-    def phase(q: Any) -> Any:
-        return turn * (q / spacing - np.floor(q / spacing))
-
-    mean = mean_over(
-        last,
-        x,
-        lambda q: -spacing / turn * np.cos(phase(q)),
-        lambda q: np.sin(phase(q)),
-        np.abs(x - last) < STILL,
-    )
-    return np.where(touching, depth * mean, 0)
+    return np.where(touching, depth * gratings(last, x, np.array([[spacing, 1.0, 0.0]])), 0)
 
 
 def springs(x: np.ndarray, k: Any, limit: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
