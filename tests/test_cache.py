@@ -208,6 +208,11 @@ def test_a_read_only_folder_is_a_warning(twice, mounted):
         assert twice(folder) == 42.0
 
 
+def test_a_folder_that_goes_away_is_a_warning(twice, tmp_path):
+    with pytest.warns(RuntimeWarning, match="cannot be written.*No such file"):
+        assert twice(tmp_path / "cache", (tmp_path / "cache").rmdir) == 42.0
+
+
 @pytest.mark.parametrize("left", [0, 8192], ids=["from the start", "in the middle of a segment"])
 def test_a_full_folder_is_a_warning(twice, mounted, left):
     folder = mounted("size=128k" if left else "size=8k")
@@ -248,8 +253,63 @@ def test_who_compiles_an_entry_is_waited_for_until_it_ends_or_for_long(
                 assert [p.name for p in lock.parent.iterdir()] == [lock.name], "nothing is compiled"
                 holder.kill()
             assert loading.result(30) == 42.0
+        left = {lock.stem} if end == "killed" else {lock.stem, lock.name}
+        assert {p.name for p in lock.parent.iterdir()} == left, (
+            "who has no lock does not remove its file"
+        )
         holder.kill()
-    assert [p.name for p in lock.parent.iterdir()] == [lock.stem]
+
+
+FORKS = """
+import faulthandler, logging, os, random, sys, threading
+from pathlib import Path
+from stimlib.targets.numba import cache
+log = logging.getLogger(cache.__name__)
+log.setLevel("INFO")
+log.addHandler(logging.StreamHandler(sys.stdout))
+ends = "import os; (died := os.path.exists('died')) or open('died', 'w').close(); died or os.kill(os.getpid(), 9)"
+waits = "import threading; open('begun', 'w').close(); threading.Event().wait(0.5)"
+twice, begun = sys.argv[1], Path("begun")
+texts = {"ends": ends + twice} | {f"entry{k}": twice for k in range(5)}
+slow = threading.Thread(target=cache.load, args=(waits + twice, "slow"))
+slow.start()
+while not begun.exists():
+    pass
+children = []
+for k in range(4):  # while a thread compiles
+    if not (pid := os.fork()):
+        faulthandler.dump_traceback_later(100, exit=True)
+        stems = random.Random(k).sample(sorted(texts), len(texts))
+        threads = [threading.Thread(target=cache.load, args=(texts[stem], stem)) for stem in stems]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert cache.load(waits + twice, "slow").twice(21.0) == 42.0
+        os._exit(0)
+    children.append(pid)
+print(sorted(os.waitpid(pid, 0)[1] for pid in children))
+slow.join()
+"""
+
+
+def test_forks_and_threads_in_any_order_compile_each_entry_once(tmp_path):
+    """A child is made while a thread of its parent compiles; one child is killed while
+    it compiles, others wait for it.
+    """
+    (tmp_path / "forks.py").write_text(FORKS)
+    out, _ = run(tmp_path / "forks.py", tmp_path / "cache", TWICE, cwd=tmp_path)
+    compiled = re.findall(r"cache miss: (\w+)_\w{20} compiled", out)
+    assert (
+        sorted(compiled) == ["ends", *(f"entry{k}" for k in range(5)), "slow"]
+        and "[0, 0, 0, 9]" in out
+    ), out
+    (left,) = [
+        p.name
+        for p in (tmp_path / "cache").iterdir()
+        if p.name.partition("_")[0] not in compiled or p.suffix
+    ]
+    assert re.fullmatch(r"ends_\w{20}\.\w{8}\.tmp", left), "what the killed one left; no lock"
 
 
 # Blocks of users ----------------------------------------------------------------------

@@ -132,11 +132,21 @@ def alone(
     It is the stack's before it is locked, so that an interrupt at any moment lets go of
     it.
     """
+    f = taken(stack, at, error)
+    if f is None:
+        raise error(f"{path} is being written by another run")
+    return f
+
+
+def taken(
+    stack: ExitStack, at: str | os.PathLike[str], error: type[StimlibError] = SinkError
+) -> FileIO | None:
+    """As ``alone``, or None where another run has the file."""
     while True:
         check(at, error)
         f = stack.enter_context(open(opened(at, os.O_RDWR | os.O_CREAT, error), "r+b", buffering=0))
         if not held(f.fileno()):
-            raise error(f"{path} is being written by another run")
+            return None
         with suppress(FileNotFoundError):  # whoever had it just moved or removed it
             if os.path.samestat(os.fstat(f.fileno()), os.lstat(at)):
                 return f

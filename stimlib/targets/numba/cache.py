@@ -27,7 +27,7 @@ import time
 import types
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,9 @@ from . import kernels, lanes, native
 
 logger = logging.getLogger(__name__)
 SUMS = "sha256.json"
-WAIT = 60.0  # s, for another process to compile an entry: it may be stopped
+# s, for another process to compile an entry, which takes 15 s on two busy cores: it may
+# be stopped
+WAIT = 300.0
 LONG = "runtime_", "pump_"
 """What takes seconds to compile, and is missing in an empty cache; a block class takes
 half a second.
@@ -57,6 +59,11 @@ half a second.
 
 LEFT = re.compile(r"\w+_[0-9a-f]{20}\.\w{8}\.tmp")  # a folder that tempfile.mkdtemp made here
 _lock = threading.RLock()
+# a child has no thread that would finish an entry and free what is locked for it
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release
+    )
 _loaded: dict[str, types.ModuleType] = {}  # complete ones only
 _folder: Path | None = None
 
@@ -178,12 +185,12 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
             logger.debug("cache hit: %s in %s", place.name, place.parent)
             return module
     if not alone:
+        if place.name.startswith(LONG):
+            for tell in announce:
+                tell("compiling for this machine, once: about half a minute")
         with _turn(place, text):
             return _load(place, text, alone=True)
     began = time.perf_counter()
-    if place.name.startswith(LONG):
-        for tell in announce:
-            tell("compiling for this machine, once: about half a minute")
     _remove(place)
     part = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))
     try:
@@ -203,21 +210,22 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
 
 @contextmanager
 def _turn(place: Path, text: str) -> Iterator[None]:
-    """Wait for another process that compiles an entry, then keep others from it.
+    """Keep other processes from an entry, once none of them compiles it; where one did,
+    the entry is sound then.
 
-    Where the file system has no locks, or the other process takes longer than WAIT,
-    both compile, and one result is kept.
+    The system frees the lock of a process that ends, however it ends.  Where the file
+    system has no locks, or the other process takes longer than WAIT, both compile, and
+    one result is kept.  The file is removed by whoever holds its lock, and nobody else.
     """
     at, until = place.with_name(f"{place.name}.lock"), time.monotonic() + WAIT
-    with open(safe_files.opened(at, os.O_RDWR | os.O_CREAT), "rb") as lock:
-        while not (
-            safe_files.held(lock.fileno()) or _sound(place, text) or time.monotonic() > until
-        ):
+    with ExitStack() as stack:
+        while not _sound(place, text) and time.monotonic() < until:
+            if safe_files.taken(stack, at):
+                stack.callback(at.unlink, missing_ok=True)
+                break
+            stack.close()
             time.sleep(0.02)
-        try:
-            yield
-        finally:
-            at.unlink(missing_ok=True)
+        yield
 
 
 def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
