@@ -14,9 +14,9 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import special
-from scipy.optimize import brentq
-from scipy.signal import fftconvolve, sosfilt
+
+# which loads its parts where they are used: all of them would be a second of each start
+import scipy
 
 from ..blocks.noise import White
 from . import laws
@@ -62,7 +62,7 @@ def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row
             ],
             LONG,
         )
-        edge = brentq(
+        edge = scipy.optimize.brentq(
             lambda w: abs(np.polyval(f, 1j * w) / f[-1]) ** 2 - 2,
             0.5 * math.sqrt(n),
             math.sqrt(2 * n),
@@ -76,7 +76,7 @@ def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row
     # Lecture Notes on Elliptic Filters)
     else:
         m1 = float(e * e / np.expm1(LONG(attenuation) * np.log(LONG(10)) / 10))
-        q = np.exp(-PI * LONG(special.ellipkm1(m1)) / special.ellipk(m1) / n)
+        q = np.exp(-PI * LONG(scipy.special.ellipkm1(m1)) / scipy.special.ellipk(m1) / n)
         j = np.arange(40)
         one = 2 * q**0.25 * np.sum(q ** (j * (j + 1.0)))
         other = 1 + 2 * np.sum(q ** (j[1:] ** 2.0))
@@ -86,7 +86,9 @@ def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row
             top = 2 * q**0.25 * np.sum(q ** (j * (j + 1.0)) * np.cos(z[0]), axis=-1)
             return other / one * top / (1 + 2 * np.sum(q ** (j[1:] ** 2.0) * np.cos(z[1]), axis=-1))
 
-        v = special.ellipkinc(float(np.arctan(1 / e)), 1 - m1) / (n * special.ellipk(m1))
+        v = scipy.special.ellipkinc(float(np.arctan(1 / e)), 1 - m1) / (
+            n * scipy.special.ellipk(m1)
+        )
         poles = 1j * cd((2 * np.arange(1, n + 1) - 1) / LONG(n) - 1j * v)
         zeros = 1j / ((one / other) ** 2 * cd((2 * np.arange(1, n // 2 + 1) - 1) / LONG(n)))
         zeros = np.r_[zeros, -zeros]
@@ -290,7 +292,7 @@ def _pole_swap(b, fs):
 
 @response("Sos")
 def _sos(b, fs):
-    return lambda n: sosfilt(
+    return lambda n: scipy.signal.sosfilt(
         (b.rows / b.rows[:, 3:4]).astype(LONG), np.r_[LONG(1), np.zeros(n - 1, LONG)]
     )
 
@@ -313,8 +315,15 @@ def _series(b, fs):
         while v.size < n:
             m = min(2 * v.size, n)
             v = np.pad(v, (0, m - v.size))
-            v = v + fftconvolve(v, np.eye(1, m)[0] - fftconvolve(v, whole[:m])[:m])[:m]
-        return fftconvolve(fftconvolve(S, g / size)[:n], v)[:n].astype(float)
+            v = (
+                v
+                + scipy.signal.fftconvolve(
+                    v, np.eye(1, m)[0] - scipy.signal.fftconvolve(v, whole[:m])[:m]
+                )[:m]
+            )
+        return scipy.signal.fftconvolve(scipy.signal.fftconvolve(S, g / size)[:n], v)[:n].astype(
+            float
+        )
 
     return first
 
@@ -333,7 +342,9 @@ def _made(b: Any, fs: float) -> Modes | Callable[[int], Row]:
 def summed(h: Row, x: Row) -> Row:
     """h * x, so long as x."""
     h = h[: x.size].astype(float)
-    return (np.convolve(x, h) if min(h.size, x.size) <= SHORT else fftconvolve(x, h))[: x.size]
+    return (np.convolve(x, h) if min(h.size, x.size) <= SHORT else scipy.signal.fftconvolve(x, h))[
+        : x.size
+    ]
 
 
 def settled(b: Any, fs: float, x: Rows) -> float:
