@@ -8,10 +8,7 @@ import functools
 import hashlib
 import importlib
 import json
-import os
-import signal
 import sys
-import time
 import warnings
 from collections import deque
 from math import pi
@@ -20,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from scipy.stats import norm
+from swept import deadly, poisoned
 from typer.testing import CliRunner
 
 import stimlib
@@ -47,13 +44,6 @@ BAD = deque([1.0, 3.0])
 @measure("N", version="1")  # COUNT changes with each row
 def counted(r):
     COUNT.append(r.params.get("k", 0.0))
-    return r["force"][-1]
-
-
-@measure("N")
-def deadly(r):
-    if r.params["k"] == 7.0:
-        os._exit(3)
     return r["force"][-1]
 
 
@@ -149,33 +139,6 @@ def test_a_row_that_ends_its_process_is_an_error_of_that_row(monkeypatch):
     table = sweep(SPRING, rows, measures=["rms", deadly], **RUN | {"workers": 2})
     assert [r["k"] for r in table.to_pylist() if r["deadly"] is None] == [7.0]
     assert table["error"][1].as_py() == "2 times: it ended its process with exit status 3"
-
-
-class Unspeakable(Exception):
-    def __str__(self):
-        raise RuntimeError("no text")
-
-
-def poisoned(kind="none"):
-    """Do harm while the scene is made."""
-    match kind:
-        case "exit":
-            os._exit(3)
-        case "crash":
-            os.kill(os.getpid(), signal.SIGSEGV)
-        case "leave":
-            sys.exit(4)
-        case "interrupt":
-            raise KeyboardInterrupt
-        case "generator":
-            raise GeneratorExit
-        case "unspeakable":
-            raise Unspeakable
-        case "hang":
-            time.sleep(600)
-        case "large":
-            bytearray(10**12)
-    return Scene({"y": 1.0 * Input("x")})
 
 
 def test_no_row_ends_a_sweep_whatever_it_does_and_wherever_it_is(monkeypatch, tmp_path):
@@ -759,6 +722,8 @@ def test_objects_that_are_called_are_known_by_their_content(tmp_path):
 
 
 def test_what_a_package_made_has_no_content():
+    from scipy.stats import norm
+
     def using(r):
         return norm.cdf(r.fs)
 

@@ -14,37 +14,17 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from swept import HANDS, deadly_in_the_middle, last
 
 from stimlib import BadValue, Input, Scene, SinkError
-from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
-from stimlib.sweep import engines, grid, measure, sweep
+from stimlib.sweep import engines, grid, sweep
 
 distributed = pytest.importorskip("distributed")
-HANDS = {"slow": minimum_jerk(depth=0.02), "fast": minimum_jerk(depth=0.02, rise=0.1)}
 ROWS = grid(motion=HANDS, A=[0.5, 1.0, 2.0, 3.4], k=[500.0, 1000.0, 2000.0, 7.0], seed=range(4))
 WORDS = {"motion": HANDS, "fs": 8000, "seconds": 0.05, "progress": False}
 SCENE = squeeze(fingers=1)
 STRESS = pytest.mark.stress
-
-
-@measure("N")
-def last(r):
-    """Slow enough to be killed in the middle; and k = 7 ends its process."""
-    time.sleep(0.01)
-    return r["force1"][-1]
-
-
-@measure("N")
-def deadly(r):
-    if (
-        r.params["k"] == 7.0
-        and r.params["A"] == 3.4
-        and r.seed == 2
-        and r.motion["x1"] == HANDS["fast"]
-    ):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return r["force1"][-1]
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +58,7 @@ def whole(folder):
 def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(
     cluster, tmp_path, monkeypatch
 ):
-    here = sweep(SCENE, ROWS, measures=["rms", last], workers=1, **WORDS)
+    here = sweep(SCENE, ROWS, measures=["rms", last], workers=0, **WORDS)
     monkeypatch.setattr(engines, "FEWEST", 2)
     monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 8)
     monkeypatch.setattr("stimlib.sweep.store.EVERY", 0.0)
@@ -134,7 +114,7 @@ def test_that_a_cluster_has_no_workers_is_said_once_and_they_are_waited_for(monk
     assert [t for t in said if "has no workers: the sweep waits for some to come" in t] == said[
         :1
     ] and len(said) == 1, said
-    assert table.equals(sweep(SCENE, ROWS, measures="rms", workers=1, **WORDS))
+    assert table.equals(sweep(SCENE, ROWS, measures="rms", workers=0, **WORDS))
 
 
 def test_two_sweeps_at_once_have_their_own_factories(cluster):
@@ -155,7 +135,7 @@ def test_two_sweeps_at_once_have_their_own_factories(cluster):
 
 @STRESS
 def test_a_row_that_ends_its_worker_is_an_error_of_that_row(cluster):
-    table = sweep(SCENE, ROWS, measures=["rms", deadly], on=cluster, **WORDS)
+    table = sweep(SCENE, ROWS, measures=["rms", deadly_in_the_middle], on=cluster, **WORDS)
     bad = [r for r in table.to_pylist() if r["error"]]
     assert [(r["k"], r["A"], r["seed"], r["motion"]) for r in bad] == [(7.0, 3.4, 2, "fast")]
     assert bad[0]["error"] == "3 times: it ended its process by signal 9"
@@ -215,13 +195,13 @@ def test_a_sweep_that_was_stopped_goes_on(tmp_path, number):
     while subprocess.run(["pgrep", "-s", str(job.pid)], capture_output=True).stdout:  # its workers
         assert time.monotonic() < until
         time.sleep(0.05)
-    here = sweep(SCENE, ROWS, measures=["rms", last], workers=1, out=folder, **WORDS)
+    here = sweep(SCENE, ROWS, measures=["rms", last], workers=0, out=folder, **WORDS)
     assert whole(folder) == 128 and not here["error"].drop_null()
 
 
 @STRESS
 def test_client_and_scheduler_that_are_killed_lose_only_what_flies(tmp_path):
-    here = sweep(SCENE, ROWS, measures=["rms", last], workers=1, **WORDS)
+    here = sweep(SCENE, ROWS, measures=["rms", last], workers=0, **WORDS)
     address = tmp_path / "scheduler.json"
     dask = [
         sys.executable,
@@ -269,4 +249,4 @@ def test_client_and_scheduler_that_are_killed_lose_only_what_flies(tmp_path):
                 for p in workers:
                     p.wait(20)
     assert whole(folder) == 128
-    assert sweep(SCENE, ROWS, measures=["rms", last], workers=1, out=folder, **WORDS).equals(here)
+    assert sweep(SCENE, ROWS, measures=["rms", last], workers=0, out=folder, **WORDS).equals(here)
