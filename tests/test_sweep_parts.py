@@ -196,7 +196,7 @@ def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
         )
 
 
-def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
+def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes(monkeypatch):
     def peaks(k=2.0, name="a", sweep="one", **words):
         given = {"motion": {name: words.pop("motion")}}
         table, plan, motions = prepared({"k": [k], "motion": [name]}, **words, **given)
@@ -219,14 +219,26 @@ def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes():
             < peaks(motion=ramp, seconds=0.1, sweep="two")
             != peaks(motion=ramp, seconds=0.1, k=3.0, sweep="two")
         )
-        end_beside("one")
-        assert len(engines._beside) == 1, "it ends the processes of its own sweep"
+        assert first == peaks(motion=ramp, seconds=0.05) and process in engines._beside.values(), (
+            "two sweeps in turns"
+        )
+        monkeypatch.setattr(engines, "SWEEPS", 2)
+        assert first == peaks(motion=ramp, seconds=0.05, sweep="three")
+        assert [sweep for _, sweep in engines._beside] == [
+            "two",
+            "three",
+        ], "of the sweep that began first, nothing is left"
+        end_beside("three")
+        assert [sweep for _, sweep in engines._beside] == ["two"], (
+            "it ends the processes of its own sweep"
+        )
         table, plan, motions = prepared({"k": [3.0]}, fs=4000)
         with pytest.raises(BadValue, match="this worker has other versions: numpy .*, and not 1.0"):
             other = dataclasses.replace(plan, versions=plan.versions | {"numpy": "1.0"})
             run_beside("two", other, [], [], as_bytes(table), False, 1.0)
     finally:
-        end_beside("two")
+        for sweep in ("one", "two", "three"):
+            end_beside(sweep)
     assert not engines._beside
 
 

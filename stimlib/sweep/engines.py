@@ -20,6 +20,9 @@ FEWEST = 8  # jobs that are sent to a cluster whose workers are still to come
 PATIENCE = 20.0  # s, for a scheduler to answer
 LONELY = 10.0  # s without a result, until workers are looked for
 POLL = 0.01  # s
+# at once on one cluster, each with a process beside each thread; one whose client was
+# killed does not end its own
+SWEEPS = 4
 
 
 class Here:
@@ -261,8 +264,8 @@ def same(what: Any) -> Any:
     return what
 
 
-_beside: dict[int, tuple[str, Local, set[bytes]]] = {}
-"""In a worker of Dask, by thread: name of the sweep, the process beside it, and the
+_beside: dict[tuple[int, str], tuple[Local, set[bytes]]] = {}
+"""In a worker of Dask, by thread and name of the sweep: the process beside it, and the
 motions that it has.
 """
 
@@ -283,11 +286,12 @@ def run_beside(
         raise BadValue(f"this worker has other versions: {differing(here, plan.versions)}")
     given = {name: (digest, m) for (name, digest), m in zip(keys, motions, strict=True)}
     thread = threading.get_ident()
-    if thread not in _beside or _beside[thread][0] != sweep:
-        if thread in _beside:
-            _beside.pop(thread)[1].__exit__()
-        _beside[thread] = sweep, Local(plan, given), {digest for _, digest in keys}
-    _, engine, known = _beside[thread]
+    if (thread, sweep) not in _beside:
+        held = [key for key in list(_beside) if key[0] == thread]
+        for key in held[: 1 - SWEEPS]:
+            _end(key)
+        _beside[thread, sweep] = Local(plan, given), {digest for _, digest in keys}
+    engine, known = _beside[thread, sweep]
     new = {name: m for name, m in given.items() if m[0] not in known}
     known.update(digest for digest, _ in new.values())
     engine.submit(None, data, look, seconds, packed(new))
@@ -296,6 +300,11 @@ def run_beside(
 
 def end_beside(sweep: str) -> None:
     """End the processes beside a worker of Dask that a sweep has started."""
-    for thread in [t for t, (name, *_) in list(_beside.items()) if name == sweep]:
-        if (ended := _beside.pop(thread, None)) is not None:
-            ended[1].__exit__()
+    for key in list(_beside):
+        if key[1] == sweep:
+            _end(key)
+
+
+def _end(key: tuple[int, str]) -> None:
+    if (ended := _beside.pop(key, None)) is not None:
+        ended[0].__exit__()
