@@ -44,7 +44,7 @@ def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_pat
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(fd, data)
 
-    monkeypatch.setattr("stimlib.experiments.session.regular.publish", no_room)
+    monkeypatch.setattr("stimlib.experiments.session.safe_files.publish", no_room)
     monkeypatch.setattr("stimlib.experiments.session.os.write", short)
 
     def show(trial, folder):

@@ -758,7 +758,7 @@ def test_a_run_that_comes_second_overwrites_nothing(tmp_path, monkeypatch):
             first.append(some(tmp_path, 2))
         return lock(*words)
 
-    monkeypatch.setattr("stimlib.experiments.session.regular.lock", late)
+    monkeypatch.setattr("stimlib.experiments.session.safe_files.lock", late)
     with pytest.raises(BadValue, match="is there already"):
         some(tmp_path, 0)
     assert read(first[1].folder).records == first[1].records
