@@ -29,14 +29,20 @@ from stimlib.blocks import *
 x, k = Input("x"), Param("k", 1.0)
 def every_class():
     y = x + k - 2.0 * x / (1.0 + abs(-x))
-    y = y + where(x > 0.5, exp(-abs(x)), log(1.0 + x * x)) + where(x >= 0.1, sin(x), cos(x)) + tanh(x) + sqrt(abs(x))
-    y = y + maximum(x, 0.1) + minimum(x, k) + nonzero(x) + lut(x, [0, 1, 2], [0, 1, 0]) + delay(x, samples=3)
-    y = y + first_order(x, 0.1) + fir(x, [1.0, 2.0]) + pinking(x) + velocity(x) / constant(1.0, "1/s")
-    n = enabled(differentiator(pink_noise(1.0, seed=1, f_low=10), passband=1000), by=loading(velocity(x)))
+    y = y + where(x > 0.5, exp(-abs(x)), log(1.0 + x * x)) + where(x >= 0.1, sin(x), cos(x))
+    y = y + tanh(x) + sqrt(abs(x))
+    y = y + maximum(x, 0.1) + minimum(x, k) + nonzero(x)
+    y = y + lut(x, [0, 1, 2], [0, 1, 0]) + delay(x, samples=3)
+    y = y + first_order(x, 0.1) + fir(x, [1.0, 2.0]) + pinking(x)
+    y = y + velocity(x) / constant(1.0, "1/s")
+    n = differentiator(pink_noise(1.0, seed=1, f_low=10), passband=1000)
+    n = enabled(n, by=loading(velocity(x)))
     arm = generalized_maxwell(x * constant(1.0, "m"), 1.0, [(1.0, 0.1)])
-    m = springpot(x, 1.0, 0.5) + springpot(x, k, 0.5 * k, "l1") + arm \\
-        / constant(1.0, "N") + track(x) + bump(x, "sine", 0.5) * bump(x, "square", 0.5) * bump(x, [0, 1], 0.5) * carrier(158.0)
-    m = m + lut(x, [0, 1, 2, 3], [0, 1, 0, 2], kind="polynomial") + track_velocity(x) / constant(1.0, "1/s")
+    bumps = bump(x, "sine", 0.5) * bump(x, "square", 0.5) * bump(x, [0, 1], 0.5)
+    m = springpot(x, 1.0, 0.5) + springpot(x, k, 0.5 * k, "l1") + arm / constant(1.0, "N")
+    m = m + track(x) + bumps * carrier(158.0)
+    m = m + lut(x, [0, 1, 2, 3], [0, 1, 0, 2], kind="polynomial")
+    m = m + track_velocity(x) / constant(1.0, "1/s")
     return Scene({"y": y, "n": n, "m": m})
 def squeeze():
     return stimlib.scenes.squeeze()
@@ -69,7 +75,8 @@ COMMANDS = {
     "stimlib --version": ["-m", "stimlib", "--version"],
     "stimlib list": ["-m", "stimlib", "list"],
 }
-RENDER = "-m stimlib render squeeze --motion minimum_jerk() --seconds 1 --quiet --full-scale 50 --out".split()
+RENDER = "-m stimlib render squeeze --motion minimum_jerk() --seconds 1 --quiet".split()
+RENDER += ["--full-scale", "50", "--out"]
 
 
 def process(words: list[str], cache: str) -> str:

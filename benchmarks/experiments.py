@@ -2,7 +2,7 @@
 rendered; and the analysis of its 32 fits.
 
     python benchmarks/experiments.py             print
-    python benchmarks/experiments.py --record    and keep the figures in results/experiments.csv
+    python benchmarks/experiments.py --record    and keep in results/experiments.csv
 
 Observers feel the rendered samples; participants are spread over all cores. Both scenes
 are compiled before.

@@ -47,7 +47,13 @@ struct dsp { virtual ~dsp() {} };
 <<includeIntrinsic>>
 <<includeclass>>
 extern "C" {
-void* make(int fs) { auto* d = new mydsp(); d->classInit(fs); d->instanceConstants(fs); d->instanceClear(); return d; }
+void* make(int fs) {
+    auto* d = new mydsp();
+    d->classInit(fs);
+    d->instanceConstants(fs);
+    d->instanceClear();
+    return d;
+}
 void run(void* p, long n, double* out, int block) {
     for (long i = 0; i < n; i += block) {
         double* y[1] = {out + i};

@@ -2,7 +2,9 @@
 processor and numpy + scipy in chunks.
 
     python benchmarks/jax_target.py             print
-    python benchmarks/jax_target.py --record    and keep the figures in results/jax.csv, of a GPU in results/jax_gpu.csv
+    python benchmarks/jax_target.py --record    and keep the figures
+
+They are kept in results/jax.csv, those of a GPU in results/jax_gpu.csv.
 
 One process on one core, and whatever accelerator JAX finds.  A batch is one call of
 ``jax.vmap`` over gains and keys; the compiled processor runs its channels one after

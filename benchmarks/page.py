@@ -1,9 +1,12 @@
 """How late the live page is: from the pointer to the drawn data and to the audio
 buffer, in a headless Chromium, null sound card.
 
-    PYTHONPATH=tests python benchmarks/page.py                20 s each: the server's clock right, 2000 ppm slow, 2000 ppm fast
+    PYTHONPATH=tests python benchmarks/page.py                20 s each
     PYTHONPATH=tests python benchmarks/page.py --seconds 300
-    PYTHONPATH=tests python benchmarks/page.py --record       and keep the figures in results/page.csv
+    PYTHONPATH=tests python benchmarks/page.py --record       and keep the figures
+
+They are kept in results/page.csv.  The server's clock is right, 2000 ppm slow, and
+2000 ppm fast.
 
 A finger is dragged over six bumps, 125 moves a second, while the voltage is heard.
 Times are from the event's own stamp.

@@ -1,10 +1,10 @@
 """How small an error does each check of the verifier see, against the length of the
 recording?
 
-    PYTHONPATH=tests python benchmarks/power.py --record    results/power.csv, the pictures docs/pictures/power_*.svg and
-                                                            of 10 s
-                                                            docs/explanation/power.csv;
-                                                            ten minutes
+    PYTHONPATH=tests python benchmarks/power.py --record
+
+writes results/power.csv, the pictures docs/pictures/power_*.svg and, of 10 s,
+docs/explanation/power.csv; it takes ten minutes.
 
 searched: a fault is put into a block, or into the wiring of a scene, which is rendered
 and verified with the fault inside, until the smallest size that fails is known to 10 %.

@@ -400,7 +400,8 @@ def summary(found: Iterable[Best]) -> list[tuple[str, ...]]:
     ...         ]
     ...     )
     ... )[0][2:]
-    ('largest deviation from 3 dB/oct, dB', 'a sample', 'stimlib x, tol 1', '1.0e-09', '2', 'scipy', '1.0e-03', '5')
+    ('largest deviation from 3 dB/oct, dB', 'a sample', 'stimlib x, tol 1', '1.0e-09',
+     '2', 'scipy', '1.0e-03', '5')
     """
     known = {p.name: p for p in problems()}
 

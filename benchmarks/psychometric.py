@@ -1,8 +1,10 @@
 """Psychometric fits: the 32 of the UGrip paper, with and without their intervals,
 beside statsmodels.
 
-python benchmarks/psychometric.py             print
-python benchmarks/psychometric.py --record    and keep the figures in results/psychometric.csv
+    python benchmarks/psychometric.py             print
+    python benchmarks/psychometric.py --record    and keep the figures
+
+They are kept in results/psychometric.csv.
 """
 
 from __future__ import annotations

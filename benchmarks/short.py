@@ -1,7 +1,9 @@
 """What ``stimlib bench`` measures and draws.
 
-python benchmarks/short.py             print
-python benchmarks/short.py --record    and keep the figures in results/short.csv, the picture in docs/pictures/speed.svg
+    python benchmarks/short.py             print
+    python benchmarks/short.py --record    and keep both
+
+The figures are kept in results/short.csv, the picture in docs/pictures/speed.svg.
 """
 
 from __future__ import annotations

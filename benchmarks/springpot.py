@@ -1,9 +1,9 @@
 """The springpot: its errors over a minute and an hour, and what it claims of its time.
 
     python benchmarks/springpot.py              errors over a minute, then times
-    python benchmarks/springpot.py --long       errors over an hour at 1 and 8 kHz as well
+    python benchmarks/springpot.py --long       of an hour at 1 and 8 kHz, too
     python benchmarks/springpot.py --peers DIR  a site-packages folder with fracmem
-    python benchmarks/springpot.py --record     and keep the figures in results/springpot*.csv
+    python benchmarks/springpot.py --record     and keep in results/springpot*.csv
 
 Errors are against the full sum over the history in long double (64 bits).  Times: jobs
 take turns in one process, medians of the rounds.  Other methods beside it: ``python

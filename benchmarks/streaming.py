@@ -2,7 +2,9 @@
 interpreter costs each kind of callback.
 
     PYTHONPATH=tests python benchmarks/streaming.py             print
-    PYTHONPATH=tests python benchmarks/streaming.py --record    and keep the figures in results/streaming.csv
+    PYTHONPATH=tests python benchmarks/streaming.py --record    and keep the figures
+
+They are kept in results/streaming.csv.
 
 It starts a JACK server without hardware.  Figures of the two callbacks come from runs
 that take turns, so that a busy machine meets both.

@@ -1,8 +1,10 @@
 """What a loop costs: against the same recursion written as one block, and what it takes
 to compile.
 
-python benchmarks/vocabulary.py             print
-python benchmarks/vocabulary.py --record    and keep the figures in results/vocabulary.csv
+    python benchmarks/vocabulary.py             print
+    python benchmarks/vocabulary.py --record    and keep the figures
+
+They are kept in results/vocabulary.csv.
 """
 
 from __future__ import annotations

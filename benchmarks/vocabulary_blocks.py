@@ -1,8 +1,10 @@
 """The vocabulary: filters against scipy's biquads, events in silence against a copy,
 and what each other word costs.
 
-python benchmarks/vocabulary_blocks.py             print
-python benchmarks/vocabulary_blocks.py --record    and keep the figures in results/vocabulary_blocks.csv
+    python benchmarks/vocabulary_blocks.py             print
+    python benchmarks/vocabulary_blocks.py --record    and keep the figures
+
+They are kept in results/vocabulary_blocks.csv.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Run time against error of every operator, beside others.
 
-python benchmarks/work_precision.py figures            tables and pictures of all operators, in a folder that is there
-python benchmarks/work_precision.py figures --only pink      of one
-python benchmarks/work_precision.py --record           and keep them in benchmarks/work_precision
+    python benchmarks/work_precision.py figures                of all operators
+    python benchmarks/work_precision.py figures --only pink    of one
+    python benchmarks/work_precision.py --record               and keep them
 
-What it measures is in ``benchmarks/problems``.  With --record,
+Tables and pictures go into the folder ``figures``, which is there.  What it measures is
+in ``benchmarks/problems``.  With --record, they are kept in benchmarks/work_precision;
 docs/explanation/work_precision.csv is then written anew from all tables that are
 recorded.
 """

@@ -1,8 +1,8 @@
-"""Functions of upper rooms that lower ones call, by name: ``stimlib/__init__.py`` states
-where each of them is.
+"""Functions of upper rooms that lower ones call, by name.
 
-A scene that shows itself needs drawings, and a rendering that saves itself needs sound
-files; both are plain data below those rooms.
+``stimlib/__init__.py`` states where each of them is.
+A scene that shows itself needs drawings, and a rendering that saves itself needs
+sound files; both are plain data below those rooms.
 """
 
 from __future__ import annotations

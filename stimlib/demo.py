@@ -119,7 +119,8 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     first = next(demo(folder, workers=1))
     >>> first.name, first.passed, [path.name for path, _, _ in first.files]
-    ('squeeze', True, ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
+    ('squeeze', True,
+     ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
     """
     folder = safe_files.make_folder(folder)
     with spread(show, [(folder, s) for s in STIMULI], workers) as made:

@@ -267,7 +267,10 @@ from stimlib.targets.numba import cache
 log = logging.getLogger(cache.__name__)
 log.setLevel("INFO")
 log.addHandler(logging.StreamHandler(sys.stdout))
-ends = "import os; (died := os.path.exists('died')) or open('died', 'w').close(); died or os.kill(os.getpid(), 9)"
+ends = (
+    "import os; died = os.path.exists('died'); open('died', 'w').close();"
+    " died or os.kill(os.getpid(), 9)"
+)
 waits = "import threading; open('begun', 'w').close(); threading.Event().wait(0.5)"
 twice, begun = sys.argv[1], Path("begun")
 texts = {"ends": ends + twice} | {f"entry{k}": twice for k in range(5)}
@@ -464,7 +467,8 @@ for case in sys.argv[1:]:
     try:
         mine = importlib.import_module(f"mine_{case}")
         scene = stimlib.Scene({"y": mine.Gain(stimlib.Input("x"))})
-        found[case] = [stimlib.compile(scene, 1000, t).process(np.array([[1.0, 2.0]]))[0].tolist() for t in ("numba", "python")]
+        both = [stimlib.compile(scene, 1000, t) for t in ("numba", "python")]
+        found[case] = [proc.process(np.array([[1.0, 2.0]]))[0].tolist() for proc in both]
     except Exception as e:
         found[case] = f"{type(e).__name__}: {e}"
 print(json.dumps(found))

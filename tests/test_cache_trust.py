@@ -25,7 +25,10 @@ def run(number=0):
     import stimlib
     x, z = stimlib.Input("x"), stimlib.Input("z")
     from stimlib.blocks import tanh
-    scene = stimlib.Scene({"y": tanh(x + z), "w": tanh(x + float(number))} if number % 2 else {"y": tanh(x + z)})
+    outputs = {"y": tanh(x + z)}
+    if number % 2:
+        outputs["w"] = tanh(x + float(number))
+    scene = stimlib.Scene(outputs)
     y = stimlib.compile(scene, 1000).process(np.random.default_rng(1).standard_normal((2, 200)))
     return hashlib.sha256(y[0].tobytes()).hexdigest()
 """

@@ -75,7 +75,8 @@ def test_the_packages_of_sweeps_are_loaded_where_they_are_used():
     )
     code = """import sys; sys.modules["pyarrow"] = None
 import stimlib.sweep
-try: stimlib.sweep.sweep(stimlib.Scene({"y": stimlib.Input("x") * 1}), {"seed": [1]}, motion=abs, measures="rms", fs=1000)
+scene = stimlib.Scene({"y": stimlib.Input("x") * 1})
+try: stimlib.sweep.sweep(scene, {"seed": [1]}, motion=abs, measures="rms", fs=1000)
 except stimlib.MissingPackage as e: print(e)"""
     assert {"pyarrow,", "install", "'stimlib[sweep]'"} <= loaded(code)
 
@@ -90,7 +91,8 @@ def test_the_interpreter_needs_no_compiler():
 
 def test_what_was_compiled_before_runs_without_the_compiler_and_all_else():
     code = """import numpy as np, stimlib
-stimlib.compile(stimlib.Scene({"y": stimlib.Param("k", 1.0, "N/m") * stimlib.Input("x", "m")}), 1000).process(np.ones((1, 8)))"""
+scene = stimlib.Scene({"y": stimlib.Param("k", 1.0, "N/m") * stimlib.Input("x", "m")})
+stimlib.compile(scene, 1000).process(np.ones((1, 8)))"""
     exec(code, {})  # into the cache
     assert loaded(code, NOT_TO_RUN) == set()
     # which numba loads then

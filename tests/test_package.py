@@ -41,7 +41,8 @@ USE = """
 import numpy as np, stimlib
 from stimlib import Input, Scene
 print(stimlib.__file__)
-print(stimlib.render(Scene({"y": 2 * Input("x")}), {"x": np.arange(3.0)}, 1000, target="python")["y"].tolist())
+scene = Scene({"y": 2 * Input("x")})
+print(stimlib.render(scene, {"x": np.arange(3.0)}, 1000, target="python")["y"].tolist())
 print(*stimlib.scenes.squeeze().outputs)
 """
 

@@ -209,9 +209,10 @@ def closes_its_files(here):
     os.closerange(0, 1000)
     time.sleep(600)
 
-NAMES = [f.__name__ for f in (sleep, holds_the_gil, sleeps_in_c_with_the_gil, recursion_in_c, recursion, stopped, ignores_signals,
-         catches_everything, forks, starts_a_program, reads_a_pipe, allocates, has_a_thread_that_never_ends,
-         wants_a_session_of_its_own, closes_its_files)]
+NAMES = [f.__name__ for f in (
+    sleep, holds_the_gil, sleeps_in_c_with_the_gil, recursion_in_c, recursion, stopped,
+    ignores_signals, catches_everything, forks, starts_a_program, reads_a_pipe, allocates,
+    has_a_thread_that_never_ends, wants_a_session_of_its_own, closes_its_files)]
 """
 DRIVER = """
 import ctypes, os, signal, sys, time

@@ -320,7 +320,8 @@ def test_what_has_stood_moves_with_every_change_of_a_parameter(target):
     fresh = proc.state
     for change, wanted in (
         (lambda: proc.set("a", 3.0, 0.0), 3.0), (lambda: setattr(proc, "state", fresh), 1.0),
-        (lambda: proc.set("a", 5.0, 0.0), 5.0), (proc.reset, 1.0), (lambda: proc.set("a", 0.5, 0.0), 0.5),
+        (lambda: proc.set("a", 5.0, 0.0), 5.0), (proc.reset, 1.0),
+        (lambda: proc.set("a", 0.5, 0.0), 0.5),
     ):  # fmt: skip
         assert (said() == said()).all()
         change()

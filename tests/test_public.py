@@ -400,10 +400,11 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
 
 
 RESULTS = set("""
-    Rendering Report Check Shows Drawing Against Recording Cues Power Effect Detection Distance Jnds Explained Found Located
-    Sorted Ratings Law Comparison Fit MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit Placement Resonance Sweep Drift
-    FileReport Replay SessionReport MotionFile SessionLog Loopback Device Saved Record Forecast Copies Levels TextureModel
-    stimlib.plate.Answer Prompt""".split())  # fmt: skip
+    Rendering Report Check Shows Drawing Against Recording Cues Power Effect Detection Distance
+    Jnds Explained Found Located Sorted Ratings Law Comparison Fit MaterialFit SpringpotFit
+    MaxwellFit Bin TextureFit FrameFit Placement Resonance Sweep Drift FileReport Replay
+    SessionReport MotionFile SessionLog Loopback Device Saved Record Forecast Copies Levels
+    TextureModel stimlib.plate.Answer Prompt""".split())  # fmt: skip
 """Classes that functions return, and nobody else makes."""
 
 ELSEWHERE = {
@@ -543,8 +544,8 @@ def refused(annotation: str) -> set[str]:
 
 MAY_FAIL = set(
     """
-    load_texture as_scene stimlib.files.audio.read recover read_log image displayed ratings found located
-    sorted_rightly text cues_text recorded identify
+    load_texture as_scene stimlib.files.audio.read recover read_log image displayed ratings
+    found located sorted_rightly text cues_text recorded identify
     """.split()
 )
 """Whose sensible arguments would be a file or the data of a whole experiment: here they

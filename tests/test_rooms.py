@@ -10,8 +10,8 @@ import pytest
 
 STIMLIB = Path(__file__).parents[1] / "stimlib"
 ROOMS = (
-    "errors version above system core design blocks targets motion run plate soft scenes files devices"
-    " fitting analysis checks sweep experiments demo speed live cli"
+    "errors version above system core design blocks targets motion run plate soft scenes files"
+    " devices fitting analysis checks sweep experiments demo speed live cli"
 )
 ORDER = [*ROOMS.split(), "__main__"]
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
@@ -64,7 +64,7 @@ def test_imports_point_down(module):
 
 
 def test_no_module_names_another_one_in_a_text():
-    """What lower rooms call of upper ones is stated in the package itself; see above.py."""
+    """What lower rooms call of upper ones is stated in the package; see above.py."""
     named = {"stimlib." + m.removesuffix(".__init__") for m in MODULES}
     for module in MODULES.keys() - {"__init__"}:
         tree = ast.parse(MODULES[module].read_text())

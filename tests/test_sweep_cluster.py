@@ -150,7 +150,8 @@ import stimlib.sweep.drive, stimlib.sweep.store
 stimlib.sweep.drive.MOST_ROWS, stimlib.sweep.store.EVERY = 8, 0.0
 on = sys.argv[2] if len(sys.argv) > 2 else None
 try:
-    t.sweep(t.SCENE, t.ROWS, measures=["rms", t.last], out=sys.argv[1], on=on, workers=None if on else 2, **t.WORDS)
+    words = t.WORDS | {{"on": on, "workers": None if on else 2}}
+    t.sweep(t.SCENE, t.ROWS, measures=["rms", t.last], out=sys.argv[1], **words)
 except KeyboardInterrupt as e:
     print(e)
     sys.exit(130)

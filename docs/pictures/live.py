@@ -26,7 +26,8 @@ HANDS = {  # u, v, pressure at time t, and for how long: a curve shows two secon
         2.6,
     ),
 }
-MOVE = """import('./live.js').then(({live}) => new Promise(done => { // to the longest time in ms in which nothing was moved
+MOVE = """import('./live.js').then(({live}) => new Promise(done => {
+    // to the longest time in ms in which nothing was moved
     const begun = performance.now();
     let last = begun, longest = 0;
     const timer = setInterval(() => {
@@ -34,7 +35,10 @@ MOVE = """import('./live.js').then(({live}) => new Promise(done => { // to the l
         live.field.put(0, %s, %s, %s, 1);
         longest = Math.max(longest, now - last);
         last = now;
-        if (t > %s) { clearInterval(timer); setTimeout(() => done(longest), 350); } // until the numbers are those of the curves
+        if (t > %s) { // done when the numbers are those of the curves
+            clearInterval(timer);
+            setTimeout(() => done(longest), 350);
+        }
     }, 5); }))"""
 SMOOTH, TIMES = 25.0, 20  # ms: on a busy machine the hand jumps; the smoothest of so many is taken
 

@@ -214,10 +214,10 @@ def stiffness(chi0=300.0, depth=0.01):
             polar.plot(k.phase, k.magnitude, mark, color=color, ms=6, clip_on=False, zorder=3)
         polar.plot([0, alpha * np.pi / 2], [0, chi * (2 * W) ** alpha], color=color, lw=1)
         at = np.searchsorted(few, 100.0)
+        off = abs(sampled[at]) / springpot_stiffness(chi, alpha, W * few[at]).magnitude - 1
         print(
             f"alpha {alpha:g}: at {few[at]:.0f} Hz phase {np.degrees(np.angle(sampled[at])):.1f}"
-            " deg, |k| off by "
-            f"{abs(abs(sampled[at]) / springpot_stiffness(chi, alpha, W * few[at]).magnitude - 1):.2g}"
+            f" deg, |k| off by {abs(off):.2g}"
         )
     wave.set(
         title="force of equal size at 1 Hz",

@@ -286,9 +286,9 @@ class Layout:
             return [b.sign, *numbers]
         fields = [
             f.name
-            for f in dc.fields(b)
+            for f in dc.fields(b)  # type: ignore[arg-type]
             if f.name not in signals(type(b)) and not f.name.endswith("unit")
-        ]  # type: ignore[arg-type]
+        ]
         data = [(n, getattr(b, n)) for n in fields]
         lines = numbers + [_field(n, v) for n, v in data if v is not None and v is not False]
         return [type(b).__name__, *lines[:4], *(["\u2026"] if len(lines) > 4 else [])]

@@ -156,9 +156,8 @@ def listen(
     ... )
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     copy = listen(squeezed, "force1", folder + "/squeeze-listen.wav")
-    >>> print(
-    ...     f"{copy.peak['force1 above 40 Hz']:.2f} N of {squeezed['force1'].max():.0f} N"
-    ... )
+    >>> peak, most = copy.peak["force1 above 40 Hz"], squeezed["force1"].max()
+    >>> print(f"{peak:.2f} N of {most:.0f} N")
     0.14 N of 40 N
     """
     whole = rendering[output]

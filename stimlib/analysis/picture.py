@@ -157,7 +157,7 @@ def check_place(
     >>> from stimlib.analysis.picture import check_place
     >>> check_place("squeeze.xyz")
     Traceback (most recent call last):
-    stimlib.errors.SinkError: cannot write the picture squeeze.xyz: its name must end in one of .png, .svg, .pdf
+    stimlib.errors.SinkError: cannot write the picture squeeze.xyz: its name must ...
     """
     if os.path.isdir(path):
         raise SinkError(f"cannot write the {what} {path}: it is a folder")

@@ -326,10 +326,10 @@ def sine_sample(p, last, cold, u, duty):
 
 @dataclass(frozen=True, eq=False)
 class SineBump(Bump):
-    """e = 1 - (sin(pi k (z - 1/2))/sin(pi k/2))^2;  sine: k = duty;  half_sine: k = 1/2, e = sin(pi z).
+    """e = 1 - (sin(pi k (z - 1/2))/sin(pi k/2))^2.
 
-    That is (cos t - cos(pi k))/(1 - cos(pi k)), t = 2 pi k (z - 1/2): the top of a
-    cosine.
+    For a sine k = duty; for a half_sine k = 1/2, so e = sin(pi z).  That is
+    (cos t - cos(pi k))/(1 - cos(pi k)), t = 2 pi k (z - 1/2): the top of a cosine.
     """
 
     waveform: str

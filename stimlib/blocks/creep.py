@@ -48,10 +48,10 @@ class ChainState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KelvinChain(Block):
-    """Elements in series: y = j0 f + sum_i j_i (f lagging by tau_i) + fluidity Int f
-    dt.
+    """Elements in series: y = j0 f + sum j_i (f lagging by tau_i) + fluidity Int f dt.
 
-    q_i += f[n-1] - e_i q_i;  y = (j0 + sum_i j_i h_i) f[n] + sum_i j_i e_i g_i q_i; the integral is an element with e = 0.
+    q_i += f[n-1] - e_i q_i;  y = (j0 + sum_i j_i h_i) f[n] + sum_i j_i e_i g_i q_i;
+    the integral is an element with e = 0.
     """
 
     f: Block
@@ -217,9 +217,9 @@ def compliance_kelvin_voigt(
         "compliance_kelvin_voigt",
         f,
         onset,
-        lambda g: KelvinChain(g, 0.0, [1.0], [tau], 0.0),
+        lambda g: KelvinChain(g, 0.0, [1.0], [tau], 0.0),  # type: ignore[arg-type]
         lambda y: 1.0,
-    )  # type: ignore[arg-type]
+    )
     return _over(y, k, f)
 
 

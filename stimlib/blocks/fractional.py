@@ -145,7 +145,8 @@ def check_fields(b, schemes: tuple[str, ...] = soe.SCHEMES) -> None:
 class Springpot(Block):
     """D^alpha y of a fixed order, for chi = 1.
 
-    f[n] = fs^alpha (sum_{j<8} v_j d[n-j] + c (y[n-8] - y[-1]) + sum_k r_k b_k),  b_k += d[n-8] - e_k b_k.
+    f[n] = fs^alpha (sum_{j<8} v_j d[n-j] + c (y[n-8] - y[-1]) + sum_k r_k b_k),
+    b_k += d[n-8] - e_k b_k.
 
     With the scheme "straight", y is the running sum of a force that is straight between
     samples, and what comes out is that force's fractional integral: see ``compliance``.

@@ -51,7 +51,8 @@ class Mode(Block):
 
     With a = w0/fs, b = 1/(2 Q), e = q - x, dx = x[n] - x[n-1]:
 
-    e[n] = c e + s v - (s + 2 b (1 - c))/a dx;  v[n] = -s e + (c - 2 b s) v + (1 - c)/a dx;
+    e[n] = c e + s v - (s + 2 b (1 - c))/a dx;
+    v[n] = -s e + (c - 2 b s) v + (1 - c)/a dx;
     s = exp(-a b) sin(a h)/h, c = exp(-a b) cos(a h) + b s, h^2 = 1 - b^2.
     """
 

@@ -4,12 +4,16 @@ displacement out, Kelvin-Voigt chains (creep).
 All of them are exact for inputs that are straight between samples.  With T = 1/fs and a
 = T/tau,
 
-    e = 1 - exp(-a) = -expm1(-a),    g = e/a,    h = 1 - g = a/2 - a^2/6 + a^3/24 - ..    (summed where it is small)
+    e = 1 - exp(-a) = -expm1(-a)
+    g = e/a
+    h = 1 - g = a/2 - a^2/6 + a^3/24 - ..    (summed where it is small)
 
 are all that one time constant needs:
 
-    Maxwell arm     f' + f/tau = k y'      q[n] = q[n-1] - e q[n-1] + (y[n] - y[n-1]),    f[n] = k g q[n]
-    Kelvin-Voigt    tau y' + y = f/k       q[n] = q[n-1] - e q[n-1] + f[n-1],             y[n] = (h f[n] + e g q[n])/k
+    Maxwell arm     f' + f/tau = k y'    q[n] = q[n-1] - e q[n-1] + (y[n] - y[n-1])
+                                         f[n] = k g q[n]
+    Kelvin-Voigt    tau y' + y = f/k     q[n] = q[n-1] - e q[n-1] + f[n-1]
+                                         y[n] = (h f[n] + e g q[n])/k
 
 No difference of large numbers is left, whatever tau is: for tau -> 0 the arm becomes e
 = 1, g = a (a damper b = k tau), for tau -> infinity e = a, g = 1 (a spring).  The leak

@@ -61,7 +61,8 @@ def springpot(
         lines between samples, order 2 - alpha; recommended.  The other two are the
         thesis' methods, for comparison; there alpha is a plain number.
     tol : float
-        |error[n]| <= tol chi fs^alpha sum_j v_j |d[n-j]| against the full sum of the scheme; from 1e-14 to 0.1.
+        |error[n]| <= tol chi fs^alpha sum_j v_j |d[n-j]| against the full sum of the
+        scheme; from 1e-14 to 0.1.
     horizon : float
         Seconds of contact up to which tol is kept.  Beyond, the error grows slowly.
         With ``gl-downsampled``, the longest contact: beyond it there is a fault.

@@ -221,7 +221,8 @@ class Svf(Block):
     """``section`` of this sample's g = tan(pi cutoff/fs) = s/c and b = k g, k = 1/q,
     with D = c^2 (1 + k g + g^2) = 1 + k s c:
 
-    h = x - s2;  band = s1 + (s c h - s (s + k c) s1)/D;  low = s2 + (s^2 h + s c s1)/D;  high = x - k band - low;
+    h = x - s2;  band = s1 + (s c h - s (s + k c) s1)/D;
+    low = s2 + (s^2 h + s c s1)/D;  high = x - k band - low;
     s1 -> 2 band - s1;  s2 -> 2 low - s2.
     """
 

@@ -153,7 +153,8 @@ def mutate(
     >>> from stimlib.checks.mutate import mutate
     >>> from stimlib.motion.generators import sinusoid
     >>> mutate(stimlib.scenes.wall(), {"x": sinusoid(2e-3, 5.0)}, seconds=0.2)
-    Mutations(23 refused, 2 equal samples, 0 within tolerance, 0 no law, 2 cannot be made)
+    Mutations(23 refused, 2 equal samples, 0 within tolerance, 0 no law,
+    2 cannot be made)
     """
     right = render(scene, motion, fs, seconds, params, seed, on_fault="ignore")
     if right.fault is not None:

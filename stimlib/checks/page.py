@@ -33,10 +33,13 @@ GROUPS = {
     "e": "limits and gates",
     "f": "each block, from the rows that it got",
 }
-STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}
-table{border-collapse:collapse;width:100%;font-size:13px}td,th{padding:.25rem .5rem;border-bottom:1px solid #ddd;text-align:left}
+STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;
+padding:0 1rem;color:#222}
+table{border-collapse:collapse;width:100%;font-size:13px}
+td,th{padding:.25rem .5rem;border-bottom:1px solid #ddd;text-align:left}
 td.n{text-align:right;font-variant-numeric:tabular-nums}.ok{color:#176b2c}.bad{color:#fff;background:#b3261e}
-h1 span{padding:0 .5rem;border-radius:.3rem}svg{width:100%;height:auto}code,pre{background:#f3f3f3;padding:.1rem .3rem}
+h1 span{padding:0 .5rem;border-radius:.3rem}svg{width:100%;height:auto}
+code,pre{background:#f3f3f3;padding:.1rem .3rem}
 pre{white-space:pre-wrap;overflow-wrap:anywhere;font-size:12px}.small{color:#666;font-size:13px}"""
 
 
@@ -76,7 +79,8 @@ def _q(text: object) -> str:
 
 def facts(rows: Mapping[str, str]) -> str:
     """A table of names and texts."""
-    return f"<table>{''.join(f'<tr><th>{_q(k)}</th><td>{_q(v)}</td></tr>' for k, v in rows.items())}</table>"
+    cells = "".join(f"<tr><th>{_q(k)}</th><td>{_q(v)}</td></tr>" for k, v in rows.items())
+    return f"<table>{cells}</table>"
 
 
 def items(texts: Iterable[str]) -> str:
@@ -124,11 +128,12 @@ def _blocks(e: Evidence) -> str:
     unheld = "".join(
         f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td><td>{_q(h.why)}</td></tr>" for h in free
     )
+    if free:
+        unheld = f"<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>"
     numbers = "<th>samples</th><th>error over tolerance</th><th>smallest error that is refused</th>"
     return (
         f"<p>{len(rest)} blocks are held by a law of their own, on the rows that they got;"
-        f" {len(free)} are not"
-        f"{':' if free else '.'}</p>{f'<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>' if free else ''}"
+        f" {len(free)} are not{':' if free else '.'}</p>{unheld}"
         f"<table><tr><th>class</th><th>blocks</th>{numbers}</tr>{classes}</table>"
         f'<p class="small">The worst block of each class; an error is a part of the row, such as of'
         f" a gain.</p>"

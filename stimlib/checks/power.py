@@ -172,8 +172,9 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
         return spectra.tail(*best)
 
     return [
-        (kind, smallest(lambda e, r=r: power(r(f, e))), unit) for kind, (unit, r) in KINDS.items()
-    ]  # type: ignore[misc]
+        (kind, smallest(lambda e, r=r: power(r(f, e))), unit)  # type: ignore[misc]
+        for kind, (unit, r) in KINDS.items()
+    ]
 
 
 def critical(a: np.ndarray, p: float) -> float:

@@ -143,14 +143,12 @@ class Report:
         Examples
         --------
         >>> import numpy as np, stimlib
-        >>> scene, motion = (
-        ...     stimlib.Scene({"y": 2 * stimlib.Input("x")}),
-        ...     {"x": np.ones(100)},
-        ... )
-        >>> stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=1000)).to_dict()[
-        ...     "checks"
-        ... ][0]
-        {'group': 'b', 'name': 'random cuts, other outputs added', 'passed': True, 'measured': 0.0, 'limit': 0.0, 'text': ...}
+        >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x")})
+        >>> motion = {"x": np.ones(100)}
+        >>> rendered = stimlib.render(scene, motion, fs=1000)
+        >>> stimlib.verify(scene, motion, rendered).to_dict()["checks"][0]
+        {'group': 'b', 'name': 'random cuts, other outputs added', 'passed': True,
+         'measured': 0.0, 'limit': 0.0, 'text': ...}
         """
         e = self.evidence
 

@@ -1,5 +1,3 @@
-"""The language: blocks and their arithmetic, units, steps, loops, scenes and the program
-that a scene is lowered to.
-"""
+"""The language: blocks, their arithmetic, units, steps, loops, scenes and programs."""
 
 from . import pointwise as pointwise  # numpy's functions on blocks

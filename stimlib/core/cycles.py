@@ -451,10 +451,8 @@ def _one(
         if contact:
             new = [f"_where(on{k}, {v}, {r})" for v, r in zip(new, rest, strict=False)]
             lines += [f"{v} = _where(on{k}, {v}, 0.0)" for v in values]
-        lines.append(
-            f"t{k} ="
-            f" {names(m.s)}({', '.join([*new, f'_where(on{k}, 0.0, cold{k})' if contact else '0.0'])})"
-        )
+        cold = f"_where(on{k}, 0.0, cold{k})" if contact else "0.0"
+        lines.append(f"t{k} = {names(m.s)}({', '.join([*new, cold])})")
     return lines
 
 

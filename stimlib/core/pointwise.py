@@ -216,8 +216,8 @@ def _function(cls: type[Map]) -> Callable[..., Block]:
     make.__name__ = make.__qualname__ = name
     arguments = [
         Parameter(f.name, Parameter.POSITIONAL_OR_KEYWORD, annotation=Block | float)
-        for f in fields(cls)
-    ]  # type: ignore[arg-type]
+        for f in fields(cls)  # type: ignore[arg-type]
+    ]
     make.__signature__ = Signature(arguments)  # type: ignore[attr-defined]
     make.__doc__ = f"""{cls.__doc__}
 

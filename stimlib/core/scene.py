@@ -140,8 +140,10 @@ class Scene:
         """
         every = {}
         for what, asked, known in (
-            ("parameter", names, self.params), ("input", inputs, self.inputs), ("output", outputs, self.outputs)
-        ):  # fmt: skip
+            ("parameter", names, self.params),
+            ("input", inputs, self.inputs),
+            ("output", outputs, self.outputs),
+        ):
             if unknown := [name for name in asked or {} if name not in known]:
                 raise UnknownName(
                     f"no {what} {unknown[0]!r}; this scene has {', '.join(known) or 'none'}"
@@ -202,7 +204,9 @@ class Scene:
         ...     edge=wall(), screen=bumps(), share={"x": ("edge_x", "screen_x")}
         ... )
         >>> list(both.inputs), list(both.params), list(both.outputs)
-        (['x'], ['edge_k', 'edge_b', 'screen_A', 'screen_duty', 'screen_freq'], ['edge_force', 'screen_voltage'])
+        (['x'],
+         ['edge_k', 'edge_b', 'screen_A', 'screen_duty', 'screen_freq'],
+         ['edge_force', 'screen_voltage'])
         """
         if unnamed or not parts or not all(isinstance(s, Scene) for s in parts.values()):
             raise SceneError(

@@ -243,8 +243,8 @@ def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArr
     stop band.
 
     Peaks of best polynomial approximations on a set of bands settle at this density.
-    In y = sin^2(w/2) it is
-    |y - y0|/sqrt|(y - y_pass)(y - y_stop)| dw/pi, with y0 in the gap such that no force is left across the gap.
+    In y = sin^2(w/2) it is |y - y0|/sqrt|(y - y_pass)(y - y_stop)| dw/pi, with y0 in
+    the gap such that no force is left across the gap.
     """
     if w_stop is None:
         return 2 * np.arcsin(math.sin(w_pass / 2) * np.sin(np.linspace(0, np.pi / 2, half + 1)))

@@ -7,13 +7,16 @@ as they are.  The others are integrals of exponentials,
 
     v_j = (sin(pi alpha)/pi) Int_0^inf exp(-s j) phi(s) ds,
 
-    gl:  phi = (exp(s) - 1)^(alpha - 1),      v_j = Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!)
-    l1:  phi = (1 - exp(-s)) s^(alpha - 2),   v_j = ((j + 1)^(1 - alpha) - j^(1 - alpha))/Gamma(2 - alpha)
+    gl:  phi = (exp(s) - 1)^(alpha - 1)
+         v_j = Gamma(j + 1 - alpha)/(Gamma(1 - alpha) j!)
+    l1:  phi = (1 - exp(-s)) s^(alpha - 2)
+         v_j = ((j + 1)^(1 - alpha) - j^(1 - alpha))/Gamma(2 - alpha)
 
 Creep needs a third, for d[n] = force/fs that is straight between samples, with p = 2 -
 alpha and v_0 = 1/Gamma(1 + p):
 
-    straight:  phi = (2 sinh(s/2))^2 s^(alpha - 3),   v_j = ((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p)
+    straight:  phi = (2 sinh(s/2))^2 s^(alpha - 3)
+               v_j = ((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p)
 
 and the trapezoidal rule in log(s) turns the integral into few terms, with an error that
 falls like exp(-pi^2/delta) with the step delta.  All of the grid below s0 =

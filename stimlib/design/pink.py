@@ -162,7 +162,8 @@ def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
     converge fast where the modulus itself is close to one, and no close numbers are
     subtracted::
 
-        log f(x K) = -log(k1)/2 - s (1 - 2x)/4 + sum_j (-1)^j log (1 + sign e^(-s(j + x)))/(1 + sign e^(-s(j + 1 - x)))
+        log f(x K) = -log(k1)/2 - s (1 - 2x)/4
+            + sum_j (-1)^j log (1 + sign e^(-s(j + x)))/(1 + sign e^(-s(j + 1 - x)))
     """
     s = math.pi * _agm(1.0, math.sqrt((1 - k1) * (1 + k1))) / _agm(1.0, k1)
     j = np.arange(math.ceil(40 / s) + 1)[:, None]

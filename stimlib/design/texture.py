@@ -72,7 +72,8 @@ class TextureModel:
     --------
     >>> from stimlib.design.texture import made_up
     >>> made_up()
-    TextureModel(made up: 16 models of order (6, 4), 18 triangles, to 0.15 m/s and 2.5 N, at 1000 Hz)
+    TextureModel(made up: 16 models of order (6, 4), 18 triangles, to 0.15 m/s and
+    2.5 N, at 1000 Hz)
     """
 
     speed: np.ndarray
@@ -114,11 +115,8 @@ class TextureModel:
             v = getattr(self, name) * unit
             if ((v < low) | (v > high)).any():
                 i = int(np.argmax((v < low) | (v > high)))
-                raise BadValue(
-                    f"model {i + 1}: {name} = {v[i]:g} {text} must be from {low:g} to {high:g}".replace(
-                        "  ", " "
-                    )
-                )
+                found = f"{v[i]:g} {text}".rstrip()
+                raise BadValue(f"model {i + 1}: {name} = {found} must be from {low:g} to {high:g}")
         for name, what in (("lsf", "AR"), ("ma", "MA")):
             self._stable(getattr(self, name), what)
         self._triangles()

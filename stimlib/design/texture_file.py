@@ -134,7 +134,8 @@ def load_texture(path: str | os.PathLike[str]) -> TextureModel:
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "invented.xml"
     >>> save_texture(made_up(), path)
     >>> load_texture(path)
-    TextureModel(made up: 16 models of order (6, 4), 18 triangles, to 0.15 m/s and 2.5 N, at 1000 Hz)
+    TextureModel(made up: 16 models of order (6, 4), 18 triangles, to 0.15 m/s and
+    2.5 N, at 1000 Hz)
     """
     if not isinstance(path, (str, os.PathLike)):
         raise BadValue(f"load_texture: {path!r:.80} is no path; name a file such as 'cork.xml'")

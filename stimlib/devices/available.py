@@ -41,7 +41,8 @@ def devices(server: str | None = None) -> list[Device]:
     --------
     >>> from stimlib.devices.available import devices
     >>> devices("none_of_this_name")[0]
-    Device(sink='null', ready=True, what='no device, at the pace of the clock', how='--sink null')
+    Device(sink='null', ready=True, what='no device, at the pace of the clock',
+           how='--sink null')
     """
     return [
         Device("null", True, "no device, at the pace of the clock", "--sink null"),

@@ -364,7 +364,7 @@ def psychometric(
     ... )
     (1.998, 0.391, [1.813, 2.182], ())
     >>> psychometric([1.0, 2.0, 3.0, 4.0], [0, 0, 20, 20], [20] * 4).advice()
-    ['no level has both answers but the one between: the slope is not determined, the PSE is between 2 and 3; ...']
+    ['no level has both answers but the one between: the slope is not determined, ...']
     >>> found = psychometric(
     ...     [1.0, 2.0, 3.0, 4.0], [11, 14, 19, 20], [20] * 4, guess=0.5, unit="mm"
     ... )

@@ -93,7 +93,7 @@ def numbers(what: str, values: ArrayLike) -> Array:
     >>> numbers("line: x", [1, "two"])
     Traceback (most recent call last):
     ...
-    stimlib.errors.BadValue: line: x must be rows of numbers: could not convert string to float: 'two'
+    stimlib.errors.BadValue: line: x must be rows of numbers: could not convert ...
     """
     try:
         return np.asarray(values, float)

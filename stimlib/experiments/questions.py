@@ -175,7 +175,7 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
     >>> from stimlib.experiments.questions import rating
     >>> rating("roughness", "How rough?", "smooth", "rough").check(8)
     Traceback (most recent call last):
-    stimlib.errors.BadValue: roughness: 8 is no answer; answer a whole number from 1 (smooth) to 7 (rough)
+    stimlib.errors.BadValue: roughness: 8 is no answer; answer a whole number from 1 ...
     """
     if not 2 <= most <= 1000:
         raise BadValue(f"rating {name!r}: most = {most} must be 2 to 1000")

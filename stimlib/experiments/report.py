@@ -153,9 +153,9 @@ def write_report(
     parts += [f"<h2>{_q(name)}</h2>{_table(plain(rows))}" for name, rows in (tables or {}).items()]
     made = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy"))
     text = (
-        '<!doctype html><html lang="en"><meta'
-        f' charset="utf-8"><title>{_q(title)}</title><style>{STYLE}</style><h1>{_q(title)}</h1>{"".join(parts)}<p'
-        f' class="small">Made with {_q(made)}.</p></html>\n'
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_q(title)}</title>'
+        f"<style>{STYLE}</style><h1>{_q(title)}</h1>{''.join(parts)}"
+        f'<p class="small">Made with {_q(made)}.</p></html>\n'
     )
     safe_files.publish(path, text)
 

@@ -133,10 +133,8 @@ class Draft:
     def _changed(self) -> SinkError:
         # libsndfile reports an error of the disk at once, except when it completes a
         # FLAC file: then it is silent
-        return SinkError(
-            f"cannot write {self.path}:"
-            f" {_reason(self.raw) or f'another program changed {self.at.name} while it was written'}"
-        )
+        changed = f"another program changed {self.at.name} while it was written"
+        return SinkError(f"cannot write {self.path}: {_reason(self.raw) or changed}")
 
     def is_at(self, path: Path) -> bool:
         """Whether this file has that name."""

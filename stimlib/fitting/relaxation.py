@@ -262,7 +262,8 @@ def fit_springpot(
     ...     t, y, springpot_force(t, y, 300.0, 0.2) * noise, where=t > 0.2
     ... )
     >>> fit
-    SpringpotFit(chi=299.5 [298.4, 300.6], alpha=0.1998 [0.1986, 0.2009]; 0.72 % rms of 43 samples)
+    SpringpotFit(chi=299.5 [298.4, 300.6], alpha=0.1998 [0.1986, 0.2009];
+    0.72 % rms of 43 samples)
     """
     from scipy.optimize import least_squares
 

@@ -4,31 +4,28 @@ come back.
 Page and server talk over the WebSocket of `stimlib.live.protocol`: the same ``hello``,
 limits and codes of closing. After it
 
-=========== ============================================= ================================================================
-page: do    fields                                        meaning
-=========== ============================================= ================================================================
-answer      number, text                                  to the state of that number: a key, or a line; taken once
-=========== ============================================= ================================================================
+=========== ============================ ===============================================
+page: do    fields                       meaning
+=========== ============================ ===============================================
+answer      number, text                 to the state of that number: a key, or a line;
+                                         taken once
+=========== ============================ ===============================================
 
-=========== ============================================= ================================================================
-server: is  fields                                        meaning
-=========== ============================================= ================================================================
-hello       version                                       first message
-state       number, phase, trial, told, since             after hello and after every change. trial: "trial 3, for training";
-                                                          told: texts; since: seconds
-                                                          since it began. phase:
-                                                          ``wait``; ``ask`` with text,
-                                                          keys (list of [key, what it
-                                                          says]; the key "" is any),
-                                                          line, words, as
-                                                          `stimlib.experiments.prompts.Prompt`;
-                                                          ``rest`` with seconds;
-                                                          ``feel`` with intervals (list
-                                                          of [begin, end] in s) and
-                                                          cursor (Hz of a reference to
-                                                          follow, or null); ``end``
-error       about, text                                   the answer is refused, and why
-=========== ============================================= ================================================================
+=========== ============================ ===============================================
+server: is  fields                       meaning
+=========== ============================ ===============================================
+hello       version                      first message
+state       number, phase, trial, told,  after hello and after every change. trial:
+            since                        "trial 3, for training"; told: texts; since:
+                                         seconds since it began. phase: ``wait``;
+                                         ``ask`` with text, keys (list of [key, what it
+                                         says]; the key "" is any), line, words, as
+                                         `stimlib.experiments.prompts.Prompt`; ``rest``
+                                         with seconds; ``feel`` with intervals (list of
+                                         [begin, end] in s) and cursor (Hz of a
+                                         reference to follow, or null); ``end``
+error       about, text                  the answer is refused, and why
+=========== ============================ ===============================================
 
 Nothing else is sent: no condition, level, parameter, seed, or which of the answers is
 right. The server closes with 4409 when another page was opened, and with 4410 at the

@@ -3,53 +3,57 @@
 Text is one JSON object. What the page says has ``do``, what the server says has ``is``;
 other fields are as in the tables.
 
-=========== ============================================= ================================================================
-page: do    fields                                        meaning
-=========== ============================================= ================================================================
-hello       token, version                                first message, within 2 s; the token is the URL's fragment
-move        finger, u, v, p, on, t                        finger 0 .. 9 is at (u, v), 0 to 1 from the pad's lower left corner,
-                                                          with pressure p (0 to 1); on:
-                                                          1 touches, 0 not (hovers, or
-                                                          has left); t: the event's time
-                                                          in ms, which comes back in its
-                                                          samples
-set         name, value                                   a parameter, in its unit, within the range that hello has; 20 ms ramp
-source      input, from, finger, low, high, freq, value   what drives an input, from: ``u``, ``v``, ``pressure`` (low at 0, high
-                                                          at 1), ``contact`` (0, 1),
-                                                          each of a finger; ``sine``
-                                                          (between low and high, freq in
-                                                          Hz), ``value`` (held),
-                                                          ``given`` (what --motion
-                                                          gave). Fields that are left
-                                                          out stay as they are
-start                                                     a new session from sample 0, faded in; ends one that runs
-stop                                                      fade out and end the session; a recording is whole then
-record                                                    as start, with a log; ``stop`` ends it. State tells its folder
-control                                                   take control; the page that has it watches from then on
-seen        at                                            answer to each report, with its at: who is silent for 2 s is gone
-=========== ============================================= ================================================================
+=========== ============================ ===============================================
+page: do    fields                       meaning
+=========== ============================ ===============================================
+hello       token, version               first message, within 2 s; the token is the
+                                         URL's fragment
+move        finger, u, v, p, on, t       finger 0 .. 9 is at (u, v), 0 to 1 from the
+                                         pad's lower left corner, with pressure p (0 to
+                                         1); on: 1 touches, 0 not (hovers, or has left);
+                                         t: the event's time in ms, which comes back in
+                                         its samples
+set         name, value                  a parameter, in its unit, within the range that
+                                         hello has; 20 ms ramp
+source      input, from, finger, low,    what drives an input, from: ``u``, ``v``,
+            high, freq, value            ``pressure`` (low at 0, high at 1), ``contact``
+                                         (0, 1), each of a finger; ``sine`` (between low
+                                         and high, freq in Hz), ``value`` (held),
+                                         ``given`` (what --motion gave). Fields that are
+                                         left out stay as they are
+start                                    a new session from sample 0, faded in; ends one
+                                         that runs
+stop                                     fade out and end the session; a recording is
+                                         whole then
+record                                   as start, with a log; ``stop`` ends it. State
+                                         tells its folder
+control                                  take control; the page that has it watches from
+                                         then on
+seen        at                           answer to each report, with its at: who is
+                                         silent for 2 s is gone
+=========== ============================ ===============================================
 
-=========== ============================================= ================================================================
-server: is  fields                                        meaning
-=========== ============================================= ================================================================
-hello       version, title, fs, block, inputs, params,    first message; see below
-            outputs, view
-state       role, phase, session, log, sources, params,   after hello and after every change. role: control or watch; phase:
-            why                                           idle, starting, running or stopping; session: number of it; log:
-                                                          folder of the recording, or
-                                                          null; sources: {input:
-                                                          source}; params: {name:
-                                                          value}; why: what ended the
-                                                          last session
-report      session, at, seconds, lost, underruns,        five times a second while a session runs. at: next sample; lost:
-            late, skipped, clips, faults, time, busy      samples that came too late in underruns times; late: s behind now;
-                                                          skipped: blocks that this page
-                                                          was too slow for; clips,
-                                                          faults as in a sink's report;
-                                                          time: Unix time in s; busy:
-                                                          part of a block's time
-error       about, text                                   what was asked for is refused, and why; about: its ``do``
-=========== ============================================= ================================================================
+=========== ============================ ===============================================
+server: is  fields                       meaning
+=========== ============================ ===============================================
+hello       version, title, fs, block,   first message; see below
+            inputs, params, outputs,
+            view
+state       role, phase, session, log,   after hello and after every change. role:
+            sources, params, why         control or watch; phase: idle, starting,
+                                         running or stopping; session: number of it;
+                                         log: folder of the recording, or null; sources:
+                                         {input: source}; params: {name: value}; why:
+                                         what ended the last session
+report      session, at, seconds, lost,  five times a second while a session runs. at:
+            underruns, late, skipped,    next sample; lost: samples that came too late
+            clips, faults, time, busy    in underruns times; late: s behind now;
+                                         skipped: blocks that this page was too slow
+                                         for; clips, faults as in a sink's report; time:
+                                         Unix time in s; busy: part of a block's time
+error       about, text                  what was asked for is refused, and why; about:
+                                         its ``do``
+=========== ============================ ===============================================
 
 hello has
 

@@ -184,9 +184,9 @@ class Recording:
             return
         what = [f"a lift at row {lifts[0][0]} ({len(lifts)} in all)"] if lifts else []
         what += [f"a jump at row {jumps[0][0]} ({len(jumps)} in all)"] if jumps else []
-        remedy = (
-            remedy
-            or 'make it with contact=True (squeeze, bumps, viscoelastic), or give it an Input("contact")'
+        remedy = remedy or (
+            "make it with contact=True (squeeze, bumps, viscoelastic), or give it an"
+            ' Input("contact")'
         )
         remedy += ", or follow the point in the air with contact=False" if lifts else ""
         raise BadValue(
@@ -392,7 +392,7 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     sinusoid(amplitude=0.01, freq=1.0, mean=0.0, phase=0.0)
     >>> parse_source("recording('press.csv', {'x': 'force_N*5e-4'}).motion['x']")
     Traceback (most recent call last):
-    stimlib.errors.RecordingError: press.csv: cannot be read (No such file or directory); give the name of a CSV or npz file
+    stimlib.errors.RecordingError: press.csv: cannot be read (No such file or ...
     """
     part: Any = None
     try:
@@ -510,8 +510,9 @@ def _is_positive(value: Any) -> bool:
 def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
     """The call that makes this recording again, on one line."""
     usual = inspect.signature(recording).parameters
-    words = [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
-    return f"recording({', '.join([repr(table.file), repr(dict(columns)), *words, f'sha256={table.sha256[:16]!r}'])})"
+    words = [repr(table.file), repr(dict(columns))]
+    words += [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
+    return f"recording({', '.join(words)}, sha256={table.sha256[:16]!r})"
 
 
 def _plain(value: Any) -> Any:

@@ -32,7 +32,8 @@ class Plate:
     """A thin rectangular plate (Kirchhoff), by Rayleigh and Ritz's method with Jacobi
     polynomials.
 
-    D (w_xxxx + 2 w_xxyy + w_yyyy) - N w_xx + rho h w_tt = pressure,  D = E h^3/(12 (1 - nu^2)).
+    D (w_xxxx + 2 w_xxyy + w_yyyy) - N w_xx + rho h w_tt = pressure, with
+    D = E h^3/(12 (1 - nu^2)).
 
     What is found is kept, so asking again is free; several threads may ask one plate at
     once.
@@ -313,9 +314,8 @@ class Plate:
         --------
         >>> from stimlib.plate import Plate
         >>> plate = Plate.paper()
-        >>> (
-        ...     plate.shape(0, [0.0, 0.053, 0.103], 0.0735) / plate.shape(0, 0.103, 0.0735)
-        ... ).round(3)
+        >>> middle = plate.shape(0, 0.103, 0.0735)
+        >>> (plate.shape(0, [0.0, 0.053, 0.103], 0.0735) / middle).round(3)
         array([0.   , 0.565, 1.   ])
         """
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
@@ -444,7 +444,8 @@ class Plate:
         >>> import jax, numpy as np
         >>> from stimlib.plate import Plate
         >>> with jax.enable_x64(True):
-        ...     by = np.array(jax.jacobian(Plate.paper().frequencies(2))({"E": 70e9})["E"])
+        ...     jacobian = jax.jacobian(Plate.paper().frequencies(2))
+        ...     by = np.array(jacobian({"E": 70e9})["E"])
         >>> (by * 70e9).round(2)  # half of each frequency: it goes with the root of E
         array([ 91.75, 125.65])
         """

@@ -136,9 +136,8 @@ class Copies(Sequence[Any]):
         Examples
         --------
         >>> import stimlib
-        >>> proc = stimlib.compile(
-        ...     stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1}), fs=1000, target="python"
-        ... )
+        >>> scene = stimlib.Scene({"y": stimlib.Param("a", 1.0) * 1})
+        >>> proc = stimlib.compile(scene, fs=1000, target="python")
         >>> runs = proc.many(seeds=range(3))
         >>> runs.set("a", [1.0, 2.0, 3.0])
         >>> runs[2].params

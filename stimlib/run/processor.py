@@ -431,7 +431,8 @@ class Processor:
         --------
         >>> import numpy as np, stimlib
         >>> from stimlib.blocks import white_noise
-        >>> scene = stimlib.Scene({"y": stimlib.Param("level", 1.0) * white_noise(seed=1)})
+        >>> level = stimlib.Param("level", 1.0)
+        >>> scene = stimlib.Scene({"y": level * white_noise(seed=1)})
         >>> runs = stimlib.compile(scene, fs=1000).many(seeds=range(64))
         >>> runs.set("level", np.linspace(0.1, 2.0, 64), ramp=0.0)
         >>> runs.process(np.empty((0, 500))).shape

@@ -157,7 +157,8 @@ def stages(samples: int = SAMPLES) -> dict[str, Stage]:
     --------
     >>> from stimlib.speed.chain import stages
     >>> [(name, len(stage.peers)) for name, stage in stages().items()]
-    [('white noise', 5), ('pink filter', 5), ('pink noise', 5), ('differentiator', 15), ('noise chain', 15)]
+    [('white noise', 5), ('pink filter', 5), ('pink noise', 5), ('differentiator', 15),
+     ('noise chain', 15)]
     """
     x, given = Input("x"), np.random.default_rng(0).standard_normal(max(CHUNKS))
     lengths = [c for c in CHUNKS if c <= samples]

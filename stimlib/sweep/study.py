@@ -514,9 +514,10 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
         if not isinstance(scene, Scene):
             raise SceneError(f"{name_of(make)} returns {type(scene).__name__}, not a Scene")
         return scene
+    assert error is not None
     raise BadValue(
         f"{name_of(make)} makes no scene of the first row: {error_text(error)}"
-    ) from error  # type: ignore[arg-type]
+    ) from error
 
 
 def _rows_to_try(n: int) -> list[int]:

@@ -330,7 +330,8 @@ def test_a_wrong_step_or_design_is_refused(cls):
 def test_an_error_is_the_largest_distance_over_its_tolerance():
     nan, inf = np.nan, np.inf
     for y, want, tol, error in (
-        (1.0, 0.0, 0.5, 2.0), (0.0, 1.0, 0.5, 2.0), (1.0, 0.0, 0.0, inf), (1.0, 1.0, 0.0, 0.0), (1.0, 5.0, inf, 0.0),
+        (1.0, 0.0, 0.5, 2.0), (0.0, 1.0, 0.5, 2.0), (1.0, 0.0, 0.0, inf),
+        (1.0, 1.0, 0.0, 0.0), (1.0, 5.0, inf, 0.0),
         (nan, 1.0, 1.0, inf), (1.0, nan, 1.0, inf), (nan, nan, 1.0, 0.0), (inf, 1.0, 1.0, inf),
     ):  # fmt: skip
         assert local._error(np.array([0.0, y]), [0.0, want], tol) == error

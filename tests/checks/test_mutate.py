@@ -196,7 +196,7 @@ def rooted(x, p, fs):
         return {"y": (1 + np.sqrt(p["k"]) ** 2) * x["x"]}
 
 
-def test_a_law_that_cannot_take_a_wrong_number_refuses_it_and_one_that_refuses_the_scene_is_an_error():
+def test_a_law_that_raises_refuses_a_wrong_number_but_of_the_scene_itself_is_an_error():
     motion = {"x": np.sin(np.arange(100.0))}
     right = Scene({"y": abs(1.0 + Param("k", 2.0)) * Input("x")}, law=rooted)
     found = mutate(right, motion, 1000, 0.1)

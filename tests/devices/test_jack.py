@@ -517,7 +517,8 @@ sink.start()
 @atexit.register
 def end():
     sink.close()
-    told = {"report": sink.report().to_dict(), "events": log.events, "origin": sink.pump.read("ORIGIN")}
+    told = {"report": sink.report().to_dict(), "events": log.events}
+    told["origin"] = sink.pump.read("ORIGIN")
     print(json.dumps(told), flush=True)
 
 time.sleep(0.3)

@@ -369,7 +369,8 @@ class Log:
     def motion(self, x): pass
     def delivered(self, f): frames.append(f.copy())
     def event(self, at, kind, **data): events.append((at, kind, data))
-    def close(self, report): np.savez(sys.argv[1], frames=np.concatenate(frames), events=json.dumps(events))
+    def close(self, report):
+        np.savez(sys.argv[1], frames=np.concatenate(frames), events=json.dumps(events))
 sink = NullSink(stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0, log=Log(), realtime=False)
 sink.open(8000)
 sink.start()

@@ -75,7 +75,8 @@ else:
     motion = {name: minimum_jerk(depth) for name, depth in zip(scene.inputs, (0.02, 0.01))}
 log = Seen()
 full_scale = 1.0 if told["steady"] else 50.0
-sink = PortAudioSink(scene, full_scale, motion=motion, seed=7, log=log, realtime=False, **told["options"])
+options = told["options"] | {"motion": motion, "seed": 7, "log": log, "realtime": False}
+sink = PortAudioSink(scene, full_scale, **options)
 error = None
 try:
     with sink:
@@ -403,8 +404,8 @@ with PortAudioSink(scene, 100.0, motion=motion, log=log, realtime=False, name="s
     sink.start()
     print("playing", flush=True)
     sys.stdin.readline()
-x = max(float(x.max()) for x in log.x)
-print(json.dumps({"report": sink.report().to_dict(), "events": [x, float(max(f.max() for f in log.frames))], "error": None}))
+events = [max(float(a.max()) for a in rows) for rows in (log.x, log.frames)]
+print(json.dumps({"report": sink.report().to_dict(), "events": events, "error": None}))
 """
 
 

@@ -26,8 +26,10 @@ def threads(n):
     resource.setrlimit(resource.RLIMIT_AS, NO_LIMIT)
     threading.stack_size(0 if n is None else 512 * MIB)
     if n is not None:
-        kib = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmSize"))
-        resource.setrlimit(resource.RLIMIT_AS, ((kib >> 10) * MIB + (512 * n + 256) * MIB, resource.RLIM_INFINITY))
+        status = open("/proc/self/status").readlines()
+        kib = next(int(line.split()[1]) for line in status if line.startswith("VmSize"))
+        most = (kib >> 10) * MIB + (512 * n + 256) * MIB
+        resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
 
 def session(n, log):
     sink = NullSink(scene, 1.0, motion={"x": lambda t: 0.5 + 0 * t}, log=log, realtime=False)

@@ -32,7 +32,8 @@ from stimlib.experiments.designs import Listed
 from stimlib.experiments.trial import Stimulus
 from some import TASK
 design = Listed(((TASK, 4.0), (TASK, 1.0)), 2)
-short = experiment(design=design, replays=1, familiarisation={{"red": Stimulus("spring")}}, observer=observer)
+known = {{"red": Stimulus("spring")}}
+short = experiment(design=design, replays=1, familiarisation=known, observer=observer)
 def made():
     return short
 number = 3

@@ -220,7 +220,8 @@ def test_any_text_is_shown_as_it_was_written_from_the_side_where_it_begins(brows
         press(page, state, "")
         awaited(running, page, state["number"])
         assert page.js(TEXT) == PERSIAN
-        begins = """(() => { const r = document.createRange(), t = document.querySelector('#text').firstChild;
+        begins = """(() => { const r = document.createRange();
+            const t = document.querySelector('#text').firstChild;
             r.setStart(t, 0), r.setEnd(t, 1); return r.getBoundingClientRect().right; })()"""
         assert page.js(begins) > 280 and page.complaints() == []
         page.close()

@@ -375,7 +375,8 @@ def test_the_camera_and_its_inverse_and_shades(first):
     out = first.js(
         """import('./surface.js').then(m => {
         const c = m.camera(0.12, 0.1, 10, 20, 800, 300), [px, py] = c.to(0.03, 0.07, 0);
-        return [c.from(px, py), c.to(0, 0, 0), c.to(0.12, 0, 0), c.to(0, 0.1, 0), ...[0, 1, -1].map(s => m.shade(s, 0))]; })"""
+        return [c.from(px, py), c.to(0, 0, 0), c.to(0.12, 0, 0), c.to(0, 0.1, 0),
+                ...[0, 1, -1].map(s => m.shade(s, 0))]; })"""
     )
     assert out[0] == pytest.approx([0.03, 0.07], abs=1e-12)
     (left, low, near), (right, *_), (far_left, top, far) = out[1:4]
@@ -429,7 +430,8 @@ def test_numbers_and_units_as_people_write_them(first):
     out = first.js(
         """import('./scales.js').then(m => [
         m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01), m.pretty('N*s/m**2'), m.pretty('1/s'),
-        m.scaled('m', 0.02), m.scaled('N', 3), m.short(1234.5), m.short(0.0123), m.roundUp(0.13)])"""
+        m.scaled('m', 0.02), m.scaled('N', 3),
+        m.short(1234.5), m.short(0.0123), m.roundUp(0.13)])"""
     )
     assert out[:4] == [6, "−0.05", "N·s/m²", "Hz"]
     assert out[4:] == [

@@ -80,7 +80,8 @@ def ugrip(reversals: int = 20) -> Experiment:
     ...     trial.track,
     ...     [{k: round(v) for k, v in s.params.items()} for s in trial.stimuli],
     ... )
-    ('one finger, silent', 'one finger, silent low', [{'A': 0, 'k': 924}, {'k': 2000, 'A': 0}])
+    ('one finger, silent', 'one finger, silent low',
+     [{'A': 0, 'k': 924}, {'k': 2000, 'A': 0}])
     """
     return Experiment(
         name="ugrip",
@@ -344,7 +345,8 @@ def text(rows: Iterable[Comparison]) -> str:
     ...     "F > 5.6",
     ... )
     >>> print(text([one]))
-    pse        one finger, silent     2.00  one finger, vibrating  2.30  F(1, 7) =  9.00, p = .020  paper: F > 5.6
+    pse        one finger, silent     2.00  one finger, vibrating  2.30
+    F(1, 7) =  9.00, p = .020  paper: F > 5.6
     """
     return "\n".join(
         f"{r.what:<9}  {r.a:<21} {r.mean_a:5.2f}  {r.b:<21} {r.mean_b:5.2f}  F(1, {r.people - 1}) ="

@@ -190,8 +190,10 @@ class Function:
                 _named("gates", gates),
             )
             for what, given, known in (
-                ("parameter", params, self.params), ("input", motion, self.inputs), ("gate", gates, self.gates),
-            ):  # fmt: skip
+                ("parameter", params, self.params),
+                ("input", motion, self.inputs),
+                ("gate", gates, self.gates),
+            ):
                 for name in given:
                     if name not in known:
                         raise UnknownName(

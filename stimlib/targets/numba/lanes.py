@@ -116,8 +116,9 @@ def _comparison(sign: str) -> Callable:
 
 
 for _name, _floats, _words in (
-    ("add", "fadd", "add"), ("sub", "fsub", "sub"), ("mul", "fmul", "mul"), ("truediv", "fdiv", ""), ("and", "", "and_"),
-    ("or", "", "or_"), ("xor", "", "xor"), ("lshift", "", "shl"), ("rshift", "", "lshr"),
+    ("add", "fadd", "add"), ("sub", "fsub", "sub"), ("mul", "fmul", "mul"),
+    ("truediv", "fdiv", ""), ("and", "", "and_"), ("or", "", "or_"), ("xor", "", "xor"),
+    ("lshift", "", "shl"), ("rshift", "", "lshr"),
 ):  # fmt: skip
     setattr(Lanes, f"__{_name}__", _operator(_floats, _words, swapped=False))
     setattr(Lanes, f"__r{_name}__", _operator(_floats, _words, swapped=True))

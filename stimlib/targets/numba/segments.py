@@ -99,8 +99,8 @@ def _tuple_text(name: str, t: type) -> str:
 
 @memo
 def segment(
-    cls: Any, code: Any, p_type: type, p_kinds: str, s_type: type, s_kinds: str, inputs: int, copies: int = 1,
-    read: tuple[bool, ...] = (True,),
+    cls: Any, code: Any, p_type: type, p_kinds: str, s_type: type, s_kinds: str,
+    inputs: int, copies: int = 1, read: tuple[bool, ...] = (True,),
 ):  # fmt: skip
     """The segment of a block class whose parameters and states have these kinds of
     fields, or that of two blocks side by side.
@@ -129,18 +129,14 @@ def segment(
         for c in range(copies)
     ]
     warm = (
-        [f"s = _sl_S({', '.join([*(f's.{k}' for k in s_type._fields[:-1]), '0.0'])})"]
+        [f"s = _sl_S({', '.join([*(f's.{k}' for k in s_type._fields[:-1]), '0.0'])})"]  # type: ignore[attr-defined]
         if cls.resettable
         else []
-    )  # type: ignore[attr-defined]
+    )
     if cls.tile:
         scratch = ["w"] if cls.work else []
-        lines += [
-            (
-                f"s = _sl_block({', '.join(['p', 's', *(f'x{j}' for j in range(inputs)), *y, *scratch])})"
-            ),
-            *warm,
-        ]
+        given = ["p", "s", *(f"x{j}" for j in range(inputs)), *y, *scratch]
+        lines += [f"s = _sl_block({', '.join(given)})", *warm]
     elif (
         inputs
         and y == ["y"]
