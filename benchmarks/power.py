@@ -33,12 +33,11 @@ import stimlib
 from stimlib import Input, Scene
 from stimlib import blocks as b
 from stimlib.analysis import spectra
-from stimlib.blocks.fir import Differentiator
+from stimlib.blocks.filters import Differentiator, Track
 from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.impedance import FirstOrder, Velocity
-from stimlib.blocks.modes import Pinking, PinkNoise
-from stimlib.blocks.relaxation import MaxwellArms
-from stimlib.blocks.tracking import Track
+from stimlib.blocks.noise import Pinking, PinkNoise
+from stimlib.blocks.viscoelastic import MaxwellArms
 from stimlib.checks.power import KINDS, Shows
 from stimlib.motion.generators import constant_speed, minimum_jerk, sinusoid
 from stimlib.scenes import SHIPPED, bumps, soft_surface, squeeze, viscoelastic

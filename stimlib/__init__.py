@@ -111,6 +111,7 @@ if TYPE_CHECKING:
 PLACES.update(
     {
         "blocks": "stimlib:blocks",
+        "SHIPPED": "stimlib.scenes:SHIPPED",
         "Scene.live": "stimlib.live.notebook:show",
         "Scene._repr_html_": "stimlib.analysis.draw:html_of",
         "Rendering._repr_html_": "stimlib.analysis.picture:html_of",

@@ -21,7 +21,7 @@ import numpy as np
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
-from stimlib.blocks.actuator import (
+from stimlib.blocks.contact import (
     ForceLimit,
     Tally,
     force_limit,
@@ -29,19 +29,19 @@ from stimlib.blocks.actuator import (
     slew_limit,
     static_limit,
 )
-from stimlib.blocks.bump import bump
-from stimlib.blocks.carrier import carrier
-from stimlib.blocks.creep import (
+from stimlib.blocks.filters import First, track, track_velocity
+from stimlib.blocks.fractional import PathLength
+from stimlib.blocks.noise import PinkNoise, White
+from stimlib.blocks.oscillators import carrier
+from stimlib.blocks.surfaces import bump
+from stimlib.blocks.viscoelastic import (
     compliance_generalized_kelvin_voigt,
     compliance_kelvin_voigt,
     compliance_maxwell,
+    generalized_maxwell,
+    maxwell,
+    standard_linear_solid,
 )
-from stimlib.blocks.fractional import PathLength
-from stimlib.blocks.modes import PinkNoise
-from stimlib.blocks.noise import White
-from stimlib.blocks.onset import First
-from stimlib.blocks.relaxation import generalized_maxwell, maxwell, standard_linear_solid
-from stimlib.blocks.tracking import track, track_velocity
 from stimlib.core.graph import Block, Guard, registry
 from stimlib.design import responses as law
 from stimlib.design.responses import Law

@@ -10,8 +10,8 @@ import numpy as np
 import stimlib
 from stimlib import Block, Input, Param, Scene, constant
 from stimlib import blocks as b
-from stimlib.blocks.relaxation import maxwell
-from stimlib.blocks.tracking import track
+from stimlib.blocks.filters import track
+from stimlib.blocks.viscoelastic import maxwell
 from stimlib.motion.generators import (
     constant_speed,
     jittered,

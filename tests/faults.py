@@ -19,19 +19,25 @@ import numpy as np
 import stimlib
 from stimlib import Input, Scene, StimlibError, constant
 from stimlib import blocks as b
-from stimlib.blocks.actuator import StaticLimit
-from stimlib.blocks.bump import LinearBump, SineBump
-from stimlib.blocks.carrier import Carrier
-from stimlib.blocks.creep import KelvinChain, compliance_kelvin_voigt
-from stimlib.blocks.delay import Delay
-from stimlib.blocks.filters import CascadeState
-from stimlib.blocks.fir import Differentiator, Taps
-from stimlib.blocks.fractional import Springpot, SpringpotLive
-from stimlib.blocks.gate import Gate, GateState
-from stimlib.blocks.impedance import FirstOrder, Velocity, VelocityState, pole_gain
-from stimlib.blocks.modes import Modes, Pinking, PinkNoise
+from stimlib.blocks.contact import StaticLimit
+from stimlib.blocks.events import Integrate
+from stimlib.blocks.filters import (
+    CascadeState,
+    Delay,
+    Differentiator,
+    Taps,
+    Track,
+    TrackVelocity,
+    track,
+    track_velocity,
+)
+from stimlib.blocks.fractional import ShortMemory, Springpot, SpringpotLive
+from stimlib.blocks.impedance import FirstOrder, Gate, GateState, Velocity, VelocityState, pole_gain
 from stimlib.blocks.noise import (
     ONE,
+    Modes,
+    Pinking,
+    PinkNoise,
     White,
     WhiteState,
     deviates,
@@ -40,13 +46,17 @@ from stimlib.blocks.noise import (
     radius,
     turn,
 )
-from stimlib.blocks.relaxation import MaxwellArms, maxwell
-from stimlib.blocks.running import Integrate
-from stimlib.blocks.series import Series
-from stimlib.blocks.svf import Resonator, section
-from stimlib.blocks.table import Lut
-from stimlib.blocks.thesis import ShortMemory
-from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
+from stimlib.blocks.oscillators import Carrier
+from stimlib.blocks.resonance import Resonator, section
+from stimlib.blocks.surfaces import LinearBump, SineBump
+from stimlib.blocks.tables import Lut
+from stimlib.blocks.viscoelastic import (
+    KelvinChain,
+    MaxwellArms,
+    Series,
+    compliance_kelvin_voigt,
+    maxwell,
+)
 from stimlib.core.maths import copy, pairs, where
 from stimlib.core.maths import modes as modes_sum
 from stimlib.files import audio as file

@@ -14,7 +14,7 @@ from laws import STRESS
 
 import stimlib
 from stimlib import blocks as b
-from stimlib.design.resample import resampled
+from stimlib.design.filters import resampled
 from stimlib.errors import BadValue
 
 HERE = os.path.dirname(__file__)

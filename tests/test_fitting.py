@@ -12,8 +12,8 @@ import pytest
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks.continuous import relaxation_modulus
-from stimlib.blocks.relaxation import generalized_maxwell
+from stimlib.blocks.fractional import relaxation_modulus
+from stimlib.blocks.viscoelastic import generalized_maxwell
 from stimlib.errors import BadValue, SinkError
 from stimlib.fitting.exact import maxwell_force, springpot_force, thin
 from stimlib.fitting.relaxation import (

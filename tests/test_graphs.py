@@ -14,8 +14,7 @@ from laws import STRESS, Set, assert_same, guarded, mostly, raw, rows, run
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib import blocks as b
-from stimlib.blocks.modes import PinkNoise
-from stimlib.blocks.noise import White
+from stimlib.blocks.noise import PinkNoise, White
 from stimlib.core.cycles import Cycle
 from stimlib.core.graph import Block, Enabled, Guard, reach
 from stimlib.core.program import lower

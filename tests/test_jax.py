@@ -621,7 +621,7 @@ def test_bad_options():
 
 
 def test_a_block_that_owns_an_array_needs_a_lowering():
-    from stimlib.blocks.delay import Delay
+    from stimlib.blocks.filters import Delay
 
     with pytest.raises(SceneError, match="array as state"):
         recurrence.run_step(Delay.step, *Delay(Input("x"), 3, None).design(1000.0), [np.ones(5)], 5)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from stimlib.design import differentiator, pink
-from stimlib.design.differentiator import differentiator_order, differentiator_taps
-from stimlib.design.pink import cholesky, pink_modes, stationary_covariance
+from stimlib.design import filters, noise
+from stimlib.design.filters import differentiator_order, differentiator_taps
+from stimlib.design.noise import cholesky, pink_modes, stationary_covariance
 
 TOLERANCES = (0.1, 0.01, 0.001, 1e-4)
 SECTIONS = {  # fs/f_low: first-order sections for the tolerances above
@@ -86,8 +86,8 @@ def test_elliptic_functions(k1):
             for kind in ("sc", "dn")
         )
         log_sc, log_nd = [float(mp.log(v)) for v in sc], [float(-mp.log(v)) for v in dn]
-        np.testing.assert_allclose(pink._log_elliptic(x, k1, -1), log_sc, rtol=0, atol=5e-15)
-        np.testing.assert_allclose(pink._log_elliptic(x, k1, +1), log_nd, rtol=0, atol=5e-15)
+        np.testing.assert_allclose(noise._log_elliptic(x, k1, -1), log_sc, rtol=0, atol=5e-15)
+        np.testing.assert_allclose(noise._log_elliptic(x, k1, +1), log_nd, rtol=0, atol=5e-15)
 
 
 @pytest.mark.parametrize("ratio", SECTIONS)
@@ -104,7 +104,7 @@ def test_tolerance_is_met_with_the_fewest_sections(fs, f_low):
         assert modes_error_db(modes, w) <= min(tol, modes.error_db * 1.001)
         assert modes_error_db(modes, w) >= 0.995 * modes.error_db
         if len(modes.e) > 1:
-            assert pink._minimax_modes(2 * math.pi * f_low / fs, len(modes.e) - 1).error_db > tol
+            assert noise._minimax_modes(2 * math.pi * f_low / fs, len(modes.e) - 1).error_db > tol
 
 
 @pytest.mark.parametrize(
@@ -126,8 +126,8 @@ def test_gain_in_forty_digits(fs, f_low, tol):
 @pytest.mark.parametrize("n", [1, 2, 5, 8, 13, 17, 24])
 def test_error_is_equal_ripple(n):
     w_low = 2 * math.pi / 48000
-    design, reference = pink._minimax_design(w_low, n)
-    ripple = pink._log_ripple(design, reference)
+    design, reference = noise._minimax_design(w_low, n)
+    ripple = noise._log_ripple(design, reference)
     assert len(reference) == 2 * n + 2  # one more than two roots for each section and the gain
     assert np.all(ripple[1:] * ripple[:-1] < 0)
     assert np.max(np.abs(ripple)) < 1.001 * np.min(np.abs(ripple))
@@ -135,9 +135,9 @@ def test_error_is_equal_ripple(n):
 
 @pytest.mark.parametrize(("ratio", "n"), [(20, 2), (8000, 8), (8000, 13), (192000, 17), (1e9, 24)])
 def test_modes_are_the_product_of_sections(ratio, n):
-    design, _ = pink._minimax_design(2 * math.pi / ratio, n)
-    e, z, gain = pink._leaks_and_gain(design)
-    modes = pink._minimax_modes(2 * math.pi / ratio, n)
+    design, _ = noise._minimax_design(2 * math.pi / ratio, n)
+    e, z, gain = noise._leaks_and_gain(design)
+    modes = noise._minimax_modes(2 * math.pi / ratio, n)
     with mp.workdps(40):
         for w in np.geomspace(1 / ratio, 3.1, 60):
             back = mp.expj(mp.mpf(w))
@@ -151,13 +151,13 @@ def test_modes_are_the_product_of_sections(ratio, n):
 
 def test_pole_at_zero_is_moved_aside():
     design = np.array([-6.0, -4.0, 0.0, 1.0, 0.0])  # log b = 0 is a pole at zero
-    e, z, gain = pink._leaks_and_gain(design)
+    e, z, gain = noise._leaks_and_gain(design)
     assert np.min(np.abs(1 - e)) == pytest.approx(1e-8)
-    r, d = pink._partial_fractions(e, z, gain)
+    r, d = noise._partial_fractions(e, z, gain)
     w = np.linspace(0.01, 3, 50)
-    power = np.abs(pink._response(e, r, d, w)) ** 2 * w
+    power = np.abs(noise._response(e, r, d, w)) ** 2 * w
     np.testing.assert_allclose(
-        power, np.exp(pink._log_ripple(design, np.log(np.tan(w / 2)))), rtol=1e-6
+        power, np.exp(noise._log_ripple(design, np.log(np.tan(w / 2)))), rtol=1e-6
     )
 
 
@@ -341,7 +341,7 @@ def test_differentiator_is_the_best(fs, passband, stopband, order):
     true one.
     """
     half = order // 2
-    w_pass, w_stop = differentiator._band_edges("", fs, passband, stopband)
+    w_pass, w_stop = filters._band_edges("", fs, passband, stopband)
     passing = np.linspace(1e-4, w_pass, 40 * half)
     stopping = np.zeros(0) if w_stop is None else np.linspace(w_stop, np.pi, 40 * half)
     k = np.arange(1, half + 1)
@@ -462,9 +462,9 @@ def test_design_is_quick(design):
     for _ in range(5):
         for cache in (
             pink_modes,
-            pink._minimax_modes,
+            noise._minimax_modes,
             differentiator_taps,
-            differentiator._exchange,
+            filters._exchange,
         ):
             cache.cache_clear()
         start = time.perf_counter()

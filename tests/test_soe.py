@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from laws import mostly
 
-from stimlib.design import exponentials as soe
+from stimlib.design import fractional as soe
 from stimlib.errors import BadValue
 
 TOLS = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14]

@@ -12,8 +12,8 @@ from scipy import signal
 
 from stimlib.blocks import differentiator, pinking, white_noise
 from stimlib.core.scene import Scene
-from stimlib.design.differentiator import differentiator_order, differentiator_taps
-from stimlib.design.pink import PinkDesign, pink_modes
+from stimlib.design.filters import differentiator_order, differentiator_taps
+from stimlib.design.noise import PinkDesign, pink_modes
 from stimlib.speed.chain import puller
 
 FS, SAMPLES = 8000.0, 1 << 16

@@ -23,7 +23,7 @@ from stimlib.blocks import (
     springpot,
     springpot_stiffness,
 )
-from stimlib.blocks.continuous import creep_compliance
+from stimlib.blocks.fractional import creep_compliance
 from stimlib.motion.generators import ramp_and_hold
 
 HERE = Path(__file__).parent

@@ -3,48 +3,77 @@
 from ..core.graph import constant, enabled, segment
 from ..core.loops import loop
 from ..core.pointwise import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
-from ..design.texture_file import load_texture, save_texture
-from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
-from .avatar import delay_avatar, vibration
-from .bump import bump
-from .carrier import carrier
-from .clock import at, elapsed, every, timeline
-from .continuous import equal_force, springpot_stiffness
-from .creep import (
+from ..design.texture import load_texture, save_texture
+from .contact import (
+    button,
+    detents,
+    force_limit,
+    friction,
+    motor_current,
+    skin_drive,
+    slew_limit,
+    static_limit,
+    stick_slip,
+    wall,
+)
+from .events import (
+    at,
+    burst,
+    count,
+    crossing,
+    elapsed,
+    envelope,
+    envelope_follower,
+    every,
+    falling,
+    integrate,
+    moving_average,
+    once_within,
+    rising,
+    sample_and_hold,
+    timeline,
+)
+from .filters import (
+    bandpass,
+    bandstop,
+    delay,
+    differentiator,
+    fir,
+    highpass,
+    lowpass,
+    sos,
+    track,
+    track_velocity,
+)
+from .fractional import equal_force, springpot, springpot_stiffness
+from .impedance import first_order, hysteresis, kelvin_voigt, loading, spring, velocity
+from .noise import pink_noise, pinking, white_noise
+from .oscillators import carrier, oscillator, pulse_train
+from .resonance import amplifier, mode, mode_shape, notch, pole_swap, resonator, svf
+from .soft import (
+    cursor,
+    deformation,
+    delay_avatar,
+    indentation,
+    press,
+    stiffness_map,
+    triangle,
+    vibration,
+)
+from .sources import band_noise, chirp, grain, playback, ring
+from .surfaces import bump, equalize, grating, spatial_noise
+from .tables import lut, lut2
+from .texture import texture
+from .viscoelastic import (
     compliance,
     compliance_generalized_kelvin_voigt,
     compliance_kelvin_voigt,
     compliance_maxwell,
+    generalized_maxwell,
+    maxwell,
+    springpot_series,
+    standard_linear_solid,
 )
-from .cursor import cursor
-from .delay import delay
-from .envelopes import burst, envelope
-from .equalise import equalize
-from .events import count, crossing, falling, once_within, rising, sample_and_hold
-from .filters import bandpass, bandstop, highpass, lowpass, sos
-from .fir import differentiator, fir
-from .gate import hysteresis, loading
-from .grid import lut2
-from .impedance import first_order, kelvin_voigt, spring, velocity
-from .indenter import deformation, indentation, press, triangle
-from .modes import pink_noise, pinking
-from .noise import white_noise
-from .oscillators import oscillator, pulse_train
-from .places import grating, spatial_noise
-from .plates import amplifier, mode, mode_shape, pole_swap
-from .relaxation import generalized_maxwell, maxwell, standard_linear_solid
-from .running import envelope_follower, integrate, moving_average
-from .series import springpot_series
-from .sliding import friction, stick_slip
-from .sources import band_noise, chirp, playback
-from .springpot import springpot
-from .stiffness import stiffness_map
-from .svf import notch, resonator, svf
-from .table import lut
-from .texture import texture
-from .touching import button, detents, wall
-from .tracking import track, track_velocity
-from .transients import grain, ring
 
 __all__ = [
     "amplifier",

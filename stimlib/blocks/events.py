@@ -1,10 +1,10 @@
-"""Events: signals that are 0 except at the sample where something happens; the height
-is its strength.
-"""
+"""Events and what depends on time: clocks, moving averages, envelopes."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +25,19 @@ from ..core.graph import (
     positive,
     same_unit,
 )
-from ..core.maths import floor, where
+from ..core.maths import TINY, as_float, floor, flush, fma, search, where
+from ..core.program import lead
+from ..core.units import unit
+from ..design import responses
 from ..errors import BadValue, public
-from .gate import Gate
-from .impedance import with_unit
+from ..system.limits import limits
+from .filters import Fir, begun, line
+from .impedance import Gate, Lag, LagParams, LagState, sampled, with_unit
+from .surfaces import sinpi
 
+# Events -----------------------------------------------------------------------------
+# Events: signals that are 0 except at the sample where something happens; the height is
+# its strength.
 U = np.uint64
 
 
@@ -509,3 +517,754 @@ def once_within(event: Block | float, refractory: float) -> Block:
     array([[1., 0., 0., 3., 0.]])
     """
     return OnceWithin(as_event("once_within", event), refractory)
+
+
+# Moving sums and means --------------------------------------------------------------
+# Running sums, means and levels.
+@dataclass(frozen=True, eq=False)
+class Integrate(Lag):
+    """y' = x - leak y, exact for inputs that are straight between samples: a lag over
+    its leak (see ``FirstOrder``).
+
+    Without a leak it is the trapezoidal rule; held until the next sample, y[n] = y[n-1]
+    + x[n]/fs.
+    """
+
+    x: Block
+    leak: float
+    held: bool = False
+    begins_early = False
+
+    def check(self):
+        if not self.leak >= 0 or (self.leak and self.held):
+            raise BadValue(
+                f"integrate: leak = {self.leak:g} 1/s must be 0 or above, and 0 for a sum of"
+                " samples"
+            )
+
+    def units(self, *u):
+        return u[0] * unit("s")
+
+    def design(self, fs):
+        e, _, h = sampled(self.leak / fs)
+        now, before = (
+            (h / self.leak, (e - h) / self.leak)
+            if self.leak
+            else (1 / fs, 0.0)
+            if self.held
+            else (0.5 / fs, 0.5 / fs)
+        )
+        return LagParams(e, now, before), LagState(0.0, 0.0, 0.0)
+
+    def laws(self, fs):
+        return (responses.running_sum() if self.held else responses.integral(self.leak),)
+
+
+@public
+def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block:
+    """Integrate over time, exactly for a signal that is straight between its samples,
+    from sample 0 on.
+
+    The sum has a second word, so after hours it is as exact as at first.
+
+    Parameters
+    ----------
+    x : Block
+    leak : float
+        In 1/s: the integral forgets as exp(-leak t), and a constant ends at x/leak.
+    onset : {"step", "steady"}
+        Whether x was 0 before sample 0, also where no input reaches it, or has always
+        been as it is there. Without a leak there is no steady start: the integral of a
+        constant never ends.
+
+    Returns
+    -------
+    Block
+        In the unit of x times seconds.
+
+    Raises
+    ------
+    BadValue
+        A leak below 0; a steady start without a leak; an event, which ``count`` adds
+        up.
+
+    References
+    ----------
+    Oppenheim and Schafer, "Discrete-Time Signal Processing" (2010), section 7.2; ramp
+    invariance in place of impulse invariance.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import integrate
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"x": integrate(stimlib.Input("v", "m/s"))}), fs=4
+    ... )
+    >>> proc.process(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]])), proc.units["x"]
+    (array([[0.   , 0.125, 0.5  , 1.125, 2.   ]]), 'm')
+    """
+    x = as_signal("integrate", x, "add them up with count(..)")
+    return begun(
+        "integrate",
+        x,
+        onset,
+        lambda u: Integrate(u, leak),
+        lambda y: 1 / leak if leak else math.inf,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class MovingAverage(Fir):
+    """Equal taps."""
+
+    x: Block
+    seconds: float
+
+    def design(self, fs):
+        limits.check(
+            "state_bytes",
+            64 * self.seconds * fs,
+            f"moving_average: bytes of its samples at fs = {fs:g} Hz",
+        )
+        n = round(self.seconds * fs)
+        if n < 1:
+            raise BadValue(
+                f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
+            )
+        return line(np.full(n, 1 / n))
+
+    def laws(self, fs):
+        return (responses.mean_of(round(self.seconds * fs)),)
+
+
+@public
+def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
+    """Average over the last seconds, rounded to whole samples.
+
+    It is a FIR filter with equal taps: nothing adds up over time, and its cost grows
+    with the number of samples (30 ns for 800). ``integrate`` with a leak or ``lowpass``
+    cost the same for any time.
+
+    Parameters
+    ----------
+    x : Block
+    seconds : float
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
+
+    Returns
+    -------
+    Block
+        In the unit of x, half the time later.
+
+    Raises
+    ------
+    BadValue
+        An unknown onset; at compile time, less than half a sample.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import moving_average
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": moving_average(stimlib.Input("x"), 0.004)}), fs=1000
+    ... )
+    >>> proc.process(np.array([[4.0, 4.0, 4.0, 4.0, 4.0, 0.0]]))
+    array([[1., 2., 3., 4., 4., 3.]])
+    """
+    return begun("moving_average", x, onset, lambda u: MovingAverage(u, seconds), lambda y: 1.0)
+
+
+class FollowerParams(NamedTuple):
+    up: float
+    down: float
+
+
+class FollowerState(NamedTuple):
+    y: float
+
+
+@dataclass(frozen=True, eq=False)
+class Follower(Block):
+    """y += g (|x| - y), g = 1 - exp(-1/(T fs)) with T the attack where |x| is above y,
+    else the release.
+    """
+
+    x: Block
+    attack: float
+    release: float
+
+    def check(self):
+        for name in ("attack", "release"):
+            if not getattr(self, name) >= 0:
+                raise BadValue(
+                    f"envelope_follower: {name} = {getattr(self, name):g} s must be 0 or above"
+                )
+
+    def design(self, fs):
+        up, down = (
+            -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
+            for t in (self.attack, self.release)
+        )
+        return FollowerParams(up, down), FollowerState(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        d = abs(x) - s.y
+        y = s.y + fma(where(d > 0.0, p.up, p.down), d, TINY)
+        return flush(y), FollowerState(y)
+
+
+@public
+def envelope_follower(x: Block | float, attack: float = 0.001, release: float = 0.05) -> Block:
+    """Level of a vibration: it rises to \\|x\\| with one time constant and falls with
+    another.
+
+    Parameters
+    ----------
+    x : Block
+    attack, release : float
+        Time constants in s; 0 is at once.
+
+    Returns
+    -------
+    Block
+        In the unit of x, 0 or above; starts at 0.
+
+    Raises
+    ------
+    BadValue
+        A time below 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import envelope_follower
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene(
+    ...         {"y": envelope_follower(stimlib.Input("x"), attack=0, release=0.01)}
+    ...     ),
+    ...     fs=1000,
+    ... )
+    >>> proc.process(np.array([[0.0, -2.0, 0.0, 1.0]])).round(3)
+    array([[0.   , 2.   , 1.81 , 1.733]])
+    """
+    return Follower(as_block(x), attack, release)
+
+
+# The clock --------------------------------------------------------------------------
+# What depends on the time alone: nothing adds up, so it is as exact after a day as at
+# first.
+LONG = 2.0**60
+"""A sample that no run reaches."""
+
+
+class TimeParams(NamedTuple):
+    fs: float
+
+
+class TimeState(NamedTuple):
+    n: float
+
+
+@dataclass(frozen=True, eq=False)
+class Time(Block):
+    """n/fs, rounded once, at sample n of its clock."""
+
+    def units(self, *u):
+        return unit("s")
+
+    def design(self, fs):
+        return TimeParams(fs), TimeState(-float(lead(fs)))  # so long before sample 0 it begins
+
+    @staticmethod
+    def step(p, s):
+        return s.n / p.fs, TimeState(s.n + 1.0)
+
+
+@public
+def elapsed() -> Block:
+    """The time since sample 0; inside ``enabled``, that in which the block has run.
+
+    Returns
+    -------
+    Block
+        In s: the sample's index over fs, rounded once.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import elapsed
+    >>> stimlib.compile(stimlib.Scene({"t": elapsed()}), fs=8).process(np.empty((0, 4)))
+    array([[0.   , 0.125, 0.25 , 0.375]])
+    """
+    return Time()
+
+
+class EveryParams(NamedTuple):
+    fs: float
+    period: float  # samples
+
+
+@dataclass(frozen=True, eq=False)
+class Every(Event):
+    """1 at the samples floor(k P + 1/2), k = 0, 1, .."""
+
+    t: Block
+    period: float
+    live = "pulse_train(rate) has a rate that moves"
+
+    def check(self):
+        positive(self, "period")
+
+    def units(self, *u):
+        return un.ONE
+
+    def design(self, fs):
+        if self.period * fs < 1:
+            raise BadValue(
+                f"every: period = {self.period:g} s is less than a sample at fs = {fs:g} Hz"
+            )
+        return EveryParams(fs, self.period * fs), ()
+
+    @staticmethod
+    def step(p, s, t):
+        n = floor(t * p.fs + 0.5)
+        k = floor(n / p.period + 0.5)
+        return where(floor(k * p.period + 0.5) == n, where(n >= 0.0, 1.0, 0.0), 0.0), s
+
+
+@public
+def every(period: float) -> Block:
+    """An event again and again, from sample 0 on, each at the sample nearest to its
+    time.
+
+    Parameters
+    ----------
+    period : float
+        In s.  ``pulse_train`` has a rate that moves.
+
+    Returns
+    -------
+    Block
+        1 at each, else 0.
+
+    Raises
+    ------
+    BadValue
+        A period not above 0; at compile time, one of less than a sample.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import every
+    >>> stimlib.compile(stimlib.Scene({"y": every(0.0025)}), fs=1000).process(
+    ...     np.empty((0, 9))
+    ... )
+    array([[1., 0., 0., 1., 0., 1., 0., 0., 1.]])
+    """
+    return Every(Time(), period)
+
+
+class AtParams(NamedTuple):
+    fs: float
+    samples: np.ndarray  # rising, ended by one that is never reached
+    heights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class At(Event):
+    """Events at given times, each at the nearest sample; those of one sample add up."""
+
+    t: Block
+    times: np.ndarray
+
+    def check(self):
+        if self.times.ndim != 1 or not self.times.size or not (self.times >= 0).all():
+            raise BadValue(
+                f"at: times must be one row of numbers, each 0 or above, got {self.times!r:.200}"
+            )
+        limits.check("table_knots", self.times.size, "at: times")
+
+    def units(self, *u):
+        return un.ONE
+
+    def design(self, fs):
+        samples, heights = np.unique(np.floor(self.times * fs + 0.5), return_counts=True)
+        return AtParams(fs, np.append(samples, LONG), np.append(heights.astype(float), 0.0)), ()
+
+    @staticmethod
+    def step(p, s, t):
+        n = floor(t * p.fs + 0.5)
+        i = search(p.samples, n)
+        return where(p.samples[i] == n, p.heights[i], 0.0), s
+
+
+@public
+def at(times) -> Block:
+    """Events at given times.
+
+    Parameters
+    ----------
+    times : float or array_like, shape (n,)
+        In s since sample 0; each is at the nearest sample.
+
+    Returns
+    -------
+    Block
+        1 at each, 2 where two meet, else 0.
+
+    Raises
+    ------
+    BadValue
+        No times, or one below 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import at
+    >>> stimlib.compile(stimlib.Scene({"y": at([0.0, 0.003])}), fs=1000).process(
+    ...     np.empty((0, 5))
+    ... )
+    array([[1., 0., 0., 1., 0.]])
+    """
+    return At(Time(), np.atleast_1d(times))
+
+
+TIMELINES = ("step", "linear", "cosine")
+
+
+class TimelineParams(NamedTuple):
+    times: np.ndarray
+    values: np.ndarray
+    kind: float  # place in TIMELINES
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline(Block):
+    """Values at times, and what is between them: of a piece from a to b, with z from 0
+    to 1, a + (b - a) w(z).
+    """
+
+    t: Block
+    times: np.ndarray
+    values: np.ndarray
+    kind: str
+    unit: str
+
+    def check(self):
+        if self.kind not in TIMELINES:
+            raise BadValue(f"timeline: kind = {self.kind!r}; choose one of {', '.join(TIMELINES)}")
+        for a, b in pairwise(self.times.tolist()):
+            if b < a:
+                raise BadValue(f"timeline: the times must rise; {b:g} s comes after {a:g} s")
+        limits.check("table_knots", self.times.size, "timeline: points")
+
+    def units(self, *u):
+        return unit(self.unit)
+
+    def design(self, fs):
+        # held at both ends
+        times, values = (np.concatenate([v[:1], v, v[-1:]]) for v in (self.times, self.values))
+        return TimelineParams(times, values, float(TIMELINES.index(self.kind))), ()
+
+    @staticmethod
+    def step(p, s, t):
+        i = search(p.times, t)
+        width = p.times[i + 1] - p.times[i]
+        z = (t - p.times[i]) / where(width > 0.0, width, 1.0)
+        z = where(z > 0.0, where(z < 1.0, z, 1.0), 0.0)
+        c = sinpi(0.5 * z)
+        w = where(p.kind == 0.0, 0.0, where(p.kind == 1.0, z, c * c))
+        return fma(w, p.values[i + 1], fma(-w, p.values[i], p.values[i])), s
+
+
+@public
+def timeline(points, kind: str = "linear", unit: str = "") -> Block:
+    """A signal given by times and values, such as the course of a trial.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Time in s and value, times rising; two points at one time are a jump.  Before
+        the first and after the last the value is held.
+    kind : {"linear", "step", "cosine"}
+        Between two points: a straight line, the earlier value, or half a period of a
+        cosine.
+    unit : str
+        Of the values.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    BadValue
+        No pairs of numbers, times that fall, an unknown kind.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import timeline
+    >>> line = timeline([(0, 0.0), (0.002, 1.0), (0.004, 1.0), (0.004, 0.5)])
+    >>> stimlib.compile(stimlib.Scene({"y": line}), fs=1000).process(np.empty((0, 6)))
+    array([[0. , 0.5, 1. , 1. , 0.5, 0.5]])
+    """
+    try:
+        times, values = zip(*points, strict=True)
+    except (TypeError, ValueError):
+        raise BadValue(
+            "timeline: points must be pairs (time, value), such as zip(times, values), got"
+            f" {points!r:.180}"
+        ) from None
+    return Timeline(Time(), np.array(times), np.array(values), kind, unit)
+
+
+# Envelopes --------------------------------------------------------------------------
+# What opens and closes: bursts with ramps, and envelopes of a gate.
+
+
+class BurstParams(NamedTuple):
+    n: float  # samples
+    ramp: float  # samples of each flank
+
+
+class BurstState(NamedTuple):
+    k: np.uint64  # sample of the burst
+    height: float
+
+
+def opened(p, s, event):
+    """The envelope of one sample and the new state."""
+    k = where(event == 0.0, s.k, NONE)
+    height = where(event == 0.0, s.height, event)
+    t = as_float(k) + 0.5
+    edge = where(t < p.n - t, t, p.n - t) / p.ramp
+    v = sinpi(0.5 * where(edge > 0.0, where(edge < 1.0, edge, 1.0), 0.0))
+    runs = where(as_float(k) < p.n, 1.0, 0.0)
+    return where(runs > 0.0, height * (v * v), 0.0), BurstState(
+        where(runs > 0.0, k + ONE, k), height
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Burst(Block):
+    """height sin^2(pi/2 min(t, n - t, ramp)/ramp) with t = k + 1/2 for its sample k: as
+    long before the middle as after.
+    """
+
+    event: Block
+    duration: float
+    ramp: float
+
+    def check(self):
+        positive(self, "duration")
+        if not 0 <= self.ramp <= self.duration / 2:
+            raise BadValue(
+                f"burst: ramp = {self.ramp:g} s must be from 0 to half of duration ="
+                f" {self.duration:g} s: one ramp at each end"
+            )
+
+    def design(self, fs):
+        n = round(self.duration * fs)
+        if n < 1:
+            raise BadValue(
+                f"burst: duration = {self.duration:g} s is less than half a sample at fs ="
+                f" {fs:g} Hz"
+            )
+        return BurstParams(float(n), min(max(0.5, self.ramp * fs), n / 2)), BurstState(U(n), 0.0)
+
+    @staticmethod
+    def step(p, s, event):
+        return opened(p, s, event)
+
+    @staticmethod
+    def tile(p, s, event, y):
+        if happens(event) == NONE and as_float(s.k) >= p.n:
+            y[:] = 0.0
+            return s
+        for i in range(y.size):
+            y[i], s = opened(p, s, event[i])
+        return s
+
+
+@public
+def burst(start: Block | float, duration: float, ramp: float = 0.0) -> Block:
+    """An envelope that is open for a while after each event, with ramps of a raised
+    cosine: times a signal, a burst of it.
+
+    Parameters
+    ----------
+    start : Block or float
+        An event, whose height is that of the envelope; or a time in s, for one burst.
+        An event within a burst restarts it.
+    duration : float
+        From the start of the first ramp to the end of the last, in s, rounded to whole
+        samples.
+    ramp : float
+        Length of each ramp in s, at most half the duration.
+
+    Returns
+    -------
+    Block
+        In the unit of start.  Its sum is that of a rectangle as long as duration -
+        ramp.
+
+    Raises
+    ------
+    BadValue
+        A duration not above 0, a ramp that does not fit into it, what is known to be no
+        event; at compile time, a duration of less than half a sample.
+
+    Notes
+    -----
+    The ramps are read in the middle of each sample: k samples after the start, at fs =
+    1/h, the first ramp is (1 - cos(pi (k + 1/2) h/ramp))/2, so no sample of the burst
+    is 0.
+
+    What a burst multiplies does not begin with it: the phase of ``oscillator(180)``
+    counts from sample 0.  For one that rises through 0 where a burst at t0 begins, give
+    ``oscillator(180, phase=-2 * pi * 180 * t0)``.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import burst
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": burst(0.001, duration=0.005, ramp=0.002)}), fs=1000
+    ... )
+    >>> proc.process(np.empty((0, 7))).round(3)
+    array([[0.   , 0.146, 0.854, 1.   , 0.854, 0.146, 0.   ]])
+    """
+    return Burst(
+        as_event("burst", start if isinstance(start, Block) else at(start)), duration, ramp
+    )
+
+
+CURVE = 1.5
+"""Time constants in an attack: what it rises towards is above 1 by 1/(exp(1.5) - 1)."""
+FULL = 1 - 1e-9
+"""An attack ends here: by rounding it could come a sample late."""
+
+
+class EnvelopeParams(NamedTuple):
+    rise: float
+    top: float
+    fall: float
+    sustain: float
+    release: float
+
+
+class EnvelopeState(NamedTuple):
+    y: float
+    stage: float  # 0 released, 1 attack, 2 decay and sustain
+
+
+def followed(p, s, gate):
+    """The envelope of one sample and the new state."""
+    on = where(gate > 0.0, 1.0, 0.0)
+    stage = where(on > 0.0, where(s.stage > 0.0, s.stage, 1.0), 0.0)
+    target = where(stage == 1.0, p.top, where(stage == 2.0, p.sustain, 0.0))
+    g = where(stage == 1.0, p.rise, where(stage == 2.0, p.fall, p.release))
+    y = s.y + fma(g, target - s.y, TINY)
+    full = where(stage == 1.0, where(y >= FULL, 1.0, 0.0), 0.0)
+    y = where(full > 0.0, 1.0, y)
+    return flush(y), EnvelopeState(y, where(full > 0.0, 2.0, stage))
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope(Block):
+    """y += g (target - y) with the g and target of its stage; a gate that opens starts
+    the attack from where y is.
+    """
+
+    gate: Block
+    attack: float
+    decay: float
+    sustain: float
+    release: float
+
+    def check(self):
+        for name in ("attack", "decay", "sustain", "release"):
+            if not getattr(self, name) >= 0:
+                raise BadValue(f"envelope: {name} = {getattr(self, name):g} must be 0 or above")
+
+    def units(self, *u):
+        return un.ONE
+
+    def design(self, fs):
+        rise, fall, release = (
+            -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
+            for t in (self.attack / CURVE, self.decay, self.release)
+        )
+        return EnvelopeParams(
+            rise, -1 / math.expm1(-CURVE), fall, self.sustain, release
+        ), EnvelopeState(0.0, 0.0)
+
+    @staticmethod
+    def step(p, s, gate):
+        return followed(p, s, gate)
+
+    @staticmethod
+    def tile(p, s, gate, y):
+        stays, closed = NONE, where(s.stage > 0.0, NONE, ONE)
+        for i in range(y.size):
+            stays = stays + where(gate[i] > 0.0, ONE - closed, closed)
+        level, after = followed(p, s, gate[0])
+        # at rest, or at the sustain level
+        if stays == U(y.size) and after.y == s.y and after.stage == s.stage:
+            y[:] = level
+            return s
+        for i in range(y.size):
+            y[i], s = followed(p, s, gate[i])
+        return s
+
+
+@public
+def envelope(
+    gate: Block | float,
+    attack: float = 0.005,
+    decay: float = 0.05,
+    sustain: float = 1.0,
+    release: float = 0.05,
+) -> Block:
+    """Attack, decay, sustain, release: how strong something is while a gate is open,
+    and after.
+
+    Parameters
+    ----------
+    gate : Block
+        Open where it is above 0.  One that opens again starts a new attack from where
+        the envelope is.
+    attack : float
+        Time to 1 in s, along an exponential.
+    decay, release : float
+        Time constants in s of the way to the sustain level, and to 0 after the gate
+        closes.
+    sustain : float
+        Level while the gate stays open.
+
+    Returns
+    -------
+    Block
+        Without unit.
+
+    Raises
+    ------
+    BadValue
+        A number below 0; an event in place of a gate.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import envelope
+    >>> shape = envelope(
+    ...     stimlib.Input("gate"), attack=0.002, decay=0.001, sustain=0.5, release=0.001
+    ... )
+    >>> proc = stimlib.compile(stimlib.Scene({"y": shape}), fs=1000)
+    >>> proc.process(np.array([[1.0, 1.0, 1.0, 1.0, 0.0, 0.0]])).round(3)
+    array([[0.679, 1.   , 0.684, 0.568, 0.209, 0.077]])
+    """
+    gate = as_signal("envelope", gate, "hold it open with burst(event, duration)")
+    return Envelope(as_block(gate), attack, decay, sustain, release)

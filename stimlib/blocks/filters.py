@@ -1,24 +1,495 @@
-"""Recursive filters: low-pass, high-pass, band-pass and band-stop of four families, and
-sections given by their numbers.
-"""
+"""Filters: delay, FIR, second-order sections, and tracking of slow reports."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi, sqrt, tan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..core.graph import Block
-from ..core.maths import TINY, flush, fma
+from ..core import units as un
+from ..core.graph import NONE, ONE, Block, as_block, constant, positive
+from ..core.maths import TINY, copy, flush, fma, where
+from ..core.maths import fir as fir_sum
 from ..core.response import backward
+from ..core.units import unit
 from ..design import responses
-from ..design.sections import BANDS, KINDS, ORDERS, Sections, designed, from_polynomials, sections
+from ..design.filters import (
+    BANDS,
+    KINDS,
+    ORDERS,
+    Sections,
+    asked_by,
+    designed,
+    differentiator_order,
+    differentiator_taps,
+    from_polynomials,
+    sections,
+)
 from ..errors import BadValue, public
-from .onset import begun
+from ..system.limits import limits
+
+# Before the first sample ------------------------------------------------------------
+# What was before the first sample: 0, so that it is a step, or a signal that has always
+# been as it is there.
+#
+# A linear block begins steady by one mechanism, whatever its state is: it is given what
+# x moves away from its first value, and its answer to that value, which is its gain at
+# 0 Hz, is added.
+ONSETS = {"steady": 1.0, "step": 2.0}  # what ``cold`` is before the first sample
 
 
+class FirstState(NamedTuple):
+    x: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class First(Block):
+    """The first sample of a signal, held for ever."""
+
+    x: Block
+    begins_early = False
+
+    def design(self, fs):
+        return (), FirstState(0.0, 1.0)
+
+    def through(self, p, fs, z, H, value):
+        return 0.0 * H[0]  # what x does later does not reach it
+
+    @staticmethod
+    def step(p, s, x):
+        y = where(s.cold > 0.0, x, s.x)
+        return y, FirstState(y, 0.0)
+
+    def delay(self, p):
+        return math.inf
+
+
+def check_onset(name: str, onset: str) -> None:
+    """Raise BadValue unless there is such an onset."""
+    if onset not in ONSETS:
+        raise BadValue(f"{name}: onset = {onset!r}; choose one of {', '.join(ONSETS)}")
+
+
+def begun(
+    name: str,
+    x: Any,
+    onset: str,
+    make: Callable[[Block], Block],
+    gain: Callable[[Any], float] = lambda y: 0.0,
+) -> Block:
+    """Return make(x), a linear block, as its onset says.
+
+    Parameters
+    ----------
+    name : str
+        Of the public function, for errors.
+    x : Block
+    onset : {"step", "steady"}
+    make : callable
+        From a signal to the block.
+    gain : callable
+        From the block to its gain at 0 Hz; infinite where it answers a constant without
+        end.
+
+    Raises
+    ------
+    BadValue
+        An unknown onset; a steady start where there is none.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks.filters import Delay
+    >>> from stimlib.blocks.filters import begun
+    >>> y = begun(
+    ...     "delay",
+    ...     stimlib.Input("x"),
+    ...     "steady",
+    ...     lambda x: Delay(x, 1, None),
+    ...     lambda y: 1.0,
+    ... )
+    >>> stimlib.compile(stimlib.Scene({"y": y}), fs=1000).process(
+    ...     np.array([[3.0, 4.0, 5.0]])
+    ... )
+    array([[3., 3., 4.]])
+    """
+    check_onset(name, onset)
+    x = as_block(x)
+    if onset == "step":
+        return make(x)
+    first = First(x)
+    y = make(x - first)
+    g = gain(y)
+    if not math.isfinite(g):
+        raise BadValue(
+            f"{name}: it answers a constant without end, so it has no steady start; use"
+            " onset='step'"
+        )
+    return y + first * constant(g, str(y.dim / x.dim)) if g else y
+
+
+# Delay ------------------------------------------------------------------------------
+# Delay by whole samples.
+class DelayParams(NamedTuple):
+    n: float
+
+
+class DelayState(NamedTuple):
+    line: np.ndarray
+    at: np.uint64  # place of the oldest sample: samples seen, modulo the line's size
+
+
+@dataclass(frozen=True, eq=False)
+class Delay(Block):
+    """y[n] = x[n - samples]; 0 before."""
+
+    x: Block
+    samples: int | None
+    seconds: float | None
+
+    def check(self):
+        if (self.samples is None) == (self.seconds is None):
+            raise BadValue("delay: give either samples or seconds")
+        if self.samples is not None and (not isinstance(self.samples, int) or self.samples < 1):
+            raise BadValue(f"delay: samples = {self.samples!r} must be a whole number, at least 1")
+        if self.seconds is not None and not self.seconds > 0:
+            raise BadValue(f"delay: seconds = {self.seconds!r} must be above 0")
+
+    def design(self, fs):
+        length = self.seconds * fs if self.samples is None else float(self.samples)
+        limits.check("state_bytes", 8 * length, f"delay: bytes of its samples at fs = {fs:g} Hz")
+        n = round(length)
+        if n < 1:
+            raise BadValue(
+                f"delay: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
+            )
+        return DelayParams(float(n)), DelayState(np.zeros(n), np.uint64(0))
+
+    def laws(self, fs):
+        return (
+            responses.delay(round(self.seconds * fs) if self.samples is None else self.samples),
+        )
+
+    @staticmethod
+    def step(p, s, x):
+        size = np.uint64(s.line.size)
+        at = where(s.at < size, s.at, NONE)  # a state may come from anywhere
+        i = np.int64(at)
+        y = s.line[i]
+        s.line[i] = x
+        return y, DelayState(s.line, where(at + ONE == size, NONE, at + ONE))
+
+    @staticmethod
+    def transfer(p, z):
+        return z**-p.n
+
+    def delay(self, p):
+        return p.n
+
+    def memory(self, p):
+        return int(p.n)
+
+
+@public
+def delay(
+    x: Block | float,
+    samples: float | None = None,
+    seconds: float | None = None,
+    onset: str = "step",
+) -> Block:
+    """Delay a signal by a whole number of samples.
+
+    Parameters
+    ----------
+    x : Block
+    samples : int, optional
+        At least 1.
+    seconds : float, optional
+        Rounded to whole samples at compile time.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
+
+    Raises
+    ------
+    BadValue
+        Neither or both given; less than one sample; an unknown onset.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import delay
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": delay(stimlib.Input("x"), samples=2)}), fs=1000
+    ... )
+    >>> proc.process(np.array([[1.0, 2.0, 3.0]]))
+    array([[0., 0., 1.]])
+    """
+    if isinstance(samples, float):
+        raise BadValue(
+            f"delay: samples = {samples!r} must be a whole number; a time is delay(x,"
+            f" seconds={samples!r})"
+        )
+    return begun("delay", x, onset, lambda u: Delay(u, samples, seconds), lambda y: 1.0)
+
+
+# Finite impulse responses -----------------------------------------------------------
+# Finite impulse responses: any taps, and the band-limited differentiator.
+class FirParams(NamedTuple):
+    taps: np.ndarray  # oldest first, zeros in front up to a multiple of 8
+    order: float
+
+
+class FirState(NamedTuple):
+    line: np.ndarray  # inputs, oldest first: the last taps.size - 1 end at the place of the next
+    at: np.uint64  # how far that place has moved
+
+
+SPAN = 448
+"""So many samples, at least, are taken in before the last ones are moved back to the
+beginning.
+"""
+
+
+class Fir(Block, abstract=True):
+    """y[n] = sum_k h[k] x[n-k]."""
+
+    @staticmethod
+    def tile(p, s, x, y):
+        h, start = p.taps.size - 1, 0
+        span = s.line.size - h
+        at = np.int64(s.at % np.uint64(span))  # a state may come from anywhere
+        for _ in range(2):  # a tile is shorter than the way to the end
+            n = x.size - start
+            if n > span - at:
+                n = span - at
+            if n > 0:
+                copy(x[start : start + n], s.line[at + h : at + h + n])
+                fir_sum(p.taps, s.line[at : at + h + n], y[start : start + n])
+                start, at = start + n, at + n
+                if at == span:
+                    copy(s.line[span:], s.line[:h])
+                    at = np.int64(0)
+        return FirState(s.line, np.uint64(at))
+
+    @staticmethod
+    def transfer(p, z):
+        return np.polyval(p.taps, 1 / z)  # oldest first: highest power of 1/z first
+
+    def delay(self, p):
+        """Half the order for linear phase, else the centre of the taps' energy."""
+        h = p.taps[::-1][: int(p.order) + 1]
+        if np.array_equal(h, h[::-1]) or np.array_equal(h, -h[::-1]):
+            return p.order / 2
+        return float(np.sum(np.arange(h.size) * h**2) / np.sum(h**2))
+
+    def memory(self, p):
+        return int(p.order)
+
+
+def line(taps: np.ndarray) -> tuple[FirParams, FirState]:
+    """Parameters and rest state for taps h[0..order]."""
+    n = -(-taps.size // 8) * 8
+    p = FirParams(np.concatenate([np.zeros(n - taps.size), taps[::-1]]), float(taps.size - 1))
+    return p, FirState(np.zeros(n - 1 + max(n - 1, SPAN)), np.uint64(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Taps(Fir):
+    """A FIR filter given by its taps."""
+
+    x: Block
+    taps: np.ndarray
+    gain_unit: str = ""
+
+    def check(self):
+        if np.ndim(self.taps) != 1 or np.size(self.taps) == 0 or not np.any(self.taps):
+            raise BadValue(
+                "fir: taps must be one row with at least one nonzero, got shape"
+                f" {np.shape(self.taps)}"
+            )
+
+    def units(self, *u):
+        return u[0] * unit(self.gain_unit)
+
+    def design(self, fs):
+        return line(self.taps)
+
+    def laws(self, fs):
+        return (responses.sum_of(self.taps),)
+
+
+@public
+def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
+    """Run a filter with finite impulse response, y[n] = sum_k taps[k] x[n-k].
+
+    Parameters
+    ----------
+    x : Block
+    taps : array_like, shape (order + 1,)
+    unit : str
+        Unit of the taps.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
+
+    Raises
+    ------
+    BadValue
+        No taps, all zero, or not finite; an unknown onset.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import fir
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": fir(stimlib.Input("x"), [0.5, 0.5])}), fs=1000
+    ... )
+    >>> proc.process(np.array([[1.0, 1.0, 3.0]]))
+    array([[0.5, 1. , 2. ]])
+    """
+    return begun("fir", x, onset, lambda u: Taps(u, taps, unit), lambda y: float(y.taps.sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class Differentiator(Fir):
+    """D(f) = i 2 pi f up to the pass edge, 0 from the stop edge on; linear phase, delay
+    order/2 samples.
+    """
+
+    x: Block
+    passband: float | None = None
+    stopband: float | None = None
+    order: int | None = None
+    tol: float = 1e-6
+
+    def check(self):
+        positive(
+            self,
+            *(n for n in ("passband", "stopband", "order", "tol") if getattr(self, n) is not None),
+        )
+
+    def units(self, *u):
+        return u[0] * RATE
+
+    def design(self, fs):
+        order = 2 * round(64 * fs / 8000) if self.order is None else self.order
+        passband = 0.45 * fs if self.passband is None else self.passband
+        if passband < 1e-9 * fs:
+            raise BadValue(
+                f"differentiator: nothing passes to {passband:g} Hz at fs = {fs:g} Hz; give a"
+                " larger passband"
+            )
+        if passband >= fs / 2:
+            good = (
+                p for p in fs / 2 ** np.arange(3.0, 9) if self._taps(fs, p, order).error <= self.tol
+            )
+            raise BadValue(
+                f"differentiator: a pass band to {passband:g} Hz does not fit below fs/2 ="
+                f" {fs / 2:g} Hz; give a smaller passband"
+                + next((f", such as {p:g}" for p in good), "")
+            )
+        d = self._taps(fs, passband, order)
+        if d.error > self.tol:
+            with asked_by("differentiator"):
+                need = differentiator_order(fs, passband, self._stop(fs, passband), self.tol)
+            raise BadValue(
+                f"differentiator: order {order} at fs = {fs:g} Hz has a relative error of"
+                f" {d.error:.1e} up to {passband:g} Hz, above tol = {self.tol:g}; use order={need},"
+                f" or tol={d.error:.1g}"
+            )
+        return line(d.taps)
+
+    def laws(self, fs):
+        return (responses.differentiator(self.passband, self.order, self.tol),)
+
+    def _stop(self, fs, passband):
+        """Stop edge for this pass edge, which may be another than that asked for; None
+        where nothing is left to be stopped.
+        """
+        if self.passband is None:
+            return None if self.stopband is None or self.stopband > fs / 2 else self.stopband
+        stopband = (
+            1.5 * passband if self.stopband is None else self.stopband + (passband - self.passband)
+        )
+        return stopband if stopband <= fs / 2 else None
+
+    def _taps(self, fs, passband, order):
+        with asked_by("differentiator"):
+            return differentiator_taps(fs, passband, self._stop(fs, passband), order)
+
+
+RATE = un.Unit((("second", -1.0),))
+
+
+@public
+def differentiator(
+    x: Block,
+    passband: float | None = None,
+    stopband: float | None = None,
+    order: int | None = None,
+    tol: float = 1e-6,
+    onset: str = "step",
+) -> Block:
+    """Differentiate in a band by a FIR filter with linear phase (type III,
+    near-minimax).
+
+    Parameters
+    ----------
+    x : Block
+    passband : float, optional
+        Upper edge of the pass band in Hz.  Default: 0.45 fs, without a stop band.
+    stopband : float, optional
+        Lower edge of the stop band in Hz; there is none where this is above fs/2.
+        Default: 1.5 passband where a passband is given.
+    order : int, optional
+        Even.  Default 2 round(64 fs / 8000): order 128 at 8 kHz, as in the paper.
+    tol : float
+        Largest relative error in the pass band; an order that cannot meet it is an
+        error.
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there:
+        "steady" for a position, which would else begin with the velocity of a jump from
+        0.
+
+    Returns
+    -------
+    Block
+        In the unit of x per second.
+
+    Raises
+    ------
+    BadValue
+        An unknown onset; at compile time, a pass band that does not fit below fs/2, or
+        an order too low for tol (the message names the order needed).
+
+    References
+    ----------
+    The UGrip paper, section 1.1: "D(s) is band limited to limit gain and prevent
+    aliasing ... a FIR filter of order 128".
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import differentiator
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"v": differentiator(stimlib.Input("x"), passband=1000)}),
+    ...     fs=8000,
+    ... )
+    >>> abs(proc.response("v", "x", np.array([100.0])) / (2 * np.pi * 100)).round(5)
+    array([1.])
+    """
+    return begun(
+        "differentiator", x, onset, lambda u: Differentiator(u, passband, stopband, order, tol)
+    )
+
+
+# Recursive filters in second-order sections -----------------------------------------
+# Recursive filters: low-pass, high-pass, band-pass and band-stop of four families, and
+# sections given by their numbers.
 class CascadeParams(NamedTuple):
     """Those of ``Sections``; and where the latency is told, in cycles per sample."""
 
@@ -472,3 +943,256 @@ def sos(x: Block | float, rows, onset: str = "step") -> Block:
         lambda u: Sos(u, rows),
         lambda y: np.prod(y.rows[:, :3].sum(axis=1) / y.rows[:, 3:].sum(axis=1)),
     )
+
+
+# Tracking of positions that are reported slowly -------------------------------------
+# Following motion that arrives slowly: reports of 60 to 250 Hz, with jitter, held in
+# between.
+class TrackParams(NamedTuple):
+    q: float  # w/fs
+    g: float  # 1 - exp(-q)
+    fs: float
+    max_jump: float
+
+
+class TrackState(NamedTuple):
+    y: float  # position
+    v: float  # movement of y in the last sample
+    e: float  # x - y
+    h: float  # velocity of the filter, per sample
+    last: float  # x
+    cold: float  # 1: starts at the next x in contact
+
+
+def follow(p, s, x, contact):
+    """The tracker after x has been held for one sample."""
+    d = x - s.last
+    fresh = where(s.cold > 0.0, 1.0, where(abs(d) > p.max_jump, 1.0, 0.0))
+    e = where(fresh > 0.0, 0.0, s.e + (d + TINY))
+    h = where(fresh > 0.0, 0.0, s.h)
+    u = fma(p.q, e, -h)
+    a, b = e + u, fma(p.q, u, h)
+    after, move = fma(-p.g, a, a), fma(p.g, a, -u)
+    return TrackState(
+        where(contact > 0.0, flush(x - after), s.y),
+        where(contact > 0.0, flush(move), 0.0),
+        where(contact > 0.0, after, 0.0),
+        where(contact > 0.0, fma(-p.g, b, b), 0.0),
+        where(contact > 0.0, x, s.last),
+        where(contact > 0.0, 0.0, 1.0),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Tracker(Block, abstract=True):
+    """H(s) = w^2/(s + w)^2 of an input held between samples, in terms of e = x - y and
+    h = v/fs.
+
+    With q = w/fs, g = 1 - exp(-q), and e already increased by the change of x in this
+    sample:
+
+    u = q e - h;  e -> (1 - g)(e + u);  h -> (1 - g)(h + q u);  y = x - e.
+
+    These are the exact solutions of y'' = w^2 (x - y) - 2 w y' at the end of the
+    sample.  Only differences of x enter e and h, so nothing of a held position is left
+    in them, however small q is.
+    """
+
+    x: Block
+    contact: Block
+    bandwidth: float
+    max_jump: float | None
+
+    def check(self):
+        positive(self, "bandwidth", *(["max_jump"] if self.max_jump is not None else []))
+
+    def design(self, fs):
+        if self.bandwidth >= fs / 2:
+            raise BadValue(
+                f"track: bandwidth = {self.bandwidth:g} Hz does not fit below fs/2 = {fs / 2:g} Hz"
+            )
+        q = 2 * math.pi * self.bandwidth / fs
+        jump = math.inf if self.max_jump is None else float(self.max_jump)
+        return TrackParams(q, -math.expm1(-q), fs, jump), TrackState(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def response(p, z):
+    """H of the position: (1 - (1-g)(1+q) + (1-g)(q-g)/z) / (1 - (1-g)/z)^2."""
+    c = p.q - p.g
+    return (p.q * p.g - c + (1 - p.g) * c / z) / (backward(z) + p.g / z) ** 2
+
+
+def lag(p):
+    """Group delay of the position at 0 Hz in samples: 2/q - 1/2, and terms of the order
+    of q.
+    """
+    return (1 - p.g) * (2 + (p.q - p.g) / p.g) / p.g
+
+
+@dataclass(frozen=True, eq=False)
+class Track(Tracker):
+    """Position of the tracker."""
+
+    def laws(self, fs):
+        return (responses.tracker(self.bandwidth),)
+
+    @staticmethod
+    def step(p, s, x, contact):
+        after = follow(p, s, x, contact)
+        return after.y, after
+
+    @staticmethod
+    def transfer(p, z):
+        return response(p, z)
+
+    def delay(self, p):
+        return lag(p)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackVelocity(Tracker):
+    """Velocity of the tracker, the movement of its position in this sample times fs."""
+
+    def units(self, *u):
+        return u[0] * RATE
+
+    def laws(self, fs):
+        return (responses.tracker(self.bandwidth, rate=True),)
+
+    @staticmethod
+    def step(p, s, x, contact):
+        after = follow(p, s, x, contact)
+        return after.v * p.fs, after
+
+    @staticmethod
+    def transfer(p, z):
+        return p.fs * backward(z) * response(p, z)
+
+    def delay(self, p):
+        return lag(p) + 0.5  # of the difference
+
+
+@public
+def track(
+    x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05
+) -> Block:
+    """Position that follows slow, jittered reports smoothly and causally.
+
+    A critically damped second order, H(s) = w^2/(s + w)^2 with w = 2 pi bandwidth,
+    discretised exactly for an input that is held between samples: y[n] is what the
+    continuous filter reaches after x[n] has been held for one sample.  The gain at 0 Hz
+    is exactly 1 and a step does not overshoot.
+
+    Parameters
+    ----------
+    x : Block
+        Position, usually in m, held between reports.
+    bandwidth : float
+        Frequency of both poles in Hz; the gain there is 1/2.  Latency 2/w = 1/(pi
+        bandwidth) seconds (less half a sample): 16 ms at 20 Hz.  Regular reports at r
+        Hz leave a ripple of at most 3.3 (bandwidth/r)^2 of the velocity: 7 % for 70 Hz
+        and 10 Hz, 8 % for 125 Hz and 20 Hz.
+    contact : Block
+        Where it is not above 0 the output holds its value (0 before the first contact)
+        and x is not looked at.  At re-contact the tracker starts at the new position
+        with velocity 0, so the way between invents no movement.
+    max_jump : float, optional
+        In the unit of x.  A change of x from one sample to the next that is larger
+        restarts the tracker there with velocity 0: a fault of the device invents no
+        movement either.  As reports are held, a whole report's movement arrives in one
+        sample: choose the highest speed times the longest normal gap.  The default 0.05
+        is 1 m/s for 50 ms.  None: never.
+
+    Returns
+    -------
+    Block
+        In the unit of x.
+
+    Raises
+    ------
+    BadValue
+        bandwidth or max_jump not above 0; at compile time, bandwidth not below fs/2.
+
+    See Also
+    --------
+    track_velocity : the rate of the same tracker.
+
+    Notes
+    -----
+    It always begins steady, at the first value of x with velocity 0.
+
+    It is linear and time-invariant as long as contact lasts and no jump occurs;
+    ``Processor.response`` describes that case.
+
+    References
+    ----------
+    The touch-screen thesis, chapter 3, eq. (17): bumps are tied to the finger's
+    position, which an infrared frame acquires. The filter is our own choice, the papers
+    give none.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import track
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": track(stimlib.Input("x", "m"), bandwidth=20.0)}),
+    ...     fs=8000,
+    ... )
+    >>> t = np.arange(8000) / 8000
+    >>> reports = 0.1 * np.floor(t * 100) / 100  # 0.1 m/s, a report every 10 ms
+    >>> y = proc.process(reports[None])[0]
+    >>> bool(
+    ...     np.abs(np.diff(y)).max() * 8000 < 0.12
+    ... )  # the reports themselves jump by 8 m/s
+    True
+    >>> round(proc.latency["y", "x"][0] / 8000, 4)
+    0.0159
+    """
+    return Track(x, as_block(contact), bandwidth, max_jump)
+
+
+@public
+def track_velocity(
+    x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05
+) -> Block:
+    """Rate of change of ``track`` with the same arguments.
+
+    v[n] = (y[n] - y[n-1]) fs, computed without that difference: the sum of v/fs is the
+    tracked position, so a stimulus that takes position and rate from one tracker sees
+    one movement.
+
+    Parameters
+    ----------
+    x, bandwidth, contact, max_jump
+        As for ``track``.  The velocity is 0 off contact, and at the sample of a jump.
+
+    Returns
+    -------
+    Block
+        In the unit of x per second.
+
+    Raises
+    ------
+    BadValue
+        bandwidth or max_jump not above 0; at compile time, bandwidth not below fs/2.
+
+    See Also
+    --------
+    track : position.
+    stimlib.blocks.velocity : for positions sampled at the full rate.
+
+    References
+    ----------
+    The UGrip paper, section 1.1: the compression rate v.  The filter is our own choice.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import track_velocity
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"v": track_velocity(stimlib.Input("x", "m"))}), fs=8000
+    ... )
+    >>> proc.process(0.1 * np.arange(8000)[None] / 8000)[0, -1].round(9)
+    np.float64(0.1)
+    """
+    return TrackVelocity(x, as_block(contact), bandwidth, max_jump)

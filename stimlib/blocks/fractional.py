@@ -1,33 +1,37 @@
-"""The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha =
-1), with all of its history.
-
-The order acts on the differences d[n] = y[n] - y[n-1]: f[n] = chi h^-alpha sum_j v_j
-d[n-j].  The newest eight weights are taps, the others exponential modes
-(``stimlib.design.exponentials``), so a sample costs the same in the first second and
-after hours.
-"""
+"""The springpot: fractional derivatives of a displacement."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core import units as un
-from ..core.graph import Block, as_block, positive
-from ..core.maths import copy, exp, fir, fma, memory, sin, where
+from ..core.graph import Block, Const, Map, as_block, positive
+from ..core.maths import copy, exp, fir, floor, fma, log, memory, sin, where
 from ..core.response import backward
 from ..core.units import unit
-from ..design import exponentials as soe
+from ..design import fractional as soe
 from ..design import responses
-from ..design.eights import eights, padded
-from ..errors import BadValue, UnitError
-from .onset import ONSETS, check_onset
-from .table import Table, TableParams
+from ..design.padding import eights, padded
+from ..errors import BadValue, UnitError, public
+from ..system.limits import limits
+from .filters import ONSETS, check_onset
+from .tables import Table, TableParams
 
+# The memory as a sum of exponentials ------------------------------------------------
+# The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha =
+# 1), with all of its history.
+#
+# The order acts on the differences d[n] = y[n] - y[n-1]: f[n] = chi h^-alpha sum_j v_j
+# d[n-j]. The newest eight weights are taps, the others exponential modes
+# (``stimlib.design.fractional``), so a sample costs the same in the first second and
+# after hours.
 METHODS = ("gl", "l1", "gl-downsampled", "gl-short-memory")
 
 NAN, PI = math.nan, math.pi
@@ -409,3 +413,583 @@ class Accuracy(Table):
         c = np.zeros((4, knots.size - 1))
         c[2], c[3] = np.diff(values) / np.diff(knots), values[:-1]
         return TableParams(knots, c.T.ravel().copy(), 0.0, 1.0), ()
+
+
+# The thesis' methods ----------------------------------------------------------------
+# The thesis' own methods for a springpot: a history that is thinned out, and one that
+# is cut off.
+POINTS = 100  # of history that gl-downsampled sums
+LONGEST = 1 << 24  # samples of history that gl-downsampled keeps at most
+
+
+def binomials(alpha: float, n: int) -> np.ndarray:
+    """w_j = (-1)^j binom(alpha, j), j < n."""
+    return np.cumprod([1.0, *((j - 1 - alpha) / j for j in range(1, n))])
+
+
+@dataclass(frozen=True, eq=False)
+class Method(Block, abstract=True):
+    """D^alpha y, of the order alpha, as the thesis computes it."""
+
+    y: Block
+    contact: Block
+    order: float
+
+    def check(self):
+        check_fields(self)
+
+    def units(self, *u):
+        return force_unit("springpot", u[0])
+
+
+class DownsampledParams(NamedTuple):
+    weights: np.ndarray
+    scale: float
+    alpha: float
+
+
+class DownsampledState(NamedTuple):
+    past: np.ndarray  # all positions since contact
+    first: float
+    k: float  # samples since contact
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class Downsampled(Method):
+    """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k,
+    with the step m/fs.
+    """
+
+    horizon: float
+    onset: str
+
+    def design(self, fs):
+        n = self.horizon * fs
+        if n > LONGEST:
+            raise BadValue(
+                f"springpot: gl-downsampled keeps the whole history, {n:.9g} samples for horizon ="
+                f" {self.horizon:g} s at {fs:g} Hz; give the longest contact as horizon, at most"
+                f" {LONGEST / fs:.6g}"
+            )
+        p = DownsampledParams(
+            binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order
+        )
+        return p, DownsampledState(np.zeros(max(math.ceil(n), 1)), 0.0, 0.0, ONSETS[self.onset])
+
+    @staticmethod
+    def tile(p, s, x, contact, y):
+        most = s.past.size * 1.0
+        k = where(s.k > 0.0, where(s.k < most, s.k, most), 0.0)  # a state may come from anywhere
+        first, cold = s.first, s.cold
+        for i in range(x.size):
+            if contact[i] > 0.0:
+                first, k, cold = origin(cold, first, x[i]), where(cold > 0.0, 0.0, k), 0.0
+                if k < most:
+                    now = np.int64(k)
+                    s.past[now] = x[i] - first
+                    m = where(k > 0.0, floor((k + (POINTS - 1)) / POINTS), 1.0)
+                    total = 0.0
+                    for j in range(np.int64(floor(k / m)) + 1):
+                        total = fma(p.weights[j], s.past[now - j * np.int64(m)], total)
+                    y[i] = p.scale * where(m > 1.0, exp(-p.alpha * log(m)), 1.0) * total
+                    k = k + 1.0
+                else:
+                    y[i] = NAN
+            else:
+                y[i], first, k, cold = 0.0, 0.0, 0.0, where(cold > 0.0, cold, 1.0)
+        return DownsampledState(s.past, first, k, cold)
+
+
+class ShortMemoryParams(NamedTuple):
+    taps: np.ndarray  # oldest first, zeros in front
+
+
+class ShortMemoryState(NamedTuple):
+    line: np.ndarray
+    first: float
+    cold: float
+
+
+@dataclass(frozen=True, eq=False)
+class ShortMemory(Method):
+    """D^alpha y from the last seconds alone."""
+
+    seconds: float
+    onset: str
+    resettable = True
+
+    def design(self, fs):
+        limits.check(
+            "state_bytes",
+            8 * self.seconds * fs,
+            f"gl-short-memory: bytes of its samples at fs = {fs:g} Hz",
+        )
+        taps = padded(
+            math.pow(fs, self.order) * binomials(self.order, max(1, round(self.seconds * fs)))
+        )[::-1].copy()
+        return ShortMemoryParams(taps), ShortMemoryState(
+            np.zeros(taps.size - 1), 0.0, ONSETS[self.onset]
+        )
+
+    def laws(self, fs):
+        return (responses.short_memory(self.order, self.seconds, fs),)
+
+    @staticmethod
+    def work(p):
+        return p.taps.size + 63
+
+    @staticmethod
+    def tile(p, s, x, y, w):
+        first, n, h = origin(s.cold, s.first, x[0]), x.size, s.line.size
+        copy(s.line, w)
+        for k in range(n):
+            w[h + k] = x[k] - first
+        fir(p.taps, w[: h + n], y)
+        copy(w[n : n + h], s.line)
+        return ShortMemoryState(s.line, first, 0.0)
+
+    @staticmethod
+    def transfer(p, z):
+        return np.polyval(p.taps, 1 / z)
+
+
+# The springpot by its method's name -------------------------------------------------
+# The springpot as researchers call it: one function for every scheme and kind of order.
+
+
+@dataclass(frozen=True, eq=False)
+class NotBelowZero(Map):
+    """x, or nan where x < 0: the guard of the output then ends the stimulus."""
+
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return where(x >= 0.0, x, NAN), s
+
+
+@public
+def springpot(
+    y: Block | float,
+    chi: Block | float,
+    alpha: Block | float,
+    scheme: str = "gl",
+    tol: float = 1e-10,
+    horizon: float = 86400.0,
+    onset: str = "steady",
+    contact: Block | float | None = None,
+    certificate: bool = False,
+    memory: float = 0.1,
+):
+    """Force of a springpot, f = chi D^alpha y, over the whole history of y.
+
+    Parameters
+    ----------
+    y : Block
+        Displacement in m (a number without unit gives a force without unit).
+    chi : float or Block
+        Coefficient in N s^alpha/m, as a plain number; live when it is a signal.  Not
+        below 0: a live value below 0 is a fault.
+    alpha : float or Block
+        Order from 0 (spring, bit for bit chi (y - y[0])) to 1 (dashpot, bit for bit chi
+        (y[n] - y[n-1]) fs); live when it is a signal.  A live value outside is a fault.
+        A change acts as if it had been so from the start; a jump of alpha is a jump of
+        force, so ramp it.
+    scheme : {"gl", "l1", "gl-downsampled", "gl-short-memory"}
+        ``gl``: Gruenwald-Letnikov, first order in 1/fs.  ``l1``: exact for straight
+        lines between samples, order 2 - alpha; recommended.  The other two are the
+        thesis' methods, for comparison; there alpha is a plain number.
+    tol : float
+        |error[n]| <= tol chi fs^alpha sum_j v_j |d[n-j]| against the full sum of the
+        scheme; from 1e-14 to 0.1.
+    horizon : float
+        Seconds of contact up to which tol is kept.  Beyond, the error grows slowly.
+        With ``gl-downsampled``, the longest contact: beyond it there is a fault.
+    onset : {"steady", "step"}
+        Whether the first sample is where y has always been, or a step from 0.
+    contact : Block, optional
+        Where it is not above 0 the force is 0; at re-contact the history starts anew,
+        at rest.
+    certificate : bool
+        Also return the bound on the error, as a second signal.
+    memory : float
+        Seconds that ``gl-short-memory`` sums; the thesis' 100 samples at 1 kHz are 0.1
+        s.
+
+    Returns
+    -------
+    Block, or (Block, Block) with ``certificate=True``
+        Force in N, and the bound on its error in N.
+
+    Raises
+    ------
+    BadValue
+        alpha outside 0 .. 1, chi below 0, tol outside 1e-14 .. 0.1 (the message names
+        the nearest possible one), horizon or memory not above 0, an unknown scheme or
+        onset; a live alpha or a certificate with the thesis' methods; at compile time,
+        a horizon too long for ``gl-downsampled``.
+    UnitError
+        y in another unit than m, chi or alpha with a unit.
+
+    Notes
+    -----
+    tol speaks of the sum over the history, against the scheme's own full sum.  How near
+    that is to the continuous derivative is a matter of the sample rate.
+
+    References
+    ----------
+    Çaldıran's thesis, section 2.2, and eq. (3.1).
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import springpot
+    >>> y = stimlib.Input("y", "m")
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"f": springpot(y, chi=100.0, alpha=0.5, scheme="l1")}),
+    ...     fs=1000,
+    ... )
+    >>> t = np.arange(1000) / 1000
+    >>> f = proc.process(0.1 * t[None])[0]  # 0.1 m/s
+    >>> bool(np.allclose(f, 100 * 0.1 * 2 * np.sqrt(t / np.pi), rtol=1e-9))
+    True
+    >>> proc.units["f"]
+    'N'
+    """
+    y, alpha = as_block(y), as_block(alpha)
+    touch = as_block(1.0 if contact is None else contact)
+    fixed = alpha.value if isinstance(alpha, Const) and alpha.dim == un.ONE else None
+    if scheme not in METHODS:
+        raise BadValue(f"springpot: scheme = {scheme!r}; choose one of {', '.join(METHODS)}")
+    gain = coefficient(chi)
+    if scheme in soe.SCHEMES:
+
+        def part(signal):
+            if fixed is not None:
+                return Springpot(signal, touch, fixed, scheme, tol, horizon, onset)
+            return SpringpotLive(signal, alpha, touch, scheme, tol, horizon, onset)
+
+        force = gain * part(y)
+        if not certificate:
+            return force
+        return force, gain * (Accuracy(alpha, tol, horizon) * part(PathLength(y, touch, onset)))
+    if certificate:
+        raise BadValue(
+            f"springpot: there is no bound on the error of {scheme}; certificate=True needs gl"
+            " or l1"
+        )
+    if fixed is None:
+        raise BadValue(
+            f"springpot: {scheme} needs a plain number as alpha, got {alpha!r}; gl and l1 take a"
+            " live one"
+        )
+    if scheme == "gl-downsampled":
+        return gain * Downsampled(y, touch, fixed, horizon, onset)
+    return gain * ShortMemory(y, touch, fixed, memory, onset)
+
+
+def coefficient(chi, name: str = "springpot") -> Block:
+    """Return chi as a signal without unit that is nan below 0; name is the function
+    that an error names.
+    """
+    b = as_block(chi)
+    if b.dim != un.ONE:
+        raise UnitError(
+            f"{name}: chi {b!r} is in {b.dim}; give a plain number in N s^alpha/m, as alpha may"
+            " change"
+        )
+    if isinstance(b, Const):
+        if b.value < 0:
+            raise BadValue(f"{name}: chi = {b.value:g} must not be below 0")
+        return b
+    return NotBelowZero(b)
+
+
+# Closed forms: before anything is sampled -------------------------------------------
+# What the models are before anything is sampled: stiffness at a frequency, relaxation,
+# creep.
+class Stiffness(NamedTuple):
+    """Complex stiffness k_C = f/y at a frequency."""
+
+    complex: np.ndarray  # N/m
+    storage: np.ndarray  # real part, N/m
+    loss: np.ndarray  # imaginary part, N/m
+    magnitude: np.ndarray  # N/m
+    phase: np.ndarray  # rad
+
+
+@public
+def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
+    """k_C = chi (i w)^alpha: storage and loss, magnitude and phase.
+
+    Parameters
+    ----------
+    chi : float
+        N s^alpha/m, not below 0.
+    alpha : float
+        From 0 to 1.
+    w : array_like
+        Angular frequency in rad/s, not below 0.
+
+    Returns
+    -------
+    Stiffness
+        Named arrays of the shape of w.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Çaldıran's thesis, section 2.2: |k_C| = chi w^alpha, phase alpha pi/2.
+
+    Examples
+    --------
+    >>> from stimlib.blocks import springpot_stiffness
+    >>> k = springpot_stiffness(300.0, 0.5, 4.0)
+    >>> (
+    ...     float(k.magnitude),
+    ...     float(k.phase).__round__(6),
+    ...     bool(abs(k.storage - k.loss) < 1e-9),
+    ... )
+    (600.0, 0.785398, True)
+    """
+    _orders("springpot_stiffness", alpha=alpha)
+    _positive("springpot_stiffness", True, chi=chi)
+    w = _axis("springpot_stiffness", w=w)
+    size = chi * w**alpha
+    across, along = math.sin(alpha * math.pi / 2), math.sin((1 - alpha) * math.pi / 2)
+    storage, loss = size * along, size * across
+    return Stiffness(
+        storage + 1j * loss, storage, loss, size, np.full(w.shape, alpha * math.pi / 2)
+    )
+
+
+@public
+def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.pi) -> float:
+    """chi_2 of a springpot of order alpha2 that answers as strongly as (chi1, alpha1)
+    at the frequency w.
+
+    Parameters
+    ----------
+    chi1 : float
+        N s^alpha1/m, not below 0.
+    alpha1, alpha2 : float
+        From 0 to 1.  With alpha1 = 0, chi1 is the stiffness chi_0 of eq. (4.1).
+    w : float
+        Angular frequency in rad/s, above 0; the thesis uses 2 pi.
+
+    Returns
+    -------
+    float
+        In N s^alpha2/m.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Çaldıran's thesis, eqs. (3.2) and (4.1): chi_2 = chi_1 w^(alpha1 - alpha2).
+
+    Examples
+    --------
+    >>> from stimlib.blocks import equal_force
+    >>> round(equal_force(300.0, 0.0, 0.5), 2)
+    119.68
+    """
+    _orders("equal_force", alpha1=alpha1, alpha2=alpha2)
+    _positive("equal_force", True, chi1=chi1)
+    _positive("equal_force", w=w)
+    return chi1 * w ** (alpha1 - alpha2)
+
+
+@public
+def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
+    """Complex stiffness k_C = i w tau k/(1 + i w tau) of a Maxwell arm.
+
+    Parameters
+    ----------
+    k : float
+        N/m, above 0.
+    tau : float
+        Time constant in s, above 0.
+    w : array_like
+        Angular frequency in rad/s, not below 0.
+
+    Returns
+    -------
+    Stiffness
+        Named arrays of the shape of w: complex, storage, loss and magnitude in N/m,
+        phase in rad.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Çaldıran's thesis, eqs. (2.5) to (2.7).
+
+    Examples
+    --------
+    >>> from stimlib.blocks.fractional import maxwell_stiffness
+    >>> arm = maxwell_stiffness(200.0, 0.1, 10.0)
+    >>> float(arm.storage), float(arm.loss), round(float(arm.phase), 6)
+    (100.0, 100.0, 0.785398)
+    """
+    _positive("maxwell_stiffness", k=k, tau=tau)
+    w = _axis("maxwell_stiffness", w=w)
+    x = w * tau
+    small = np.minimum(x, 1 / np.maximum(x, 1e-300))  # x or 1/x, so that no square is too large
+    loss = k * small / (1 + small * small)
+    storage = np.where(x < 1, loss * small, k / (1 + small * small))
+    size = k * np.where(x < 1, small, 1.0) / np.sqrt(1 + small * small)
+    return Stiffness(storage + 1j * loss, storage, loss, size, np.arctan2(1.0, x))
+
+
+@public
+def relaxation_modulus(
+    t: ArrayLike,
+    k0: float = 0.0,
+    arms: Sequence[tuple[float, float]] = (),
+    springpot: tuple[float, float] | None = None,
+) -> np.ndarray:
+    """Force over displacement after a step: k0 + sum k_i exp(-t/tau_i) + chi
+    t^-alpha/Gamma(1 - alpha).
+
+    Parameters
+    ----------
+    t : array_like
+        Time since the step in s, not below 0.
+    k0 : float
+        Spring, N/m.
+    arms : sequence of (k, tau)
+        Maxwell arms, N/m and s.
+    springpot : (chi, alpha), optional
+        A springpot beside them, N s^alpha/m.
+
+    Returns
+    -------
+    ndarray
+        N/m, of the shape of t; infinite at 0 with a springpot.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Çaldıran's thesis, section 1.1.1 and fig. 1.1a; eqs. (2.1) and (2.8).
+
+    Examples
+    --------
+    >>> from stimlib.blocks.fractional import relaxation_modulus
+    >>> relaxation_modulus([0.0, 0.1, 1e3], 100.0, [(50.0, 0.1)]).round(3)
+    array([150.   , 118.394, 100.   ])
+    """
+    t = _axis("relaxation_modulus", t=t)
+    out = np.full(t.shape, float(k0))
+    for k, tau in arms:
+        _positive("relaxation_modulus", k=k, tau=tau)
+        out = out + k * np.exp(-t / tau)
+    if springpot is not None:
+        chi, alpha = springpot
+        _positive("relaxation_modulus", chi=chi)
+        _orders("relaxation_modulus", alpha=alpha)
+        if alpha == 1:
+            out = out + np.where(t > 0, 0.0, math.inf)
+        else:
+            with np.errstate(divide="ignore"):
+                out = out + chi * t**-alpha / math.gamma(1 - alpha)
+    return out
+
+
+@public
+def creep_compliance(
+    t: ArrayLike,
+    k0: float | None = None,
+    elements: Sequence[tuple[float, float]] = (),
+    b: float | None = None,
+    springpot: tuple[float, float] | None = None,
+) -> np.ndarray:
+    """Displacement over force after a step: 1/k0 + t/b + sum (1 - exp(-t/tau_i))/k_i +
+    t^alpha/(chi Gamma(1 + alpha)).
+
+    Parameters
+    ----------
+    t : array_like
+        Time since the step in s, not below 0.
+    k0 : float, optional
+        Spring in the chain, N/m.
+    elements : sequence of (k, tau)
+        Kelvin-Voigt elements, N/m and s.
+    b : float, optional
+        Damper in the chain, N s/m.
+    springpot : (chi, alpha), optional
+        A springpot in the chain, N s^alpha/m.
+
+    Returns
+    -------
+    ndarray
+        m/N, of the shape of t.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Çaldıran's thesis, section 1.1.2 and fig. 1.1b.
+
+    Examples
+    --------
+    >>> from stimlib.blocks.fractional import creep_compliance
+    >>> creep_compliance([0.0, 0.1, 1e3], elements=[(100.0, 0.1)]).round(6)
+    array([0.      , 0.006321, 0.01    ])
+    """
+    t = _axis("creep_compliance", t=t)
+    out = np.zeros(t.shape)
+    if k0 is not None:
+        _positive("creep_compliance", k0=k0)
+        out = out + 1 / k0
+    if b is not None:
+        _positive("creep_compliance", b=b)
+        out = out + t / b
+    for k, tau in elements:
+        _positive("creep_compliance", k=k, tau=tau)
+        out = out - np.expm1(-t / tau) / k
+    if springpot is not None:
+        chi, alpha = springpot
+        _positive("creep_compliance", chi=chi)
+        _orders("creep_compliance", alpha=alpha)
+        out = out + t**alpha / (chi * math.gamma(1 + alpha))
+    return out
+
+
+def _orders(name: str, **orders: float) -> None:
+    for what, alpha in orders.items():
+        if not 0 <= alpha <= 1:
+            raise BadValue(f"{name}: {what} = {alpha} must be from 0 (spring) to 1 (dashpot)")
+
+
+def _positive(name: str, or_0: bool = False, **numbers: float) -> None:
+    for what, v in numbers.items():
+        if not (math.isfinite(v) and (v > 0 or (or_0 and v == 0))):
+            raise BadValue(f"{name}: {what} = {v} must {'not be below' if or_0 else 'be above'} 0")
+
+
+def _axis(name: str, **axis) -> np.ndarray:
+    """Times or frequencies as an array."""
+    ((what, values),) = axis.items()
+    a = np.asarray(values, float)
+    if not np.all(a >= 0):
+        raise BadValue(f"{name}: {what} must not be below 0")
+    return a

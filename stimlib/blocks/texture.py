@@ -19,9 +19,9 @@ from ..core.maths import TINY, each, floor, flush, fma, sqrt, where
 from ..core.units import unit
 from ..design.texture import TAPS, TextureModel, upsampler
 from ..errors import BadValue, UnitError, public
-from .bump import sinpi
 from .impedance import with_unit
 from .noise import white_noise
+from .surfaces import sinpi
 
 INT = np.int64
 

@@ -194,7 +194,7 @@ def _moving_average(b, fs):
 
 @response("Grain")
 def _grain(b, fs):
-    from ..design.resample import resampled  # as of ``Playback``
+    from ..design.filters import resampled  # as of ``Playback``
 
     return taps(resampled(b.samples, b.rate, fs))
 

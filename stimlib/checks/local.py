@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..blocks.delay import Delay, DelayParams, DelayState
+from ..blocks.filters import Delay, DelayParams, DelayState
 from ..blocks.noise import White
 from ..core.graph import (
     NONE,

@@ -237,7 +237,7 @@ def _chirp(b, fs, x, y):
 
 @law("Scanned", since=0)
 def _scanned(b, fs, x, y):
-    from ..design.resample import HALF, resampled  # as of ``Playback``
+    from ..design.filters import HALF, resampled  # as of ``Playback``
 
     # samples beside the table that are resampled with it
     more = 1 + b.loop * math.ceil(HALF * max(1.0, b.rate / fs))
@@ -262,7 +262,7 @@ def _scanned(b, fs, x, y):
 
 @law("Playback", since=0)
 def _playback(b, fs, x, y):
-    from ..design.resample import resampled  # how it keeps waves, tests/blocks/test_events.py says
+    from ..design.filters import resampled  # how it keeps waves, tests/blocks/test_events.py says
 
     n, table = sample_of(x[0], fs), resampled(b.samples, b.rate, fs)
     inside = (n >= 0) & (b.loop | (n < table.size))

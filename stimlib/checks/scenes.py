@@ -171,7 +171,7 @@ def _squeeze(a: Asked) -> list[Check]:
     from scipy.interpolate import PchipInterpolator
 
     from ..blocks import differentiator, pink_noise
-    from ..blocks.actuator import PLACEHOLDER_GAMMA
+    from ..blocks.contact import PLACEHOLDER_GAMMA
 
     n = range(1, a.given["fingers"] + 1)
     outputs = [f"force{i}" for i in n] + [
@@ -613,7 +613,7 @@ def motor_limits(e: Evidence) -> list[Check]:
     """
     from scipy.signal import lfilter
 
-    from ..blocks.actuator import ForceLimit, StaticLimit
+    from ..blocks.contact import ForceLimit, StaticLimit
 
     checks = []
     for y, (name, b) in zip(e.y, e.scene.outputs.items(), strict=True):

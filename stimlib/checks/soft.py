@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.grid import CubicGrid
+from ..blocks.tables import CubicGrid
 from ..core.graph import Input, constant
 from .evidence import Asked, Check
 
@@ -282,7 +282,7 @@ def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row
     that the law makes of what was asked for.
     """
     from ..blocks import delay_avatar, stiffness_map
-    from ..blocks.stiffness import Levels
+    from ..blocks.soft import Levels
 
     g, tangent = a.given, a.given["tangent"]
     a.say(f"{tangent:g} N tangential at S = 1")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..design.octaves import octaves
+from ..design.noise import octaves
 from .evidence import Asked, Check
 from .laws import LOW, philox, ways
 

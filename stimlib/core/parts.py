@@ -5,7 +5,6 @@ its signals are called now.
 from __future__ import annotations
 
 import dataclasses as dc
-import importlib
 import inspect
 import os
 import sys
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..above import above
 from ..errors import BadValue, SceneFileError
 from ..system import fields
 from .source import source_of
@@ -132,7 +132,7 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
                 f"given without a law: {given!r:.80} needs the law that it is for; give that as"
                 " law="
             )
-        shipped = importlib.import_module("stimlib.scenes").SHIPPED if law is not None else {}
+        shipped = above("SHIPPED") if law is not None else {}
         if not (law is None or law in shipped or known(law)):
             raise BadValue(
                 f"law = {law!r:.80} is not known; give one of {', '.join(shipped)}, or the function"

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import prototypes
+from . import filters
 
 Numbers = Sequence[float] | np.ndarray
 ALIASES = np.arange(-300, 301)
@@ -254,7 +254,7 @@ def family(
         with np.errstate(divide="ignore"):
             x = t / edge[0] if len(edge) == 1 else (t - edge[0] * edge[1] / t) / (edge[1] - edge[0])
             x = np.clip(1 / x if band in ("highpass", "bandstop") else x, -1e12, 1e12)
-        return prototypes.GAINS[kind](x, order, ripple, attenuation)
+        return filters.GAINS[kind](x, order, ripple, attenuation)
 
     def below(fs):
         return np.geomspace(edges[0] / 30, 0.45 * fs, POINTS)

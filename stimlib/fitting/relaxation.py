@@ -167,7 +167,7 @@ class SpringpotFit(MaterialFit):
         Block
             Force in N.
         """
-        from ..blocks.springpot import springpot
+        from ..blocks.fractional import springpot
 
         return springpot(y, self.chi, self.alpha, **options)
 
@@ -197,14 +197,14 @@ class MaxwellFit(MaterialFit):
         y : Block
             Position in m.
         **options
-            Of ``stimlib.blocks.relaxation.generalized_maxwell``.
+            Of ``stimlib.blocks.viscoelastic.generalized_maxwell``.
 
         Returns
         -------
         Block
             Force in N.
         """
-        from ..blocks.relaxation import generalized_maxwell
+        from ..blocks.viscoelastic import generalized_maxwell
 
         return generalized_maxwell(y, self.k0, self.arms, **options)
 

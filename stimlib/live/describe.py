@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..blocks.cursor import Cursor, CursorFrames
-from ..blocks.grid import CubicGrid
+from ..blocks.soft import Cursor, CursorFrames
+from ..blocks.tables import CubicGrid
 from ..core.graph import reach
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName

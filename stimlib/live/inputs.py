@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.tracking import track
+from ..blocks.filters import track
 from ..core.graph import Block, Input
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..blocks.impedance import with_unit
-from ..blocks.plates import mode, mode_shape
-from ..blocks.svf import svf
+from ..blocks.resonance import mode, mode_shape, svf
 from ..core.graph import Block, Const, constant
 from ..core.pointwise import sqrt
 from ..core.units import unit

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..blocks.actuator import ForceLimit, Tally, slew_limit, static_limit
+from ..blocks.contact import ForceLimit, Tally, slew_limit, static_limit
 from ..core.graph import Block, Const, Guard, Mul, Param
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, UnitError, UnknownName, public

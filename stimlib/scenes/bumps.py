@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..blocks.bump import bump
-from ..blocks.carrier import carrier
-from ..blocks.equalise import equalize, points, within
+from ..blocks.oscillators import carrier
+from ..blocks.surfaces import bump, equalize, points, within
 from ..core.graph import Input, Param, constant
 from ..core.pointwise import nonzero
 from ..core.scene import Scene

@@ -4,8 +4,8 @@ the place.
 
 from __future__ import annotations
 
-from ..blocks.places import grating as ribs
-from ..blocks.places import spatial_noise
+from ..blocks.surfaces import grating as ribs
+from ..blocks.surfaces import spatial_noise
 from ..core.graph import Input, Param
 from ..core.scene import Scene
 from ..errors import public

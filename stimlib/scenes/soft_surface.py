@@ -7,7 +7,7 @@ see docs/reference/papers.rst.
 from __future__ import annotations
 
 from ..blocks import cursor, delay_avatar, indentation, press, stiffness_map, triangle, vibration
-from ..blocks.stiffness import as_levels
+from ..blocks.soft import as_levels
 from ..core.graph import Block, Input, Param, as_block, constant
 from ..core.scene import Scene
 from ..errors import BadValue, public

@@ -8,8 +8,7 @@ from ..blocks.impedance import velocity
 from ..blocks.texture import texture as texture_block
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..design.texture import TextureModel, made_up
-from ..design.texture_file import load_texture
+from ..design.texture import TextureModel, load_texture, made_up
 from ..errors import public
 
 

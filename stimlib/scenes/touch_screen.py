@@ -11,10 +11,9 @@ import warnings
 
 import numpy as np
 
-from ..blocks.bump import bump
-from ..blocks.carrier import carrier
-from ..blocks.equalise import equalize
-from ..blocks.plates import amplifier, pole_swap
+from ..blocks.oscillators import carrier
+from ..blocks.resonance import amplifier, pole_swap
+from ..blocks.surfaces import bump, equalize
 from ..core.graph import Input, Param, constant
 from ..core.pointwise import nonzero
 from ..core.scene import Scene

@@ -2,7 +2,7 @@
 way.
 """
 
-from ..blocks.stiffness import Levels
+from ..blocks.soft import Levels
 from .maps import BLOCK, SIDES, THIRTEEN, array, block, buried, image, nodules, sides
 from .surface import film, picture, surface
 

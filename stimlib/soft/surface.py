@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.indenter import deformation
+from ..blocks.soft import deformation
 from ..core.graph import Input, design_value
 from ..core.scene import Scene
 from ..errors import BadValue, public

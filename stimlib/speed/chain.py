@@ -17,8 +17,8 @@ from scipy import signal
 from ..blocks import differentiator, pink_noise, pinking, white_noise
 from ..core.graph import Block, Input
 from ..core.scene import Scene
-from ..design.differentiator import differentiator_taps
-from ..design.pink import pink_modes
+from ..design.filters import differentiator_taps
+from ..design.noise import pink_modes
 from ..run.processor import Processor, compile
 from .timing import fastest
 

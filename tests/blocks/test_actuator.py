@@ -11,7 +11,7 @@ from laws import assert_same, cut_at, float_words, random_cuts, run
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import differentiator, pink_noise
-from stimlib.blocks.actuator import (
+from stimlib.blocks.contact import (
     PLACEHOLDER_GAMMA,
     force_limit,
     motor_current,

@@ -13,8 +13,8 @@ from laws import assert_same, bits, cut_at, mostly, random_cuts, run
 import stimlib
 from stimlib import Input, Param, Scene
 from stimlib.blocks import enabled
-from stimlib.blocks.bump import WAVEFORMS, bump
-from stimlib.blocks.carrier import carrier
+from stimlib.blocks.oscillators import carrier
+from stimlib.blocks.surfaces import WAVEFORMS, bump
 from stimlib.errors import BadValue, UnitError
 
 FS = 8000.0

@@ -11,7 +11,7 @@ from laws import lawful
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError, constant
 from stimlib.blocks import compliance, springpot
-from stimlib.blocks.creep import compliance_kelvin_voigt, compliance_maxwell
+from stimlib.blocks.viscoelastic import compliance_kelvin_voigt, compliance_maxwell
 
 ALPHAS = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
 f = Input("f", "N")

@@ -7,7 +7,7 @@ from laws import lawful
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import delay
-from stimlib.blocks.delay import Delay, DelayState
+from stimlib.blocks.filters import Delay, DelayState
 
 x = Input("x")
 

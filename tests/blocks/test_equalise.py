@@ -8,7 +8,7 @@ from laws import assert_same
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
-from stimlib.blocks.equalise import Midpoint, equalize
+from stimlib.blocks.surfaces import Midpoint, equalize
 from stimlib.core.graph import as_block
 from stimlib.errors import BadValue, UnitError
 

@@ -8,9 +8,8 @@ import pytest
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError
 from stimlib import blocks as b
-from stimlib.blocks.clock import Every
-from stimlib.blocks.events import is_event
-from stimlib.design.resample import resampled
+from stimlib.blocks.events import Every, is_event
+from stimlib.design.filters import resampled
 
 X, E = Input("x"), Input("e")
 
@@ -184,7 +183,7 @@ def test_rings_overlap_and_are_exact():
 
 
 def test_a_ring_whose_frequency_moves_only_decays():
-    from stimlib.blocks.transients import Ring, RingState
+    from stimlib.blocks.sources import Ring, RingState
 
     p, _ = b.ring(E, Input("f", "Hz"), Input("d", "s")).design(1.0)
     rng, s = np.random.default_rng(1), RingState(1.0, 0.0)
@@ -195,7 +194,7 @@ def test_a_ring_whose_frequency_moves_only_decays():
 
 
 def test_a_ring_is_held_within_its_limits_and_sounds_until_both_its_parts_are_silent():
-    from stimlib.blocks.transients import Ring, RingState
+    from stimlib.blocks.sources import Ring, RingState
 
     p, _ = b.ring(E, Input("f", "Hz"), Input("d", "s")).design(1000.0)
 
@@ -209,7 +208,7 @@ def test_a_ring_is_held_within_its_limits_and_sounds_until_both_its_parts_are_si
 
 
 def test_a_decay_that_moves_alone_is_taken_at_every_sample():
-    from stimlib.blocks.transients import Ring, RingState
+    from stimlib.blocks.sources import Ring, RingState
 
     p, _ = b.ring(E, 100.0, Input("d", "s")).design(1000.0)
     y, decay, s = np.empty(6), np.repeat([0.01, 0.002], 3), RingState(0.3, 0.4)

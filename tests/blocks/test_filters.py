@@ -15,7 +15,7 @@ from stimlib.blocks.filters import Cascade, Filter
 from stimlib.checks import linear
 from stimlib.checks.verify import verify
 from stimlib.design import responses
-from stimlib.design.sections import KINDS, ORDERS, designed
+from stimlib.design.filters import KINDS, ORDERS, designed
 
 X = Input("x")
 
@@ -319,7 +319,7 @@ def test_no_movement_of_the_cutoff_makes_energy():
     """s1^2 + s2^2 never grows without input, whatever cutoff and q do; hardly any
     damping.
     """
-    from stimlib.blocks.svf import Svf, SvfState
+    from stimlib.blocks.resonance import Svf, SvfState
 
     p, _ = b.svf(X, Input("f", "Hz"), Input("q")).design(1.0)
     rng, s, energy = np.random.default_rng(2), SvfState(1.0, 0.0), [1.0]
@@ -345,7 +345,7 @@ def test_a_cutoff_that_sweeps_at_audio_rate_stays_bounded(wave):
 
 
 def test_a_live_filter_is_held_within_its_limits_and_takes_each_sample_s_numbers():
-    from stimlib.blocks.svf import LEAST, Svf, SvfState
+    from stimlib.blocks.resonance import LEAST, Svf, SvfState
 
     p, start = b.svf(X, Input("f", "Hz"), Input("q")).design(1000.0)[0], SvfState(0.3, 0.4)
 

@@ -471,7 +471,7 @@ def test_a_live_order_that_stands_is_the_fixed_order():
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 def test_live_weights_are_right_to_a_few_roundings(scheme):
     from stimlib.blocks.fractional import SpringpotLive, power, reweigh
-    from stimlib.design import exponentials as soe
+    from stimlib.design import fractional as soe
 
     p, s = SpringpotLive(Y, A, constant(1.0), scheme, 1e-14, 86400.0, "steady").design(8000.0)
     rates = soe.rates(1e-14, 86400.0 * 8000)
@@ -860,7 +860,7 @@ def test_the_second_words_are_needed(alpha, monkeypatch):
     """A sum that leaks with the rate s and has one word stalls 2^-53/s below its value:
     a long way at equal steps shows it.
     """
-    from stimlib.design import exponentials as soe
+    from stimlib.design import fractional as soe
 
     fs, n = 1000.0, 1_000_000
     x, at = moved("counts", n, fs), [n // 2, n - 1]

@@ -10,8 +10,7 @@ from scipy.signal import welch
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import pink_noise, pinking, white_noise
-from stimlib.blocks.modes import PinkNoise
-from stimlib.blocks.noise import White, noise_key
+from stimlib.blocks.noise import PinkNoise, White, noise_key
 
 
 @pytest.mark.parametrize("tol_db", [1.0, 0.01, 1e-5])

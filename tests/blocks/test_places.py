@@ -9,8 +9,8 @@ from laws import lawful
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import grating, spatial_noise
-from stimlib.blocks.places import lattice
-from stimlib.design.octaves import octaves
+from stimlib.blocks.surfaces import lattice
+from stimlib.design.noise import octaves
 from stimlib.errors import BadValue
 
 FS = 8000.0

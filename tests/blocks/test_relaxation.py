@@ -10,14 +10,16 @@ from laws import assert_same, cut_at, float_words, random_cuts, run, some_sets
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import integrate, spring
-from stimlib.blocks.continuous import creep_compliance, maxwell_stiffness, relaxation_modulus
-from stimlib.blocks.creep import (
+from stimlib.blocks.fractional import creep_compliance, maxwell_stiffness, relaxation_modulus
+from stimlib.blocks.impedance import sampled
+from stimlib.blocks.viscoelastic import (
     compliance_generalized_kelvin_voigt,
     compliance_kelvin_voigt,
     compliance_maxwell,
+    generalized_maxwell,
+    maxwell,
+    standard_linear_solid,
 )
-from stimlib.blocks.impedance import sampled
-from stimlib.blocks.relaxation import generalized_maxwell, maxwell, standard_linear_solid
 from stimlib.checks import linear
 from stimlib.core.graph import reach
 from stimlib.errors import BadValue, UnitError

@@ -12,7 +12,7 @@ from scipy.interpolate import RectBivariateSpline
 import stimlib
 from stimlib import BadValue, Input, Scene, UnitError, constant
 from stimlib import blocks as b
-from stimlib.blocks.cursor import next_speed, ratio
+from stimlib.blocks.soft import next_speed, ratio
 
 X, Y, ZERO = Input("x", "m"), Input("y", "m"), constant(0.0, "m")
 RAMP = [[0, 1], [0, 1]], 0.01, 0.01  # S = x / 10 mm

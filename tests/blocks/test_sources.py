@@ -11,9 +11,9 @@ import pytest
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError
 from stimlib import blocks as b
-from stimlib.blocks.carrier import increment
+from stimlib.blocks.oscillators import increment
 from stimlib.blocks.sources import Chirp
-from stimlib.design.resample import resampled
+from stimlib.design.filters import resampled
 
 X = Input("x")
 

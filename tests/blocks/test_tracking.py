@@ -10,7 +10,7 @@ from laws import assert_same, bits, cut_at, float_words, random_cuts, run
 
 import stimlib
 from stimlib import Input, Param, Scene
-from stimlib.blocks.tracking import TrackState, track, track_velocity
+from stimlib.blocks.filters import TrackState, track, track_velocity
 from stimlib.core.graph import pack, unpack
 from stimlib.errors import BadValue, SceneError
 

@@ -12,7 +12,7 @@ from correct import OwnHighPass
 
 import stimlib
 from stimlib.analysis import spectra
-from stimlib.blocks.modes import PinkNoise
+from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import evidence, laws, noise, power, scenes, sidecar, verify
 from stimlib.checks.evidence import Check
 from stimlib.checks.page import GROUPS

@@ -15,11 +15,10 @@ from faults import half_a_sample_early, hundred_samples, warped
 import stimlib
 from stimlib import Input, Scene
 from stimlib import blocks as b
-from stimlib.blocks.fir import Taps
-from stimlib.blocks.fractional import Springpot
+from stimlib.blocks.filters import Taps
+from stimlib.blocks.fractional import ShortMemory, Springpot
 from stimlib.blocks.impedance import FirstOrder
-from stimlib.blocks.svf import Resonator
-from stimlib.blocks.thesis import ShortMemory
+from stimlib.blocks.resonance import Resonator
 
 X, F = Input("x", "m"), Input("f", "N")
 NOW = {cls: cls.design for cls in (Taps, FirstOrder)}

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib.blocks.bump import LinearBump
 from stimlib.blocks.fractional import Springpot
-from stimlib.blocks.places import Grating, SpatialNoise
+from stimlib.blocks.surfaces import Grating, LinearBump, SpatialNoise
 from stimlib.checks import laws, scenes, surfaces
 from stimlib.checks.evidence import asked
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid

@@ -10,8 +10,8 @@ import pytest
 from correct import hand
 
 import stimlib
-from stimlib.blocks import sliding, touching
-from stimlib.blocks.transients import Ring
+from stimlib.blocks import contact
+from stimlib.blocks.sources import Ring
 from stimlib.checks import local, touch
 from stimlib.checks.evidence import asked
 from stimlib.motion.generators import sinusoid
@@ -42,10 +42,10 @@ def test_a_scene_is_proved(name, contact):
 
 
 OFF = {  # a number of a design one per mille off
-    "click": (touching.Button, "drop"),
-    "detents": (touching.Detents, "per"),
-    "friction": (sliding.StickSlip, "left"),
-    "wall": (touching.Wall, "fs"),
+    "click": (contact.Button, "drop"),
+    "detents": (contact.Detents, "per"),
+    "friction": (contact.StickSlip, "left"),
+    "wall": (contact.Wall, "fs"),
     "impact": (Ring, "per"),
 }
 
@@ -142,7 +142,7 @@ def test_slips_over_a_stiffness_that_moves_are_proved(k, off):
 
 
 @pytest.mark.parametrize(
-    "wrong", [lambda z, before, k: z, lambda z, before, k: sliding.where(before < k, z * 0.999, z)]
+    "wrong", [lambda z, before, k: z, lambda z, before, k: contact.where(before < k, z * 0.999, z)]
 )
 def test_a_deflection_that_keeps_no_force_as_the_stiffness_grows_is_refused(monkeypatch, wrong):
     scene, motion, _ = sliding_on("grows and falls")
@@ -150,7 +150,7 @@ def test_a_deflection_that_keeps_no_force_as_the_stiffness_grows_is_refused(monk
     # which has the step as it is now
     monkeypatch.setattr(local, "compile", partial(local.compile, target="python"))
     assert max(h.error for h in local.held(run)) <= 1
-    monkeypatch.setattr(sliding, "softened", wrong)
+    monkeypatch.setattr(contact, "softened", wrong)
     assert {type(h.block).__name__ for h in local.held(run) if h.error > 1} == {"StickSlip"}
 
 

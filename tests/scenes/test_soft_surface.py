@@ -10,8 +10,7 @@ from hands import DATA
 
 import stimlib
 from stimlib import BadValue
-from stimlib.blocks.avatar import DelayAvatar, FrameAvatar, Vibration
-from stimlib.blocks.cursor import Cursor, CursorFrames
+from stimlib.blocks.soft import Cursor, CursorFrames, DelayAvatar, FrameAvatar, Vibration
 from stimlib.checks import soft as law
 from stimlib.checks.evidence import asked
 from stimlib.motion.recorded import recording

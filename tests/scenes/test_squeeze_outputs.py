@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib.blocks.actuator import PLACEHOLDER_GAMMA
+from stimlib.blocks.contact import PLACEHOLDER_GAMMA
 from stimlib.motion.generators import minimum_jerk, ramp_and_hold
 from stimlib.scenes import squeeze
 

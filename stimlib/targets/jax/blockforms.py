@@ -19,24 +19,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ...blocks import fractional, noise
 from ...blocks import fractional as pot
-from ...blocks import noise, thesis
-from ...blocks.avatar import DelayAvatar
-from ...blocks.bump import sinpi
-from ...blocks.carrier import QUARTER, WORD, Carrier, fold, rectified
-from ...blocks.creep import KelvinChain
-from ...blocks.cursor import Cursor
-from ...blocks.delay import Delay
-from ...blocks.filters import Cascade
-from ...blocks.fir import Fir
-from ...blocks.gate import Gate
-from ...blocks.modes import Modes, PinkNoise
-from ...blocks.onset import First
-from ...blocks.places import SpatialNoise
-from ...blocks.relaxation import MaxwellArms
-from ...blocks.series import Series
+from ...blocks.filters import Cascade, Delay, Fir, First
+from ...blocks.impedance import Gate
+from ...blocks.noise import Modes, PinkNoise
+from ...blocks.oscillators import QUARTER, WORD, Carrier, fold, rectified
+from ...blocks.soft import Cursor, DelayAvatar
+from ...blocks.sources import Grain, Ring
+from ...blocks.surfaces import SpatialNoise, sinpi
 from ...blocks.texture import Texture
-from ...blocks.transients import Grain, Ring
+from ...blocks.viscoelastic import KelvinChain, MaxwellArms, Series
 from ...core.graph import AtLeast, Block, Greater, Guard
 from ...core.program import lead
 from . import placeforms, signalforms, textureforms, traced
@@ -184,7 +177,7 @@ def pink(b, p, s, x, run):
     """As modes, from the stationary state."""
     if not isinstance(b.white, noise.White):
         return modes(b, p, s, x, run)
-    from ...design.pink import cholesky, stationary_covariance
+    from ...design.noise import cholesky, stationary_covariance
 
     live = p.r != 0
     e = 1 - p.p[live]
@@ -482,7 +475,7 @@ def downsampled(b, p, s, x, run):
     h = history(x[0], x[1], s.cold, run.n)
     i = jnp.arange(run.n)
     k = i - h.start
-    m = jnp.maximum((k + thesis.POINTS - 1) // thesis.POINTS, 1)
+    m = jnp.maximum((k + fractional.POINTS - 1) // fractional.POINTS, 1)
 
     def body(total, jw):
         j, w = jw
@@ -571,7 +564,7 @@ LOWERINGS: dict[type[Block], Callable] = {
     Series: series,
     pot.Springpot: springpot,
     pot.SpringpotLive: springpot_live,
-    thesis.Downsampled: downsampled,
-    thesis.ShortMemory: short_memory,
+    fractional.Downsampled: downsampled,
+    fractional.ShortMemory: short_memory,
     Texture: textureforms.texture,
 }

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...blocks.gate import Gate
+from ...blocks.impedance import Gate
 from ...core.cycles import Cycle
 from ...core.graph import Block, Compare, Const, Param, Segment
 from ...core.program import (

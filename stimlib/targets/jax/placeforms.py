@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ...blocks import places
+from ...blocks import surfaces
 from . import traced
 
 
@@ -16,7 +16,7 @@ def cells_of(key, lo):
     """Seven lattice values from the cell of lo on; made in a loop, or XLA would make
     them anew for every use.
     """
-    lattice, half = traced.bind(places.lattice), jnp.floor(0.5 * jnp.floor(lo))
+    lattice, half = traced.bind(surfaces.lattice), jnp.floor(0.5 * jnp.floor(lo))
     first = half.astype(jnp.int64).astype(jnp.uint64)
     z = lax.map(
         lambda k: jnp.stack(lattice(key, first + k)), jnp.arange(4, dtype=jnp.uint64)
@@ -28,7 +28,7 @@ def mean(z, lo, hi):
     """Mean of an octave from lo to hi, in its cells; of no use where they are four or
     more apart.
     """
-    spline, f, g = traced.bind(places.spline_mean), jnp.floor(lo), jnp.floor(hi)
+    spline, f, g = traced.bind(surfaces.spline_mean), jnp.floor(lo), jnp.floor(hi)
     cells = f + jnp.arange(5.0)[:, None]  # a movement of less than four touches no more
     a, b = (jnp.clip(v - cells, 0.0, 1.0) for v in (lo, hi))
     area = jnp.sum(jnp.where(cells <= g, (b - a) * spline(z[:5], z[1:6], z[2:], a, b), 0.0), axis=0)
@@ -40,10 +40,10 @@ def mean(z, lo, hi):
 def spatial_noise(b, p, s, x, run):
     on = jnp.broadcast_to(jnp.asarray(x[1]) > 0, (run.n,))
     u = jnp.where(on, jnp.broadcast_to(x[0], (run.n,)), 0.0)
-    v = traced.bind(places.held_place)(u * p.scale)
+    v = traced.bind(surfaces.held_place)(u * p.scale)
     fresh = on & ~jnp.concatenate([jnp.zeros(1, bool), on])[: run.n]
     before = jnp.where(fresh, v, jnp.concatenate([v[:1], v])[: run.n])
-    low, high, gain = jnp.minimum(before, v), jnp.maximum(before, v), traced.bind(places.gain)
+    low, high, gain = jnp.minimum(before, v), jnp.maximum(before, v), traced.bind(surfaces.gain)
     keys, at, own, finer = (jnp.asarray(q) for q in (p.keys, p.at, p.own, p.finer))
     scale = jnp.asarray(0.5 ** np.arange(p.own.size))
     fixed = lax.stop_gradient(low)

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ...blocks.cursor import ratio
-from ...blocks.grid import spline, spline_slope
-from ...blocks.transients import turn, turned
+from ...blocks.soft import ratio
+from ...blocks.sources import turn, turned
+from ...blocks.tables import spline, spline_slope
 from . import traced
 from .recurrence import affine, run_step, scan_arrays
 

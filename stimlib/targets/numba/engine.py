@@ -17,8 +17,7 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 
-from ...blocks.modes import PinkNoise
-from ...blocks.noise import White
+from ...blocks.noise import PinkNoise, White
 from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower

@@ -95,7 +95,7 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
 
     Examples
     --------
-    >>> from stimlib.design.exponentials import kernel
+    >>> from stimlib.design.fractional import kernel
     >>> kernel("gl", 0.5, [0, 1, 2])
     array([1.   , 0.5  , 0.375])
     """
@@ -181,7 +181,7 @@ def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
 
     Examples
     --------
-    >>> from stimlib.design.exponentials import rates
+    >>> from stimlib.design.fractional import rates
     >>> rates(1e-10, 86400 * 1000.0).s.size
     63
     """
@@ -295,7 +295,7 @@ def weights(r: Rates, scheme: str, alpha: float) -> Weights:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.design.exponentials import kernel, rates, weights
+    >>> from stimlib.design.fractional import kernel, rates, weights
     >>> r = rates(1e-10, 1e6)
     >>> w = weights(r, "gl", 0.3)
     >>> j = np.array([8, 100, 1000])
@@ -385,7 +385,7 @@ def bound(r: Rates, alpha: float) -> float:
 
     Examples
     --------
-    >>> from stimlib.design.exponentials import bound, rates
+    >>> from stimlib.design.fractional import bound, rates
     >>> r = rates(1e-10, 1e8)
     >>> bound(r, 0.05) < 0.1 * bound(r, 0.9) < 1e-11
     True

@@ -1,6 +1,4 @@
-"""The 3 dB/oct low-pass as parallel modes, minimax in dB, and the steady state of such
-modes under white noise.
-"""
+"""Designs of noise: octaves over place, and the 3 dB/oct low-pass."""
 
 from __future__ import annotations
 
@@ -12,8 +10,99 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import BadValue
-from .minimax import FloatArray, alternating, between, peaks_of
+from .filters import FloatArray, alternating, between, peaks_of
 
+# A power law over place as a sum of octaves -----------------------------------------
+# A power law over place as a sum of octaves, each with the spectrum of a random spline.
+FINEST = 0.2
+"""Cell of the finest octave, in shortest wavelengths."""
+
+COARSEST = 0.5
+"""Least cell of the coarsest octave, in longest wavelengths."""
+
+POINTS = 600
+
+
+class Octaves(NamedTuple):
+    """Random splines whose spectra add up to a power law.
+
+    Attributes
+    ----------
+    cells : ndarray, shape (n,)
+        Length of a cell of each, doubled from one to the next.
+    power : ndarray, shape (n,)
+        a^2 of each: variance of its lattice values.
+    error_db : float
+        Largest deviation from the law between its ends, dB.
+    """
+
+    cells: FloatArray
+    power: FloatArray
+    error_db: float
+
+
+def band_power(slope: float, low: float, high: float) -> float:
+    """Integral of f^-slope from low to high.
+
+    Examples
+    --------
+    >>> from stimlib.design.noise import band_power
+    >>> band_power(2.0, 1.0, 4.0)
+    0.75
+    """
+    ratio, rest = math.log(high / low), 1 - slope
+    return low**rest * (math.expm1(rest * ratio) / rest if rest else ratio)
+
+
+@lru_cache(maxsize=64)
+def octaves(slope: float, low: float, high: float) -> Octaves:
+    """Octaves whose one-sided spectra 2 a^2 D sinc^6(f D) add up to C f^-slope from low
+    to high, of power 1 there.
+
+    D is the cell, sinc(x) = sin(pi x)/(pi x): the spectrum of independent lattice
+    values of variance a^2 under quadratic B-splines.  The a^2 are the least squares of
+    the relative error that are not below 0.
+
+    Parameters
+    ----------
+    slope : float
+    low, high : float
+        Ends of the law in cycles per unit of length.
+
+    Returns
+    -------
+    Octaves
+
+    References
+    ----------
+    Unser, "Splines: a perfect fit for signal and image processing", IEEE Signal
+    Processing Magazine 1999 (B-splines and their transforms); Lawson and Hanson,
+    "Solving Least Squares Problems", 1974, chapter 23 (non-negative least squares).
+
+    Examples
+    --------
+    >>> from stimlib.design.noise import octaves
+    >>> found = octaves(1.0, 5.0, 5e4)
+    >>> found.cells.size, round(found.error_db, 2)
+    (16, 0.03)
+    """
+    from scipy.optimize import nnls
+
+    n = math.ceil(math.log2(COARSEST / low * high / FINEST)) + 1
+    cells = np.ldexp(FINEST / high, np.arange(n))
+    f = np.geomspace(low, high, POINTS)
+    # of a^2 D = 1, relative to the law of C = 1
+    spectra = 2 * np.sinc(f[:, None] * cells) ** 6 * f[:, None] ** slope
+    # no last bits of a solver
+    found = np.array([float(f"{v:.9g}") for v in nnls(spectra, np.ones(POINTS))[0]])
+    power = found / cells / band_power(slope, low, high)
+    cells.flags.writeable = power.flags.writeable = False
+    return Octaves(cells, power, float(np.abs(10 * np.log10(spectra @ found)).max()))
+
+
+# The 3 dB/oct low-pass as parallel modes --------------------------------------------
+# The 3 dB/oct low-pass as parallel modes, minimax in dB, and the steady state of such
+# modes under white noise.
 PASS_EDGE = 0.45
 """Upper end of the 3 dB/oct pass band, in units of fs."""
 
@@ -98,7 +187,7 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
 
     Examples
     --------
-    >>> from stimlib.design.pink import pink_modes
+    >>> from stimlib.design.noise import pink_modes
     >>> modes = pink_modes(fs=8000, f_low=1, tol_db=0.01)
     >>> len(modes.e), modes.error_db < 0.01
     (8, True)
@@ -298,7 +387,7 @@ def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
 
     Examples
     --------
-    >>> from stimlib.design.pink import stationary_covariance
+    >>> from stimlib.design.noise import stationary_covariance
     >>> stationary_covariance([0.5, 1.0])
     array([[1.33333333, 1.        ],
            [1.        , 1.        ]])
@@ -328,7 +417,7 @@ def cholesky(a: npt.ArrayLike) -> FloatArray:
 
     Examples
     --------
-    >>> from stimlib.design.pink import cholesky
+    >>> from stimlib.design.noise import cholesky
     >>> cholesky([[4.0, 2.0], [2.0, 2.0]])
     array([[2., 0.],
            [1., 1.]])
@@ -367,7 +456,7 @@ def stationary_factor(leaks: bytes) -> tuple[tuple[float, ...], ...]:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.design.pink import stationary_factor
+    >>> from stimlib.design.noise import stationary_factor
     >>> [
     ...     [round(v, 3) for v in row]
     ...     for row in stationary_factor(np.array([0.5, 1.0]).tobytes())

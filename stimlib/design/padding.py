@@ -11,7 +11,7 @@ def eights(n: int) -> int:
 
     Examples
     --------
-    >>> from stimlib.design.eights import eights
+    >>> from stimlib.design.padding import eights
     >>> eights(8), eights(9)
     (8, 16)
     """
@@ -24,7 +24,7 @@ def padded(a: npt.ArrayLike, value: float = 0.0, n: int | None = None) -> np.nda
 
     Examples
     --------
-    >>> from stimlib.design.eights import padded
+    >>> from stimlib.design.padding import padded
     >>> padded([1.0, 2.0, 3.0])
     array([1., 2., 3., 0., 0., 0., 0., 0.])
     """
