@@ -108,10 +108,8 @@ def test_jittered_reports_make_no_spikes():
 @pytest.mark.parametrize("make", [track, track_velocity])
 @pytest.mark.parametrize("max_jump", [0.05, None])
 def test_a_jump_invents_no_movement(make, max_jump):
-    """0.06 m is a jump; 0.04 m, and a little less than 0.05 m, are movements, and so is
-    any step where there is no limit.
-    """
-    steps = np.repeat([0.0700001, 0.03, 0.08 - 1e-9, 1e6], [50, 50, 200, 50])
+    """From 0.05 m on a step is a jump, if a limit is set; 1 nm less is a movement."""
+    steps = np.repeat([0.07, 0.03, 0.08 - 1e-9, 0.13, 1e6], [50, 50, 200, 50, 50])
     x = np.concatenate([np.linspace(0.0, 0.01, 100), steps])
     for way in (x, -x):
         lawful(make(X, max_jump=max_jump), FS, x=way)
