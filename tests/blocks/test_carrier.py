@@ -161,6 +161,16 @@ def test_area_sampling_has_20_dB_less_alias_below_1_kHz(duty):
     assert area <= point - 20
 
 
+@shapes
+def test_off_contact_it_is_silent_and_contact_begins_where_it_is(waveform):
+    y = bumps(waveform, 0.5, contact=TOUCH).process(
+        np.array([[1.0, 0.0, 1.0], [0.1, np.nan, 7.2]])[[1, 0]]
+    )[0]
+    np.testing.assert_allclose(
+        y, [*e(waveform, np.array([0.1]), 0.5), 0.0, *e(waveform, np.array([0.2]), 0.5)], atol=1e-14
+    )
+
+
 # Carrier ------------------------------------------------------------------------------
 
 
@@ -202,6 +212,24 @@ def test_the_half_wave_keeps_its_line_and_has_fewer_aliases():
     point = np.maximum(0, np.sin(2 * pi * k * np.arange(n) / n))
     for top, better in ((0.5, 6), (1000 / FS, 20)):
         assert alias(y, k, top) < alias(point, k, top) - better
+
+
+@pytest.mark.parametrize(
+    ("rectify", "wave"),
+    [(None, lambda s: s), ("half", lambda s: np.maximum(s, 0.0)), ("full", np.abs)],
+)
+@pytest.mark.parametrize("phase", [0.0, -2.5, 100.0])
+def test_in_contact_it_is_the_sine_from_its_phase(rectify, wave, phase):
+    """Away from the zero crossings, over which a rectified one is a mean."""
+    touch, sine = (
+        np.repeat([1.0, 0.0, np.nan, -1.0, 1.0], 40),
+        np.sin(2 * pi * 158 * np.arange(200) / FS + phase),
+    )
+    away = np.abs(sine) > np.sin(pi * 158 / FS)
+    y = carried(158.0, rectify, phase, contact=TOUCH).process(touch[None])[0]
+    np.testing.assert_allclose(
+        y[away], np.where(touch > 0, wave(sine), 0.0)[away], rtol=0, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("rectify", [None, "half", "full"])

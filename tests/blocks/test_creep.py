@@ -3,7 +3,6 @@
 import re
 from math import gamma
 
-import mpmath as mp
 import numpy as np
 import pytest
 from laws import lawful
@@ -17,35 +16,11 @@ ALPHAS = [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
 f = Input("f", "N")
 
 
-def integral_of_a_sine(t, alpha):
-    """I^alpha sin(2 pi t), by its series."""
-    with mp.workdps(30):
-        w, t, p = 2 * mp.pi, mp.mpf(t), 1 + mp.mpf(alpha)
-        terms = (
-            (-1) ** k * w ** (2 * k + 1) * t ** (2 * k + p) / mp.gamma(2 * k + 1 + p)
-            for k in range(60)
-        )
-        return float(mp.fsum(terms))
-
-
 @pytest.mark.parametrize("fs", [250, 1000, 8000])
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_creep_is_exact_for_forces_that_are_straight_between_samples(alpha, fs):
     force = np.r_[0.7, np.random.default_rng(0).standard_normal(150), np.ones(100)]
     lawful(compliance(f, 100.0, alpha, "l1", tol=1e-13), fs, f=force)
-
-
-@pytest.mark.parametrize("alpha", [0.3, 0.5, 0.8])
-def test_creep_is_not_early(alpha):
-    """Against the continuous law of a sine from rest: 3e-6 of its peak at 1 kHz, where
-    half a sample is 2e-3.
-    """
-    for fs in (250, 1000, 8000):
-        n = np.linspace(0, fs, 26).astype(int)[1:]
-        wanted = np.array([integral_of_a_sine(k / fs, alpha) for k in n.tolist()])
-        proc = stimlib.compile(Scene({"y": compliance(f, 1.0, alpha, "l1", tol=1e-13)}), fs)
-        y = proc.process(np.sin(2 * np.pi * np.arange(fs + 1) / fs)[None])[0][n]
-        assert np.abs(y - wanted).max() < 4e-6 * (1000 / fs) ** 2 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("alpha", [0.35, 0.8])
@@ -74,11 +49,14 @@ def test_all_creep_has_one_convention_of_time(alpha):
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_creep_under_a_held_force(alpha, fs):
     """From 0 to 1 N within the first sample."""
-    proc = stimlib.compile(Scene({"y": compliance(f, 100.0, alpha, "l1")}), fs)
+    chis = {"y": 100.0, "live": Param("chi", 100.0)}
+    proc = stimlib.compile(
+        Scene({name: compliance(f, chi, alpha, "l1") for name, chi in chis.items()}), fs
+    )
     t = np.arange(1, 10 * fs + 1) / fs
-    y = proc.process(np.ones((1, t.size)))[0]
+    y = proc.process(np.ones((1, t.size)))
     rise = t ** (1 + alpha) - np.r_[0.0, t[:-1]] ** (1 + alpha)
-    np.testing.assert_allclose(y, rise * fs / (100 * gamma(2 + alpha)), rtol=1e-10)
+    np.testing.assert_allclose(y, [rise * fs / (100 * gamma(2 + alpha))] * 2, rtol=1e-10)
     assert proc.units["y"] == "m"
 
 
@@ -102,45 +80,22 @@ def test_ends_are_exact():
     assert np.array_equal(spring.process(force), force / 8.0)
 
 
-def test_chi_may_be_live():
-    proc = stimlib.compile(Scene({"y": compliance(f, Param("chi", 10.0), 0.5)}), 1000)
-    first = proc.process(np.ones((1, 100)))
-    proc.reset()
-    proc.set("chi", 20.0, ramp=0.0)
-    np.testing.assert_allclose(proc.process(np.ones((1, 100))), first / 2, rtol=1e-15)
-
-
-def test_mistakes():
-    with pytest.raises(UnitError, match="not in N"):
-        compliance(Input("y", "m"), 1.0, 0.5)
-    for words in (
-        {"alpha": 1.5},
-        {"alpha": -0.1},
-        {"alpha": 0.5, "tol": 1e-20},
-        {"alpha": 0.5, "scheme": "gl-downsampled"},
-    ):
-        with pytest.raises(BadValue):
-            compliance(f, 1.0, **words)
-    with pytest.raises(BadValue):
-        compliance(f, -1.0, 0.5)
-
-
 @pytest.mark.parametrize(
-    ("chi", "alpha", "says"),
+    ("words", "says"),
     [
-        (3.0, 1.5, "compliance: alpha = 1.5 must be from 0 (spring) to 1 (dashpot)"),
-        (3.0, -0.5, "compliance: alpha = -0.5 must be from 0 (spring) to 1 (dashpot)"),
-        (3.0, "0.5", "compliance: alpha = '0.5' must be a number"),
-        (3.0, Param("a", 0.5), "compliance: alpha is a design number"),
-        (0.0, 0.5, "compliance: chi = 0 must be above 0"),
-        (-5.0, 0.5, "compliance: chi = -5 must be above 0"),
-        (
-            constant(3.0, "N/m"),
-            0.5,
-            "compliance: chi Const(3.0, 'N/m') is in N/m; give a plain number",
-        ),
+        ({"alpha": 1.5}, "alpha = 1.5 must be from 0 (spring) to 1 (dashpot)"),
+        ({"alpha": -0.5}, "alpha = -0.5 must be from 0 (spring) to 1 (dashpot)"),
+        ({"alpha": "0.5"}, "alpha = '0.5' must be a number"),
+        ({"alpha": Param("a", 0.5)}, "alpha is a design number"),
+        ({"chi": 0.0}, "chi = 0 must be above 0"),
+        ({"chi": -5.0}, "chi = -5 must be above 0"),
+        ({"chi": constant(3.0, "N/m")}, "chi Const(3.0, 'N/m') is in N/m; give a plain number"),
+        ({"tol": 1e-20}, "tol = 1e-20"),
+        ({"scheme": "gl-downsampled"}, "scheme = 'gl-downsampled'; choose one of gl, l1"),
     ],
 )
-def test_an_error_of_a_compliance_has_the_numbers_that_were_given(chi, alpha, says):
-    with pytest.raises(BadValue, match=f"^{re.escape(says)}"):
-        compliance(Input("f", "N"), chi, alpha)
+def test_what_makes_no_sense_is_refused(words, says):
+    with pytest.raises(BadValue, match=f"^compliance: {re.escape(says)}"):
+        compliance(f, **{"chi": 3.0, "alpha": 0.5} | words)
+    with pytest.raises(UnitError, match="not in N"):
+        compliance(Input("y", "m"), 1.0, 0.5)

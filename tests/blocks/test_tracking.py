@@ -4,7 +4,7 @@ jumps do to it.
 
 import numpy as np
 import pytest
-from laws import assert_same, bits, lawful
+from laws import assert_same, bits, float_words, lawful
 
 import stimlib
 from stimlib import Input, Param, Scene
@@ -104,7 +104,25 @@ def test_jittered_reports_make_no_spikes():
     assert np.abs(both(bandwidth=10.0).process(x[None])[1, int(FS) :] - 0.1).max() < 0.03
 
 
-# Jumps --------------------------------------------------------------------------------
+# Contact and jumps --------------------------------------------------------------------
+def test_contact():
+    """Off contact the position is held, from 0 at first, and the state is at rest; each
+    contact begins where it is.
+    """
+    proc = both(contact=True, max_jump=None)
+    y, v = proc.process(
+        np.array([[0.01, 0.02, 0.5, 0.01, 0.02, 0.3], [0.0, 1.0, 0.0, 1.0, 1.0, 0.0]])
+    )
+    assert y[:4].tolist() == [0.0, 0.02, 0.02, 0.01] and not v[:4].any() and y[4] == y[5]
+    assert set(proc.state[float_words(proc)].view(np.float64)) == {
+        0.0,
+        1.0,
+        0.02,
+        y[5],
+        -1.0,
+    }, "v, e, h; cold, last, y; of a guard"
+
+
 @pytest.mark.parametrize("make", [track, track_velocity])
 @pytest.mark.parametrize("max_jump", [0.05, None])
 def test_a_jump_invents_no_movement(make, max_jump):
@@ -116,9 +134,12 @@ def test_a_jump_invents_no_movement(make, max_jump):
 
 
 # Building -----------------------------------------------------------------------------
-def test_units():
-    assert [str(make(X).dim) for make in (track, track_velocity)] == ["m", "m/s"]
-    assert repr(track(X, 12.0)) == "Track(Input('x'), Const(1.0), bandwidth=12.0, max_jump=0.05)"
+@pytest.mark.parametrize(
+    ("make", "name", "unit"), [(track, "Track", "m"), (track_velocity, "TrackVelocity", "m/s")]
+)
+def test_units_and_what_is_not_given(make, name, unit):
+    assert str(make(X).dim) == unit
+    assert repr(make(X)) == f"{name}(Input('x'), Const(1.0), bandwidth=20.0, max_jump=0.05)"
 
 
 @pytest.mark.parametrize("make", [track, track_velocity])
