@@ -4,6 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from laws import lawful
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError
@@ -35,15 +36,11 @@ def test_every_line_is_passed_once_each_way_at_any_speed():
     assert run(b.crossing(X, 1.0), x[:5]).tolist() == [0, 0, 1, 0, -1]
 
 
-def test_what_is_no_number_passes_no_line():
-    from stimlib.blocks.events import Crossing
-
-    p, s = b.crossing(X, 1.0).design(1000)
-    y = []
-    for x in (np.nan, 0.5, np.nan, 2.5):
-        v, s = Crossing.step(p, s, x)
-        y.append(v)
-    assert y == [0, 0, 0, 2]
+def test_what_is_no_number_passes_no_line_and_makes_no_edge():
+    nan = np.nan
+    assert run(b.crossing(X, 1.0), [nan, 0.5, nan, 2.5]).tolist() == [0, 0, 0, 2]
+    assert run(b.crossing(X, 1.0, split=True), [0.5, nan, 1.5, 1.5]).tolist() == [0, 0, 0.5, 0.5]
+    assert run(b.rising(X, 0.5), [nan, 1.0, nan, 2.0, 0.5, 1.0]).tolist() == [0, 0, 0, 0, 0, 1]
 
 
 def test_a_position_that_toggles_between_codes_passes_a_line_once():
@@ -64,20 +61,12 @@ def test_a_split_event_lies_where_the_line_was_passed():
     )
 
 
-def test_an_edge_is_no_first_sample_and_what_is_no_number_makes_none():
-    from stimlib.blocks.events import Edge
-
+def test_an_edge_is_no_first_sample():
     assert run(b.rising(X), [1.0, 0.0, 1.0]).tolist() == [0, 0, 1]
     assert run(b.falling(X), [-1.0, 1.0, -1.0]).tolist() == [0, 0, 1]
-    p, s = b.rising(Input("v", "m/s"), 0.5).design(1000)
-    y = []
-    for x in (np.nan, 1.0, np.nan, 2.0, 0.5, 1.0):
-        v, s = Edge.step(p, s, x, 0.5)
-        y.append(v)
-    assert y == [0, 0, 0, 0, 0, 1]
 
 
-def test_a_split_event_knows_the_hysteresis_and_the_last_number():
+def test_a_split_event_knows_the_hysteresis():
     assert run(b.crossing(X, 1.0, 0.25, split=True), [0.0, 1.0, 1.25, 1.25, 0.5, 0.5]).tolist() == [
         0,
         0,
@@ -86,40 +75,33 @@ def test_a_split_event_knows_the_hysteresis_and_the_last_number():
         -0.5,
         -0.5,
     ]
-    from stimlib.blocks.events import Crossing
-
-    p, s = b.crossing(X, 1.0, split=True).design(1000)
-    for x in (0.5, np.nan, 1.5):
-        v, s = Crossing.step(p, s, x)
-    assert (v, s.carry) == (0.5, 0.5)
     assert (
         stimlib.compile(Scene({"y": b.crossing(X, 1.0, split=True)}), 1000).latency["y", "x"][0]
         == 1.0
     )
 
 
-def test_events_in_and_after_stretches_in_which_nothing_happens():
-    """Tiles of 64 samples that are skipped, and what happens at their ends."""
-    x = np.repeat([0.0, 0.7, 0.2, 0.2, 0.7], 64)
-    assert np.flatnonzero(run(b.rising(X, 0.5), x)).tolist() == [64, 256]
-    assert np.flatnonzero(run(b.falling(X, 0.5), x)).tolist() == [128]
-    x = np.repeat([0.5, 1.5, 1.5, 0.5], 64)
-    assert np.flatnonzero(run(b.crossing(X, 1.0), x)).tolist() == [64, 192]
-    first = run(b.crossing(X, 1.0, 0.1), np.repeat([1.03125, 0.9], 64))
-    assert first[64] == -1, "the first sample is in its cell, whatever the hysteresis"
-    x = np.r_[np.linspace(0.5, 0.75, 128), np.full(63, 0.5), np.full(128, 1.25)]
-    y = run(b.crossing(X, 1.0, split=True), x)
-    np.testing.assert_allclose(y[[191, 192]], [1 / 3, 2 / 3], rtol=1e-15)
-    assert y.sum() == 1.0
-    moved = run(b.crossing(X, 1.0, split=True), np.r_[np.linspace(0.5, 0.75, 128), 1.25])
-    assert moved[128] == 0.5, "from the last sample of a stretch"
-    assert np.flatnonzero(run(b.once_within(E, 0.2), impulse(400, 0, 130, 200, 390))).tolist() == [
-        0,
-        200,
-    ]
-    gate = (np.arange(300) >= 150).astype(float)
-    y = run(b.envelope(X, attack=0.0, sustain=0.5, decay=0.001, release=0.001), gate)
-    assert not y[:150].any() and y[150] == 1.0 and y[299] == 0.5
+TILES = [  # of 64 samples
+    (b.rising(X, 0.5), np.repeat([0.0, 0.7, 0.2, 0.2, 0.7], 64)),
+    (b.falling(X, 0.5), np.repeat([0.0, 0.7, 0.2, 0.2, 0.7], 64)),
+    (b.crossing(X, 1.0), np.repeat([0.5, 1.5, 1.5, 0.5], 64)),
+    # the first sample is in its cell, whatever the hysteresis
+    (b.crossing(X, 1.0, 0.1), np.repeat([1.03125, 0.9], 64)),
+    (
+        b.crossing(X, 1.0, split=True),
+        np.r_[np.linspace(0.5, 0.75, 128), np.full(63, 0.5), np.full(128, 1.25)],
+    ),
+    # from the last sample of a tile
+    (b.crossing(X, 1.0, split=True), np.r_[np.linspace(0.5, 0.75, 128), 1.25]),
+    (b.once_within(X, 0.2), impulse(400, 0, 130, 200, 390)),
+    (b.envelope(X, attack=0.0, sustain=0.5, decay=0.001, release=0.001), np.arange(300) >= 150),
+]
+
+
+@pytest.mark.parametrize(("block", "x"), TILES)
+def test_events_in_and_after_tiles_in_which_nothing_happens(block, x):
+    """Tiles are skipped; what happens at their ends is not."""
+    lawful(block, 1000, x=x)
 
 
 def test_events_of_both_signs_are_counted_and_hold():
@@ -193,29 +175,18 @@ def test_a_ring_whose_frequency_moves_only_decays():
         assert np.hypot(s.re, s.im) <= before * (1 + 1e-15)
 
 
-def test_a_ring_is_held_within_its_limits_and_sounds_until_both_its_parts_are_silent():
-    from stimlib.blocks.sources import Ring, RingState
-
-    p, _ = b.ring(E, Input("f", "Hz"), Input("d", "s")).design(1000.0)
-
-    def after(freq, decay):
-        return Ring.step(p, RingState(0.3, 0.4), 1.0, freq, decay)
-
-    assert after(-20.0, 0.01) == after(0.0, 0.01) and after(700.0, 0.01) == after(500.0, 0.01)
-    assert after(100.0, 0.0) == after(100.0, -1.0) == after(100.0, 0.001) != after(100.0, 0.002)
-    assert np.isnan([after(np.nan, 0.01)[0], after(100.0, np.nan)[0]]).all()
-    assert Ring.step(p, RingState(0.0, 1.0), 0.0, 100.0, 0.01)[0] > 0
+@pytest.mark.parametrize("freq", [100.0, Input("f", "Hz")])
+def test_a_ring_is_held_within_its_limits(freq):
+    """At 0 and fs/2, and at a decay of one sample; where its decay moves alone, too."""
+    rows = np.tile([-20.0, 100.0, 700.0, 250.0], 40), np.repeat([0.0, -1.0, 0.001, 0.002], 40)
+    lawful(
+        b.ring(E, freq, Input("d", "s")), 1000, e=impulse(160, 0, 50, 90, 130), f=rows[0], d=rows[1]
+    )
 
 
-def test_a_decay_that_moves_alone_is_taken_at_every_sample():
-    from stimlib.blocks.sources import Ring, RingState
-
-    p, _ = b.ring(E, 100.0, Input("d", "s")).design(1000.0)
-    y, decay, s = np.empty(6), np.repeat([0.01, 0.002], 3), RingState(0.3, 0.4)
-    Ring.tile(p, s, np.zeros(6), np.full(6, 100.0), decay, y)
-    for got, d in zip(y, decay, strict=True):
-        want, s = Ring.step(p, s, 0.0, 100.0, d)
-        assert got == want
+def test_a_ring_sounds_until_both_its_parts_are_silent():
+    # the sine alone, then the cosine alone
+    assert np.all(run(b.ring(E, 250.0, 0.01), impulse(40))[1::2] != 0)
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.002, 0.3])
