@@ -3,7 +3,9 @@ stimlib ships passes.
 """
 
 import importlib
+import itertools
 import re
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -25,10 +27,296 @@ from stimlib.errors import SceneError, UnitError
 
 x = Input("x")
 LIMIT = 4.0
+
+# What authors write in a file of theirs -----------------------------------------------
+MODULE = """
+from dataclasses import dataclass
+from typing import NamedTuple
+import numpy as np
+import stimlib
+from stimlib.core import maths
+from stimlib.core.graph import Block
+from stimlib.core.maths import sin, where
+
 EXPONENTS = (1, 2)
 TABLE = np.ones(3)
 
+class State(NamedTuple):
+    y: float
 
+class Gain(NamedTuple):
+    gain: float
+
+class Numbers(NamedTuple):
+    table: np.ndarray
+    seed: np.uint64
+    gain: float
+
+class Memory(NamedTuple):
+    line: np.ndarray
+    n: np.uint64
+    y: float
+
+class Contact(NamedTuple):
+    last: float
+    cold: float
+
+def recovers(v):
+    return recovers(v)
+
+def powered(v):
+    return v**2  # powered
+
+def made(gain):
+    def step(p, s, x):
+        return gain * x, s
+    return staticmethod(step)
+
+@dataclass(frozen=True, eq=False)
+class Mine(Block):
+    x: Block
+"""
+DESIGN = "def design(self, fs):\n    return Gain(2.0), State(0.0)\n"
+ARRAYS = """def design(self, fs):
+    return Numbers(np.zeros(3), np.uint64(1), 1.0), Memory(np.zeros(3), np.uint64(1), 1.0)
+"""
+STATIC = "@staticmethod\ndef step(p, s, x):\n"
+GOOD = STATIC + "    return p.gain * x, State(x)\n"
+NUMBER = itertools.count()
+
+
+def body(*lines):
+    """A step of these lines."""
+    return STATIC + textwrap.indent("\n".join(lines), "    ") + "\n"
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """Makes the class Mine of these members in a file of its own; and where the line is
+    that ends with a mark.
+    """
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def write(members):
+        file = tmp_path / f"of_an_author_{next(NUMBER)}.py"
+        whole = members if "def design" in members else DESIGN + members
+        file.write_text(MODULE + textwrap.indent(whole, "    "))
+
+        def at(mark):
+            return f"{file}:{[line.endswith(mark) for line in file.read_text().splitlines()].index(True) + 1}: "
+
+        return importlib.import_module(file.stem).Mine, at
+
+    return write
+
+
+MISTAKES = [
+    # what a step may not say
+    (body("if x > 0.0:  # here", "    x = 0.0", "return x, s"), "where(c, a, b)"),
+    (body("y = x", "return (y if y > 0.0 else 0.0), s  # here"), "where(c, a, b)"),
+    (body("return x**2, s  # here"), "multiply"),
+    (body("return (x > 0.0) and (x < 1.0), s"), "`and`/`or`"),
+    (body("return (x > 0.0) or (x < 1.0), s"), "`and`/`or`"),
+    (body("return not x, s"), "`not`"),
+    (body("while x > 0.0:", "    x = x - 1.0", "return x, s"), "`while`"),
+    (body("for k in EXPONENTS:", "    x = x * k", "return x, s"), "for i in range(..)"),
+    (body("return np.sin(x), s  # here"), "np.sin"),
+    (body("return round(x), s"), "'round'"),
+    (body("return x * nowhere, s"), "'nowhere' is not defined"),
+    ("step = made(3.0)\n", "closes over gain"),
+    (body("return [x for _ in range(3)][0], s"), "straight-line"),
+    (body("try:", "    return x, s", "finally:", "    pass"), "straight-line"),
+    (body("f = lambda v: v", "return f(x), s"), "straight-line"),
+    (body("return powered(x), s"), "powered"),
+    (body("return recovers(x), s"), ""),
+    (body("return x.item(), s"), "x.item"),
+    (
+        body("return stimlib.core.maths.sqrt(x), s  # here"),
+        "write `from stimlib.core import maths` above the class, and maths.sqrt here",
+    ),
+    (body("return x // 1, s  # here"), "use maths.floor(a / b)"),
+    (body("y = min(x, 1.0)  # here", "return y, s"), "write where(a < b, a, b) for 'min'"),
+    # what authors forget
+    (
+        "def step(self, p, s, x):  # here\n    return x, s\n",
+        "Mine.step: write @staticmethod above it: it has no self and is step(p, s, x)",
+    ),
+    (
+        "@staticmethod  # here\ndef step(p, s):\n    return 1.0, s\n",
+        "Mine.step: it takes (p, s) and must take step(p, s, x)",
+    ),
+    (
+        "resettable = True\n@staticmethod  # here\ndef step(p, s):\n    return 1.0, s\n",
+        "a resettable block has a signal that resets it, the last one",
+    ),
+    (
+        "resettable = True\ndef design(self, fs):  # here\n    return (), Contact(0.0, 0.0)\n"
+        + GOOD,
+        "design: cold = 0.0 in the state",
+    ),
+    ("", "Mine has neither a step nor a tile: write step(p, s, x)"),
+    (
+        body("return p.gain * x  # here"),
+        "must return two things, the sample and the new state State(..)",
+    ),
+    (body("y = maths.sqrt(x)", "return y  # here"), "must return two things"),
+    (body("return x, ()  # here"), "must return two things"),
+    ("@staticmethod\ndef step(p, s, x):  # here\n    x = 2.0 * x\n", "must return two things"),
+    (
+        body("s.y = x  # here", "return x, s"),
+        "s.y cannot be set: parameters and state are tuples; return a new state",
+    ),
+    (
+        body("return p.gian * x, s  # here"),
+        "Mine.step: p.gian is not there: design gives the parameters gain",
+    ),
+    (body("return x + s.z, s  # here"), "Mine.step: s.z is not there: design gives the state y"),
+    (
+        (
+            "@staticmethod\ndef tile(p, s, x, y):  # here\n    for i in range(x.size):\n       "
+            " y[i] = x[i]\n"
+        ),
+        "Mine.tile: it must fill y and return the new state State(..)",
+    ),
+    (
+        "def design(self, fs):\n    return Gain(1.0 / 0), State(0.0)\n" + GOOD,
+        "Mine.design: ZeroDivisionError: ",
+    ),
+    (
+        "def design(self, fs):  # here\n    return (1.0,), (2.0,)\n" + GOOD,
+        "Mine.design: it must return parameters and state",
+    ),
+    ("def design(self, fs):\n    return Gain(2.0)\n" + GOOD, "two NamedTuples"),
+    ("def design(self, fs):\n    pass\n" + GOOD, "and returned None"),
+    (
+        'def design(self, fs):  # here\n    return Gain("2"), State(0.0)\n' + GOOD,
+        "Mine.design: parameters 'gain' is a str; floats",
+    ),
+    (
+        "def design(self, fs):\n    return Gain(np.zeros((2, 2))), State(0.0)\n" + GOOD,
+        "(2, 2) of float64",
+    ),
+    (
+        body("return x, State(x, x)  # here"),
+        "State(x, x): it is State(y): too many positional arguments",
+    ),
+    (
+        body("return x, State()  # here"),
+        "State(): it is State(y): missing a required argument: 'y'",
+    ),
+    (
+        body("return x, State(y=x, q=1.0)  # here"),
+        "it is State(y): got an unexpected keyword argument 'q'",
+    ),
+    (body("return x, Gain(x)  # here"), "Mine.step: the new state must be the State(..) of design"),
+    (
+        body("return x, State(0)  # here"),
+        "the new state's y must be a float as in design, and is 0; write 1.0",
+    ),
+    (
+        ARRAYS + body("return x, Memory(maths.words(p.table), s.n, s.y)  # here"),
+        "the new state's line must be ",
+    ),
+    (body("return (x, x), s  # here"), "Mine.step: the sample must be one number"),
+    (body("y += x  # here", "return y, State(y)"), "Mine.step: UnboundLocalError"),
+    (
+        body("y = where(x > 0, x)  # here", "return y, State(y)"),
+        "it is where(c, a, b): missing a required argument: 'b'",
+    ),
+    (body("return sin(x, 1), s  # here"), "it is sin(x): too many"),
+    (body("return sin(x=x), s  # here"), "give the arguments by place"),
+    (body("return abs(x, 2), s  # here"), "it is abs(x): too many"),
+    (body("return x * s.y[0], s  # here"), "only arrays have an index"),
+    (body('return x + "1", s  # here'), "'1' is not a number"),
+    (
+        body("for _ in range(p.gain):  # here", "    x = 2.0 * x", "return x, s"),
+        "range counts whole ones: range(np.int64(n))",
+    ),
+    (
+        body("n = 2.0 * x", "for _ in range(n):  # here", "    x = 2.0 * x", "return x, s"),
+        "range counts whole ones: range(np.int64(n))",
+    ),
+]
+
+
+@pytest.mark.parametrize("target", ["python", "numba", "jax"])
+@pytest.mark.parametrize(("members", "says"), MISTAKES)
+def test_mistakes_of_authors_name_class_file_line_and_remedy(mine, members, says, target):
+    cls, at = mine(members)
+    with pytest.raises(SceneError) as e:
+        stimlib.compile(Scene({"y": cls(x)}), 1000, target)
+    message = str(e.value)
+    assert says in message and "numba" not in message, message
+    if "# here" in members:
+        assert message.startswith(at("# here")), message
+    if "powered" in members:
+        assert at("# powered")[:-2] in message, "a helper is held to the same rules"
+
+
+@pytest.mark.parametrize(
+    ("members", "mark", "says"),
+    [
+        ("step = staticmethod(lambda p, s, x: (x, s))\n", None, "Mine.<lambda>: write it with def"),
+        (body("return x * TABLE[0], s"), None, "Mine.step uses 'TABLE'"),
+        (
+            ARRAYS + body("return x, Memory(s.line, s.n + 1, s.y)"),
+            "@staticmethod",
+            "beside a np.uint64 write np.uint64(1), not 1",
+        ),
+        (
+            (
+                "@staticmethod\ndef tile(p, s, x, y):\n    for i in range(y.size):\n        if x[i]"
+                " > 2.0:\n            y[i] = x[i] + s  # here\n    return s\n"
+            ),
+            "# here",
+            "Mine.tile: it does not compile: ",
+        ),
+    ],
+)
+def test_what_only_the_compiler_sees_is_one_line_too(mine, members, mark, says):
+    cls, at = mine(members)
+    with pytest.raises(SceneError) as e:
+        stimlib.compile(Scene({"y": cls(x)}), 1000)
+    message = str(e.value)
+    assert (
+        message.startswith((at(mark) if mark else "compile: ") + "Mine.")
+        and says in message
+        and "\n" not in message
+    ), message
+
+
+def test_a_step_that_fails_while_it_runs_says_where(mine):
+    cls, at = mine(ARRAYS + body("s.line[np.int64(x)] = x  # here", "return x, s"))
+    processor = stimlib.compile(Scene({"y": cls(x)}), 1000, "python")
+    with pytest.raises(SceneError, match="Mine.step: IndexError") as e:
+        processor.process(np.array([[0.0, 7.0]]))
+    assert str(e.value).startswith(at("# here"))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("2.0 * x", "3.0 * x"),
+        ("class State", "\nclass State"),
+        ("@static", "x = 0\n\n    @static"),
+        ("2.0 * x", "(2.0 * x"),
+    ],
+)
+def test_a_step_whose_file_was_edited_after_import_is_refused_by_the_compiler(mine, change):
+    """The text is read when a step is first compiled: another one would give other
+    samples than the interpreter's.
+    """
+    cls, at = mine(body("return 2.0 * x, s"))
+    file = Path(at("@staticmethod").rsplit(":", 2)[0])
+    text, scene = file.read_text(), Scene({"y": cls(x)})
+    file.write_text(text.replace(*change))
+    with pytest.raises(SceneError, match=r"no longer what was imported.*start Python again"):
+        stimlib.compile(scene, 1000)
+    file.write_text(text)
+    stimlib.compile(scene, 1000)
+
+
+# What a step may say ------------------------------------------------------------------
 class State(NamedTuple):
     y: float
 
@@ -51,185 +339,6 @@ def twice(v):
 
 def clipped(v):
     return where(v > LIMIT, LIMIT, twice(v) * 0.5)
-
-
-def recovers(v):
-    return recovers(v)
-
-
-def powered(v):
-    return v**2
-
-
-def refused(step, *words, target="numba"):
-    """Compiling a block with this step is a SceneError that has these words, and the
-    place of the line marked # here.
-    """
-    cls = dataclass(frozen=True, eq=False)(
-        type(
-            "Mine",
-            (Block,),
-            {"__annotations__": {"x": Block}, "step": staticmethod(step), "__module__": __name__},
-        )
-    )
-    with pytest.raises(SceneError) as e:
-        stimlib.compile(Scene({"y": cls(x)}), 1000, target)
-    message = str(e.value)
-    for word in words:
-        assert word in message, message
-    return message
-
-
-def line_of(marker):
-    lines = Path(__file__).read_text().splitlines()
-    return next(k for k, line in enumerate(lines, 1) if line.endswith(f"# {marker}"))
-
-
-def test_if_is_refused():
-    def step(p, s, x):
-        if x > 0.0:  # here: if
-            x = 0.0
-        return x, s
-
-    refused(step, f"{__file__}:{line_of('here: if')}", "where(c, a, b)", "step")
-
-
-def test_conditional_expression_is_refused():
-    def step(p, s, x):
-        y = x
-        return (y if y > 0.0 else 0.0), s  # here: ifexp
-
-    refused(step, f":{line_of('here: ifexp')}", "where(c, a, b)")
-
-
-def test_power_is_refused():
-    def step(p, s, x):
-        return x**2, s  # here: pow
-
-    refused(step, f":{line_of('here: pow')}", "**", "multiply")
-
-
-@pytest.mark.parametrize("word", ["and", "or", "not", "while"])
-def test_words_that_choose_at_run_time_are_refused(word):
-    def both(p, s, x):
-        return (x > 0.0) and (x < 1.0), s
-
-    def either(p, s, x):
-        return (x > 0.0) or (x < 1.0), s
-
-    def no(p, s, x):
-        return not x, s
-
-    def loop(p, s, x):
-        while x > 0.0:
-            x = x - 1.0
-        return x, s
-
-    refused(
-        {"and": both, "or": either, "not": no, "while": loop}[word],
-        f"`{word}`" if word in ("while", "not") else "`and`/`or`",
-    )
-
-
-def test_other_loops_are_refused():
-    def step(p, s, x):
-        for k in EXPONENTS:
-            x = x * k
-        return x, s
-
-    refused(step, "for i in range(..)")
-
-
-def test_numpy_functions_are_refused():
-    def step(p, s, x):
-        return np.sin(x), s  # here: numpy
-
-    refused(step, f":{line_of('here: numpy')}", "np.sin", "stimlib.core.maths")
-
-
-def test_builtin_functions_are_refused():
-    def step(p, s, x):
-        return round(x), s
-
-    refused(step, "'round'", "stimlib.core.maths")
-
-
-def test_unknown_names_are_refused():
-    def step(p, s, x):
-        return x * nowhere, s  # noqa: F821
-
-    refused(step, "'nowhere'", "not defined")
-
-
-def test_closures_are_refused():
-    gain = 3.0
-
-    def step(p, s, x):
-        return gain * x, s
-
-    refused(step, "closes over gain", "design(fs)")
-
-
-def test_lambdas_are_refused():
-    refused(lambda p, s, x: (x, s), "def")
-
-
-def test_arrays_of_the_module_are_refused():
-    def step(p, s, x):
-        return x * TABLE[0], s
-
-    refused(step, "'TABLE'", "design(fs)")
-
-
-def test_comprehensions_try_and_with_are_refused():
-    def comprehension(p, s, x):
-        return [x for _ in range(3)][0], s
-
-    def attempt(p, s, x):
-        try:
-            return x, s
-        finally:
-            pass
-
-    def inner(p, s, x):
-        f = lambda v: v  # noqa: E731
-        return f(x), s
-
-    for step in (comprehension, attempt, inner):
-        refused(step, "straight-line")
-
-
-def test_a_helper_is_held_to_the_same_rules():
-    def step(p, s, x):
-        return powered(x), s
-
-    refused(
-        step,
-        "powered",
-        "**",
-        f":{Path(__file__).read_text().splitlines().index('    return v**2') + 1}",
-    )
-
-
-def test_a_helper_that_calls_itself_is_refused():
-    def step(p, s, x):
-        return recovers(x), s
-
-    refused(step)
-
-
-def test_methods_are_refused():
-    def step(p, s, x):
-        return x.item(), s
-
-    refused(step, "x.item")
-
-
-def test_a_step_of_the_wrong_shape_says_which_class():
-    def step(p, s, x):
-        return x
-
-    refused(step, "Mine")
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +419,6 @@ def test_a_step_changed_in_place_is_compiled_again():
         assert stimlib.compile(Scene({"y": Changed(x)}), 1000, target).process(u) == 2.0
 
 
-# What authors forget ------------------------------------------------------------------
 class Gain(NamedTuple):
     gain: float
 
@@ -323,168 +431,9 @@ def low(p, s, x):
     return p.gain * x, State(x)
 
 
-def with_self(self, p, s, x):  # here: self
-    return x, s
-
-
-def few(p, s):  # here: few
-    return 1.0, s
-
-
-def state_forgotten(p, s, x):
-    return p.gain * x  # here: state
-
-
-def state_forgotten_by_name(p, s, x):
-    y = maths.sqrt(x)
-    return y  # here: state by name
-
-
-def state_lost(p, s, x):
-    return x, ()  # here: lost
-
-
-def state_set(p, s, x):
-    s.y = x  # here: set
-    return x, s
-
-
-def dividing_in_design(self, fs):
-    return Gain(1.0 / 0), State(0.0)
-
-
-def nothing_returned(p, s, x):  # here: nothing
-    x = 2.0 * x
-
-
-def misspelt(p, s, x):
-    return p.gian * x, s  # here: gian
-
-
-def misspelt_state(p, s, x):
-    return x + s.z, s  # here: z
-
-
-def tile_without_state(p, s, x, y):  # here: tile
-    for i in range(x.size):
-        y[i] = x[i]
-
-
-def dotted(p, s, x):
-    return stimlib.core.maths.sqrt(x), s  # here: dotted
-
-
-def plain_tuples(self, fs):  # here: plain
-    return (1.0,), (2.0,)
-
-
-def only_parameters(self, fs):
-    return Gain(2.0)
-
-
-def no_design(self, fs):
-    pass
-
-
-def text_in_design(self, fs):  # here: text
-    return Gain("2"), State(0.0)
-
-
-def matrix_in_design(self, fs):
-    return Gain(np.zeros((2, 2))), State(0.0)
-
-
-def too_many(p, s, x):
-    return x, State(x, x)  # here: too many
-
-
-def too_few(p, s, x):
-    return x, State()  # here: too few
-
-
-def two_arguments(p, s, x):
-    y = where(x > 0, x)  # here: two
-    return y, State(y)
-
-
-def wrong_tuple(p, s, x):
-    return x, Gain(x)  # here: wrong tuple
-
-
-def not_set(p, s, x):
-    y += x  # noqa: F821  # here: not set
-    return y, State(y)
-
-
-def sine_of_two(p, s, x):
-    return sin(x, 1), s  # here: sine
-
-
-def abs_of_two(p, s, x):
-    return abs(x, 2), s  # here: abs
-
-
-def index_of_number(p, s, x):
-    return x * s.y[0], s  # here: index
-
-
-def text(p, s, x):
-    return x + "1", s  # here: str
-
-
-def unknown_field(p, s, x):
-    return x, State(y=x, q=1.0)  # here: q
-
-
-def named_argument(p, s, x):
-    return sin(x=x), s  # here: named
-
-
-def floor_division(p, s, x):
-    return x // 1, s  # here: floor
-
-
-def smaller(p, s, x):
-    y = min(x, 1.0)  # here: min
-    return y, s
-
-
-def float_range(p, s, x):
-    for _ in range(p.gain):  # here: range
-        x = 2.0 * x
-    return x, s
-
-
-def local_float_range(p, s, x):
-    n = 2.0 * x
-    for _ in range(n):  # here: local range
-        x = 2.0 * x
-    return x, s
-
-
-def two_samples(p, s, x):
-    return (x, x), s  # here: pair
-
-
-def whole_state(p, s, x):
-    return x, State(0)  # here: whole
-
-
-def other_array(p, s, x):
-    return x, Memory(maths.words(p.table), s.n, s.y)  # here: array
-
-
-def with_arrays(self, fs):
-    return Numbers(np.zeros(3), np.uint64(1), 1.0), Memory(np.zeros(3), np.uint64(1), 1.0)
-
-
 class Contact(NamedTuple):
     last: float
     cold: float
-
-
-def cold_in_design(self, fs):  # here: cold
-    return (), Contact(0.0, 0.0)
 
 
 def own(**members):
@@ -495,192 +444,6 @@ def own(**members):
         **members,
     }
     return dataclass(frozen=True, eq=False)(type("Mine", (Block,), members))
-
-
-@pytest.mark.parametrize("target", ["python", "numba", "jax"])
-@pytest.mark.parametrize(
-    ("members", "line", "says"),
-    [
-        (
-            {"step": with_self},
-            "self",
-            "Mine.step: write @staticmethod above it: it has no self and is step(p, s, x)",
-        ),
-        (
-            {"step": staticmethod(few)},
-            "few",
-            "Mine.step: it takes (p, s) and must take step(p, s, x)",
-        ),
-        (
-            {"step": staticmethod(state_forgotten)},
-            "state",
-            "must return two things, the sample and the new state State(..)",
-        ),
-        (
-            {"step": staticmethod(state_forgotten_by_name)},
-            "state by name",
-            "must return two things",
-        ),
-        ({"step": staticmethod(state_lost)}, "lost", "must return two things"),
-        (
-            {"step": staticmethod(state_set)},
-            "set",
-            "s.y cannot be set: parameters and state are tuples; return a new state",
-        ),
-        (
-            {"step": staticmethod(low), "design": dividing_in_design},
-            None,
-            "Mine.design: ZeroDivisionError: ",
-        ),
-        ({"step": staticmethod(nothing_returned)}, "nothing", "must return two things"),
-        (
-            {"step": staticmethod(misspelt)},
-            "gian",
-            "Mine.step: p.gian is not there: design gives the parameters gain",
-        ),
-        (
-            {"step": staticmethod(misspelt_state)},
-            "z",
-            "Mine.step: s.z is not there: design gives the state y",
-        ),
-        (
-            {"tile": staticmethod(tile_without_state)},
-            "tile",
-            "Mine.tile: it must fill y and return the new state State(..)",
-        ),
-        (
-            {"step": staticmethod(low), "design": plain_tuples},
-            "plain",
-            "Mine.design: it must return parameters and state",
-        ),
-        ({"step": staticmethod(low), "design": only_parameters}, None, "two NamedTuples"),
-        ({"step": staticmethod(low), "design": no_design}, None, "and returned None"),
-        (
-            {"step": staticmethod(low), "design": text_in_design},
-            "text",
-            "Mine.design: parameters 'gain' is a str; floats",
-        ),
-        ({"step": staticmethod(low), "design": matrix_in_design}, None, "(2, 2) of float64"),
-        (
-            {"step": staticmethod(few), "resettable": True},
-            "few",
-            "a resettable block has a signal that resets it, the last one",
-        ),
-        (
-            {"step": staticmethod(few), "resettable": True, "design": cold_in_design},
-            "cold",
-            "design: cold = 0.0 in the state",
-        ),
-        ({}, None, "Mine has neither a step nor a tile: write step(p, s, x)"),
-        (
-            {"step": staticmethod(too_many)},
-            "too many",
-            "State(x, x): it is State(y): too many positional arguments",
-        ),
-        (
-            {"step": staticmethod(too_few)},
-            "too few",
-            "State(): it is State(y): missing a required argument: 'y'",
-        ),
-        (
-            {"step": staticmethod(two_arguments)},
-            "two",
-            "it is where(c, a, b): missing a required argument: 'b'",
-        ),
-        (
-            {"step": staticmethod(wrong_tuple)},
-            "wrong tuple",
-            "Mine.step: the new state must be the State(..) of design",
-        ),
-        ({"step": staticmethod(not_set)}, "not set", "Mine.step: UnboundLocalError"),
-        ({"step": staticmethod(sine_of_two)}, "sine", "it is sin(x): too many"),
-        ({"step": staticmethod(abs_of_two)}, "abs", "it is abs(x): too many"),
-        ({"step": staticmethod(index_of_number)}, "index", "only arrays have an index"),
-        ({"step": staticmethod(text)}, "str", "'1' is not a number"),
-        (
-            {"step": staticmethod(unknown_field)},
-            "q",
-            "it is State(y): got an unexpected keyword argument 'q'",
-        ),
-        ({"step": staticmethod(named_argument)}, "named", "give the arguments by place"),
-        ({"step": staticmethod(floor_division)}, "floor", "use maths.floor(a / b)"),
-        ({"step": staticmethod(smaller)}, "min", "write where(a < b, a, b) for 'min'"),
-        (
-            {"step": staticmethod(float_range)},
-            "range",
-            "range counts whole ones: range(np.int64(n))",
-        ),
-        (
-            {"step": staticmethod(local_float_range)},
-            "local range",
-            "range counts whole ones: range(np.int64(n))",
-        ),
-        ({"step": staticmethod(two_samples)}, "pair", "Mine.step: the sample must be one number"),
-        (
-            {"step": staticmethod(whole_state)},
-            "whole",
-            "the new state's y must be a float as in design, and is 0; write 1.0",
-        ),
-        (
-            {"step": staticmethod(other_array), "design": with_arrays},
-            "array",
-            "the new state's line must be ",
-        ),
-    ],
-)
-def test_mistakes_of_authors_name_class_file_line_and_remedy(members, line, says, target):
-    with pytest.raises(SceneError) as e:
-        stimlib.compile(Scene({"y": own(**members)(x)}), 1000, target)
-    assert says in str(e.value) and "numba" not in str(e.value), e.value
-    if line:
-        assert str(e.value).startswith(f"{__file__}:{line_of(f'here: {line}')}: "), e.value
-
-
-def plus_one(p, s, x):
-    return x, Memory(s.line, s.n + 1, s.y)
-
-
-def hidden(p, s, x, y):
-    for i in range(y.size):
-        if x[i] > 2.0:
-            y[i] = x[i] + s  # here: hidden
-    return s
-
-
-@pytest.mark.parametrize(
-    ("members", "line", "says"),
-    [
-        (
-            {"step": staticmethod(plus_one), "design": with_arrays},
-            "plus_one",
-            "beside a np.uint64 write np.uint64(1), not 1",
-        ),
-        ({"tile": staticmethod(hidden)}, "here: hidden", "Mine.tile: it does not compile: "),
-    ],
-)
-def test_what_only_the_compiler_sees_is_one_line_too(members, line, says):
-    with pytest.raises(SceneError) as e:
-        stimlib.compile(Scene({"y": own(**members)(x)}), 1000)
-    at = line_of(line) if "here" in line else plus_one.__code__.co_firstlineno
-    assert (
-        str(e.value).startswith(f"{__file__}:{at}: Mine.")
-        and says in str(e.value)
-        and "\n" not in str(e.value)
-    ), e.value
-
-
-def beyond(p, s, x):
-    s.line[np.int64(x)] = x  # here: beyond
-    return x, s
-
-
-def test_a_step_that_fails_while_it_runs_says_where():
-    processor = stimlib.compile(
-        Scene({"y": own(step=staticmethod(beyond), design=with_arrays)(x)}), 1000, "python"
-    )
-    with pytest.raises(SceneError, match="Mine.step: IndexError") as e:
-        processor.process(np.array([[0.0, 7.0]]))
-    assert str(e.value).startswith(f"{__file__}:{line_of('here: beyond')}: ")
 
 
 def noted(p: Gain, s: State, x: "float") -> "tuple[float, State]":
@@ -696,6 +459,32 @@ def test_types_may_be_noted():
         assert process(np.ones((1, 1))) == 1.0
 
 
+@pytest.mark.parametrize("returned", ["", "N", None, 1.0])
+def test_units_returns_a_unit(returned):
+    with pytest.raises(SceneError, match=r"Mine.units: it returned .*stimlib.core.units.unit") as e:
+        own(units=lambda self, *u: returned, step=staticmethod(low))(x)
+    assert __file__ in str(e.value)
+    with pytest.raises(UnitError, match=r"'m' is not a unit: write unit\('m'\)"):
+        own(units=lambda self, *u: u[0] * "m", step=staticmethod(low))(x)
+
+
+def test_every_block_we_ship_keeps_what_it_asks_of_others():
+    for entry in TABLE_OF_BLOCKS:
+        program = program_of(entry.scene())
+        design = design_of(program, entry.rates[0])
+        assert len(design) == len(program.instances)
+        for q, (p, s) in zip(program.instances, design, strict=True):
+            of_loop = isinstance(q.block, Cycle)
+            blocks = (
+                zip(q.block.members, q.block.made.parts(p, s), strict=True)
+                if of_loop
+                else [(q.block, (p, s))]
+            )
+            for block, numbers in blocks if q.kind == "block" else ():
+                steps.rehearse(block, *numbers)
+
+
+# Contact ------------------------------------------------------------------------------
 def summed(p, s, x):
     return where(s.cold > 0.0, x, s.last + x), Contact(x, 0.0)
 
@@ -790,84 +579,3 @@ def test_the_engine_alone_says_where_a_contact_begins(target, first):
             given = np.array([moves[name] for name in run.inputs])
             y = run(motion=given)["y"] if target == "jax" else run.process(given)[0]
             assert y.tolist() == list(wanted), (step.__name__, y)
-
-
-def test_a_module_in_front_of_maths_is_an_error_that_says_what_to_write():
-    refused(
-        dotted,
-        f":{line_of('here: dotted')}",
-        "write `from stimlib.core import maths` above the class, and maths.sqrt here",
-    )
-
-
-@pytest.mark.parametrize("returned", ["", "N", None, 1.0])
-def test_units_returns_a_unit(returned):
-    with pytest.raises(SceneError, match=r"Mine.units: it returned .*stimlib.core.units.unit") as e:
-        own(units=lambda self, *u: returned, step=staticmethod(low))(x)
-    assert __file__ in str(e.value)
-    with pytest.raises(UnitError, match=r"'m' is not a unit: write unit\('m'\)"):
-        own(units=lambda self, *u: u[0] * "m", step=staticmethod(low))(x)
-
-
-def test_every_block_we_ship_keeps_what_it_asks_of_others():
-    for entry in TABLE_OF_BLOCKS:
-        program = program_of(entry.scene())
-        design = design_of(program, entry.rates[0])
-        assert len(design) == len(program.instances)
-        for q, (p, s) in zip(program.instances, design, strict=True):
-            of_loop = isinstance(q.block, Cycle)
-            blocks = (
-                zip(q.block.members, q.block.made.parts(p, s), strict=True)
-                if of_loop
-                else [(q.block, (p, s))]
-            )
-            for block, numbers in blocks if q.kind == "block" else ():
-                steps.rehearse(block, *numbers)
-
-
-EDITED = """
-from dataclasses import dataclass
-from typing import NamedTuple
-from stimlib.core.graph import Block
-
-class P(NamedTuple):
-    gain: float
-
-@dataclass(frozen=True, eq=False)
-class Edited(Block):
-    x: Block
-
-    def design(self, fs):
-        return P(2.0), ()
-
-    @staticmethod
-    def step(p, s, x):
-        return p.gain * x + 1.0, s
-"""
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        ("+ 1.0", "- 1.0"),
-        ("+ 1.0", "+ 3.0"),
-        ("class P", "\nclass P"),
-        ("@static", "x = 0\n\n    @static"),
-        ("p.gain", "(p.gain"),
-    ],
-)
-def test_a_step_whose_file_was_edited_after_import_is_refused_by_the_compiler(
-    tmp_path, monkeypatch, change
-):
-    """The text is read when a step is first compiled: another one would give other
-    samples than the interpreter's.
-    """
-    file = tmp_path / f"edited_{abs(hash(change))}.py"
-    file.write_text(EDITED)
-    monkeypatch.syspath_prepend(tmp_path)
-    scene = Scene({"y": importlib.import_module(file.stem).Edited(x)})
-    file.write_text(EDITED.replace(*change))
-    with pytest.raises(SceneError, match=r"no longer what was imported.*start Python again"):
-        stimlib.compile(scene, 1000)
-    file.write_text(EDITED)
-    stimlib.compile(scene, 1000)
