@@ -200,12 +200,6 @@ def test_a_mouse_pushes_as_it_is_told():
     np.testing.assert_allclose(y["depth1"], 0.0025, rtol=0.01)
 
 
-def test_a_saved_scene_is_the_same(tmp_path):
-    scene = soft_surface("combined", S=block(1.0, spacing=0.005))
-    scene.save(tmp_path / "soft.json")
-    assert stimlib.load(tmp_path / "soft.json").hash == scene.hash
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [
