@@ -8,8 +8,7 @@ from laws import assert_same
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
-from stimlib.blocks.surfaces import Midpoint, equalize
-from stimlib.core.graph import as_block
+from stimlib.blocks.equalise import equalize
 from stimlib.errors import BadValue, UnitError
 
 FS = 8000.0
@@ -77,16 +76,6 @@ def test_up_to_six_knots_get_a_polynomial_and_more_a_spline(n, meant):
 def test_the_gain_is_that_of_the_middle_of_the_step():
     y = run(equalize(X, PROFILE), np.array([0.0, 0.0, 0.1, 0.04]))
     np.testing.assert_allclose(y, 1 / mode([0.0, 0.0, 0.05, 0.07]), rtol=1e-3)
-
-
-@pytest.mark.parametrize("target", ["numba", "python"])
-def test_re_contact_starts_anew(target):
-    proc = stimlib.compile(Scene({"m": Midpoint(X, as_block(Input("c")))}), FS, target)
-    x, c = [0.01, 0.03, np.nan, 9.0, 0.08, 0.06], [1.0, 1.0, 0.0, -1.0, 1.0, 1.0]
-    np.testing.assert_allclose(
-        proc.process(np.array([x, c]))[0], [0.01, 0.02, 0.0, 0.0, 0.08, 0.07], rtol=1e-15
-    )
-    assert proc.latency["m", "x"] == (0.5, 0.5)
 
 
 def test_outside_the_table():
@@ -168,17 +157,6 @@ def test_profiles_from_a_file(tmp_path):
         equalize(X, tmp_path / "none.csv")
 
 
-def test_scenes_keep_their_profile(tmp_path):
-    scene = Scene({"y": equalize(X, PROFILE, 1.5, "scale")})
-    scene.save(tmp_path / "s.json")
-    again = stimlib.load(tmp_path / "s.json")
-    assert again.hash == scene.hash
-    assert_same(
-        stimlib.compile(again, FS).process(SWEEP[None]),
-        stimlib.compile(scene, FS).process(SWEEP[None]),
-    )
-
-
 @pytest.mark.parametrize(
     ("profile", "match"),
     [
@@ -204,22 +182,25 @@ def test_bad_profiles(profile, match):
         equalize(X, profile)
 
 
-def test_bad_limits_and_policies():
-    for limit in (0.0, -1.0):
-        with pytest.raises(BadValue, match="limit"):
-            equalize(X, PROFILE, limit)
-    with pytest.raises(BadValue, match="clip, scale"):
-        equalize(X, PROFILE, 1.0, "compress")
-    with pytest.raises(BadValue, match="hold, zero, error"):
-        equalize(X, PROFILE, outside="extrapolate")
-    with pytest.raises(BadValue, match="kind"):
-        equalize(X, PROFILE, kind="spline")
-    with pytest.raises(BadValue, match="needs a limit"):
-        equalize(X, PROFILE, headroom="scale")
-    with pytest.raises(BadValue, match="peak="):
-        equalize(X, PROFILE, 1.0, "scale", signal=Input("v"))
-    with pytest.raises(UnitError):
-        equalize(X, PROFILE, constant(400.0, "V"), signal=Input("i", "A"))
-    knots = np.arange(9.0)
-    with pytest.raises(BadValue, match="at most 8"):
-        equalize(X, (knots, 2 + np.cos(knots)), kind="polynomial")
+@pytest.mark.parametrize(
+    ("profile", "words", "error", "match"),
+    [
+        (PROFILE, {"limit": 0.0}, BadValue, "limit"),
+        (PROFILE, {"limit": -1.0}, BadValue, "limit"),
+        (PROFILE, {"limit": 1.0, "headroom": "compress"}, BadValue, "clip, scale"),
+        (PROFILE, {"outside": "extrapolate"}, BadValue, "hold, zero, error"),
+        (PROFILE, {"kind": "spline"}, BadValue, "kind"),
+        (PROFILE, {"headroom": "scale"}, BadValue, "needs a limit"),
+        (PROFILE, {"limit": 1.0, "headroom": "scale", "signal": Input("v")}, BadValue, "peak="),
+        (PROFILE, {"limit": constant(400.0, "V"), "signal": Input("i", "A")}, UnitError, "V"),
+        (
+            (np.arange(9.0), 2 + np.cos(np.arange(9.0))),
+            {"kind": "polynomial"},
+            BadValue,
+            "at most 8",
+        ),
+    ],
+)
+def test_bad_limits_and_policies(profile, words, error, match):
+    with pytest.raises(error, match=match):
+        equalize(X, profile, **words)

@@ -184,6 +184,17 @@ def test_a_ring_is_held_within_its_limits(freq):
     )
 
 
+@pytest.mark.parametrize("row", [0, 1, 2])
+def test_what_is_not_a_number_is_a_fault_of_a_live_ring(row):
+    proc = stimlib.compile(
+        Scene({"y": b.ring(E, Input("f", "Hz"), Input("d", "s"))}), 1000, "python"
+    )
+    rows = np.ones((3, 4))
+    rows[row, 2] = np.nan
+    proc.process(rows)
+    assert proc.fault == ("y", 2 + (row == 0)), "a sine is 0 at its event"
+
+
 def test_a_ring_sounds_until_both_its_parts_are_silent():
     # the sine alone, then the cosine alone
     assert np.all(run(b.ring(E, 250.0, 0.01), impulse(40))[1::2] != 0)
