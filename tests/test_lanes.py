@@ -1,6 +1,8 @@
 """A map is traced into vectors where these mean the same, and is else a loop: all
 targets have the same bits, whatever an author writes."""
 
+import hashlib
+import importlib
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,174 +14,87 @@ import stimlib
 from stimlib import Input, Scene
 from stimlib.core import steps
 from stimlib.core.graph import Block, Map
-from stimlib.core.maths import (
-    as_float,
-    bits,
-    copy,
-    each,
-    exp,
-    floor,
-    flush,
-    fma,
-    sqrt,
-    unbits,
-    where,
-    words,
-)
+from stimlib.core.maths import as_float, exp, flush, fma, where
 from stimlib.errors import SceneError
 from stimlib.targets.numba import lanes
 
+GAIN = 2.0
+HEAD = """
+from dataclasses import dataclass
+from typing import NamedTuple
+import numpy as np
+from stimlib.core.graph import Block, Map
+from stimlib.core.maths import as_float, bits, copy, each, exp, floor, flush, fma, sqrt, unbits, where, words
+
 ONE, TWO, THREE, SIGN = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64((1 << 63) + 5)
 HALF, GAIN, WHOLE = np.float64(0.5), 2.0, 3
-
 
 class Numbers(NamedTuple):
     k: float
     u: np.uint64
 
+class State(NamedTuple):
+    y: float
 
 def by_default(x, k=2.0):
     return k * x
 
-
 def positive(x):
     return x > 0.0
-
 
 def summed(a, b):
     for i in range(3):
         a = fma(a, b, i)
     return a
 
-
-def chained(p, s, a, b):
-    return where(a < b < 0.5, 1.0, 0.0), s
-
-
-def bare(p, s, a, b):
-    return a > b, s
-
-
-def and_one(p, s, a, b):
-    return (a > b) + 1.0, s
-
-
-def halved(p, s, a, b):
-    return (a > b) * 0.5, s
-
-
-def gated(p, s, a, b):
-    return a * (a > b), s
-
-
-def compared(p, s, a, b):
-    return where((a > b) < 0.5, a, b), s
-
-
-def chosen(p, s, a, b):
-    return where(a > b, a > 0.0, 0.0), s
-
-
-def by_a_number(p, s, a, b):
-    return where(a, b, 3.0), s
-
-
-def by_constants(p, s, a, b):
-    return where(GAIN > 1.0, b, 3.0), s
-
-
-def modulo(p, s, a, b):
-    return a % 1.0, s
-
-
-def of_constants(p, s, a, b):
-    return a / sqrt(2.0) + floor(2.5) + flush(1e-195), s
-
-
-def bits_of_one(p, s, a, b):
-    return a + as_float(bits(1.0)), s
-
-
-def word(p, s, a, b):
-    return p.u, s
-
-
-def shifted(p, s, a, b):
-    return bits(a) >> THREE, s
-
-
-def root_of_a_word(p, s, a, b):
-    return sqrt(bits(a)) + abs(a > b), s
-
-
-def minus_a_word(p, s, a, b):
-    return as_float(-bits(a)), s
-
-
-def whole(p, s, a, b):
-    return WHOLE * a + b, s
-
-
-def defaults(p, s, a, b):
-    return by_default(a) - by_default(b, 3), s
-
-
-def helped(p, s, a, b):
-    return where(positive(a), 1.0, 2.0) * a / (2 + b * p.k), s
-
-
-def words_of_constants(p, s, a, b):
-    return unbits(where(a > b, SIGN, TWO)) * 1e300, s
-
-
-def words_added(p, s, a, b):
-    return as_float(bits(a) + where(a > b, ONE, TWO)) * as_float(p.u), s
-
-
-def and_differs(p, s, a, b):
-    return where((a > b) & (a != 0.0), 2 * a, -abs(HALF * b)), s
-
-
-def looped(p, s, a, b):
-    return summed(a, b), s
-
-
-def minus_zero(p, s, a, b):
-    return -0.0, s
-
-
-def two(p, s, a, b):
-    return 2, s
-
-
-LOOPS = (
-    chained,
-    bare,
-    and_one,
-    halved,
-    gated,
-    compared,
-    chosen,
-    by_a_number,
-    by_constants,
-    modulo,
-    of_constants,
-    bits_of_one,
-    word,
-    shifted,
-    root_of_a_word,
-    minus_a_word,
-    whole,
-)
-VECTORS = defaults, helped, words_of_constants, words_added, and_differs, looped, minus_zero, two
-
-
-class MapOfTwo(Map, abstract=True):
+"""
+MAP = """
+@dataclass(frozen=True, eq=False)
+class Some(Map):
     a: Block
     b: Block
 
     def design(self, fs):
         return Numbers(1.5, np.uint64(7)), ()
+
+    @staticmethod
+    def step(p, s, a, b):
+        return {}, s
+"""
+TILE = """
+def helper(p, x):
+    {}
+
+@dataclass(frozen=True, eq=False)
+class Some(Block):
+    a: Block
+
+    def design(self, fs):
+        return Numbers(1.5, np.uint64(7)), State(0.0)
+
+    @staticmethod
+    def tile(p, s, a, y):
+        copy(a, y)
+        each(helper, p, {})
+        return s
+"""
+
+
+@pytest.fixture
+def written(tmp_path, monkeypatch):
+    """Imports a text from a file of its own, as an author has it."""
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def module(text):
+        name = f"written_{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+        (tmp_path / f"{name}.py").write_text(HEAD + text)
+        return importlib.import_module(name)
+
+    return module
+
+
+def by_default(x, k=2.0):
+    return k * x
 
 
 def motion(n=500):
@@ -198,16 +113,42 @@ def run(block, target, size):
     )
 
 
-@pytest.mark.parametrize("f", [*LOOPS, *VECTORS], ids=lambda f: f.__name__)
-def test_whatever_a_map_says_has_the_same_bits(f):
-    @dataclass(frozen=True, eq=False)
-    class Some(MapOfTwo):
-        a: Block
-        b: Block
-        step = staticmethod(f)
+LOOPS = [
+    "where(a < b < 0.5, 1.0, 0.0)",
+    "a > b",
+    "(a > b) + 1.0",
+    "(a > b) * 0.5",
+    "a * (a > b)",
+    "where((a > b) < 0.5, a, b)",
+    "where(a > b, a > 0.0, 0.0)",
+    "where(a, b, 3.0)",
+    "where(GAIN > 1.0, b, 3.0)",
+    "a % 1.0",
+    "a / sqrt(2.0) + floor(2.5) + flush(1e-195)",
+    "a + as_float(bits(1.0))",
+    "p.u",
+    "bits(a) >> THREE",
+    "sqrt(bits(a)) + abs(a > b)",
+    "as_float(-bits(a))",
+    "WHOLE * a + b",
+]
+VECTORS = [
+    "by_default(a) - by_default(b, 3)",
+    "where(positive(a), 1.0, 2.0) * a / (2 + b * p.k)",
+    "unbits(where(a > b, SIGN, TWO)) * 1e300",
+    "as_float(bits(a) + where(a > b, ONE, TWO)) * as_float(p.u)",
+    "where((a > b) & (a != 0.0), 2 * a, -abs(HALF * b))",
+    "summed(a, b)",
+    "-0.0",
+    "2",
+]
 
-    assert lanes.in_vectors(f, Numbers, "fu", 2) == (f in VECTORS)
-    block = Some(Input("a"), Input("b"))
+
+@pytest.mark.parametrize("text", [*LOOPS, *VECTORS])
+def test_whatever_a_map_says_has_the_same_bits(written, text):
+    of = written(MAP.format(text))
+    assert lanes.in_vectors(of.Some.step, of.Numbers, "fu", 2) == (text in VECTORS)
+    block = of.Some(Input("a"), Input("b"))
     assert_same(run(block, "numba", 13), run(block, "python", 500))
 
 
@@ -251,107 +192,52 @@ def test_a_default_is_a_number():
 
 
 # each ---------------------------------------------------------------------------------
-def tripled(p, x):
-    return x * p.k * 3.0
-
-
-def exponential(p, x):
-    return exp(x)
-
-
-def sign(p, x):
-    return x > 0.0
-
-
-def between(p, x):
-    return where(0.0 < x < p.k, x, 0.0)
-
-
-def chosen(p, x):
-    if x > p.k:
-        return x
-    return 0.0 * x
-
-
-def in_place(p, s, a, y):
-    copy(a, y)
-    each(tripled, p, (y,), y)
-    return s
-
-
-def with_exp(p, s, a, y):
-    each(exponential, p, (a,), y)
-    return s
-
-
-def with_truth(p, s, a, y):
-    each(sign, p, (a,), y)
-    return s
-
-
-def with_chain(p, s, a, y):
-    each(between, p, (a,), y)
-    return s
-
-
-def with_if(p, s, a, y):
-    each(chosen, p, (a,), y)
-    return s
-
-
-def with_words(p, s, a, y):
-    each(tripled, p, (words(a),), y)
-    return s
-
-
-def with_gaps(p, s, a, y):
-    each(tripled, p, (a[::2],), y[::2])
-    return s
-
-
-class State(NamedTuple):
-    y: float
-
-
-def tiled(f):
-    @dataclass(frozen=True, eq=False)
-    class Some(Block):
-        a: Block
-        tile = staticmethod(f)
-
-        def design(self, fs):
-            return Numbers(1.5, np.uint64(7)), State(0.0)
-
-    return Some(1.0 * Input("a"))
+TRIPLED, IN_PLACE = "return x * p.k * 3.0", "(y,), y"
 
 
 @pytest.mark.parametrize("size", [1, 7, 8, 13, 64])
-def test_each_in_place(size):
+def test_each_in_place(written, size):
     """The last vector overlaps the one before: no sample is computed twice."""
-    assert_same(run(tiled(in_place), "numba", size), run(tiled(in_place), "python", 500))
+    block = written(TILE.format(TRIPLED, IN_PLACE)).Some(1.0 * Input("a"))
+    assert_same(run(block, "numba", size), run(block, "python", 500))
+
+
+VECTORS_LACK = (
+    r"written_\w+.py:\d+: Some.tile: .*cannot run in vectors: %s.*write a loop over the samples"
+)
 
 
 @pytest.mark.parametrize(
-    ("f", "why"),
+    ("helper", "given", "why"),
     [
-        (with_exp, "cannot run in vectors: it uses what they do not have"),
-        (with_truth, "cannot run in vectors: it returns no number"),
-        (with_chain, "cannot run in vectors: each lane has a truth value of its own"),
-        (with_words, "without gaps"),
-        (with_gaps, "without gaps"),
+        ("return exp(x)", IN_PLACE, VECTORS_LACK % "it uses what they do not have"),
+        ("return x > 0.0", IN_PLACE, VECTORS_LACK % "it returns no number"),
+        (
+            "return where(0.0 < x < p.k, x, 0.0)",
+            IN_PLACE,
+            VECTORS_LACK % "each lane has a truth value of its own",
+        ),
+        (
+            TRIPLED,
+            "(words(a),), y",
+            r"written_\w+.py:\d+: Some.tile: .*without gaps.*write a loop over the samples",
+        ),
+        (
+            TRIPLED,
+            "(a[::2],), y[::2]",
+            r"written_\w+.py:\d+: Some.tile: .*without gaps.*write a loop over the samples",
+        ),
+        (
+            "if x > p.k:\n        return x\n    return 0.0 * x",
+            IN_PLACE,
+            "helper: `if` chooses at run time",
+        ),
     ],
-    ids=lambda v: getattr(v, "__name__", ""),
 )
-def test_each_says_what_it_takes(f, why):
-    with pytest.raises(
-        SceneError, match=rf"test_lanes.py:\d+: Some.tile: .*({why}).*write a loop over the samples"
-    ):
-        run(tiled(f), "numba", 64)
-
-
-def test_a_helper_of_each_is_straight_line():
-    with pytest.raises(SceneError, match="chosen: `if` chooses at run time"):
-        run(tiled(with_if), "numba", 64)
+def test_each_says_what_it_takes(written, helper, given, why):
+    block = written(TILE.format(helper, given)).Some(1.0 * Input("a"))
+    with pytest.raises(SceneError, match=why):
+        run(block, "numba", 64)
 
 
 # Two blocks of one class --------------------------------------------------------------
