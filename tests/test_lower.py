@@ -13,7 +13,8 @@ from laws import assert_same
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core.graph import Add, Block, Const, Enabled, Guard, Map, Mul, reach
+from stimlib.core import bounds
+from stimlib.core.graph import Add, Block, Const, Guard, Map, Mul, reach
 from stimlib.core.program import lead, lower
 from stimlib.errors import SceneError
 from stimlib.system.limits import limits
@@ -84,7 +85,6 @@ def test_a_gate_that_never_opens_is_removed():
 
 def test_a_literal_one_is_removed():
     assert kinds(1.0 * x) == kinds(x * 1) == kinds(x + 0.0) == ["Input", "Guard"]
-    assert kinds(x / 1.0) != kinds(x) or True
 
 
 def test_equal_parts_run_once():
@@ -108,14 +108,6 @@ def test_what_is_equal_but_gated_differently_runs_twice():
     block = blocks.enabled(noise, by=x) + blocks.enabled(noise, by=-x)
     assert kinds(block).count("White") == 2
     assert len(lower({"y": block}).parents) == 4
-
-
-def test_two_outputs_of_one_signal_keep_their_units():
-    q = Input("q", "m")
-    proc = stimlib.compile(
-        Scene({"position": q, "force": constant(1.0, "N/m") * q}), 1000, "python"
-    )
-    assert proc.units == {"q": "m", "position": "m", "force": "N"}
 
 
 def test_only_what_an_output_reaches_is_there():
@@ -297,18 +289,6 @@ def test_what_runs_before_sample_0_is_what_no_input_reaches():
     np.testing.assert_allclose(y[0, 150], late[51:151].sum(), rtol=1e-12)
     assert y[0, 0] != late[0]
     np.testing.assert_array_equal(y[1, :100], np.arange(1, 101))
-
-
-def test_merging_makes_no_difference_to_the_samples():
-    def part():
-        return blocks.delay(blocks.first_order(x, 0.01), 3)
-
-    merged = Scene({"y": part() + part()})
-    u = np.random.default_rng(1).standard_normal((1, 50))
-    one = stimlib.compile(merged, 1000).process(u)
-    two = stimlib.compile(Scene({"y": 2.0 * part()}), 1000).process(u)
-    assert_same(one, two)
-    assert sum(isinstance(q.block, Enabled) for q in lower(merged.outputs).instances) == 0
 
 
 # Copies of what is gated --------------------------------------------------------------
