@@ -91,6 +91,17 @@ def run(proc, x, cuts=(), sets=(), each=None):
     return np.concatenate(parts, axis=1) if parts else np.empty((len(proc.outputs), 0))
 
 
+def played(block, *x, fs=1000.0, target="numba"):
+    """Samples of a block, or of several by name, over rows for its inputs or a
+    dictionary of them; of a source, so many.
+    """
+    proc = stimlib.compile(Scene(block if isinstance(block, dict) else {"y": block}), fs, target)
+    if isinstance(x[0], dict):
+        x = [x[0][name] for name in proc.inputs]
+    y = proc.process(np.array(x, float) if proc.inputs else x[0])
+    return y if isinstance(block, dict) else y[0]
+
+
 def rows(proc, x, names):
     """Rows of x, given in the order of names, in the order of a processor's inputs; new
     ones are zero.

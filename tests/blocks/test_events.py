@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from laws import lawful
+from laws import lawful, played
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError
@@ -15,15 +15,6 @@ from stimlib.design.filters import resampled
 X, E = Input("x"), Input("e")
 
 
-def run(block, *rows, fs=1000):
-    """Samples of a block over inputs, in their order; of one without, so many as
-    given.
-    """
-    proc = stimlib.compile(Scene({"y": block}), fs)
-    x = np.empty((0, rows[0])) if not proc.inputs else np.array(rows, float)
-    return proc.process(x)[0]
-
-
 def impulse(n, *at):
     return np.isin(np.arange(n), at or (0,)).astype(float)
 
@@ -31,22 +22,22 @@ def impulse(n, *at):
 # Lines --------------------------------------------------------------------------------
 def test_every_line_is_passed_once_each_way_at_any_speed():
     x = [0.5, 0.5, 1.0, 1.0, 0.999, 0.94, 7.2, -3.3, -3.3, -3.3, 0.0, 5.0, 1e9]
-    y = run(b.crossing(X, 1.0, hysteresis=0.1), x)
+    y = played(b.crossing(X, 1.0, hysteresis=0.1), x)
     assert y.tolist() == [0, 0, 0, 0, 0, 0, 7, -11, 0, 0, 3, 5, 1e9 - 5]
-    assert run(b.crossing(X, 1.0), x[:5]).tolist() == [0, 0, 1, 0, -1]
+    assert played(b.crossing(X, 1.0), x[:5]).tolist() == [0, 0, 1, 0, -1]
 
 
 def test_what_is_no_number_passes_no_line_and_makes_no_edge():
     nan = np.nan
-    assert run(b.crossing(X, 1.0), [nan, 0.5, nan, 2.5]).tolist() == [0, 0, 0, 2]
-    assert run(b.crossing(X, 1.0, split=True), [0.5, nan, 1.5, 1.5]).tolist() == [0, 0, 0.5, 0.5]
-    assert run(b.rising(X, 0.5), [nan, 1.0, nan, 2.0, 0.5, 1.0]).tolist() == [0, 0, 0, 0, 0, 1]
+    assert played(b.crossing(X, 1.0), [nan, 0.5, nan, 2.5]).tolist() == [0, 0, 0, 2]
+    assert played(b.crossing(X, 1.0, split=True), [0.5, nan, 1.5, 1.5]).tolist() == [0, 0, 0.5, 0.5]
+    assert played(b.rising(X, 0.5), [nan, 1.0, nan, 2.0, 0.5, 1.0]).tolist() == [0, 0, 0, 0, 0, 1]
 
 
 def test_a_position_that_toggles_between_codes_passes_a_line_once():
     code = 1e-6 * (5000 + np.r_[-3:1, np.tile([0, -1], 50), 1:4])
-    assert np.abs(run(b.crossing(X, 0.005, hysteresis=2e-6), code)).sum() == 1
-    assert np.abs(run(b.crossing(X, 0.005), code)).sum() > 50
+    assert np.abs(played(b.crossing(X, 0.005, hysteresis=2e-6), code)).sum() == 1
+    assert np.abs(played(b.crossing(X, 0.005), code)).sum() > 50
 
 
 def test_a_split_event_lies_where_the_line_was_passed():
@@ -54,7 +45,7 @@ def test_a_split_event_lies_where_the_line_was_passed():
     later; both ways, several at once.
     """
     u = np.array([0.0, 0.25, 1.25, 1.0, 0.75, 3.75, 3.75, 3.5, 2.75, 2.75])
-    y = run(b.crossing(X, 1.0, split=True), u)
+    y = played(b.crossing(X, 1.0, split=True), u)
     assert y.sum() == 2.0
     np.testing.assert_allclose(
         y, [0, 0, 0.25, 0.75, -1.0, 3 * (1 - 1.25 / 3), 1.25, 0, -1 + 2 / 3, -2 / 3], atol=1e-15
@@ -62,19 +53,14 @@ def test_a_split_event_lies_where_the_line_was_passed():
 
 
 def test_an_edge_is_no_first_sample():
-    assert run(b.rising(X), [1.0, 0.0, 1.0]).tolist() == [0, 0, 1]
-    assert run(b.falling(X), [-1.0, 1.0, -1.0]).tolist() == [0, 0, 1]
+    assert played(b.rising(X), [1.0, 0.0, 1.0]).tolist() == [0, 0, 1]
+    assert played(b.falling(X), [-1.0, 1.0, -1.0]).tolist() == [0, 0, 1]
 
 
 def test_a_split_event_knows_the_hysteresis():
-    assert run(b.crossing(X, 1.0, 0.25, split=True), [0.0, 1.0, 1.25, 1.25, 0.5, 0.5]).tolist() == [
-        0,
-        0,
-        0.5,
-        0.5,
-        -0.5,
-        -0.5,
-    ]
+    assert played(
+        b.crossing(X, 1.0, 0.25, split=True), [0.0, 1.0, 1.25, 1.25, 0.5, 0.5]
+    ).tolist() == [0, 0, 0.5, 0.5, -0.5, -0.5]
     assert (
         stimlib.compile(Scene({"y": b.crossing(X, 1.0, split=True)}), 1000).latency["y", "x"][0]
         == 1.0
@@ -105,16 +91,16 @@ def test_events_in_and_after_tiles_in_which_nothing_happens(block, x):
 
 
 def test_events_of_both_signs_are_counted_and_hold():
-    assert run(b.count(E), [1, -1, 2]).tolist() == [1, 0, 2]
-    assert run(b.sample_and_hold(X, E), [5, 6, 7], [0, -1, 0]).tolist() == [0, 6, 6]
+    assert played(b.count(E), [1, -1, 2]).tolist() == [1, 0, 2]
+    assert played(b.sample_and_hold(X, E), [5, 6, 7], [0, -1, 0]).tolist() == [0, 6, 6]
 
 
 # Times --------------------------------------------------------------------------------
 def test_events_at_times_are_at_the_nearest_sample():
-    assert np.flatnonzero(run(b.at([0.0, 0.0104, 0.0106, 0.0107]), 20)).tolist() == [0, 10, 11]
-    assert run(b.at([0.0106, 0.0107]), 20)[11] == 2.0
-    assert np.flatnonzero(run(b.every(0.0104), 40)).tolist() == [0, 10, 21, 31]
-    assert run(b.count(b.every(0.01)), 2).tolist() == [1, 1], "none before sample 0"
+    assert np.flatnonzero(played(b.at([0.0, 0.0104, 0.0106, 0.0107]), 20)).tolist() == [0, 10, 11]
+    assert played(b.at([0.0106, 0.0107]), 20)[11] == 2.0
+    assert np.flatnonzero(played(b.every(0.0104), 40)).tolist() == [0, 10, 21, 31]
+    assert played(b.count(b.every(0.01)), 2).tolist() == [1, 1], "none before sample 0"
 
 
 def test_a_period_does_not_drift():
@@ -146,10 +132,10 @@ def test_a_timeline_meets_its_points():
             0.7,
         ],
     }.items():
-        y = run(b.timeline(points, kind), 400)
+        y = played(b.timeline(points, kind), 400)
         np.testing.assert_allclose(y[t], wanted, rtol=1e-14)
         assert y[0] == 1.0 and y[100] == -1.0 and y[300] == 0.7, "exact at the points"
-    assert (run(b.timeline([(0.0, 0.1), (0.001, 0.3)]), 3000)[1:] == 0.3).all(), "held exactly"
+    assert (played(b.timeline([(0.0, 0.1), (0.001, 0.3)]), 3000)[1:] == 0.3).all(), "held exactly"
     with pytest.raises(UnitError):
         b.timeline(points, unit="N") + 1.0
 
@@ -160,7 +146,7 @@ def test_rings_overlap_and_are_exact():
     heights = np.where(np.random.default_rng(0).random(4000) < 0.01, 1.3, 0.0)
     for onset, wave in (("sine", np.sin), ("cosine", np.cos)):
         h = np.exp(-n / 160) * wave(2 * np.pi * (250 * n / 8000 % 1))
-        y = run(b.ring(E, 250, 0.02, onset), heights, fs=8000)
+        y = played(b.ring(E, 250, 0.02, onset), heights, fs=8000)
         assert np.abs(y - np.convolve(heights, h)[:4000]).max() < 4e-14
 
 
@@ -197,7 +183,7 @@ def test_what_is_not_a_number_is_a_fault_of_a_live_ring(row):
 
 def test_a_ring_sounds_until_both_its_parts_are_silent():
     # the sine alone, then the cosine alone
-    assert np.all(run(b.ring(E, 250.0, 0.01), impulse(40))[1::2] != 0)
+    assert np.all(played(b.ring(E, 250.0, 0.01), impulse(40))[1::2] != 0)
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.002, 0.3])
@@ -207,7 +193,7 @@ def test_grains_overlap_and_silence_is_zero(rate):
         rng.standard_normal(200),
         np.where(rng.random(1500) < rate, rng.standard_normal(1500), 0.0),
     )
-    y = run(b.grain(E, shape, rate=1000), heights)
+    y = played(b.grain(E, shape, rate=1000), heights)
     np.testing.assert_allclose(y, np.convolve(heights, shape)[:1500], rtol=0, atol=1e-13)
     assert y.any() == bool(rate)
 
@@ -251,28 +237,28 @@ def test_a_fast_recording_needs_little_memory():
 
 
 def test_a_burst_is_symmetric_and_has_the_area_of_a_rectangle():
-    y = run(b.burst(E, 0.16, 0.04), 2.0 * impulse(400, 3))
+    y = played(b.burst(E, 0.16, 0.04), 2.0 * impulse(400, 3))
     assert np.array_equal(y[3:163], y[3:163][::-1]) and not y[:3].any() and not y[163:].any()
     assert abs(y.sum() - 2.0 * (160 - 40)) < 1e-12
-    again = run(b.burst(E, 0.16, 0.04), impulse(400, 3, 50))
+    again = played(b.burst(E, 0.16, 0.04), impulse(400, 3, 50))
     assert np.array_equal(again[50:210], y[3:163] / 2) and not again[210:].any()
-    assert run(b.burst(0.01, 0.005), 20).tolist() == [0.0] * 10 + [1.0] * 5 + [0.0] * 5
+    assert played(b.burst(0.01, 0.005), 20).tolist() == [0.0] * 10 + [1.0] * 5 + [0.0] * 5
 
 
 def test_an_envelope_reaches_1_in_time_and_starts_again_from_where_it_is():
     gate = np.r_[np.ones(50), np.zeros(10), np.ones(50), np.zeros(300)]
-    y = run(b.envelope(X, attack=0.01, decay=0.005, sustain=0.4, release=0.02), gate)
+    y = played(b.envelope(X, attack=0.01, decay=0.005, sustain=0.4, release=0.02), gate)
     assert np.argmax(y == 1.0) == 9 and (np.diff(y[:10]) > 0).all()
     np.testing.assert_allclose(y[9:50], 0.4 + 0.6 * np.exp(-np.arange(41) / 5), rtol=1e-12)
     np.testing.assert_allclose(y[50:60], y[49] * np.exp(-np.arange(1, 11) / 20), rtol=1e-12)
-    assert np.argmax(run(b.envelope(X, attack=0.2), np.ones(300)) == 1.0) == 199
+    assert np.argmax(played(b.envelope(X, attack=0.2), np.ones(300)) == 1.0) == 199
     assert y[60] > y[59] and y[60:110].max() == 1.0 and y[-1] < 1e-6
 
 
 def test_what_comes_soon_after_an_event_is_lost():
-    y = run(b.once_within(E, 0.01), np.ones(100))
+    y = played(b.once_within(E, 0.01), np.ones(100))
     assert np.flatnonzero(y).tolist() == list(range(0, 100, 10))
-    assert run(b.once_within(E, 1e-9), np.ones(5)).tolist() == [1] * 5
+    assert played(b.once_within(E, 1e-9), np.ones(5)).tolist() == [1] * 5
 
 
 # Words that do not fit ----------------------------------------------------------------

@@ -4,6 +4,7 @@ the first sample.
 
 import numpy as np
 import pytest
+from laws import played
 
 import stimlib
 from stimlib import BadValue, Input, Scene, constant
@@ -41,22 +42,18 @@ CREEP = {
 }
 
 
-def played(block, x, target="python"):
-    return stimlib.compile(Scene({"y": block}), 1000, target).process(x[None])[0]
-
-
 @pytest.mark.parametrize("name", FILTERS | CREEP)
 def test_a_steady_start_is_the_end_of_a_long_hold(name):
     """The samples that come after 4 s at the first value, without the 4 s."""
     make = (FILTERS | CREEP)[name]
     x = X if name in FILTERS else Input("f", "N")
     moved = 0.02 + 1e-3 * np.random.default_rng(1).standard_normal(300).cumsum()
-    long = played(make(x), np.r_[np.full(4000, moved[0]), moved], "numba")[4000:]
-    steady = played(make(x, onset="steady"), moved)
+    long = played(make(x), np.r_[np.full(4000, moved[0]), moved])[4000:]
+    steady = played(make(x, onset="steady"), moved, target="python")
     np.testing.assert_allclose(steady, long, rtol=0, atol=3e-13 * np.abs(long).max())
-    same = played(make(x, onset="steady"), moved, "numba")
+    same = played(make(x, onset="steady"), moved)
     np.testing.assert_array_equal(steady, same)
-    held = played(make(x, onset="steady"), np.full(200, 0.02))
+    held = played(make(x, onset="steady"), np.full(200, 0.02), target="python")
     np.testing.assert_array_equal(held, held[0])
 
 

@@ -4,7 +4,7 @@ law, by another route.
 
 import numpy as np
 import pytest
-from laws import lawful
+from laws import lawful, played
 
 import stimlib
 from stimlib import Input, Scene
@@ -17,12 +17,8 @@ FS = 8000.0
 LOW, HIGH = 5.0, 5e4  # four decades, of the wavelengths by default
 
 
-def through(block, x):
-    return stimlib.compile(Scene({"y": block}), FS).process(np.asarray(x, float)[None])[0]
-
-
 def noise(x, slope=1.0, seed=4, **how):
-    return through(spatial_noise(Input("x", "m"), slope, seed, **how), x)
+    return played(spatial_noise(Input("x", "m"), slope, seed, **how), x, fs=FS)
 
 
 # Noise over place ---------------------------------------------------------------------
@@ -132,7 +128,7 @@ def test_a_grating_is_the_mean_of_its_sinusoids(speed):
 def test_over_a_closed_way_it_does_no_work():
     x = np.cumsum(np.random.default_rng(2).standard_normal(20_000)) * 1e-4
     x -= np.linspace(x[0], x[-1], x.size)
-    force = through(grating(Input("x", "m"), RIBS, "N"), x)
+    force = played(grating(Input("x", "m"), RIBS, "N"), x, fs=FS)
     assert abs(force[1:] @ np.diff(x)) < 1e-13 < 1e-6 < np.abs(force[1:]) @ np.abs(np.diff(x))
 
 

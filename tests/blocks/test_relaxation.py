@@ -5,6 +5,7 @@ forms, and what is refused.
 import mpmath as mp
 import numpy as np
 import pytest
+from laws import played
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -26,10 +27,6 @@ from stimlib.errors import BadValue, UnitError
 y, f = Input("y", "m"), Input("f", "N")
 TAUS = [10.0**n for n in range(-12, 13, 2)]
 RATES = [1000.0, 8000.0, 48000.0]
-
-
-def play(block, signal, fs=1000.0, target="numba"):
-    return stimlib.compile(Scene({"out": block}), fs, target).process(np.array([signal], float))[0]
 
 
 def some_motion(n=120, seed=0):
@@ -80,7 +77,7 @@ def test_an_arm_is_exact_for_straight_lines(fs, tau):
     signal = some_motion()
     k = 3.7
     wanted = np.array(exact_arm(signal, fs, k, tau))
-    close(play(maxwell(y, k, tau=tau), signal, fs), wanted, 2e-15)
+    close(played(maxwell(y, k, tau=tau), signal, fs=fs), wanted, 2e-15)
     if tau <= 1e-6:  # (2.3): a damper
         np.testing.assert_allclose(
             wanted,
@@ -97,10 +94,10 @@ def test_an_arm_is_exact_for_straight_lines(fs, tau):
 def test_creep_is_exact_for_straight_lines(fs, tau):
     signal, k = some_motion(seed=1), 3.7
     wanted = np.array(exact_kelvin_voigt(signal, fs, k, tau))
-    close(play(compliance_kelvin_voigt(f, k, tau=tau), signal, fs), wanted, 2e-15)
-    close(play(compliance_kelvin_voigt(f, k, b=k * tau), signal, fs), wanted, 2e-15)
+    close(played(compliance_kelvin_voigt(f, k, tau=tau), signal, fs=fs), wanted, 2e-15)
+    close(played(compliance_kelvin_voigt(f, k, b=k * tau), signal, fs=fs), wanted, 2e-15)
     flow = signal / k + np.array(exact_integral(signal, fs)) / (k * tau)
-    close(play(compliance_maxwell(f, k, tau=tau), signal, fs), flow, 2e-15)
+    close(played(compliance_maxwell(f, k, tau=tau), signal, fs=fs), flow, 2e-15)
 
 
 @pytest.mark.parametrize("fs", RATES)
@@ -109,11 +106,11 @@ def test_limits_hold_at_the_ends_of_the_range(fs):
     signal = some_motion(seed=2)
     speed = np.diff(signal, prepend=0.0) * fs
     way = np.array(exact_integral(signal, fs))
-    close(play(maxwell(y, 5.0 / 1e-30, b=5.0), signal, fs), 5.0 * speed, 1e-15)
-    close(play(maxwell(y, 5.0, tau=1e30), signal, fs), 5.0 * signal, 1e-15)
-    close(play(maxwell(y, 5.0, tau=1e308), signal, fs), 5.0 * signal, 1e-15)
-    close(play(compliance_kelvin_voigt(f, 5.0, tau=1e-30), signal, fs), signal / 5, 1e-15)
-    close(play(compliance_kelvin_voigt(f, 5e-30, b=5.0), signal, fs), way / 5, 1e-15)
+    close(played(maxwell(y, 5.0 / 1e-30, b=5.0), signal, fs=fs), 5.0 * speed, 1e-15)
+    close(played(maxwell(y, 5.0, tau=1e30), signal, fs=fs), 5.0 * signal, 1e-15)
+    close(played(maxwell(y, 5.0, tau=1e308), signal, fs=fs), 5.0 * signal, 1e-15)
+    close(played(compliance_kelvin_voigt(f, 5.0, tau=1e-30), signal, fs=fs), signal / 5, 1e-15)
+    close(played(compliance_kelvin_voigt(f, 5e-30, b=5.0), signal, fs=fs), way / 5, 1e-15)
 
 
 @pytest.mark.parametrize("tau", [1.0, 1e3, 1e6, 1e9, 1e12])
@@ -122,7 +119,7 @@ def test_a_long_hold_relaxes_by_the_clock(tau):
     fs, n = 48000.0, 960_000
     signal = np.zeros(n)
     signal[1:] = 0.02
-    one = play(maxwell(y, 100.0, tau=tau), signal, fs)
+    one = played(maxwell(y, 100.0, tau=tau), signal, fs=fs)
     t = np.arange(n - 1) / fs
     wanted = one[1] * np.exp(-t / tau)
     assert np.abs(one[1:] / wanted - 1).max() < 3e-16 + 2e-16 * t[-1] / tau + (
@@ -130,7 +127,7 @@ def test_a_long_hold_relaxes_by_the_clock(tau):
     )
     lost = (one[1] - one[-1]) / one[1]
     assert lost == pytest.approx(-np.expm1(-t[-1] / tau), rel=1e-10, abs=2e-16)
-    crept = play(compliance_kelvin_voigt(f, 100.0, tau=tau), signal, fs)
+    crept = played(compliance_kelvin_voigt(f, 100.0, tau=tau), signal, fs=fs)
     first = (crept[1] - 0.02 / 100) / (-0.02 / 100)
     np.testing.assert_allclose(
         crept[1:], 0.02 / 100 * (1 - first * np.exp(-t / tau)), rtol=0, atol=1e-15 * 0.02 / 100
@@ -157,13 +154,13 @@ ARMS = [
 def test_a_generalized_maxwell_model_is_the_sum_of_its_parts(fs):
     signal = some_motion(seed=3) + 0.5
     wanted = 70.0 * signal + sum(np.array(exact_arm(signal, fs, k, tau)) for k, tau in ARMS)
-    close(play(generalized_maxwell(y, 70.0, ARMS), signal, fs), wanted, 1e-15)
+    close(played(generalized_maxwell(y, 70.0, ARMS), signal, fs=fs), wanted, 1e-15)
     parts = spring(y, 70.0)
     for k, tau in ARMS:
         parts = parts + maxwell(y, k, tau=tau)
-    close(play(parts, signal, fs), wanted, 1e-15)
+    close(played(parts, signal, fs=fs), wanted, 1e-15)
     close(
-        play(standard_linear_solid(y, 70.0, *ARMS[3]), signal, fs),
+        played(standard_linear_solid(y, 70.0, *ARMS[3]), signal, fs=fs),
         70 * signal + exact_arm(signal, fs, *ARMS[3]),
         1e-15,
     )
@@ -175,7 +172,7 @@ def test_a_chain_is_the_sum_of_its_elements(fs):
     wanted = signal / 70 + np.array(exact_integral(signal, fs)) / 2e-3
     wanted = wanted + sum(np.array(exact_kelvin_voigt(signal, fs, k, tau)) for k, tau in ARMS)
     chain = compliance_generalized_kelvin_voigt(f, ARMS, k0=70.0, b=2e-3)
-    close(play(chain, signal, fs), wanted, 1e-15)
+    close(played(chain, signal, fs=fs), wanted, 1e-15)
 
 
 def test_arms_with_plain_numbers_are_one_bank():
@@ -204,7 +201,7 @@ def test_a_live_stiffness_is_that_of_a_number():
         (compliance_kelvin_voigt(f, k, tau=0.02), compliance_kelvin_voigt(f, 12.0, tau=0.02)),
         (compliance_maxwell(f, k, tau=0.02), compliance_maxwell(f, 12.0, tau=0.02)),
     ):
-        close(play(live, signal), play(fixed, signal), 2e-15)
+        close(played(live, signal), played(fixed, signal), 2e-15)
 
 
 @pytest.mark.parametrize("onset", ["steady", "step"])
@@ -270,12 +267,12 @@ def test_a_fast_ramp_relaxes_along_the_modulus_and_a_slow_one_does_not():
     """Fig. 1.1a."""
     fs, arms = 8000.0, [(50.0, 0.3), (20.0, 0.05)]
     t = np.arange(16000) / fs
-    fast = play(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / (1 / fs), 1), fs)
+    fast = played(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / (1 / fs), 1), fs=fs)
     held = t[1:]
     np.testing.assert_allclose(
         fast[1:], 0.01 * relaxation_modulus(held - 0.5 / fs, 30.0, arms), rtol=1e-6
     )
-    slow = play(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / 1.5, 1), fs)
+    slow = played(generalized_maxwell(y, 30.0, arms), 0.01 * np.minimum(t / 1.5, 1), fs=fs)
     assert fast.max() > 0.99 and slow.max() < 0.43  # of 1 N, 0.3 N in the end
     assert fast[-1] == pytest.approx(0.3, rel=3e-3)
     np.testing.assert_allclose(slow[-1], 0.3, rtol=0.25)
@@ -286,7 +283,7 @@ def test_a_load_creeps_along_the_compliance_and_recovers():
     fs, elements = 8000.0, [(50.0, 0.3), (20.0, 0.05)]
     t = np.arange(24000) / fs
     load = ((t > 0) & (t <= 1.0)).astype(float)
-    got = play(compliance_generalized_kelvin_voigt(f, elements, k0=100.0), load, fs)
+    got = played(compliance_generalized_kelvin_voigt(f, elements, k0=100.0), load, fs=fs)
     up, down = t - 0.5 / fs, t - 1.0 - 0.5 / fs
     wanted = np.where(up > 0, creep_compliance(np.maximum(up, 0), 100.0, elements), 0.0)
     wanted -= np.where(down > 0, creep_compliance(np.maximum(down, 0), 100.0, elements), 0.0)

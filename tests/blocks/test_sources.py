@@ -7,6 +7,7 @@ from fractions import Fraction
 import mpmath as mp
 import numpy as np
 import pytest
+from laws import played
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError
@@ -16,15 +17,6 @@ from stimlib.blocks.sources import Chirp
 from stimlib.design.filters import resampled
 
 X = Input("x")
-
-
-def run(block, *rows, fs=1000):
-    """Samples of a block over inputs, in their order; of one without, so many as
-    given.
-    """
-    proc = stimlib.compile(Scene({"y": block}), fs)
-    x = np.empty((0, rows[0])) if not proc.inputs else np.array(rows, float)
-    return proc.process(x)[0]
 
 
 WAVES = {  # of the phase in turns
@@ -38,7 +30,7 @@ WAVES = {  # of the phase in turns
 @pytest.mark.parametrize("waveform", WAVES)
 @pytest.mark.parametrize("freq", [3.7, 158.3, 449.0])
 def test_a_sample_is_the_mean_over_the_period_around_it(waveform, freq):
-    y = run(b.oscillator(freq, waveform, 0.3, phase=1.0), 60)
+    y = played(b.oscillator(freq, waveform, 0.3, phase=1.0), 60)
     fine = (np.arange(4000) + 0.5) / 4000 - 0.5
     u = 1 / (2 * np.pi) + freq / 1000 * (np.arange(60)[:, None] + fine)
     np.testing.assert_allclose(y, WAVES[waveform](u).mean(axis=1), rtol=0, atol=1e-3)
@@ -46,11 +38,11 @@ def test_a_sample_is_the_mean_over_the_period_around_it(waveform, freq):
 
 
 def test_what_does_not_move_stays():
-    assert run(b.oscillator(0.0, "square", phase=4.0), 5).tolist() == [-1.0] * 5
-    assert run(b.oscillator(0.0, "sawtooth", phase=np.pi), 5).tolist() == [0.0] * 5
-    assert run(b.oscillator(0.0, "square", phase=1.0), 2).tolist() == [1.0] * 2
+    assert played(b.oscillator(0.0, "square", phase=4.0), 5).tolist() == [-1.0] * 5
+    assert played(b.oscillator(0.0, "sawtooth", phase=np.pi), 5).tolist() == [0.0] * 5
+    assert played(b.oscillator(0.0, "square", phase=1.0), 2).tolist() == [1.0] * 2
     np.testing.assert_allclose(
-        run(b.oscillator(0.0, "triangle", phase=np.pi / 4), 2), 0.5, rtol=1e-15
+        played(b.oscillator(0.0, "triangle", phase=np.pi / 4), 2), 0.5, rtol=1e-15
     )
 
 
@@ -59,7 +51,7 @@ def test_area_takes_the_aliases_of_a_sawtooth_down():
     docstring.
     """
     n, m = 1 << 14, 411
-    y = run(b.oscillator(8000 * m / n, "sawtooth", phase=2.0), n, fs=8000)
+    y = played(b.oscillator(8000 * m / n, "sawtooth", phase=2.0), n, fs=8000)
     naive = WAVES["sawtooth"](np.arange(n) * m / n + 1 / np.pi)
     bins = np.arange(n // 2 + 1)
     levels = []
@@ -101,13 +93,13 @@ def test_the_phase_of_an_hour_of_sweep(kind, tol):
 )
 def test_nothing_sounds_before_sample_0(source):
     """A filter of a source runs before sample 0."""
-    assert run(b.moving_average(source, 0.01), 1)[0] == run(source, 1)[0] / 10
+    assert played(b.moving_average(source, 0.01), 1)[0] == played(source, 1)[0] / 10
 
 
 def test_a_duty_that_is_a_signal_is_held_and_told_where_it_is_no_number():
     from stimlib.blocks.oscillators import Oscillator
 
-    y = run(b.oscillator(100, "pulse", X), np.repeat([1.0, 7.0, -1.0], 3))
+    y = played(b.oscillator(100, "pulse", X), np.repeat([1.0, 7.0, -1.0], 3))
     np.testing.assert_allclose(y, np.repeat([1.0, 1.0, 0.0], 3), atol=1e-13)
     p, s = b.oscillator(100, "pulse", X).design(1000)
     with np.errstate(all="ignore"):
@@ -116,29 +108,31 @@ def test_a_duty_that_is_a_signal_is_held_and_told_where_it_is_no_number():
 
 def test_a_sweep_may_stand():
     np.testing.assert_allclose(
-        run(b.chirp(50, 50, 1.0, "exponential"), 40), np.sin(np.pi * np.arange(40) / 10), atol=1e-14
+        played(b.chirp(50, 50, 1.0, "exponential"), 40),
+        np.sin(np.pi * np.arange(40) / 10),
+        atol=1e-14,
     )
 
 
 def test_jittered_pulses_keep_their_order_and_none_is_lost():
     """Each in its own period, where its jitter says."""
     jitter = np.random.default_rng(0).uniform(-0.45, 0.45, 10_000)
-    y = run(b.pulse_train(Param("rate", 40.0, "Hz"), X), jitter)
+    y = played(b.pulse_train(Param("rate", 40.0, "Hz"), X), jitter)
     assert y.sum() == 400
     period = np.arange(1, 400) * 25
     at = np.repeat(np.arange(10_000), y.astype(int))
     # read at the sample that ends the period before
     wanted = np.floor(period + 25 * (0.5 + jitter[period - 1]))
     assert np.abs(at[1:] - wanted).max() <= 1
-    regular = np.flatnonzero(run(b.pulse_train(30.0), 1000))
+    regular = np.flatnonzero(played(b.pulse_train(30.0), 1000))
     assert regular.tolist() == np.floor((np.arange(30) + 0.5) * 1000 / 30).tolist()
 
 
 def test_a_recording_is_played_once_or_again_and_again():
     x = np.array([1.0, -2.0, 3.0])
-    assert run(b.playback(x, rate=1000), 6).tolist() == [1, -2, 3, 0, 0, 0]
+    assert played(b.playback(x, rate=1000), 6).tolist() == [1, -2, 3, 0, 0, 0]
     np.testing.assert_array_equal(
-        run(b.playback(x, rate=300, loop=True), 25), np.resize(resampled(x, 300, 1000), 25)
+        played(b.playback(x, rate=300, loop=True), 25), np.resize(resampled(x, 300, 1000), 25)
     )
 
 
@@ -153,16 +147,16 @@ def test_a_recording_is_heard_at_any_time_of_it(rate, loop):
         -2.9 if loop else 0.1
     )
     block = b.playback(x, rate, loop, at=Input("t", "s"))
-    y = run(block, t)
+    y = played(block, t)
     assert (t[-1] < 0.9 or loop) and np.abs(y - np.cos(2 * np.pi * f * t + 1)).max() < 1e-5
-    ends = run(block, [-1e-9, 0.0, 1 - 1e-9, 1.0])
+    ends = played(block, [-1e-9, 0.0, 1 - 1e-9, 1.0])
     np.testing.assert_allclose(ends, np.cos(1) if loop else [0, ends[1], ends[2], 0], atol=1e-4)
 
 
 def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
     x = np.cos(2 * np.pi * 580 * np.arange(4000) / 4000)
     assert (
-        np.abs(run(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max()
+        np.abs(played(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max()
         < 1e-5
     )
 
@@ -174,7 +168,7 @@ def test_a_recording_has_a_unit(at):
 
 def test_noise_of_a_band_has_its_level_at_every_rate():
     for fs in (1000, 4000):
-        y = run(b.band_noise(100, 300, psd=0.01, seed=1, order=6), 20 * fs, fs=fs)[fs:]
+        y = played(b.band_noise(100, 300, psd=0.01, seed=1, order=6), 20 * fs, fs=fs)[fs:]
         # 200 Hz for 19 s: 1.6 % of chance, and 1 % of flanks
         assert abs(np.mean(y**2) / 2.0 - 1) < 0.08
 
