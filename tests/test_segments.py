@@ -184,15 +184,6 @@ def test_what_makes_no_sense(make, error, why):
         make()
 
 
-def test_a_scene_file_keeps_segments(tmp_path):
-    scene = in_turn({"y": X * b.elapsed(), "z": b.white_noise(2)}, [(3, 40), (50, 71)], 1000.0)
-    scene.save(tmp_path / "scene.json")
-    again = stimlib.load(tmp_path / "scene.json")
-    x = {"x": np.arange(90.0)}
-    assert again.hash == scene.hash and again.program.hash == scene.program.hash
-    assert_same(stimlib.render(again, x, 1000).y, stimlib.render(scene, x, 1000).y)
-
-
 def test_renamed_parameters_keep_a_loop_and_its_samples():
     """Also of two loops that were one object: each has a last value of its own."""
     y = b.loop(lambda last: last + Param("a", 0.5) * (X - last), unit="m")

@@ -109,13 +109,6 @@ def test_response_and_latency_are_those_of_the_block():
     assert one.latency == other.latency
 
 
-def test_reset_begins_anew():
-    proc = stimlib.compile(Scene({"y": b.lowpass(X, 20.0, onset="steady")}), 1000)
-    for value in (0.02, -3.0):
-        np.testing.assert_array_equal(proc.process(np.full((1, 70), value)), value)
-        proc.reset()
-
-
 @pytest.mark.parametrize(
     ("make", "text"),
     [
