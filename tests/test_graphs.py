@@ -519,31 +519,3 @@ def test_every_sample_a_gate_of_its_own(gates):
     assert_same(fast.process(np.ones((1, 3))), slow.process(np.ones((1, 3))))
     assert_same(fast.state, slow.state)
     assert sum(isinstance(q, Enabled) for q in reach([block])) == gates
-
-
-@settings(max_examples=40)
-@given(
-    st.lists(st.integers(0, 600), max_size=20),
-    st.lists(
-        st.tuples(
-            st.integers(0, 599),
-            st.sampled_from(["k", "A", "level"]),
-            st.sampled_from([0.0, 1.0, 3.4, 1500.0]),
-            st.sampled_from([0.0, 0.003, 0.05]),
-        ),
-        max_size=6,
-    ),
-)
-def test_the_squeeze_in_any_cuts_with_any_settings(cuts, sets):
-    proc = stimlib.compile(SQUEEZE, 8000)
-    t = np.arange(600) / 8000
-    x = np.stack([0.02 * (1 - np.cos(2 * np.pi * 40 * t)), 0.03 * t / t[-1]])
-    sets = [Set(*s) for s in sets]
-    wanted = run(proc, x, (), sets)
-    end = proc.state
-    proc.reset()
-    assert_same(run(proc, x, cuts, sets), wanted)
-    assert_same(proc.state, end)
-
-
-SQUEEZE = stimlib.scenes.squeeze()

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from hands import hand
-from laws import STRESS
+from laws import STRESS, played
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -334,14 +334,6 @@ def test_a_live_normal_force_below_zero_is_no_contact(law):
 ALL = {law: block(law) for law in LAWS} | {"stick_slip": stick_slip(X, 1.0)}
 
 
-def samples(blocks, *rows, fs=1000):
-    """Of each block, whose inputs are x and what else is given, in the order in which
-    they are seen.
-    """
-    proc = stimlib.compile(Scene(blocks), fs, "python")
-    return dict(zip(blocks, proc.process(np.array(rows, float)), strict=True)), proc
-
-
 def test_no_contact_begins_strained():
     """Neither the first one, far from 0, nor the next, far from where the last one
     ended.
@@ -350,7 +342,8 @@ def test_no_contact_begins_strained():
     blocks = {law: friction(X, 1.0, law=law, contact=on) for law in LAWS} | {
         "stick_slip": stick_slip(X, 1.0, contact=on)
     }
-    for name, y in samples(blocks, [0.5, 0.5001, 9.0, 0.3, 0.3001], [1, 1, 0, 1, 1])[0].items():
+    rows = played(blocks, [0.5, 0.5001, 9.0, 0.3, 0.3001], [1, 1, 0, 1, 1])
+    for name, y in zip(blocks, rows, strict=True):
         assert y[[0, 2, 3]].tolist() == [0, 0, 0] and y[1] > 0.02 and y[4] == pytest.approx(y[1]), (
             name
         )
@@ -361,34 +354,30 @@ def test_lugre_has_its_damper_and_its_viscosity():
     exp(-a))/a).
     """
     a, damping, viscosity, fs = 0.25, 2.0, 3.0, 1000
-    y, _ = samples(
-        {"F": friction(X, 1.0, F, K, "lugre", damping=damping, viscosity=viscosity)},
-        [0.0, a * C],
-        fs=fs,
+    y = played(
+        friction(X, 1.0, F, K, "lugre", damping=damping, viscosity=viscosity), [0.0, a * C], fs=fs
     )
     z = C * -np.expm1(-a)
-    assert y["F"][1] == pytest.approx(
+    assert y[1] == pytest.approx(
         K * (C - z / a) + fs * (damping * z + viscosity * a * C), rel=1e-12
     )
 
 
 def test_a_force_stays_where_the_stiffness_rises_and_falls_with_it():
     k = Input("k", "N/m")
-    y, _ = samples(
-        {"F": friction(X, 1.0, F, k, "coulomb")},
+    y = played(
+        friction(X, 1.0, F, k, "coulomb"),
         [0.0, 2e-4, 2e-4, 2e-4, 2e-4],
         [1000, 1000, 1000, 2000, 500],
     )
-    np.testing.assert_allclose(y["F"], [0.0, 0.1, 0.2, 0.2, 0.05], rtol=1e-12)
+    np.testing.assert_allclose(y, [0.0, 0.1, 0.2, 0.2, 0.05], rtol=1e-12)
 
 
 def test_a_limit_that_falls_takes_the_force_with_it():
     """Of a finger that stands still; LuGre's is the static one there."""
-    y, _ = samples(
-        {law: block(law, normal=NORMAL) for law in LAWS}, [0.0, 2e-3, 2e-3], [1.0, 1.0, 0.5]
-    )
     for law in LAWS:
-        assert y[law][2] == pytest.approx(0.5 * (STATIC if law == "lugre" else F), rel=1e-12), law
+        y = played(block(law, normal=NORMAL), [0.0, 2e-3, 2e-3], [1.0, 1.0, 0.5])
+        assert y[2] == pytest.approx(0.5 * (STATIC if law == "lugre" else F), rel=1e-12), law
 
 
 @pytest.mark.parametrize("at", [1, 2])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from laws import lawful
 
 import stimlib
 from stimlib import Input, Param, Scene
@@ -49,19 +50,9 @@ def test_without_any_contact_the_velocity_is_0(contact):
 @pytest.mark.parametrize("tau", [1e-6, 1e-3, 0.05, 3.0, 1e6])
 @pytest.mark.parametrize("fs", [100.0, 8000.0])
 def test_first_order_is_exact_for_straight_lines_between_samples(tau, fs):
-    """Against the solution of tau y' + y = x, sample by sample, with x straight in
-    between.
-    """
-    rng = np.random.default_rng(0)
-    u = np.r_[0.0, rng.standard_normal(60)]
-    y = stimlib.compile(Scene({"y": first_order(Input("u"), tau)}), fs).process(u[None])[0]
-    T, wanted, now = 1 / fs, [0.0], 0.0
-    for a, b in zip(u, u[1:], strict=False):
-        slope = (b - a) / T
-        particular = a - slope * tau  # y = particular + slope t is a solution; the rest decays
-        now = particular + slope * T + (now - particular) * np.exp(-T / tau)
-        wanted.append(now)
-    np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-15 * max(1, tau * fs) ** 1.0 + 3e-15)
+    lawful(
+        first_order(Input("u"), tau), fs, u=np.r_[0.0, np.random.default_rng(0).standard_normal(60)]
+    )
 
 
 def test_a_slow_first_order_has_gain_1_at_0_hz():
