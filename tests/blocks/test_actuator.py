@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from laws import assert_same
+from laws import assert_same, played
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -192,12 +192,8 @@ def test_gamma_never_reaches_zero(gamma, x):
 def test_the_placeholder_is_a_proportion_over_the_travel():
     assert PLACEHOLDER_GAMMA.x[0] == 0.0 and PLACEHOLDER_GAMMA.x[-1] == 0.04
     assert all(0 < g <= 1 for g in PLACEHOLDER_GAMMA.gamma)
-    proc = stimlib.compile(Scene({"I": motor_current(F, X, Param("nB", 10.0, "N/A"))}), 8000)
     assert (
-        proc.process(np.stack([{"force": 37.0, "x": 0.02}[n] * np.ones(1) for n in proc.inputs]))[
-            0, 0
-        ]
-        == 3.7
+        played(motor_current(F, X, Param("nB", 10.0, "N/A")), {"force": [37.0], "x": [0.02]}) == 3.7
     )
 
 

@@ -4,7 +4,7 @@ limits do.
 
 import numpy as np
 import pytest
-from laws import assert_same
+from laws import assert_same, played
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -35,8 +35,7 @@ MIDDLE = np.r_[SWEEP[0], (SWEEP[1:] + SWEEP[:-1]) / 2]
 
 
 def run(block, x=SWEEP, **rows):
-    proc = stimlib.compile(Scene({"y": block}), FS)
-    return proc.process(np.array([{"x": x, **rows}[n] for n in proc.inputs]))[0]
+    return played(block, {"x": x, **rows}, fs=FS)
 
 
 @pytest.mark.parametrize(

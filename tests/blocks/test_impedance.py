@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from laws import lawful
+from laws import lawful, played
 
 import stimlib
 from stimlib import Input, Param, Scene
@@ -29,13 +29,11 @@ def test_the_first_position_is_no_jump():
 
 
 def test_off_contact_the_velocity_is_0_and_re_contact_is_no_jump():
-    touch = Input("touch")
-    proc = stimlib.compile(Scene({"v": velocity(x, 100.0, touch)}), 8000)
     u = np.r_[0.1 * np.arange(800) / 8000, np.full(100, np.nan), np.full(300, 5.0)]
     on = np.r_[np.ones(800), np.zeros(100), np.ones(300)]
-    y = proc.process(
-        np.array([{"x": np.nan_to_num(u, nan=2.0), "touch": on}[n] for n in proc.inputs])
-    )[0]
+    y = played(
+        velocity(x, 100.0, Input("touch")), {"x": np.nan_to_num(u, nan=2.0), "touch": on}, fs=8000.0
+    )
     assert y[799] == pytest.approx(0.1, rel=1e-6)
     assert not y[800:].any()
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from laws import mostly
+from laws import mostly, played
 from scipy.interpolate import RectBivariateSpline
 
 import stimlib
@@ -96,14 +96,7 @@ def test_the_cursor_of_frames_takes_its_steps_in_frames():
 def test_a_cursor_of_frames_has_a_highest_speed_and_begins_anew_after_a_lift():
     def path(touch, way, **words):
         place = b.cursor(X, ZERO, RAMP, "frames", contact=Input("touch"), frame=0.004, **words).x
-        proc, rows = (
-            stimlib.compile(Scene({"x": place}), 1000, "python"),
-            {
-                "touch": touch,
-                "x": way,
-            },
-        )
-        return 1000 * proc.process(np.array([rows[name] for name in proc.inputs]))[0]
+        return 1000 * played(place, {"touch": touch, "x": way}, target="python")
 
     way = np.repeat([6, 2, 3], 4) * 1e-3
     # eq. (1) alone: 10/7
@@ -206,11 +199,8 @@ def test_eq_3_to_the_letter():
     x = np.arange(860) * 1e-4
     force = Input("f", "N")
     a = b.delay_avatar(X, ZERO, force, "frames")
-    proc = stimlib.compile(
-        Scene({"x": a.x, "wait": a.wait, "lag": a.lag, "drive": b.vibration(a.wait)}), 1000
-    )
-    rows = {"f": f, "x": x}
-    y = dict(zip(proc.outputs, proc.process(np.array([rows[i] for i in proc.inputs])), strict=True))
+    outputs = {"x": a.x, "wait": a.wait, "lag": a.lag, "drive": b.vibration(a.wait)}
+    y = dict(zip(outputs, played(outputs, {"f": f, "x": x}), strict=True))
     near(1000 * y["wait"][TIMES], [0, 0, 0, 50, 100, 0, 0, 300, 0, 50, 0, 0])
     assert np.count_nonzero(y["wait"]) == 4
     # the avatar stands where the pen was as the frame began

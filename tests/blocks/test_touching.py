@@ -79,13 +79,13 @@ def test_a_wall_leaves_without_sticking():
 @pytest.mark.parametrize("value", [-1.0, -0.0])
 def test_a_live_stiffness_below_zero_is_no_wall(value):
     k = LIVE * constant(1.0, "N/m^2")
-    proc = stimlib.compile(
-        Scene({"F": wall(X, k, 5.0), "G": detents(X, 1e-3, LIVE * constant(1.0, "N/m"))}),
-        FS,
-        "python",
+    outputs = {"F": wall(X, k, 5.0), "G": detents(X, 1e-3, LIVE * constant(1.0, "N/m"))}
+    y = played(
+        outputs,
+        {"x": 1e-3 * np.r_[0.0, 1.0, 1.0, 0.5], "live": np.full(4, value)},
+        fs=FS,
+        target="python",
     )
-    rows = {"x": 1e-3 * np.r_[0.0, 1.0, 1.0, 0.5], "live": np.full(4, value)}
-    y = proc.process(np.array([rows[n] for n in proc.inputs]))
     assert y[0, 1] == pytest.approx(5.0 * 8.0) and not y[0, 2:].any()
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hands import DATA
-from laws import STRESS
+from laws import STRESS, played
 from scipy.integrate import solve_ivp
 
 import stimlib
@@ -44,8 +44,7 @@ def recorded_stroke(n):
 
 
 def pulled(scene, rows):
-    proc = stimlib.compile(scene, FS, "python")
-    return proc.process(np.array([rows[name] for name in proc.inputs]))[0]
+    return played(scene.outputs, rows, fs=FS, target="python")[0]
 
 
 def integrated(rows, finger=None, modes=2):

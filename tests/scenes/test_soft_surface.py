@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hands import DATA
+from laws import played
 
 import stimlib
 from stimlib import BadValue
@@ -182,9 +183,7 @@ def test_depth_and_force_are_the_papers_and_the_springs():
 
 
 def run(scene, x, y, press):
-    proc = stimlib.compile(scene, FS)
-    rows = {"x": x, "y": y, "press": press}
-    return proc.process(np.array([rows[name] for name in proc.inputs]))
+    return played(scene.outputs, {"x": x, "y": y, "press": press}, fs=FS)
 
 
 def test_a_pen_pressed_beyond_its_range_pushes_as_at_its_end():

@@ -4,7 +4,7 @@ without blocks; and what it promises.
 
 import numpy as np
 import pytest
-from laws import assert_same
+from laws import assert_same, played
 from scipy.signal import lfilter
 
 import stimlib
@@ -194,9 +194,14 @@ def test_off_contact_is_silent_and_re_contact_starts_anew():
     t = np.arange(8000) / 8000
     x = np.where(t < 0.5, 0.05 * t, 0.03 + 0.01 * (t - 0.5))  # jumps where it is lifted
     touch = ((t < 0.45) | (t > 0.55)).astype(float)
-    proc = stimlib.compile(squeeze(contact=True), 8000)
-    rows = {"x1": x, "x2": np.zeros(8000), "contact": touch}
-    y = proc.process(np.array([rows[n] for n in proc.inputs]))[0] - 2000 * x
+    y = (
+        played(
+            squeeze(contact=True).outputs,
+            {"x1": x, "x2": np.zeros(8000), "contact": touch},
+            fs=8000.0,
+        )[0]
+        - 2000 * x
+    )
     assert not y[touch == 0].any()
     early, late = y[(t > 0.1) & (t < 0.44)], y[t > 0.6]
     assert np.abs(late).max() < 0.5 * np.abs(early).max() and np.std(late) == pytest.approx(
