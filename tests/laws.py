@@ -91,6 +91,11 @@ def run(proc, x, cuts=(), sets=(), each=None):
     return np.concatenate(parts, axis=1) if parts else np.empty((len(proc.outputs), 0))
 
 
+def pair(scene, fs, seed=0):
+    """The compiled and the interpreted processor."""
+    return stimlib.compile(scene, fs, "numba", seed), stimlib.compile(scene, fs, "python", seed)
+
+
 def played(block, *x, fs=1000.0, target="numba"):
     """Samples of a block, or of several by name, over rows for its inputs or a
     dictionary of them; of a source, so many.

@@ -9,7 +9,7 @@ import pytest
 from contract import TABLE
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from laws import STRESS, Set, assert_same, guarded, mostly, raw, rows, run
+from laws import STRESS, Set, assert_same, guarded, mostly, pair, raw, rows, run
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -260,7 +260,7 @@ def motion(rng, n):
 
 def check(scene, fs, seed, cuts, sets):
     """Laws 1, 2, 3 and 6 on one scene; the samples."""
-    fast, slow = (stimlib.compile(scene, fs, target, seed=seed) for target in ("numba", "python"))
+    fast, slow = pair(scene, fs, seed)
     sets = [s for s in sets if s.name in fast.params]
     x = rows(fast, motion(np.random.default_rng(seed), LENGTH), ["x1", "x2"])
     assert_same(slow.state, fast.state, "state before sample 0")
@@ -434,8 +434,8 @@ def gated_scenes(draw):
 
 @settings(max_examples=GRAPHS // 3)
 @given(gated_scenes(), st.integers(0, 5))
-def test_enabled_samples_in_a_row_are_the_stream_that_was_never_gated(pair, seed):
-    block, gate = pair
+def test_enabled_samples_in_a_row_are_the_stream_that_was_never_gated(gated, seed):
+    block, gate = gated
     fs, names = 1000.0, ["x1", "x2"]
     both = Scene({"y": b.enabled(block, by=gate), "g": gate})
     x = motion(np.random.default_rng(seed), 150)
@@ -488,7 +488,7 @@ def test_what_is_in_a_closed_gate_rests():
     }
     scene = Scene({name: b.enabled(v, by=Input("x")) for name, v in inside.items()})
     on = np.repeat([1.0, 0.0, 1.0, 0.0], [70, 130, 70, 64])
-    fast, slow = (stimlib.compile(scene, 1000, target) for target in ("numba", "python"))
+    fast, slow = pair(scene, 1000)
     assert_same(fast.process(on[None]), slow.process(on[None]))
     assert_same(fast.state, slow.state)
 
@@ -509,9 +509,7 @@ def test_every_sample_a_gate_of_its_own(gates):
     block: Block = b.white_noise(3)
     for k in range(gates):
         block = b.enabled(block, by=Param(f"g{k}", 1.0))
-    fast, slow = (
-        stimlib.compile(Scene({"y": block * Input("x")}), 1000, t) for t in ("numba", "python")
-    )
+    fast, slow = pair(Scene({"y": block * Input("x")}), 1000)
     assert len(fast.program.parents) == gates + 2
     for proc in (fast, slow):
         proc.process(np.ones((1, 3)))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import assert_same
+from laws import assert_same, cut_at, pair, run
 
 import stimlib
 from stimlib import Input, Scene
@@ -105,12 +105,9 @@ def motion(n=500):
     return x
 
 
-def run(block, target, size):
+def sampled(block, target, size):
     proc = stimlib.compile(Scene({"y": block}), 1000, target)
-    x = motion()[: len(proc.inputs)]
-    return np.concatenate(
-        [proc.process(x[:, k : k + size].copy()) for k in range(0, x.shape[1], size)], axis=1
-    )
+    return run(proc, motion()[: len(proc.inputs)], cut_at(500, size))
 
 
 LOOPS = [
@@ -149,7 +146,7 @@ def test_whatever_a_map_says_has_the_same_bits(written, text):
     of = written(MAP.format(text))
     assert lanes.in_vectors(of.Some.step, of.Numbers, "fu", 2) == (text in VECTORS)
     block = of.Some(Input("a"), Input("b"))
-    assert_same(run(block, "numba", 13), run(block, "python", 500))
+    assert_same(sampled(block, "numba", 13), sampled(block, "python", 500))
 
 
 # Cells that are run again -------------------------------------------------------------
@@ -176,8 +173,8 @@ def test_a_constant_and_a_helper_that_change_are_compiled_again(monkeypatch):
     ):
         monkeypatch.setitem(globals(), name, v)
         assert_same(
-            run(Helped(Input("a")), "numba", 64),
-            run(Helped(Input("a")), "python", 500),
+            sampled(Helped(Input("a")), "numba", 64),
+            sampled(Helped(Input("a")), "python", 500),
             f"{name} = {v}",
         )
 
@@ -199,7 +196,7 @@ TRIPLED, IN_PLACE = "return x * p.k * 3.0", "(y,), y"
 def test_each_in_place(written, size):
     """The last vector overlaps the one before: no sample is computed twice."""
     block = written(TILE.format(TRIPLED, IN_PLACE)).Some(1.0 * Input("a"))
-    assert_same(run(block, "numba", size), run(block, "python", 500))
+    assert_same(sampled(block, "numba", size), sampled(block, "python", 500))
 
 
 VECTORS_LACK = (
@@ -237,7 +234,7 @@ VECTORS_LACK = (
 def test_each_says_what_it_takes(written, helper, given, why):
     block = written(TILE.format(helper, given)).Some(1.0 * Input("a"))
     with pytest.raises(SceneError, match=why):
-        run(block, "numba", 64)
+        sampled(block, "numba", 64)
 
 
 # Two blocks of one class --------------------------------------------------------------
@@ -279,9 +276,8 @@ def test_two_blocks_abreast_have_the_same_bits(f):
 
     assert lanes.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
     scene = Scene({"y": Some(Input("a"), 0.5), "z": Some(Input("b"), 0.125)})
-    ours, wanted = (stimlib.compile(scene, 1000, target) for target in ("numba", "python"))
+    ours, wanted = pair(scene, 1000)
     x = motion(100)
-    y = np.concatenate([ours.process(x[:, k : k + 13].copy()) for k in range(0, 100, 13)], axis=1)
-    assert_same(y, wanted.process(x))
+    assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
     assert_same(ours.state, wanted.state)
     assert len(set(filter(None, ours._engine.segments))) == 2  # with the guard

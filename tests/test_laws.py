@@ -19,6 +19,7 @@ from laws import (
     guarded,
     impulse_response,
     mostly,
+    pair,
     random_cuts,
     raw,
     rows,
@@ -48,11 +49,6 @@ LAWS = [
     for fs in e.rates
     for k, law in enumerate(e.laws)
 ]
-
-
-def pair(entry, fs):
-    """The compiled and the interpreted processor of an example, and the interpreter."""
-    return [stimlib.compile(entry.scene(), fs, target) for target in ("numba", "python")]
 
 
 def driven(entry, fs, n, seed=0):
@@ -97,7 +93,7 @@ def test_law_1_cuts_change_nothing(entry, fs):
 @pytest.mark.parametrize(("entry", "fs"), ROWS)
 def test_laws_2_and_3_compiled_is_the_reference_in_output_and_state(entry, fs):
     n = 260
-    procs = pair(entry, fs)
+    procs = pair(entry.scene(), fs)
     x = rows(procs[0], entry.x(n, fs), entry.inputs)
     rng = np.random.default_rng(2)
     sets, cuts = some_sets(procs[0], n, rng), [1, 2, 9, 73, 137, *random_cuts(n, rng, 3)]
@@ -118,7 +114,7 @@ def test_laws_2_and_3_compiled_is_the_reference_in_output_and_state(entry, fs):
 def test_law_3_a_state_goes_on_in_any_processor(entry, fs):
     n, at = 200, 83
     scene = entry.scene()
-    procs = [stimlib.compile(scene, fs, target) for target in ("numba", "python")]
+    procs = pair(scene, fs)
     x = rows(procs[0], entry.x(n, fs), entry.inputs)
     sets = some_sets(procs[0], at, np.random.default_rng(3))
     whole = run(procs[0], x, (at,), sets)
@@ -228,7 +224,7 @@ def test_law_6_outputs_stay_finite(entry, bad):
         wanted = [guarded(r, fs) for r in before]
         faults = [(i, name) for (_, i), name in zip(wanted, "yz", strict=True) if i is not None]
         assert faults or not entry.lti or entry.cls == "Guard", "a sum that loses what is no number"
-        for proc in pair(entry, fs):
+        for proc in pair(entry.scene(), fs):
             y = run(proc, rows(proc, broken, entry.inputs), (13, 60, 61))
             assert_same(y, np.array([w for w, _ in wanted]), f"input {row}, {proc}")
             assert np.isfinite(y).all()
@@ -444,7 +440,7 @@ def block_of_unit(entry):
 def test_the_squeeze_keeps_laws_1_2_3(fs):
     scene = stimlib.scenes.squeeze()
     n = 1500
-    fast, slow = (stimlib.compile(scene, fs, target) for target in ("numba", "python"))
+    fast, slow = pair(scene, fs)
     t = np.arange(n) / fs
     x = 0.02 * np.stack([1 - np.cos(2 * np.pi * 12 * t), 1 - np.cos(2 * np.pi * 9 * t + 1)])
     rng = np.random.default_rng(4)
@@ -553,7 +549,7 @@ def test_law_3_whatever_a_state_says_means_the_same_everywhere(entry, fs):
     """No index is taken from it as it is: neither beyond an array nor, as Python would,
     from an array's end.
     """
-    procs = pair(entry, fs)
+    procs = pair(entry.scene(), fs)
     rng = np.random.default_rng(12)
     x = rows(procs[0], entry.x(5, fs), entry.inputs)
     for state in garbage(procs[0], rng):

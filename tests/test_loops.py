@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import STRESS, assert_same, impulse_response, rows, run
+from laws import STRESS, assert_same, impulse_response, pair, rows, run
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -216,7 +216,7 @@ def scene_of(outputs):
 def test_every_target_every_cut(name):
     outputs = CASES[name]()
     scene = scene_of(outputs)
-    fast, slow = (stimlib.compile(scene, FS, t) for t in ("numba", "python"))
+    fast, slow = pair(scene, FS)
     u = np.random.default_rng(1).standard_normal((len(fast.inputs), N))
     y = fast.process(u)
     assert np.any(y)

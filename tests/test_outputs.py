@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import assert_same, run
+from laws import assert_same, pair, run
 
 import stimlib
 from stimlib import Input, Param, Scene
@@ -108,7 +108,7 @@ CASES = {
 def test_every_target_and_cut(name):
     outputs = CASES[name]
     scene = Scene.from_dict(json.loads(json.dumps(Scene(outputs).to_dict())))
-    fast, slow = (stimlib.compile(scene, FS, t) for t in ("numba", "python"))
+    fast, slow = pair(scene, FS)
     u = np.random.default_rng(1).standard_normal((len(fast.inputs), 200))
     wanted = fast.process(u)
     assert np.any(wanted)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from contract import TABLE as TABLE_OF_BLOCKS
 from contract import ours
-from laws import assert_same
+from laws import assert_same, cut_at, pair, rows, run
 
 import stimlib
 from stimlib import Input, Scene, constant
@@ -372,7 +372,7 @@ class Everything(Block):
 def test_what_a_step_may_use_has_the_same_bits_everywhere():
     scene = Scene({"y": Everything(x)})
     u = np.random.default_rng(0).standard_normal((1, 200))
-    procs = [stimlib.compile(scene, 1000, t) for t in ("numba", "python")]
+    procs = pair(scene, 1000)
     assert_same(*(p.process(u) for p in procs))
     assert_same(*(p.state for p in procs))
 
@@ -517,15 +517,11 @@ def test_the_first_contact_is_the_first_however_late_it_is(target):
         resettable=True,
         __annotations__={"x": Block, "contact": Block},
     )
-    run = stimlib.compile(Scene({"y": mine(x, Input("touch"))}), 1000, target)
-    given = {"x": np.arange(1.0, 8.0), "touch": np.array([0, 0, 1, 1, 0, 1, 1.0])}
-    given = np.array([given[name] for name in run.inputs])
+    proc = stimlib.compile(Scene({"y": mine(x, Input("touch"))}), 1000, target)
+    given = rows(proc, np.array([np.arange(1.0, 8.0), [0, 0, 1, 1, 0, 1, 1]]), ["x", "touch"])
     for cut in (7, 1):
-        y = np.concatenate(
-            [run.process(np.ascontiguousarray(given[:, k : k + cut]))[0] for k in range(0, 7, cut)]
-        )
-        assert y.tolist() == [0, 0, 103, 4, 0, 6, 7]
-        run.reset()
+        assert run(proc, given, cut_at(7, cut))[0].tolist() == [0, 0, 103, 4, 0, 6, 7]
+        proc.reset()
 
 
 def clearing_tile(p, s, x, y, w):
@@ -550,19 +546,17 @@ def test_all_of_the_scratch_is_there_wherever_a_contact_begins():
     )
     for classes in ((much, little), (little,)):
         blocks = {f"y{k}": cls(x, Input("touch")) for k, cls in enumerate(classes)}
-        run = stimlib.compile(Scene(blocks), 1000)
+        proc = stimlib.compile(Scene(blocks), 1000)
         for begin in (1, 8, 40, 63):
-            touch = np.arange(64.0) >= begin
-            given = {"x": np.arange(1.0, 65.0), "touch": touch.astype(float)}
-            y = run.process(np.array([given[name] for name in run.inputs]))
-            assert_same(y, np.stack([given["x"] * touch] * len(classes)))
+            moved, touch = np.arange(1.0, 65.0), np.arange(64.0) >= begin
+            y = proc.process(rows(proc, np.array([moved, touch]), ["x", "touch"]))
+            assert_same(y, np.stack([moved * touch] * len(classes)))
 
 
 @pytest.mark.parametrize("first", [1.0, 2.0])
 @pytest.mark.parametrize("target", ["python", "numba", "jax"])
 def test_the_engine_alone_says_where_a_contact_begins(target, first):
-    touch = np.array([0, 1, 1, 1, 0, 0, 1, 1, 0, 1, 1, 1.0])
-    moves = {"x": np.arange(1.0, 13.0), "touch": touch}
+    moves = np.array([np.arange(1.0, 13.0), [0, 1, 1, 1, 0, 0, 1, 1, 0, 1, 1, 1]])
     for step in (summed, summed_cold_kept, summed_cold_negative, summed_tile):
         members = {
             "tile" if step is summed_tile else "step": staticmethod(step),
@@ -573,9 +567,9 @@ def test_the_engine_alone_says_where_a_contact_begins(target, first):
             continue  # has no step to run
         for on, wanted in (
             (Input("touch"), [0, 2, 5, 7, 0, 0, 7, 15, 0, 10, 21, 23]),
-            (constant(1.0), 2 * moves["x"] - 1),
+            (constant(1.0), 2 * moves[0] - 1),
         ):
-            run = stimlib.compile(Scene({"y": mine(x, on)}), 1000, target)
-            given = np.array([moves[name] for name in run.inputs])
-            y = run(motion=given)["y"] if target == "jax" else run.process(given)[0]
+            proc = stimlib.compile(Scene({"y": mine(x, on)}), 1000, target)
+            given = rows(proc, moves, ["x", "touch"])
+            y = proc(motion=given)["y"] if target == "jax" else proc.process(given)[0]
             assert y.tolist() == list(wanted), (step.__name__, y)

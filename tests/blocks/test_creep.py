@@ -49,10 +49,8 @@ def test_all_creep_has_one_convention_of_time(alpha):
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_creep_under_a_held_force(alpha, fs):
     """From 0 to 1 N within the first sample."""
-    chis = {"y": 100.0, "live": Param("chi", 100.0)}
-    proc = stimlib.compile(
-        Scene({name: compliance(f, chi, alpha, "l1") for name, chi in chis.items()}), fs
-    )
+    fixed, live = compliance(f, 100.0, alpha, "l1"), compliance(f, Param("chi", 100.0), alpha, "l1")
+    proc = stimlib.compile(Scene({"y": fixed, "live": live}), fs)
     t = np.arange(1, 10 * fs + 1) / fs
     y = proc.process(np.ones((1, t.size)))
     rise = t ** (1 + alpha) - np.r_[0.0, t[:-1]] ** (1 + alpha)

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from laws import assert_same, lawful
+from laws import assert_same, lawful, played
 
 import stimlib
 from stimlib import BadValue, Input, Scene, blocks
@@ -55,14 +55,15 @@ def test_a_recommended_pass_band_is_one_that_works(fs):
 
 
 def test_a_stop_band_above_half_the_rate_is_none():
-    one, other = (
-        stimlib.compile(Scene({"v": differentiator(x, 100.0, stop)}), 1000)
-        for stop in (600.0, 501.0)
+    u = np.random.default_rng(5).standard_normal(300)
+    assert_same(
+        played(differentiator(x, 100.0, 600.0), u), played(differentiator(x, 100.0, 501.0), u)
     )
-    u = np.random.default_rng(5).standard_normal((1, 300))
-    assert_same(one.process(u), other.process(u))
-    f = np.linspace(1.0, 100.0, 50)
-    np.testing.assert_allclose(np.abs(one.response("v", "x", f)), 2 * np.pi * f, rtol=1e-6)
+    f, proc = (
+        np.linspace(1.0, 100.0, 50),
+        stimlib.compile(Scene({"v": differentiator(x, 100.0, 600.0)}), 1000, "python"),
+    )
+    np.testing.assert_allclose(np.abs(proc.response("v", "x", f)), 2 * np.pi * f, rtol=1e-6)
 
 
 @pytest.mark.parametrize(

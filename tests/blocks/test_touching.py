@@ -130,8 +130,11 @@ def test_the_way_back_of_a_button_may_be_at_either_end():
     0, and never below.
     """
     x = 1e-3 * np.array([0.0, 1.5, 0.5, 0.25])
-    none, most = (played(button(X, 2.0, 0.5, 1e-3, back).pressed, x) for back in (1e-3, 0.5e-3))
-    assert none.tolist() == [0, 1, 0, 0] and most.tolist() == [0, 1, 1, 0]
+    blocks = {
+        "none": button(X, 2.0, 0.5, 1e-3, 1e-3).pressed,
+        "most": button(X, 2.0, 0.5, 1e-3, 0.5e-3).pressed,
+    }
+    assert played(blocks, x).tolist() == [[0, 1, 0, 0], [0, 1, 1, 0]]
 
 
 def test_live_dampers_below_zero_count_as_none():

@@ -156,6 +156,7 @@ def test_noise_is_skipped_at_A_0_and_A_k_and_level_are_live():
     for name, value, factor in (
         ("A", 0.0, 0.0),
         ("level", 0.0, 0.0),
+        ("level", 0.5, 0.5),
         ("A", 6.8, 2.0),
         ("k", 1000.0, 0.5),
     ):

@@ -20,7 +20,17 @@ import numba
 import numpy as np
 import pytest
 from contract import TABLE
-from laws import Set, assert_same, cut_at, float_words, impulse_response, random_cuts, rows, run
+from laws import (
+    Set,
+    assert_same,
+    cut_at,
+    float_words,
+    impulse_response,
+    pair,
+    random_cuts,
+    rows,
+    run,
+)
 from stress import cases
 
 import stimlib
@@ -119,7 +129,7 @@ def kept(proc) -> np.ndarray:
 
 def assert_as_the_interpreter(scene, fs, x, names, cuts, sets=()):
     """Samples, states and faults; the compiled processor."""
-    fast, slow = (stimlib.compile(scene, fs, target) for target in ("numba", "python"))
+    fast, slow = pair(scene, fs)
     x = rows(fast, x, names)
     y = run(fast, x, cuts, sets)
     assert_same(y, run(slow, x, (), sets), "numba and python")
