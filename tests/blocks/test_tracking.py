@@ -114,13 +114,8 @@ def test_contact():
         np.array([[0.01, 0.02, 0.5, 0.01, 0.02, 0.3], [0.0, 1.0, 0.0, 1.0, 1.0, 0.0]])
     )
     assert y[:4].tolist() == [0.0, 0.02, 0.02, 0.01] and not v[:4].any() and y[4] == y[5]
-    assert set(proc.state[float_words(proc)].view(np.float64)) == {
-        0.0,
-        1.0,
-        0.02,
-        y[5],
-        -1.0,
-    }, "v, e, h; cold, last, y; of a guard"
+    words = set(proc.state[float_words(proc)].view(np.float64))
+    assert words == {0.0, 1.0, 0.02, y[5], -1.0}, "v, e and h; cold; last; y; of a guard"
 
 
 @pytest.mark.parametrize("make", [track, track_velocity])
