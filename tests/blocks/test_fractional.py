@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from laws import assert_same, lawful, mostly, raw, rows
+from laws import assert_same, lawful, mostly, played, raw, rows
 from scipy.special import rgamma
 
 import stimlib
@@ -374,6 +374,17 @@ def test_a_position_that_is_not_finite_is_forgotten_when_contact_is_made_anew(sc
         and np.isfinite(before[:30]).all()
         and np.isfinite(before[50:]).all()
     )
+
+
+@pytest.mark.parametrize("scheme", ["gl", "l1", "gl-downsampled", "gl-short-memory"])
+def test_a_step_onset_is_for_the_first_contact(scheme):
+    x, c = np.full(40, 0.01), np.r_[np.ones(20), np.zeros(5), np.ones(15)]
+    f = played(
+        springpot(Y, 1.0, 0.5, scheme=scheme, onset="step", contact=C, horizon=1.0),
+        {"y": x, "c": c},
+    )
+    assert f[0] == pytest.approx(0.01 * 1000**0.5 / (math.gamma(1.5) if scheme == "l1" else 1))
+    assert np.all(f[1:20] > 0) and not f[20:].any()
 
 
 # The thesis' methods ------------------------------------------------------------------
