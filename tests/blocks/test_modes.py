@@ -1,6 +1,4 @@
-"""Pink noise: the filter as plain recursions, and a start of its own from a state that
-is drawn.
-"""
+"""Pink noise: the filter as plain recursions, and a start without a transient."""
 
 import numpy as np
 import pytest
@@ -32,6 +30,25 @@ def test_its_start_is_drawn_apart_from_its_white_noise():
     ).key == noise_key(9, 5, 2, 0)
     assert not start.q[p.r == 0].any() and start.q[p.r != 0].all()
     assert block.work(p) == 8 * 64
+
+
+@pytest.mark.parametrize("f_low", [1.0, 30.0])
+def test_it_is_stationary_from_the_first_sample(f_low):
+    """The variance over many runs, at the first samples and later, is that of the
+    response.
+    """
+    fs, runs = 1000.0, 3000
+    proc = stimlib.compile(Scene({"p": pink_noise(1.0, seed=1, f_low=f_low, tol_db=0.1)}), fs)
+    y = np.empty((runs, 40))
+    for seed in range(runs):
+        proc.reset(seed)
+        y[seed] = proc.process(np.empty((0, 40)))[0]
+    f = np.r_[np.geomspace(1e-4, fs / 2, 20_000)]
+    density = np.abs(proc.response("p", "white(1, 0)", f)) ** 2 * 2 / fs
+    variance = np.trapezoid(density, f)
+    assert np.all(np.abs(np.var(y, axis=0) / variance - 1) < 5 * np.sqrt(2 / runs))
+    lag = np.trapezoid(density * np.cos(2 * np.pi * f * 30 / fs), f)
+    assert abs(np.mean(y[:, 0] * y[:, 30]) - lag) < 5 * variance * np.sqrt(2 / runs)
 
 
 def test_streams_and_seeds_differ():
