@@ -24,7 +24,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 import numpy as np
 from stimlib.core.graph import Block, Map
-from stimlib.core.maths import as_float, bits, copy, each, exp, floor, flush, fma, sqrt, unbits, where, words
+from stimlib.core.maths import as_float, bits, copy, each, exp, floor, flush, fma
+from stimlib.core.maths import sqrt, unbits, where, words
 
 ONE, TWO, THREE, SIGN = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64((1 << 63) + 5)
 HALF, GAIN, WHOLE = np.float64(0.5), 2.0, 3

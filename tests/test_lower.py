@@ -13,7 +13,6 @@ from laws import assert_same, pair
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core import bounds
 from stimlib.core.graph import Add, Block, Const, Guard, Map, Mul, reach
 from stimlib.core.program import lead, lower
 from stimlib.errors import SceneError

@@ -103,7 +103,8 @@ def mine(tmp_path, monkeypatch):
         file.write_text(MODULE + textwrap.indent(whole, "    "))
 
         def at(mark):
-            return f"{file}:{[line.endswith(mark) for line in file.read_text().splitlines()].index(True) + 1}: "
+            ends = [line.endswith(mark) for line in file.read_text().splitlines()]
+            return f"{file}:{ends.index(True) + 1}: "
 
         return importlib.import_module(file.stem).Mine, at
 

@@ -10,8 +10,8 @@ from laws import bits, lawful, mostly
 
 import stimlib
 from stimlib import Input, Param, Scene
-from stimlib.blocks.bump import WAVEFORMS, bump
-from stimlib.blocks.carrier import carrier
+from stimlib.blocks.oscillators import carrier
+from stimlib.blocks.surfaces import WAVEFORMS, bump
 from stimlib.errors import BadValue, UnitError
 
 FS = 8000.0

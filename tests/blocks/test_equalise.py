@@ -8,7 +8,7 @@ from laws import assert_same, played
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
-from stimlib.blocks.equalise import equalize
+from stimlib.blocks.surfaces import equalize
 from stimlib.errors import BadValue, UnitError
 
 FS = 8000.0

@@ -8,7 +8,7 @@ from laws import assert_same, bits, float_words, lawful
 
 import stimlib
 from stimlib import Input, Param, Scene
-from stimlib.blocks.tracking import track, track_velocity
+from stimlib.blocks.filters import track, track_velocity
 from stimlib.errors import BadValue, SceneError
 
 FS, X = 8000.0, Input("x", "m")

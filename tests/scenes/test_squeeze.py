@@ -10,9 +10,9 @@ from scipy.signal import lfilter
 import stimlib
 from stimlib import Scene
 from stimlib import blocks as b
-from stimlib.blocks.fir import Differentiator
-from stimlib.blocks.gate import Loading
-from stimlib.blocks.modes import PinkNoise
+from stimlib.blocks.filters import Differentiator
+from stimlib.blocks.impedance import Loading
+from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
 from stimlib.scenes import squeeze
 
