@@ -141,6 +141,7 @@ def test_a_row_that_is_off_either_way_is_seen():
     y = proc.process(x)
     for factor, passes in ((1.0, True), (1 + 1e-9, False), (1 - 1e-9, False)):
         e = SimpleNamespace(
+            changes=[],
             scene=scene,
             proc=proc,
             fs=FS,
