@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,16 @@ from ..core.parts import Part
 from ..core.scene import Scene
 from ..design.responses import Law
 from ..errors import BadValue
-from ..files.audio import read
-from ..motion.source import positions, sources_of
+from ..files.audio import Stored
+from ..motion.source import sources_of
 from ..run.processor import Change, Processor, compile
 from ..run.rendering import Rendering
-from ..run.walk import samples
+from ..run.walk import Rows, rows_of, samples
 from . import laws
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
 FEWEST = 64  # enabled samples without which a noise is not tested
+LONG = 1 << 20  # samples that are held in memory at once
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,12 @@ class Tap:
 
 @dataclass
 class Evidence:
-    """What the checks look at; the report draws from it."""
+    """What the checks look at; the report draws from it.
+
+    It has the rows of one stretch: all of a recording of up to ``LONG`` samples, or its
+    first stretch.  ``stretches`` gives this and those after it, of which the checks
+    keep sums alone.
+    """
 
     scene: Scene
     proc: Processor
@@ -107,6 +114,39 @@ class Evidence:
     path: Path | None = None  # of the file
     told: Any = None  # the fault that a rendering in memory tells
     session: bool = False  # delivered through a safety stage, which checks/session.py compares
+    at: int = 0  # the first sample of the rows
+    led: int = 0  # of the rows, samples of the stretch before
+    later: Callable[[], Iterator[Evidence]] | None = None  # makes the stretches after this one
+    all: int = 0  # samples of the recording, where there are later ones
+    drive: Rows | None = None  # the motion of all samples, where there are later ones
+
+    @property
+    def frames(self) -> int:
+        """Samples of the whole recording."""
+        return self.all or self.x.shape[1]
+
+    @property
+    def end(self) -> int:
+        """The sample after the last of the rows."""
+        return self.at + self.x.shape[1]
+
+    def stretches(self) -> Iterator[Evidence]:
+        """This stretch and those after it, made again each time; together they have
+        every sample once.
+        """
+        yield self
+        if self.later is not None:
+            yield from self.later()
+
+    def motion_at(self, at: int, stop: int) -> np.ndarray:
+        """The motion of samples at .. stop - 1, rows as the processor has them."""
+        if self.drive is None or (self.at <= at and stop <= self.end):
+            return np.ascontiguousarray(self.x[:, at - self.at : stop - self.at])
+        return (
+            self.drive(at, stop)
+            if callable(self.drive)
+            else np.ascontiguousarray(self.drive[:, at:stop])
+        )
 
     @property
     def share(self) -> float:
@@ -120,9 +160,10 @@ class Evidence:
 def gather(
     scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike
 ) -> Evidence:
-    sidecar = None
+    sidecar: dict[str, Any] | None = None
+    shown: Any = rendering.y if isinstance(rendering, Rendering) else Stored(rendering)
     if isinstance(rendering, Rendering):
-        fs, seed, params, shown = rendering.fs, rendering.seed, dict(rendering.params), rendering.y
+        fs, seed, params = rendering.fs, rendering.seed, dict(rendering.params)
         source = "rendering in memory"
         if rendering.scene.hash != scene.hash:
             raise BadValue("the rendering is of another scene")
@@ -136,7 +177,7 @@ def gather(
                 " float64 row for each"
             )
     else:
-        shown, sidecar = read(rendering)
+        sidecar = shown.sidecar
         fs, seed, params = sidecar["fs"], sidecar["seed"], dict(sidecar["params"])
         source = Path(rendering).name
         if sidecar["scene_hash"] != scene.hash:
@@ -162,24 +203,20 @@ def gather(
         changes = [Change(0, name, value, 0.0) for name, value in params.items()]
     else:
         changes = last_of(Change(**c) for c in sidecar["log"])
-    params = at_first(proc, changes)
-    frames = shown.shape[1]
-    if not frames:
+    if not shown.shape[1]:
         raise BadValue("there is no sample to verify")
-    sources = sources_of(motion, proc.inputs, frames)
-    x = positions(sources, 0, frames, fs)
     augmented, found = with_taps(scene, fs)
     watch = compile(augmented, fs, seed=seed)
-    seen = samples(watch, x, frames, changes)
+    none = np.empty((0, 0))
     e = Evidence(
         scene,
         proc,
         fs,
         seed,
-        params,
-        x,
-        seen[: len(scene.outputs)].copy(),
-        shown,
+        at_first(proc, changes),
+        none,
+        none,
+        none,
         source,
         sidecar,
         dict(motion),
@@ -187,8 +224,69 @@ def gather(
     e.changes = changes
     e.path = None if sidecar is None else Path(rendering)  # type: ignore[arg-type]
     e.told = rendering.fault if isinstance(rendering, Rendering) else None
-    keep_taps(e, seen, found)
-    return e
+    return seen_by(
+        e,
+        watch,
+        rows_of(sources_of(motion, proc.inputs, shown.shape[1]), fs),
+        found,
+        shown.shape[1],
+        shown,
+    )
+
+
+def seen_by(
+    e: Evidence, watch: Processor, drive: Rows, found: list[tuple], frames: int, shown: Any = None
+) -> Evidence:
+    """What an augmented scene makes of a motion: the first stretch, which makes the
+    later ones.
+
+    ``shown`` has what was delivered, read by shown[:, at:stop]; None where it is what
+    is seen here.
+    """
+    edges = cuts(e.scene, e.fs, frames)
+
+    def part(proc: Processor, at: int, stop: int) -> Evidence:
+        x = drive(at, stop) if callable(drive) else drive[:, at:stop]
+        seen = samples(
+            proc, lambda a, b: np.ascontiguousarray(x[:, a - at : b - at]), stop, e.changes, at
+        )
+        y = seen[: len(e.scene.outputs)].copy()
+        empty: dict[str, Any] = {field: {} for field in ("whites", "fingers", "curves", "wanted")}
+        empty |= {field: [] for field in ("taps", "numbers", "skipped", "held")}
+        new = replace(e, at=at, x=x, y=y, shown=y if shown is None else shown[:, at:stop], **empty)
+        keep_taps(new, seen, found)
+        return new
+
+    first = part(watch, 0, edges[0])
+    if len(edges) > 1:
+        state = watch.state
+
+        def later() -> Iterator[Evidence]:
+            proc = Processor(watch.scene, e.fs, seed=e.seed, begun=watch)
+            proc.state = state
+            for at, stop in pairwise(edges):
+                yield part(proc, at, stop)
+
+        first.later, first.all, first.drive = later, frames, drive
+    return first
+
+
+def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
+    """Where stretches of up to ``LONG`` samples end: where no interval of a trial is
+    cut, if there is such a sample.
+    """
+    spans = [
+        (round(p.span.start * fs), round(p.span.start * fs) + round(p.span.duration * fs))
+        for p in scene.parts
+        if p.span
+    ]
+    ends = sorted({z for _, z in spans} | {a for a, _ in spans})
+    free = [n for n in ends if not any(a < n < z for a, z in spans)]
+    edges, at = [], 0
+    while frames - at > LONG:
+        at = max((n for n in free if at < n <= at + LONG), default=at + LONG)
+        edges.append(at)
+    return [*edges, frames]
 
 
 def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
@@ -304,14 +402,21 @@ def noise_model(root: Block, fs: float):
     )
 
 
-def ramped(first: float, changes: Sequence[Change], fs: float, n: int) -> np.ndarray:
-    """The n samples of a parameter that begins with a value and then changes."""
-    y, changes = np.full(n, first), [c for c in changes if c.at < n]
+def ramped(
+    first: float, changes: Sequence[Change], fs: float, n: int, start: int = 0
+) -> np.ndarray:
+    """Samples start .. n - 1 of a parameter that begins with a value and then
+    changes.
+    """
+    y, changes, before = np.full(n - start, first), [c for c in changes if c.at < n], first
     for k, (at, _, target, ramp) in enumerate(changes):
         end = changes[k + 1].at if k + 1 < len(changes) else n
-        share = np.minimum(np.arange(1, end - at + 1) / max(1, round(ramp * fs)), 1.0)
-        before = y[at - 1] if at else first
-        y[at:end] = np.where(share < 1, before + (target - before) * share, target)
+        low = min(max(at, start), end - 1)  # the last is the next one's beginning
+        share = np.minimum(np.arange(low - at + 1, end - at + 1) / max(1, round(ramp * fs)), 1.0)
+        row = np.where(share < 1, before + (target - before) * share, target)
+        before = float(row[-1])
+        if end > start:
+            y[low - start : end - start] = row
     return y
 
 
@@ -337,9 +442,12 @@ class Asked:
     given: Mapping[str, Any]
     x: dict[str, np.ndarray]
     y: dict[str, np.ndarray]
-    at: slice  # of all samples
+    at: slice  # of the samples of the evidence
     window: np.ndarray
     seed: int
+    # by the law itself: what the stretch after this one goes on from; it is empty where
+    # the part begins
+    kept: dict[Any, Any]
 
     @property
     def fs(self) -> float:
@@ -376,7 +484,13 @@ class Asked:
         """A parameter at every sample, its ramps written again as straight lines."""
         name = self.part.inputs.get(name, name)
         changes = [c for c in self.e.changes if c.name == name]
-        return ramped(self.e.params[name], changes, self.fs, self.e.x.shape[1])[self.at]
+        return ramped(
+            self.e.params[name],
+            changes,
+            self.fs,
+            self.e.at + self.at.stop,
+            self.e.at + self.at.start,
+        )
 
     def held(self, name: str, low: float, high: float) -> np.ndarray:
         """A live parameter within the range in which the block of the scene holds
@@ -419,7 +533,12 @@ class Asked:
         """An output against what it should be, in parts of its largest value, or of
         ``least`` where that is larger.
         """
-        top = max(float(np.abs(np.where(self.window > 0, want, 0.0)).max(initial=0.0)), least)
+        top = max(
+            float(np.abs(np.where(self.window > 0, want, 0.0)).max(initial=0.0)),
+            self.kept.get((name, text), 0.0),
+        )
+        self.kept[name, text] = top  # for the stretches after this one
+        top = max(top, least)
         self.expect(name, want, tol * top)
         return Check(
             group,
@@ -459,18 +578,22 @@ class Asked:
         """A line about the numbers that were asked for."""
         self.e.numbers.append(f"{self.part.name}: {text}" if self.part.name else text)
 
-    def render(self, block: Block, n: int | None = None) -> np.ndarray:
+    def render(self, block: Block, n: int | None = None, name: str = "") -> np.ndarray:
         """The samples of a block that the law makes of what was asked for, on the
         inputs by the law's names.
+
+        With a name they go on from those of the stretch before.
         """
         n = self.n if n is None else n
-        proc = compile(Scene({"y": block}), self.fs, seed=self.seed)
+        proc = self.kept.get(name) or compile(Scene({"y": block}), self.fs, seed=self.seed)
+        if name:
+            self.kept[name] = proc
         x = np.array([self.x[name][:n] for name in proc.inputs]).reshape(len(proc.inputs), n)
         return samples(proc, x, n, [])[0]
 
 
-def asked(e: Evidence, part: Part) -> Asked:
-    """A part of a scene as its law sees it.
+def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
+    """A part of a scene as its law sees it, in one stretch.
 
     Raises
     ------
@@ -478,9 +601,10 @@ def asked(e: Evidence, part: Part) -> Asked:
         The scene has lost an input or an output that the part had.
     """
     at, window, n = slice(0, e.x.shape[1]), np.ones(e.x.shape[1]), e.x.shape[1]
+    window[: e.led] = 0.0
     if part.span:
         start, long, ramp, _ = part.span
-        first = round(start * e.fs)
+        first = round(start * e.fs) - e.at
         at = slice(min(first, n), min(first + round(long * e.fs), n))
         t = np.arange(at.stop - at.start) / np.longdouble(e.fs)
         inside = np.clip(np.minimum(t, long - t) / ramp if ramp else t * 0 + 1, 0, 1)
@@ -498,4 +622,4 @@ def asked(e: Evidence, part: Part) -> Asked:
             for own, row in y.items()
         }
     seed = e.seed if part.span is None or part.span.seed is None else part.span.seed
-    return Asked(e, part, part.given or {}, x, y, at, window, seed)
+    return Asked(e, part, part.given or {}, x, y, at, window, seed, {} if kept is None else kept)

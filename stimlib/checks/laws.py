@@ -188,6 +188,7 @@ def squeeze_finger(
     cutoff: float,
     on: float,
     off: float,
+    kept: dict[str, Any] | None = None,
 ) -> Finger:
     """The UGrip paper, eq. (2) and section 2.1, for one finger's position and (gated)
     noise.
@@ -202,25 +203,38 @@ def squeeze_finger(
         Stiffness in N/m; gain times noise level.
     on, off : float
         Gate thresholds in m/s.
+    kept : dict, optional
+        What the samples before these left, and then what these leave; by default there
+        were none.
     """
     from scipy.signal import lfilter
 
-    touching = contact > 0
+    touching, kept = contact > 0, {} if kept is None else kept
     v = np.zeros_like(x)
     pole = math.exp(-2 * math.pi * cutoff / fs)
     starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
     stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
     for a, b in zip(starts, stops, strict=True):  # at rest at the first sample of every contact
-        rate = np.diff(x[a:b], prepend=x[a]) * fs
-        v[a:b] = lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate)
+        last, state = kept.get("contact", (x[a], np.zeros(2))) if a == 0 else (x[a], np.zeros(2))
+        rate = np.diff(x[a:b], prepend=last) * fs
+        v[a:b], state = lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate, zi=state)
+        kept["contact"] = x[b - 1], state
     n = np.arange(x.size)
+    before = -1 if kept.get("gate") else -2
     # open since it was last above on, unless it was not above off since
-    opened = np.maximum.accumulate(np.where(v > on, n, -1))
-    closed = np.maximum.accumulate(np.where(v > off, -1, n))
+    opened = np.maximum.accumulate(np.where(v > on, n, before))
+    closed = np.maximum.accumulate(np.where(v > off, -2, n))
     gate = opened > closed
+    if x.size and not touching[-1]:
+        kept.pop("contact", None)
+    kept["gate"] = bool(gate[-1]) if x.size else False
+    return vibrating(Finger(k * x, v, gate, x), noise, k, A)
+
+
+def vibrating(finger: Finger, noise: np.ndarray, k: Any, A: Any) -> Finger:
+    """The same finger with this noise, gain and stiffness."""
     tau = 1 / 8000
-    mean = k * x
-    return Finger(mean, v, gate, mean + A * (k * tau * v) * (tau * noise))
+    return finger._replace(force=finger.mean + A * (k * tau * finger.v) * (tau * noise))
 
 
 def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float, float]:

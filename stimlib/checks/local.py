@@ -41,6 +41,7 @@ from .rows import Rows
 # samples that are looked at: the first, and stretches that the seed places
 FIRST, LATER, PLACES = 1 << 13, 1 << 12, 4
 FADED = 1e-180  # what a loop counts as 0
+FAR = 64  # samples between two that are asked for together
 GONE = 1e-18  # of the largest sample of a stretch: what may be left there of what was before
 NOISE = 1e-13  # of two computations of a normal deviate
 WIRES = Pick | Tap | Loop | Const
@@ -69,7 +70,7 @@ class Run(NamedTuple):
     scene: Scene
     fs: float
     seed: int
-    x: Mapping[str, np.ndarray]  # the samples of each input
+    x: Mapping[str, Any]  # of each input what gives its samples at:stop, such as a row
     n: int
     params: dict[str, float]  # at the first sample
     changes: Sequence[Change]  # of parameters, by sample
@@ -100,6 +101,96 @@ class Part(NamedTuple):
         return lead(fs) if b.autonomous and not self.at else 0
 
 
+class Driven(NamedTuple):
+    """An input of a recording, whose samples are made where they are asked for."""
+
+    e: Evidence
+    input: int
+
+    def __getitem__(self, key: slice) -> Row:  # type: ignore[override]
+        return self.e.motion_at(key.start, key.stop)[self.input]
+
+
+class Clock(NamedTuple):
+    """The samples at which a gate is open: where it opens and closes, and how many
+    there are before each opening.
+    """
+
+    opens: np.ndarray
+    closes: np.ndarray
+    before: np.ndarray
+
+    @staticmethod
+    def of(edges: np.ndarray, n: int) -> Clock:
+        """Of n samples, the gate being turned at these, and closed before."""
+        edges = np.minimum(np.append(edges, n) if edges.size % 2 else edges, n)
+        opens, closes = edges[::2], edges[1::2]
+        return Clock(opens, closes, np.cumsum(closes - opens) - (closes - opens))
+
+    @property
+    def total(self) -> int:
+        """How many samples it is open at."""
+        return int(np.sum(self.closes - self.opens))
+
+    def until(self, n: int) -> int:
+        """How many of them are before sample n."""
+        return int(np.sum(np.clip(n, self.opens, self.closes) - self.opens))
+
+    def samples(self, first: int, stop: int) -> np.ndarray:
+        """Those with these numbers."""
+        k = np.arange(first, stop)
+        at = np.searchsorted(self.before, k, "right") - 1
+        return self.opens[at] + k - self.before[at]
+
+
+class Inside(NamedTuple):
+    """An input on the clock of a gate."""
+
+    row: Any
+    clock: Clock
+
+    def __getitem__(self, key: slice) -> Row:  # type: ignore[override]
+        at = self.clock.samples(key.start, key.stop)
+        if not at.size or at[-1] - at[0] + 1 == at.size:
+            return self.row[int(at[0]) : int(at[-1]) + 1] if at.size else np.empty(0)
+        near = np.split(at, np.flatnonzero(np.diff(at) > FAR) + 1)
+        return np.concatenate([self.row[int(k[0]) : int(k[-1]) + 1][k - k[0]] for k in near])
+
+
+class Gated:
+    """What drives a subsystem: when it runs, and the values of parameters that move, at
+    its first sample and after.
+    """
+
+    def __init__(self) -> None:
+        self.edges: list[np.ndarray] = []  # samples at which it begins to run, or ends
+        self.params: dict[str, float] = {}
+        self.changes: list[Change] = []  # on its own clock
+        self._on, self._count = False, 0
+        self._last: dict[str, float] = {}
+
+    def add(self, at: int, on: np.ndarray, moving: Mapping[str, Row]) -> None:
+        """The next samples: whether it runs, and what the parameters are."""
+        self.edges.append(at + np.flatnonzero(np.diff(on, prepend=self._on)))
+        for name, row in moving.items():
+            row = row[on]
+            if row.size:
+                self.params.setdefault(name, float(row[0]))
+                steps = np.flatnonzero(np.diff(row, prepend=self._last.get(name, row[0])))
+                self.changes += [
+                    Change(self._count + int(k), name, float(row[k]), 0.0) for k in steps
+                ]
+                self._last[name] = float(row[-1])
+        self._on, self._count = bool(on[-1]), self._count + int(np.count_nonzero(on))
+
+    def until(self, n: int) -> np.ndarray:
+        """The edges of the first n samples: where it begins, where it ends, and so
+        on.
+        """
+        edges = np.minimum(np.concatenate(self.edges), n)
+        return np.append(edges, n) if edges.size % 2 else edges
+
+
 @dataclass(frozen=True, eq=False)
 class Early(Block):
     """A signal as late as it begins before sample 0: all that came before comes
@@ -117,9 +208,9 @@ def blocks_held(e: Evidence) -> list[Check]:
     """A check for each class of block; what has no law, or could not be seen, goes to
     ``skipped``.
     """
-    x = dict(zip(e.proc.inputs, e.x, strict=True))
+    x = {name: Driven(e, k) for k, name in enumerate(e.proc.inputs)}
     found = e.held = held(
-        Run(e.scene, e.fs, e.seed, x, n := e.x.shape[1], e.params, e.changes, spans(n, e.seed))
+        Run(e.scene, e.fs, e.seed, x, n := e.frames, e.params, e.changes, spans(n, e.seed))
     )
     for kind in dict.fromkeys((h.kind, h.why) for h in found if h.why):
         same = [h for h in found if (h.kind, h.why) == kind]
@@ -174,13 +265,7 @@ def _held(run: Run) -> tuple[list[Held], list[Part]]:
     if all(isinstance(b, Const) for b in blocks):
         return [], [Part(a, z - a, {}, {}) for a, z in run.spans]
     gated: list[Any] = [b for b in blocks if isinstance(b, Subsystem)]
-    moved = [
-        p
-        for b in gated
-        for p in reach([b.block])
-        if isinstance(p, Param) and any(p.name == c.name for c in run.changes)
-    ]
-    seen, whole = _seen(run, blocks, [b.by for b in gated if not isinstance(b.by, Const)], moved)
+    seen, whole = _seen(run, blocks, gated)
     found = []
     for b in blocks:
         if isinstance(b, Loop):
@@ -214,13 +299,21 @@ def outside(roots: Iterable[Block]) -> list[Block]:
 
 
 def _seen(
-    run: Run, blocks: list[Block], gates: Sequence[Block], params: Sequence[Block]
-) -> tuple[list[Part], dict[int, Row]]:
-    """The rows of each block in each span; and at all samples where gates were open,
-    and the values of these parameters.
+    run: Run, blocks: list[Block], gated: list[Any]
+) -> tuple[list[Part], dict[int, tuple[Gated, Row]]]:
+    """The rows of each block in each span; and what drives each of these subsystems,
+    over all samples.
 
     They end where one is not finite.
     """
+    live = {c.name for c in run.changes}
+    moved = {
+        id(b): [p for p in reach([b.block]) if isinstance(p, Param) and p.name in live]
+        for b in gated
+    }
+    params = [p for its in moved.values() for p in its]
+    driven = [b for b in gated if moved[id(b)] or not isinstance(b.by, Const)]
+    whole = {id(b): Gated() for b in driven}
     around = _loops(blocks)
     shown: dict[str, Block] = {}
     names: dict[int, list[str]] = {}  # of the rows of each block
@@ -236,17 +329,19 @@ def _seen(
             shown |= dict(zip(found[id(b)], those, strict=True))
     proc = compile(Scene(shown), run.fs, seed=run.seed)
     place, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
-    stop = max(lag, run.n if gates or params else run.spans[-1][1])
+    stop = max(lag, run.n if driven else run.spans[-1][1])
 
     def motion(a: int, b: int) -> Row:
-        at = np.minimum(np.arange(a, b), run.n - 1)
-        return np.array([run.x[name][at] for name in proc.inputs]).reshape(len(proc.inputs), b - a)
+        x = np.empty((len(proc.inputs), b - a))
+        for row, name in zip(x, proc.inputs, strict=True):
+            row[: max(run.n - a, 0)] = run.x[name][a : max(min(b, run.n), a)]
+            row[max(run.n - a, 0) :] = run.x[name][run.n - 1 : run.n] if b > run.n else 0.0
+        return x
 
     moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
     kept = [
         np.empty((len(place), (z if k else max(z, lag)) - a)) for k, (a, z) in enumerate(run.spans)
     ]
-    whole: dict[int, list[Row]] = {id(b): [] for b in (*gates, *params)}
     summed = {id(b): 0 for b in blocks if type_name(type(b)) in rows.SUMS}
     past: list[dict[int, int]] = [{} for _ in run.spans]
     for at, y in walk(proc, motion, stop, [c for c in moves if c.name in proc.params]):
@@ -254,10 +349,14 @@ def _seen(
         for (a, _), out in zip(run.spans, kept, strict=True):
             low, high = max(a, at), min(a + out.shape[1], end)
             out[:, max(low - a, 0) : max(high - a, 0)] = y[:, low - at : max(high, low) - at]
-        for b in {id(g): g for g in gates}.values():
-            whole[id(b)].append(y[place[names[id(b)][0]]] > 0)
-        for b in {id(p): p for p in params}.values():
-            whole[id(b)].append(y[place[names[id(b)][0]]].copy())
+        for b in driven if at < run.n else ():
+            on = (
+                np.full(end - at, b.by.value > 0)
+                if isinstance(b.by, Const)
+                else y[place[names[id(b.by)][0]]] > 0
+            )
+            moving = {p.name: y[place[names[id(p)][0]]][: run.n - at] for p in moved[id(b)]}
+            whole[id(b)].add(at, on[: run.n - at], moving)
         for b in (b for b in blocks if id(b) in summed):
             first = b.children[0]
             row = (
@@ -281,7 +380,8 @@ def _seen(
                 row = np.hstack([np.array([out[place[name], :lag] for name in early[key]]), row])
             row_of[key] = row[0] if len(row) == 1 else row
         seen.append(Part(a, n, row_of, sums))
-    return seen, {key: np.concatenate(row)[: min(known, run.n)] for key, row in whole.items()}
+    n = min(known, run.n)
+    return seen, {key: (its, its.until(n)) for key, its in whole.items()}
 
 
 def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
@@ -328,7 +428,7 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
             moves = [c for c in run.changes if c.name == b.name]
             want = np.r_[
                 np.full(before, b.value),
-                ramped(run.params[b.name], moves, run.fs, part.at + part.n)[part.at :],
+                ramped(run.params[b.name], moves, run.fs, part.at + part.n, part.at),
             ]
             tol = (1e-12 + lost_by_ramps(moves, run.fs)) * float(np.abs(want).max())
         elif isinstance(b, White):
@@ -423,53 +523,45 @@ def _least(want: Any, tol: Any) -> float:
     )
 
 
-def _inside(b: Any, run: Run, seen: list[Part], whole: dict[int, Row]) -> list[Held]:
+def _inside(
+    b: Any, run: Run, seen: list[Part], whole: dict[int, tuple[Gated, np.ndarray]]
+) -> list[Held]:
     """What a subsystem runs, rendered alone on its own clock: its samples where it runs
     are the same bits, elsewhere 0.
     """
     before = seen[0].early(b, run.fs)
-    late = np.full(run.n, b.by.value > 0) if isinstance(b.by, Const) else whole[id(b.by)]
-    on = np.r_[seen[0].row(b.by, seen[0].n + before)[:before] > 0, late]
-    at: Any = np.flatnonzero(on)
-    total = at.size
-    if total and at[-1] - at[0] + 1 == total:
-        at = slice(at[0], at[-1] + 1)  # which copies nothing
+    early = seen[0].row(b.by, seen[0].n + before)[:before] > 0
+    its, edges = whole.get(id(b), (Gated(), np.arange(isinstance(b.by, Const) and b.by.value > 0)))
+    opened, ran = (
+        np.flatnonzero(np.diff(early, prepend=False, append=False)),
+        int(np.count_nonzero(early)),
+    )
+    clock = Clock.of(np.r_[opened, edges + before], run.n + before)
     ends = [(part.at + before * (part.at > 0), part.at + before + part.n) for part in seen]
-    inside = [(int(np.count_nonzero(on[:a])), int(np.count_nonzero(on[:z]))) for a, z in ends]
+    inside = [(clock.until(a), clock.until(z)) for a, z in ends]
     found: list[Held] = []
     alone: list[Part] = []
-    if total:
-        params, changes = {}, []
+    if clock.total:
+        params, changes = {}, [c._replace(at=c.at + ran) for c in its.changes]
         for p in (p for p in reach([b.block]) if isinstance(p, Param)):
-            row = whole.get(id(p), np.full(late.size if before else 1, run.params[p.name]))
-            row = np.r_[np.full(before, p.value), row][at] if row.size > 1 else row
-            params[p.name] = float(row[0])
-            changes += [
-                Change(int(k), p.name, float(row[k]), 0.0) for k in np.flatnonzero(np.diff(row)) + 1
-            ]
-        scene, its = Scene({"y": b.block}), getattr(b, "seed", None)
+            params[p.name] = first = its.params.get(p.name, run.params[p.name])
+            if ran:
+                params[p.name] = p.value
+                changes += [Change(ran, p.name, first, 0.0)] if first != p.value else []
+        scene, seed = Scene({"y": b.block}), getattr(b, "seed", None)
+        seed = run.seed if seed is None else seed
         where = f"{run.where} in {'a segment' if isinstance(b, Segment) else 'enabled'}"
-        x = {name: run.x[name][: on.size][at] for name in scene.inputs}
+        x = {name: Inside(run.x[name], clock) for name in scene.inputs}
         changes.sort(key=lambda c: c.at)
         found, alone = _held(
-            Run(
-                scene,
-                run.fs,
-                run.seed if its is None else its,
-                x,
-                total,
-                params,
-                changes,
-                inside,
-                where,
-            )
+            Run(scene, run.fs, seed, x, clock.total, params, changes, inside, where)
         )
     error, size = 0.0, 0
     for k, ((a, z), part) in enumerate(zip(ends, seen, strict=True)):
-        y, want, places = part.rows[id(b)], np.zeros(z - a), np.flatnonzero(on[a:z])
+        y, want, places = part.rows[id(b)], np.zeros(z - a), clock.samples(*inside[k]) - a
         if places.size:
             row = alone[k].row(b.block, alone[k].n)
             want[places[: row.size]] = row
             y = y[: places[row.size] if row.size < places.size else None]
         error, size = max(error, _error(y, want[: y.size], 0.0)), size + y.size
-    return [Held(b, run.where, size, error, least=2.0**-53 if total else np.inf), *found]
+    return [Held(b, run.where, size, error, least=2.0**-53 if clock.total else np.inf), *found]

@@ -16,9 +16,9 @@ from ..core.loops import Loop
 from ..core.program import first_states, lead
 from ..core.scene import Scene
 from ..errors import SceneError
-from ..run.processor import compile
+from ..run.processor import Processor, compile
 from . import laws
-from .evidence import FEWEST, Check, Evidence, Tap
+from .evidence import FEWEST, LONG, Check, Evidence, Tap
 from .power import pairs
 
 GENERATOR = 1e-13  # of two computations of a normal deviate
@@ -28,8 +28,74 @@ FILTERED = 1e-11  # of a filter fed with one and the other, relative to its larg
 def generator(e: Evidence) -> list[Check]:
     """Every sample of every source against the published generator, and every sample of
     every gated noise against its filter fed with that."""
-    checks, n, early = [], e.x.shape[1], lead(e.fs)
-    known: dict[Any, np.ndarray] = {}
+    white, sources = _Published(lead(e.fs)), _sources(e)
+    known = {(seed, b.noise_key) for b, seed, _ in sources.values()}
+    fed = [_fed(t, e, known) for t in e.taps]
+    apart, size = dict.fromkeys(sources, 0.0), dict.fromkeys(sources, 0)
+    off, top, samples = np.zeros(len(fed)), np.zeros(len(fed)), np.zeros(len(fed), int)
+    more: list[list[np.ndarray]] = [[t.stream] for t in e.taps]
+    for s in e.stretches():
+        for name, (b, seed, own) in sources.items():
+            seen = s.whites[name] if own is None else own.process(np.empty((0, s.end - s.at)))[0]
+            want = white(seed, b.noise_key, size[name], size[name] + seen.size)
+            apart[name] = max(apart[name], float(np.abs(seen - want).max(initial=0.0)))
+            size[name] += seen.size
+        for k, (t, proc) in enumerate(zip(s.taps, fed, strict=True)):
+            if s.at and samples[k] < LONG:
+                more[k].append(t.stream[: LONG - samples[k]])
+            if proc is not None and t.stream.size:
+                want = _filtered(proc, white, t, int(samples[k]))
+                off[k] = max(off[k], np.abs(t.stream - want).max())
+                top[k] = max(top[k], np.abs(want).max())
+            samples[k] += t.stream.size
+    checks = []
+    for name in sources:
+        text = f"Philox and Box-Muller, written again, {size[name]} samples"
+        checks.append(Check("c", f"{name}: generator", apart[name], GENERATOR, text))
+    for k, t in enumerate(e.taps):
+        # its spectrum is that of its first LONG samples, wherever the gate was open
+        if len(more[k]) > 1:
+            e.taps[k] = dc.replace(t, stream=np.concatenate(more[k]))
+        if fed[k] is None:
+            why = "a parameter, a gate or another generator is in it, or it runs before sample 0"
+            e.skipped.append(f"samples of {t.name} in {t.output}: {why}")
+            continue
+        text = f"its filter fed with that generator, {samples[k]} samples"
+        checks.append(
+            Check(
+                "c",
+                f"{t.output}: noise as displayed",
+                float(off[k] / (top[k] or 1.0)),
+                FILTERED,
+                text,
+            )
+        )
+    return checks
+
+
+class _Published:
+    """The published generator, which keeps what it made last of each source."""
+
+    def __init__(self, early: int):
+        self.early = early
+        self.made: dict[Any, tuple[int, np.ndarray]] = {}
+
+    def __call__(self, seed: int, key: Any, first: int, stop: int) -> np.ndarray:
+        """Samples first .. stop - 1 of the source's own clock."""
+        at, row = self.made.get((seed, key), (0, np.empty(0)))
+        if not at <= first <= stop <= at + row.size:
+            at = first - self.early if not first else first  # a filter before a gate begins early
+            even = at - at % 2
+            row = laws.white(seed, key[0], key[1], even, stop - even)[at - even :]
+            self.made[seed, key] = at, row
+        return row[first - at : stop - at]
+
+
+def _sources(e: Evidence) -> dict[str, tuple[Any, int, Any]]:
+    """By name the sources of published noise: the block, its run's seed, and what makes
+    its samples where they are not seen.
+    """
+    found: dict[str, tuple[Any, int, Any]] = {}
     for name, i in e.proc.program.noises.items():
         b, seed = (
             e.proc.program.instances[i].block,
@@ -39,35 +105,28 @@ def generator(e: Evidence) -> list[Check]:
             e.skipped.append(f"{name}: {b!r} has a generator of its own")
             continue
         seed = e.seed if seed is None else seed
-        white = laws.white(seed, *b.noise_key, -early - early % 2, n + early + early % 2)[
-            early % 2 :
-        ]
-        known[seed, b.noise_key] = white
-        seen = (
-            e.whites[name]
-            if name in e.whites
-            else compile(Scene({"y": b}), e.fs, seed=seed).process(np.empty((0, n)))[0]
+        found[name] = (
+            b,
+            seed,
+            None if name in e.whites else compile(Scene({"y": b}), e.fs, seed=seed),
         )
-        apart = float(np.abs(seen - white[early : early + seen.size]).max(initial=0.0))
-        text = f"Philox and Box-Muller, written again, {seen.size} samples"
-        checks.append(Check("c", f"{name}: generator", apart, GENERATOR, text))
-    for t in e.taps:
-        want = _fed(t, e, known)
-        if want is None:
-            why = "a parameter, a gate or another generator is in it, or it runs before sample 0"
-            e.skipped.append(f"samples of {t.name} in {t.output}: {why}")
-            continue
-        apart = float(
-            np.abs(t.stream - want).max(initial=0.0) / (np.abs(want).max(initial=0.0) or 1.0)
-        )
-        text = f"its filter fed with that generator, {t.stream.size} samples"
-        checks.append(Check("c", f"{t.output}: noise as displayed", apart, FILTERED, text))
-    return checks
+    return found
 
 
-def _fed(t: Tap, e: Evidence, known: dict[Any, np.ndarray]) -> np.ndarray | None:
-    """The enabled samples of a gated noise once more: its blocks without the gate,
-    inputs in place of the sources.
+def _filtered(proc: Processor, white: _Published, t: Tap, first: int) -> np.ndarray:
+    """So many samples of a gated noise as its stream has, from its own sample ``first``
+    on.
+    """
+    early = 0 if first else white.early
+    keys = [tuple(map(int, name.split("_")[1:])) for name in proc.inputs]
+    return proc.process(
+        np.array([white(t.seed, key, first - early, first + t.stream.size) for key in keys])
+    )[0, early:]
+
+
+def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
+    """A gated noise once more, at its first sample: its blocks without the gate, inputs
+    in place of the sources.
     """
     # it ran before sample 0, for as long as its gate was open
     if isinstance(t.block, Enabled) and t.block.by.autonomous:
@@ -101,12 +160,7 @@ def _fed(t: Tap, e: Evidence, known: dict[Any, np.ndarray]) -> np.ndarray | None
     proc.state = np.r_[
         proc.state[:2], first_states(proc.program._replace(instances=like), design)(t.seed)
     ]
-    rows = {
-        "white_{}_{}".format(*key): white for (seed, key), white in known.items() if seed == t.seed
-    }
-    early = lead(e.fs)
-    x = np.array([rows[name][: early + t.stream.size] for name in proc.inputs])
-    return proc.process(x)[0, early:]
+    return proc
 
 
 def noise(e: Evidence) -> list[Check]:

@@ -156,7 +156,7 @@ def _displayed(e: Evidence) -> dict[str, str]:
     """What came out, and what went in."""
     rows = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
-        "length": f"{e.x.shape[1]} samples at {e.fs:g} Hz, {e.x.shape[1] / e.fs:g} s",
+        "length": f"{e.frames} samples at {e.fs:g} Hz, {e.frames / e.fs:g} s",
         "parameters": ", ".join(f"{n} = {v:g}" for n, v in e.params.items()) or "none",
         "motion": "; ".join(f"{n}: {_spec(m)}" for n, m in e.motion.items()) or "none",
         "seed": str(e.seed),
@@ -329,7 +329,7 @@ def _program(e: Evidence, signal: str) -> str:
         "from stimlib.motion.recorded import parse_source",
         'scene = stimlib.load("scene.json")  # the text at the end of this page',
         (
-            f"made = stimlib.render(scene, {{{motion}}}, {e.fs!r}, {e.x.shape[1] / e.fs!r},"
+            f"made = stimlib.render(scene, {{{motion}}}, {e.fs!r}, {e.frames / e.fs!r},"
             f" {e.params!r}, {e.seed})"
         ),
         'print(hashlib.sha256(made.y.T.astype("<f8").tobytes()).hexdigest())',

@@ -282,6 +282,7 @@ def _refused(e: Evidence, name: str, change: float) -> float:
         e,
         params=e.params | {name: e.params[name] * factor},
         changes=changes,
+        later=None,
         **{
             field: type(getattr(e, field))()
             for field in ("fingers", "curves", "wanted", "numbers", "skipped")

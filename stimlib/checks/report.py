@@ -135,7 +135,7 @@ class Report:
     def what(self) -> str:
         """The recording in one line."""
         e = self.evidence
-        return f"{shown(e.source)}, {e.x.shape[1] / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
+        return f"{shown(e.source)}, {e.frames / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON data; a number that is not finite is None.
@@ -168,7 +168,7 @@ class Report:
         about = {
             "source": e.source,
             "fs": e.fs,
-            "seconds": e.x.shape[1] / e.fs,
+            "seconds": e.frames / e.fs,
             "seed": e.seed,
             "scene_hash": e.scene.hash,
         }

@@ -9,6 +9,7 @@ a noise, or a wait that a rounding decides, it makes the block of its own.
 from __future__ import annotations
 
 import copy
+import dataclasses as dc
 import math
 from collections.abc import Callable
 from itertools import pairwise
@@ -19,7 +20,7 @@ import numpy as np
 
 from ..analysis import spectra
 from ..core.graph import Const, Input
-from ..core.parts import OWN, known
+from ..core.parts import OWN, Part, known
 from ..errors import BadValue, SceneError
 from . import laws, soft, surfaces, touch
 from .evidence import Asked, Check, Evidence, asked, noise_model
@@ -29,6 +30,10 @@ from .plates import touch_screen
 # is taken
 TEXTURE = 1e-7
 OWN_TOL = 1e-9  # of the largest value, where a law of a user's own states none
+ONWARD = {"squeeze": 0, "bumps": 1, "grating": 1, "wall": 1}
+"""Laws that go on from one stretch of a long recording to the next, and how many
+samples before it they must see.
+"""
 STARTS = {"bumps": {"A": "amplitude"}, "touch_screen": {"A": "amplitude"}}
 """Arguments that set a parameter of another name."""
 
@@ -37,16 +42,14 @@ def scene_law(e: Evidence) -> list[Check]:
     """The checks of all laws that the scene's parts have."""
     if not e.scene.parts:
         e.skipped.append("no law of the whole scene is known")
-    checks, found = (
-        [],
-        {
-            part.law: SCENES.get(part.law, own_law if known(part.law) else None)
-            for part in e.scene.parts
-        },
-    )
-    e.unknown[:] = [name for name, law in found.items() if law is None]
+    laws_of = {
+        part.law: SCENES.get(part.law, own_law if known(part.law) else None)
+        for part in e.scene.parts
+    }
+    e.unknown[:] = [name for name, law in laws_of.items() if law is None]
+    known_laws: list[tuple[Part, Law, dict[str, Any], list[Check]]] = []
     for part in e.scene.parts:
-        law, called = found[part.law], f"{part.name}: the law" if part.name else "the law"
+        law, called = laws_of[part.law], f"{part.name}: the law" if part.name else "the law"
         if law is None:
             where = (
                 "import its module first (--import FILE.py)"
@@ -60,13 +63,70 @@ def scene_law(e: Evidence) -> list[Check]:
                 " before stimlib 0.2"
             )
         else:
-            checks += _checks_of(e, part, law)
-    return checks
+            known_laws.append((part, law, {}, []))
+            if e.end < e.frames and part.span is None and part.law not in ONWARD:
+                e.skipped.append(
+                    f"{called}: held against the first {e.end / e.fs:.6g} s only, as it needs all"
+                    " samples at once"
+                )
+    last = e
+    for s in e.stretches() if known_laws else ():
+        for part, law, kept, found in known_laws:
+            if _begins(part, s) or (s.at and part.span is None and part.law in ONWARD):
+                lines = len(s.numbers), len(s.skipped)
+                _worst(found, _checks_of(_led(s, last, part), part, law, kept))
+                if s.at and part.span:
+                    e.numbers += s.numbers[lines[0] :]
+                    e.skipped += s.skipped[lines[1] :]
+        last = s
+    return [c for *_, found in known_laws for c in found]
 
 
-def _checks_of(e: Evidence, part: Any, law: Law) -> list[Check]:
+def _begins(part: Part, e: Evidence) -> bool:
+    """Whether a part begins in this stretch."""
+    first = min(round(part.span.start * e.fs), e.frames) if part.span else 0
+    return e.at <= first < e.end or first == e.frames == e.end
+
+
+def _led(e: Evidence, last: Evidence, part: Part) -> Evidence:
+    """A stretch with the sample before it, where the law of a part needs that."""
+    if not e.at or part.span or not ONWARD[part.law]:
+        return e
+    rows: dict[str, Any] = {
+        n: np.hstack([getattr(last, n)[:, -1:], getattr(e, n)]) for n in ("x", "y", "shown")
+    }
+    return dc.replace(e, at=e.at - 1, led=1, **rows)
+
+
+def _worst(found: list[Check], new: list[Check]) -> None:
+    """Keep of each check the stretch in which it was nearest to its limit, or farthest
+    beyond.
+    """
+    if not found:
+        found += new
+        return
+    for c in new:
+        at = next((k for k, f in enumerate(found) if (f.group, f.name) == (c.group, c.name)), None)
+        if at is None:
+            found.append(c)
+        elif _over(c) > _over(found[at]):
+            found[at] = c
+
+
+def _over(c: Check) -> float:
+    """What was measured, over its limit."""
+    return (
+        c.measured / c.limit
+        if c.limit and np.isfinite(c.measured)
+        else 0.0
+        if c.passed
+        else math.inf
+    )
+
+
+def _checks_of(e: Evidence, part: Any, law: Law, kept: dict[str, Any]) -> list[Check]:
     try:
-        a = asked(e, part)
+        a = asked(e, part, kept)
         if not a.n:
             e.skipped.append(f"{part.name or part.law}: none of its interval was displayed")
             return []
@@ -185,15 +245,18 @@ def _squeeze(a: Asked) -> list[Check]:
     on, off = laws.gate_thresholds(g["resolution"], g["cutoff"], a.fs)
     for i in n:
         name, x = f"force{i}", a.x[f"x{i}"]
-        still = laws.squeeze_finger(x, np.zeros(a.n), a.contact, a.fs, k, A, g["cutoff"], on, off)
+        its = a.kept.setdefault(name, {})
+        still = laws.squeeze_finger(
+            x, np.zeros(a.n), a.contact, a.fs, k, A, g["cutoff"], on, off, its
+        )
         runs, noise = still.gate & (A != 0), np.zeros(a.n)
         pink = pink_noise(1 / math.pi, g["seed"], stream=i, f_low=g["f_low"], tol_db=g["tol_db"])
         source = differentiator(pink, passband=g["passband"], stopband=g["passband"] + 500.0)
-        noise[runs] = a.render(source, int(runs.sum()))  # on a clock of its own
-        finger = laws.squeeze_finger(x, noise, a.contact, a.fs, k, A, g["cutoff"], on, off)
+        noise[runs] = a.render(source, int(runs.sum()), f"noise of {name}")  # on a clock of its own
+        finger = laws.vibrating(still, noise, k, A)
         if a.part.span is None:
             a.e.fingers[a.output(name)] = finger
-        want = _held(finger.force, a.y[name], a.fs) if g["limits"] else finger.force
+        want = _held(finger.force, a.y[name], a.fs, its) if g["limits"] else finger.force
         acted = bool((want != finger.force).any())
         slack = 2.0**-50 * TAU * a.fs * acted + a.slack  # a mean over tau, by two recursions
         a.say(
@@ -246,7 +309,7 @@ def _squeeze(a: Asked) -> list[Check]:
             a.e.skipped.append(
                 f"{a.title(name)}: k was changed, so the force over position has no one slope"
             )
-        elif a.part.span is None:
+        elif a.part.span is None and not a.e.at:
             model = noise_model(source, a.fs)
             checks += _slope(
                 a,
@@ -261,16 +324,20 @@ def _squeeze(a: Asked) -> list[Check]:
     return checks
 
 
-def _held(force: np.ndarray, y: np.ndarray, fs: float) -> np.ndarray:
+def _held(
+    force: np.ndarray, y: np.ndarray, fs: float, kept: dict[str, Any] | None = None
+) -> np.ndarray:
     """What the motors' limits make of a force; the gain of the static one follows from
     the output's own past.
     """
     from scipy.signal import lfilter
 
-    force = np.clip(force, -PEAK, PEAK)
+    force, kept = np.clip(force, -PEAK, PEAK), {} if kept is None else kept
     r, most = -np.expm1(-1 / (TAU * fs)), STATIC**2
-    mean = np.r_[0.0, lfilter([r], [1, r - 1], np.where(np.isnan(y), force, y) ** 2)[:-1]]
-    return np.minimum(1.0, (most - mean) / (0.19 * most)) * force
+    square = np.where(np.isnan(y), force, y) ** 2
+    mean, kept["squares"] = lfilter([r], [1, r - 1], square, zi=kept.get("squares", np.zeros(1)))
+    before, kept["mean"] = kept.get("mean", 0.0), mean[-1] if mean.size else 0.0
+    return np.minimum(1.0, (most - np.r_[before, mean[:-1]]) / (0.19 * most)) * force
 
 
 def _slope(
@@ -407,7 +474,10 @@ def _bumps(a: Asked) -> list[Check]:
     contact, u = a.contact * (A != 0), a.x["x"] * (g["bumps"] / g["length"])
     last, touching = laws.ways(u, contact)
     shape, lost = laws.bump_envelope(last, u, g["waveform"], duty) * touching
-    wave = laws.carried(*laws.turning(freq, a.fs, g["phase"]), g["rectify"])
+    turns, step = laws.turning(freq, a.fs)
+    turns += a.kept.get("turns", g["phase"] / (2 * np.longdouble(np.pi)))
+    a.kept["turns"] = turns[-1]  # at a sample that the next stretch has, too
+    wave = laws.carried(turns, step, g["rectify"])
     if a.part.span is None:
         a.e.curves |= {"envelope": shape, "carrier": wave}
         edges = np.flatnonzero(np.diff(np.floor(u))) + 1
@@ -615,25 +685,27 @@ def motor_limits(e: Evidence) -> list[Check]:
 
     from ..blocks.contact import ForceLimit, StaticLimit
 
+    tops = dict.fromkeys(e.scene.outputs, 0.0)
+    means, states = tops.copy(), {name: np.zeros(1) for name in tops}
+    for s in (
+        e.stretches()
+        if any(isinstance(b, StaticLimit | ForceLimit) for b in e.scene.outputs.values())
+        else ()
+    ):
+        for y, (name, b) in zip(s.y, e.scene.outputs.items(), strict=True):
+            tops[name] = np.fmax(tops[name], np.abs(y).max(initial=0.0))
+            if isinstance(b, StaticLimit):
+                a = -np.expm1(-1 / (b.tau * e.fs))
+                mean, states[name] = lfilter([a], [1, a - 1], y**2, zi=states[name])
+                means[name] = max(means[name], float(mean.max(initial=0.0)))
     checks = []
-    for y, (name, b) in zip(e.y, e.scene.outputs.items(), strict=True):
+    for name, b in e.scene.outputs.items():
         if isinstance(b, StaticLimit):
-            a = -np.expm1(-1 / (b.tau * e.fs))
-            mean = float(lfilter([a], [1, a - 1], y**2).max(initial=0.0))
+            text = "largest running mean square, N^2"
             checks.append(
-                Check(
-                    "e",
-                    f"{name}: static limit",
-                    mean,
-                    b.limit**2 * (1 + 1e-12),
-                    "largest running mean square, N^2",
-                )
+                Check("e", f"{name}: static limit", means[name], b.limit**2 * (1 + 1e-12), text)
             )
             b = b.x
         if isinstance(b, ForceLimit) and isinstance(b.peak, Const):
-            checks.append(
-                Check(
-                    "e", f"{name}: peak limit", float(np.abs(y).max(initial=0.0)), b.peak.value, "N"
-                )
-            )
+            checks.append(Check("e", f"{name}: peak limit", float(tops[name]), b.peak.value, "N"))
     return checks

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses as dc
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,9 +12,8 @@ from ..errors import BadValue, SinkError, public
 from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..files.session import MotionFile, SessionLog
 from ..run.safety import GAIN, Watch, protect, to_device
-from ..run.walk import samples, walk
-from ..system.limits import limits
-from .evidence import Check, Evidence, at_first, keep_taps, last_of, with_taps
+from ..run.walk import walk
+from .evidence import Check, Evidence, at_first, last_of, seen_by, with_taps
 from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
@@ -60,7 +58,7 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
         why = "nothing was delivered under a hash that can be made again (is motion.f64 empty?)"
         raise SinkError(f"{log.folder}: {why}, so there is nothing to verify")
     e = _evidence(log)
-    law, cut = _lawful(e, log)
+    law, cut = _lawful(e)
     checks = [*_delivered(e, log), *linear_blocks(e), *same_samples(e), *generator(e), *noise(e)]
     if cut:
         checks += scene_law(law)
@@ -90,78 +88,108 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
 
 def _evidence(log: SessionLog) -> Evidence:
     augmented, found = with_taps(log.scene, log.fs)
-    # what is kept below and while it is compared
-    rows = (
-        len(augmented.outputs) + 4 * len(log.outputs) + 2 * len(log.inputs) + len(log.channels) / 2
-    )
-    limits.check(
-        "render_bytes",
-        8.0 * rows * log.frames,
-        f"{log.folder}: bytes of the samples to verify",
-        SinkError,
-    )
     proc, watched = processor(log, log.scene), processor(log, augmented)
-    seen = samples(watched, motion_of(log, watched), log.frames, changes_of(log, watched))
     changes = last_of(c for c in changes_of(log, proc) if c.at < log.frames)
-    params = at_first(proc, changes)
-    rows_at = motion_of(log, proc)
-    x = rows_at(0, log.frames) if callable(rows_at) else rows_at
-    y, motion = seen[: len(log.outputs)].copy(), dict(zip(proc.inputs, x, strict=True))
-    e = Evidence(log.scene, proc, log.fs, log.seed, params, x, y, y, log.folder.name, None, motion)
+    params, none = at_first(proc, changes), np.empty((0, 0))
+    e = Evidence(
+        log.scene, proc, log.fs, log.seed, params, none, none, none, log.folder.name, None, {}
+    )
     e.changes, e.session = changes, True
-    keep_taps(e, seen, found)
-    return e
+    first = seen_by(e, watched, motion_of(log, watched), found, log.frames)
+    first.motion = dict(zip(proc.inputs, first.x, strict=True))
+    return first
 
 
-def _lawful(e: Evidence, log: SessionLog) -> tuple[Evidence, int]:
+def _lawful(e: Evidence) -> tuple[Evidence, int]:
     """The samples that the law can be held against: up to what is not finite."""
-    n = log.frames
-    cut = int(np.append(np.flatnonzero(~np.isfinite(e.x).all(axis=0)), n)[0])
-    if cut == n:
-        return e, n
+    cut = next((c for c in map(_finite, e.stretches()) if c is not None), e.frames)
+    if cut == e.frames:
+        return e, cut
     why = f"({cut / e.fs:.6g} s), where the motion was not finite"
     e.skipped.append(f"law of the scene: held against the samples before {cut} only {why}")
-    taps = [dc.replace(t, gated=t.gated[:cut], gate=t.gate[:cut]) for t in e.taps]
-    x, y, shown = (np.ascontiguousarray(a[:, :cut]) for a in (e.x, e.y, e.shown))
-    return dc.replace(e, x=x, y=y, shown=shown, taps=taps, fingers={}, curves={}, wanted={}), cut
+
+    def before(s: Evidence) -> Evidence:
+        n = min(cut, s.end) - s.at
+        taps = [dc.replace(t, gated=t.gated[:n], gate=t.gate[:n]) for t in s.taps]
+        x, y, shown = (np.ascontiguousarray(a[:, :n]) for a in (s.x, s.y, s.shown))
+        return dc.replace(
+            s,
+            x=x,
+            y=y,
+            shown=shown,
+            taps=taps,
+            fingers={},
+            curves={},
+            wanted={},
+            all=cut,
+            later=None,
+        )
+
+    first = before(e)
+    if e.later is not None and cut > e.end:
+        first.later = lambda: (before(s) for s in e.later() if s.at < cut)
+    return first, cut
 
 
-def _made_safe(
-    y: np.ndarray, log: SessionLog, faults: dict[str, int]
-) -> Iterator[tuple[int, np.ndarray]]:
-    """The verified samples through a safety stage of their own: (at, frames (n,
-    channels)), as a device gets them.
+def _finite(s: Evidence) -> int | None:
+    """The first sample of a stretch at which the motion is not finite."""
+    wrong = np.flatnonzero(~np.isfinite(s.x).all(axis=0))
+    return s.at + int(wrong[0]) if wrong.size else None
+
+
+class _MadeSafe:
+    """The verified samples through a safety stage of their own, as a device gets them.
 
     From a fault on, the stage of the session had what came before its own guard: not a
     number.
     """
-    names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
-    inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
-    proc = processor(log, protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety))
-    y, scales = y[[int(name[1:]) for name in proc.inputs]], log.safety.scales(log.outputs)
-    for name, at in faults.items():
-        if (row := f"y{log.outputs.index(name)}") in proc.inputs:
-            y[proc.inputs.index(row), at:] = np.nan
-    for at, part in walk(proc, y, log.frames, changes_of(log, proc)):
-        yield at, to_device(part, scales, log.channels)
+
+    def __init__(self, log: SessionLog):
+        names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
+        inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
+        self.log, self.scales = log, log.safety.scales(log.outputs)
+        self.proc = processor(
+            log, protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety)
+        )
+        self.changes = changes_of(log, self.proc)
+
+    def frames(self, e: Evidence, faults: dict[str, int]) -> np.ndarray:
+        """Of the next stretch, shape (n, channels)."""
+        y = e.y[[int(name[1:]) for name in self.proc.inputs]]
+        for name, at in faults.items():
+            if (row := f"y{self.log.outputs.index(name)}") in self.proc.inputs:
+                y[self.proc.inputs.index(row), max(at - e.at, 0) :] = np.nan
+
+        def motion(at: int, stop: int) -> np.ndarray:
+            return np.ascontiguousarray(y[:, at - e.at : stop - e.at])
+
+        safe = np.empty((e.end - e.at, len(self.log.channels)), np.float32)
+        for at, part in walk(self.proc, motion, e.end, self.changes, e.at):
+            safe[at - e.at : at - e.at + part.shape[1]] = to_device(
+                part, self.scales, self.log.channels
+            )
+        return safe
 
 
 def _delivered(e: Evidence, log: SessionLog) -> list[Check]:
     """What the device got, in three steps: accounted for, equal to the replay, equal to
     the verified samples made safe.
     """
-    proc, hashes, end = processor(log), Hashes(log.spans), 0
-    replayed = np.empty((log.frames, len(log.channels)), np.float32)
-    for at, frames, given in delivered(log, proc=proc):
-        end = at + len(frames)
-        replayed[at:end] = frames
-        if given:
-            hashes.add(at, frames)
-    safe = _made_safe(e.y, log, Watch(proc).faults())
-    differ = sum(
-        int(np.sum(y.view(np.uint32) != replayed[at : at + len(y)].view(np.uint32)))
-        for at, y in safe
-    )
+    proc, hashes, differ, end = processor(log), Hashes(log.spans), 0, 0
+    replayed, made = delivered(log, proc=proc), _MadeSafe(log)
+    ahead = np.empty((0, len(log.channels)), np.float32)
+    for s in e.stretches():
+        parts = [ahead]
+        while end < s.end and (part := next(replayed, None)) is not None:
+            at, frames, given = part
+            end = at + len(frames)
+            parts.append(frames)
+            if given:
+                hashes.add(at, frames)
+        got = np.concatenate(parts)
+        got, ahead = got[: s.end - s.at], got[s.end - s.at :]
+        safe = made.frames(s, Watch(proc).faults())
+        differ += int(np.sum(safe.view(np.uint32)[: len(got)] != got.view(np.uint32)))
     missing = log.logged - end
     wrong = len(hashes.wrong) + len(log.spans) - hashes.done
     first = (

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,7 +43,7 @@ CLIPPED = 0.25  # of the signal's rms, taken by clipping
 FAST = 0.025  # s
 
 
-def says(e: Evidence) -> list[Check]:
+def says(e: Evidence, sums: Sums) -> list[Check]:
     """The sidecar of a file, key by key; samples, clips and the storage are compared
     elsewhere.
     """
@@ -54,17 +54,12 @@ def says(e: Evidence) -> list[Check]:
     found = sf.info(e.path)
     channels = told["channels"]
     recovered = "recovered" in told
-    # of a run that was killed, the peak is of what is stored
-    signal = stored(e.y, told) if recovered else e.y
     keys = {"name", "unit", "full_scale", "clips", "peak"}
     pairs: dict[str, tuple[Any, Any]] = {  # what it says, and what is so
         "format": ((told.get("format"), told.get("subtype")), (found.format, found.subtype)),
         "channel names": ([c["name"] for c in channels], list(e.scene.outputs)),
         "units": ([c["unit"] for c in channels], [str(b.dim) for b in e.scene.outputs.values()]),
-        "peaks": (
-            [c.get("peak") for c in channels],
-            np.abs(signal).max(axis=1, initial=0.0).tolist(),
-        ),
+        "peaks": ([c.get("peak") for c in channels], sums.peaks.tolist()),
         "scene": (_hash(told.get("scene")), e.scene.hash),
         "definitions": definitions.hashes(told["definitions"], e.scene),
         "parameters": (told.get("params"), e.proc.params),
@@ -86,16 +81,8 @@ def says(e: Evidence) -> list[Check]:
     ) or ", ".join(pairs)
     checks = [Check("e", "sidecar: what it says", len(bad), 0, text)]
     if not recovered:
-        sha = hashlib.sha256(np.ascontiguousarray(e.y.T, "<f8").data).hexdigest()
-        checks.append(
-            Check(
-                "b",
-                "sidecar: hash of the signal",
-                int(sha != told.get("sha256")),
-                0,
-                "before it was rounded",
-            )
-        )
+        wrong = int(sums.sha256 != told.get("sha256"))
+        checks.append(Check("b", "sidecar: hash of the signal", wrong, 0, "before it was rounded"))
     _tell(e, told)
     return checks
 
@@ -132,69 +119,87 @@ def _tell(e: Evidence, told: dict[str, Any]) -> None:
         length = (
             getattr(source, "info", {}).get("duration") if callable(source) else len(source) / e.fs
         )
-        if length is not None and round(length * e.fs) > e.x.shape[1]:
+        if length is not None and round(length * e.fs) > e.frames:
             e.skipped.append(
-                f"motion of {name}: the file ends {length - e.x.shape[1] / e.fs:.6g} s before it"
+                f"motion of {name}: the file ends {length - e.frames / e.fs:.6g} s before it"
             )
 
 
-def clipped(e: Evidence) -> list[int]:
-    """Samples of each channel that the file's format cannot hold."""
+class Sums(NamedTuple):
+    """What one pass over all samples of a file leaves, for each output."""
+
+    peaks: np.ndarray  # of a run that was killed, of what is stored
+    clips: np.ndarray  # samples that the file's format cannot hold
+    sha256: str  # of the signal
+    scales: np.ndarray  # the largest sample, or 1
+    # over the scale: of the signal, of what is fast in it, and of what storage added;
+    # shape (3, n_outputs)
+    rms: np.ndarray
+
+
+def sums_of(e: Evidence) -> Sums:
+    """What all stretches of a file leave."""
+    from scipy.ndimage import uniform_filter1d
+
     assert e.sidecar is not None
-    if e.sidecar["subtype"] != "PCM_24":
-        return [0] * len(e.y)
-    codes = (
-        np.rint(y / c["full_scale"] * 2**23)
-        for y, c in zip(e.y, e.sidecar["channels"], strict=True)
-    )
-    return [int(np.sum((c > 2**23 - 1) | (c < -(2**23)))) for c in codes]
+    full = np.array([c["full_scale"] for c in e.sidecar["channels"]])[:, None]
+    size, digest = max(2, round(FAST * e.fs)), hashlib.sha256()
+    peaks, tops, clips = np.zeros(len(e.y)), np.zeros(len(e.y)), np.zeros(len(e.y), int)
+    parts = []  # of each stretch: its scale, mean squares over that, part of all samples
+    for s in e.stretches():
+        signal = stored(s.y, e.sidecar) if "recovered" in e.sidecar else s.y
+        peaks, top = (
+            np.fmax(peaks, np.abs(signal).max(axis=1, initial=0.0)),
+            np.abs(s.y).max(axis=1, initial=0.0),
+        )
+        digest.update(np.ascontiguousarray(s.y.T, "<f8").data)
+        if e.sidecar["subtype"] == "PCM_24":
+            codes = np.rint(s.y / full * 2**23)
+            clips += np.sum((codes > 2**23 - 1) | (codes < -(2**23)), axis=1)
+        squares, scale = np.zeros((3, len(e.y))), np.where(top > 0, top, 1.0)
+        for k, (y, got) in enumerate(zip(s.y, s.shown, strict=True)):
+            error, y = (got - y) / scale[k], y / scale[k]  # squares of 1e200 would be too large
+            squares[:, k] = [_square(row) for row in (y, y - uniform_filter1d(y, size), error)]
+        tops = np.fmax(tops, top)
+        parts.append((scale, squares, s.y.shape[1] / e.frames))
+    scales = np.where(tops > 0, tops, 1.0)
+    with np.errstate(over="ignore"):
+        rms = np.sqrt(
+            np.sum(
+                [squares * (scale / scales) ** 2 * share for scale, squares, share in parts], axis=0
+            )
+        )
+    return Sums(peaks, clips, digest.hexdigest(), scales, rms)
 
 
-def storage(e: Evidence) -> list[Check]:
+def storage(e: Evidence, sums: Sums | None = None) -> list[Check]:
     """Whether the stored samples carry the stimulus: what rounding added, and what
     clipping took.
     """
-    from scipy.ndimage import uniform_filter1d
-
     checks: list[Check] = []
     assert e.sidecar is not None
-    size = max(2, round(FAST * e.fs))
-    clips = clipped(e)
+    sums = sums_of(e) if sums is None else sums
     for k, (name, b) in enumerate(e.scene.outputs.items()):
-        y, error = e.y[k], e.shown[k] - e.y[k]
-        scale = np.abs(y).max(initial=0.0) or 1.0
-        y, error = y / scale, error / scale  # squares of 1e200 would be too large
-        whole = _rms(y)
-        if clips[k]:
-            checks.append(
-                Check(
-                    "e",
-                    f"{name}: clipped",
-                    _rms(error),
-                    CLIPPED * whole,
-                    f"{clips[k]} samples; rms of what it took, of the peak",
-                )
-            )
+        whole, fast, error = sums.rms[:, k].tolist()
+        scale, clips = float(sums.scales[k]), int(sums.clips[k])
+        if clips:
+            text = f"{clips} samples; rms of what it took, of the peak"
+            checks.append(Check("e", f"{name}: clipped", error, CLIPPED * whole, text))
             continue
-        fast = _rms(y - uniform_filter1d(y, size))
         text = (
             f"rms of rounding to {e.sidecar['subtype']}, of the peak {scale:.3g} {b.dim}; {NOISE:g}"
             " of what is fast may be noise"
         )
-        if not _rms(error) <= max(NOISE * fast, DEEP * whole):
+        if not error <= max(NOISE * fast, DEEP * whole):
             text += f"; write it with a full scale of about {1.01 * scale:.3g}"
         checks.append(
             Check(
-                "e",
-                f"{name}: stored finely enough",
-                _rms(error),
-                max(NOISE * fast, DEEP * whole),
-                text,
+                "e", f"{name}: stored finely enough", error, max(NOISE * fast, DEEP * whole), text
             )
         )
     return checks
 
 
-def _rms(y: np.ndarray) -> float:
+def _square(y: np.ndarray) -> float:
     with np.errstate(over="ignore"):  # of a full scale that nobody means: it is inf then, and fails
-        return float(np.sqrt(np.mean(y * y))) if y.size else 0.0
+        return float(np.mean(y * y)) if y.size else 0.0

@@ -17,7 +17,7 @@ import numpy as np
 from ..core.graph import Block, Const, Input, pack, signals, type_name
 from ..core.scene import Scene
 from ..errors import BadValue, public, shown
-from ..files.audio import read
+from ..files.audio import Stored
 from ..files.formats import stored
 from ..files.sidecar import told
 from ..run.processor import Processor, compile
@@ -28,7 +28,7 @@ from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
 from .scenes import motor_limits, scene_law
-from .sidecar import clipped, says, storage
+from .sidecar import says, storage, sums_of
 
 SMALL = 2.0**-40  # an impulse that no tracker takes for a jump
 ROUNDING = 1e-10  # of two computations of one transfer function
@@ -111,7 +111,7 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
             "verify: give the path of a file alone, or a scene, its motion and a rendering or the"
             " path of a file"
         )
-    told = _motion_told(rendering, read(rendering)[1]) if motion is None else motion
+    told = _motion_told(rendering, Stored(rendering).sidecar) if motion is None else motion
     e = gather(scene_told(rendering) if scene is None else scene, told, rendering)
     if scene is None:
         e.skipped.append(
@@ -249,52 +249,58 @@ def same_samples(e: Evidence) -> list[Check]:
     """The delivered samples against a re-render in random cuts, and a stretch against
     the interpreter.
     """
-    n = e.x.shape[1]
-    rng = np.random.default_rng(e.seed)
-    middle = int(np.flatnonzero(e.taps[0].gate)[0]) if e.taps and e.taps[0].gate.any() else 0
-    start = max(0, middle - 64)
+    rng, gated, wrong, apart = np.random.default_rng(e.seed), False, 0, 0
+    python: list[Check] = []
 
     def block() -> int:
         return int(rng.choice([1, 7, 64, 1000, 4096, 8192]))
 
-    before = samples(e.proc, e.x, start, e.changes, 0, block)
-    state = e.proc.state
-    cut = np.hstack([before, samples(e.proc, e.x, n, e.changes, start, block)])
-    wrong = int(np.sum(cut.view(np.uint64) != e.y.view(np.uint64)))
-    checks = [Check("b", "random cuts, other outputs added", wrong, 0, "samples whose bits differ")]
-    stretch = min(n - start, STRETCH)
-    # what runs before sample 0 costs it 10 us each
-    reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)
-    reference.state = state
-    y = samples(reference, e.x, start + stretch, e.changes, start)
-    wrong = int(np.sum(y.view(np.uint64) != cut[:, start : start + stretch].view(np.uint64)))
-    checks.append(
-        Check(
-            "b",
-            f"interpreter, {stretch} samples from {start}",
-            wrong,
-            0,
-            "samples whose bits differ",
-        )
-    )
+    for s in e.stretches():
+        opens = bool(s.taps) and bool(s.taps[0].gate.any()) and not gated
+        if opens or not s.at:  # where the first gate opens, if it does
+            start = s.at + (max(0, int(np.flatnonzero(s.taps[0].gate)[0]) - 64) if opens else 0)
+            before = samples(e.proc, s.motion_at, start, e.changes, s.at, block)
+            state = e.proc.state
+            cut = np.hstack([before, samples(e.proc, s.motion_at, s.end, e.changes, start, block)])
+            python = [_interpreted(s, state, start, cut)]
+            gated = gated or opens
+        else:
+            cut = samples(e.proc, s.motion_at, s.end, e.changes, s.at, block)
+        wrong += int(np.sum(cut.view(np.uint64) != s.y.view(np.uint64)))
+        want = cut if e.sidecar is None else stored(cut, e.sidecar)
+        apart += int(np.sum(s.shown.view(np.uint64) != want.view(np.uint64)))
+    checks = [
+        Check("b", "random cuts, other outputs added", wrong, 0, "samples whose bits differ"),
+        *python,
+    ]
     if e.session:  # checks/session.py compares what was delivered
         return checks
     if e.sidecar is None:
-        wrong = int(np.sum(e.shown.view(np.uint64) != cut.view(np.uint64)))
-        checks.append(Check("b", "delivered = re-render", wrong, 0, "samples whose bits differ"))
-    else:
-        wrong = int(np.sum(e.shown.view(np.uint64) != stored(cut, e.sidecar).view(np.uint64)))
-        checks.append(
-            Check(
-                "b", f"file = re-render as {e.sidecar['subtype']}", wrong, 0, "samples that differ"
-            )
-        )
-    return checks
+        return [*checks, Check("b", "delivered = re-render", apart, 0, "samples whose bits differ")]
+    return [
+        *checks,
+        Check("b", f"file = re-render as {e.sidecar['subtype']}", apart, 0, "samples that differ"),
+    ]
+
+
+def _interpreted(e: Evidence, state: np.ndarray, start: int, cut: np.ndarray) -> Check:
+    """Some samples from a state on, once more by the interpreter."""
+    stretch = min(e.end - start, STRETCH)
+    # what runs before sample 0 costs it 10 us each
+    reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)
+    reference.state = state
+    y = samples(reference, e.motion_at, start + stretch, e.changes, start)
+    wrong = int(
+        np.sum(y.view(np.uint64) != cut[:, start - e.at : start - e.at + stretch].view(np.uint64))
+    )
+    return Check(
+        "b", f"interpreter, {stretch} samples from {start}", wrong, 0, "samples whose bits differ"
+    )
 
 
 # e: limits ----------------------------------------------------------------------------
 def limits_kept(e: Evidence) -> list[Check]:
-    bad = int(np.sum(~np.isfinite(e.shown)))
+    bad = sum(int(np.sum(~np.isfinite(s.shown))) for s in e.stretches())
     checks = motor_limits(e) + [Check("e", "finite", bad, 0, "samples that are not finite")]
     fault = e.proc.fault
     said = "guards that closed" if fault is None else f"{fault[0]} at sample {fault[1]}"
@@ -302,15 +308,16 @@ def limits_kept(e: Evidence) -> list[Check]:
         said += f"; the rendering tells {'of none' if e.told is None else shown(e.told)}"
     checks.append(Check("e", "no fault", int(fault is not None or apart), 0, said))
     if e.sidecar is not None:
+        sums = sums_of(e)
         counts = [c["clips"] for c in e.sidecar["channels"]]
         if any(count is None for count in counts):
             e.skipped.append("clip count of the sidecar: the file was recovered, nobody counted")
         else:
-            apart = sum(abs(a - b) for a, b in zip(counts, clipped(e), strict=True))
+            apart = sum(abs(a - b) for a, b in zip(counts, sums.clips.tolist(), strict=True))
             checks.append(
                 Check("e", "clip count of the sidecar", apart, 0, f"{sum(counts)} samples clipped")
             )
-        checks += [*says(e), *storage(e)]
+        checks += [*says(e, sums), *storage(e, sums)]
     for info in {id(m.info): m.info for m in e.motion.values() if hasattr(m, "info")}.values():
         found = ", ".join(
             f"{len(info[what])} {what}" for what in ("gaps", "lifts", "jumps") if info[what]

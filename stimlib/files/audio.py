@@ -497,43 +497,76 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     Traceback (most recent call last):
     stimlib.errors.SinkError: there is no file missing.wav
     """
-    path = Path(path)
-    sidecar = sidecar_of(path)
-    if not os.path.isfile(path):
-        raise SinkError(f"there is no file {path}{hint(path)}")
-    info = load(path, sidecar)
-    frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
-    try:
-        with open(safe_files.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
-            if (f.samplerate, f.channels) != (info["fs"], len(scales)):
-                raise SinkError(
-                    f"{sidecar} does not belong to {path}: it says {len(scales)} channels at"
-                    f" {info['fs']:g} Hz, the file has {f.channels} at {f.samplerate} Hz"
-                )
-            # a FLAC file whose end was never written says 2**63 - 1 frames
-            if f.frames < frames or f.frames == 2**63 - 1:
-                raise SinkError(
-                    f"{path} is truncated: {sidecar} says {frames} frames, the file has fewer"
-                )
-            if f.frames > frames:
-                raise SinkError(
-                    f"{sidecar} does not belong to {path}: {frames} frames against {f.frames}"
-                )
-            check_size(path, raw, frames, len(scales))
-            if sha256(raw) != info["file_sha256"]:
-                raise SinkError(
-                    f"{sidecar} does not belong to {path}, or the file was changed: file_sha256"
-                    f" differs{hint(path)}"
-                )
-            if f.subtype != info["subtype"]:
-                raise SinkError(
-                    f"{sidecar} does not belong to {path}: {info['subtype']} against {f.subtype}"
-                )
-            return _samples(path, f, scales, frames), info
-    except soundfile().SoundFileError as e:
-        raise SinkError(
-            f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})"
-        ) from e
+    stored = Stored(path)
+    return stored[:, : stored.shape[1]], stored.sidecar
+
+
+class Stored:
+    """A file that `write` wrote, checked against its sidecar, whose samples are read
+    where they are asked for.
+
+    Attributes
+    ----------
+    sidecar : dict
+    shape : (n_outputs, frames)
+
+    Raises
+    ------
+    SinkError
+        As `read`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        self.path = path = Path(path)
+        sidecar = sidecar_of(path)
+        if not os.path.isfile(path):
+            raise SinkError(f"there is no file {path}{hint(path)}")
+        self.sidecar = info = load(path, sidecar)
+        self.shape = len(info["channels"]), info["frames"]
+        frames, channels = info["frames"], len(info["channels"])
+        try:
+            with open(safe_files.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
+                if (f.samplerate, f.channels) != (info["fs"], channels):
+                    raise SinkError(
+                        f"{sidecar} does not belong to {path}: it says {channels} channels at"
+                        f" {info['fs']:g} Hz, the file has {f.channels} at {f.samplerate} Hz"
+                    )
+                # a FLAC file whose end was never written says 2**63 - 1 frames
+                if f.frames < frames or f.frames == 2**63 - 1:
+                    raise SinkError(
+                        f"{path} is truncated: {sidecar} says {frames} frames, the file has fewer"
+                    )
+                if f.frames > frames:
+                    raise SinkError(
+                        f"{sidecar} does not belong to {path}: {frames} frames against {f.frames}"
+                    )
+                check_size(path, raw, frames, channels)
+                if sha256(raw) != info["file_sha256"]:
+                    raise SinkError(
+                        f"{sidecar} does not belong to {path}, or the file was changed: file_sha256"
+                        f" differs{hint(path)}"
+                    )
+                if f.subtype != info["subtype"]:
+                    raise SinkError(
+                        f"{sidecar} does not belong to {path}: {info['subtype']} against"
+                        f" {f.subtype}"
+                    )
+        except soundfile().SoundFileError as e:
+            raise SinkError(_unreadable(path, e)) from e
+
+    def __getitem__(self, key: tuple[slice, slice]) -> Array:
+        """Samples [:, at:stop] in physical units."""
+        at, stop, _ = key[1].indices(self.shape[1])
+        scales = np.array([c["full_scale"] for c in self.sidecar["channels"]])
+        try:
+            with open(safe_files.opened(self.path), "rb", buffering=0) as raw, reading(raw) as f:
+                return _samples(self.path, f, scales, at, stop)
+        except soundfile().SoundFileError as e:
+            raise SinkError(_unreadable(self.path, e)) from e
+
+
+def _unreadable(path: Path, e: Exception) -> str:
+    return f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})"
 
 
 @public
@@ -600,20 +633,28 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     return scene, dict(zip(scene.outputs, np.ascontiguousarray(y), strict=True)), float(info["fs"])
 
 
-def _samples(path: Path, f: Any, scales: Array, frames: int) -> Array:
-    """All samples of an open sound in physical units, (n_outputs, frames)."""
+def _samples(path: Path, f: Any, scales: Array, first: int, stop: int) -> Array:
+    """Samples first .. stop - 1 of an open sound in physical units, (n_outputs, stop -
+    first).
+    """
     try:
-        y = np.empty((len(scales), frames))
+        y = np.empty((len(scales), stop - first))
     except MemoryError:
         raise SinkError(
-            f"{path}: {frames} frames of {len(scales)} channels do not fit into memory"
+            f"{path}: {stop - first} frames of {len(scales)} channels do not fit into memory"
         ) from None
-    at = 0
-    while at < frames:
-        part = f.read(PIECE, dtype="int32" if f.subtype == "PCM_24" else "float64", always_2d=True)
+    if first:
+        f.seek(first)
+    at = first
+    while at < stop:
+        part = f.read(
+            min(PIECE, stop - at),
+            dtype="int32" if f.subtype == "PCM_24" else "float64",
+            always_2d=True,
+        )
         if not len(part):
-            raise SinkError(f"{path} is truncated: {frames} frames wanted, {at} can be read")
-        y[:, at : at + len(part)] = physical(part, scales)
+            raise SinkError(f"{path} is truncated: {stop} frames wanted, {at} can be read")
+        y[:, at - first : at - first + len(part)] = physical(part, scales)
         at += len(part)
     if not np.isfinite(y).all():
         raise SinkError(f"{path} has samples that are not finite: stimlib did not write it")

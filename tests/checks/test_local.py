@@ -399,7 +399,15 @@ def test_the_worst_block_of_a_class_counts(monkeypatch):
     monkeypatch.setattr(local, "held", lambda *of: found)
     proc = types.SimpleNamespace(inputs=())
     e = types.SimpleNamespace(
-        scene=None, fs=FS, seed=0, proc=proc, x=np.zeros((0, 5)), params={}, changes=[], skipped=[]
+        scene=None,
+        fs=FS,
+        seed=0,
+        proc=proc,
+        x=np.zeros((0, 5)),
+        frames=5,
+        params={},
+        changes=[],
+        skipped=[],
     )
     (check,) = local.blocks_held(e)
     assert not check.passed and check.measured == 7.0

@@ -144,9 +144,9 @@ def test_a_limited_squeeze_is_proved(monkeypatch, motion, acts):
     assert r.passed, str(r)
     assert ("it was limited" in "".join(r.evidence.skipped)) == acts
     assert "held to 100 N peak and 37 N static" in r.evidence.numbers[0]
-    honest = laws.squeeze_finger
+    honest = laws.vibrating
     monkeypatch.setattr(
-        laws, "squeeze_finger", lambda *a: (f := honest(*a))._replace(force=f.force + 1e-9 * f.mean)
+        laws, "vibrating", lambda *a: (f := honest(*a))._replace(force=f.force + 1e-9 * f.mean)
     )
     bad = report(stimlib.scenes.squeeze(fingers=1, limits=True), {"x1": motion}, 5.0)
     assert "force1: vibration law" in [c.name for c in bad.checks if not c.passed]
@@ -333,6 +333,7 @@ def test_a_force_is_held_to_its_limits_to_the_last_bit():
         (-np.nextafter(force[:9], 101.0), ["force1: peak limit"]),
     ):
         e = SimpleNamespace(scene=scene, fs=8000.0, y=[y])
+        e.stretches = lambda e=e: [e]
         assert [c.name for c in scenes.motor_limits(e) if not c.passed] == bad
 
 
