@@ -30,7 +30,7 @@ from . import laws
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
 FEWEST = 64  # enabled samples without which a noise is not tested
-LONG = 1 << 20  # samples that are held in memory at once
+AT_ONCE = 1 << 20  # samples that are held in memory at once
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class Tap:
 class Evidence:
     """What the checks look at; the report draws from it.
 
-    It has the rows of one stretch: all of a recording of up to ``LONG`` samples, or its
-    first stretch.  ``stretches`` gives this and those after it, of which the checks
+    It has the rows of one stretch: all of a recording of up to ``AT_ONCE`` samples, or
+    its first stretch.  ``stretches`` gives this and those after it, of which the checks
     keep sums alone.
     """
 
@@ -244,6 +244,7 @@ def seen_by(
     is seen here.
     """
     edges = cuts(e.scene, e.fs, frames)
+    whole = frames if len(edges) > 1 else 0
 
     def part(proc: Processor, at: int, stop: int) -> Evidence:
         x = drive(at, stop) if callable(drive) else drive[:, at:stop]
@@ -253,7 +254,9 @@ def seen_by(
         y = seen[: len(e.scene.outputs)].copy()
         empty: dict[str, Any] = {field: {} for field in ("whites", "fingers", "curves", "wanted")}
         empty |= {field: [] for field in ("taps", "numbers", "skipped", "held")}
-        new = replace(e, at=at, x=x, y=y, shown=y if shown is None else shown[:, at:stop], **empty)
+        new = replace(
+            e, at=at, x=x, y=y, shown=y if shown is None else shown[:, at:stop], all=whole, **empty
+        )
         keep_taps(new, seen, found)
         return new
 
@@ -267,12 +270,17 @@ def seen_by(
             for at, stop in pairwise(edges):
                 yield part(proc, at, stop)
 
-        first.later, first.all, first.drive = later, frames, drive
+        first.later, first.drive = later, drive
+        seconds = f"{edges[0] / e.fs:.6g} s of {frames / e.fs:.6g} s"
+        first.skipped.append(
+            "pictures, the slope of force over position, and how small an error is seen: of the"
+            f" first {seconds}"
+        )
     return first
 
 
 def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
-    """Where stretches of up to ``LONG`` samples end: where no interval of a trial is
+    """Where stretches of up to ``AT_ONCE`` samples end: where no interval of a trial is
     cut, if there is such a sample.
     """
     spans = [
@@ -283,8 +291,8 @@ def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
     ends = sorted({z for _, z in spans} | {a for a, _ in spans})
     free = [n for n in ends if not any(a < n < z for a, z in spans)]
     edges, at = [], 0
-    while frames - at > LONG:
-        at = max((n for n in free if at < n <= at + LONG), default=at + LONG)
+    while frames - at > AT_ONCE:
+        at = max((n for n in free if at < n <= at + AT_ONCE), default=at + AT_ONCE)
         edges.append(at)
     return [*edges, frames]
 

@@ -18,7 +18,7 @@ from ..core.scene import Scene
 from ..errors import SceneError
 from ..run.processor import Processor, compile
 from . import laws
-from .evidence import FEWEST, LONG, Check, Evidence, Tap
+from .evidence import AT_ONCE, FEWEST, Check, Evidence, Tap
 from .power import pairs
 
 GENERATOR = 1e-13  # of two computations of a normal deviate
@@ -41,8 +41,8 @@ def generator(e: Evidence) -> list[Check]:
             apart[name] = max(apart[name], float(np.abs(seen - want).max(initial=0.0)))
             size[name] += seen.size
         for k, (t, proc) in enumerate(zip(s.taps, fed, strict=True)):
-            if s.at and samples[k] < LONG:
-                more[k].append(t.stream[: LONG - samples[k]])
+            if s.at and samples[k] < AT_ONCE:
+                more[k].append(t.stream[: AT_ONCE - samples[k]])
             if proc is not None and t.stream.size:
                 want = _filtered(proc, white, t, int(samples[k]))
                 off[k] = max(off[k], np.abs(t.stream - want).max())
@@ -53,7 +53,7 @@ def generator(e: Evidence) -> list[Check]:
         text = f"Philox and Box-Muller, written again, {size[name]} samples"
         checks.append(Check("c", f"{name}: generator", apart[name], GENERATOR, text))
     for k, t in enumerate(e.taps):
-        # its spectrum is that of its first LONG samples, wherever the gate was open
+        # its spectrum is that of its first AT_ONCE samples, wherever the gate was open
         if len(more[k]) > 1:
             e.taps[k] = dc.replace(t, stream=np.concatenate(more[k]))
         if fed[k] is None:

@@ -235,10 +235,12 @@ def _reproduced(e: Evidence, command: str | None) -> str:
         for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "soundfile", "matplotlib")
     }
     again = f"<p>Repeat the verification with <code>{_q(command)}</code>.</p>" if command else ""
-    signal = _sha256(e.y.T)
+    signal = _sha256(s.y.T for s in e.stretches())
     rows = {
         "scene hash": e.scene.hash,
-        "motion, as sampled": f"{_sha256(e.x.T)} (float64, a row for each sample)",
+        "motion, as sampled": (
+            f"{_sha256(s.x.T for s in e.stretches())} (float64, a row for each sample)"
+        ),
         "signal": f"{signal} (float64, a row for each sample, before it is stored)",
         **({"file hash": e.sidecar["file_sha256"]} if e.sidecar else {}),
         **{f"own blocks of {m}": d["sha256"] for m, d in definitions(e.scene).items()},
@@ -338,5 +340,8 @@ def _program(e: Evidence, signal: str) -> str:
     return f"<p>Make the samples again:</p><pre>{chr(10).join(map(_q, lines))}</pre>"
 
 
-def _sha256(rows: np.ndarray) -> str:
-    return hashlib.sha256(np.ascontiguousarray(rows, "<f8").data).hexdigest()
+def _sha256(parts: Iterable[np.ndarray]) -> str:
+    digest = hashlib.sha256()
+    for rows in parts:
+        digest.update(np.ascontiguousarray(rows, "<f8").data)
+    return digest.hexdigest()

@@ -75,6 +75,13 @@ def scene_law(e: Evidence) -> list[Check]:
             if _begins(part, s) or (s.at and part.span is None and part.law in ONWARD):
                 lines = len(s.numbers), len(s.skipped)
                 _worst(found, _checks_of(_led(s, last, part), part, law, kept))
+                if part.span and s.end < min(
+                    e.frames, round((part.span.start + part.span.duration) * e.fs)
+                ):
+                    s.skipped.append(
+                        f"{part.name or part.law}: of its interval only what is before"
+                        f" {s.end / e.fs:.6g} s is held"
+                    )
                 if s.at and part.span:
                     e.numbers += s.numbers[lines[0] :]
                     e.skipped += s.skipped[lines[1] :]

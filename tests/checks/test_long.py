@@ -1,0 +1,320 @@
+"""Recordings that do not fit into one stretch of memory: the same verdicts, every
+sample seen, and flat memory.
+"""
+
+import dataclasses as dc
+import hashlib
+import json
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import stimlib
+from stimlib import Scene, blocks
+from stimlib.checks import evidence, laws, local, noise, scenes, verify
+from stimlib.checks.session import verify_log
+from stimlib.experiments.experiment import Experiment, Timing
+from stimlib.experiments.present import program
+from stimlib.experiments.questions import choice
+from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.files.log import LogWriter, header
+from stimlib.files.session import read_log
+from stimlib.motion.generators import sinusoid
+from stimlib.run.processor import Change
+from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.run.walk import samples
+from stimlib.scenes import SHIPPED
+
+FS, STRETCH, SECONDS = 4000, 5000, 3.0  # 12 000 samples in three stretches
+LATE = 2.7  # s, in the last one
+HANDS = {
+    "click": {"x": sinusoid(1.3e-3, 3.0, 1e-3)},
+    "detents": {"angle": sinusoid(1.0, 2.0)},
+    "impact": {"x": sinusoid(5e-3, 3.0)},
+    "wall": {"x": sinusoid(2e-3, 5.0)},
+    "texture": {"x": sinusoid(0.01, 2.0), "force": lambda t: 1.0 + 0 * t},
+    "soft_surface": {"press": lambda t: 0.5 + 0.5 * np.sin(3 * t)},
+}
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Stretches that tests can wait for."""
+    for module in (evidence, noise):
+        monkeypatch.setattr(module, "AT_ONCE", STRETCH)
+
+
+def moved(name, scene):
+    known = HANDS.get(name, {})
+    return {
+        n: known.get(n) or sinusoid(0.01, 2.0 + 0.3 * k, 0.02) for k, n in enumerate(scene.inputs)
+    }
+
+
+def failed(report):
+    return [c.name for c in report.checks if not c.passed]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_scene_passes_the_checks_that_it_passes_at_once(name, monkeypatch):
+    scene = SHIPPED[name]()
+    motion = moved(name, scene)
+    made = stimlib.render(scene, motion, FS, SECONDS, seed=5)
+    whole = stimlib.verify(scene, motion, made)
+    for module in (evidence, noise):
+        monkeypatch.setattr(module, "AT_ONCE", STRETCH)
+    parts = stimlib.verify(scene, motion, made)
+    assert whole.passed and parts.passed, str(parts)
+    assert [s.at for s in parts.evidence.stretches()] == [
+        0,
+        5000,
+        10000,
+    ] and parts.evidence.frames == 12000
+    assert [(c.group, c.name) for c in whole.checks] == [(c.group, c.name) for c in parts.checks]
+    first = any("held against the first 1.25 s only" in text for text in parts.evidence.skipped)
+    assert first == (name not in scenes.ONWARD)
+
+
+def test_what_is_counted_is_counted_over_all_stretches(short, tmp_path):
+    scene, motion = (
+        stimlib.scenes.squeeze(fingers=2, limits=True),
+        {
+            "x1": sinusoid(0.02, 1.0),
+            "x2": sinusoid(0.06, 1.0),
+        },
+    )
+    made = stimlib.render(scene, motion, FS, SECONDS)
+    with pytest.warns(RuntimeWarning, match="full scale"):
+        made.save(tmp_path / "a.flac", full_scale=90.0)
+    report = stimlib.verify(tmp_path / "a.flac")
+    assert report.passed, str(report)
+    e, told = report.evidence, json.loads((tmp_path / "a.flac.json").read_text())
+    np.testing.assert_array_equal(np.hstack([s.y for s in e.stretches()]), made.y)
+    np.testing.assert_array_equal(np.hstack([s.x for s in e.stretches()]), e.motion_at(0, 12000))
+    assert sum(c["clips"] for c in told["channels"]) > 0
+    report.to_html(tmp_path / "a.html")
+    signal = hashlib.sha256(np.ascontiguousarray(made.y.T, "<f8").data).hexdigest()
+    assert (
+        f"{signal} (float64" in (tmp_path / "a.html").read_text()
+        and "of the first 1.25 s of 3 s" in e.skipped[0]
+    )
+    texts = {c.name: c.text for c in report.checks}
+    assert [
+        text.endswith(" 12000 samples") for name, text in texts.items() if "generator" in name
+    ] == [True, True]
+    ran = sum(int(s.taps[0].gate.sum()) for s in e.stretches())
+    assert texts["force1: noise as displayed"].endswith(f" {ran} samples") and e.taps[
+        0
+    ].stream.size == min(ran, STRETCH)
+
+
+# What sees every sample ---------------------------------------------------------------
+def late(name, part=1e-3, **words):
+    """A shipped scene, by its name and arguments, whose outputs are a little larger
+    from the last stretch on.
+    """
+    scene = SHIPPED[name](**words)
+    more = blocks.timeline([(0.0, 1.0), (LATE, 1.0 + part)], "step")
+    return Scene({n: b * more for n, b in scene.outputs.items()}, scene.parts)
+
+
+@pytest.mark.parametrize("name", scenes.ONWARD)
+def test_a_graph_that_leaves_its_law_late_is_refused(short, name):
+    scene = late(name)
+    motion = moved(name, scene)
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, SECONDS))
+    assert {c.group for c in report.checks if not c.passed} == {"d"}, str(report)
+    right = late(name, 0.0)
+    assert stimlib.verify(right, motion, stimlib.render(right, motion, FS, SECONDS)).passed
+
+
+@pytest.fixture(scope="module")
+def squeezed():
+    scene, motion = stimlib.scenes.squeeze(fingers=1, limits=True), {"x1": sinusoid(0.02, 1.0)}
+    return scene, motion, stimlib.render(scene, motion, FS, SECONDS)
+
+
+@pytest.mark.parametrize("at", [1, 4999, 5000, 9999, 10000, 11999])
+def test_one_bit_is_seen_wherever_it_is(short, squeezed, at):
+    scene, motion, made = squeezed
+    y = made.y.copy()
+    y[0, at] = np.nextafter(y[0, at], 1e9)
+    assert failed(stimlib.verify(scene, motion, dc.replace(made, y=y))) == ["delivered = re-render"]
+    y[0, at] = np.nan
+    assert "finite" in failed(stimlib.verify(scene, motion, dc.replace(made, y=y)))
+
+
+def test_a_wrong_deviate_late_is_seen(short, squeezed, monkeypatch):
+    scene, motion, made = squeezed
+    honest = laws.white
+
+    def white(run_seed, seed, stream, first, n, use=0):
+        return honest(run_seed, seed, stream, first, n, use) + 1e-9 * (
+            np.arange(first, first + n) == 11000
+        )
+
+    monkeypatch.setattr(laws, "white", white)
+    assert any("generator" in name for name in failed(stimlib.verify(scene, motion, made)))
+
+
+def test_a_limit_that_is_passed_late_is_seen(short, squeezed):
+    scene, motion, made = squeezed
+    e = evidence.gather(scene, motion, made)
+    honest = e.later
+    e.later = lambda: (dc.replace(s, y=s.y + 200.0 * (s.at == 10000)) for s in honest())
+    assert [c.name for c in scenes.motor_limits(e) if not c.passed] == [
+        "force1: static limit",
+        "force1: peak limit",
+    ]
+    assert not [c for c in verify.limits_kept(evidence.gather(scene, motion, made)) if not c.passed]
+
+
+@pytest.mark.parametrize("what", ["clips", "peak", "sha256"])
+def test_what_a_sidecar_says_of_late_samples_is_seen(short, tmp_path, what):
+    x = np.where(np.arange(12000) == 11900, 2.0, np.sin(np.arange(12000) / 7))
+    scene, motion = Scene({"y": 1.0 * stimlib.Input("x")}), {"x": x}
+    with pytest.warns(RuntimeWarning, match="full scale"):
+        stimlib.render(scene, motion, FS).save(tmp_path / "a.flac", full_scale=1.5)
+    path = tmp_path / "a.flac.json"
+    assert stimlib.verify(scene, motion, tmp_path / "a.flac").passed
+    told = json.loads(path.read_text())
+    assert told["channels"][0]["clips"] == 1 and told["channels"][0]["peak"] == 2.0
+    if what == "sha256":
+        told["sha256"] = "0" * 64
+    else:
+        told["channels"][0][what] = {"clips": 0, "peak": 1.0}[what]
+    path.write_text(json.dumps(told))
+    assert failed(stimlib.verify(scene, motion, tmp_path / "a.flac"))
+
+
+# Blocks, subsystems, trials, sessions -------------------------------------------------
+def test_a_gate_knows_the_samples_at_which_it_is_open():
+    rng = np.random.default_rng(3)
+    for on in (
+        rng.integers(0, 2, 500) > 0,
+        np.ones(500, bool),
+        np.zeros(500, bool),
+        np.arange(500) % 97 > 90,
+    ):
+        gate = local.Gated()
+        for at in range(0, 500, 130):
+            gate.add(at, on[at : at + 130], {})
+        clock, places = local.Clock.of(gate.until(500), 500), np.flatnonzero(on)
+        assert (
+            clock.total == places.size
+            and [clock.until(n) for n in range(501)] == np.r_[0, np.cumsum(on)].tolist()
+        )
+        np.testing.assert_array_equal(clock.samples(0, places.size), places)
+        row = rng.standard_normal(500)
+        for a, b in ((0, places.size), (3, 4), (7, 7), (5, 200)):
+            b = min(b, places.size)
+            a = min(a, b)
+            np.testing.assert_array_equal(local.Inside(row, clock)[a:b], row[places[a:b]])
+        some = local.Clock.of(gate.until(333), 333)
+        np.testing.assert_array_equal(some.samples(0, some.total), np.flatnonzero(on[:333]))
+
+
+@pytest.mark.parametrize(
+    ("size", "edges"), [(1000, [928, 1928, 2200]), (600, [128, 728, 1128, 1728, 2200])]
+)
+def test_trials_are_held_in_the_stretches_in_which_they_begin(monkeypatch, size, edges):
+    """A stretch ends between two intervals, if it can; else the report says what of an
+    interval its law did not hold.
+    """
+    shown, asked = {"pair": SHIPPED["wall"]()}, choice("more", "Which was more?", "first", "second")
+    timing, safety = Timing(0.2, 0.05, 0.0, 0.02), Safety(1000.0)
+    e = Experiment(
+        "pair", "1", shown, lambda *_: None, (asked,), fs=FS, safety=safety, timing=timing
+    )
+    scene, params = program(
+        e, Trial("a", (Stimulus("pair", {"k": 900.0}, 3), Stimulus("pair", {}, 5)), ("more",))
+    )
+    motion = HANDS["wall"]
+    made = stimlib.render(scene, motion, FS, 0.55, params=params, seed=3)
+    whole = stimlib.verify(scene, motion, made)
+    for module in (evidence, noise):
+        monkeypatch.setattr(module, "AT_ONCE", size)
+    parts = stimlib.verify(scene, motion, made)
+    assert parts.passed and [(c.group, c.name) for c in parts.checks] == [
+        (c.group, c.name) for c in whole.checks
+    ]
+    assert [s.end for s in parts.evidence.stretches()] == edges
+    assert parts.evidence.numbers == whole.evidence.numbers
+    assert sum("of its interval" in text for text in parts.evidence.skipped) == (
+        2 if size == 600 else 0
+    )
+
+
+@pytest.mark.parametrize("wrong", [None, "hash", "scene"])
+def test_a_session_is_held_in_stretches(short, tmp_path, wrong):
+    """Delivered blocks of odd sizes, frames that are lost over the end of a stretch,
+    and a parameter that is set late.
+    """
+    scene, safety, n = stimlib.scenes.squeeze(fingers=1), Safety(full_scale=60.0), 12000
+    played = late("squeeze", fingers=1) if wrong == "scene" else scene
+    proc = stimlib.compile(protect(played, safety), FS)
+    x = sinusoid(0.02, 1.0)(np.arange(n) / FS)[None, :]
+    with LogWriter(tmp_path / "a", header(scene, safety, FS)) as log:
+        for name, value in ((GAIN, 1.0), ("k", 1500.0)):
+            at = 11000 if name == "k" else 0
+            log.event(at, "set", name=name, value=value, ramp=160)
+        log.event(4900, "lost", frames=300)
+        log.motion(x)
+        y = samples(
+            proc, x, n, [Change(0, GAIN, 1.0, 160 / FS), Change(11000, "k", 1500.0, 160 / FS)]
+        )
+        frames = to_device(y, safety.scales(proc.outputs), [0])
+        for part in (frames[:4900], frames[5200:7777], frames[7777:]):
+            log.delivered(part)
+        log.close({"produced": n, "delivered": n - 300, "lost": 300})
+    path = tmp_path / "a" / "events.jsonl"
+    lines = path.read_text().splitlines()
+    if wrong == "hash":
+        k = max(k for k, line in enumerate(lines) if '"hash"' in line)
+        lines[k] = lines[k][:-10] + "0" * 8 + lines[k][-2:]
+        path.write_text("\n".join(lines) + "\n")
+    report = verify_log(read_log(tmp_path / "a"))
+    assert failed(report) == ([] if wrong is None else ["log: delivered = replay"]), str(report)
+    assert [s.at for s in report.evidence.stretches()] == [0, 5000, 10000]
+
+
+def test_a_motion_that_ends_is_held_up_to_there(short, tmp_path):
+    """What is not finite in the last stretch: the law is held before it, and nowhere
+    after.
+    """
+    scene, safety, n = stimlib.scenes.squeeze(fingers=1), Safety(full_scale=60.0), 12000
+    proc = stimlib.compile(protect(scene, safety), FS)
+    x = sinusoid(0.02, 1.0)(np.arange(n) / FS)[None, :]
+    x[0, 11500] = np.nan
+    with LogWriter(tmp_path / "a", header(scene, safety, FS)) as log:
+        proc.set(GAIN, 1.0, 0.04)
+        log.event(0, "set", name=GAIN, value=1.0, ramp=160)
+        log.motion(x)
+        log.delivered(to_device(proc.process(x), safety.scales(proc.outputs), [0]))
+        log.close({"produced": n})
+    report = verify_log(read_log(tmp_path / "a"))
+    assert failed(report) == ["no fault"], str(report)
+    assert any(
+        "held against the samples before 11500 only" in text for text in report.evidence.skipped
+    )
+
+
+# Memory -------------------------------------------------------------------------------
+def test_memory_is_that_of_a_stretch(tmp_path, monkeypatch):
+    for module in (evidence, noise):
+        monkeypatch.setattr(module, "AT_ONCE", 20_000)
+    peaks = []
+    for seconds in (10, 10, 40):  # the first compiles
+        path = tmp_path / f"{seconds}.wav"
+        scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": sinusoid(0.02, 1.0)}
+        stimlib.files.audio.write(
+            path, stimlib.compile(scene, FS), motion, seconds, full_scale=60.0
+        )
+        tracemalloc.start()
+        try:
+            assert stimlib.verify(path).passed
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+    assert peaks[2] < 1.15 * peaks[1] + 8 * 20_000, peaks
