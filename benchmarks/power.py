@@ -22,11 +22,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 import matplotlib as mpl
 import numpy as np
 from bench import Row, options, save
-from faults import mutated, scaled
+from faults import scaled
 from matplotlib.figure import Figure
 
 import stimlib
@@ -296,7 +297,7 @@ def excess(fault: Fault, size: float, seconds: float, seed: int = SEED) -> float
     """How many times its limit the check measures in a rendering with the fault inside:
     above 1 it fails.
     """
-    with mutated(fault.owner, fault.attribute, fault.wrong(size)):
+    with patch.object(fault.owner, fault.attribute, fault.wrong(size)):
         report = verified(fault.scene(), fault.motion, seconds, seed)
     return max(c.measured / c.limit for c in report.checks if fault.check in c.name)
 

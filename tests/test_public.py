@@ -436,7 +436,7 @@ ELSEWHERE = {
 """Not called here, and why."""
 
 DEVICES = re.compile(
-    r"stimlib\.(speed|devices|live|demo|checks\.power|design\.exponentials|motion\.generators)\b"
+    r"stimlib\.(speed|devices|live|demo|checks\.power|design\.fractional|motion\.generators)\b"
 )
 """Need a device, a browser or long; generators check their own fields: tests/devices,
 tests/live, tests/test_speed.py.
