@@ -41,7 +41,8 @@ from stimlib.blocks.noise import Pinking, PinkNoise
 from stimlib.blocks.viscoelastic import MaxwellArms
 from stimlib.checks.power import KINDS, Shows
 from stimlib.motion.generators import constant_speed, minimum_jerk, sinusoid
-from stimlib.scenes import SHIPPED, bumps, soft_surface, squeeze, viscoelastic
+from stimlib.motion.text import parse_motion
+from stimlib.scenes import ROWS, SHIPPED, bumps, soft_surface, squeeze, viscoelastic
 from stimlib.speed.timing import machine
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
@@ -267,21 +268,6 @@ SCENES = [
     ),
 ]
 LOUDER = Fault("force1: spectrum", "level", "dB", *number(PinkNoise, "r", decibel), squeeze, HANDS)
-PUSHED = {
-    "squeeze": HANDS,
-    "viscoelastic": WAVE,
-    "bumps": STROKE,
-    "grating": STROKE,
-    "texture": STROKE | {"force": sinusoid(0.2, 1.0, 1.0)},
-    "click": {"x": sinusoid(1.3e-3, 3.0, 1e-3)},
-    "detents": {"angle": sinusoid(1.0, 2.0)},
-    "friction": {"x": sinusoid(0.02, 2.0)},
-    "wall": {"x": sinusoid(2e-3, 5.0)},
-    "impact": {"x": sinusoid(5e-3, 3.0)},
-    "touch_screen": {"x": sinusoid(0.05, 1.0, 0.05)},
-    "soft_surface": {"x": sinusoid(0.04, 0.7, 0.06), "y": sinusoid(0.03, 0.9, 0.05)},
-}
-"""What each scene is asked with."""
 # with a pen nothing of it is a parameter
 LIVE = SHIPPED | {"soft_surface": partial(soft_surface, device="mouse")}
 
@@ -378,8 +364,10 @@ def computed() -> Iterator[Row]:
 
 def asked() -> Iterator[Row]:
     """The law of every scene, told other numbers than those of a correct rendering."""
-    for name, motion in PUSHED.items():
-        for s in verified(LIVE[name](), motion, ASKED).certainty():
+    for name, row in ROWS.items():
+        scene = LIVE[name]()
+        motion = {i: parse_motion(row.drive[i]) for i in scene.inputs}
+        for s in verified(scene, motion, ASKED).certainty():
             if s.check == "law of the scene":
                 yield told(s._replace(check=f"law of {name}"), ASKED, "asked", {})
 

@@ -6,6 +6,8 @@ import re
 import sys
 from pathlib import Path
 
+from docutils.statemachine import StringList
+from sphinx.ext.autosummary import Autosummary
 from sphinx_gallery.sorting import ExplicitOrder
 
 import stimlib
@@ -54,6 +56,23 @@ html_show_sphinx = False
 html_show_copyright = False
 
 
+class Functions(Autosummary):
+    """A line for each function that these pages beside it document, by default all:
+    what a page documents is then listed nowhere else.
+    """
+
+    def run(self):
+        folder = Path(self.env.doc2path(self.env.docname)).parent
+        pages = [folder / f"{name}.rst" for name in self.content] or sorted(folder.glob("*.rst"))
+        found = []
+        for page in pages:
+            self.env.note_dependency(str(page))
+            documented = rf"autofunction:: stimlib\.{folder.name}\.(\w+)$"
+            found += re.findall(documented, page.read_text(), re.M)
+        self.content = StringList(found, source=self.env.docname)
+        return super().run()
+
+
 def plain_marks(app, what, name, obj, options, lines):
     """Docstrings are written to be read as text: `name` is code, and a bar is a bar."""
     for i, line in enumerate(lines):
@@ -66,4 +85,5 @@ def plain_marks(app, what, name, obj, options, lines):
 
 
 def setup(app):
+    app.add_directive("functions", Functions)
     app.connect("autodoc-process-docstring", plain_marks, priority=400)

@@ -600,6 +600,22 @@ class Asked:
         return samples(proc, x, n, [])[0]
 
 
+SceneLaw = Callable[[Asked], list[Check]]
+SCENES: dict[str, SceneLaw] = {}  # the law of each shipped scene, by the scene's name
+
+
+def law_of(scene: str) -> Callable[[SceneLaw], SceneLaw]:
+    """Enter a function of `Asked` as the law of the shipped scene of this name.
+
+    Examples
+    --------
+    >>> from stimlib.checks.scenes import SCENES
+    >>> SCENES["wall"].__name__
+    'wall_law'
+    """
+    return lambda law: SCENES.setdefault(scene, law)
+
+
 def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
     """A part of a scene as its law sees it, in one stretch.
 

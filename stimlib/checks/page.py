@@ -19,10 +19,10 @@ from ..core.definitions import definitions
 from ..errors import BadValue, shown
 from ..files.sidecar import describe, sidecar_of
 from ..motion.text import parse_motion
+from ..scenes import ROWS
 from .evidence import ALARM, Check, Evidence
 from .figures import figures
 from .power import OF_IT, Shows
-from .scenes import WORDS
 
 GROUPS = {
     "a1": "compiled impulse responses",
@@ -183,9 +183,9 @@ def _spec(m: object) -> str:
 def _model(checks: list[Check], e: Evidence) -> str:
     """The law of the scene in words, its numbers, and the law of each block."""
     known = {
-        f"{p.name}: {WORDS[p.law]}" if p.name else WORDS[p.law]: None
+        f"{p.name}: {ROWS[p.law].words}" if p.name else ROWS[p.law].words: None
         for p in e.scene.parts
-        if p.law in WORDS
+        if p.law in ROWS
     }
     own = [
         f"{p.name or 'The scene'}: the law {p.law}, with {dict(p.given or {})}"

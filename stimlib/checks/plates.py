@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from . import laws
-from .evidence import Asked, Check
+from .evidence import Asked, Check, law_of
 
 TOL = 1e-6
 
@@ -45,6 +45,7 @@ def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
     return lfilter(b[0], a, v)
 
 
+@law_of("touch_screen")
 def touch_screen(a: Asked) -> list[Check]:
     """Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the
     sum over modes.

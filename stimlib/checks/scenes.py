@@ -11,7 +11,6 @@ from __future__ import annotations
 import copy
 import dataclasses as dc
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from numbers import Real
 from typing import Any
@@ -22,10 +21,10 @@ from ..analysis import spectra
 from ..core.graph import Const, Input
 from ..core.parts import OWN, Part, known
 from ..errors import BadValue, SceneError
-from . import laws, soft, surfaces, touch
-from .evidence import Asked, Check, Evidence, asked, noise_model
-from .plates import touch_screen
+from . import laws, plates, soft, surfaces, touch
+from .evidence import SCENES, Asked, Check, Evidence, SceneLaw, asked, law_of, noise_model
 
+MODULES = plates, soft, surfaces, touch  # each enters laws of scenes into ``SCENES``
 # relative: at speed 0 and force 0 the variance is a rounding, of which the square root
 # is taken
 TEXTURE = 1e-7
@@ -47,7 +46,7 @@ def scene_law(e: Evidence) -> list[Check]:
         for part in e.scene.parts
     }
     e.unknown[:] = [name for name, law in laws_of.items() if law is None]
-    known_laws: list[tuple[Part, Law, dict[str, Any], list[Check]]] = []
+    known_laws: list[tuple[Part, SceneLaw, dict[str, Any], list[Check]]] = []
     for part in e.scene.parts:
         law, called = laws_of[part.law], f"{part.name}: the law" if part.name else "the law"
         if law is None:
@@ -131,7 +130,7 @@ def _over(c: Check) -> float:
     )
 
 
-def _checks_of(e: Evidence, part: Any, law: Law, kept: dict[str, Any]) -> list[Check]:
+def _checks_of(e: Evidence, part: Any, law: SceneLaw, kept: dict[str, Any]) -> list[Check]:
     try:
         a = asked(e, part, kept)
         if not a.n:
@@ -231,6 +230,7 @@ a static force counts, in s.
 """
 
 
+@law_of("squeeze")
 def _squeeze(a: Asked) -> list[Check]:
     """F = k x + A (k tau v)(tau dp/dt) g for each finger, from motion, numbers and
     seed.
@@ -403,6 +403,7 @@ def _slope(
     ]
 
 
+@law_of("viscoelastic")
 def _viscoelastic(a: Asked) -> list[Check]:
     """The springpot's force at some samples against the full sum over the history, in
     extended precision.
@@ -455,6 +456,7 @@ def _viscoelastic(a: Asked) -> list[Check]:
     return [same, Check("d", f"{name}: full sum over the history", a.far(over), 1.0, text), silent]
 
 
+@law_of("bumps")
 def _bumps(a: Asked) -> list[Check]:
     """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant
     speed also the spectral model.
@@ -557,6 +559,7 @@ def _bumps(a: Asked) -> list[Check]:
     return checks
 
 
+@law_of("texture")
 def _texture(a: Asked) -> list[Check]:
     """The acceleration of a measured texture, written again; where speed and force
     stand still, also its spectrum.
@@ -606,82 +609,6 @@ def _texture(a: Asked) -> list[Check]:
         p, share = -np.log10(max(s.p, 1e-300)), -np.log10(a.e.share)
         checks.append(Check("c", f"{name}: spectrum, {len(s.bands)} bands", p, share, text))
     return checks
-
-
-WORDS = {
-    "squeeze": (
-        "F = k x + A level (k tau v)(tau dp/dt) while the object is being loaded, else F = k x; x"
-        " is the position, v its velocity, p pink noise, tau = 1/8000 s (the UGrip paper, eq. (2)"
-        " and section 2.1)"
-    ),
-    "viscoelastic": (
-        "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as"
-        " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"
-    ),
-    "bumps": (
-        "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of"
-        " which the part duty is ridge, c the positive half waves of a carrier of freq (the"
-        " touch-screen thesis, eqs. (16) and (17), section 4.2)"
-    ),
-    "texture": (
-        "a(t) = level times what the models' recursion (AR and MA, of the three models around speed"
-        " and force) makes of white noise, brought to the rate by a windowed sinc (Culbertson,"
-        " Unwin and Kuchenbecker 2014)"
-    ),
-    "grating": (
-        "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean"
-        " over the movement of a sample; n is noise over place with a spectrum of 1/f^slope (after"
-        " Wiertlewski, Lozada and Hayward 2011)"
-    ),
-    "click": (
-        "F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq"
-        " t), each a mean over the movement of a sample; q is 1 from x >= at until x < back, t the"
-        " time since q rose (our own)"
-    ),
-    "detents": (
-        "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement"
-        " of a sample (our own)"
-    ),
-    "friction": (
-        "F is that of a spring that a finger drags: it slips at static normal and sticks again at"
-        " kinetic normal, a mean over the movement of a sample (our own)"
-    ),
-    "wall": (
-        "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v"
-        " its velocity (Colgate and Schenkel 1997)"
-    ),
-    "impact": (
-        "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its"
-        " velocity (after Okamura, Dennerlein and Howe 1998)"
-    ),
-    "soft_surface": (
-        "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for"
-        " each newton the tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008"
-        " exp(4.2081 pressure) N; S is the level of the map there (the pseudo-haptics paper, eqs."
-        " (1) to (3), and readings of our own)"
-    ),
-    "touch_screen": (
-        "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement"
-        " fitted over places; the displacement is the sum over the plate's modes of shape(x, y)"
-        " times the mode's answer to V (the touch-screen thesis, chapters 2 to 4)"
-    ),
-}
-"""Each law for a reader who has the paper beside it."""
-Law = Callable[[Asked], list[Check]]
-SCENES: dict[str, Law] = {
-    "squeeze": _squeeze,
-    "viscoelastic": _viscoelastic,
-    "bumps": _bumps,
-    "grating": surfaces.grating,
-    "texture": _texture,
-    "click": touch.click_law,
-    "detents": touch.detents_law,
-    "friction": touch.friction_law,
-    "wall": touch.wall_law,
-    "impact": touch.impact_law,
-    "soft_surface": soft.soft_surface,
-    "touch_screen": touch_screen,
-}
 
 
 def motor_limits(e: Evidence) -> list[Check]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..blocks.tables import CubicGrid
 from ..core.graph import Input, constant
-from .evidence import Asked, Check
+from .evidence import Asked, Check, law_of
 
 Row = NDArray[np.float64]
 
@@ -201,6 +201,7 @@ def motor(waits: Row, fs: float, factor: float) -> Row:
     return out
 
 
+@law_of("soft_surface")
 def soft_surface(a: Asked) -> list[Check]:
     """Avatars, depths, force and drive of ``soft_surface``, from the inputs and what
     was asked for.

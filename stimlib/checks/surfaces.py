@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..design.noise import octaves
-from .evidence import Asked, Check
+from .evidence import Asked, Check, law_of
 from .laws import LOW, philox, ways
 
 MOST = 20_000  # samples at which the scene's law is computed, evenly over the run
@@ -105,6 +105,7 @@ def _lattice(key: int, m: np.ndarray) -> np.ndarray:
     return (total.astype(float) - 2 * 65535) / math.sqrt((65536.0**2 - 1) / 3)
 
 
+@law_of("grating")
 def grating(a: Asked) -> list[Check]:
     """The scene: a sum of parameters times gratings and noise over place, each computed
     again from the movement alone.

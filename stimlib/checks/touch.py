@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from . import laws
-from .evidence import Asked, Check
+from .evidence import Asked, Check, law_of
 from .laws import ways
 from .surfaces import gratings
 
@@ -270,6 +270,7 @@ def _vibration(a: Asked, events: np.ndarray) -> np.ndarray:
     return a.live("A") * ringing(events, a.fs, a.given["freq"], a.given["decay"])
 
 
+@law_of("wall")
 def wall_law(a: Asked) -> list[Check]:
     force, numbers = _wall_of(a, a.x["x"], a.live("k"), a.live("b"), a.given["at"])
     pulls = float(np.max(np.where(a.window > 0, -a.y["force"], 0.0)))
@@ -279,6 +280,7 @@ def wall_law(a: Asked) -> list[Check]:
     ]
 
 
+@law_of("click")
 def click_law(a: Asked) -> list[Check]:
     x, g = a.x["x"], a.given
     force, pressed = button(x, a.contact, a.live("peak"), g["drop"], g["at"], g["back"])
@@ -297,6 +299,7 @@ def click_law(a: Asked) -> list[Check]:
     )
 
 
+@law_of("detents")
 def detents_law(a: Asked) -> list[Check]:
     x, g = a.x["angle"], a.given
     k = g["friction"] / g["presliding"]
@@ -306,6 +309,7 @@ def detents_law(a: Asked) -> list[Check]:
     return _held(a, "torque", "detents and friction", [drawn, rubbed], words)
 
 
+@law_of("friction")
 def friction_law(a: Asked) -> list[Check]:
     x, g = a.x["x"], a.given
     k, limit, left = (
@@ -326,6 +330,7 @@ def friction_law(a: Asked) -> list[Check]:
     )
 
 
+@law_of("impact")
 def impact_law(a: Asked) -> list[Check]:
     x, g = a.x["x"], a.given
     force, numbers = _wall_of(a, x, a.live("k"), g["b"], 0.0)

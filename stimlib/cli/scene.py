@@ -27,7 +27,7 @@ def shipped() -> dict[str, Callable[..., Scene]]:
     """Scenes by name."""
     from ..scenes import SHIPPED
 
-    return SHIPPED  # type: ignore[return-value]
+    return SHIPPED
 
 
 def _begun(text: str) -> list[str]:

@@ -18,23 +18,11 @@ from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
 from ..motion.generators import sinusoid
 from ..run.rendering import render
+from ..scenes import ROWS
 
 Range = tuple[float, float]
 UNITS: dict[str, Range] = {"m": (0.0, 0.1), "N": (0.0, 2.0), "m/s": (-0.5, 0.5)}
 """Ranges of inputs by their unit; of others 0 to 1."""
-LAWS: dict[str, dict[str, Range]] = {
-    "squeeze": {"x1": (0.0, 0.02), "x2": (0.0, 0.02), "x3": (0.0, 0.02)},
-    "viscoelastic": {"y": (0.0, 0.02)},
-    "bumps": {"duty": (0.05, 1.0)},
-    "touch_screen": {"duty": (0.05, 1.0)},
-    "click": {"x": (0.0, 0.005)},
-    "detents": {"angle": (0.0, 2 * math.pi)},
-    "wall": {"x": (-0.01, 0.01)},
-    "impact": {"x": (-0.01, 0.01)},
-}
-"""Ranges of inputs and parameters where the law of the scene tells more than the
-unit.
-"""
 MAP = 128
 """Most columns and rows of a surface that a page is sent."""
 
@@ -72,7 +60,10 @@ def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[st
             )
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise BadValue(f"range of {name}: {low:g} to {high:g} must be finite and rise")
-    known = {p.inputs.get(n, n): r for p in scene.parts for n, r in LAWS.get(p.law, {}).items()}
+    known: dict[str, Range] = {}
+    for part in scene.parts:
+        if part.law in ROWS:
+            known |= {part.inputs.get(n, n): r for n, r in ROWS[part.law].ranges.items()}
     found: dict[str, Range] = {
         name: UNITS.get(str(b.dim), (0.0, 1.0)) for name, b in scene.inputs.items()
     }

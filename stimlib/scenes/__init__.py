@@ -1,48 +1,23 @@
-"""The papers' stimuli and the field's everyday ones, each on one page."""
+"""The papers' stimuli and the field's everyday ones, each on one page.
 
-from .bumps import bumps, bumps_set
-from .click import click
-from .detents import detents
-from .friction import friction
-from .grating import grating
-from .impact import impact
-from .soft_surface import soft_surface
-from .squeeze import squeeze
-from .texture import texture
-from .touch_screen import touch_screen
-from .viscoelastic import viscoelastic
-from .wall import wall
-
-__all__ = [
-    "bumps",
-    "bumps_set",
-    "click",
-    "detents",
-    "friction",
-    "grating",
-    "impact",
-    "soft_surface",
-    "squeeze",
-    "texture",
-    "touch_screen",
-    "viscoelastic",
-    "wall",
-]
-
-SHIPPED = {
-    "squeeze": squeeze,
-    "viscoelastic": viscoelastic,
-    "bumps": bumps,
-    "grating": grating,
-    "texture": texture,
-    "click": click,
-    "detents": detents,
-    "friction": friction,
-    "wall": wall,
-    "impact": impact,
-    "soft_surface": soft_surface,
-    "touch_screen": touch_screen,
-}
-"""What the command line calls a scene, by name; the default of every argument is the
-paper's, where there is one.
+A module of a scene is named here once; what else is said of a scene stands in its row
+(`stimlib.scenes.shipped`).
 """
+
+from .bumps import bumps as bumps
+from .bumps import bumps_set as bumps_set
+from .click import click as click
+from .detents import detents as detents
+from .friction import friction as friction
+from .grating import grating as grating
+from .impact import impact as impact
+from .shipped import ROWS as ROWS
+from .shipped import SHIPPED as SHIPPED
+from .soft_surface import soft_surface as soft_surface
+from .squeeze import squeeze as squeeze
+from .texture import texture as texture
+from .touch_screen import touch_screen as touch_screen
+from .viscoelastic import viscoelastic as viscoelastic
+from .wall import wall as wall
+
+__all__ = ["bumps_set", *SHIPPED]

@@ -18,9 +18,18 @@ from ..core.graph import Input, Param, constant
 from ..core.pointwise import nonzero
 from ..core.scene import Scene
 from ..errors import BadValue, public
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of"
+        " which the part duty is ridge, c the positive half waves of a carrier of freq (the"
+        " touch-screen thesis, eqs. (16) and (17), section 4.2)"
+    ),
+    drive={"x": "sinusoid(0.05, 1.0)"},
+    ranges={"duty": (0.05, 1.0)},
+)
 def bumps(
     waveform: str | np.ndarray = "square",
     bumps: float = 6,

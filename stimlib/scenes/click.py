@@ -6,10 +6,18 @@ from ..blocks import button, ring, rising
 from ..blocks import wall as bottom
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..errors import public
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq"
+        " t), each a mean over the movement of a sample; q is 1 from x >= at until x < back, t the"
+        " time since q rose (our own)"
+    ),
+    drive={"x": "sinusoid(1.3e-3, 3.0, 1e-3)"},
+    ranges={"x": (0.0, 0.005)},
+)
 def click(
     peak: float = 2.0,
     drop: float = 0.4,

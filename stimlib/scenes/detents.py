@@ -7,10 +7,18 @@ from math import pi
 from .. import blocks
 from ..core.graph import Input, Param, constant
 from ..core.scene import Scene
-from ..errors import BadValue, public
+from ..errors import BadValue
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement"
+        " of a sample (our own)"
+    ),
+    drive={"angle": "sinusoid(1.0, 2.0)"},
+    ranges={"angle": (0.0, 2 * pi)},
+)
 def detents(
     count: int = 24,
     depth: float = 0.02,

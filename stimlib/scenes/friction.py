@@ -5,10 +5,16 @@ from __future__ import annotations
 from .. import blocks
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..errors import public
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "F is that of a spring that a finger drags: it slips at static normal and sticks again at"
+        " kinetic normal, a mean over the movement of a sample (our own)"
+    ),
+    drive={"x": "sinusoid(0.02, 2.0)"},
+)
 def friction(
     normal: float = 1.0,
     static: float = 0.8,

@@ -8,10 +8,17 @@ from ..blocks.surfaces import grating as ribs
 from ..blocks.surfaces import spatial_noise
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..errors import public
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean"
+        " over the movement of a sample; n is noise over place with a spectrum of 1/f^slope (after"
+        " Wiertlewski, Lozada and Hayward 2011)"
+    ),
+    drive={"x": "sinusoid(0.05, 1.0)"},
+)
 def grating(
     depth: float = 0.2,
     coarse: float = 2e-3,

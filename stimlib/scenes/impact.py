@@ -6,10 +6,17 @@ from .. import blocks
 from ..blocks import maximum, ring, rising, velocity
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..errors import public
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its"
+        " velocity (after Okamura, Dennerlein and Howe 1998)"
+    ),
+    drive={"x": "sinusoid(5e-3, 3.0)"},
+    ranges={"x": (-0.01, 0.01)},
+)
 def impact(
     k: float = 1000.0, b: float = 0.0, A: float = 20.0,
     freq: float = 150.0, decay: float = 0.01, cutoff: float = 500.0, contact: bool = False,

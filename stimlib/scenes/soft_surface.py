@@ -10,14 +10,27 @@ from ..blocks import cursor, delay_avatar, indentation, press, stiffness_map, tr
 from ..blocks.soft import as_levels
 from ..core.graph import Block, Input, Param, as_block, constant
 from ..core.scene import Scene
-from ..errors import BadValue, public
+from ..errors import BadValue
 from ..soft.maps import block
+from .shipped import shipped
 
 MODES = ("cursor", "deformation", "combined", "vibration", "multipoint")
 DEVICES = ("pen", "mouse")
 
 
-@public
+@shipped(
+    words=(
+        "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for"
+        " each newton the tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008"
+        " exp(4.2081 pressure) N; S is the level of the map there (the pseudo-haptics paper, eqs."
+        " (1) to (3), and readings of our own)"
+    ),
+    drive={
+        "x": "sinusoid(0.04, 0.7, 0.06)",
+        "y": "sinusoid(0.03, 0.9, 0.05)",
+        "press": "sinusoid(0.5, 0.5, 0.5)",
+    },
+)
 def soft_surface(
     mode: str = "combined",
     device: str = "pen",

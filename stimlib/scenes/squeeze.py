@@ -24,11 +24,19 @@ from ..blocks import (
 )
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..errors import public
 from ..system.limits import limits as bounds
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "F = k x + A level (k tau v)(tau dp/dt) while the object is being loaded, else F = k x; x"
+        " is the position, v its velocity, p pink noise, tau = 1/8000 s (the UGrip paper, eq. (2)"
+        " and section 2.1)"
+    ),
+    drive={"x1": "minimum_jerk()", "x2": "minimum_jerk(depth=0.015, rise=0.25)"},
+    ranges={"x1": (0.0, 0.02), "x2": (0.0, 0.02), "x3": (0.0, 0.02)},
+)
 def squeeze(
     k: float = 2000.0,
     A: float = 3.4,

@@ -9,10 +9,17 @@ from ..blocks.texture import texture as texture_block
 from ..core.graph import Input, Param
 from ..core.scene import Scene
 from ..design.texture import TextureModel, load_texture, made_up
-from ..errors import public
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "a(t) = level times what the models' recursion (AR and MA, of the three models around speed"
+        " and force) makes of white noise, brought to the rate by a windowed sinc (Culbertson,"
+        " Unwin and Kuchenbecker 2014)"
+    ),
+    drive={"x": "sinusoid(0.05, 1.0)", "force": "sinusoid(0.2, 1.0, 1.0)"},
+)
 def texture(
     model=None,
     level: float = 1.0,

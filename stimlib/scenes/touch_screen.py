@@ -17,16 +17,25 @@ from ..blocks.surfaces import bump, equalize
 from ..core.graph import Input, Param, constant
 from ..core.pointwise import nonzero
 from ..core.scene import Scene
-from ..errors import BadValue, outside, public
+from ..errors import BadValue, outside
 from ..plate.model import Plate, check_plate
 from ..plate.profile import SHIFT, mode_fit
 from ..plate.vibrate import Finger, plate
+from .shipped import shipped
 
 KNOTS = np.linspace(0.0, 1.0, 5)
 """Where the thesis measures displacement, in parts of the explored length."""
 
 
-@public
+@shipped(
+    words=(
+        "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement"
+        " fitted over places; the displacement is the sum over the plate's modes of shape(x, y)"
+        " times the mode's answer to V (the touch-screen thesis, chapters 2 to 4)"
+    ),
+    drive={"x": "sinusoid(0.05, 1.0, 0.05)"},
+    ranges={"duty": (0.05, 1.0)},
+)
 def touch_screen(
     waveform: str | np.ndarray = "half_sine",
     bumps: float = 6,

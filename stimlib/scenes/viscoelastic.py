@@ -12,13 +12,20 @@ from math import pi
 from ..blocks import equal_force, springpot
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..errors import public
+from .shipped import shipped
 
 REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Derivative orders of the thesis' reference stimuli (section 4.1)."""
 
 
-@public
+@shipped(
+    words=(
+        "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as"
+        " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"
+    ),
+    drive={"y": "sinusoid(0.01, 1.0)"},
+    ranges={"y": (0.0, 0.02)},
+)
 def viscoelastic(
     alpha: float = 0.5,
     chi_0: float = 300.0,

@@ -5,10 +5,17 @@ from __future__ import annotations
 from .. import blocks
 from ..core.graph import Input, Param
 from ..core.scene import Scene
-from ..errors import public
+from .shipped import shipped
 
 
-@public
+@shipped(
+    words=(
+        "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v"
+        " its velocity (Colgate and Schenkel 1997)"
+    ),
+    drive={"x": "sinusoid(2e-3, 5.0)"},
+    ranges={"x": (-0.01, 0.01)},
+)
 def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = False) -> Scene:
     """Force of a stiff wall with a damper beyond a place: F = max(0, k p + b v) where p
     = x - at > 0.

@@ -21,10 +21,10 @@ from stimlib.checks import figures
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.page import GROUPS, page
 from stimlib.checks.power import Shows
-from stimlib.checks.scenes import WORDS
 from stimlib.core.definitions import definitions
 from stimlib.motion.generators import constant_speed, minimum_jerk
 from stimlib.run.processor import Change
+from stimlib.scenes import ROWS
 
 TAGS = "<i>&b\x1b[2J"  # markup, and a control character
 
@@ -221,7 +221,7 @@ def test_the_law_is_in_words_or_said_to_be_unknown(bumped, text_of):
     unknown = stimlib.verify(
         x, {"x": np.ones(64)}, stimlib.render(x, {"x": np.ones(64)}, 8000)
     ).evidence
-    assert WORDS["bumps"] in text_of(
+    assert ROWS["bumps"].words in text_of(
         bumped.evidence
     ) and "No law of the whole scene" not in text_of(bumped.evidence)
     assert "No law of the whole scene" in text_of(unknown)

@@ -44,27 +44,18 @@ from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.replay import replay
 from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid
+from stimlib.motion.text import parse_motion
 from stimlib.run.processor import Change
 from stimlib.run.safety import Safety
 from stimlib.run.walk import samples
-from stimlib.scenes import SHIPPED
+from stimlib.scenes import ROWS, SHIPPED
 
 FS = 4000
-HANDS = {
-    "click": {"x": sinusoid(1.3e-3, 3.0, 1e-3)},
-    "detents": {"angle": sinusoid(1.0, 2.0)},
-    "impact": {"x": sinusoid(5e-3, 3.0)},
-    "wall": {"x": sinusoid(2e-3, 5.0)},
-    "texture": {"x": sinusoid(0.01, 2.0), "force": lambda t: 1.0 + 0 * t},
-}
 SCENES = {name: make() for name, make in SHIPPED.items()}
 
 
 def hands(name):
-    if name in HANDS:
-        return HANDS[name]
-    moves = {n: sinusoid(0.01, 2.0 + 0.3 * k, 0.02) for k, n in enumerate(SCENES[name].inputs)}
-    return moves | ({"press": lambda t: 0.5 + 0.5 * np.sin(3 * t)} if "press" in moves else {})
+    return {n: parse_motion(m) for n, m in ROWS[name].drive.items()}
 
 
 def verified(scene, motion, seconds=0.3, fs=FS, **words):

@@ -16,13 +16,8 @@ from stimlib.motion.generators import ramp_and_hold
 x = stimlib.Input("x", "m")
 wanted = spring(x, 4000.0)
 limited = slew_limit(force_limit(wanted, peak=60.0), rate=500.0)
-scene = stimlib.Scene(
-    {
-        "wanted": wanted,
-        "limited": limited,
-        "current": motor_current(limited, x, motor_constant=10.0),
-    }
-)
+current = motor_current(limited, x, motor_constant=10.0)
+scene = stimlib.Scene({"wanted": wanted, "limited": limited, "current": current})
 press = ramp_and_hold(depth=0.02, rise=0.1, start_time=0.1, hold=0.3, fall=0.1)
 result = stimlib.render(scene, {"x": press}, fs=8000, seconds=0.8)
 figure = Figure(figsize=(8, 6), layout="constrained")

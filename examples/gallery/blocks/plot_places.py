@@ -14,12 +14,8 @@ from stimlib.blocks import grating, spatial_noise
 from stimlib.motion.generators import minimum_jerk
 
 x = stimlib.Input("x", "m")
-scene = stimlib.Scene(
-    {
-        "rough": spatial_noise(x, slope=1.0, seed=1, longest=0.02),
-        "ribs": grating(x, [(2e-3, 1.0, 0.0)]),
-    }
-)
+rough = spatial_noise(x, slope=1.0, seed=1, longest=0.02)
+scene = stimlib.Scene({"rough": rough, "ribs": grating(x, [(2e-3, 1.0, 0.0)])})
 stroke = minimum_jerk(depth=0.02, rise=0.8, hold=0.1, fall=0.2)
 result = stimlib.render(scene, {"x": stroke}, fs=8000, seconds=1.2)
 listen(result, "rough", "roughness.wav")

@@ -19,12 +19,8 @@ outputs = {
     "detents": detents(x, spacing=1e-3),
     "button": key.force,
 }
-result = stimlib.render(
-    stimlib.Scene(outputs),
-    {"x": lambda t: 1e-3 * (1 - np.cos(2 * np.pi * t))},
-    fs=8000,
-    seconds=1.0,
-)
+hand = {"x": lambda t: 1e-3 * (1 - np.cos(2 * np.pi * t))}
+result = stimlib.render(stimlib.Scene(outputs), hand, fs=8000, seconds=1.0)
 figure = Figure(figsize=(9, 3), layout="constrained")
 for axes, name in zip(figure.subplots(1, 3, sharex=True), result.outputs, strict=True):
     axes.plot(2 * np.sin(np.pi * result.t) ** 2, result[name])

@@ -1,0 +1,54 @@
+"""The table of the shipped scenes, which ``shipped`` fills: a scene is a function with
+one decorator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeVar
+
+from ..core.scene import Scene
+from ..errors import public
+
+F = TypeVar("F", bound=Callable[..., Scene])
+# by name; the default of every argument is the paper's, where there is one
+SHIPPED: dict[str, Callable[..., Scene]] = {}
+ROWS: dict[str, shipped] = {}
+
+
+class shipped(NamedTuple):
+    """What is known of a shipped scene besides its graph.
+
+    As the decorator of the function that makes it, a row enters the function into
+    ``SHIPPED`` and itself into ``ROWS``, under the function's name.  The arguments are
+    checked as ``public`` does.
+
+    Parameters
+    ----------
+    words : str
+        The law as one formula with its source; a report prints it.  The law itself has
+        the name of the scene in ``stimlib.checks.evidence.SCENES``.
+    drive : dict of str to str
+        A motion of each input, as on the command line, under which the law says
+        something of every output.
+    ranges : dict of str to (float, float), optional
+        Ranges of inputs and parameters on a page, in their units, where unit and value
+        do not suggest good ones.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import ROWS, SHIPPED
+    >>> SHIPPED["wall"](k=500.0)
+    Scene(x [m], k [N/m], b [N*s/m] -> force [N])
+    >>> ROWS["wall"].drive, ROWS["wall"].ranges
+    ({'x': 'sinusoid(2e-3, 5.0)'}, {'x': (-0.01, 0.01)})
+    """
+
+    words: str
+    drive: Mapping[str, str]
+    ranges: Mapping[str, tuple[float, float]] = {}
+
+    def __call__(self, make: F) -> F:
+        ROWS[make.__name__] = self
+        SHIPPED[make.__name__] = made = public(make)
+        return made
