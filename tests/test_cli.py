@@ -150,7 +150,7 @@ def test_scene_from_own_code_and_from_a_file(tmp_path, source):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["render", "sqeeze"], "no scene 'sqeeze': use one of squeeze"),
+        (["render", "sqeeze"], "no scene 'sqeeze': use one of bumps"),
         (["render", "squeeze"], "no motion for x1, x2"),
         (["render", "squeeze", "--motion", "jump()"], "minimum_jerk, sinusoid"),
         (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "k"], "NAME=VALUE"),
@@ -1550,14 +1550,20 @@ def test_play_says_that_an_output_failed(tmp_path):
         (["squeeze", "--full-scale", "50"], "no motion for x1, x2"),
         (["squeeze", *HAND, "--set", "q=1"], "no parameter 'q'"),
         (["squeeze", *HAND, "--channels", "1"], "fewer than the 2 outputs"),
-        (["squeeze", *HAND, "--device", "a"], "null has no device"),
+        (
+            ["squeeze", *HAND, "--device", "a"],
+            "--device: is for --sink jack or portaudio, not for null",
+        ),
         (["squeeze", *HAND, "--connect", "a"], "--connect: is for --sink jack, not for null"),
         (["squeeze", *HAND, "--client", "a"], "--client: is for --sink jack"),
         (
             ["squeeze", *HAND, "--map", "x1=z"],
             "--map and --where are for a recording, and there is none",
         ),
-        (["squeeze", *HAND, "--sink", "jack", "--fast"], "a JACK server has its own pace"),
+        (
+            ["squeeze", *HAND, "--sink", "jack", "--fast"],
+            "--fast: is for --sink null or portaudio, not for jack",
+        ),
         (
             ["squeeze", *HAND, "--set", "sink_gain=1"],
             "no parameter 'sink_gain'; this scene has k, A, level",

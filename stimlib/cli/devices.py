@@ -7,12 +7,15 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from ..devices import available
 from ..errors import BadValue, FaultError, SinkError
 from ..system.progress import progress
 from . import options as opt
 from .app import Output, command, end, errors, failed, print_json
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
+
+SinkName: Any = Literal[tuple(available.SINKS)]
 
 
 def safety_of(
@@ -86,17 +89,12 @@ def play(
     safety: Any,
     motions: Any,
     sink: Annotated[
-        Literal["null", "jack", "portaudio"],
+        SinkName,
         typer.Option(help="What plays: [bold]stimlib devices[/]."),
     ] = "null",
     device: Annotated[
         str | None,
-        typer.Option(
-            help=(
-                "JACK: name of the server. PortAudio: name of the device, part of it, or its"
-                " number."
-            )
-        ),
+        typer.Option(help=" ".join(k.device for k in available.SINKS.values() if k.device)),
     ] = None,
     client: Annotated[
         str | None, typer.Option(help="JACK: name of the client, [bold]stimlib[/] by default.")
@@ -164,34 +162,15 @@ def play(
         "params": params_of(set_),
         "log": log,
     }
-    if fast and sink == "jack":
-        raise BadValue("--fast: a JACK server has its own pace")
-    for option, given in (("--connect", connect), ("--client", client)):
-        if given and sink != "jack":
-            raise BadValue(f"{option}: is for --sink jack, not for {sink}")
-    playing: Any
-    if sink == "jack":
-        from ..devices.jack import JackSink
-
-        playing = JackSink(
-            made,
-            safety(),
-            name=client or "stimlib",
-            server=device,
-            connect=_ports(connect),
-            **options,
-        )
-    elif sink == "portaudio":
-        from ..devices.portaudio import PortAudioSink
-
-        name = int(device) if device is not None and device.isdecimal() else device
-        playing = PortAudioSink(made, safety(), name=name, clocked=not fast, **options)
-    else:
-        if device is not None:
-            raise BadValue("--device: null has no device")
-        from ..devices.null import NullSink
-
-        playing = NullSink(made, safety(), clocked=not fast, **options)
+    for name, given, value in (
+        ("device", device is not None, device),
+        ("client", client, client),
+        ("connect", connect, _ports(connect)),
+        ("fast", fast, False),
+    ):
+        if given:
+            options |= available.option(sink, name, value)
+    playing = available.make(sink, made, safety(), **options)
     try:
         _play(
             playing,
@@ -229,9 +208,7 @@ def devices(
 
     [bold]stimlib devices[/]
     """
-    from ..devices.available import devices as look
-
-    found, out = look(server), Output(emoji=False)
+    found, out = available.devices(server), Output(emoji=False)
     if json_:
         return print_json([asdict(d) for d in found])
     for d in found:

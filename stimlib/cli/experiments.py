@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..devices.available import SINKS, option
 from ..errors import BadValue, FaultError, SinkError, shown
 from ..system import safe_files
 from ..system.pool import terminable
@@ -64,13 +65,13 @@ Sink = Annotated[
     str,
     typer.Option(
         help=(
-            "[bold]null[/], [bold]jack[/], [bold]portaudio[/]; [bold]offline[/] as fast as it goes;"
+            f"[bold]{'[/], [bold]'.join(SINKS)}[/]; [bold]offline[/] as fast as it goes;"
             " [bold]file[/] keeps sound."
         )
     ),
 ]
 Device = Annotated[
-    str | None, typer.Option(help="JACK: name of the server. PortAudio: name of the device.")
+    str | None, typer.Option(help=" ".join(k.device for k in SINKS.values() if k.device))
 ]
 OnPage = Annotated[
     bool,
@@ -135,7 +136,7 @@ def played(
     """A session, answered in the terminal or on a page; what ends it early says the
     command that goes on.
     """
-    from ..experiments.present import FAST, SINKS, prepare
+    from ..experiments import present
     from ..experiments.run import run
     from ..experiments.session import Session
 
@@ -145,21 +146,19 @@ def played(
         if name in ("participant", "session", "data", "sink", "device")
     }
     made = experiment_of(defined)
-    if sink not in SINKS:
-        raise BadValue(f"--sink {sink}: choose one of {', '.join(SINKS)}")
-    if device is not None and sink not in ("jack", "portaudio"):
-        raise BadValue(f"--device: {sink} has no device")
-    options = {} if device is None else {"server" if sink == "jack" else "name": device}
+    if sink not in present.SINKS:
+        raise BadValue(f"--sink {sink}: choose one of {', '.join(present.SINKS)}")
+    options = {} if device is None else option(sink, "device", device)
     with Session(made, data, participant, session, pilot, resume) as running:
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
-        if sink not in FAST:
+        if sink not in present.FAST:
             print("preparing what will be displayed", flush=True)
         try:
             with terminable():
                 if page:
                     with on_page(host, port) as asking:
-                        prepare(running, sink)
+                        present.prepare(running, sink)
                         run(running, asking, asking.display(made, sink, **options))
                 else:
                     with terminal() as face:

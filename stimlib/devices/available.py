@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, NamedTuple
 
-from ..errors import SinkError, public
+from ..errors import BadValue, SinkError, public
 
 
 @dataclass(frozen=True)
@@ -14,7 +17,7 @@ class Device:
     Attributes
     ----------
     sink : str
-        "null", "jack" or "portaudio".
+        Name in ``SINKS``.
     ready : bool
     what : str
         The device, or why there is none.
@@ -44,27 +47,66 @@ def devices(server: str | None = None) -> list[Device]:
     Device(sink='null', ready=True, what='no device, at the pace of the clock',
            how='--sink null')
     """
-    return [
-        Device("null", True, "no device, at the pace of the clock", "--sink null"),
-        *_on_jack(server),
-        *_on_portaudio(),
-    ]
+    found = []
+    for name, kind in SINKS.items():
+        try:
+            found += [Device(name, *row) for row in kind.found(server)]
+        except SinkError as e:
+            what, _, how = str(e).rpartition(": ")
+            found.append(Device(name, False, what, how))
+    return found
 
 
-def _on_jack(server: str | None) -> list[Device]:
+def option(sink: str, name: str, value: Any) -> dict[str, Any]:
+    """Return the keyword argument of a sink that an option of the command line stands
+    for, with its value.
+
+    Raises
+    ------
+    BadValue
+        The sink has no such option.
+
+    Examples
+    --------
+    >>> from stimlib.devices.available import option
+    >>> option("jack", "device", "studio")
+    {'server': 'studio'}
+    """
+    takes = {kind: row.takes for kind, row in SINKS.items()}
+    if name not in takes.get(sink, {}):
+        others = " or ".join(kind for kind in SINKS if name in takes[kind])
+        raise BadValue(f"--{name}: is for --sink {others}, not for {sink}")
+    return {takes[sink][name]: value}
+
+
+def make(sink: str, scene: Any, safety: Any, **options: Any) -> Any:
+    """Return a sink of this name in ``SINKS``, of a scene and its safety.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.devices.available import make
+    >>> make("null", stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0)
+    NullSink(Scene(no input -> y [1]))
+    """
+    module, _, name = SINKS[sink].place.partition(":")
+    return getattr(import_module(module), name)(scene, safety, **options)
+
+
+Found = list[tuple[bool, str, str]]  # whether it is ready, what there is, how to play on it
+
+
+def _on_jack(server: str | None) -> Found:
     from . import jack as sink
 
-    try:
-        jack = sink._jack()
-    except SinkError as e:
-        return [Device("jack", False, *_split(e))]
+    jack = sink._jack()
     jack.set_error_function(sink._quiet)
     try:
         client = jack.Client("stimlib_devices", no_start_server=True, servername=server)
     except jack.JackError:
         name = f"server {server!r}" if server else "server"
         command = f"jackd -R{f' -n {server}' if server else ''} -d alsa -r 48000 -p 64"
-        return [Device("jack", False, f"no {name} is running", f"start one, such as {command}")]
+        return [(False, f"no {name} is running", f"start one, such as {command}")]
     try:
         outs, ins = (
             len(
@@ -78,25 +120,16 @@ def _on_jack(server: str | None) -> list[Device]:
             f"a server at {client.samplerate} Hz, blocks of {client.blocksize}, {outs} outputs,"
             f" {ins} inputs"
         )
-        return [
-            Device(
-                "jack",
-                True,
-                what,
-                f"--sink jack --fs {client.samplerate}{f' --device {server}' if server else ''}",
-            )
-        ]
+        named = f" --device {server}" if server else ""
+        return [(True, what, f"--sink jack --fs {client.samplerate}{named}")]
     finally:
         client.close()
 
 
-def _on_portaudio() -> list[Device]:
+def _on_portaudio(server: str | None) -> Found:
     from . import portaudio as sink
 
-    try:
-        sd = sink._sounddevice()
-    except SinkError as e:
-        return [Device("portaudio", False, *_split(e))]
+    sd = sink._sounddevice()
     apis, found = sd.query_hostapis(), []
     for d in sd.query_devices():
         if d["max_output_channels"]:
@@ -105,21 +138,36 @@ def _on_portaudio() -> list[Device]:
                 f"{d['name']!r} ({api}), {d['max_output_channels']} outputs,"
                 f" {d['max_input_channels']} inputs"
             )
-            found.append(
-                Device(
-                    "portaudio", True, what, f"--sink portaudio --device {d['index']} --fs {rate:g}"
-                )
-            )
-    return found or [
-        Device(
-            "portaudio",
-            False,
-            "PortAudio finds no output",
-            "connect a sound card, or start a JACK or PulseAudio server",
-        )
-    ]
+            found.append((True, what, f"--sink portaudio --device {d['index']} --fs {rate:g}"))
+    how = "connect a sound card, or start a JACK or PulseAudio server"
+    return found or [(False, "PortAudio finds no output", how)]
 
 
-def _split(e: SinkError) -> tuple[str, str]:
-    what, _, how = str(e).rpartition(": ")
-    return what, how
+class Kind(NamedTuple):
+    """What is said of a kind of sink, and nowhere else."""
+
+    place: str  # module and class
+    found: Callable[[str | None], Found]
+    takes: Mapping[str, str]  # arguments of the class, by options of the command line
+    device: str = ""  # help of --device
+
+
+SINKS: dict[str, Kind] = {
+    "null": Kind(
+        "stimlib.devices.null:NullSink",
+        lambda server: [(True, "no device, at the pace of the clock", "--sink null")],
+        {"fast": "clocked"},
+    ),
+    "jack": Kind(
+        "stimlib.devices.jack:JackSink",
+        _on_jack,
+        {"device": "server", "client": "name", "connect": "connect"},
+        "JACK: name of the server.",
+    ),
+    "portaudio": Kind(
+        "stimlib.devices.portaudio:PortAudioSink",
+        _on_portaudio,
+        {"device": "name", "fast": "clocked"},
+        "PortAudio: name of the device, part of it, or its number.",
+    ),
+}

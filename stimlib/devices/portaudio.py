@@ -138,7 +138,9 @@ class PortAudioSink(Sink):
     ):
         self.clock = clocked
         super().__init__(scene, safety, **options)
-        self.name, self.latency, self.compiled = name, latency, compiled
+        number = isinstance(name, str) and name.isdecimal()
+        self.name = int(name) if number else name  # type: ignore[arg-type]
+        self.latency, self.compiled = latency, compiled
         self._stream: Any = None
         self.silent_for = SILENT_FOR if clocked else math.inf
         if isinstance(self.motion, Signals):

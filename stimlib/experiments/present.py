@@ -23,6 +23,8 @@ from ..blocks import segment, timeline, where, white_noise
 from ..core.graph import Block, constant
 from ..core.parts import Part, Span
 from ..core.scene import Scene
+from ..devices.available import SINKS as KINDS
+from ..devices.available import make
 from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
@@ -194,36 +196,12 @@ def _moves(experiment: Experiment, scene: Scene) -> Any:
 
 
 # Sinks by name ------------------------------------------------------------------------
-def _offline(scene: Scene, safety: Safety, **options: Any) -> Sink:
-    return NullSink(scene, safety, clocked=False, **options)
-
-
-def _jack(scene: Scene, safety: Safety, **options: Any) -> Sink:
-    from ..devices.jack import JackSink
-
-    return JackSink(scene, safety, **options)
-
-
-def _portaudio(scene: Scene, safety: Safety, **options: Any) -> Sink:
-    from ..devices.portaudio import PortAudioSink
-
-    return PortAudioSink(scene, safety, **options)
-
-
-SINKS: dict[str, Callable[..., Sink]] = {
-    "null": NullSink,
-    "offline": _offline,
-    "file": _offline,
-    "jack": _jack,
-    "portaudio": _portaudio,
-}
-"""What makes a sink of a scene and its safety; "offline" runs as fast as it goes,
+FAST = ("offline", "file")
+"""Sinks without a clock, before which nobody waits: "offline" runs as fast as it goes,
 "file" also keeps delivered.caf in the log.
 """
-
-
-FAST = ("offline", "file")
-"""Sinks without a clock, before which nobody waits."""
+SINKS = (*KINDS, *FAST)
+"""Names of sinks."""
 AHEAD = 1000
 """Trials of a session of which the programs are compiled before it begins."""
 
@@ -319,9 +297,9 @@ def present(
                 log, header(scene, safety, experiment.fs, seed=seed, params=params), True
             )
         )
-    with SINKS[sink](
-        scene, safety, motion=_moves(experiment, scene), seed=seed, params=params, log=to, **options
-    ) as playing:
+    options |= {"motion": _moves(experiment, scene), "seed": seed, "params": params, "log": to}
+    kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
+    with make(kind, scene, safety, **options, **clock) as playing:
         playing.open(experiment.fs)
         playing.start((at[-1][1] + safety.samples(experiment.fs)) / experiment.fs)
         if began is not None:

@@ -17,8 +17,8 @@ from ..blocks.surfaces import bump, equalize, points, within
 from ..core.graph import Input, Param, constant
 from ..core.pointwise import nonzero
 from ..core.scene import Scene
-from ..errors import BadValue, public
-from .shipped import shipped
+from ..errors import public
+from .shipped import above_zero, shipped
 
 
 @shipped(
@@ -105,9 +105,7 @@ def bumps(
     Scene(x [m], contact [1], A [V], duty [1], freq [1/s] -> voltage [V])
     """
     given = dict(locals())
-    for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
-        if not value > 0:
-            raise BadValue(f"bumps: {name} = {value!r} must be above 0")
+    above_zero("bumps", bumps=bumps, length=length, gain=gain)
     x, A = Input("x", "m"), Param("A", amplitude, "V")
     on = Input("contact") * nonzero(A) if contact else nonzero(A)
     e = bump(x * constant(bumps / length, "1/m"), waveform, Param("duty", duty), sampling, on)

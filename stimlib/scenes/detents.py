@@ -7,8 +7,7 @@ from math import pi
 from .. import blocks
 from ..core.graph import Input, Param, constant
 from ..core.scene import Scene
-from ..errors import BadValue
-from .shipped import shipped
+from .shipped import above_zero, shipped
 
 
 @shipped(
@@ -64,9 +63,7 @@ def detents(
     Scene(angle [1], depth [N*m], friction [N*m] -> torque [N*m])
     """
     given = dict(locals())
-    for name, value in (("count", count), ("friction", friction), ("presliding", presliding)):
-        if not value > 0:
-            raise BadValue(f"detents: {name} = {value!r} must be above 0")
+    above_zero("detents", count=count, friction=friction, presliding=presliding)
     angle, touching = Input("angle", "rad"), Input("contact") if contact else 1.0
     drawn = blocks.detents(angle, 2 * pi / count, Param("depth", depth, "N*m"), touching)
     stiffness, torque = constant(friction / presliding, "N*m"), Param("friction", friction, "N*m")

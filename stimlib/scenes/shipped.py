@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeVar
 
 from ..core.scene import Scene
-from ..errors import public
+from ..errors import BadValue, public
 
 F = TypeVar("F", bound=Callable[..., Scene])
 # by name; the default of every argument is the paper's, where there is one
@@ -52,3 +52,23 @@ class shipped(NamedTuple):
         ROWS[make.__name__] = self
         SHIPPED[make.__name__] = made = public(make)
         return made
+
+
+def above_zero(scene: str, **numbers: float) -> None:
+    """Refuse numbers of a scene, by their names, that are not above 0.
+
+    Raises
+    ------
+    BadValue
+        One is not.
+
+    Examples
+    --------
+    >>> from stimlib.scenes.shipped import above_zero
+    >>> above_zero("knob", count=0)
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: knob: count = 0 must be above 0
+    """
+    for name, value in numbers.items():
+        if not value > 0:
+            raise BadValue(f"{scene}: {name} = {value!r} must be above 0")

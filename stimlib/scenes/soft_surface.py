@@ -12,7 +12,7 @@ from ..core.graph import Block, Input, Param, as_block, constant
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..soft.maps import block
-from .shipped import shipped
+from .shipped import above_zero, shipped
 
 MODES = ("cursor", "deformation", "combined", "vibration", "multipoint")
 DEVICES = ("pen", "mouse")
@@ -103,9 +103,7 @@ def soft_surface(
             raise BadValue(f"soft_surface: {name} = {value!r}; choose one of {', '.join(known)}")
     if mode == "vibration" and device == "mouse":
         raise BadValue("soft_surface: a mouse has no vibration; take device='pen'")
-    for name, number in (("push", push), ("tangent", tangent), ("side", side)):
-        if not number > 0:
-            raise BadValue(f"soft_surface: {name} = {number!r} must be above 0")
+    above_zero("soft_surface", push=push, tangent=tangent, side=side)
     S = block() if S is None else as_levels("soft_surface", S)
     given |= {"S": S}
     x, y = Input("x", "m"), Input("y", "m")

@@ -21,7 +21,7 @@ from ..errors import BadValue, outside
 from ..plate.model import Plate, check_plate
 from ..plate.profile import SHIFT, mode_fit
 from ..plate.vibrate import Finger, plate
-from .shipped import shipped
+from .shipped import above_zero, shipped
 
 KNOTS = np.linspace(0.0, 1.0, 5)
 """Where the thesis measures displacement, in parts of the explored length."""
@@ -113,9 +113,7 @@ def touch_screen(
     Scene(x [m], A [V], duty [1], freq [1/s] -> voltage [V], displacement [m])
     """
     given = dict(locals())
-    for name, value in (("bumps", bumps), ("length", length), ("gain", gain)):
-        if not value > 0:
-            raise BadValue(f"touch_screen: {name} = {value!r} must be above 0")
+    above_zero("touch_screen", bumps=bumps, length=length, gain=gain)
     glass = Plate.paper(measured=True) if model is None else model
     given |= {"model": glass}
     check_plate("touch_screen", glass)

@@ -178,9 +178,12 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         (["run", "{}:short", "--participant", "Anna"], "must be a code"),
         (
             ["run", "{}:short", "--participant", "P1", "--sink", "jak"],
-            "--sink jak: choose one of null, offline",
+            "--sink jak: choose one of null, jack",
         ),
-        (["run", "{}:short", "--participant", "P1", "--device", "x"], "null has no device"),
+        (
+            ["run", "{}:short", "--participant", "P1", "--device", "x"],
+            "--device: is for --sink jack or portaudio, not for null",
+        ),
         (["resume", "{}:short", "--participant", "P1"], "no session .* to resume"),
         (["run", "{}:short"], "Missing option '--participant'; see stimlib experiment run --help"),
     ],
