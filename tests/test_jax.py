@@ -97,7 +97,10 @@ def test_every_class_has_a_lowering_or_a_step_of_numbers():
             continue
         owns = any(c in blockforms.LOWERINGS for c in cls.__mro__)
         known = "Input", "Const", "Param", "Enabled", "Segment", "Pick", "Loop", "Last", "Tap"
-        assert owns or cls.step is not None or name in known, name
+        assert owns or cls.step is not None or name in known, (
+            f"stimlib/targets/jax/blockforms.py: {name} has no step; enter a function of whole"
+            " signals in LOWERINGS"
+        )
 
 
 def smooth(e):

@@ -58,7 +58,10 @@ def driven(entry, fs, n, seed=0):
 
 
 def test_every_block_is_in_the_table():
-    assert missing() == set(), "add an example to tests/contract.py"
+    assert missing() == set(), (
+        "tests/contract.py: add an Entry to TABLE for each of these classes, which says what drives"
+        " it and its laws (docs/howto/add_a_block.rst)"
+    )
 
 
 def test_the_table_has_each_name_once():

@@ -3,6 +3,7 @@ another room keeps for itself.
 """
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -48,6 +49,14 @@ def room(module: str) -> str:
 
 def test_every_room_has_its_floor():
     assert {room(m) for m in MODULES} - {"__init__"} == set(ORDER)
+
+
+def test_every_room_has_its_sentence_in_the_order_of_imports():
+    page = (STIMLIB.parent / "docs" / "explanation" / "architecture.rst").read_text()
+    table = page.partition("\nRooms\n")[2].partition("\nWhere something new goes\n")[0]
+    assert re.findall(r"^``(\w+)`` +\w", table, re.M) == ORDER[:-1], (
+        "docs/explanation/architecture.rst, Rooms: a line for each of ROOMS, in their order"
+    )
 
 
 @pytest.mark.parametrize("module", sorted(MODULES.keys() - {"__init__"}))

@@ -1,0 +1,67 @@
+"""A sink is said in one entry: what is missing of one is said by file and remedy."""
+
+import inspect
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import stimlib
+from stimlib.devices import available
+from stimlib.devices.available import SINKS
+from stimlib.devices.sink import Sink
+from stimlib.errors import BadValue
+
+ROOT = Path(__file__).parents[2]
+WHERE = "stimlib/devices/available.py, SINKS"
+
+
+def class_of(name):
+    module, _, cls = SINKS[name].place.partition(":")
+    return getattr(import_module(module), cls)
+
+
+def test_every_class_of_a_sink_has_an_entry():
+    for path in sorted((ROOT / "stimlib" / "devices").glob("*.py")):
+        if "(Sink):" in path.read_text():
+            import_module(f"stimlib.devices.{path.stem}")
+    there = {class_of(name) for name in SINKS}
+    own = {c for c in Sink.__subclasses__() if c.__module__.startswith("stimlib.devices.")}
+    assert own - there == set(), f"{WHERE}: add a Kind for each of these classes"
+
+
+@pytest.mark.parametrize("name", SINKS)
+def test_an_entry_names_arguments_of_its_class(name):
+    cls, kind = class_of(name), SINKS[name]
+    assert cls.device == name, f"{cls.__name__}.device: write {name!r}, its name in SINKS"
+    unknown = set(kind.takes.values()) - set(inspect.signature(cls).parameters)
+    assert not unknown, f"{WHERE}, {name}: takes has {unknown}, which {cls.__name__} does not take"
+    assert bool(kind.device) == ("device" in kind.takes), f"{WHERE}, {name}: device is a help text"
+
+
+@pytest.mark.parametrize("name", SINKS)
+def test_a_sink_is_made_by_its_name_and_shown(name):
+    cls, scene = class_of(name), stimlib.Scene({"y": stimlib.constant(1.0)})
+    assert type(available.make(name, scene, 1.0)) is cls
+    assert {d.sink for d in available.devices("none_of_this_name")} == SINKS.keys()
+    page = (ROOT / "docs" / "howto" / "hardware.rst").read_text()
+    assert f".. autoclass:: {cls.__module__}.{cls.__name__}\n" in page, (
+        f"docs/howto/hardware.rst: add `.. autoclass:: {cls.__module__}.{cls.__name__}`"
+    )
+
+
+@pytest.mark.parametrize("name", SINKS)
+@pytest.mark.parametrize("option", ["device", "client", "connect", "fast"])
+def test_an_option_reaches_the_class_or_is_refused(name, option):
+    takes = SINKS[name].takes
+    if option in takes:
+        assert available.option(name, option, "it") == {takes[option]: "it"}
+    else:
+        with pytest.raises(BadValue, match=f"^--{option}: is for --sink .*, not for {name}$"):
+            available.option(name, option, "it")
+
+
+def test_a_number_is_the_number_of_a_device():
+    scene = stimlib.Scene({"y": stimlib.constant(1.0)})
+    made = [available.make("portaudio", scene, 1.0, name=n) for n in ("3", "card 3", None)]
+    assert [sink.name for sink in made] == [3, "card 3", None]
