@@ -55,6 +55,9 @@ def test_the_row_drives_every_input_and_the_law_sees_every_output(name):
     report = stimlib.verify(scene, motion, y)
     assert report.passed, str(report)
     of_law = [c.name for c in report.checks if c.group == "d"]
+    assert report.evidence.numbers, (
+        f"stimlib/checks, law of {name}: a.say() the numbers that it has"
+    )
     unseen = [n for n in scene.outputs if not any(n in c for c in of_law)]
     assert not unseen, f"stimlib/checks, law of {name}: it says nothing of {unseen}"
 
