@@ -1,0 +1,19 @@
+"""What is refused or warned of: one call, its error or warning and what that says."""
+
+import pytest
+
+
+def refused(error, says, call, /, *given, **words):
+    """Return the error that the call raises: it must be of this kind, with ``says`` in
+    its text (None: whatever it says). What is given to the call is made before, so that
+    only the call itself may raise.
+    """
+    with pytest.raises(error, match=says) as info:
+        call(*given, **words)
+    return info.value
+
+
+def warned(warning, says, call, /, *given, **words):
+    """Return what the call returns, which must warn so (see ``refused``)."""
+    with pytest.warns(warning, match=says):
+        return call(*given, **words)
