@@ -13,12 +13,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from laws import STRESS
+from refusals import refused
 
 import stimlib
 from stimlib.errors import RecordingError
 from stimlib.motion import table as tables
 from stimlib.motion.recorded import recording
 from stimlib.motion.table import read_table
+
+
+def unread(says, *given, **how):
+    """The error where no recording is read from this, and ``says`` is why."""
+    return refused(RecordingError, says, recording, *given, **how)
 
 
 @pytest.fixture
@@ -113,8 +119,7 @@ def test_pieces_and_batches_do_not_show(path, monkeypatch):
         path.write_text(
             "t_s,x,kind\n" + "".join(lines[:401]) + "4.01" + wrong + "".join(lines[402:])
         )
-        with pytest.raises(RecordingError, match=message):
-            recording(path, {"x": "x"})
+        unread(message, path, {"x": "x"})
 
 
 def test_decimal_commas_of_a_spreadsheet(path):
@@ -124,16 +129,11 @@ def test_decimal_commas_of_a_spreadsheet(path):
     r = recording(path, {"x": "'x (mm)'*1e-3"}, max_speed=None)
     assert r.motion["x"]([0.0, 0.01, 0.02]).tolist() == [0.0015, -0.00025, 0.003]
     # the row that has this number
-    with pytest.raises(RecordingError, match="one report is not a motion"):
-        recording(path, {"x": "'x (mm)'*1e-3"}, where={"x (mm)": "1,50"})
+    unread("one report is not a motion", path, {"x": "'x (mm)'*1e-3"}, where={"x (mm)": "1,50"})
     path.write_text("t_s;x\n0,00;1.234,5\n0,01;2\n")
-    with pytest.raises(RecordingError, match="row 2, column x: '1.234,5' is not a number"):
-        recording(path, {"x": "x"})
+    unread("row 2, column x: '1.234,5' is not a number", path, {"x": "x"})
     path.write_text("t_s,x\n0,00,1,5\n0,01,2,5\n")
-    with pytest.raises(
-        RecordingError, match="row 2: 4 fields for 2 columns.*decimals with a point.*semicolons"
-    ):
-        recording(path, {"x": "x"})
+    unread("row 2: 4 fields for 2 columns.*decimals with a point.*semicolons", path, {"x": "x"})
 
 
 @pytest.mark.parametrize("quote", ["", '"'])
@@ -147,10 +147,7 @@ def test_a_hint_of_excel_and_comments_stand_above_the_names(path, above, end, qu
     path.write_bytes(end.join(lines).encode())
     assert recording(path, {"x": "x*1e-3"}).motion["x"]([0.0, 0.01]).tolist() == [0.001, 0.002]
     path.write_bytes(end.join([*lines, "0,02;c"]).encode())
-    with pytest.raises(
-        RecordingError, match=f"row {len(lines) + 1}, column x: 'c' is not a number"
-    ):
-        recording(path, {"x": "x"})
+    unread(f"row {len(lines) + 1}, column x: 'c' is not a number", path, {"x": "x"})
 
 
 def test_what_a_hint_says_goes_before_what_the_names_look_like(path):
@@ -174,10 +171,12 @@ def test_names_may_begin_with_a_number_sign(path, names, row):
 @pytest.mark.parametrize("text", ["sep=;\n", "# a\n", "sep=,\r\n#\r\n# t_s,x"])
 def test_nothing_but_hint_and_comments(path, text):
     path.write_text(text)
-    with pytest.raises(
-        RecordingError, match="the file is empty; give a file with a line of column names"
-    ):
-        read_table(path)
+    refused(
+        RecordingError,
+        "the file is empty; give a file with a line of column names",
+        read_table,
+        path,
+    )
 
 
 # -- limits
@@ -203,30 +202,24 @@ def saved(**arrays) -> bytes:
 
 def test_limits_of_a_table(path, limits):
     path.write_text(",".join(f"c{i}" for i in range(100_000)) + "\n")
-    with pytest.raises(
-        RecordingError,
-        match="columns: 100000 is more than limits.recording_columns = 1000; .*STIMLIB_LIMITS",
-    ):
-        recording(path, {"x": "x"})
+    unread(
+        "columns: 100000 is more than limits.recording_columns = 1000; .*STIMLIB_LIMITS",
+        path,
+        {"x": "x"},
+    )
     path.write_text("t_s,x\n" + "0,0\n" * 30)
     limits.recording_rows = 20
-    with pytest.raises(RecordingError, match="rows: 3. is more than limits.recording_rows = 20"):
-        recording(path, {"x": "x"})
+    unread("rows: 3. is more than limits.recording_rows = 20", path, {"x": "x"})
     limits.recording_bytes = 100
-    with pytest.raises(
-        RecordingError, match="bytes: 126 is more than limits.recording_bytes = 100"
-    ):
-        recording(path, {"x": "x"})
+    unread("bytes: 126 is more than limits.recording_bytes = 100", path, {"x": "x"})
 
 
 def test_a_line_without_an_end(path, limits):
     limits.recording_columns = 10
     path.write_text("t_s,x\n0," + ('"' + "1" * 100_000) * 5)
-    with pytest.raises(RecordingError, match="row 2: not CSV"):
-        recording(path, {"x": "x"})
+    unread("row 2: not CSV", path, {"x": "x"})
     path.write_text("a," * 200_000)
-    with pytest.raises(RecordingError, match="columns: 5121 is more than"):
-        recording(path, {"x": "x"})
+    unread("columns: 5121 is more than", path, {"x": "x"})
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz"])
@@ -236,11 +229,11 @@ def test_what_is_no_regular_file_is_not_waited_for(tmp_path, suffix):
     zero = tmp_path / f"zero.{suffix}"
     zero.symlink_to("/dev/zero")
     for place in (pipe, zero):
-        with pytest.raises(
-            RecordingError,
-            match=r"cannot be read \(it is not a regular file\); give the name of a CSV or npz",
-        ):
-            recording(place, {"x": "x"})
+        unread(
+            r"cannot be read \(it is not a regular file\); give the name of a CSV or npz",
+            place,
+            {"x": "x"},
+        )
 
 
 def test_a_small_archive_of_much_is_refused_without_unpacking(tmp_path):
@@ -361,16 +354,18 @@ def test_memory_of_many_rows(path):
     ids=lambda v: v if isinstance(v, str) else "",
 )
 def test_odd_archives(tmp_path, members, message):
-    with pytest.raises(RecordingError, match=message):
-        recording(zipped(tmp_path / "log.npz", *members), {"x": "x"})
+    unread(message, zipped(tmp_path / "log.npz", *members), {"x": "x"})
 
 
 @pytest.mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_packings_that_numpy_does_not_write(tmp_path, packing):
     """One of them asks for a dictionary of up to 4 GiB."""
     good = array("{'descr': '<f8', 'fortran_order': False, 'shape': (3,), }", bytes(24))
-    with pytest.raises(RecordingError, match="packed in another way than numpy does"):
-        recording(zipped(tmp_path / "log.npz", ("x.npy", good), packing=packing), {"x": "x"})
+    unread(
+        "packed in another way than numpy does",
+        zipped(tmp_path / "log.npz", ("x.npy", good), packing=packing),
+        {"x": "x"},
+    )
 
 
 def test_an_archive_that_is_locked_or_lies(tmp_path):
@@ -383,13 +378,11 @@ def test_an_archive_that_is_locked_or_lies(tmp_path):
         (good.replace(t.tobytes(), t[::-1].tobytes(), 1), "cannot be read as npz .*CRC"),
     ):
         path.write_bytes(change)
-        with pytest.raises(RecordingError, match=message):
-            recording(path, {"x": "x"})
+        unread(message, path, {"x": "x"})
     path.write_bytes(
         saved(t_s=t, x=t, note=np.array(["a"] * 4)).replace(b"a\0\0\0", b"\xff\xff\xff\x7f", 1)
     )
-    with pytest.raises(RecordingError, match="column note: cannot be read as npz"):
-        recording(path, {"x": "x"}, where={"note": "a"})
+    unread("column note: cannot be read as npz", path, {"x": "x"}, where={"note": "a"})
 
 
 def test_only_the_columns_in_use_are_unpacked(tmp_path):
@@ -402,15 +395,13 @@ def test_only_the_columns_in_use_are_unpacked(tmp_path):
         saved(t_s=t, x=t, other=t + 5).replace((t + 5).tobytes(), (t + 6).tobytes(), 1)
     )
     assert recording(path, {"x": "x"}, max_speed=None).info["reports"] == 4000
-    with pytest.raises(RecordingError, match="column other: cannot be read as npz"):
-        recording(path, {"x": "other"})
+    unread("column other: cannot be read as npz", path, {"x": "other"})
 
 
 def test_a_name_with_an_escape_is_shown_as_a_code(tmp_path):
     path = tmp_path / "a\x1b[31m.csv"
     path.write_text("t_s,x\x1b[2J\n0,0\n0.01,0\n")
-    with pytest.raises(RecordingError) as caught:
-        recording(path, {"x": "x"})
+    error = unread(None, path, {"x": "x"})
     r = recording(path, {"x": "'x\x1b[2J'"})
-    for text in (str(caught.value), str(r), repr(r), repr(r.motion["x"])):
+    for text in (str(error), str(r), repr(r), repr(r.motion["x"])):
         assert "\x1b" not in text and "\\x1b" in text
