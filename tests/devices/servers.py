@@ -48,6 +48,20 @@ class Seen:
         self.end = report
 
 
+def begun(sink, seconds=None, *, fs=8000, channels=None, block=None):
+    """Open this sink and start it; the sink, to be closed by ``with``."""
+    sink.open(fs, channels, block)
+    sink.start(seconds)
+    return sink
+
+
+def played(sink, seconds=None, *, patience=None, **how):
+    """Play these seconds with this sink, or wait so long, and close it; the sink."""
+    with begun(sink, seconds, **how):
+        sink.wait(patience)
+    return sink
+
+
 def textured(outputs=2, scale=1.0):
     """A scene for every sample rate: springs, and noise with the speed of the
     motion.

@@ -14,7 +14,19 @@ import warnings
 
 import numpy as np
 import pytest
-from devices.servers import SLACK, Seen, faded, kept, largest_step, offline, replayed, textured
+from devices.servers import (
+    SLACK,
+    Seen,
+    begun,
+    faded,
+    kept,
+    largest_step,
+    offline,
+    played,
+    replayed,
+    textured,
+)
+from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, UnknownName, constant
@@ -43,10 +55,7 @@ def clocked(scene, full_scale=1.0, **options):
 
 def test_the_log_tells_when_the_device_was_open(caplog):
     caplog.set_level("INFO", "stimlib.devices")
-    with fast(steady()) as sink:
-        sink.open(FS)
-        sink.start(seconds=0.1)
-        sink.wait()
+    sink = played(fast(steady()), 0.1)
     scene = "NullSink(Scene(level [1] -> y [1]), 8000 Hz, 1 channels, blocks of 64)"
     assert caplog.messages == [f"null: opened {scene}", f"null: closed {scene}, {sink.report()}"]
 
@@ -72,10 +81,13 @@ def test_the_rise_before_sample_0_leads_to_it(motion):
 def test_what_is_delivered_is_the_offline_render(fs, block, channels):
     log, safety = Seen(), Safety(50.0)
     scene = textured()
-    with fast(scene, safety, motion=HAND, log=log, seed=3) as sink:
-        sink.open(fs, channels, block)
-        sink.start(seconds=1.0)
-        sink.wait()
+    sink = played(
+        fast(scene, safety, motion=HAND, log=log, seed=3),
+        1.0,
+        fs=fs,
+        channels=channels,
+        block=block,
+    )
     frames = np.concatenate(log.frames)
     places = [0, 1] + [-1] * (channels - 2)
     assert np.array_equal(frames, offline(scene, safety, HAND, fs, fs, log.events, places, seed=3))
@@ -88,18 +100,19 @@ def test_what_is_delivered_is_the_offline_render(fs, block, channels):
 
 def test_channels_by_name():
     log = Seen()
-    with fast(Scene({"a": constant(1.0), "b": constant(2.0)}), 4.0, log=log) as sink:
-        sink.open(FS, channels=["b", None, "a", "b"])
-        sink.start(seconds=0.1)
-        sink.wait()
+    played(
+        fast(Scene({"a": constant(1.0), "b": constant(2.0)}), 4.0, log=log),
+        0.1,
+        channels=["b", None, "a", "b"],
+    )
     assert np.concatenate(log.frames)[400].tolist() == [0.5, 0.0, 0.25, 0.5]
 
 
 def test_a_session_with_changes_and_parameters():
     log = Seen()
-    with clocked(squeeze(), 50.0, motion=HAND, params={"k": 1500.0}, log=log) as sink:
-        sink.open(FS, block=64)
-        sink.start(seconds=1.0)
+    with begun(
+        clocked(squeeze(), 50.0, motion=HAND, params={"k": 1500.0}, log=log), 1.0, block=64
+    ) as sink:
         time.sleep(0.3)
         sink.set("k", 800.0, ramp=0.1)
         sink.wait(5)
@@ -116,9 +129,7 @@ def test_a_session_with_changes_and_parameters():
 
 def test_a_stall_is_told_and_accounted():
     log = Seen()
-    with clocked(squeeze(), 50.0, motion=HAND, log=log) as sink:
-        sink.open(FS, block=64)
-        sink.start(seconds=1.5)
+    with begun(clocked(squeeze(), 50.0, motion=HAND, log=log), 1.5, block=64) as sink:
         time.sleep(0.3)
         sink.pump.write("STALL", 300_000)
         sink.wait(5)
@@ -137,11 +148,8 @@ def test_a_stall_is_told_and_accounted():
 
 def test_the_hand_may_be_pushed():
     log = Seen()
-    with fast(Scene({"y": 1 * Input("x")}), 1.0, motion=Live(), log=log) as sink:
-        sink.open(FS)
-        sink.start(seconds=1.0)
-        with pytest.raises(BadValue, match="push: x must be"):
-            sink.push(np.zeros((2, 3)))
+    with begun(fast(Scene({"y": 1 * Input("x")}), 1.0, motion=Live(), log=log), 1.0) as sink:
+        refused(BadValue, "push: x must be", sink.push, np.zeros((2, 3)))
         while not sink.finished:
             sink.push(np.full((1, 64), 0.5))
     assert sink.report().produced == FS
@@ -154,30 +162,22 @@ def test_the_hand_may_be_pushed():
 # Protocol -----------------------------------------------------------------------------
 def test_life_in_the_wrong_order():
     sink = fast(steady())
-    with pytest.raises(SinkError, match="open the sink first"):
-        sink.start()
-    with pytest.raises(SinkError, match="never open"):
-        sink.report()
-    with pytest.raises(SinkError, match="open the sink first"):
-        sink.set("level", 1.0)
+    refused(SinkError, "open the sink first", sink.start)
+    refused(SinkError, "never open", sink.report)
+    refused(SinkError, "open the sink first", sink.set, "level", 1.0)
     sink.close()
-    with pytest.raises(SinkError, match="or closed: make a new one"):
-        sink.open(FS)
+    refused(SinkError, "or closed: make a new one", sink.open, FS)
     sink = fast(steady())
     sink.open(FS)
-    with pytest.raises(SinkError, match="opened before"):
-        sink.open(FS)
+    refused(SinkError, "opened before", sink.open, FS)
     sink.start(seconds=0.1)
-    with pytest.raises(SinkError, match="plays once"):
-        sink.start()
+    refused(SinkError, "plays once", sink.start)
     sink.stop()
     sink.stop()
     sink.close()
     sink.close()
-    with pytest.raises(SinkError, match="closed"):
-        sink.start()
-    with pytest.raises(SinkError, match="closed"):
-        sink.set("level", 1.0)
+    refused(SinkError, "closed", sink.start)
+    refused(SinkError, "closed", sink.set, "level", 1.0)
     assert "NullSink" in repr(sink)
 
 
@@ -195,45 +195,44 @@ def test_life_in_the_wrong_order():
     ],
 )
 def test_what_cannot_be_opened(arguments, error, text):
-    with pytest.raises(error, match=text):
-        fast(Scene({"a": constant(1.0), "b": constant(2.0)})).open(**arguments)
+    refused(error, text, fast(Scene({"a": constant(1.0), "b": constant(2.0)})).open, **arguments)
 
 
 def test_what_cannot_be_set():
     with fast(steady()) as sink:
         sink.open(FS)
-        with pytest.raises(UnknownName, match="no parameter 'sink_gain'; this scene has level"):
-            sink.set("sink_gain", 0.5)
-        with pytest.raises(UnknownName, match="no parameter 'sink_gain'; this scene has level"):
-            fast(steady(), params={"sink_gain": 1.0}).open(FS)
-        with pytest.raises(BadValue, match="finite"):
-            sink.set("level", np.nan)
-        with pytest.raises(BadValue, match="level = loud must be a number"):
-            sink.set("level", "loud")
+        refused(
+            UnknownName,
+            "no parameter 'sink_gain'; this scene has level",
+            sink.set,
+            "sink_gain",
+            0.5,
+        )
+        refused(
+            UnknownName,
+            "no parameter 'sink_gain'; this scene has level",
+            fast(steady(), params={"sink_gain": 1.0}).open,
+            FS,
+        )
+        refused(BadValue, "finite", sink.set, "level", np.nan)
+        refused(BadValue, "level = loud must be a number", sink.set, "level", "loud")
         for ramp in (-1, np.inf, 1e18, None):
-            with pytest.raises(BadValue, match="ramp"):
-                sink.set("level", 1.0, ramp=ramp)
+            refused(BadValue, "ramp", sink.set, "level", 1.0, ramp=ramp)
         for k in range(256):
             sink.set("level", k)
-        with pytest.raises(SinkError, match="256 changes"):
-            sink.set("level", 1.0)
+        refused(SinkError, "256 changes", sink.set, "level", 1.0)
     with fast(steady()) as sink:
         sink.open(FS)
         for seconds in (0, -1, 1e-5, np.nan, np.inf, "long"):
-            with pytest.raises(BadValue, match="seconds"):
-                sink.start(seconds)
+            refused(BadValue, "seconds", sink.start, seconds)
     with fast(Scene({"y": 1 * Input("x")}), motion=Live()) as sink:
         sink.open(FS)
-        with pytest.raises(BadValue, match="push: x must be numbers"):
-            sink.push([["far"]])
-    with pytest.raises(BadValue, match="Scene"):
-        NullSink("squeeze", 1.0)
+        refused(BadValue, "push: x must be numbers", sink.push, [["far"]])
+    refused(BadValue, "Scene", NullSink, "squeeze", 1.0)
 
 
 def test_no_stop_after_a_fault_begins_before_the_guard_has_faded():
-    with pytest.raises(FaultError, match="y failed"), clocked(steady()) as sink:
-        sink.open(FS)
-        sink.start()
+    with pytest.raises(FaultError, match="y failed"), begun(clocked(steady())) as sink:
         stop, asked = sink.pump.stop, []
         sink.pump.stop = lambda reason, earliest=0: (
             asked.append((reason, earliest)),
@@ -251,9 +250,7 @@ def test_an_output_that_fails_ends_the_session_with_its_name():
     x[0, 4000] = np.nan
     scene = Scene({"good": constant(1.0), "bad": 1 * Input("x")})
     with pytest.raises(FaultError, match="output bad was not finite at sample 4000"):
-        with clocked(scene, motion={"x": x[0]}, log=log) as sink:
-            sink.open(FS)
-            sink.start()
+        with begun(clocked(scene, motion={"x": x[0]}, log=log)) as sink:
             sink.wait(10)
     assert sink.report().faults == {"bad": 4000}
     y = np.concatenate(log.frames)
@@ -267,10 +264,7 @@ def test_an_output_that_fails_ends_the_session_with_its_name():
 
 def test_what_was_limited_is_counted():
     log = Seen()
-    with fast(steady(5.0), 1.0, log=log) as sink:
-        sink.open(FS)
-        sink.start(seconds=0.5)
-        sink.wait()
+    sink = played(fast(steady(5.0), 1.0, log=log), 0.5)
     assert sink.report().clips == {"clip": {"y": 4000}} and "4000 samples limited (clip)" in str(
         sink.report()
     )
@@ -287,18 +281,14 @@ def test_a_log_that_fails_ends_the_session():
             super().delivered(frames)
 
     with pytest.raises(SinkError, match="log cannot be written.*No space"):
-        with clocked(steady(), log=Full()) as sink:
-            sink.open(FS)
-            sink.start()
+        with begun(clocked(steady(), log=Full())) as sink:
             sink.wait(10)
     assert sink.finished and sink.pump.index < 5 * FS, "it has faded out"
 
 
 def test_a_log_that_cannot_take_every_change_is_told():
     with pytest.raises(SinkError, match="the log cannot follow"):
-        with clocked(steady(), log=Seen()) as sink:
-            sink.open(FS)
-            sink.start()
+        with begun(clocked(steady(), log=Seen())) as sink:
             sink.pump.write("DROPPED", 1)
             sink.wait(10)
 
@@ -311,9 +301,7 @@ def test_a_log_may_close_its_sink():
                 sink.close()
 
     log = Closes()
-    sink = clocked(steady(), log=log)
-    sink.open(FS)
-    sink.start()
+    sink = begun(clocked(steady(), log=log))
     sink.set("level", 0.5)
     sink._worker.join(10)
     assert sink.error is None and log.end["produced"] == sum(map(len, log.frames)) + log.end["lost"]
@@ -326,9 +314,7 @@ def test_a_log_that_fails_does_not_cut_the_fade_short():
         def delivered(self, frames):
             raise OSError(28, "No space left on device")
 
-    sink = clocked(steady(), log=Full())
-    sink.open(FS)
-    sink.start()
+    sink = begun(clocked(steady(), log=Full()))
     end = time.monotonic() + 10
     while sink.error is None and time.monotonic() < end:
         time.sleep(0.001)
@@ -341,9 +327,7 @@ def test_a_log_that_fails_does_not_cut_the_fade_short():
 def test_every_way_out_fades(way):
     log = Seen()
     try:
-        with clocked(steady(), log=log) as sink:
-            sink.open(FS)
-            sink.start(seconds=0.2 if way == "end" else None)
+        with begun(clocked(steady(), log=log), 0.2 if way == "end" else None) as sink:
             time.sleep(0.3)
             if way == "stop":
                 sink.stop()
@@ -459,9 +443,7 @@ def test_a_program_that_ends_needs_no_new_thread_to_close(monkeypatch):
         raise RuntimeError("can't create new thread at interpreter shutdown")
 
     log = Seen()
-    sink = clocked(steady(), log=log)
-    sink.open(FS)
-    sink.start()
+    sink = begun(clocked(steady(), log=log))
     monkeypatch.setattr(threading.Thread, "start", no)
     sink.close()
     assert not sink._thread.is_alive() and log.end["produced"] == sink.report().produced
@@ -490,9 +472,7 @@ def test_sinks_share_the_process():
 def test_sigterm_is_given_back():
     # where another test's last sink has ended in another thread it was kept
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    with clocked(steady()) as sink:
-        sink.open(FS)
-        sink.start()
+    with begun(clocked(steady())):
         assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
@@ -511,13 +491,10 @@ class Stuck(NullSink):
 @pytest.mark.longer
 def test_close_comes_back_from_a_device_that_hangs():
     Stuck.let_go.clear()
-    sink = Stuck(steady(), 1.0, realtime=False)
-    sink.open(FS)
-    sink.start()
+    sink = begun(Stuck(steady(), 1.0, realtime=False))
     time.sleep(0.2)
     began = time.monotonic()
-    with pytest.warns(RuntimeWarning, match="left behind"):
-        sink.close()
+    warned(RuntimeWarning, "left behind", sink.close)
     assert time.monotonic() - began < CLOSE_WITHIN + SLACK
     assert sink.pump.state == sink.pump.native.CLOSED
     Stuck.let_go.set()
@@ -527,17 +504,14 @@ def test_close_comes_back_from_a_device_that_hangs():
 def test_close_comes_back_while_another_thread_stops():
     """Their times together."""
     Stuck.let_go.clear()
-    sink = Stuck(steady(), Safety(1.0, fade=0.5), realtime=False)
-    sink.open(FS)
-    sink.start()
+    sink = begun(Stuck(steady(), Safety(1.0, fade=0.5), realtime=False))
     time.sleep(0.2)
     other = threading.Thread(target=sink.stop)
     other.start()
     while not sink._stopped:
         time.sleep(0.001)
     began = time.monotonic()
-    with pytest.warns(RuntimeWarning, match="left behind"):
-        sink.close()
+    warned(RuntimeWarning, "left behind", sink.close)
     assert time.monotonic() - began < CLOSE_WITHIN + SLACK
     other.join()
     Stuck.let_go.set()
@@ -555,9 +529,7 @@ def test_close_comes_back_from_a_device_that_calls_no_more():
         def _close(self):
             pass
 
-    sink = Dead(steady(), 1.0)
-    sink.open(FS)
-    sink.start()
+    sink = begun(Dead(steady(), 1.0))
     began = time.monotonic()
     sink.close()
     assert time.monotonic() - began < CLOSE_WITHIN + SLACK
@@ -575,8 +547,7 @@ def test_a_device_that_cannot_be_opened_is_let_go():
             self.closed = True
 
     sink = Busy(steady(), 1.0)
-    with pytest.raises(SinkError, match="busy"):
-        sink.open(FS)
+    refused(SinkError, "busy", sink.open, FS)
     assert sink.closed
     sink.close()
 
@@ -591,23 +562,22 @@ def test_a_device_that_comes_later_can_be_opened_then():
             super()._open()
 
     sink = Late(steady(), 1.0, clocked=False)
-    with pytest.raises(SinkError, match="no server"):
-        sink.open(FS)
+    refused(SinkError, "no server", sink.open, FS)
     sink.there = True
-    with sink:
-        sink.open(FS)
-        sink.start(seconds=0.1)
+    with begun(sink, 0.1):
         sink.wait(10)
     assert sink.report().produced == 800 and not sink._thread.is_alive()
 
 
 def test_blocks_that_are_longer_than_a_stop_may_take_are_refused():
-    with pytest.raises(SinkError, match="blocks of 2001 frames are 0.25 s.*at most 2000"):
-        clocked(steady()).open(FS, block=2001)
-    with clocked(steady()) as sink:
-        sink.open(FS, block=2000)
-        sink.start()
-        sink.wait(0.6)
+    refused(
+        SinkError,
+        "blocks of 2001 frames are 0.25 s.*at most 2000",
+        clocked(steady()).open,
+        FS,
+        block=2001,
+    )
+    sink = played(clocked(steady()), block=2000, patience=0.6)
     assert sink.pump.read("FADING") == 1 and sink.pump.index == sink.pump.read("END"), (
         "it has faded out"
     )
@@ -640,9 +610,7 @@ def test_real_time_set_up_warns_at_most_once_and_is_undone():
     before = gc.get_freeze_count()
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
-        with NullSink(steady(), 1.0, realtime=True) as sink:
-            sink.open(FS)
-            sink.start(seconds=0.3)
+        with begun(NullSink(steady(), 1.0, realtime=True), 0.3) as sink:
             assert gc.get_freeze_count() > before
             sink.wait(5)
     assert gc.get_freeze_count() == 0

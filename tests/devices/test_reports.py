@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from refusals import refused
 
 from stimlib.errors import BadValue, RecordingError
 from stimlib.motion import cubics as blocks
@@ -34,11 +35,14 @@ def reports_of(r):
 
 def test_equal_times_name_the_option_and_how_many_rows(path):
     path.write_text(COARSE)
-    with pytest.raises(
+    refused(
         RecordingError,
-        match=r'row 4: the same time as row 3 and other .*\(such rows: 4\) choose repeats="spread"',
-    ):
-        recording(path, COLUMNS, time=MS)
+        r'row 4: the same time as row 3 and other .*\(such rows: 4\) choose repeats="spread"',
+        recording,
+        path,
+        COLUMNS,
+        time=MS,
+    )
 
 
 def test_spread_up_to_the_next_stamp(path):
@@ -83,8 +87,15 @@ def test_repeats_is_in_the_spec_and_checked(path):
     path.write_text(COARSE)
     r = recording(path, COLUMNS, time=MS, repeats="mean", max_speed=None)
     assert "repeats='mean'" in repr(r) and repr(eval(repr(r), {"recording": recording})) == repr(r)
-    with pytest.raises(BadValue, match="repeats = 'first' must be one of"):
-        recording(path, COLUMNS, time=MS, repeats="first")
+    refused(
+        BadValue,
+        "repeats = 'first' must be one of",
+        recording,
+        path,
+        COLUMNS,
+        time=MS,
+        repeats="first",
+    )
 
 
 @pytest.mark.parametrize("how", [None, "last", "mean", "spread"])
@@ -100,8 +111,14 @@ def test_without_equal_times_the_option_changes_nothing(path, how):
 def test_nothing_but_one_time(path):
     path.write_text("t_s,x\n1,0\n1,0.001\n1,0.002\n")
     for how in ("last", "mean", "spread"):
-        with pytest.raises(RecordingError, match="give at least two rows with rising time"):
-            recording(path, {"x": "x"}, repeats=how)
+        refused(
+            RecordingError,
+            "give at least two rows with rising time",
+            recording,
+            path,
+            {"x": "x"},
+            repeats=how,
+        )
 
 
 # -- the unit of time
@@ -120,8 +137,15 @@ def test_time_in_another_unit_is_asked_about(path, scale, unit, factor, reports)
         rf"{8e-3 * scale:g}.* s from report to report, .*; time in {unit}\? write"
         rf' time="t\*{factor}"; if it is in s, give max_gap'
     )
-    with pytest.raises(RecordingError, match=message.replace("e+0", "e.0")):
-        recording(path, {"x": "x"}, time="t", reports=reports)
+    refused(
+        RecordingError,
+        message.replace("e+0", "e.0"),
+        recording,
+        path,
+        {"x": "x"},
+        time="t",
+        reports=reports,
+    )
     assert recording(path, {"x": "x"}, time=f"t*{factor}", reports=reports).info[
         "period"
     ] == pytest.approx(0.008)
@@ -141,8 +165,7 @@ def test_time_in_another_unit_is_asked_about(path, scale, unit, factor, reports)
 def test_periods_of_a_hand_have_limits(path, period, why):
     path.write_text("t_s,x\n" + "".join(f"{period * i!r},0\n" for i in range(5)))
     if why:
-        with pytest.raises(RecordingError, match=why):
-            recording(path, {"x": "x"})
+        refused(RecordingError, why, recording, path, {"x": "x"})
     else:
         assert recording(path, {"x": "x"}, max_gap=None if period < 0.4 else 0.5).info[
             "period"
@@ -151,10 +174,22 @@ def test_periods_of_a_hand_have_limits(path, period, why):
 
 def test_the_conversion_that_is_proposed_can_be_typed(path):
     path.write_text("Time (s),x\n0,0\n8,0.001\n16,0.002\n")
-    with pytest.raises(RecordingError, match=r"write time=\"'Time \(s\)'\*1e-3\""):
-        recording(path, {"x": "x"}, time="Time (s)")
-    with pytest.raises(RecordingError, match=r"write time=\"\('Time \(s\)'\*2\)\*1e-3\""):
-        recording(path, {"x": "x"}, time="'Time (s)'*2")
+    refused(
+        RecordingError,
+        r"write time=\"'Time \(s\)'\*1e-3\"",
+        recording,
+        path,
+        {"x": "x"},
+        time="Time (s)",
+    )
+    refused(
+        RecordingError,
+        r"write time=\"\('Time \(s\)'\*2\)\*1e-3\"",
+        recording,
+        path,
+        {"x": "x"},
+        time="'Time (s)'*2",
+    )
     assert recording(path, {"x": "x"}, time="('Time (s)'*2)*1e-3").info["period"] == 0.016
 
 
@@ -197,8 +232,13 @@ def test_any_number_gives_a_motion_or_an_error(path, options):
 
 def test_a_time_that_no_clock_has(path):
     path.write_text("t_s,x\n0,0\n1e308,1\n")
-    with pytest.raises(RecordingError, match="row 3, column t_s: time 1e.308 s; check the unit"):
-        recording(path, {"x": "x"})
+    refused(
+        RecordingError,
+        "row 3, column t_s: time 1e.308 s; check the unit",
+        recording,
+        path,
+        {"x": "x"},
+    )
 
 
 # -- cubics

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from devices.servers import Jackd, needs_jack, until_judged
+from refusals import refused
 from scipy.signal import cont2discrete, lfilter
 
 import stimlib
@@ -82,8 +83,7 @@ def test_points_that_were_taken_are_kept_when_a_later_one_fails(drive, tmp_path)
             raise KeyboardInterrupt
 
     told = TOLD | {"points": [(0.05, 0.07), (0.1, 0.07)], "ready": ready, "keep": file}
-    with pytest.raises(KeyboardInterrupt):
-        record_sweep(NullSink, 10.0, answer(drive), **told)
+    refused(KeyboardInterrupt, None, record_sweep, NullSink, 10.0, answer(drive), **told)
     sweep = record_sweep(NullSink, 10.0, 2 * answer(drive), **told)
     assert asked == [0, 1, 1]
     np.testing.assert_array_equal(sweep.response, [answer(drive), 2 * answer(drive)])
@@ -99,29 +99,49 @@ def test_points_that_were_taken_are_kept_when_a_later_one_fails(drive, tmp_path)
         ({"points": [0.1]}, "has 2 points, and 1 are"),
         ({"seconds": 1.0, "points": [1, 2, 3]}, "have 4000 samples, and this one 3000"),
     ):
-        with pytest.raises(RecordingError, match=match):
-            record_sweep(NullSink, 10.0, answer(drive), **(told | more))
-    with pytest.raises(SinkError, match="cannot write"):
-        record_sweep(
-            NullSink, 10.0, answer(drive), **(told | {"keep": tmp_path / "missing" / "plate.npz"})
-        )
+        refused(RecordingError, match, record_sweep, NullSink, 10.0, answer(drive), **told | more)
+    refused(
+        SinkError,
+        "cannot write",
+        record_sweep,
+        NullSink,
+        10.0,
+        answer(drive),
+        **told | {"keep": tmp_path / "missing" / "plate.npz"},
+    )
 
 
 def test_takes_that_tell_nothing_and_questions_without_sense_are_told(drive):
     asked = []
-    with pytest.raises(RecordingError, match="clipped"):
-        record_sweep(
-            NullSink,
-            10.0,
-            np.minimum(answer(drive), 1e-6),
-            ready=lambda k, p, e: asked.append(e),
-            **TOLD,
-        )
+    refused(
+        RecordingError,
+        "clipped",
+        record_sweep,
+        NullSink,
+        10.0,
+        np.minimum(answer(drive), 1e-6),
+        ready=lambda k, p, e: asked.append(e),
+        **TOLD,
+    )
     assert len(asked) == 3
-    with pytest.raises(BadValue, match="record_sweep: sink = 'jack' must be a function"):
-        record_sweep("jack", 10.0, answer(drive), **TOLD)
-    with pytest.raises(RecordingError, match="response never changes"):
-        record_sweep(NullSink, 10.0, np.zeros(4000), **TOLD)
+    refused(
+        BadValue,
+        "record_sweep: sink = 'jack' must be a function",
+        record_sweep,
+        "jack",
+        10.0,
+        answer(drive),
+        **TOLD,
+    )
+    refused(
+        RecordingError,
+        "response never changes",
+        record_sweep,
+        NullSink,
+        10.0,
+        np.zeros(4000),
+        **TOLD,
+    )
     for more, match in (
         ({"amplitude": 11.0}, "at most full_scale"),
         ({"amplitude": float("nan")}, "amplitude = nan"),
@@ -133,8 +153,7 @@ def test_takes_that_tell_nothing_and_questions_without_sense_are_told(drive):
         ({"band": (60.0,)}, "band = .* must be a tuple"),
         ({"band": (60.0, 1500.0)}, "below"),
     ):
-        with pytest.raises(BadValue, match=match):
-            record_sweep(NullSink, 10.0, answer(drive), **(TOLD | more))
+        refused(BadValue, match, record_sweep, NullSink, 10.0, answer(drive), **TOLD | more)
 
 
 def test_lost_frames_are_told(drive):
@@ -142,8 +161,7 @@ def test_lost_frames_are_told(drive):
         def report(self):
             return replace(super().report(), lost=64)
 
-    with pytest.raises(RecordingError, match="lost 64 frames"):
-        record_sweep(Late, 10.0, answer(drive), **TOLD)
+    refused(RecordingError, "lost 64 frames", record_sweep, Late, 10.0, answer(drive), **TOLD)
 
 
 @needs_jack

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
@@ -171,34 +172,36 @@ def test_plain_data():
     ],
 )
 def test_bad_numbers(wrong):
-    with pytest.raises(BadValue, match="Safety"):
-        Safety(**wrong)
+    refused(BadValue, "Safety", Safety, **wrong)
 
 
 def test_names_that_do_not_fit():
     scene = Scene({"a": constant(1.0), "b": constant(2.0)})
-    with pytest.raises(UnknownName, match="b"):
-        protect(scene, Safety({"a": 1.0}))
-    with pytest.raises(UnknownName, match="c"):
-        protect(scene, Safety(1.0, slew={"c": 1.0}))
-    with pytest.raises(SceneError, match="sink_gain"):
-        protect(Scene({"a": Param(GAIN, 1.0) * 2}), Safety(1.0))
+    refused(UnknownName, "b", protect, scene, Safety({"a": 1.0}))
+    refused(UnknownName, "c", protect, scene, Safety(1.0, slew={"c": 1.0}))
+    refused(SceneError, "sink_gain", protect, Scene({"a": Param(GAIN, 1.0) * 2}), Safety(1.0))
     for limit in ({"peak": 1.0}, {"static": 1.0}):
-        with pytest.raises(
-            BadValue, match=r"outputs in N, and this scene has none: a \[1\], b \[1\]"
-        ):
-            protect(scene, Safety(1.0, **limit))
+        refused(
+            BadValue,
+            r"outputs in N, and this scene has none: a \[1\], b \[1\]",
+            protect,
+            scene,
+            Safety(1.0, **limit),
+        )
 
 
 def test_one_number_is_not_for_outputs_of_different_units():
     scene = Scene({"force": 1.0 * Input("f", "N"), "x": 1.0 * Input("x", "m")})
-    with pytest.raises(
+    refused(
         UnitError,
-        match=r"full_scale = 50 cannot .*force \[N\], x \[m\].*give {'force': .., 'x': ..}",
-    ):
-        protect(scene, Safety(50.0))
-    with pytest.raises(UnitError, match="slew = 3 cannot be"):
-        protect(scene, Safety({"force": 50.0, "x": 0.1}, slew=3.0))
+        r"full_scale = 50 cannot .*force \[N\], x \[m\].*give {'force': .., 'x': ..}",
+        protect,
+        scene,
+        Safety(50.0),
+    )
+    refused(
+        UnitError, "slew = 3 cannot be", protect, scene, Safety({"force": 50.0, "x": 0.1}, slew=3.0)
+    )
     protect(scene, Safety({"force": 50.0, "x": 0.1}, slew={"force": 3.0}, peak=20.0))
 
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from devices.servers import Seen, largest_step
+from devices.servers import Seen, begun, largest_step
+from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Scene, SinkError, UnknownName
@@ -46,36 +47,34 @@ def test_a_mapping_is_a_recording_or_a_hand():
     ],
 )
 def test_what_does_not_fit(motion, error):
-    with pytest.raises(error):
-        source_of(motion, ("a", "b"))
+    refused(error, None, source_of, motion, ("a", "b"))
 
 
 def test_bad_numbers():
-    with pytest.raises(BadValue, match="keep"):
-        Live(0.0)
-    with pytest.raises(BadValue, match="finite"):
-        Signal(np.nan)
-    with pytest.raises(BadValue, match="shape"):
-        Recorded(np.zeros(5))
-    with pytest.raises(BadValue, match="motion"):
-        NullSink(Scene({"y": 1 * Input("x")}), 1.0)
-    with pytest.raises(UnknownName):
-        NullSink(Scene({"y": stimlib.constant(1.0)}), 1.0, motion={"x": np.sin})
+    refused(BadValue, "keep", Live, 0.0)
+    refused(BadValue, "finite", Signal, np.nan)
+    refused(BadValue, "shape", Recorded, np.zeros(5))
+    refused(BadValue, "motion", NullSink, Scene({"y": 1 * Input("x")}), 1.0)
+    refused(
+        UnknownName, None, NullSink, Scene({"y": stimlib.constant(1.0)}), 1.0, motion={"x": np.sin}
+    )
 
 
 def test_what_is_pushed_is_finite():
     with NullSink(Scene({"y": Input("a") + Input("b")}), 1.0, motion=Live(), clocked=False) as sink:
         sink.open(FS)
-        with pytest.raises(BadValue, match="push: b is nan in column 1"):
-            sink.push([[0, 1], [2, np.nan]])
+        refused(BadValue, "push: b is nan in column 1", sink.push, [[0, 1], [2, np.nan]])
         assert sink.push([[0, 1], [2, 3]]) == 2
 
 
 def test_a_sink_needs_a_full_scale():
-    with pytest.raises(
-        BadValue, match="safety is missing: give, as second argument, .* such as 50.0"
-    ):
-        NullSink(Scene({"y": 1 * Input("x")}), motion={"x": np.zeros(9)})
+    refused(
+        BadValue,
+        "safety is missing: give, as second argument, .* such as 50.0",
+        NullSink,
+        Scene({"y": 1 * Input("x")}),
+        motion={"x": np.zeros(9)},
+    )
 
 
 @pytest.mark.parametrize("clocked", [False, True])
@@ -84,16 +83,16 @@ def test_a_scripted_hand_is_its_function_of_time(clocked):
     scene = Scene({"y": 1.0 * Input("x", "m"), "z": Input("w") * 1})
     n = round(seconds * FS)
     w = np.linspace(0, 1, n)
-    with NullSink(
-        scene,
-        {"y": 1.0, "z": 1.0},
-        motion={"x": hand, "w": w},
-        clocked=clocked,
-        log=log,
-        realtime=False,
+    with begun(
+        NullSink(
+            scene,
+            {"y": 1.0, "z": 1.0},
+            motion={"x": hand, "w": w},
+            clocked=clocked,
+            log=log,
+            realtime=False,
+        )
     ) as sink:
-        sink.open(FS)
-        sink.start()
         sink.wait(30)
         assert sink.finished
     x = np.concatenate(log.x, axis=1)
@@ -115,18 +114,18 @@ def test_a_hand_that_fails_fades_out_and_says_so():
     with pytest.raises(
         SinkError, match="the motion failed: motion of x is not finite at sample 8000"
     ):
-        with NullSink(
-            Scene({"y": 1 * Input("x")}), 1.0, motion={"x": broken}, clocked=False, log=log
+        with begun(
+            NullSink(
+                Scene({"y": 1 * Input("x")}), 1.0, motion={"x": broken}, clocked=False, log=log
+            ),
+            10,
         ) as sink:
-            sink.open(FS)
-            sink.start(seconds=10)
             sink.wait()
     with pytest.raises(BadValue, match="not finite"):  # at once, where it is seen before the start
         with NullSink(
             Scene({"y": 1 * Input("x")}), 1.0, motion={"x": lambda t: t * np.nan}
         ) as sink:
-            sink.open(FS)
-            sink.start()
+            begun(sink)
     y = np.concatenate(log.frames)
     assert largest_step(y, log.events) < 0.01 and y[-1] == 0
     assert log.end["produced"] == len(y) + log.end["unlogged"]  # whoever reads the log may be late
