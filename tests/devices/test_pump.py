@@ -39,6 +39,14 @@ class Bench:
         self.buffer[:] = np.nan
         self.drain()
 
+    def blocks(self, sizes):
+        for n in sizes:
+            self.block(n)
+
+    def begun(self, *how):
+        self.pump.start(*how or (None,))
+        return self
+
     def drain(self):
         self.events += self.pump.events()
         while len(x := self.pump.motion()):
@@ -86,10 +94,8 @@ def cuts(kind, n):
 def test_the_samples_do_not_depend_on_the_block(kind):
     x = fingers(3000)
     x[:, 0] = 0.01, 0.02  # what comes before sample 0 leads to it
-    bench = Bench(squeeze(), Recorded(x), channels=[1, -1, 0])
-    bench.pump.start(3000, np.array([20.0, 40.0]))
-    for n in cuts(kind, 3400):
-        bench.block(n)
+    bench = Bench(squeeze(), Recorded(x), channels=[1, -1, 0]).begun(3000, np.array([20.0, 40.0]))
+    bench.blocks(cuts(kind, 3400))
     heard = bench.heard()
     played = heard[160:3160]
     assert (
@@ -118,8 +124,7 @@ def test_the_samples_do_not_depend_on_the_block(kind):
 
 @pytest.mark.parametrize("before", [0, 50, 159, 160, 200])
 def test_a_stop_before_sample_0_goes_back_at_once(before):
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
-    bench.pump.start(1000, np.array([50.0]))
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun(1000, np.array([50.0]))
     bench.block(before)
     bench.pump.stop("stop")
     bench.block(400)
@@ -131,8 +136,7 @@ def test_a_stop_before_sample_0_goes_back_at_once(before):
 
 
 def test_a_stop_close_to_the_end_makes_no_sample_more():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
-    bench.pump.start(1000, np.array([50.0]))
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun(1000, np.array([50.0]))
     bench.block(160 + 960)
     bench.pump.stop("stop")
     bench.block(400)
@@ -145,8 +149,7 @@ def test_a_stop_close_to_the_end_makes_no_sample_more():
 
 
 def test_what_a_device_skips_before_sample_0_is_no_loss():
-    bench = Bench(squeeze(), Recorded(fingers(1000)))
-    bench.pump.start(1000, np.zeros(2))
+    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000, np.zeros(2))
     for lost in (0, 64, 1000):
         bench.block(64, lost)
     assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (
@@ -163,8 +166,7 @@ def test_silent_before_the_start_and_after_the_end():
     bench.block(64)
     assert not bench.heard().any() and bench.pump.index == 0
     bench.pump.start(500)
-    for _ in range(12):
-        bench.block(64)
+    bench.blocks([64] * 12)
     assert not bench.out[-1].any() and bench.pump.index == 500
 
 
@@ -213,8 +215,7 @@ def test_lost_frames_are_produced_and_told():
 
 
 def test_the_end_may_fall_into_what_is_lost():
-    bench = Bench(squeeze(), Recorded(fingers(1000)))
-    bench.pump.start(1000)
+    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000)
     bench.block(900)
     bench.block(64, lost=500)
     assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("DELIVERED")) == (
@@ -228,22 +229,19 @@ def test_the_end_may_fall_into_what_is_lost():
 
 def test_changes_take_effect_at_the_index_that_is_told():
     x = fingers(2000)
-    bench = Bench(squeeze(), Recorded(x))
-    bench.pump.start(2000)
+    bench = Bench(squeeze(), Recorded(x)).begun(2000)
     bench.block(500)
     assert bench.pump.set("k", 1000.0, 37) and bench.pump.set("A", 0.0, 1)
     bench.block(300)
     bench.pump.set("k", 3000.0, 800)
-    for _ in range(20):
-        bench.block(60)
+    bench.blocks([60] * 20)
     named = [(at, e["name"]) for at, kind, e in bench.events if kind == "set" and e["name"] != GAIN]
     assert named == [(500, "k"), (500, "A"), (800, "k")]
     assert np.array_equal(bench.heard(), bench.reference(x))
 
 
 def test_stop_fades_from_the_next_block():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
-    bench.pump.start(None)
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun()
     bench.block(300)
     bench.pump.stop("stop")
     bench.block(1000)
@@ -251,8 +249,7 @@ def test_stop_fades_from_the_next_block():
     assert (300, "stop", {"reason": "stop"}) in bench.events
     assert np.abs(np.diff(y)).max() < 0.01 and y[299] == 1 and not y[460:].any()
     assert bench.pump.index == 460
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
-    bench.pump.start(None)
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun()
     bench.block(300)
     bench.pump.stop("error", earliest=700)
     bench.block(1000)
@@ -262,8 +259,7 @@ def test_stop_fades_from_the_next_block():
 
 
 def test_a_stop_during_the_fade_in_has_no_step():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
-    bench.pump.start(None)
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun()
     bench.block(80)
     bench.pump.stop("stop")
     bench.block(300)
@@ -271,8 +267,7 @@ def test_a_stop_during_the_fade_in_has_no_step():
 
 
 def test_a_session_shorter_than_its_fades_has_no_step():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None)
-    bench.pump.start(100)
+    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun(100)
     bench.block(300)
     y = bench.heard()[:, 0]
     assert np.abs(np.diff(y)).max() < 0.01 and not y[259:].any()
@@ -283,8 +278,7 @@ def live(keep=0.05):
 
 
 def test_live_motion_is_taken_in_order():
-    bench = live()
-    bench.pump.start(None)
+    bench = live().begun()
     sent = np.linspace(0.1, 0.9, 1000)
     for k in range(0, 1000, 50):
         assert bench.pump.put_motion(sent[None, k : k + 50]) == 50
@@ -295,11 +289,9 @@ def test_live_motion_is_taken_in_order():
 
 
 def test_motion_that_stays_away_is_held_then_faded():
-    bench = live()
-    bench.pump.start(None)
+    bench = live().begun()
     bench.pump.put_motion(np.full((1, 400), 0.8))
-    for _ in range(25):
-        bench.block(64)
+    bench.blocks([64] * 25)
     y = bench.heard()[:, 0]
     stale = [(at, e["samples"]) for at, kind, e in bench.events if kind == "stale"]
     assert len(stale) == 1 and 800 <= stale[0][0] < 864, (
@@ -308,8 +300,7 @@ def test_motion_that_stays_away_is_held_then_faded():
     assert np.abs(np.diff(y)).max() < 0.01
     assert y[700] == np.float32(0.8) and not y[stale[0][0] + 160 :].any()
     bench.pump.put_motion(np.full((1, 400), -0.8))
-    for _ in range(6):
-        bench.block(64)
+    bench.blocks([64] * 6)
     y = bench.heard()[:, 0]
     assert (
         bench.events[-2][1] == "fresh"
@@ -319,8 +310,7 @@ def test_motion_that_stays_away_is_held_then_faded():
 
 
 def test_a_slow_tracker_is_held_between_its_reports():
-    bench = live()
-    bench.pump.start(None)
+    bench = live().begun()
     for k in range(20):
         bench.pump.put_motion(np.full((1, 1), 0.01 * k))
         bench.block(64)  # 125 reports a second
@@ -329,8 +319,7 @@ def test_a_slow_tracker_is_held_between_its_reports():
 
 
 def test_no_delay_grows_behind_a_live_motion():
-    bench = live(keep=0.01)
-    bench.pump.start(None)
+    bench = live(keep=0.01).begun()
     for k in range(50):
         bench.pump.put_motion(np.full((1, 100), 0.01 * k))  # faster than the device
         bench.block(64)
@@ -348,8 +337,7 @@ def test_a_full_ring_takes_no_more():
 
 
 def test_a_scripted_column_belongs_to_its_sample():
-    bench = Bench(Scene({"y": 1.0 * Input("x")}), Scripted({"x": np.cos}), full_scale=1.0)
-    bench.pump.start(None)
+    bench = Bench(Scene({"y": 1.0 * Input("x")}), Scripted({"x": np.cos}), full_scale=1.0).begun()
     bench.pump.put_motion(np.arange(100.0)[None] * 1e-3)
     bench.block(64)
     bench.block(64)  # 36 columns, then held
@@ -373,8 +361,7 @@ def test_signals_as_positions():
     assert np.array_equal(np.concatenate(bench.motion).T, x)
     assert np.array_equal(bench.heard(), bench.reference(x))
     bench.pump.write("CONNECTED", 0)
-    for _ in range(10):
-        bench.block(100)
+    bench.blocks([100] * 10)
     assert [kind for _, kind, _ in bench.events if kind != "set"] == ["fresh", "stale"]
     assert not bench.heard()[-100:].any()
 
@@ -383,10 +370,8 @@ def test_signals_as_positions():
 def test_a_motion_that_is_not_finite_never_reaches_the_device(wrong):
     x = fingers(2000)
     x[0, 700] = wrong
-    bench = Bench(squeeze(), Recorded(x))
-    bench.pump.start(2000)
-    for _ in range(32):
-        bench.block(64)
+    bench = Bench(squeeze(), Recorded(x)).begun(2000)
+    bench.blocks([64] * 32)
     heard = bench.heard()
     assert np.isfinite(heard).all() and np.abs(heard).max() <= 1
     assert np.array_equal(heard[:2000], bench.reference(x))
@@ -394,8 +379,9 @@ def test_a_motion_that_is_not_finite_never_reaches_the_device(wrong):
 
 
 def test_what_is_beyond_full_scale_stays_at_it():
-    bench = Bench(Scene({"y": Input("x") * 1e9}), Recorded(np.ones((1, 1000))), full_scale=3.0)
-    bench.pump.start(1000)
+    bench = Bench(
+        Scene({"y": Input("x") * 1e9}), Recorded(np.ones((1, 1000))), full_scale=3.0
+    ).begun(1000)
     bench.block(1000)
     assert bench.heard().max() == 1.0
 
@@ -406,8 +392,7 @@ def test_a_log_that_is_not_read_says_what_it_lacks():
         Recorded(np.ones((1, 10**5))),
         fs=1000,
         full_scale=1.0,
-    )
-    bench.pump.start(None)
+    ).begun()
     size = bench.pump.read("L_SIZE")
     for _ in range(size // 1000 + 3):
         bench.pump.block(1000)
@@ -431,8 +416,7 @@ def test_gaps_and_losses_do_not_overlap():
         Recorded(np.ones((1, 10**5))),
         fs=2000,
         full_scale=1.0,
-    )
-    bench.pump.start(None)
+    ).begun()
     size = bench.pump.read("L_SIZE")
     bench.pump.block(4096)
     bench.pump.block(size - 4096 - 300)
@@ -473,8 +457,7 @@ def test_percentiles_of_block_times():
     p5, p50, p99 = pump.percentiles(5, 50, 99)
     assert pump.percentiles(10, 10.5) == [p5, p50], "10.5 % of 100 blocks are 11"
     assert 3e-9 <= p5 <= 4e-9 and 1000e-9 <= p50 <= 1125e-9 and 1e-3 <= p99 <= 1.125e-3
-    bench = Bench(squeeze(), Recorded(fingers(1000)))
-    bench.pump.start(None)
+    bench = Bench(squeeze(), Recorded(fingers(1000))).begun()
     bench.pump.write("STALL", 20_000)
     bench.block(64)
     assert 0.02 <= bench.pump.percentiles(100)[0] < 1.0
