@@ -7,6 +7,7 @@ from math import pi
 
 import numpy as np
 import pytest
+from refusals import refused
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtri
 
@@ -153,17 +154,13 @@ def test_the_table_has_the_three_largest_of_each_reference():
 
 def test_what_has_no_cues_is_said(session, tmp_path):
     experiment, saved = session
-    with pytest.raises(UnknownName, match="no signal 'x'; there are y, force"):
-        recorded([saved], "x", "force")
+    refused(UnknownName, "no signal 'x'; there are y, force", recorded, [saved], "x", "force")
     bare = dataclasses.replace(
         saved, records=[dataclasses.replace(r, displayed=[]) for r in saved.records]
     )
-    with pytest.raises(BadValue, match="trial 1: no log of it was kept"):
-        recorded([bare], "y", "force")
-    with pytest.raises(BadValue, match="window"):
-        recorded([saved], "y", "force", window="flat")
-    with pytest.raises(BadValue, match="P01 has no session of"):
-        analysis([bare])
+    refused(BadValue, "trial 1: no log of it was kept", recorded, [bare], "y", "force")
+    refused(BadValue, "window", recorded, [saved], "y", "force", window="flat")
+    refused(BadValue, "P01 has no session of", analysis, [bare])
 
 
 def test_the_analysis_prints_both_tables(session):

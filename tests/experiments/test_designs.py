@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
@@ -107,8 +108,7 @@ def test_no_staircase_passes_its_bounds_and_each_ends():
         state = design.update(state, says(trial, False))
     assert [t.level for t in trials[1:]] == [5.0 * 10**0.6] + 7 * [20.0] and len(trials) == 9
     assert trials[2].wanted == pytest.approx(5.0 * 10**1.2)  # asked for, and not shown
-    with pytest.raises(BadValue, match="ended after 9 trials"):
-        design.update(state, Answer({"softer": "first"}))
+    refused(BadValue, "ended after 9 trials", design.update, state, Answer({"softer": "first"}))
 
 
 @pytest.mark.parametrize("more", [False, True])
@@ -164,8 +164,7 @@ def test_a_pair_knows_whether_it_is_a_detection():
     ],
 )
 def test_a_staircase_that_makes_no_sense(wrong, why):
-    with pytest.raises(BadValue, match=why):
-        Staircase(**({"task": PAIR, "start": 5.0, "bounds": (0.1, 20.0)} | wrong))
+    refused(BadValue, why, Staircase, **{"task": PAIR, "start": 5.0, "bounds": (0.1, 20.0)} | wrong)
 
 
 def test_a_start_is_drawn_between_its_two_levels_and_from_a_stream_of_its_own():
@@ -325,10 +324,14 @@ def test_a_state_is_plain_data_and_update_leaves_it_alone(name):
 
 def test_an_answer_that_is_none():
     state = STAIRS.init(1)
-    with pytest.raises(BadValue, match="softer: 'third' is no choice; there are first, second"):
-        STAIRS.update(state, Answer({"softer": "third"}))
-    with pytest.raises(BadValue, match="'softer' is not answered"):
-        STAIRS.update(state, Answer({"other": "first"}))
+    refused(
+        BadValue,
+        "softer: 'third' is no choice; there are first, second",
+        STAIRS.update,
+        state,
+        Answer({"softer": "third"}),
+    )
+    refused(BadValue, "'softer' is not answered", STAIRS.update, state, Answer({"other": "first"}))
 
 
 def test_quest_finds_the_mean_and_goes_on_from_its_state():
@@ -376,26 +379,28 @@ def test_graeco_latin_squares_are_orthogonal(n):
 
 
 def test_squares_that_are_none():
-    with pytest.raises(BadValue, match="graeco_latin: n = 4.0 must be a whole number"):
-        graeco_latin(4.0)
+    refused(BadValue, "graeco_latin: n = 4.0 must be a whole number", graeco_latin, 4.0)
     for n in (1, 2, 6, 33):
-        with pytest.raises(BadValue, match=f"graeco_latin.{n}.*take one that has a square"):
-            graeco_latin(n)
+        refused(BadValue, f"graeco_latin.{n}.*take one that has a square", graeco_latin, n)
     square = graeco_latin(4)
     same = square.copy()
     same[:, :, 1] = same[:, :, 0]
-    with pytest.raises(BadValue, match="pair .0, 0. is there 4 times"):
-        check_graeco_latin(same)
-    with pytest.raises(BadValue, match="column 1 has not each Greek letter once"):
-        check_graeco_latin(np.tile(np.arange(3)[:, None], (3, 1, 2)))
+    refused(BadValue, "pair .0, 0. is there 4 times", check_graeco_latin, same)
+    refused(
+        BadValue,
+        "column 1 has not each Greek letter once",
+        check_graeco_latin,
+        np.tile(np.arange(3)[:, None], (3, 1, 2)),
+    )
     for shape in ((3, 2, 2), (2, 3, 2), (3, 3, 1)):
-        with pytest.raises(
-            BadValue, match=f"shape .n, n, 2., got .{shape[0]}, {shape[1]}, {shape[2]}"
-        ):
-            check_graeco_latin(np.zeros(shape))
+        refused(
+            BadValue,
+            f"shape .n, n, 2., got .{shape[0]}, {shape[1]}, {shape[2]}",
+            check_graeco_latin,
+            np.zeros(shape),
+        )
     square[0, 0, 1] = 1
-    with pytest.raises(BadValue, match="row 1 has not each Latin letter once"):
-        check_graeco_latin(square)
+    refused(BadValue, "row 1 has not each Latin letter once", check_graeco_latin, square)
 
 
 def test_streams_are_their_words():
@@ -406,14 +411,12 @@ def test_streams_are_their_words():
     assert stream(1, "a").random() == 0.24298954765102643
     assert seed_of(1, "x") == 2552818200496343
     for wrong in (-1, 1.0, True, 2**64):
-        with pytest.raises(BadValue, match="seed"):
-            stream(wrong, "a")
+        refused(BadValue, "seed", stream, wrong, "a")
 
 
 def test_turns_go_by_the_number_of_the_participant():
     assert [turn_of(f"P{i}", 3) for i in (1, 2, 3, 4)] == [0, 1, 2, 0] and turn_of("G2-P03", 4) == 2
-    with pytest.raises(BadValue, match="number at the end"):
-        turn_of("Anna", 3)
+    refused(BadValue, "number at the end", turn_of, "Anna", 3)
     assert sorted(shuffled(1, "x", ["a", "b", "c"])) == ["a", "b", "c"]
 
 
@@ -433,8 +436,7 @@ def test_turns_go_by_the_number_of_the_participant():
 def test_answers_are_held_against_their_question(question, good, bad):
     question.check(good)
     for value in bad:
-        with pytest.raises(BadValue, match="q: .* is no answer; answer "):
-            question.check(value)
+        refused(BadValue, "q: .* is no answer; answer ", question.check, value)
 
 
 def test_questions_and_tasks_that_make_no_sense():
@@ -446,38 +448,39 @@ def test_questions_and_tasks_that_make_no_sense():
         (("a", "a"), ""),
         (("a",), ""),
     ):
-        with pytest.raises(BadValue, match="one key for each"):
-            choice("q", "?", *words, keys=keys)
+        refused(BadValue, "one key for each", choice, "q", "?", *words, keys=keys)
     for names in (("a",), ("a", "a"), ("a", "two words")):
-        with pytest.raises(BadValue, match="two names of one word, each once"):
-            ranking("q", "?", *names)
+        refused(BadValue, "two names of one word, each once", ranking, "q", "?", *names)
     for make, most in (
         (lambda n: rating("q", "?", "low", "high", n), 1),
         (lambda n: places("q", "?", n), 0),
     ):
-        with pytest.raises(BadValue, match=f"most = {most} must be"):
-            make(most)
+        refused(BadValue, f"most = {most} must be", make, most)
     for wrong in ({"deviations": (0.0,)}, {"lapses": (0.5,)}, {"trials": 0}):
-        with pytest.raises(BadValue, match="Quest: "):
-            Quest(
-                **({"task": PAIR, "levels": (1.0,), "means": (1.0,), "deviations": (1.0,)} | wrong)
-            )
-    with pytest.raises(BadValue, match="two stimuli"):
-        Identify("c", "q", {"one": Stimulus("s")})
-    with pytest.raises(UnknownName, match="no stimulus 'blue'"):
-        Identify("c", "q", {"red": Stimulus("s"), "green": Stimulus("s")}).trial("blue", 1, 0)
-    with pytest.raises(BadValue, match="twice"):
-        Listed(((PAIR, 1.0), (PAIR, 1.0)))
-    with pytest.raises(BadValue, match="repeats of at least 1"):
-        Listed(((PAIR, 1.0),), repeats=0)
+        refused(
+            BadValue,
+            "Quest: ",
+            Quest,
+            **{"task": PAIR, "levels": (1.0,), "means": (1.0,), "deviations": (1.0,)} | wrong,
+        )
+    refused(BadValue, "two stimuli", Identify, "c", "q", {"one": Stimulus("s")})
+    refused(
+        UnknownName,
+        "no stimulus 'blue'",
+        Identify("c", "q", {"red": Stimulus("s"), "green": Stimulus("s")}).trial,
+        "blue",
+        1,
+        0,
+    )
+    refused(BadValue, "twice", Listed, ((PAIR, 1.0), (PAIR, 1.0)))
+    refused(BadValue, "repeats of at least 1", Listed, ((PAIR, 1.0),), repeats=0)
 
 
 @pytest.mark.parametrize(("made", "what"), [(Parts, "part"), (Interleaved, "track")])
 def test_designs_of_nothing(made, what):
-    with pytest.raises(
-        BadValue, match=f"{made.__name__}: give at least one design, by the name of its {what}"
-    ):
-        made({})
+    refused(
+        BadValue, f"{made.__name__}: give at least one design, by the name of its {what}", made, {}
+    )
 
 
 @pytest.mark.parametrize(
@@ -523,8 +526,7 @@ def test_designs_of_nothing(made, what):
     ],
 )
 def test_a_design_of_wrong_parts_is_refused_where_it_is_made(made, says):
-    with pytest.raises(BadValue, match=says):
-        made()
+    refused(BadValue, says, made)
 
 
 @pytest.mark.parametrize(
@@ -558,8 +560,7 @@ def test_an_experiment_of_wrong_parts_is_refused_where_it_is_made(words, says):
         "questions": (choice("q", "?", "first", "second"),),
         "fs": 1000.0,
     }
-    with pytest.raises(BadValue, match=says):
-        Experiment("e", "1", **{**usual, "safety": 10.0, **words})
+    refused(BadValue, says, Experiment, "e", "1", **{**usual, "safety": 10.0, **words})
 
 
 def test_quest_and_a_trial_of_another_chance_level_are_refused():
@@ -574,11 +575,12 @@ def test_quest_and_a_trial_of_another_chance_level_are_refused():
             return dc.replace(PAIR.trial(level, seed, n), chance=1 / 3)
 
     design = Quest(Oddity(), (1.0, 2.0), means=(1.0, 2.0), deviations=(0.5,))
-    with pytest.raises(
+    refused(
         BadValue,
-        match=r"Quest: the task has the chance level None, its trial 0.333; give the task's class",
-    ):
-        design.next(design.init(seed=1))
+        r"Quest: the task has the chance level None, its trial 0.333; give the task's class",
+        design.next,
+        design.init(seed=1),
+    )
     Oddity.chance = 1 / 3
     assert design.next(design.init(seed=1)).chance == 1 / 3
 
@@ -592,7 +594,21 @@ def test_quest_takes_rows_of_numpy_and_lists():
         PAIR, np.linspace(1.0, 2.0, 3), means=[1.0, 1.5], deviations=np.array([0.5]), trials=3
     )
     assert rows == plain and rows.next(rows.init(seed=1)) == plain.next(plain.init(seed=1))
-    with pytest.raises(BadValue, match="Quest: levels = 1.0 must be a tuple"):
-        Quest(PAIR, 1.0, means=(1.0,), deviations=(0.5,))
-    with pytest.raises(BadValue, match=r"Quest: means = \('a',\) must be a tuple"):
-        Quest(PAIR, (1.0,), means=("a",), deviations=(0.5,))
+    refused(
+        BadValue,
+        "Quest: levels = 1.0 must be a tuple",
+        Quest,
+        PAIR,
+        1.0,
+        means=(1.0,),
+        deviations=(0.5,),
+    )
+    refused(
+        BadValue,
+        r"Quest: means = \('a',\) must be a tuple",
+        Quest,
+        PAIR,
+        (1.0,),
+        means=("a",),
+        deviations=(0.5,),
+    )

@@ -12,6 +12,7 @@ from itertools import count
 import pytest
 from devices.servers import Jackd, needs_jack, until_judged
 from experiments.some import TASK, experiment, nothing, observer, simulate, some
+from refusals import refused
 
 import stimlib
 from stimlib.devices.sources import Live, Signal, Signals
@@ -166,11 +167,14 @@ def test_a_row_of_positions_means_the_same_input_in_every_trial(motion):
         motion=motion,
     )
     assert made.inputs == ("x", "y")
-    with pytest.raises(
+    refused(
         BadValue,
-        match="takes the inputs y, x, the experiment x, y: a row of positions would mean another",
-    ):
-        present(made, Trial("a", (Stimulus("yx"),), ("softer",)), "null")
+        "takes the inputs y, x, the experiment x, y: a row of positions would mean another",
+        present,
+        made,
+        Trial("a", (Stimulus("yx"),), ("softer",)),
+        "null",
+    )
 
 
 # Designs and observers ----------------------------------------------------------------
@@ -188,10 +192,22 @@ class Nothing:
 
 
 def test_a_design_without_a_trial_is_no_session(tmp_path):
-    with pytest.raises(BadValue, match="the design of P01, session 1, has no trial"):
-        some(tmp_path, 0, experiment(design=Nothing()))
-    with pytest.raises(BadValue, match="the design of P01, session 1, has no trial"):
-        observe(experiment(design=Nothing()), observer, 1)
+    refused(
+        BadValue,
+        "the design of P01, session 1, has no trial",
+        some,
+        tmp_path,
+        0,
+        experiment(design=Nothing()),
+    )
+    refused(
+        BadValue,
+        "the design of P01, session 1, has no trial",
+        observe,
+        experiment(design=Nothing()),
+        observer,
+        1,
+    )
     training = experiment(design=Listed(((TASK, 1.0),), training=True))
     assert observe(training, observer, 2)["outcome"] == [] and not list(
         tmp_path.glob("**/session.json")
@@ -213,7 +229,6 @@ def wrong(trial, rng):
     ],
 )
 def test_an_error_of_an_observer_is_told_as_its_own(tmp_path, who, why):
-    with pytest.raises(BadValue, match=why):
-        observe(experiment(), who, 1)
+    refused(BadValue, why, observe, experiment(), who, 1)
     with pytest.raises(BadValue, match=why), Session(experiment(), tmp_path, "P01") as session:
         run(session, Simulated(session, who), nothing)

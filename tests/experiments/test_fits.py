@@ -7,6 +7,7 @@ import dataclasses as dc
 import numpy as np
 import pytest
 from laws import STRESS
+from refusals import refused
 
 import stimlib
 from stimlib.blocks import oscillator
@@ -185,10 +186,13 @@ def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
         (2, 1),
     ]
     assert psychometrics({}) == {}
-    with pytest.raises(BadValue, match=r"of \('P01', 'a'\): yes\[1\] = 2"):
-        psychometrics({"good": data["six"], ("P01", "a"): ([1, 2], [0, 2])})
-    with pytest.raises(BadValue, match="levels, yes, trials.*not 1"):
-        psychometrics({"P01": ([1, 2],)})
+    refused(
+        BadValue,
+        r"of \('P01', 'a'\): yes\[1\] = 2",
+        psychometrics,
+        {"good": data["six"], ("P01", "a"): ([1, 2], [0, 2])},
+    )
+    refused(BadValue, "levels, yes, trials.*not 1", psychometrics, {"P01": ([1, 2],)})
 
 
 def test_differences_and_scales():
@@ -403,10 +407,13 @@ def test_a_table_of_answers_is_taken_whole():
         {"a": rows, "b": rows | {"chance": [0.5] * 6}, "c": (rows["level"], rows["outcome"])}
     )
     assert [fit.guess for fit in both.values()] == [0, 0.5, 0] and list(both) == ["a", "b", "c"]
-    with pytest.raises(BadValue, match="chance levels .*fit each task by itself"):
-        psychometric(rows | {"chance": [0.5] * 3 + [None] * 3})
-    with pytest.raises(UnknownName, match="no column 'outcome'; there are level"):
-        psychometric({"level": [1, 2]})
+    refused(
+        BadValue,
+        "chance levels .*fit each task by itself",
+        psychometric,
+        rows | {"chance": [0.5] * 3 + [None] * 3},
+    )
+    refused(UnknownName, "no column 'outcome'; there are level", psychometric, {"level": [1, 2]})
 
 
 def flagged(z, chance, people, n=20, **how):
@@ -484,5 +491,4 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
     ],
 )
 def test_what_cannot_be_used_is_said(given, said):
-    with pytest.raises(BadValue, match=said):
-        psychometric(**given)
+    refused(BadValue, said, psychometric, **given)

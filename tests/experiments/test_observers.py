@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from experiments.some import TASK, experiment
+from refusals import refused
 
 import stimlib
 from stimlib.blocks import white_noise
@@ -303,15 +304,24 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
     ],
 )
 def test_what_cannot_be_used_is_said(call, said):
-    with pytest.raises((BadValue, UnknownName), match=said):
-        call(PAIR.trial(120.0, 1, 0))
+    refused((BadValue, UnknownName), said, call, PAIR.trial(120.0, 1, 0))
 
 
 def test_one_code_is_no_row_of_letters():
     """As a sequence, "P01" would be three people: P, 0 and 1."""
-    with pytest.raises(
-        BadValue, match="simulate: participants = 'P01' must be a whole number or a list"
-    ):
-        simulate(experiment(), Psychometric(2.0, 0.5), "P01")
-    with pytest.raises(BadValue, match="simulate: participants = 2.0 must be"):
-        simulate(experiment(), Psychometric(2.0, 0.5), 2.0)
+    refused(
+        BadValue,
+        "simulate: participants = 'P01' must be a whole number or a list",
+        simulate,
+        experiment(),
+        Psychometric(2.0, 0.5),
+        "P01",
+    )
+    refused(
+        BadValue,
+        "simulate: participants = 2.0 must be",
+        simulate,
+        experiment(),
+        Psychometric(2.0, 0.5),
+        2.0,
+    )

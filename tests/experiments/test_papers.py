@@ -9,6 +9,7 @@ from math import dist, pi, radians
 import numpy as np
 import pytest
 from experiments.some import experiment, still
+from refusals import refused
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
@@ -160,8 +161,7 @@ def test_bounciness_has_the_thesis_square_and_its_sessions():
         "0.75 and 0.85",
         "0.75 and 0.9",
     ], "theta A"
-    with pytest.raises(BadValue, match="there are 12"):
-        pair_of("P01", 13)
+    refused(BadValue, "there are 12", pair_of, "P01", 13)
     experiment = bounciness()
     trials = [
         t
@@ -191,8 +191,7 @@ def test_bounciness_finds_the_jnds_that_its_observer_has():
         found.jnd[0.25], abs=0.03
     )
     late = {name: column[120:] for name, column in answers.items()}
-    with pytest.raises(BadValue, match="P01 has no session of"):
-        jnds(late)
+    refused(BadValue, "P01 has no session of", jnds, late)
 
 
 def test_the_phase_is_that_of_the_rendered_force():
@@ -279,8 +278,12 @@ def test_roughness_gives_the_thesis_tables_and_law(monkeypatch):
         "Bonferroni"
     )
     assert "4     0.5   square    1.41 (1.41)" in rough.text(found)
-    with pytest.raises(BadValue, match="P1 has not rated"):
-        rough.ratings({name: column[:80] for name, column in answers.items()})
+    refused(
+        BadValue,
+        "P1 has not rated",
+        rough.ratings,
+        {name: column[:80] for name, column in answers.items()},
+    )
 
 
 def test_the_rendered_rms_is_the_formulas():
@@ -419,8 +422,7 @@ def test_sizes_gives_the_printed_rates_and_places():
     )
     drawn = simulate(size.nodule_sizes(), size.person, 60, seed=1)
     assert size.sorted_rightly(drawn).rank == pytest.approx(size.PRINTED_RANK, abs=0.2)
-    with pytest.raises(UnknownName, match="no column 'order'"):
-        size.sorted_rightly({"condition": []})
+    refused(UnknownName, "no column 'order'", size.sorted_rightly, {"condition": []})
 
 
 def test_places_nine_people_have_nine_orders_and_no_place_twice():

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from experiments.some import experiment
+from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.compare import repeated
@@ -133,13 +134,10 @@ def test_results_are_tables():
 
 
 def test_what_is_missing_is_said(answers):
-    with pytest.raises(UnknownName, match="no column 'person'; there are participant"):
-        grouped(answers, ["person"])
-    with pytest.raises(UnknownName, match="'outcome'"):
-        fitted({"participant": [], "condition": [], "level": []})
+    refused(UnknownName, "no column 'person'; there are participant", grouped, answers, ["person"])
+    refused(UnknownName, "'outcome'", fitted, {"participant": [], "condition": [], "level": []})
     assert list(grouped({"b": [2, 1], "a": ["x", "y"]}, ["b", "a"])) == [(2, "x"), (1, "y")]
-    with pytest.raises(BadValue, match="level 1"):
-        grouped({"who": ["a", "b"], "level": [1]}, ["who"])
+    refused(BadValue, "level 1", grouped, {"who": ["a", "b"], "level": [1]}, ["who"])
 
 
 @pytest.mark.parametrize("level", [[-3.0, 1.0] * 4, [0.0, 1.0] * 4])
@@ -178,14 +176,28 @@ def test_hostile_names_and_levels_make_a_page(level, tmp_path):
 
 def test_a_page_of_answers_that_do_not_fit_is_an_error(answers, tmp_path):
     fits = fitted(answers, interval="none")
-    with pytest.raises(UnknownName, match="no column 'track'"):
-        write_report(tmp_path / "a", "", "", {k: v for k, v in answers.items() if k != "track"})
-    with pytest.raises(UnknownName, match=r"a fit of \('P01', 'silent'\).*by = participant"):
-        write_report(tmp_path / "a", "", "", answers, fits=fits, by=["participant"])
-    with pytest.raises(BadValue, match="grouped: by = 'participant' must be a list"):
-        grouped(answers, "participant")
-    with pytest.raises(BadValue, match="a name for each"):
-        plain(fits, ["participant"])
+    refused(
+        UnknownName,
+        "no column 'track'",
+        write_report,
+        tmp_path / "a",
+        "",
+        "",
+        {k: v for k, v in answers.items() if k != "track"},
+    )
+    refused(
+        UnknownName,
+        r"a fit of \('P01', 'silent'\).*by = participant",
+        write_report,
+        tmp_path / "a",
+        "",
+        "",
+        answers,
+        fits=fits,
+        by=["participant"],
+    )
+    refused(BadValue, "grouped: by = 'participant' must be a list", grouped, answers, "participant")
+    refused(BadValue, "a name for each", plain, fits, ["participant"])
     assert not list(tmp_path.iterdir())
 
 
@@ -193,5 +205,4 @@ def test_without_pandas_a_table_says_what_to_install(monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ImportError, match=r"stimlib\[experiments\]"):
-        frame([wilson(1, 2)])
+    refused(ImportError, r"stimlib\[experiments\]", frame, [wilson(1, 2)])

@@ -26,6 +26,7 @@ from experiments.some import (
 )
 from laws import assert_same, random_cuts
 from laws import run as cut_run
+from refusals import refused
 
 import stimlib
 import stimlib.experiments.streams
@@ -257,12 +258,14 @@ def test_a_channel_is_the_same_in_every_trial():
 def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
     with Session(experiment(design=Listed(((TASK, 9.0),))), tmp_path, "P01") as session:
         # before anything is displayed
-        with pytest.raises(BadValue, match="k = 9 is beyond its bounds"):
-            session.due()
-    with pytest.raises(BadValue, match="k = 2 is beyond its bounds, 0.5 to 1.5"):
-        program(
-            experiment(bounds={"k": (0.5, 1.5)}), Trial("a", (Stimulus("spring"),), ("softer",))
-        )
+        refused(BadValue, "k = 9 is beyond its bounds", session.due)
+    refused(
+        BadValue,
+        "k = 2 is beyond its bounds, 0.5 to 1.5",
+        program,
+        experiment(bounds={"k": (0.5, 1.5)}),
+        Trial("a", (Stimulus("spring"),), ("softer",)),
+    )
 
 
 def test_parameters_of_two_scenes_are_kept_apart(tmp_path):
@@ -310,15 +313,17 @@ def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
     # as displayed last
     assert record.time == Record(1, record.trial, record.answer, [then, shown]).time == "own"
     assert Record(1, record.trial, record.answer, [nothing(None, None)]).time == ""
-    with pytest.raises(BadValue, match="another experiment or version: experiment.design differs"):
-        Session(made, tmp_path / "data", "P01", resume=True).__enter__()
+    refused(
+        BadValue,
+        "another experiment or version: experiment.design differs",
+        Session(made, tmp_path / "data", "P01", resume=True).__enter__,
+    )
 
 
 def test_an_outcome_is_what_the_first_question_counts_for():
     trial = Trial("a", (), ("softer", "sure"), scores={"first": 0.0, "second": 1.0})
     assert outcome(trial, Answer({"sure": "first", "softer": "second"})) == 1.0
-    with pytest.raises(BadValue, match="is no choice"):
-        outcome(trial, Answer({"softer": ["second"]}))
+    refused(BadValue, "is no choice", outcome, trial, Answer({"softer": ["second"]}))
 
 
 def test_limits_show_in_what_was_displayed(tmp_path):
@@ -469,10 +474,10 @@ def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
     ],
 )
 def test_trials_that_the_experiment_does_not_allow(trial, error, why):
-    with pytest.raises(error, match=why):
-        program(experiment(), trial)
-    with pytest.raises(UnknownName, match="no sink 'jak'; there are null, jack"):
-        present(experiment(), pair(), "jak")
+    refused(error, why, program, experiment(), trial)
+    refused(
+        UnknownName, "no sink 'jak'; there are null, offline", present, experiment(), pair(), "jak"
+    )
 
 
 def test_experiments_that_make_no_sense():
@@ -492,17 +497,20 @@ def test_experiments_that_make_no_sense():
         ({"replays": -1}, BadValue, "replays = -1 must be a whole number"),
         ({"bounds": {"k": (2.0, 1.0)}}, BadValue, "finite numbers that rise"),
     ):
-        with pytest.raises(error, match=why):
-            experiment(**wrong)
+        refused(error, why, experiment, **wrong)
     for cursor in ((0.0, 1.0), (1.0, 0.0), (1.0, np.nan)):  # its gain and lag are divided by them
-        with pytest.raises(BadValue, match="must be above 0|frequency = nan is not finite"):
-            Cursor("x", *cursor)
-    with pytest.raises(BadValue, match="Trial: level = nan is not finite"):
-        Trial("a", (Stimulus("spring"),), ("softer",), level=np.nan)
-    with pytest.raises(BadValue, match="gap = -1 must be a time"):
-        Timing(gap=-1)
-    with pytest.raises(BadValue, match="longer than its two ramps"):
-        Timing(interval=0.04)
+        refused(BadValue, "must be above 0|frequency = nan is not finite", Cursor, "x", *cursor)
+    refused(
+        BadValue,
+        "Trial: level = nan is not finite",
+        Trial,
+        "a",
+        (Stimulus("spring"),),
+        ("softer",),
+        level=np.nan,
+    )
+    refused(BadValue, "gap = -1 must be a time", Timing, gap=-1)
+    refused(BadValue, "longer than its two ramps", Timing, interval=0.04)
 
 
 # Sessions -----------------------------------------------------------------------------
@@ -580,21 +588,18 @@ def test_lines_that_are_missing_at_the_end_are_told(tmp_path, lines, witness):
         return
     last = 4 if witness == "the logs" else 5
     for act in (lambda: read(session.folder), lambda: some(tmp_path, 0, resume=True)):
-        with pytest.raises(
+        refused(
             SinkError,
-            match=(
-                f"trials {(lines or 0) + 1} to {last} are missing at its end. Put back a whole copy"
-            ),
-        ):
-            act()
+            f"trials {(lines or 0) + 1} to {last} are missing at its end. Put back a whole copy",
+            act,
+        )
 
 
 def test_a_damaged_number_of_answers_is_told(tmp_path):
     path = some(tmp_path, 2).folder / "answered"
     for text in (b"", b"two", b"\xff", b"9" * 9000):
         path.write_bytes(text)
-        with pytest.raises(SinkError, match="answered is damaged"):
-            read(path.parent)
+        refused(SinkError, "answered is damaged", read, path.parent)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
@@ -619,8 +624,7 @@ def test_a_fork_of_a_session_writes_nothing(tmp_path):
         assert (session.folder / "spare").exists()
         session.due()
         session.put(answer, [])
-        with pytest.raises(SinkError, match="one participant cannot be in two"):
-            some(tmp_path, 0, resume=True)
+        refused(SinkError, "one participant cannot be in two", some, tmp_path, 0, resume=True)
     assert len(read(session.folder).records) == 2
 
 
@@ -647,11 +651,11 @@ def test_a_log_that_others_replaced_or_changed_takes_no_answer(tmp_path, change)
             case "append":
                 path.write_bytes(kept + b"{}")
         for act in (session.due, lambda: session.put(answer, [])):
-            with pytest.raises(
+            refused(
                 SinkError,
-                match=r"trials.jsonl is not as this session wrote it: .*resume the session",
-            ):
-                act()
+                r"trials.jsonl is not as this session wrote it: .*resume the session",
+                act,
+            )
         assert len(session.records) == 1
     path.write_bytes(kept)
     with Session(experiment(), tmp_path, "P01", resume=True) as session:
@@ -684,19 +688,16 @@ def test_lines_that_were_edited_are_named(tmp_path, change, line):
     session = some(tmp_path, 3)
     edited(session.folder / "trials.jsonl", change)
     for act in (lambda: read(session.folder), lambda: some(tmp_path, 0, resume=True)):
-        with pytest.raises(SinkError, match=f"trials.jsonl, line {line}: "):
-            act()
+        refused(SinkError, f"trials.jsonl, line {line}: ", act)
 
 
 def test_a_header_that_was_edited_is_seen_by_the_first_line(tmp_path):
     session = some(tmp_path, 1)
     path = session.folder / "session.json"
     path.write_text(path.read_text().replace('"P01"', '"P02"'))
-    with pytest.raises(SinkError, match="line 1: it is not as it was written"):
-        read(session.folder)
+    refused(SinkError, "line 1: it is not as it was written", read, session.folder)
     path.write_text("{}")
-    with pytest.raises(SinkError, match="session.json: stimlib_experiment is missing"):
-        read(session.folder)
+    refused(SinkError, "session.json: stimlib_experiment is missing", read, session.folder)
 
 
 def test_a_log_of_another_experiment_or_version_is_refused(tmp_path):
@@ -710,8 +711,15 @@ def test_a_log_of_another_experiment_or_version_is_refused(tmp_path):
             "experiment.scenes",
         ),
     ):
-        with pytest.raises(BadValue, match=f"another experiment or version: {what} differs"):
-            some(tmp_path, 0, experiment(**other), resume=True)
+        refused(
+            BadValue,
+            f"another experiment or version: {what} differs",
+            some,
+            tmp_path,
+            0,
+            experiment(**other),
+            resume=True,
+        )
     assert len(some(tmp_path, 1, resume=True).records) == 3
 
 
@@ -730,19 +738,21 @@ def test_an_answer_is_on_the_disk_and_its_log_has_room(tmp_path, monkeypatch):
 def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):
     session = some(tmp_path, 4)
     monkeypatch.setattr("stimlib.experiments.tasks.seed_of", lambda *words: 1)
-    with pytest.raises(
-        BadValue, match="trials.jsonl, line 1: the design gives another trial there"
-    ):
-        some(tmp_path, 0, resume=True)
+    refused(
+        BadValue,
+        "trials.jsonl, line 1: the design gives another trial there",
+        some,
+        tmp_path,
+        0,
+        resume=True,
+    )
     assert len(read(session.folder).records) == 4
 
 
 def test_data_are_never_overwritten_and_nobody_is_in_two_sessions_at_once(tmp_path):
     some(tmp_path, 2)
-    with pytest.raises(BadValue, match="is there already: resume it"):
-        some(tmp_path, 0)
-    with pytest.raises(BadValue, match="there is no session .* to resume"):
-        some(tmp_path, 0, session=2, resume=True)
+    refused(BadValue, "is there already: resume it", some, tmp_path, 0)
+    refused(BadValue, "there is no session .* to resume", some, tmp_path, 0, session=2, resume=True)
     with (
         Session(experiment(), tmp_path, "P01", resume=True),
         pytest.raises(SinkError, match="one participant cannot be in two"),
@@ -761,22 +771,25 @@ def test_a_run_that_comes_second_overwrites_nothing(tmp_path, monkeypatch):
         return lock(*words)
 
     monkeypatch.setattr("stimlib.experiments.session.safe_files.lock", late)
-    with pytest.raises(BadValue, match="is there already"):
-        some(tmp_path, 0)
+    refused(BadValue, "is there already", some, tmp_path, 0)
     assert read(first[1].folder).records == first[1].records
 
 
 def test_a_copy_of_a_session_is_not_counted(tmp_path):
     folder = some(tmp_path, 1).folder
     shutil.copytree(folder, f"{folder} copy")
-    with pytest.raises(BadValue, match="has the session P01-s1: a copy would count twice; move it"):
-        sessions("pair", tmp_path)
+    refused(
+        BadValue,
+        "has the session P01-s1: a copy would count twice; move it",
+        sessions,
+        "pair",
+        tmp_path,
+    )
 
 
 @pytest.mark.parametrize("name", ["Anna", "P", "07", "P07 ", "../P07", "P07\n", "Maximilian1"])
 def test_participants_are_codes(tmp_path, name):
-    with pytest.raises(BadValue, match="must be a code"):
-        Session(experiment(), tmp_path, name)
+    refused(BadValue, "must be a code", Session, experiment(), tmp_path, name)
 
 
 def test_a_pilot_is_none_of_the_data(tmp_path):
@@ -786,11 +799,9 @@ def test_a_pilot_is_none_of_the_data(tmp_path):
         pilot.folder.name == "PILOT-P01-s1"
         and len(sessions("pair", tmp_path)) == len(sessions("pair", tmp_path, pilot=True)) == 1
     )
-    with pytest.raises(BadValue, match="is a pilot, and no data"):
-        read(pilot.folder)
+    refused(BadValue, "is a pilot, and no data", read, pilot.folder)
     pilot.folder.rename(tmp_path / "pair" / "P03-s1")  # renamed by hand
-    with pytest.raises(BadValue, match="is a pilot"):
-        sessions("pair", tmp_path)
+    refused(BadValue, "is a pilot", sessions, "pair", tmp_path)
     assert all(
         json.loads(line)["pilot"]
         for line in (tmp_path / "pair" / "P03-s1" / "trials.jsonl").read_text().splitlines()
@@ -803,12 +814,17 @@ def test_an_answer_that_is_none_is_not_written(tmp_path):
             ({}, "not answered"),
             ({"softer": "third"}, "no answer; answer one of first, second"),
         ):
-            with pytest.raises(BadValue, match=why):
-                session.put(Answer(values))
-        with pytest.raises(BadValue, match="Answer: seconds = nan is not finite"):
-            Answer({"softer": "first"}, np.nan)
-        with pytest.raises(BadValue, match="trial 1: .* is no JSON data"):
-            session.put(Answer({"softer": "first"}), [{"lost": np.int64(1)}])
+            refused(BadValue, why, session.put, Answer(values))
+        refused(
+            BadValue, "Answer: seconds = nan is not finite", Answer, {"softer": "first"}, np.nan
+        )
+        refused(
+            BadValue,
+            "trial 1: .* is no JSON data",
+            session.put,
+            Answer({"softer": "first"}),
+            [{"lost": np.int64(1)}],
+        )
         with pytest.raises(BadValue, match="None is no answer"):  # it would be asked for ever
             run(session, Simulated(session, lambda trial, rng: Answer({})), nothing)
         assert session.number == 1
@@ -948,6 +964,5 @@ def test_a_design_may_depend_on_the_participant(tmp_path):
         (lambda p, s: None, "gives None, no design"),
         (lambda p, s: [][0], r"design\('P01', 1\) \(.*, line \d+\): IndexError"),
     ):
-        with pytest.raises(BadValue, match=why):
-            Session(experiment(design=wrong), tmp_path, "P01")
+        refused(BadValue, why, Session, experiment(design=wrong), tmp_path, "P01")
     assert isinstance(made, Experiment) and len(sessions("pair", tmp_path)) == 3

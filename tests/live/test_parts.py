@@ -8,6 +8,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from stimlib import Input, Param, Scene, constant
 from stimlib.errors import BadValue, UnknownName
@@ -58,8 +59,7 @@ SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
     ],
 )
 def test_a_message_that_the_table_has_not_is_refused(text, why):
-    with pytest.raises(BadValue, match=why):
-        message(text)
+    refused(BadValue, why, message, text)
 
 
 def test_every_message_of_the_table_is_in_its_text():
@@ -135,10 +135,16 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
     assert inputs.columns(200, 500)[0, -1] == pytest.approx(1.5)
     inputs.choose("x", **{"from": "value", "value": 2.5})
     assert inputs.columns(700, 500)[0, -1] == pytest.approx(2.5)
-    with pytest.raises(UnknownName, match="motion of z"):
-        Inputs(SPRING, FS, {"x": (0.0, 1.0)}, {"z": np.sin})
-    with pytest.raises(BadValue, match="a live scene has no end"):
-        Inputs(SPRING, FS, {"x": (0.0, 1.0)}, {"x": np.zeros(5)})
+    refused(UnknownName, "motion of z", Inputs, SPRING, FS, {"x": (0.0, 1.0)}, {"z": np.sin})
+    refused(
+        BadValue,
+        "a live scene has no end",
+        Inputs,
+        SPRING,
+        FS,
+        {"x": (0.0, 1.0)},
+        {"x": np.zeros(5)},
+    )
 
 
 def test_a_page_is_told_of_the_surface_and_its_avatars():
@@ -179,8 +185,7 @@ def test_ranges_that_are_none_are_refused():
         ({"x": (1, 0)}, "must be finite and rise"),
         ({"k": (0, 1)}, "does not hold"),
     ):
-        with pytest.raises(BadValue if "z" not in given else UnknownName, match=why):
-            ranges_of(SPRING, given)
+        refused(BadValue if "z" not in given else UnknownName, why, ranges_of, SPRING, given)
 
 
 class Clock:

@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 import pytest
 from devices.servers import unjudged
+from refusals import refused
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -162,8 +163,7 @@ def test_a_server_is_started_once(server, monkeypatch):
     one stream ended the process.
     """
     assert server.start() is server
-    with pytest.raises(SinkError, match="runs already, or has ended: make another"):
-        server.run()
+    refused(SinkError, "runs already, or has ended: make another", server.run)
     # of somebody else in this process; absl's closes stderr with itself
     handler = logging.Handler()
     monkeypatch.setattr(
@@ -173,8 +173,7 @@ def test_a_server_is_started_once(server, monkeypatch):
     assert len(never.token) > 30  # of an empty token, anything would be right
     never.close()
     assert never._socket.fileno() == -1
-    with pytest.raises(SinkError, match="make another"):
-        never.start()
+    refused(SinkError, "make another", never.start)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up")
