@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from refusals import refused, warned
 
 import stimlib
 from stimlib import Input, Scene, blocks, render
@@ -31,17 +32,29 @@ def test_a_fault_is_told_once_with_output_and_sample(target):
 
 
 def test_a_fault_raises_or_is_ignored_on_demand():
-    with pytest.raises(FaultError, match="output force was not finite at sample 3"):
-        render(SCENE, {"x": RAMP}, 1000, on_fault="raise")
+    refused(
+        FaultError,
+        "output force was not finite at sample 3",
+        render,
+        SCENE,
+        {"x": RAMP},
+        1000,
+        on_fault="raise",
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert render(SCENE, {"x": RAMP}, 1000, on_fault="ignore").fault == ("force", 3)
         r = render(SCENE, {"x": RAMP[:3]}, 1000, on_fault="raise")
     assert r.fault is None and "FAULT" not in repr(r)
-    with pytest.raises(
-        BadValue, match="render: on_fault = 'shout' must be one of warn, raise, ignore"
-    ):
-        render(SCENE, {"x": RAMP}, 1000, on_fault="shout")
+    refused(
+        BadValue,
+        "render: on_fault = 'shout' must be one of warn, raise, ignore",
+        render,
+        SCENE,
+        {"x": RAMP},
+        1000,
+        on_fault="shout",
+    )
 
 
 # What is given ------------------------------------------------------------------------
@@ -63,27 +76,37 @@ def test_a_fault_raises_or_is_ignored_on_demand():
     ],
 )
 def test_a_motion_that_is_no_row_of_real_numbers(motion, says):
-    with pytest.raises(BadValue) as e:
-        render(SCENE, {"x": motion}, 1000)
-    assert "motion of x" in str(e.value) and says in str(e.value)
+    error = refused(BadValue, None, render, SCENE, {"x": motion}, 1000)
+    assert "motion of x" in str(error) and says in str(error)
 
 
 @pytest.mark.parametrize(
     "f", [lambda t: t * 1j, lambda t: t > 0, lambda t: [1.0], lambda t: "a", lambda t: t * np.nan]
 )
 def test_a_function_that_gives_no_real_numbers(f):
-    with pytest.raises(BadValue, match="motion of x"):
-        render(SCENE, {"x": f}, 1000, 0.01)
+    refused(BadValue, "motion of x", render, SCENE, {"x": f}, 1000, 0.01)
 
 
 def test_a_function_of_one_number_is_named_with_the_remedy():
-    with pytest.raises(
-        BadValue, match=r"test_rendering.py:\d+: motion of x: TypeError: .*np.sin for math.sin"
-    ) as e:
-        render(SCENE, {"x": lambda t: 0.01 * math.sin(t)}, 1000, 0.1)
-    assert isinstance(e.value.__cause__, TypeError)
-    with pytest.raises(BadValue, match="motion of x: ValueError: .*np.where for if"):
-        render(SCENE, {"x": lambda t: t if t < 1 else 1}, 1000, 0.1)
+    error = refused(
+        BadValue,
+        r"test_rendering.py:\d+: motion of x: TypeError: .*np.sin for math.sin",
+        render,
+        SCENE,
+        {"x": lambda t: 0.01 * math.sin(t)},
+        1000,
+        0.1,
+    )
+    assert isinstance(error.__cause__, TypeError)
+    refused(
+        BadValue,
+        "motion of x: ValueError: .*np.where for if",
+        render,
+        SCENE,
+        {"x": lambda t: t if t < 1 else 1},
+        1000,
+        0.1,
+    )
 
 
 class Frame:
@@ -105,8 +128,7 @@ RECORDED = recording({"t_s": [0.0, 0.01], "x_mm": [0, 1]}, {"x": "x_mm*1e-3"})
     ],
 )
 def test_a_recording_and_a_table_are_told_how_to_be_a_motion(motion, says):
-    with pytest.raises(BadValue, match=says):
-        render(SCENE, motion, 1000, 0.01)
+    refused(BadValue, says, render, SCENE, motion, 1000, 0.01)
     assert render(SCENE, RECORDED.for_inputs(["x"]), 1000, 0.01).y.shape == (2, 10)
 
 
@@ -119,8 +141,15 @@ def test_whole_and_short_numbers_are_taken_as_they_are():
     "seconds", ["3", [1], 1j, np.ones(2), 0, -1, 1e-9, np.nan, np.inf, 10**400, x]
 )
 def test_a_length_that_is_none(seconds):
-    with pytest.raises(BadValue, match="render: .*seconds .*(must be|finite|beyond)"):
-        render(SCENE, {"x": np.sin}, 1000, seconds)
+    refused(
+        BadValue,
+        "render: .*seconds .*(must be|finite|beyond)",
+        render,
+        SCENE,
+        {"x": np.sin},
+        1000,
+        seconds,
+    )
 
 
 def test_samples_of_all_outputs_count(monkeypatch):
@@ -128,29 +157,35 @@ def test_samples_of_all_outputs_count(monkeypatch):
     monkeypatch.setattr(stimlib.limits, "render_bytes", 2 * 8 * 6)
     render(scene, {"x": RAMP}, 1000)
     monkeypatch.setattr(stimlib.limits, "render_bytes", 2 * 8 * 6 - 1)
-    with pytest.raises(BadValue, match="limits.render_bytes"):
-        render(scene, {"x": RAMP}, 1000)
+    refused(BadValue, "limits.render_bytes", render, scene, {"x": RAMP}, 1000)
 
 
 @pytest.mark.parametrize("seconds", [1e9, 1e6 * 3600])
 def test_more_than_memory_is_refused_with_the_name_of_the_limit(seconds):
-    with pytest.raises(
+    refused(
         BadValue,
-        match=r"render: bytes of .* s: .* is more than limits.render_bytes.*STIMLIB_LIMITS=",
-    ):
-        render(SCENE, {"x": np.sin}, 8000, seconds)
+        r"render: bytes of .* s: .* is more than limits.render_bytes.*STIMLIB_LIMITS=",
+        render,
+        SCENE,
+        {"x": np.sin},
+        8000,
+        seconds,
+    )
     parts = stimlib.stream(SCENE, {"x": lambda t: 0 * t}, 8000, seconds, target="python", block=3)
     assert next(parts).shape == (2, 3), "a stream has no such limit"
 
 
 @pytest.mark.parametrize("scene", [{"force": x}, x, None, [], "squeeze", SCENE.outputs])
 def test_what_is_no_scene(scene):
-    with pytest.raises(
-        BadValue, match=r'render: scene = .* must be a Scene, such as Scene\(\{"force": force\}\)'
-    ):
-        render(scene, {"x": RAMP}, 1000)
-    with pytest.raises(StimlibError, match="scene = .* must be a Scene"):
-        stimlib.compile(scene, 1000, "jax")
+    refused(
+        BadValue,
+        r'render: scene = .* must be a Scene, such as Scene\(\{"force": force\}\)',
+        render,
+        scene,
+        {"x": RAMP},
+        1000,
+    )
+    refused(StimlibError, "scene = .* must be a Scene", stimlib.compile, scene, 1000, "jax")
 
 
 def test_where_of_a_comparison_is_no_longer_a_constant():
@@ -198,11 +233,11 @@ def test_an_array_that_was_recorded_at_another_rate_is_told(tmp_path):
         lambda: list(stimlib.stream(scene, {"x": slow}, 8000, target="python")),
         lambda: audio.write(tmp_path / "a.wav", proc, {"x": slow}, 0.1, progress=False),
     ):
-        with pytest.warns(
+        warned(
             RuntimeWarning,
-            match=r"x moves at .* m/s, .* fs = 8000 Hz; .*recording\({'t_s': t, 'x': x}",
-        ):
-            make()
+            r"x moves at .* m/s, .* fs = 8000 Hz; .*recording\({'t_s': t, 'x': x}",
+            make,
+        )
     t_s = np.arange(1000) / 500
     motion = recording({"t_s": t_s, "x": slow}, {"x": "x"}).for_inputs(scene.inputs)
     with warnings.catch_warnings():
@@ -229,8 +264,7 @@ def test_an_array_that_was_recorded_at_another_rate_is_told(tmp_path):
     ],
 )
 def test_times_with_positions_and_columns_are_told_how_to_be_a_motion(made, says):
-    with pytest.raises(BadValue, match=says):
-        render(SCENE, {"x": made(np.arange(6) / 500, RAMP)}, 1000)
+    refused(BadValue, says, render, SCENE, {"x": made(np.arange(6) / 500, RAMP)}, 1000)
 
 
 # A scene without inputs, and streams --------------------------------------------------
@@ -256,20 +290,20 @@ def test_a_scene_without_inputs_needs_no_motion(tmp_path):
     )
     assert stimlib.verify(NOISE, None, tmp_path / "a.wav").passed
     for wrong in (-1, 1.5, True, "64", None, 2**70):
-        with pytest.raises(BadValue, match="process: "):
-            proc.process(wrong)
-        with pytest.raises(BadValue, match="process: "):
-            runs.process(wrong)
-    with pytest.raises(BadValue, match="x must be an array, float64 of shape"):
-        stimlib.compile(SCENE, 1000).process(64)
-    with pytest.raises(
-        BadValue, match="a scene without inputs goes on for ever: say how many seconds"
-    ):
-        render(NOISE, fs=1000)
-    with pytest.raises(BadValue, match="render: fs = None must be a number"):
-        render(NOISE, seconds=1.0)
-    with pytest.raises(UnknownName, match="x is missing"):
-        render(SCENE, fs=1000, seconds=1.0)
+        refused(BadValue, "process: ", proc.process, wrong)
+        refused(BadValue, "process: ", runs.process, wrong)
+    refused(
+        BadValue, "x must be an array, float64 of shape", stimlib.compile(SCENE, 1000).process, 64
+    )
+    refused(
+        BadValue,
+        "a scene without inputs goes on for ever: say how many seconds",
+        render,
+        NOISE,
+        fs=1000,
+    )
+    refused(BadValue, "render: fs = None must be a number", render, NOISE, seconds=1.0)
+    refused(UnknownName, "x is missing", render, SCENE, fs=1000, seconds=1.0)
 
 
 def test_a_stream_takes_what_render_takes_and_its_arrays_stay():
@@ -285,12 +319,21 @@ def test_a_stream_takes_what_render_takes_and_its_arrays_stay():
         np.hstack([*stimlib.stream(proc, seconds=0.1), *stimlib.stream(proc, seconds=0.1)]), y
     )
     for given in ({"fs": 1000}, {"params": {"level": 1.0}}, {"seed": 1}):
-        with pytest.raises(BadValue, match="a Processor has its own fs, params and seed"):
-            stimlib.stream(proc, seconds=0.1, **given)
-    with pytest.raises(BadValue, match="on_fault"):
-        stimlib.stream(NOISE, fs=1000, seconds=1.0, on_fault="shout")
-    with pytest.raises(FaultError, match="not finite at sample 3"):
-        list(stimlib.stream(SCENE, {"x": RAMP}, 1000, on_fault="raise"))
+        refused(
+            BadValue,
+            "a Processor has its own fs, params and seed",
+            stimlib.stream,
+            proc,
+            seconds=0.1,
+            **given,
+        )
+    refused(BadValue, "on_fault", stimlib.stream, NOISE, fs=1000, seconds=1.0, on_fault="shout")
+    refused(
+        FaultError,
+        "not finite at sample 3",
+        list,
+        stimlib.stream(SCENE, {"x": RAMP}, 1000, on_fault="raise"),
+    )
 
 
 def test_inputs_of_other_units_may_be_fast():
