@@ -17,6 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from refusals import refused, warned
 from swept import deadly, poisoned
 from typer.testing import CliRunner
 
@@ -67,6 +68,12 @@ def made(k=100.0, broken=False):
     return Scene({"force": constant(k, "N/m") * Input("x", "m")})
 
 
+def unswept(error, says, out, **words):
+    """No sweep of the spring goes to this folder, and ``says`` is why."""
+    words = {"measures": "rms", **RUN, **words}
+    refused(error, says, sweep, SPRING, {"k": [1.0]}, out=out, **words)
+
+
 def columns(table, *names):
     return [table[n].to_pylist() for n in names]
 
@@ -104,11 +111,14 @@ def test_rows_have_the_bits_of_render():
 
 def test_a_live_parameter_is_set_and_an_argument_makes_a_scene():
     rows, words = {"level": [1.0, 2.0]}, RUN | {"measures": "rms"}
-    with pytest.raises(
+    refused(
         BadValue,
-        match=r"level: both a live parameter and an argument of noise_of: say live=\['level'\]",
-    ):
-        sweep(noise_of, rows, **words)
+        r"level: both a live parameter and an argument of noise_of: say live=\['level'\]",
+        sweep,
+        noise_of,
+        rows,
+        **words,
+    )
     (live,), (argument,) = (
         columns(sweep(noise_of, rows, live=chosen, **words), "rms_y") for chosen in (["level"], [])
     )
@@ -184,8 +194,14 @@ def test_ctrl_c_ends_a_sweep_whose_rows_run_here(there):
             raise KeyboardInterrupt
         return run["y"][-1]
 
-    with pytest.raises(KeyboardInterrupt, match="[01] of 3 rows were done, and are lost"):
-        sweep(made, {"k": [0.0, 1.0, 2.0]}, **RUN | {"measures": last, "workers": 0})
+    refused(
+        KeyboardInterrupt,
+        "[01] of 3 rows were done, and are lost",
+        sweep,
+        made,
+        {"k": [0.0, 1.0, 2.0]},
+        **RUN | {"measures": last, "workers": 0},
+    )
 
 
 def test_a_row_that_takes_memory_is_an_error_of_that_row(monkeypatch):
@@ -265,8 +281,7 @@ def test_tables_of_all_kinds_are_one(tmp_path):
 )
 def test_bad_rows_are_told_before_the_first_run(rows, error, says):
     COUNT.clear()
-    with pytest.raises(error, match=says):
-        sweep(SPRING, rows, measures=[counted], **RUN)
+    refused(error, says, sweep, SPRING, rows, measures=[counted], **RUN)
     assert not COUNT
 
 
@@ -301,22 +316,26 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
     ],
 )
 def test_bad_words_are_told_before_the_first_run(words, error, says):
-    with pytest.raises(error, match=says):
-        sweep(SPRING, {"k": [1.0, 2.0]}, **{"measures": "rms", **RUN, **words})
+    refused(error, says, sweep, SPRING, {"k": [1.0, 2.0]}, **{"measures": "rms", **RUN, **words})
 
 
 def test_units_must_fit():
     field = pa.field("k", pa.float64(), metadata={"unit": "N"})
-    with pytest.raises(UnitError, match="k is in N, and the parameter in N/m"):
-        sweep(SPRING, pa.table([[1.0]], schema=pa.schema([field])), measures="rms", **RUN)
+    refused(
+        UnitError,
+        "k is in N, and the parameter in N/m",
+        sweep,
+        SPRING,
+        pa.table([[1.0]], schema=pa.schema([field])),
+        measures="rms",
+        **RUN,
+    )
     table = sweep(SPRING, {"k": [1.0]}, measures="rms", **RUN)
     assert sweep(SPRING, table.select(["k"]), measures="rms", **RUN).equals(table), (
         "k says N/m there"
     )
-    with pytest.raises(UnitError):
-        measure("loud")
-    with pytest.raises(BadValue):
-        measure()
+    refused(UnitError, None, measure, "loud")
+    refused(BadValue, None, measure)
 
 
 def test_grid_refuses_what_is_no_axis():
@@ -333,8 +352,7 @@ def test_grid_refuses_what_is_no_axis():
         {"k": [2**64]},
         large,
     ):
-        with pytest.raises(BadValue):
-            grid(**axes)
+        refused(BadValue, None, grid, **axes)
     assert len(grid(**{f"k{i}": [0] for i in range(70)})) == 70  # more than an array has dimensions
     assert grid(motion={"a": HAND, "b": HAND}, k=[1.0])["motion"].tolist() == ["a", "b"]
 
@@ -368,11 +386,9 @@ def doubles(r, ready):
 
 def test_a_measure_cannot_change_what_others_see():
     for bad in (spoils, doubles):
-        with pytest.raises(BadValue, match="read-only"):
-            sweep(SPRING, {"k": [1.0]}, measures=[bad, "peak"], **RUN)
+        refused(BadValue, "read-only", sweep, SPRING, {"k": [1.0]}, measures=[bad, "peak"], **RUN)
     run = rendering(SPRING, {"k": [1.0]}, 0, motion=np.ones(10), fs=8000)
-    with pytest.raises(BadValue, match="read-only"):
-        measured(run, [spoils, "peak"])
+    refused(BadValue, "read-only", measured, run, [spoils, "peak"])
     assert run["force"].flags.writeable, "what is one's own stays so"
 
 
@@ -387,8 +403,7 @@ def test_a_figure_is_a_real_number(given, figure):
 
     run = rendering(SPRING, {"k": [1.0]}, 0, motion=np.ones(10), fs=8000)
     if figure is None:
-        with pytest.raises(BadValue, match="odd: TypeError: .* no real numbers"):
-            measured(run, odd)
+        refused(BadValue, "odd: TypeError: .* no real numbers", measured, run, odd)
     else:
         assert measured(run, odd) == {"odd": figure}
 
@@ -401,12 +416,26 @@ def test_a_row_that_fails_is_a_row_and_what_all_have_wrong_is_an_error():
         == [True, False, True, False]
         == [e is not None for e in table["error"].to_pylist()]
     )
-    with pytest.raises(BadValue, match="the first row fails, and so do others: .*k = 1"):
-        sweep(SPRING, {"k": [1.0, 3.0]}, measures=[touchy], **RUN)
+    refused(
+        BadValue,
+        "the first row fails, and so do others: .*k = 1",
+        sweep,
+        SPRING,
+        {"k": [1.0, 3.0]},
+        measures=[touchy],
+        **RUN,
+    )
     factory = sweep(made, {"k": [1.0, 2.0], "broken": [True, False]}, measures="peak", **RUN)
     assert factory["error"].to_pylist() == ["BadValue: broken", None]
-    with pytest.raises(BadValue, match="makes no scene of the first row: BadValue: broken"):
-        sweep(made, {"broken": [True]}, measures="peak", **RUN)
+    refused(
+        BadValue,
+        "makes no scene of the first row: BadValue: broken",
+        sweep,
+        made,
+        {"broken": [True]},
+        measures="peak",
+        **RUN,
+    )
 
 
 def test_what_is_not_finite_is_marked():
@@ -433,8 +462,16 @@ def test_a_scene_without_inputs_needs_no_motion_and_another_says_which_it_needs(
     table = sweep(scene, {"A": [1.0, 2.0]}, measures="peak", workers=0, **words)
     for at, found in enumerate(table["peak_y"].to_pylist()):
         assert found == np.abs(rendering(scene, {"A": [1.0, 2.0]}, at, **words)["y"]).max() > 0
-    with pytest.raises(UnknownName, match="motion: x is missing; the inputs are: x"):
-        sweep(SPRING, {"k": [1.0]}, measures="peak", workers=0, **words)
+    refused(
+        UnknownName,
+        "motion: x is missing; the inputs are: x",
+        sweep,
+        SPRING,
+        {"k": [1.0]},
+        measures="peak",
+        workers=0,
+        **words,
+    )
 
 
 def test_a_band_without_a_line_of_the_spectrum_has_no_level():
@@ -533,10 +570,8 @@ def test_only_what_is_missing_runs(tmp_path):
         part.field("counted").metadata[b"unit"] == b"N"
         and part.field("k").metadata[b"unit"] == b"N/m"
     )
-    with pytest.raises(BadValue, match="another sweep, with other measures: name another folder"):
-        sweep(SPRING, {"k": [1.0]}, out=out, **RUN | {"measures": "rms"})
-    with pytest.raises(BadValue, match="other fs"):
-        sweep(SPRING, {"k": [1.0]}, out=out, **words | {"fs": 4000})
+    unswept(BadValue, "another sweep, with other measures: name another folder", out)
+    unswept(BadValue, "other fs", out, **words | {"fs": 4000})
 
 
 def test_damaged_parts_run_again_and_failed_rows_when_asked(tmp_path, monkeypatch):
@@ -625,28 +660,23 @@ def test_an_error_of_most_rows_is_theirs_where_the_middle_one_has_none(monkeypat
 
 def test_a_folder_of_others_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
-    with pytest.raises(SinkError, match="has thesis.tex and no sweep.json"):
-        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path, **RUN)
+    unswept(SinkError, "has thesis.tex and no sweep.json", tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
-    with pytest.raises(SinkError, match="cannot make"):
-        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "thesis.tex" / "x", **RUN)
+    unswept(SinkError, "cannot make", tmp_path / "thesis.tex" / "x")
     sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
     whole = json.loads((tmp_path / "a" / "sweep.json").read_text())
     for text in ("{", "[" * 100_000, json.dumps(whole | {"motion": None})):
         (tmp_path / "a" / "sweep.json").write_text(text)
-        with pytest.raises(SinkError, match="damaged"):
-            sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
+        unswept(SinkError, "damaged", tmp_path / "a")
     (tmp_path / "a" / "sweep.json").write_text(json.dumps(whole | {"stimlib_sweep": 3}))
-    with pytest.raises(SinkError, match="is of version 3"):
-        sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
+    unswept(SinkError, "is of version 3", tmp_path / "a")
 
 
 def test_two_sweeps_do_not_write_into_one_folder(tmp_path):
     @measure("1")
     def nested(r):
         if r.params["k"] == 1.0:
-            with pytest.raises(SinkError, match="another sweep is writing"):
-                sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path, **RUN)
+            unswept(SinkError, "another sweep is writing", tmp_path)
         return 1.0
 
     assert sweep(SPRING, {"k": [1.0]}, measures=[nested], out=tmp_path, **RUN)[
@@ -767,12 +797,22 @@ def test_what_workers_import_otherwise_is_said_or_refused(tmp_path, monkeypatch)
         assert sweep(study.make, {"a": [1.0]}, **words | {"workers": 0})["peak_y"].to_pylist() == [
             2.0
         ]
-    with pytest.warns(
-        RuntimeWarning, match="scene is not the same in the processes that run the rows"
-    ):
-        sweep(study.make, {"a": [1.0]}, **words)
-    with pytest.warns(RuntimeWarning, match="motion is not the same"):
-        sweep(lambda a: SPRING, {"a": [1.0]}, **words | {"motion": study.hand})
+    warned(
+        RuntimeWarning,
+        "scene is not the same in the processes that run the rows",
+        sweep,
+        study.make,
+        {"a": [1.0]},
+        **words,
+    )
+    warned(
+        RuntimeWarning,
+        "motion is not the same",
+        sweep,
+        lambda a: SPRING,
+        {"a": [1.0]},
+        **words | {"motion": study.hand},
+    )
     study.K = 1.0
 
     def edited(*words):
@@ -780,10 +820,14 @@ def test_what_workers_import_otherwise_is_said_or_refused(tmp_path, monkeypatch)
         return Local(*words)
 
     monkeypatch.setattr("stimlib.sweep.study.Local", edited)
-    with pytest.raises(
-        BadValue, match="scene: a file of yours has changed since the sweep began; start it again"
-    ):
-        sweep(study.make, {"a": [1.0]}, **words)
+    refused(
+        BadValue,
+        "scene: a file of yours has changed since the sweep began; start it again",
+        sweep,
+        study.make,
+        {"a": [1.0]},
+        **words,
+    )
 
 
 def test_recorded_hands_have_their_own_lengths():

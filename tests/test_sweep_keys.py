@@ -19,6 +19,7 @@ import numba
 import numpy as np
 import pytest
 import scipy.signal
+from refusals import refused
 from scipy.interpolate import CubicSpline
 from scipy.stats import norm
 
@@ -323,44 +324,70 @@ def test_a_package_that_does_not_state_its_version_has_that_of_its_installation(
 
 
 @pytest.mark.parametrize(
-    "use",
+    ("use", "package", "name", "now"),
     [
-        lambda r: scipy.signal.welch(r),
-        of(scipy.signal.welch),
-        of([scipy.signal]),
-        lambda r: norm.cdf(r),
+        (lambda r: scipy.signal.welch(r), scipy, "__version__", "0"),
+        (of(scipy.signal.welch), scipy, "__version__", "0"),
+        (of([scipy.signal]), scipy, "__version__", "0"),
+        (lambda r: norm.cdf(r), scipy, "__version__", "0"),
+        (lambda r: np.pi, np, "pi", 3.0),
+        (lambda r: getattr(np, "pi"), np, "pi", 3.0),  # noqa: B009
     ],
 )
-def test_another_version_of_a_package_is_something_else(monkeypatch, use):
+def test_another_version_or_number_of_a_package_is_something_else(
+    monkeypatch, use, package, name, now
+):
     before = identity(use, "f")
-    monkeypatch.setattr(scipy, "__version__", "0")
-    assert identity(use, "f") != before
-
-
-@pytest.mark.parametrize("use", [lambda r: np.pi, lambda r: getattr(np, "pi")])  # noqa: B009
-def test_a_number_of_a_package_counts(monkeypatch, use):
-    before = identity(use, "f")
-    monkeypatch.setattr(np, "pi", 3.0)
+    monkeypatch.setattr(package, name, now)
     assert identity(use, "f") != before
 
 
 def test_what_cannot_be_seen_is_refused():
-    with pytest.raises(BadValue, match="modules finds code by a name"):
-        identity(lambda r: sys.modules["helper"], "f")
-    with pytest.raises(BadValue, match="is a numpy.ufunc, whose content cannot be seen"):
-        identity(np.frompyfunc(level, 1, 1), "f")
-    with pytest.raises(
-        BadValue, match="uses __subclasses__, so what it computes from cannot be seen"
-    ):
-        identity(lambda r: Block.__subclasses__(), "f")
-    with pytest.raises(BadValue, match="_getframe finds code by a name"):
-        identity(lambda r: sys._getframe().f_locals, "f")
-    with pytest.raises(BadValue, match="_lru_cache_wrapper, whose content cannot be seen"):
-        identity(functools.update_wrapper(functools.cache(of(1.0)), level), "f")
-    with pytest.raises(BadValue, match="is a generator, whose content cannot be seen"):
-        identity(of(v for v in [1.0]), "f")
-    with pytest.raises(BadValue, match="is a typing.TypeVar, whose content cannot be seen"):
-        identity(typing.TypeVar("Lost"), "f")
+    refused(
+        BadValue, "modules finds code by a name", identity, lambda r: sys.modules["helper"], "f"
+    )
+    refused(
+        BadValue,
+        "is a numpy.ufunc, whose content cannot be seen",
+        identity,
+        np.frompyfunc(level, 1, 1),
+        "f",
+    )
+    refused(
+        BadValue,
+        "uses __subclasses__, so what it computes from cannot be seen",
+        identity,
+        lambda r: Block.__subclasses__(),
+        "f",
+    )
+    refused(
+        BadValue,
+        "_getframe finds code by a name",
+        identity,
+        lambda r: sys._getframe().f_locals,
+        "f",
+    )
+    refused(
+        BadValue,
+        "_lru_cache_wrapper, whose content cannot be seen",
+        identity,
+        functools.update_wrapper(functools.cache(of(1.0)), level),
+        "f",
+    )
+    refused(
+        BadValue,
+        "is a generator, whose content cannot be seen",
+        identity,
+        of(v for v in [1.0]),
+        "f",
+    )
+    refused(
+        BadValue,
+        "is a typing.TypeVar, whose content cannot be seen",
+        identity,
+        typing.TypeVar("Lost"),
+        "f",
+    )
 
 
 def test_a_motion_is_known_by_its_inputs_in_any_order():
@@ -415,12 +442,11 @@ def test_arguments_of_all_kinds_tell_rows_apart(tmp_path):
     words = RUN | {"measures": "peak", "out": tmp_path}
     table = sweep(made, rows, live=[], **words)
     assert table["peak_y"].to_pylist() == [1.0, 2.0, 3.0, 6.0]
-    with pytest.raises(BadValue, match="with other arguments: name"):
-        sweep(made, {"k": [1.0]}, live=[], **words)
-    with pytest.raises(BadValue, match="with other live, arguments: name"):
-        sweep(made, {"k": [1.0]}, live=["k"], **words)
-    with pytest.raises(UnknownName, match="k is no column"):
-        sweep(made, rows, live=["k"], **words)
+    refused(BadValue, "with other arguments: name", sweep, made, {"k": [1.0]}, live=[], **words)
+    refused(
+        BadValue, "with other live, arguments: name", sweep, made, {"k": [1.0]}, live=["k"], **words
+    )
+    refused(UnknownName, "k is no column", sweep, made, rows, live=["k"], **words)
 
 
 def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_path, monkeypatch):
@@ -436,15 +462,19 @@ def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_p
     told = json.loads(sidecar.read_text())
     assert set(told["motion"]) == {"a", "b"} and repr(hand) in told["motion"]["b"]
     monkeypatch.setattr("stimlib.sweep.plan.version", lambda package: "0")
-    with pytest.raises(BadValue, match="with other versions: name"):
-        sweep(SPRING, {"k": [1.0]}, **words)
+    refused(BadValue, "with other versions: name", sweep, SPRING, {"k": [1.0]}, **words)
     monkeypatch.undo()
     sidecar.write_text(json.dumps(told | {"stimlib_sweep": 3}))
-    with pytest.raises(SinkError, match="of version 3, this stimlib reads 2"):
-        sweep(SPRING, {"k": [1.0]}, **words)
+    refused(SinkError, "of version 3, this stimlib reads 2", sweep, SPRING, {"k": [1.0]}, **words)
     sidecar.write_text(json.dumps(told | {"stimlib_sweep": 1}))
-    with pytest.raises(SinkError, match="kept by an earlier stimlib.*name another folder"):
-        sweep(SPRING, {"k": [1.0]}, **words)
+    refused(
+        SinkError,
+        "kept by an earlier stimlib.*name another folder",
+        sweep,
+        SPRING,
+        {"k": [1.0]},
+        **words,
+    )
 
 
 def test_another_factory_is_another_sweep_and_its_scenes_have_the_same_figures(tmp_path):
@@ -456,8 +486,15 @@ def test_another_factory_is_another_sweep_and_its_scenes_have_the_same_figures(t
 
     words = RUN | {"measures": "peak"}
     sweep(factory(2.0), {"name": ["y"]}, out=tmp_path, **words)
-    with pytest.raises(BadValue, match="row 0 .* figures of another scene .*name another folder"):
-        sweep(factory(3.0), {"name": ["y"]}, out=tmp_path, **words)
+    refused(
+        BadValue,
+        "row 0 .* figures of another scene .*name another folder",
+        sweep,
+        factory(3.0),
+        {"name": ["y"]},
+        out=tmp_path,
+        **words,
+    )
     told = sweep(factory(2.0), {"name": ["y", "z"]}, **words)
     assert (
         told["error"][0].as_py() is None
@@ -488,8 +525,13 @@ def test_a_module_taken_from_a_package_inside_a_function_counts(tmp_path, monkey
 @pytest.mark.parametrize("name", ["eval", "exec", "globals", "import_module"])
 def test_code_that_is_found_by_a_computed_name_is_refused_under_another_name_too(name):
     found = importlib.import_module if name == "import_module" else getattr(builtins, name)
-    with pytest.raises(BadValue, match=f"uses {name}, so what it computes from cannot be seen"):
-        identity(lambda run: found("K"), "level")
+    refused(
+        BadValue,
+        f"uses {name}, so what it computes from cannot be seen",
+        identity,
+        lambda run: found("K"),
+        "level",
+    )
 
 
 def imported_by_name(run):
@@ -517,10 +559,13 @@ def evaluated(run):
 def test_code_that_is_found_by_a_computed_name_is_refused_where_the_function_imports_the_finder(
     use, name
 ):
-    with pytest.raises(
-        BadValue, match=f"{name} finds code by a name, so what is computed cannot be seen"
-    ):
-        identity(use, "level")
+    refused(
+        BadValue,
+        f"{name} finds code by a name, so what is computed cannot be seen",
+        identity,
+        use,
+        "level",
+    )
 
 
 def test_scenes_of_a_class_of_ones_own_sets_and_private_numbers_count(monkeypatch):

@@ -10,6 +10,7 @@ import types
 import numpy as np
 import pyarrow as pa
 import pytest
+from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName
@@ -172,28 +173,31 @@ def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
     _, plan, motions = prepared({"k": [1.0]})
     lost = types.SimpleNamespace(take=lambda: ("job", None, ModuleNotFoundError("own_study")))
     monkeypatch.setattr(engines, "Pool", lambda *words, memory: lost)
-    with pytest.raises(ModuleNotFoundError, match="own_study"):
-        Local(plan, motions).take()
+    refused(ModuleNotFoundError, "own_study", Local(plan, motions).take)
     monkeypatch.undo()
     lock = threading.Lock()
-    with pytest.raises(BadValue, match="cannot be sent to another process"):
-        sweep(
-            SPRING,
-            {"k": [1.0, 2.0]},
-            **RUN | {"workers": 2, "measures": [measure("1")(lambda run: lock.locked())]},
-        )
+    refused(
+        BadValue,
+        "cannot be sent to another process",
+        sweep,
+        SPRING,
+        {"k": [1.0, 2.0]},
+        **RUN | {"workers": 2, "measures": [measure("1")(lambda run: lock.locked())]},
+    )
 
     class Stays:
         def __reduce__(self):
             raise RuntimeError("it stays here")
 
     stays = Stays()
-    with pytest.raises(BadValue, match="cannot be sent to another process: it stays here"):
-        sweep(
-            SPRING,
-            {"k": [1.0, 2.0]},
-            **RUN | {"workers": 2, "measures": [measure("1")(lambda run: stays)]},
-        )
+    refused(
+        BadValue,
+        "cannot be sent to another process: it stays here",
+        sweep,
+        SPRING,
+        {"k": [1.0, 2.0]},
+        **RUN | {"workers": 2, "measures": [measure("1")(lambda run: stays)]},
+    )
 
 
 def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes(monkeypatch):
@@ -262,10 +266,8 @@ def test_figures_have_their_units_and_cues_take_displacement_and_force():
     assert unit(density.units["psd_100_force"]) == unit("N^2*s")
     assert list(measures_of("cues", scene)[0].units) == [f"{name}_force" for name in Cues._fields]
     for text in ("cues(x)", "cues(force, x)", "cues(x, x)", "cues(force, force)"):
-        with pytest.raises(BadValue, match="name a displacement and a force"):
-            measures_of(text, scene)
-    with pytest.raises(BadValue, match="is no measure"):
-        measures_of("band(20, 1e999)", scene)
+        refused(BadValue, "name a displacement and a force", measures_of, text, scene)
+    refused(BadValue, "is no measure", measures_of, "band(20, 1e999)", scene)
 
 
 def test_what_is_not_the_rendering_is_not_verified():
@@ -279,8 +281,15 @@ def test_a_run_is_as_long_as_its_shortest_motion_and_no_longer_than_allowed():
     scene = Scene({"y": Input("x") + Input("z")})
     words = RUN | {"motion": {"x": np.ones(300), "z": np.ones(200)}}
     assert sweep(scene, {"seed": [0]}, dry=True, **words).samples == 200
-    with pytest.raises(stimlib.StimlibError, match="bytes of a row of 1e.09 s"):
-        sweep(SPRING, {"k": [1.0]}, seconds=1e9, **RUN | {"motion": minimum_jerk()})
+    refused(
+        stimlib.StimlibError,
+        "bytes of a row of 1e.09 s",
+        sweep,
+        SPRING,
+        {"k": [1.0]},
+        seconds=1e9,
+        **RUN | {"motion": minimum_jerk()},
+    )
 
 
 @pytest.mark.parametrize(
@@ -302,24 +311,44 @@ def test_a_run_is_as_long_as_its_shortest_motion_and_no_longer_than_allowed():
     ],
 )
 def test_rows_that_cannot_be_meant_are_refused(rows, words, error, says):
-    with pytest.raises(error, match=says):
-        sweep(SPRING, rows, **RUN | words)
+    refused(error, says, sweep, SPRING, rows, **RUN | words)
 
 
 def test_there_is_no_row_before_the_first():
-    with pytest.raises(BadValue, match="rendering: at = 0.0 must be a whole number"):
-        rendering(SPRING, {"k": [1.0, 2.0]}, 0.0, motion=RUN["motion"], fs=8000)
+    refused(
+        BadValue,
+        "rendering: at = 0.0 must be a whole number",
+        rendering,
+        SPRING,
+        {"k": [1.0, 2.0]},
+        0.0,
+        motion=RUN["motion"],
+        fs=8000,
+    )
     for at in (-1, 2):
-        with pytest.raises(BadValue, match=f"there is no row {at}: give a number from 0 to 1"):
-            rendering(SPRING, {"k": [1.0, 2.0]}, at, motion=RUN["motion"], fs=8000)
+        refused(
+            BadValue,
+            f"there is no row {at}: give a number from 0 to 1",
+            rendering,
+            SPRING,
+            {"k": [1.0, 2.0]},
+            at,
+            motion=RUN["motion"],
+            fs=8000,
+        )
 
 
 def test_hands_that_are_too_fast_and_runs_that_are_too_long_are_told():
-    with pytest.warns(RuntimeWarning, match="faster than a hand"):
-        sweep(SPRING, {"k": [1.0]}, **RUN | {"motion": minimum_jerk(depth=20.0), "seconds": 0.5})
+    warned(
+        RuntimeWarning,
+        "faster than a hand",
+        sweep,
+        SPRING,
+        {"k": [1.0]},
+        **RUN | {"motion": minimum_jerk(depth=20.0), "seconds": 0.5},
+    )
     long = Scene({"f": springpot(Input("x", "m"), 1.0, 0.5, horizon=0.01)})
-    with pytest.warns(RuntimeWarning, match="longer than horizon"):
-        sweep(long, {"seed": [0]}, **RUN)
+    warned(RuntimeWarning, "longer than horizon", sweep, long, {"seed": [0]}, **RUN)
 
 
 def test_a_forecast_counts_what_is_there_and_an_error_of_the_rest_is_theirs(tmp_path):
