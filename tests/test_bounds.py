@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib.errors import BadValue, SceneFileError, SinkError, UnknownName, shown
@@ -15,13 +16,23 @@ from stimlib.system.limits import Limits
 def test_a_limit_says_its_name_and_what_is_enough():
     mine = Limits(scene_bytes=100)
     mine.check("scene_bytes", 100, "a.json: bytes")
-    with pytest.raises(
+    refused(
         SceneFileError,
-        match=r"a.json: bytes: 101 is more than limits.scene_bytes = 100.*scene_bytes=1.1e\+02",
-    ):
-        mine.check("scene_bytes", 101, "a.json: bytes", SceneFileError)
-    with pytest.raises(BadValue, match="set STIMLIB_LIMITS=scene_bytes=inf"):
-        mine.check("scene_bytes", float("inf"), "a.json: bytes")
+        r"a.json: bytes: 101 is more than limits.scene_bytes = 100.*scene_bytes=1.1e\+02",
+        mine.check,
+        "scene_bytes",
+        101,
+        "a.json: bytes",
+        SceneFileError,
+    )
+    refused(
+        BadValue,
+        "set STIMLIB_LIMITS=scene_bytes=inf",
+        mine.check,
+        "scene_bytes",
+        float("inf"),
+        "a.json: bytes",
+    )
     mine.scene_bytes = float("1.1e+02")
     mine.check("scene_bytes", 101, "a.json: bytes")
 
@@ -79,8 +90,7 @@ def test_only_regular_files_are_read(tmp_path):
         "\ud800",
         "x" * 5000,
     ):
-        with pytest.raises(SinkError, match="cannot read"):
-            safe_files.read(path, "scene_bytes")
+        refused(SinkError, "cannot read", safe_files.read, path, "scene_bytes")
 
 
 def test_reading_stops_at_the_limit(tmp_path, monkeypatch):
@@ -88,8 +98,7 @@ def test_reading_stops_at_the_limit(tmp_path, monkeypatch):
     (tmp_path / "a").write_bytes(b"x" * 10)
     assert safe_files.read(tmp_path / "a", "scene_bytes") == b"x" * 10
     (tmp_path / "a").write_bytes(b"x" * 11)
-    with pytest.raises(SinkError, match="limits.scene_bytes"):
-        safe_files.read(tmp_path / "a", "scene_bytes")
+    refused(SinkError, "limits.scene_bytes", safe_files.read, tmp_path / "a", "scene_bytes")
 
 
 def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
@@ -98,8 +107,7 @@ def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
     (tmp_path / "a.json.part").symlink_to(victim)
     os.mkfifo(tmp_path / "b.json.part")
     for name in ("a.json", "b.json"):
-        with pytest.raises(SinkError, match="remove it"):
-            safe_files.publish(tmp_path / name, "new")
+        refused(SinkError, "remove it", safe_files.publish, tmp_path / name, "new")
         assert not (tmp_path / name).exists()
     assert victim.read_text() == "precious"
     os.mkfifo(tmp_path / "d.json")
@@ -113,8 +121,7 @@ def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
 def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):
     (tmp_path / "a").write_text("old")
     (tmp_path / "a.part").write_text("of a run that was killed")
-    with pytest.raises(AttributeError):
-        safe_files.publish(tmp_path / "a", 3)
+    refused(AttributeError, None, safe_files.publish, tmp_path / "a", 3)
     assert (tmp_path / "a").read_text() == "old" and not (tmp_path / "a.part").exists()
     safe_files.publish(tmp_path / "a", "new")
     assert (tmp_path / "a").read_text() == "new" and os.listdir(tmp_path) == ["a"]

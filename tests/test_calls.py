@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from laws import assert_same
+from refusals import refused
 
 import stimlib
 from stimlib import Input, Scene
@@ -48,8 +49,7 @@ def test_what_an_array_has_become_is_seen(proc, change, words):
     x, out, index = np.ones((2, 5)), np.zeros((1, 5)), proc.index
     proc.process(x, out)
     change(x, out)
-    with pytest.raises(BadValue, match=words):
-        proc.process(x, out)
+    refused(BadValue, words, proc.process, x, out)
     assert proc.index == index + 5
 
 
@@ -63,8 +63,7 @@ def test_what_an_array_has_become_is_seen(proc, change, words):
     ],
 )
 def test_what_compiled_code_cannot_take_is_refused(proc, x, out, words):
-    with pytest.raises(BadValue, match=words):
-        proc.process(x, out)
+    refused(BadValue, words, proc.process, x, out)
 
 
 def test_arrays_of_other_makers(proc, tmp_path):
@@ -107,5 +106,4 @@ def test_another_layout_of_arrays_is_found(monkeypatch):
     """Before any call; here numpy's arrays have their words one further on."""
     word = calls._word
     monkeypatch.setattr(calls, "_word", lambda address, k: word(address, k + 1))
-    with pytest.raises(StimlibError, match="lays out its arrays"):
-        calls.array_words.__wrapped__()
+    refused(StimlibError, "lays out its arrays", calls.array_words.__wrapped__)

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from laws import STRESS
+from refusals import refused
 
 import stimlib
 from stimlib import blocks as b
@@ -49,11 +50,14 @@ def test_a_recording_scanned_at_a_low_rate_is_made_at_once_or_refused(loop):
     scanned = b.playback(np.arange(11.0), rate=9000.0, loop=loop, at=stimlib.Input("x", "s"))
     scene = stimlib.Scene({"y": scanned})
     if loop:
-        with pytest.raises(
+        refused(
             BadValue,
-            match=r"playback: .*rate = 9000 Hz, for fs = 1 Hz .*raise fs.*limits.design_work",
-        ):
-            stimlib.compile(scene, fs=1.0, target="python")
+            r"playback: .*rate = 9000 Hz, for fs = 1 Hz .*raise fs.*limits.design_work",
+            stimlib.compile,
+            scene,
+            fs=1.0,
+            target="python",
+        )
     else:
         y = stimlib.compile(scene, fs=1.0, target="python").process(np.array([[5e-4]]))
         assert y[0, 0] == pytest.approx(55 / 9000, rel=0.01)  # their area at 1 Hz, times its band
@@ -75,8 +79,9 @@ def test_a_recording_scanned_at_a_low_rate_is_made_at_once_or_refused(loop):
 def test_work_is_refused_before_it_begins(make, fs, words, monkeypatch):
     monkeypatch.setattr(stimlib.limits, "design_work", 1e8)
     began = time.process_time()
-    with pytest.raises(BadValue, match=words + ".*limits.design_work"):
-        stimlib.compile(stimlib.Scene({"y": make()}), fs)
+    refused(
+        BadValue, words + ".*limits.design_work", stimlib.compile, stimlib.Scene({"y": make()}), fs
+    )
     assert time.process_time() - began < 5
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import mpmath as mp
 import numpy as np
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib import Input, Scene
@@ -292,8 +293,7 @@ def test_every_sample_of_the_indented_sample():
     force = np.interp(t, short, fit.fitted)
     later = t > start + 0.02
     assert np.sqrt(np.mean((force[later] / f[later] - 1) ** 2)) < 0.015
-    with pytest.raises(BadValue, match="thin"):
-        fit_springpot(t, y, f)
+    refused(BadValue, "thin", fit_springpot, t, y, f)
 
 
 # What is refused ----------------------------------------------------------------------
@@ -328,34 +328,26 @@ F = springpot_force(T, Y, 300.0, 0.2)
 )
 def test_bad_recordings(change, word):
     given = {"t": T, "y": Y, "f": F} | change
-    with pytest.raises(BadValue, match=word):
-        fit_springpot(**given)
-    with pytest.raises(BadValue, match=word):
-        fit_generalized_maxwell(**given, arms=1)
+    refused(BadValue, word, fit_springpot, **given)
+    refused(BadValue, word, fit_generalized_maxwell, **given, arms=1)
 
 
 def test_other_bad_values():
     for arms in (0, -1, 1.5, True, None):
-        with pytest.raises(BadValue, match="arms"):
-            fit_generalized_maxwell(T, Y, F, arms=arms)
-    with pytest.raises(BadValue, match="not enough"):
-        fit_generalized_maxwell(T, Y, F, arms=60)
+        refused(BadValue, "arms", fit_generalized_maxwell, T, Y, F, arms=arms)
+    refused(BadValue, "not enough", fit_generalized_maxwell, T, Y, F, arms=60)
     for chi, alpha in ((-1.0, 0.5), (np.nan, 0.5), (1.0, 1.1), (1.0, np.nan)):
-        with pytest.raises(BadValue):
-            springpot_force(T, Y, chi, alpha)
+        refused(BadValue, None, springpot_force, T, Y, chi, alpha)
     for arms in ([(1.0, 0.0)], [(np.nan, 1.0)], [(1.0, np.inf)]):
-        with pytest.raises(BadValue):
-            maxwell_force(T, Y, 1.0, arms)
-    with pytest.raises(BadValue, match="2"):
-        springpot_force([0.0], [1.0], 1.0, 0.5)
+        refused(BadValue, None, maxwell_force, T, Y, 1.0, arms)
+    refused(BadValue, "2", springpot_force, [0.0], [1.0], 1.0, 0.5)
     for more in (
         {"start": 1e9},
         {"start": -1.0},
         {"start": 1.0, "per_decade": 0},
         {"start": 1.0, "before": 0},
     ):
-        with pytest.raises(BadValue, match="thin"):
-            thin(T, Y, **more)
+        refused(BadValue, "thin", thin, T, Y, **more)
 
 
 # Pictures and words -------------------------------------------------------------------
@@ -370,10 +362,8 @@ def test_pictures(tmp_path):
     ):
         fit.plot(path := tmp_path / f"fit.{suffix}")
         assert path.read_bytes().startswith(begin)
-    with pytest.raises(SinkError):
-        fits[0].plot(tmp_path / "nowhere" / "p.png")
-    with pytest.raises(SinkError):
-        fits[0].plot(tmp_path / "p.movie")
+    refused(SinkError, None, fits[0].plot, tmp_path / "nowhere" / "p.png")
+    refused(SinkError, None, fits[0].plot, tmp_path / "p.movie")
 
 
 def test_words():

@@ -10,6 +10,7 @@ import weakref
 import numpy as np
 import pytest
 from laws import Set, assert_same, run
+from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
@@ -107,8 +108,7 @@ def test_in_place_but_not_shifted():
     own[:] = u
     runs = made()
     for given, out in ((own, memory[3:].reshape(u.shape)), (own[0], own)):
-        with pytest.raises(BadValue, match="out and x share memory"):
-            runs.process(given, out)
+        refused(BadValue, "out and x share memory", runs.process, given, out)
     assert_same(own, u, "nothing has run")
     assert_same(runs.process(own, own), wanted)
 
@@ -217,8 +217,7 @@ def test_an_error_in_another_thread_is_told(monkeypatch):
         raise MemoryError("no room")
 
     monkeypatch.setattr(runs, "_run", broken)
-    with pytest.raises(MemoryError, match="no room"):
-        runs.process(motions())
+    refused(MemoryError, "no room", runs.process, motions())
 
 
 def test_a_thread_that_has_not_begun_is_not_waited_for(monkeypatch):
@@ -247,14 +246,15 @@ def test_a_thread_that_has_not_begun_is_not_waited_for(monkeypatch):
 )
 def test_a_wrong_block_says_what_is_wanted(target, bad, words):
     runs = made(target)
-    with pytest.raises(BadValue) as e:
-        runs.process(bad)
-    assert str(e.value).startswith("process: x ") and all(w in str(e.value) for w in words), e.value
-    with pytest.raises(
+    error = refused(BadValue, None, runs.process, bad)
+    assert str(error).startswith("process: x ") and all(w in str(error) for w in words), error
+    refused(
         BadValue,
-        match=r"process: out must be float64 of shape \(5, 2, 4\), rows y, v; got shape \(2, 4\)",
-    ):
-        runs.process(np.zeros((2, 4)), np.zeros((2, 4)))
+        r"process: out must be float64 of shape \(5, 2, 4\), rows y, v; got shape \(2, 4\)",
+        runs.process,
+        np.zeros((2, 4)),
+        np.zeros((2, 4)),
+    )
     assert [p.index for p in runs] == [0] * 5, "nothing has run"
 
 
@@ -274,8 +274,7 @@ def test_a_wrong_block_says_what_is_wanted(target, bad, words):
     ],
 )
 def test_copies_that_make_no_sense(seeds, threads, words):
-    with pytest.raises(BadValue, match=words):
-        stimlib.compile(SCENE, FS, "python").many(seeds, threads)
+    refused(BadValue, words, stimlib.compile(SCENE, FS, "python").many, seeds, threads)
 
 
 def test_the_memory_of_copies_is_counted_to_the_byte(monkeypatch):
@@ -285,8 +284,7 @@ def test_the_memory_of_copies_is_counted_to_the_byte(monkeypatch):
     monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each)
     proc.many(range(3))
     monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each - 1)
-    with pytest.raises(BadValue, match="of 3 copies"):
-        proc.many(range(3))
+    refused(BadValue, "of 3 copies", proc.many, range(3))
 
 
 @both
@@ -309,8 +307,7 @@ def test_all_copies_are_changed_or_none(target):
         (BadValue, "another scene", lambda: setattr(runs, "state", wrong)),
         (BadValue, "5 copies, got 4", lambda: setattr(runs, "state", before[:4])),
     ]:
-        with pytest.raises(error, match=words):
-            change()
+        refused(error, words, change)
     assert_same(runs.state, before)
     assert [p.seed for p in runs] == SEEDS and all(p.log == [] for p in runs)
 
@@ -320,10 +317,12 @@ def test_the_memory_of_copies_is_counted_before_it_is_taken(monkeypatch, target)
     proc = stimlib.compile(Scene({"y": blocks.delay(x, 5000)}), FS, target)
     monkeypatch.setattr(stimlib.limits, "state_bytes", 1e6)
     assert len(proc.many(range(5))) == 5
-    with pytest.raises(
-        BadValue, match="states and buffers of 50 copies.*limits.state_bytes.*STIMLIB_LIMITS"
-    ):
-        proc.many(range(50))
+    refused(
+        BadValue,
+        "states and buffers of 50 copies.*limits.state_bytes.*STIMLIB_LIMITS",
+        proc.many,
+        range(50),
+    )
 
 
 def test_what_a_thread_runs_lives_as_long_as_it():

@@ -9,6 +9,7 @@ import time
 import mpmath as mp
 import numpy as np
 import pytest
+from refusals import refused
 from scipy.optimize import linprog
 
 from stimlib.design import filters, noise
@@ -209,14 +210,12 @@ def test_widest_and_narrowest_pass_band():
     ],
 )
 def test_bad_low_pass(arguments, words):
-    with pytest.raises(ValueError, match=f"^pink_modes: .*{re.escape(words)}"):
-        pink_modes(*arguments)
+    refused(ValueError, f"^pink_modes: .*{re.escape(words)}", pink_modes, *arguments)
 
 
 def test_tolerance_out_of_reach_names_the_one_in_reach():
-    with pytest.raises(ValueError, match="24 sections, which reach") as caught:
-        pink_modes(192000, 0.1, 1e-6)
-    reach = float(re.search(r"reach (\S+) dB", str(caught.value)).group(1))
+    error = refused(ValueError, "24 sections, which reach", pink_modes, 192000, 0.1, 1e-6)
+    reach = float(re.search(r"reach (\S+) dB", str(error)).group(1))
     assert len(pink_modes(192000, 0.1, 1.01 * reach).e) == 24
 
 
@@ -267,10 +266,13 @@ def test_cholesky():
     a = np.array([[4.0, 99.0, 99.0], [2.0, 5.0, 99.0], [6.0, 7.0, 30.0]])
     full = np.tril(a) + np.tril(a, -1).T
     np.testing.assert_allclose(cholesky(a), np.linalg.cholesky(full), rtol=1e-14)
-    with pytest.raises(ValueError, match="leading 2 x 2 block is not positive definite"):
-        cholesky([[1.0, 0.0], [2.0, 1.0]])
-    with pytest.raises(ValueError, match="leading 1 x 1"):
-        cholesky([[math.nan]])
+    refused(
+        ValueError,
+        "leading 2 x 2 block is not positive definite",
+        cholesky,
+        [[1.0, 0.0], [2.0, 1.0]],
+    )
+    refused(ValueError, "leading 1 x 1", cholesky, [[math.nan]])
 
 
 # --- FIR differentiator ---------------------------------------------------------------
@@ -424,8 +426,9 @@ def test_stop_band_from_half_the_rate_is_none():
     ],
 )
 def test_bad_differentiator(arguments, words):
-    with pytest.raises(ValueError, match=f"^differentiator_taps: .*{re.escape(words)}"):
-        differentiator_taps(*arguments)
+    refused(
+        ValueError, f"^differentiator_taps: .*{re.escape(words)}", differentiator_taps, *arguments
+    )
 
 
 @pytest.mark.parametrize(
@@ -440,8 +443,9 @@ def test_bad_differentiator(arguments, words):
     ],
 )
 def test_bad_differentiator_order(arguments, words):
-    with pytest.raises(ValueError, match=f"^differentiator_order: .*{re.escape(words)}"):
-        differentiator_order(*arguments)
+    refused(
+        ValueError, f"^differentiator_order: .*{re.escape(words)}", differentiator_order, *arguments
+    )
 
 
 # --- time -----------------------------------------------------------------------------

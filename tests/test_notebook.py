@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib import Input, MissingPackage, Param, Scene
@@ -98,10 +99,12 @@ def test_a_rendering_with_a_fault_is_not_saved(tmp_path):
         1000,
         on_fault="ignore",
     )
-    with pytest.raises(
-        FaultError, match=r"output y was not finite at sample 1 .*a.wav was not written"
-    ):
-        broken.save(tmp_path / "a.wav")
+    refused(
+        FaultError,
+        r"output y was not finite at sample 1 .*a.wav was not written",
+        broken.save,
+        tmp_path / "a.wav",
+    )
     assert not list(tmp_path.iterdir())
 
 
@@ -122,10 +125,11 @@ def test_save_keeps_what_is_in_memory(tmp_path, r):
 )
 def test_what_is_not_installed_says_how_to_get_it(monkeypatch, r, package, take):
     monkeypatch.setitem(sys.modules, {"ipython": "IPython.display"}.get(package, package), None)
-    with pytest.raises(
-        MissingPackage, match=f"{take} needs the package {package}, .*: pip install {package}$"
-    ):
-        getattr(r, take)()
+    refused(
+        MissingPackage,
+        f"{take} needs the package {package}, .*: pip install {package}$",
+        getattr(r, take),
+    )
 
 
 def test_what_they_are_given(monkeypatch, r):
@@ -198,5 +202,4 @@ def test_audio_is_one_output_scaled(monkeypatch, r):
     np.testing.assert_allclose(given["data"] * np.abs(r["place"]).max(), r["place"], rtol=1e-15)
     stimlib.render(Scene({"y": 0 * x}), MOTION, 1000, 0.1).audio()
     assert not given["data"].any()
-    with pytest.raises(UnknownName, match="no output 'strength'; there is force, place"):
-        r.audio("strength")
+    refused(UnknownName, "no output 'strength'; there is force, place", r.audio, "strength")

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import assert_same, pair, run
+from laws import assert_same, run
+from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene
@@ -179,19 +180,23 @@ def _three(p, s, x):
     ],
 )
 def test_what_is_refused(make, error, words):
-    with pytest.raises(error, match=words):
-        make()
+    refused(error, words, make)
 
 
 def test_a_wrong_number_of_samples_is_refused():
     cls = _class(outputs=("a", "b"), units=lambda self, *u: u * 2, step=staticmethod(_three))
-    with pytest.raises(SceneError, match="must return 2 samples, for a, b, and returned 3"):
-        stimlib.compile(Scene({"y": cls(x).a}), FS, "python")
+    refused(
+        SceneError,
+        "must return 2 samples, for a, b, and returned 3",
+        stimlib.compile,
+        Scene({"y": cls(x).a}),
+        FS,
+        "python",
+    )
 
 
 def test_a_file_cannot_pick_what_is_not_there():
     data = Scene(CASES["of a map"]).to_dict()
     pick = next(e for e in data["blocks"] if e["class"] == "Pick")
     pick["fields"]["output"] = "units"
-    with pytest.raises(SceneError, match="no output 'units'"):
-        Scene.from_dict(data)
+    refused(SceneError, "no output 'units'", Scene.from_dict, data)

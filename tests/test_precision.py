@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import STRESS
+from refusals import refused
 
 from stimlib.blocks import delay
 from stimlib.errors import SinkError, UnknownName
@@ -274,12 +275,10 @@ def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, monkey
         for n, job in jobs.items()
     ]
     monkeypatch.setattr(precision, "problems", lambda only: some)
-    with pytest.raises(KeyboardInterrupt):
-        precision.regenerate(tmp_path, shown=False)
+    refused(KeyboardInterrupt, None, precision.regenerate, tmp_path, shown=False)
     assert {p.name for p in tmp_path.iterdir()} == {"a.csv", "work_a.svg"}
     (tmp_path / "b.csv").mkdir()
-    with pytest.raises(SinkError, match="cannot write .*b.csv"):
-        precision.record([], tmp_path / "b.csv")
+    refused(SinkError, "cannot write .*b.csv", precision.record, [], tmp_path / "b.csv")
 
 
 def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(tmp_path, monkeypatch):
@@ -288,8 +287,7 @@ def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(tmp_path
         "one", "", "", 10, lambda: [Method("stimlib", "", lambda: ran.append("job"), lambda: 0.5)]
     )
     monkeypatch.setattr(precision, "problems", lambda only: [one])
-    with pytest.raises(SinkError):
-        precision.regenerate(tmp_path / "missing", shown=False)
+    refused(SinkError, None, precision.regenerate, tmp_path / "missing", shown=False)
     assert not ran
     precision.regenerate(tmp_path, rounds=2, shown=False)
     assert ran == ["job"] * 3
@@ -365,8 +363,7 @@ def test_the_benchmark_records_only_when_it_is_told_and_sums_up_all_that_is_reco
 
 def test_names_of_problems():
     assert [p.name for p in problems(["arm", "pink"])] == ["arm", "pink"]
-    with pytest.raises(UnknownName, match="no problem violet; there are pink, "):
-        problems(["violet"])
+    refused(UnknownName, "no problem violet; there are pink, ", problems, ["violet"])
 
 
 def test_points_on_jax_alone_have_no_best():
