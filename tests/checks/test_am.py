@@ -4,6 +4,7 @@ forms.
 
 import numpy as np
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib.analysis.am import (
@@ -123,21 +124,22 @@ def test_errors():
             lambda d: envelope_mean_square("sine", d),
             lambda d: rms("square", d),
         ):
-            with pytest.raises(BadValue, match="duty"):
-                call(duty)
+            refused(BadValue, "duty", call, duty)
     for call in (
         lambda: envelope_series("triangle", 0.5, one),
         lambda: envelope_mean_square("triangle", 0.5),
     ):
-        with pytest.raises(BadValue, match="choose one of"):
-            call()
+        refused(BadValue, "choose one of", call)
     for call in (lambda: carrier_series("both", one), lambda: rms("sine", 0.5, 1.0, "both")):
-        with pytest.raises(BadValue, match="half"):
-            call()
+        refused(BadValue, "half", call)
     for name in ("rate", "freq", "top"):
-        with pytest.raises(BadValue, match=name):
-            line_spectrum(
-                "sine", 0.5, 1.0, **({"rate": 1.0, "freq": 100.0, "top": 500.0} | {name: 0.0})
-            )
-    with pytest.raises(BadValue, match="rate"):
-        sampled_rms("sine", 0.5, 1.0, 0.0, 158.0, 8000.0)
+        refused(
+            BadValue,
+            name,
+            line_spectrum,
+            "sine",
+            0.5,
+            1.0,
+            **{"rate": 1.0, "freq": 100.0, "top": 500.0} | {name: 0.0},
+        )
+    refused(BadValue, "rate", sampled_rms, "sine", 0.5, 1.0, 0.0, 158.0, 8000.0)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from refusals import refused
 
 from stimlib import Input, Param, Scene, compile, constant, enabled
 from stimlib.analysis.draw import draw
@@ -130,14 +131,32 @@ def test_import_does_not_load_matplotlib():
 
 
 def test_refusals(tmp_path):
-    with pytest.raises(BadValue, match="suffix of 'a.jpg' must be one of .svg, .png, .pdf"):
-        draw(squeeze(), tmp_path / "a.jpg")
-    with pytest.raises(BadValue, match="300 blocks are more than a picture can show.*plan"):
-        draw(chain(300), tmp_path / "a.svg")
-    with pytest.raises(
-        BadValue, match="draw: scene = 3 must be a Scene, such as .* or a Processor"
-    ):
-        draw(3, tmp_path / "a.svg")
-    with pytest.raises(SinkError, match="cannot write .*: No such file or directory"):
-        draw(squeeze(), tmp_path / "missing" / "a.svg")
+    refused(
+        BadValue,
+        "suffix of 'a.jpg' must be one of .svg, .png, .pdf",
+        draw,
+        squeeze(),
+        tmp_path / "a.jpg",
+    )
+    refused(
+        BadValue,
+        "300 blocks are more than a picture can show.*plan",
+        draw,
+        chain(300),
+        tmp_path / "a.svg",
+    )
+    refused(
+        BadValue,
+        "draw: scene = 3 must be a Scene, such as .* or a Processor",
+        draw,
+        3,
+        tmp_path / "a.svg",
+    )
+    refused(
+        SinkError,
+        "cannot write .*: No such file or directory",
+        draw,
+        squeeze(),
+        tmp_path / "missing" / "a.svg",
+    )
     assert list(tmp_path.iterdir()) == []

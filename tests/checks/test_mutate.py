@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from checks.test_parts import SCENES, hands
+from refusals import refused
 from typer.testing import CliRunner
 
 import stimlib
@@ -204,8 +205,9 @@ def test_a_law_that_raises_refuses_a_wrong_number_but_of_the_scene_itself_is_an_
         (m.where, m.change, m.outcome) for m in found.mutants
     }
     wrong = Scene({"y": 2.0 * abs(1.0 + Param("k", 2.0)) * Input("x")}, law=rooted)
-    with pytest.raises(stimlib.BadValue, match="the law refuses the scene as it is"):
-        mutate(wrong, motion, 1000, 0.1)
+    refused(
+        stimlib.BadValue, "the law refuses the scene as it is", mutate, wrong, motion, 1000, 0.1
+    )
 
 
 def twice(x, p, fs):
@@ -222,14 +224,24 @@ def test_a_scene_that_its_law_refuses_unchanged_is_an_error():
         Scene({"y": Param("k", 3.0) * Input("x")}, law=twice),
         {"x": sinusoid(0.02, 3.0)},
     )
-    with pytest.raises(
-        BadValue, match=r"the law refuses the scene as it is: \(d\) y: .*twice; correct"
-    ):
-        mutate(scene, motion, 1000, 0.2)
-    with pytest.raises(BadValue, match="the scene has a fault in this motion"):
-        mutate(
-            Scene({"y": Param("k", 3.0) / Input("x")}, law=twice), {"x": np.zeros(200)}, 1000, 0.2
-        )
+    refused(
+        BadValue,
+        r"the law refuses the scene as it is: \(d\) y: .*twice; correct",
+        mutate,
+        scene,
+        motion,
+        1000,
+        0.2,
+    )
+    refused(
+        BadValue,
+        "the scene has a fault in this motion",
+        mutate,
+        Scene({"y": Param("k", 3.0) / Input("x")}, law=twice),
+        {"x": np.zeros(200)},
+        1000,
+        0.2,
+    )
 
 
 def test_a_law_that_raises_for_a_wrong_number_refuses_it():
