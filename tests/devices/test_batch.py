@@ -7,11 +7,11 @@ import json
 import os
 
 import pytest
-from typer.testing import CliRunner
+from commands import ran
+from refusals import refused
 
 import stimlib
 from stimlib import BadValue, SinkError
-from stimlib.cli import app
 from stimlib.files import audio as file
 from stimlib.files.batch import order, render_set
 from stimlib.motion.generators import constant_speed
@@ -108,13 +108,10 @@ def test_orders_are_permutations_fixed_by_the_seed():
 
 def test_mistakes(tmp_path):
     for scenes in ({}, {"../a": SET["sine6"]}, {"": SET["sine6"]}):
-        with pytest.raises(BadValue):
-            render_set(tmp_path, scenes, MOTION, 0.1, progress=False)
-    with pytest.raises(BadValue, match="repetitions"):
-        render_set(tmp_path, SET, MOTION, 0.1, repetitions=0)
+        refused(BadValue, None, render_set, tmp_path, scenes, MOTION, 0.1, progress=False)
+    refused(BadValue, "repetitions", render_set, tmp_path, SET, MOTION, 0.1, repetitions=0)
     (tmp_path / "file").write_text("")
-    with pytest.raises(SinkError, match="folder"):
-        render_set(tmp_path / "file" / "in", SET, MOTION, 0.1)
+    refused(SinkError, "folder", render_set, tmp_path / "file" / "in", SET, MOTION, 0.1)
 
 
 def test_the_command_takes_a_recording(tmp_path, monkeypatch):
@@ -131,21 +128,16 @@ def test_the_command_takes_a_recording(tmp_path, monkeypatch):
         "--workers",
         "1",
     ]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2 and "has no input contact; add --contact" in " ".join(
-        done.stderr.split()
-    )
-    done = CliRunner().invoke(app, [*words, "--contact"])
-    assert done.exit_code == 0, done.output
+    ran(words, 2, "has no input contact; add --contact")
+    ran([*words, "--contact"])
     (name,) = json.loads((tmp_path / "set" / "index.json").read_text())["files"].values()
     assert file.read(tmp_path / "set" / name)[1]["frames"] == 240, "as long as the recording"
-    assert CliRunner().invoke(app, ["verify", f"set/{name}"]).exit_code == 0
+    ran(["verify", f"set/{name}"])
 
 
 def test_the_command_renders_the_experiment(tmp_path):
     words = ["--seconds", "0.05", "--seed", "7", "--repetitions", "3"]
-    done = CliRunner().invoke(app, ["render-set", str(tmp_path / "set"), *words])
-    assert done.exit_code == 0, done.output
+    ran(["render-set", str(tmp_path / "set"), *words])
     index = json.loads((tmp_path / "set" / "index.json").read_text())
     names = list(index["files"])
     assert index["presentation"] == [[names[i] for i in one] for one in order(81, 3, seed=7)]

@@ -4,7 +4,6 @@ to its end, seconds before the kill.
 
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,13 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile as sf
+from commands import ran
 from laws import STRESS
+from refusals import refused
 
 import stimlib
 from stimlib import Input, Scene, constant
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log
-from stimlib.cli import app
 from stimlib.devices.null import NullSink
 from stimlib.errors import SinkError
 from stimlib.files import audio as file
@@ -114,10 +114,12 @@ def test_a_killed_run_leaves_a_file_that_is_recovered(tmp_path, format, subtype)
             {path.name + ".new.part"} if format == "FLAC" else set()
         )
         assert {p.name for p in tmp_path.iterdir()} == left
-        with pytest.raises(
-            SinkError, match=f"a run that was killed left {path.name}.part: try stimlib recover"
-        ):
-            file.read(path)
+        refused(
+            SinkError,
+            f"a run that was killed left {path.name}.part: try stimlib recover",
+            file.read,
+            path,
+        )
         report = recover(path)
         assert {p.name for p in tmp_path.iterdir()} == {path.name, path.name + ".json"}
         y, sidecar = file.read(path)
@@ -201,10 +203,8 @@ def test_a_run_killed_before_its_first_sample_has_left_nothing_to_recover(tmp_pa
         finally:
             job.kill()
     assert os.listdir(tmp_path) == [f"{path.name}.part.json"]
-    with pytest.raises(SinkError, match=f"there is no file .*{path.name}$"):
-        file.read(path)
-    with pytest.raises(SinkError, match=f"nothing to recover: there is no .*{path.name}.part$"):
-        recover(path)
+    refused(SinkError, f"there is no file .*{path.name}$", file.read, path)
+    refused(SinkError, f"nothing to recover: there is no .*{path.name}.part$", recover, path)
     file.write(path, stimlib.compile(scene(), 8000.0), {"x": HAND}, 0.5, full_scale=64.0)
     assert set(os.listdir(tmp_path)) == {path.name, f"{path.name}.json"}
 
@@ -226,8 +226,7 @@ def leave(path, frames=4000):
 
 def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
     path = tmp_path / "a.wav"
-    with pytest.raises(SinkError, match=r"nothing to recover: there is no .*a.wav.part"):
-        recover(path)
+    refused(SinkError, r"nothing to recover: there is no .*a.wav.part", recover, path)
     with child(leave, str(path)) as job:
         try:
             assert [job.stdout.readline() for _ in range(2)] == ["go\n", "there\n"]
@@ -236,19 +235,15 @@ def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
                 lambda: recover(path),
                 lambda: file.write(path, proc, {"x": HAND}, 0.1),
             ):
-                with pytest.raises(SinkError, match="a.wav is being written by another run"):
-                    attempt()
+                refused(SinkError, "a.wav is being written by another run", attempt)
             assert sf.info(tmp_path / "a.wav.part").frames == 4000  # readable while it is written
         finally:
             job.kill()
     kept = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     path.write_bytes(b"mine")
-    with pytest.raises(SinkError, match="is there already, and overwrite=False"):
-        recover(path)
-    with pytest.raises(SinkError, match="must end in '.wav'"):
-        recover(path, tmp_path / "b.flac")
-    with pytest.raises(SinkError, match="there is no folder"):
-        recover(path, tmp_path / "none" / "b.wav")
+    refused(SinkError, "is there already, and overwrite=False", recover, path)
+    refused(SinkError, "must end in '.wav'", recover, path, tmp_path / "b.flac")
+    refused(SinkError, "there is no folder", recover, path, tmp_path / "none" / "b.wav")
     assert path.read_bytes() == b"mine" and kept == {n: (tmp_path / n).read_bytes() for n in kept}
 
     part, told = tmp_path / "a.wav.part", tmp_path / "a.wav.part.json"
@@ -275,8 +270,7 @@ def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
         (part, kept[part.name][:-8] + np.float64(np.nan).tobytes(), "not finite"),
     ]:
         name.write_bytes(junk)
-        with pytest.raises(SinkError, match=says):
-            recover(path, tmp_path / "b.wav")
+        refused(SinkError, says, recover, path, tmp_path / "b.wav")
         name.write_bytes(kept[name.name])
         assert sorted(p.name for p in tmp_path.iterdir()) == [
             "a.wav",
@@ -284,42 +278,30 @@ def test_recover_leaves_alone_what_is_not_its_own(tmp_path, capsys):
             "a.wav.part.json",
         ]
     told.unlink()
-    with pytest.raises(SinkError, match="has no sidecar a.wav.part.json"):
-        recover(path, tmp_path / "b.wav")
+    refused(SinkError, "has no sidecar a.wav.part.json", recover, path, tmp_path / "b.wav")
     told.write_bytes(kept[told.name])
 
-    from typer.testing import CliRunner
-
-    done = CliRunner().invoke(app, ["recover", str(path), "--out", str(tmp_path / "b.wav")])
-    assert done.exit_code == 0 and "4000 frames, 0.5 s" in done.output
+    done = ran(["recover", str(path), "--out", str(tmp_path / "b.wav")])
+    assert "4000 frames, 0.5 s" in done.output
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.wav", "b.wav", "b.wav.json"]
     wanted = stimlib.compile(scene(), 8000.0).process(HAND(np.arange(4000) / 8000)[None])
     assert np.array_equal(file.read(tmp_path / "b.wav")[0], wanted)
-    done = CliRunner().invoke(app, ["recover", str(path)])
-    assert done.exit_code == 2 and "nothing to recover" in done.stderr
+    ran(["recover", str(path)], 2, "nothing to recover")
 
 
-def test_a_full_disk_while_recovering_loses_nothing(tmp_path):
-    small = tmp_path / "small"
-    small.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=200k", "none", str(small)]
-    if not shutil.which("mount") or subprocess.run(command, capture_output=True).returncode:
-        pytest.skip("a small file system cannot be mounted here")
-    try:
-        path = small / "a.wav"
-        with child(leave, str(path), 8000) as job:  # 128 kB
-            try:
-                assert [job.stdout.readline() for _ in range(2)] == ["go\n", "there\n"]
-            finally:
-                job.kill()
-        kept = {p.name: p.read_bytes() for p in small.iterdir()}
-        with pytest.raises(SinkError, match="No space left on device"):
-            recover(path)
-        assert kept == {p.name: p.read_bytes() for p in small.iterdir()}
-        assert recover(path, tmp_path / "b.wav").frames == 8000
-        assert list(small.iterdir()) == []
-    finally:
-        subprocess.run(["umount", str(small)], check=True)
+def test_a_full_disk_while_recovering_loses_nothing(tmp_path, mounted):
+    small = mounted("size=200k")
+    path = small / "a.wav"
+    with child(leave, str(path), 8000) as job:  # 128 kB
+        try:
+            assert [job.stdout.readline() for _ in range(2)] == ["go\n", "there\n"]
+        finally:
+            job.kill()
+    kept = {p.name: p.read_bytes() for p in small.iterdir()}
+    refused(SinkError, "No space left on device", recover, path)
+    assert kept == {p.name: p.read_bytes() for p in small.iterdir()}
+    assert recover(path, tmp_path / "b.wav").frames == 8000
+    assert list(small.iterdir()) == []
 
 
 def test_killed_between_the_two_moves(tmp_path):
@@ -328,8 +310,7 @@ def test_killed_between_the_two_moves(tmp_path):
     sidecar = report.sidecar.read_bytes()
     os.replace(report.sidecar, f"{report.sidecar}.part")
     Path(f"{path}.part.json").write_text("{}")
-    with pytest.raises(SinkError, match="try stimlib recover"):
-        file.read(path)
+    refused(SinkError, "try stimlib recover", file.read, path)
     assert recover(path) == report
     assert report.sidecar.read_bytes() == sidecar and {p.name for p in tmp_path.iterdir()} == {
         "a.wav",

@@ -9,7 +9,9 @@ import warnings
 
 import numpy as np
 import pytest
+from devices.servers import begun
 from laws import mostly
+from refusals import refused, warned
 
 from stimlib import BadValue, Input, Scene, SinkError, compile
 from stimlib.devices.null import NullSink
@@ -142,9 +144,12 @@ def played(where, name, folder):
     if where not in AT:
         log.sink = sink
     try:
-        with sink:
-            sink.open(FS, block=BLOCK)
-            sink.start(30.0 if fails(where, name) or name in OTHERS else 1.2 * at_last / FS)
+        with begun(
+            sink,
+            30.0 if fails(where, name) or name in OTHERS else 1.2 * at_last / FS,
+            fs=FS,
+            block=BLOCK,
+        ):
             sink.wait(20)
             assert sink.finished, "it hangs"
     except SinkError as e:
@@ -249,19 +254,18 @@ def test_a_function_that_does_not_return_is_told_where_it_can_be(where, tmp_path
             SCENE, 1.0, motion={"x": motion}, clocked=where == "log", realtime=False, log=log
         )
     try:
-        sink.open(FS, block=BLOCK)
-        sink.start(0.3 if where == "log" else 30.0)
+        begun(sink, 0.3 if where == "log" else 30.0, fs=FS, block=BLOCK)
         if where == "log":
             sink.wait(20)
             assert sink.finished
-            with pytest.warns(RuntimeWarning, match="the log is not written yet"):
-                sink.close()
+            warned(RuntimeWarning, "the log is not written yet", sink.close)
             return
-        with pytest.raises(
+        refused(
             SinkError,
-            match="feed or take has not" if page else "a function of the motion has not returned",
-        ):
-            sink.wait(20)
+            "feed or take has not" if page else "a function of the motion has not returned",
+            sink.wait,
+            20,
+        )
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             sink.close()
@@ -285,9 +289,11 @@ def test_a_page_may_be_stopped_from_its_own_functions_while_it_is_closed(tmp_pat
             sink.stop()
         return np.full((1, n), 0.5)
 
-    with PageSink(SCENE, 1.0, feed=feed, take=lambda at, x, y: None, log=tmp_path / "log") as sink:
-        sink.open(FS, block=BLOCK)
-        sink.start()
+    with begun(
+        PageSink(SCENE, 1.0, feed=feed, take=lambda at, x, y: None, log=tmp_path / "log"),
+        fs=FS,
+        block=BLOCK,
+    ) as sink:
         sink.wait(0.2)
         closing.set()
     log = read_log(tmp_path / "log")
@@ -327,10 +333,8 @@ def test_what_take_writes_into_its_samples_is_not_held_when_feed_fails():
 
     with (
         pytest.raises(SinkError, match="feed failed"),
-        PageSink(SCENE, 1.0, feed=feed, take=take) as sink,
+        begun(PageSink(SCENE, 1.0, feed=feed, take=take), fs=FS, block=BLOCK) as sink,
     ):
-        sink.open(FS, block=BLOCK)
-        sink.start()
         sink.wait()
     y = np.concatenate(seen, axis=1)[0]
     assert y.max() == 0.25 and np.abs(np.diff(y[200:])).max() < 0.01

@@ -15,9 +15,10 @@ from contextlib import ExitStack, suppress
 import numpy as np
 import pytest
 import soundfile as sf
+from commands import ran
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
+from refusals import refused, warned
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -25,7 +26,6 @@ from stimlib.analysis.draw import draw
 from stimlib.analysis.picture import picture
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log
-from stimlib.cli import app
 from stimlib.errors import SinkError, StimlibError
 from stimlib.files import audio as file
 from stimlib.files.batch import render_set
@@ -156,11 +156,15 @@ def test_a_file_that_another_program_changed_gets_no_name(tmp_path, format, subt
         else:
             assert np.array_equal(file.read(path)[0], expected(subtype, seconds))
         return
-    with pytest.raises(
+    refused(
         SinkError,
-        match=f"another program changed {part.name} while it was written|cannot be read|truncated",
-    ):
-        write(path, motion, seconds, subtype=subtype)
+        f"another program changed {part.name} while it was written|cannot be read|truncated",
+        write,
+        path,
+        motion,
+        seconds,
+        subtype=subtype,
+    )
     assert listing(tmp_path) == before
     file.read(path)
 
@@ -181,8 +185,14 @@ def test_without_overwrite_a_file_that_comes_during_the_run_stays(
     if not links:
         monkeypatch.setattr(os, "link", none)
     path = tmp_path / "a.wav"
-    with pytest.raises(SinkError, match=f"{name} is there already, and overwrite=False"):
-        write(path, meddle(0.2, lambda: (tmp_path / name).write_bytes(b"mine")), overwrite=False)
+    refused(
+        SinkError,
+        f"{name} is there already, and overwrite=False",
+        write,
+        path,
+        meddle(0.2, lambda: (tmp_path / name).write_bytes(b"mine")),
+        overwrite=False,
+    )
     assert listing(tmp_path) == {name: b"mine"}
     (tmp_path / name).unlink()
     write(path, overwrite=False)
@@ -208,14 +218,12 @@ def test_links_and_pipes_in_the_way_are_refused(tmp_path, name, suffix):
     ):
         plant()
         before = listing(tmp_path)
-        with pytest.raises(SinkError, match="remove it"):
-            write(tmp_path / f"a{suffix}")
+        refused(SinkError, "remove it", write, tmp_path / f"a{suffix}")
         assert listing(tmp_path) == before
         there.rmdir() if there.is_dir() else there.unlink()
     os.link(victim, there)
     if name == ".part.json":  # the only one that is written as it stands
-        with pytest.raises(SinkError, match="not a regular file of its own"):
-            write(tmp_path / f"a{suffix}")
+        refused(SinkError, "not a regular file of its own", write, tmp_path / f"a{suffix}")
     else:
         write(tmp_path / f"a{suffix}")
     assert victim.read_text() == "precious"
@@ -278,8 +286,7 @@ def test_recover_follows_no_link_and_waits_for_no_pipe(tmp_path, name):
     data = aside.read_bytes()
     for plant in (lambda: there.symlink_to(aside), lambda: os.mkfifo(there)):
         plant()
-        with pytest.raises(SinkError):
-            recover(path)
+        refused(SinkError, None, recover, path)
         assert aside.read_bytes() == data and not path.exists()
         there.unlink()
 
@@ -304,8 +311,7 @@ def test_reports_pictures_and_tables_follow_no_link(tmp_path):
                 call(tmp_path / name)
                 assert not (tmp_path / name).is_symlink() and (tmp_path / name).stat().st_size > 100
             else:
-                with pytest.raises(SinkError, match="is a link"):
-                    call(tmp_path / name)
+                refused(SinkError, "is a link", call, tmp_path / name)
                 (tmp_path / planted).unlink()
     assert victim.read_text() == "precious"
 
@@ -324,21 +330,15 @@ def test_names_that_no_file_can_have(tmp_path, name):
         lambda: draw(SCENE, path.with_suffix(".svg")),
     ]
     for call in calls:
-        with pytest.raises(StimlibError) as info:
-            call()
-        assert (
-            len(str(info.value)) < 30_000
-            and "\0" not in str(info.value)
-            and "\ud800" not in str(info.value)
-        )
+        error = refused(StimlibError, None, call)
+        assert len(str(error)) < 30_000 and "\0" not in str(error) and "\ud800" not in str(error)
 
 
 def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
     path, part = tmp_path / "a.html", tmp_path / "a.html.part"
     with ExitStack() as stack:
         safe_files.alone(stack, part, path).write(b"half")
-        with pytest.raises(SinkError, match="is being written by another run"):
-            safe_files.publish(path, "whole")
+        refused(SinkError, "is being written by another run", safe_files.publish, path, "whole")
         assert not path.exists() and part.read_bytes() == b"half"
     assert part.exists()  # as when it was killed
     safe_files.publish(path, "all")
@@ -363,8 +363,7 @@ def test_an_interrupt_behind_the_move_leaves_the_part_of_another_run(tmp_path, m
         raise KeyboardInterrupt
 
     monkeypatch.setattr(safe_files, "settle", settle)
-    with pytest.raises(KeyboardInterrupt):
-        safe_files.publish(path, "whole")
+    refused(KeyboardInterrupt, None, safe_files.publish, path, "whole")
     assert path.read_text() == "whole" and part.read_text() == "another run's"
 
 
@@ -401,15 +400,16 @@ def test_a_header_that_declares_years_is_not_believed(tmp_path):
     data[21] |= 0x0F  # the lower 36 bits of bytes 18 to 25 are the number of frames
     data[22:26] = b"\xff" * 4
     forge(path, {"frames": 2**36 - 1}, data)
-    with pytest.raises(
-        SinkError, match=r"bytes of samples in memory: 5.49756e\+11 is more than limits.audio_bytes"
-    ):
-        file.read(path)
+    refused(
+        SinkError,
+        r"bytes of samples in memory: 5.49756e\+11 is more than limits.audio_bytes",
+        file.read,
+        path,
+    )
     data[21] &= 0xF0
     data[22:26] = (10**6).to_bytes(4, "big")
     forge(path, {"frames": 10**6}, data)
-    with pytest.raises(SinkError, match="truncated|cannot be read"):
-        file.read(path)
+    refused(SinkError, "truncated|cannot be read", file.read, path)
 
 
 def test_a_sparse_file_is_not_read_for_hours(tmp_path):
@@ -429,15 +429,13 @@ def test_a_sparse_file_is_not_read_for_hours(tmp_path):
         lambda: recover(tmp_path / "b.caf"),
         lambda: stimlib.verify(SCENE, HAND, path),
     ):
-        with pytest.raises(SinkError, match=r"limits.audio_bytes"):
-            call()
+        refused(SinkError, r"limits.audio_bytes", call)
 
 
 def test_limits_of_sound_files_can_be_raised(tmp_path, monkeypatch):
     write(tmp_path / "a.wav")
     monkeypatch.setattr(stimlib.limits, "audio_bytes", 8 * 4000 - 1)
-    with pytest.raises(SinkError, match="STIMLIB_LIMITS=audio_bytes="):
-        file.read(tmp_path / "a.wav")
+    refused(SinkError, "STIMLIB_LIMITS=audio_bytes=", file.read, tmp_path / "a.wav")
     monkeypatch.setattr(stimlib.limits, "audio_bytes", 8 * 4000)
     assert file.read(tmp_path / "a.wav")[0].shape == (1, 4000)
 
@@ -448,14 +446,12 @@ def test_samples_that_are_not_finite_are_not_read(tmp_path):
     data = bytearray(path.read_bytes())
     data[-400:-396] = np.float32(np.nan).tobytes()
     forge(path, {}, data)
-    with pytest.raises(SinkError, match="not finite"):
-        file.read(path)
+    refused(SinkError, "not finite", file.read, path)
     forge(
         path,
         {"channels": [{"name": "f", "unit": "N", "full_scale": 1e308, "clips": 0, "peak": 1.0}]},
     )
-    with pytest.raises(SinkError, match="not finite"):
-        file.read(path)
+    refused(SinkError, "not finite", file.read, path)
 
 
 @pytest.mark.parametrize(("format", "subtype"), KINDS)
@@ -548,8 +544,7 @@ def verify_or_refuse(path, info):
 def test_every_field_of_a_sidecar_may_be_wrong(pair, name):
     path, good = pair
     verify_or_refuse(path, {k: v for k, v in good.items() if k != name})
-    with pytest.raises(SinkError, match=f"a sidecar that stimlib wrote: {name} is missing"):
-        file.read(path)
+    refused(SinkError, f"a sidecar that stimlib wrote: {name} is missing", file.read, path)
     for junk in JUNK:
         verify_or_refuse(path, good | {name: junk})
         for inner in good[name] if isinstance(good[name], dict) and name != "scene" else ():
@@ -603,10 +598,9 @@ def test_a_line_that_declares_a_day_as_lost_is_refused(tmp_path, fs):
     folder = session(tmp_path / "a", NOISE, fs=fs)
     with open(folder / "events.jsonl", "a") as f:
         f.write(json.dumps({"at": 2400, "kind": "lost", "frames": int(86400 * fs)}) + "\n")
-    with pytest.raises(
-        SinkError, match="samples that are lost: .* is more than limits.lost_samples"
-    ):
-        read_log(folder)
+    refused(
+        SinkError, "samples that are lost: .* is more than limits.lost_samples", read_log, folder
+    )
 
 
 def test_a_log_at_a_high_rate_costs_the_interpreter_no_start(tmp_path, monkeypatch):
@@ -624,15 +618,13 @@ def test_a_log_at_a_high_rate_costs_the_interpreter_no_start(tmp_path, monkeypat
 def test_a_log_of_many_samples_is_refused(tmp_path, monkeypatch):
     folder = session(tmp_path / "a", NOISE)
     monkeypatch.setattr(stimlib.limits, "log_samples", 2399)
-    with pytest.raises(SinkError, match="samples: 2400 is more than limits.log_samples"):
-        read_log(folder)
+    refused(SinkError, "samples: 2400 is more than limits.log_samples", read_log, folder)
     monkeypatch.setattr(stimlib.limits, "log_samples", 2400)
-    # verify holds a stretch of it, however long it is
-    monkeypatch.setattr(stimlib.limits, "render_bytes", 8)
-    assert verify_log(read_log(folder)).passed
+    log = read_log(folder)
+    monkeypatch.setattr(stimlib.limits, "render_bytes", 8 * 2400)
+    refused(SinkError, "samples to verify: .* is more than limits.render_bytes", verify_log, log)
     monkeypatch.setattr(stimlib.limits, "events_bytes", 100)
-    with pytest.raises(SinkError, match="limits.events_bytes"):
-        read_log(folder)
+    refused(SinkError, "limits.events_bytes", read_log, folder)
 
 
 def test_motion_that_is_cut_while_it_is_replayed(tmp_path):
@@ -643,12 +635,10 @@ def test_motion_that_is_cut_while_it_is_replayed(tmp_path):
     ].tolist() == [0.01, 0.01]
     os.truncate(folder / "motion.f64", 8000)
     for call in (replay, verify_log):
-        with pytest.raises(SinkError, match=r"motion.f64 was cut since the log was read"):
-            call(log)
+        refused(SinkError, r"motion.f64 was cut since the log was read", call, log)
     (folder / "motion.f64").unlink()
     os.mkfifo(folder / "motion.f64")
-    with pytest.raises(SinkError, match="not a regular file"):
-        replay(log)
+    refused(SinkError, "not a regular file", replay, log)
 
 
 @pytest.mark.parametrize("what", ["session.json", "events.jsonl", "motion.f64"])
@@ -658,8 +648,8 @@ def test_pipes_and_folders_in_a_log_are_told(tmp_path, what):
         (folder / what).rmdir() if (folder / what).is_dir() else (folder / what).unlink()
         plant(folder / what)
         for command in (["replay", str(folder)], ["verify", "--log", str(folder)]):
-            done = CliRunner().invoke(app, command)
-            assert done.exit_code == 2 and what in done.stderr and "regular file" in done.stderr
+            done = ran(command, 2, what)
+            assert "regular file" in done.stderr
 
 
 NASTY = "\x1b[2J\x1b]0;owned\x07[bold]\x9b31m\u202e"
@@ -684,19 +674,18 @@ def test_texts_of_others_do_not_reach_the_terminal(tmp_path, pair):
         *log.notes,
     ]
     for command in (["replay", str(folder)], ["verify", "--log", str(folder)]):
-        done = CliRunner().invoke(app, command)
-        assert done.exit_code == 0 and "\\x1b" in done.output
+        done = ran(command)
+        assert "\\x1b" in done.output
         outputs.append(done.output)
     begun = left(tmp_path)
     told = tmp_path / "a.wav.part.json"
     told.write_text(json.dumps(json.loads(told.read_text()) | {"channels": [channel]}))
-    done = CliRunner().invoke(app, ["recover", str(begun)])
-    assert done.exit_code == 0 and "\\x1b[2J" in done.output and "[bold]" in done.output
+    done = ran(["recover", str(begun)])
+    assert "\\x1b[2J" in done.output and "[bold]" in done.output
     (path.parent / "a.wav.json").write_text(
         json.dumps(good | {"scene_hash": NASTY, "motion": {"x": NASTY}})
     )
-    failed = CliRunner().invoke(app, ["verify", "squeeze", "--wav", str(path)])
-    assert failed.exit_code == 2
+    failed = ran(["verify", "squeeze", "--wav", path], 2)
     for text in [*outputs, done.output, failed.output]:
         assert not set(text) & set("\x1b\x07\x9b\u202e"), ascii(text)
 
@@ -712,8 +701,7 @@ def test_fields_say_what_they_must_be():
         ({"n": True}, "n must be a whole number from 0 to 3"),
         ({"n": 1, "t": [{}]}, r"t must be a list, each value a table of a \(a text or null\)"),
     ]:
-        with pytest.raises(ValueError, match=says):
-            fields.require(data, tests)
+        refused(ValueError, says, fields.require, data, tests)
     for text in (
         b"[",
         b"[]",
@@ -723,8 +711,7 @@ def test_fields_say_what_they_must_be():
         b'{"a": -1e999}',
         b'{"a": ' + b"1" * 5000 + b"}",
     ):
-        with pytest.raises(ValueError):
-            fields.parse(text)
+        refused(ValueError, None, fields.parse, text)
 
 
 def test_a_large_limit_is_no_large_buffer(tmp_path, monkeypatch):
@@ -744,16 +731,14 @@ def test_render_tells_of_samples_that_players_clip(tmp_path):
         "--out",
         str(tmp_path / "a.wav"),
     ]
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 0
+    done = ran(words)
     said = " ".join(done.stderr.split())
     assert (
         "(voltage reaches 200 V of 1)" in said and "give a full scale (--full-scale) of 202" in said
     )
-    done = CliRunner().invoke(app, [*words, "--full-scale", "150", "--quiet"])
-    assert done.exit_code == 0 and "(voltage reaches 200 V of 150)" in " ".join(done.stderr.split())
-    done = CliRunner().invoke(app, [*words, "--full-scale", "200"])
-    assert done.exit_code == 0 and done.stderr == ""
+    ran([*words, "--full-scale", "150", "--quiet"], 0, "(voltage reaches 200 V of 150)")
+    done = ran([*words, "--full-scale", "200"])
+    assert done.stderr == ""
 
 
 def test_a_file_tells_what_passes_full_scale_by_name_and_how_it_ends(tmp_path):
@@ -764,12 +749,23 @@ def test_a_file_tells_what_passes_full_scale_by_name_and_how_it_ends(tmp_path):
         target="python",
     )
     motion = {"x": np.full(10, 0.5)}
-    with pytest.warns(
+    warned(
         RuntimeWarning,
-        match=r"\(force reaches 50 N of 10\).*players clip.*of force: 50.5, place: 0.505",
-    ):
-        file.write(tmp_path / "a.wav", proc, motion, 0.01, full_scale={"force": 10.0, "place": 1.0})
-    with pytest.warns(RuntimeWarning, match="the file is clipped there"):
-        file.write(
-            tmp_path / "a.flac", proc, motion, 0.01, full_scale={"force": 10.0, "place": 1.0}
-        )
+        r"\(force reaches 50 N of 10\).*players clip.*of force: 50.5, place: 0.505",
+        file.write,
+        tmp_path / "a.wav",
+        proc,
+        motion,
+        0.01,
+        full_scale={"force": 10.0, "place": 1.0},
+    )
+    warned(
+        RuntimeWarning,
+        "the file is clipped there",
+        file.write,
+        tmp_path / "a.flac",
+        proc,
+        motion,
+        0.01,
+        full_scale={"force": 10.0, "place": 1.0},
+    )
