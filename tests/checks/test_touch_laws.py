@@ -264,19 +264,19 @@ def test_a_report_says_what_was_rendered():
         assert text in said, said
 
 
-@pytest.mark.parametrize("name", ["k", "b"])
-def test_a_wall_whose_parameter_is_below_0_is_proved_as_one_of_0(name):
+@pytest.mark.parametrize(
+    ("scene", "params", "seconds"),
+    [
+        (wall(), {"k": -1.0}, 0.1),  # proved as a wall of 0
+        (wall(), {"b": -1.0}, 0.1),
+        (friction(), {"normal": 1e-320}, 0.05),  # slips without number
+        (friction(), {"normal": 1e-200}, 0.05),
+        (friction(), {"normal": 1e-9}, 0.05),
+    ],
+)
+def test_walls_below_0_and_slips_without_number_are_proved(scene, params, seconds):
     motion = {"x": sinusoid(0.01, 1.0)}
-    r = stimlib.verify(wall(), motion, stimlib.render(wall(), motion, 8000, 0.1, {name: -1.0}))
-    assert r.passed, str(r)
-
-
-@pytest.mark.parametrize("normal", [1e-320, 1e-200, 1e-9])
-def test_slips_without_number_end(normal):
-    motion = {"x": sinusoid(0.01, 1.0)}
-    r = stimlib.verify(
-        friction(), motion, stimlib.render(friction(), motion, 8000, 0.05, {"normal": normal})
-    )
+    r = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, seconds, params))
     assert r.passed, str(r)
 
 

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 from hands import RECORDINGS, hand
+from refusals import refused
 from typer.testing import CliRunner
 
 import stimlib
@@ -68,8 +69,7 @@ def test_one_changed_sample_is_seen(tmp_path):
     y, fs = sf.read(path, always_2d=True)
     y[4321, 1] = np.nextafter(y[4321, 1], 1.0)
     sf.write(path, y, fs, subtype="DOUBLE", format="W64")
-    with pytest.raises(SinkError, match="changed"):
-        stimlib.verify(scene, MOTION, path)
+    refused(SinkError, "changed", stimlib.verify, scene, MOTION, path)
     sidecar = json.loads((tmp_path / "a.w64.json").read_text())
     sidecar["file_sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
     (tmp_path / "a.w64.json").write_text(json.dumps(sidecar))
@@ -80,16 +80,27 @@ def test_one_changed_sample_is_seen(tmp_path):
 def test_a_rendering_of_something_else_is_refused(tmp_path):
     scene = stimlib.scenes.squeeze()
     path = write(tmp_path / "a.wav", scene, MOTION)
-    with pytest.raises(BadValue, match="another scene"):
-        stimlib.verify(stimlib.scenes.squeeze(k=2001.0), MOTION, path)
-    with pytest.raises(BadValue, match="another scene"):
-        stimlib.verify(
-            stimlib.scenes.squeeze(k=2001.0), MOTION, stimlib.render(scene, MOTION, 8000, 0.1)
-        )
+    refused(
+        BadValue, "another scene", stimlib.verify, stimlib.scenes.squeeze(k=2001.0), MOTION, path
+    )
+    refused(
+        BadValue,
+        "another scene",
+        stimlib.verify,
+        stimlib.scenes.squeeze(k=2001.0),
+        MOTION,
+        stimlib.render(scene, MOTION, 8000, 0.1),
+    )
     r = stimlib.render(scene, MOTION, 8000, 0.1)
     for wrong in ({"outputs": r.outputs[::-1]}, {"y": r.y[:1]}, {"y": r.y.astype(np.float32)}):
-        with pytest.raises(BadValue, match="has not the scene's outputs, force1, force2"):
-            stimlib.verify(scene, MOTION, dc.replace(r, **wrong))
+        refused(
+            BadValue,
+            "has not the scene's outputs, force1, force2",
+            stimlib.verify,
+            scene,
+            MOTION,
+            dc.replace(r, **wrong),
+        )
     assert not stimlib.verify(scene, MOTION | {"x1": minimum_jerk(depth=0.019)}, path).passed
 
 
@@ -120,11 +131,12 @@ def test_a_file_alone_tells_its_scene_and_motion(tmp_path):
         (None, MOTION, made),
         ("squeeze", MOTION, path),
     ):
-        with pytest.raises(
+        refused(
             BadValue,
-            match="verify: give the path of a file alone, or a scene, its motion and a rendering",
-        ):
-            stimlib.verify(*wrong)
+            "verify: give the path of a file alone, or a scene, its motion and a rendering",
+            stimlib.verify,
+            *wrong,
+        )
 
 
 def test_a_file_that_began_in_the_middle_is_refused(tmp_path):
@@ -132,8 +144,7 @@ def test_a_file_that_began_in_the_middle_is_refused(tmp_path):
     proc = stimlib.compile(scene, 8000)
     proc.process(np.zeros((2, 10)))
     file.write(tmp_path / "a.wav", proc, MOTION, 0.1, progress=False)
-    with pytest.raises(BadValue, match="begin at sample 0"):
-        stimlib.verify(scene, MOTION, tmp_path / "a.wav")
+    refused(BadValue, "begin at sample 0", stimlib.verify, scene, MOTION, tmp_path / "a.wav")
 
 
 def test_ramps_at_the_start_are_repeated(tmp_path):
@@ -186,33 +197,24 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
     assert not list(tmp_path.glob("*.part"))
 
 
-def test_one_sample_has_a_page(tmp_path):
-    scene, motion = stimlib.scenes.wall(), {"x": sinusoid(0.01, 1.0)}
-    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 1 / 8000))
+@pytest.mark.parametrize(
+    ("params", "seconds", "says"),
+    [({}, 1 / 8000, "1 samples at"), ({"k": 1e200}, 0.1, ""), ({"k": 1e308}, 0.1, "")],
+)
+def test_one_sample_and_forces_whose_squares_are_too_large_have_a_page(
+    tmp_path, params, seconds, says
+):
+    scene, motion = stimlib.scenes.wall(**params), {"x": sinusoid(0.01, 1.0)}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, seconds))
     report.to_html(tmp_path / "a.html")
-    assert (
-        report.passed
-        and report.spectra() == {}
-        and "1 samples at" in (tmp_path / "a.html").read_text()
-    )
-
-
-@pytest.mark.parametrize("k", [1e200, 1e308])
-def test_forces_whose_squares_are_too_large_have_a_page(tmp_path, k):
-    scene, motion = stimlib.scenes.wall(k=k), {"x": sinusoid(0.01, 1.0)}
-    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.1))
-    report.to_html(tmp_path / "a.html")
-    assert (
-        report.passed
-        and report.spectra() == {}
-        and "How to reproduce it" in (tmp_path / "a.html").read_text()
-    )
+    page = (tmp_path / "a.html").read_text()
+    assert report.passed and report.spectra() == {}
+    assert says in page and "How to reproduce it" in page
 
 
 def test_a_report_that_cannot_be_written(tmp_path):
     report = stimlib.verify(Scene({"y": 2 * Input("x")}), {"x": ramp_and_hold(1, 1)}, _plain())
-    with pytest.raises(SinkError, match="cannot write"):
-        report.to_html(tmp_path / "missing" / "a.html")
+    refused(SinkError, "cannot write", report.to_html, tmp_path / "missing" / "a.html")
 
 
 def test_a_disk_that_is_full_costs_the_page_alone(tmp_path, mounted):
