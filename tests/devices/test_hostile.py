@@ -620,9 +620,9 @@ def test_a_log_of_many_samples_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(stimlib.limits, "log_samples", 2399)
     refused(SinkError, "samples: 2400 is more than limits.log_samples", read_log, folder)
     monkeypatch.setattr(stimlib.limits, "log_samples", 2400)
-    log = read_log(folder)
-    monkeypatch.setattr(stimlib.limits, "render_bytes", 8 * 2400)
-    refused(SinkError, "samples to verify: .* is more than limits.render_bytes", verify_log, log)
+    # verify holds a stretch of it, however long it is
+    monkeypatch.setattr(stimlib.limits, "render_bytes", 8)
+    assert verify_log(read_log(folder)).passed
     monkeypatch.setattr(stimlib.limits, "events_bytes", 100)
     refused(SinkError, "limits.events_bytes", read_log, folder)
 

@@ -476,7 +476,7 @@ def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
 def test_trials_that_the_experiment_does_not_allow(trial, error, why):
     refused(error, why, program, experiment(), trial)
     refused(
-        UnknownName, "no sink 'jak'; there are null, offline", present, experiment(), pair(), "jak"
+        UnknownName, "no sink 'jak'; there are null, jack", present, experiment(), pair(), "jak"
     )
 
 
