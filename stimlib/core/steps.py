@@ -22,6 +22,7 @@ import traceback
 import types
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -42,41 +43,11 @@ _WORDS = {
     ast.While: "`while` has no fixed length: use for i in range(n)",
     ast.Not: "`not` on a number differs between targets: use where(c, 0.0, 1.0)",
 }
-_ALLOWED = (
-    ast.FunctionDef,
-    ast.arguments,
-    ast.arg,
-    ast.Return,
-    ast.Assign,
-    ast.AugAssign,
-    ast.Expr,
-    ast.For,
-    ast.Tuple,
-    ast.Name,
-    ast.Load,
-    ast.Store,
-    ast.Constant,
-    ast.Attribute,
-    ast.Subscript,
-    ast.Slice,
-    ast.Call,
-    ast.Compare,
-    ast.cmpop,
-    ast.BinOp,
-    ast.Add,
-    ast.Sub,
-    ast.Mult,
-    ast.Div,
-    ast.Mod,
-    ast.RShift,
-    ast.LShift,
-    ast.BitAnd,
-    ast.BitOr,
-    ast.BitXor,
-    ast.UnaryOp,
-    ast.USub,
-    ast.Starred,
-    ast.keyword,
+_ALLOWED = frozenset(
+    "Module FunctionDef arguments arg Return Assign AugAssign Expr For Tuple Name Load Store"
+    " Constant Attribute Subscript Slice Call Compare Eq NotEq Lt LtE Gt GtE Is IsNot In NotIn"
+    " BinOp Add Sub Mult Div Mod RShift LShift BitAnd BitOr BitXor UnaryOp USub Starred"
+    " keyword".split()
 )
 _BUILTIN = {"abs": abs, "range": range}
 _INSTEAD = {  # of what authors try
@@ -241,121 +212,134 @@ def _check(f: Callable, code: types.CodeType, tile: bool) -> None:
 
 
 def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Callable, ...]) -> None:
+    """Check a function and every helper that it calls; above: those that call it."""
     text, offset = _source(f, code)
-
-    def refuse(node, why):
-        raise SceneError(
-            f"{code.co_filename}:{getattr(node, 'lineno', 1) + offset}: {f.__qualname__}: {why}"
-        )
-
     known = names(f)
     tree = ast.parse(text)
-    said = tree.body[0].body[0]  # type: ignore[attr-defined]
-    docstring = said.value if isinstance(said, ast.Expr) else None
+    body = tree.body[0].body  # type: ignore[attr-defined]
+    if isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
+        del body[0]  # the docstring
     for node in ast.walk(tree):  # types that an author notes are nothing that runs
         if isinstance(node, ast.arg):
             node.annotation = None
         elif isinstance(node, ast.FunctionDef):
             node.returns = None
     for node in ast.walk(tree):
-        if tile and isinstance(node, (ast.If, ast.BoolOp, ast.And, ast.Or)):
+        if tile and isinstance(node, ast.If | ast.BoolOp | ast.boolop):
             continue
-        for word in (node, getattr(node, "op", None)):  # an operator has no line of its own
-            if type(word) in _WORDS:
-                refuse(node, _WORDS[type(word)])
-        for default in (
-            filter(None, (*node.args.defaults, *node.args.kw_defaults))
-            if isinstance(node, ast.FunctionDef)
-            else ()
-        ):
-            if any(isinstance(n, ast.Name) for n in ast.walk(default)):
-                refuse(
-                    default,
-                    f"write the default {ast.unparse(default)!r} as a number, or use it as a name"
-                    " inside",
-                )
-        if isinstance(node, ast.For):
-            call = node.iter
-            if not (
-                isinstance(call, ast.Call)
-                and isinstance(call.func, ast.Name)
-                and call.func.id == "range"
-            ):
-                refuse(node, "loop with for i in range(..)")
-        if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
-            if isinstance(node.left, ast.Compare) and isinstance(node.right, ast.Compare):
-                refuse(
-                    node, "a sum of two comparisons differs between targets: use where(c, 1.0, 0.0)"
-                )
-        if isinstance(node, ast.Call):
-            g = node.func
-            if (
-                isinstance(g, ast.Attribute)
-                and isinstance(g.value, ast.Name)
-                and g.value.id in known
-            ):
-                target = getattr(known[g.value.id], g.attr, None)
-            elif isinstance(g, ast.Name):
-                target = known.get(g.id)
-            else:
-                target = None
-            if not _callable_in_step(target):
-                if ast.unparse(g).startswith("stimlib."):
-                    short = "maths." + ast.unparse(g).rpartition(".")[2]
-                    refuse(
-                        node,
-                        f"{ast.unparse(g)}: write `from stimlib.core import maths` above the class,"
-                        f" and {short} here",
-                    )
-                refuse(
-                    node,
-                    f"call of {ast.unparse(g)}: a step may call stimlib.core.maths, abs, range and"
-                    " helpers like itself",
-                )
-            if not any(isinstance(a, ast.Starred) for a in node.args):
-                _check_arguments(target, node, refuse)
-            # they call it
-            if target in (maths.each, maths.pairs) and isinstance(node.args[0], ast.Name):
-                target = known.get(node.args[0].id)
-            if isinstance(target, types.FunctionType) and target.__module__ != maths.__name__:
-                if target in (f, *above):
-                    refuse(node, f"{target.__qualname__} calls itself: a step has no recursion")
-                _check_all(target, target.__code__, False, (f, *above))
-        if (
-            isinstance(node, ast.Constant)
-            and node is not docstring
-            and not isinstance(node.value, (int, float))
-        ):
-            refuse(node, f"{node.value!r} is not a number, and a step has nothing else")
-        if not isinstance(node, (ast.Module, *_ALLOWED)):
-            refuse(
-                node,
-                f"{ast.unparse(node)[:60]!r} ({type(node).__name__}) is not straight-line code",
+        helper = _helper(node, known)
+        faults = _faults(node, known)
+        if helper in (f, *above):
+            recursion = f"{helper.__qualname__} calls itself: a step has no recursion"
+            faults = chain(faults, [(node, recursion)])
+        for at, why in faults:
+            line = getattr(at, "lineno", 1) + offset
+            raise SceneError(f"{code.co_filename}:{line}: {f.__qualname__}: {why}")
+        if helper:
+            _check_all(helper, helper.__code__, False, (f, *above))
+
+
+def _helper(node: ast.AST, known: dict[str, Any]) -> Any:
+    """The helper of an author that a node calls, or has ``maths.each`` call, or
+    None.
+    """
+    if not isinstance(node, ast.Call):
+        return None
+    target = _target(node.func, known)
+    if target in (maths.each, maths.pairs) and node.args and isinstance(node.args[0], ast.Name):
+        target = known.get(node.args[0].id)
+    ours = isinstance(target, types.FunctionType) and target.__module__ != maths.__name__
+    return target if ours else None
+
+
+Faults = Iterator[tuple[ast.AST, str]]
+"""Where something is wrong, and what."""
+
+
+def _faults(node: ast.AST, known: dict[str, Any]) -> Faults:
+    """What not every target takes alike in a node; known: what names stand for."""
+    for word in (node, getattr(node, "op", None)):  # an operator has no line of its own
+        if type(word) in _WORDS:
+            yield node, _WORDS[type(word)]
+    if type(node) in _RULES:
+        yield from _RULES[type(node)](node, known)
+    name = type(node).__name__
+    if name not in _ALLOWED:
+        yield node, f"{ast.unparse(node)[:60]!r} ({name}) is not straight-line code"
+
+
+def _of_defaults(node: Any, known: dict[str, Any]) -> Faults:
+    for default in (*node.args.defaults, *filter(None, node.args.kw_defaults)):
+        if any(isinstance(n, ast.Name) for n in ast.walk(default)):
+            yield (
+                default,
+                f"write the default {ast.unparse(default)!r} as a number, or use it as a name"
+                " inside",
             )
 
 
-def _check_arguments(target: Any, call: ast.Call, refuse: Callable) -> None:
-    """Refuse a call whose arguments are not those that its function, or NamedTuple,
-    takes.
-    """
+def _of_loop(node: Any, known: dict[str, Any]) -> Faults:
+    func = getattr(node.iter, "func", None)
+    if not (isinstance(func, ast.Name) and func.id == "range"):
+        yield node, "loop with for i in range(..)"
+
+
+def _of_sum(node: Any, known: dict[str, Any]) -> Faults:
+    compared = isinstance(node.left, ast.Compare) and isinstance(node.right, ast.Compare)
+    if compared and isinstance(node.op, ast.Add | ast.Sub):
+        yield node, "a sum of two comparisons differs between targets: use where(c, 1.0, 0.0)"
+
+
+def _of_call(node: Any, known: dict[str, Any]) -> Faults:
+    target, said = _target(node.func, known), ast.unparse(node.func)
+    if not _callable_in_step(target):
+        if said.startswith("stimlib."):
+            yield (
+                node,
+                f"{said}: write `from stimlib.core import maths` above the class, and"
+                f" maths.{said.rpartition('.')[2]} here",
+            )
+        yield (
+            node,
+            f"call of {said}: a step may call stimlib.core.maths, abs, range and helpers like"
+            " itself",
+        )
+    if not any(isinstance(a, ast.Starred) for a in node.args):
+        yield from _of_arguments(target, node)
+
+
+def _of_arguments(target: Any, call: ast.Call) -> Faults:
+    """A call whose arguments are not those that its function, or NamedTuple, takes."""
     try:
         takes = inspect.signature(target)
     except ValueError:  # range, whose arguments are checked when it runs
         return
     named = [k.arg for k in call.keywords]
     if named and not (isinstance(target, type) and None not in named):
-        refuse(
+        yield (
             call,
             f"{ast.unparse(call)}: give the arguments by place; only those of a NamedTuple may have"
             " names",
         )
     try:
-        takes.bind(*call.args, **{str(name): None for name in named})
+        takes.bind(*call.args, **dict.fromkeys(map(str, named)))
     except TypeError as e:
-        refuse(
-            call,
-            f"{ast.unparse(call)}: it is {target.__name__}({', '.join(takes.parameters)}): {e}",
-        )
+        form = f"{target.__name__}({', '.join(takes.parameters)})"
+        yield call, f"{ast.unparse(call)}: it is {form}: {e}"
+
+
+def _of_constant(node: Any, known: dict[str, Any]) -> Faults:
+    if not isinstance(node.value, (int, float)):
+        yield node, f"{node.value!r} is not a number, and a step has nothing else"
+
+
+_RULES: dict[type, Callable[[Any, dict[str, Any]], Faults]] = {
+    ast.FunctionDef: _of_defaults,
+    ast.For: _of_loop,
+    ast.BinOp: _of_sum,
+    ast.Call: _of_call,
+    ast.Constant: _of_constant,
+}
 
 
 # A whole block ------------------------------------------------------------------------
@@ -363,37 +347,32 @@ def check_design(cls: Any, made: Any) -> None:
     """Raise SceneError unless ``design`` gave parameters and state that every target
     can keep in flat memory.
     """
-    pair = (
-        made if isinstance(made, tuple) and len(made) == 2 and not hasattr(made, "_fields") else ()
-    )
-    for what, t in zip(("parameters", "state"), pair, strict=False):
-        if not isinstance(t, tuple) or (t and not hasattr(t, "_fields")):
-            break
-        for name, v in zip(getattr(t, "_fields", ()), t, strict=True):
-            array = isinstance(v, np.ndarray)
-            if not (
-                v.ndim == 1 and v.dtype.kind in "iuf"
-                if array
-                else isinstance(v, (int, float, np.number))
-            ):
-                kind = f"{type(v).__name__}{f' {v.shape} of {v.dtype}' if array else ''}"
-                raise SceneError(
-                    f"{place(cls.design)}{cls.__name__}.design: {what} {name!r} is a {kind};"
-                    " floats, np.uint64 and arrays of them with one dimension are possible"
+
+    def refuse(why: str) -> None:
+        raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {why}")
+
+    pair = type(made) is tuple and len(made) == 2
+    if not pair or not all(isinstance(t, tuple) and (not t or fields(t)) for t in made):
+        refuse(
+            "it must return parameters and state, two NamedTuples (or () where there is nothing to"
+            f" keep), and returned {made!r:.200}"
+        )
+    for what, t in zip(("parameters", "state"), made, strict=True):
+        for name, v in zip(fields(t), t, strict=True):
+            if isinstance(v, np.ndarray):
+                kept, shape = v.ndim == 1 and v.dtype.kind in "iuf", f" {v.shape} of {v.dtype}"
+            else:
+                kept, shape = isinstance(v, (int, float, np.number)), ""
+            if not kept:
+                refuse(
+                    f"{what} {name!r} is a {type(v).__name__}{shape}; floats, np.uint64 and arrays"
+                    " of them with one dimension are possible"
                 )
-    else:
-        cold = getattr(pair[1], "cold", 1.0) if pair and cls.resettable else 1.0
-        if isinstance(cold, (np.ndarray, np.uint64)) or not 0 < cold < np.inf:
-            raise SceneError(
-                f"{place(cls.design)}{cls.__name__}.design: cold = {cold!r} in the state of a"
-                " resettable block must be a float above 0: write 1.0"
-            )
-        if pair:
-            return
-    raise SceneError(
-        f"{place(cls.design)}{cls.__name__}.design: it must return parameters and state, two"
-        f" NamedTuples (or () where there is nothing to keep), and returned {made!r:.200}"
-    )
+    cold = getattr(made[1], "cold", 1.0) if cls.resettable else 1.0
+    if isinstance(cold, (np.ndarray, np.uint64)) or not 0 < cold < np.inf:
+        refuse(
+            f"cold = {cold!r} in the state of a resettable block must be a float above 0: write 1.0"
+        )
 
 
 def designed(block: Block, fs: float) -> tuple[Any, Any]:
@@ -453,82 +432,85 @@ def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: typ
             f"{cls.__name__} has neither a step nor a tile: write step(p, s,"
             f" {', '.join(signals(cls))})"
         )
-    taken = signals(cls)[:-1] if cls.resettable else signals(cls)
-    filled = (*(cls.outputs or ["y"]), *(["w"] if cls.work else [])) if name == "tile" else ()
-    wanted = ["p", "s", *taken, *filled]
 
     def refuse(line: int, why: str) -> None:
         raise SceneError(f"{f.__code__.co_filename}:{line}: {cls.__name__}.{name}: {why}")
 
-    given = [p.name for p in inspect.signature(f).parameters.values()]
-    first = f.__code__.co_firstlineno
-    if not isinstance(inspect.getattr_static(cls, name), staticmethod):
-        refuse(
-            first,
-            f"write @staticmethod above it: it has no self and is {name}({', '.join(wanted)})",
-        )
-    if cls.resettable and not (signals(cls) and getattr(s_type, "_fields", ())[-1:] == ("cold",)):
-        refuse(
-            first,
-            "a resettable block has a signal that resets it, the last one, and a state that ends"
-            " with cold",
-        )
-    if len(given) != len(wanted):
-        refuse(first, f"it takes ({', '.join(given)}) and must take {name}({', '.join(wanted)})")
+    for why in _faults_of_form(cls, name, f, s_type):
+        refuse(f.__code__.co_firstlineno, why)
     try:
         text, offset = _source(f, f.__code__)
     except SceneError:  # the interpreter needs no text; a compiler raises the same
         return
     body = ast.parse(text).body[0]
     check(f, tile=name == "tile")
-    stored = {
-        n.id for n in ast.walk(body) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-    }
-    for node in ast.walk(body):
-        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
-            refuse(
-                node.lineno + offset,
+    p, s, *_ = inspect.signature(f).parameters
+    tuples = {p: ("parameters", fields(p_type)), s: ("state", fields(s_type))}
+    new = f"the new state {s_type.__name__}(..)" if fields(s_type) else s
+    for at, why in chain(
+        _faults_of_fields(body, tuples), _faults_of_ends(body, cls, f, s_type, new)
+    ):
+        refuse(getattr(at, "lineno", 1) + offset, why)
+
+
+def _faults_of_form(cls: Any, name: str, f: Any, s_type: type) -> Iterator[str]:
+    """What is wrong with how a step is declared."""
+    wanted = ["p", "s", *signals(cls)]
+    if cls.resettable:
+        del wanted[-1]
+    if name == "tile":
+        wanted += [*(cls.outputs or "y"), *("w" if cls.work else "")]
+    form = ", ".join(wanted)
+    if not isinstance(inspect.getattr_static(cls, name), staticmethod):
+        yield f"write @staticmethod above it: it has no self and is {name}({form})"
+    if cls.resettable and not (signals(cls) and fields(s_type)[-1:] == ("cold",)):
+        yield (
+            "a resettable block has a signal that resets it, the last one, and a state that ends"
+            " with cold"
+        )
+    given = inspect.signature(f).parameters
+    if len(given) != len(wanted):
+        yield f"it takes ({', '.join(given)}) and must take {name}({form})"
+
+
+def _faults_of_fields(body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...]]]) -> Faults:
+    """Fields of parameters and state that are set, or not there."""
+    nodes = list(ast.walk(body))
+    stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    for node in nodes:
+        if not isinstance(node, ast.Attribute):
+            continue
+        if isinstance(node.ctx, ast.Store):
+            yield (
+                node,
                 f"{ast.unparse(node)} cannot be set: parameters and state are tuples; return a new"
                 " state",
             )
-        if (
-            isinstance(node, ast.Attribute)
-            and isinstance(node.value, ast.Name)
-            and node.value.id not in stored
-        ):
-            for who, what, t in ((given[0], "parameters", p_type), (given[1], "state", s_type)):
-                fields = getattr(t, "_fields", ())
-                if node.value.id == who and node.attr not in fields:
-                    there = (
-                        f"design gives the {what} {', '.join(fields)}"
-                        if fields
-                        else f"design gives no {what}"
-                    )
-                    refuse(node.lineno + offset, f"{who}.{node.attr} is not there: {there}")
-    new = (
-        f"the new state {getattr(s_type, '__name__', '')}(..)"
-        if hasattr(s_type, "_fields")
-        else given[1]
-    )
-    ends: list[Any] = [n for n in ast.walk(body) if isinstance(n, ast.Return)]
+        who = node.value.id if isinstance(node.value, ast.Name) else ""
+        if who in tuples and who not in stored and node.attr not in tuples[who][1]:
+            what, fields = tuples[who]
+            there = f"the {what} {', '.join(fields)}" if fields else f"no {what}"
+            yield node, f"{who}.{node.attr} is not there: design gives {there}"
+
+
+def _faults_of_ends(body: ast.AST, cls: Any, f: Any, s_type: type, new: str) -> Faults:
+    """Ends of a step or tile that do not give what they must; new: the new state."""
+    ends: list[ast.AST] = [n for n in ast.walk(body) if isinstance(n, ast.Return)]
     for end in ends or [body]:
-        v = end.value if isinstance(end, ast.Return) else None
-        if isinstance(v, ast.Call) and not isinstance(
-            _called(v.func, f), (type, types.BuiltinFunctionType)
-        ):
-            continue  # a helper that may give both
-        if name == "step" and not (
-            isinstance(v, ast.Tuple) and len(v.elts) == 2 and not _empty(v.elts[1], s_type)
-        ):
-            what = f"the samples ({', '.join(cls.outputs)})" if cls.outputs else "the sample"
-            refuse(
-                getattr(end, "lineno", 1) + offset, f"it must return two things, {what} and {new}"
-            )
-        if name == "tile" and (v is None or _empty(v, s_type)):
-            refuse(
-                getattr(end, "lineno", 1) + offset,
-                f"it must fill {', '.join(cls.outputs) or 'y'} and return {new}",
-            )
+        v = getattr(end, "value", None)
+        if isinstance(v, ast.Call):
+            target = _target(v.func, f.__globals__)
+            # those of maths give one number, as what is built in does
+            one = getattr(target, "__module__", "") == maths.__name__
+            if not one and not isinstance(target, type | types.BuiltinFunctionType):
+                continue  # a helper that may give both
+        outputs = ", ".join(cls.outputs)
+        if cls.tile is not None:
+            if v is None or _empty(v, s_type):
+                yield end, f"it must fill {outputs or 'y'} and return {new}"
+        elif not (isinstance(v, ast.Tuple) and len(v.elts) == 2) or _empty(v.elts[1], s_type):
+            what = f"the samples ({outputs})" if outputs else "the sample"
+            yield end, f"it must return two things, {what} and {new}"
 
 
 def sample(
@@ -617,7 +599,7 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
             f"the new state must be {f'the {type(s).__name__}(..) of design' if s else '()'}, and"
             f" is {new!r:.80}"
         )
-    for field, old, v in zip(getattr(s, "_fields", ()), s, new, strict=True):
+    for field, old, v in zip(fields(s), s, new, strict=True):
         if not isinstance(v, float if kind(old) == "f" else type(old)) or np.shape(v) != np.shape(
             old
         ):
@@ -637,24 +619,21 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
             )
 
 
-def _called(g: ast.expr, f: Callable) -> Any:
-    """What a call in a function calls, or None: a helper of stimlib.core.maths counts
-    as a built-in, it gives one number.
-    """
-    known = f.__globals__
-    target = (
-        getattr(known.get(g.value.id), g.attr, None)
-        if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name)
-        else known.get(g.id)
-        if isinstance(g, ast.Name)
-        else None
-    )
-    return abs if getattr(target, "__module__", "") == maths.__name__ else target
+def _target(g: ast.expr, known: dict[str, Any]) -> Any:
+    """What a name, or an attribute of one, stands for, or None."""
+    if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name):
+        return getattr(known.get(g.value.id), g.attr, None)
+    return known.get(g.id) if isinstance(g, ast.Name) else None
+
+
+def fields(t: Any) -> tuple[str, ...]:
+    """Names in a NamedTuple, or in its type."""
+    return getattr(t, "_fields", ())
 
 
 def _empty(v: ast.expr, s_type: type) -> bool:
     """Whether a state with fields would be lost."""
-    return hasattr(s_type, "_fields") and isinstance(v, (ast.Tuple, ast.Constant))
+    return bool(fields(s_type)) and isinstance(v, ast.Tuple | ast.Constant)
 
 
 def _callable_in_step(v: Any) -> bool:
