@@ -574,3 +574,84 @@ def test_the_engine_alone_says_where_a_contact_begins(target, first):
             given = rows(proc, moves, ["x", "touch"])
             y = proc(motion=given)["y"] if target == "jax" else proc.process(given)[0]
             assert y.tolist() == list(wanted), (step.__name__, y)
+
+
+def test_a_module_in_front_of_maths_is_an_error_that_says_what_to_write():
+    refused(
+        dotted,
+        f":{line_of('here: dotted')}",
+        "write `from stimlib.core import maths` above the class, and maths.sqrt here",
+    )
+
+
+@pytest.mark.parametrize("returned", ["", "N", None, 1.0])
+def test_units_returns_a_unit(returned):
+    with pytest.raises(SceneError, match=r"Mine.units: it returned .*stimlib.core.units.unit") as e:
+        own(units=lambda self, *u: returned, step=staticmethod(low))(x)
+    assert __file__ in str(e.value)
+    with pytest.raises(UnitError, match=r"'m' is not a unit: write unit\('m'\)"):
+        own(units=lambda self, *u: u[0] * "m", step=staticmethod(low))(x)
+
+
+def test_every_block_we_ship_keeps_what_it_asks_of_others():
+    for entry in TABLE_OF_BLOCKS:
+        program = program_of(entry.scene())
+        design = design_of(program, entry.rates[0])
+        assert len(design) == len(program.instances)
+        for q, (p, s) in zip(program.instances, design, strict=True):
+            of_loop = isinstance(q.block, Cycle)
+            blocks = (
+                zip(q.block.members, q.block.parts(p, s), strict=True)
+                if of_loop
+                else [(q.block, (p, s))]
+            )
+            for block, numbers in blocks if q.kind == "block" else ():
+                steps.rehearse(block, *numbers)
+
+
+EDITED = """
+from dataclasses import dataclass
+from typing import NamedTuple
+from stimlib.core.graph import Block
+
+class P(NamedTuple):
+    gain: float
+
+@dataclass(frozen=True, eq=False)
+class Edited(Block):
+    x: Block
+
+    def design(self, fs):
+        return P(2.0), ()
+
+    @staticmethod
+    def step(p, s, x):
+        return p.gain * x + 1.0, s
+"""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("+ 1.0", "- 1.0"),
+        ("+ 1.0", "+ 3.0"),
+        ("class P", "\nclass P"),
+        ("@static", "x = 0\n\n    @static"),
+        ("p.gain", "(p.gain"),
+    ],
+)
+def test_a_step_whose_file_was_edited_after_import_is_refused_by_the_compiler(
+    tmp_path, monkeypatch, change
+):
+    """The text is read when a step is first compiled: another one would give other
+    samples than the interpreter's.
+    """
+    file = tmp_path / f"edited_{abs(hash(change))}.py"
+    file.write_text(EDITED)
+    monkeypatch.syspath_prepend(tmp_path)
+    scene = Scene({"y": importlib.import_module(file.stem).Edited(x)})
+    file.write_text(EDITED.replace(*change))
+    with pytest.raises(SceneError, match=r"no longer what was imported.*start Python again"):
+        stimlib.compile(scene, 1000)
+    file.write_text(EDITED)
+    stimlib.compile(scene, 1000)

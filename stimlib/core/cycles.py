@@ -14,14 +14,16 @@ import hashlib
 import linecache
 from collections import Counter, namedtuple
 from collections.abc import Callable, Iterable, Sequence
+from itertools import count, islice
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import SceneError
-from . import maths, steps
+from . import emit, maths, steps
 from .graph import Block, Const, Pick, Subsystem, at_rest, memo
 from .loops import Last
+from .steps import fields
 
 
 # Finding them -------------------------------------------------------------------------
@@ -140,19 +142,9 @@ def _cycle(
     ends = tuple(name(bodies[n]) for n in lasts)
     dims = tuple(nodes[n].block.dim for n in results)
     starts = [nodes[n].block.first for n in lasts]
-    return (
-        Cycle(
-            members,
-            wiring,
-            ends,
-            starts,
-            constants,
-            len(outside),
-            [names[n] for n in results],
-            dims,
-        ),
-        outside,
-    )
+    found = [names[n] for n in results]
+    whole = Cycle(members, wiring, ends, starts, constants, len(outside), found, dims)
+    return whole, outside
 
 
 # One block of them --------------------------------------------------------------------
@@ -189,20 +181,16 @@ class Cycle(Block, abstract=True):
     @property
     def horizon(self) -> float | None:
         """The shortest of the members'."""
-        return min(
-            (h for m in self.members if (h := getattr(m, "horizon", None)) is not None),
-            default=None,
-        )
+        every = [getattr(m, "horizon", None) for m in self.members]
+        return min((h for h in every if h is not None), default=None)
 
     def design(self, fs):
-        designs = [steps.designed(m, fs) for m in self.members]
-        for m, (p, s) in zip(self.members, designs, strict=True):
+        designs = []
+        for m in self.members:
+            designs.append(steps.designed(m, fs))
             if not steps.ours(type(m)):
-                steps.rehearse(m, p, s)
-        rows = [
-            self._member(m, args, *d)
-            for m, args, d in zip(self.members, self.wiring, designs, strict=True)
-        ]
+                steps.rehearse(m, *designs[-1])
+        rows = map(self._member, count(), self.members, self.wiring, designs)
         made = compose(tuple(rows), self.ends, len(self.constants), self.inputs, self.results)
         if self.made not in (None, made):
             raise SceneError(
@@ -211,13 +199,23 @@ class Cycle(Block, abstract=True):
             )
         self.made = made
         s = made.S(*self.starts, *(v for _, s in designs for v in s))
-        return (
-            made.parameters(self.constants, designs, [m.definition.work for m in self.members]),
-            s,
-        )
+        return self._parameters(designs), s
 
-    def _member(self, b: Block, args: tuple[str, ...], p: Any, s: Any) -> Member:
-        kind, contact = b.definition, None
+    def _parameters(self, designs: list[tuple[Any, Any]]) -> Any:
+        """Of the whole, from those of its members."""
+        values, rests, words = list(self.constants), [], [self.made.words]
+        for m, (p, s) in zip(self.made.members, designs, strict=True):
+            values += p
+            if m.contact:
+                rests += at_rest(s)
+            if m.scratch:
+                work = self.members[m.number].definition.work(p)
+                words += [words[-1], words[-1] + work]
+        ends = map(float, words[1:] + words[-1:] if self.made.tile else ())
+        return self.made.P(*values, *rests, *ends) if fields(self.made.P) else ()
+
+    def _member(self, k: int, b: Block, args: tuple[str, ...], made: tuple[Any, Any]) -> Member:
+        kind, contact, (p, s) = b.definition, None, made
         if kind.resettable:
             *args, contact = args  # type: ignore[assignment]
             always = contact[0] == "c" and self.constants[int(contact[1:])] > 0.0
@@ -228,27 +226,35 @@ class Cycle(Block, abstract=True):
                     " contact behind it"
                 )
             contact = "" if always else contact
-        f = kind.step or kind.tile
-        tile, scratch = kind.step is None, kind.step is None and kind.work is not None
-        return Member(
-            tuple(args), f, f.__code__, tile, scratch, type(p), type(s), len(b.outputs), contact
-        )
+        f: Any = kind.step or kind.tile
+        tile = kind.step is None
+        scratch = tile and kind.work is not None
+        types, outputs = (type(p), type(s)), len(b.outputs)
+        return Member(k, tuple(args), f, f.__code__, tile, scratch, *types, outputs, contact)
 
     def start(self, p, s, seed):
         values = list(self.starts)
-        for m, (mp, ms) in zip(self.members, self.made.parts(p, s), strict=True):
-            values += m.start(mp, ms, seed)
+        for b, (of_p, of_s) in zip(self.members, self.parts(p, s), strict=True):
+            values += b.start(of_p, of_s, seed)
         return type(s)(*values)
+
+    def parts(self, p: Any, s: Any) -> list[tuple[Any, Any]]:
+        """Parameters and state of each member, from those of the whole."""
+        found, of_p, of_s = [], iter(p[len(self.constants) :]), iter(s[len(self.ends) :])
+        for m in self.made.members:
+            own = islice(of_p, len(fields(m.p))), islice(of_s, len(fields(m.s)))
+            found.append((m.p(*own[0]), m.s(*own[1])))
+        return found
 
     def walk(self, signal: dict[str, Any], through: Callable[..., Any]) -> None:
         """Go once along the members: signal, by name, gets what through(member, number,
         names of its signals) makes of them, but where it has that already."""
         for k, (m, args) in enumerate(zip(self.members, self.wiring, strict=True)):
             y = None if f"v{k}_0" in signal or f"v{k}" in signal else through(m, k, args)
-            if y is not None:
-                signal |= (
-                    {f"v{k}_{j}": part for j, part in enumerate(y)} if m.outputs else {f"v{k}": y}
-                )
+            if y is not None and m.outputs:
+                signal |= zip(_numbered(f"v{k}_", len(m.outputs)), y, strict=True)
+            elif y is not None:
+                signal[f"v{k}"] = y
 
 
 def _repr(self: Cycle) -> str:
@@ -262,6 +268,7 @@ Cycle.__repr__ = _repr  # type: ignore[method-assign, assignment]  # Block gives
 class Member(NamedTuple):
     """One node of a cycle, as far as the composed step knows it."""
 
+    number: int
     args: tuple[str, ...]  # last0 | x3 | c0 | v2 | v2_1
     f: Any  # step or tile
     code: Any  # a notebook may change a function in place
@@ -272,9 +279,18 @@ class Member(NamedTuple):
     outputs: int  # 0: one, not a tuple
     contact: str | None  # None: not resettable; "": always; else a name as in args
 
+    def named(self, what: str, t: type) -> list[str]:
+        """Names that the fields of its parameters or state have in the whole."""
+        return [f"{what}{self.number}_{name}" for name in fields(t)]
 
-def _fields(t: type) -> tuple[str, ...]:
-    return getattr(t, "_fields", ())
+    @property
+    def values(self) -> list[str]:
+        """Names of its outputs."""
+        return _numbered(f"v{self.number}_", self.outputs) or [f"v{self.number}"]
+
+
+def _numbered(name: str, count: int) -> list[str]:
+    return [f"{name}{j}" for j in range(count)]
 
 
 class _Names:
@@ -293,6 +309,88 @@ class _Names:
         return self.known[key]
 
 
+class _Writer:
+    """The lines that run the members for a sample; of a tile, those before its loop
+    too.
+    """
+
+    def __init__(self, tiled: bool, names: _Names):
+        self.tiled, self.names = tiled, names
+        self.before: list[str] = []
+        self.lines: list[str] = []
+        self.words = 0  # of scratch, for signals of the tiles among the members
+
+    def at(self, a: str) -> str:
+        """What a name as in ``Member.args`` is in the text."""
+        if a[0] == "c":
+            return f"p.{a}"
+        return f"{a}[i]" if self.tiled and a[0] == "x" else a
+
+    def add(self, m: Member) -> None:
+        """Run a member: lines for its outputs, and its new state t{number}."""
+        args = [self.at(a) for a in m.args]
+        if not (fields(m.s) or fields(m.p) or m.tile or m.outputs):
+            short = _expression(m.f, args, self.names)
+            if short:
+                self.lines.append(f"{m.values[0]} = _F({short})")
+                return
+        t = f"t{m.number}"
+        state = m.named("s.m", m.s)
+        if state and self.tiled:
+            self.before.append(f"{t} = {self._record(m.s, state)}")
+            state = [f"{t}.{name}" for name in fields(m.s)]
+        if m.contact:
+            state = self._enter(m, state)
+        p = self._record(m.p, m.named("p.m", m.p))
+        if m.tile:
+            self._call_tile(m, p, t if state else "()", args)
+        else:
+            s = self._record(m.s, state)
+            made = emit.several(m.values, bool(m.outputs))
+            self.lines.append(f"{made}, {t} = {emit.call(self.names(m.f), p, s, *args)}")
+            self.lines += [f"{v} = _F({v})" for v in m.values]
+        if m.contact:
+            self._leave(m)
+        elif m.contact is not None:
+            self.lines.append(f"{t} = {emit.warm(self.names(m.s), fields(m.s), t)}")
+
+    def _record(self, t: type, values: list[str]) -> str:
+        # without a field it has no name either
+        return emit.call(self.names(t), *values) if values else "()"
+
+    def _call_tile(self, m: Member, p: str, s: str, args: list[str]) -> None:
+        """Its signals are slices of the scratch, one sample long."""
+        end = self.words + len(args) + len(m.values)
+        places = [f"w[{j}:{j + 1}]" for j in range(self.words, end)]
+        self.lines += [f"w[{j}] = {a}" for j, a in enumerate(args, self.words)]
+        if m.scratch:
+            places.append(f"w[_I(p.w{m.number}):_I(p.w{m.number}_end)]")
+        self.lines.append(f"t{m.number} = {emit.call(self.names(m.f), p, s, *places)}")
+        self.lines += [f"{v} = w[{j}]" for j, v in enumerate(m.values, end - len(m.values))]
+        self.words = end
+
+    def _enter(self, m: Member, state: list[str]) -> list[str]:
+        """The state from which a member with a contact goes on: off contact that at
+        rest.
+        """
+        cold = state[-1]
+        self.lines.append(f"on{m.number} = {self.at(m.contact or '')} > 0.0")
+        self.lines.append(f"cold{m.number} = _where({cold} == 0.0, 1.0, {cold})")
+        return [*self._or_at_rest(m, state[:-1]), cold]
+
+    def _leave(self, m: Member) -> None:
+        """Its outputs and new state: off contact 0 and that at rest."""
+        k = m.number
+        new = self._or_at_rest(m, [f"t{k}.{name}" for name in fields(m.s)[:-1]])
+        self.lines += [f"{v} = _where(on{k}, {v}, 0.0)" for v in m.values]
+        made = emit.call(self.names(m.s), *new, f"_where(on{k}, 0.0, cold{k})")
+        self.lines.append(f"t{k} = {made}")
+
+    def _or_at_rest(self, m: Member, state: list[str]) -> list[str]:
+        rest = m.named("p.r", m.s)[:-1]
+        return [f"_where(on{m.number}, {v}, {r})" for v, r in zip(state, rest, strict=True)]
+
+
 @memo
 def compose(
     members: tuple[Member, ...],
@@ -306,154 +404,45 @@ def compose(
     """
     tiled = any(m.tile for m in members)
     names = _Names(_F=np.float64, _settle=maths.settle, _where=maths.where, _I=np.int64)
-
-    def at(a: str) -> str:
-        return f"p.{a}" if a[0] == "c" else f"{a}[i]" if tiled and a[0] == "x" else a
-
-    states, lines, words = _lines(members, tiled, at, names)
-    own = [(k, f"m{k}_{f}") for k, m in enumerate(members) for f in _fields(m.s)]
-    p_fields = [f"c{j}" for j in range(constants)] + [
-        f"m{k}_{f}" for k, m in enumerate(members) for f in _fields(m.p)
-    ]
-    p_fields += [f"r{k}_{f}" for k, m in enumerate(members) if m.contact for f in _fields(m.s)]
-    p_fields += [
-        name for k, m in enumerate(members) if m.scratch for name in (f"w{k}", f"w{k}_end")
-    ] + ["words"] * tiled
-    lasts, xs, ys = (
-        [f"{v}{j}" for j in range(n)]
-        for v, n in (("last", len(ends)), ("x", inputs), ("y", len(results)))
-    )
-    P, S = (
-        namedtuple("LoopParams", p_fields),
-        namedtuple("LoopState", [*lasts, *(f for _, f in own)]),
-    )
-    names.space["_S"] = S
-    kept = [f"t{k}.{f.partition('_')[2]}" for k, f in own]
-    before = [f"{v} = s.{v}" for v in lasts]
-    settled = [f"_settle(_F({at(e)}))" for e in ends]
+    writer = _Writer(tiled, names)
+    lasts, p_names, kept = _numbered("last", len(ends)), _numbered("c", constants), []
+    xs, ys = _numbered("x", inputs), _numbered("y", len(results))
+    s_names, at_rests, scratch = list(lasts), [], []
+    for m in members:
+        writer.add(m)
+        p_names += m.named("m", m.p)
+        s_names += m.named("m", m.s)
+        kept += [f"t{m.number}.{name}" for name in fields(m.s)]
+        if m.contact:
+            at_rests += m.named("r", m.s)
+        if m.scratch:
+            scratch += [f"w{m.number}", f"w{m.number}_end"]
     if tiled:
-        lines += [f"{y}[i] = {at(r)}" for y, r in zip(ys, results, strict=True)]
-        lines.append(f"{', '.join(lasts)} = {', '.join(settled)}")
-        body = [*before, *states, "for i in range(y0.size):", *(f"    {line}" for line in lines)]
-        body.append(f"return _S({', '.join([*lasts, *kept])})")
-        head = f"def tile({', '.join(['p', 's', *xs, *ys, 'w'])}):"
+        scratch.append("words")
+    P = namedtuple("LoopParams", [*p_names, *at_rests, *scratch])  # type: ignore[misc]
+    S = namedtuple("LoopState", s_names)  # type: ignore[misc]
+    names.space["_S"] = S
+    settled = [f"_settle(_F({writer.at(e)}))" for e in ends]
+    found = [writer.at(r) for r in results]
+    body = [*(f"{v} = s.{v}" for v in lasts), *writer.before]
+    if tiled:
+        each = [f"{y}[i] = {v}" for y, v in zip(ys, found, strict=True)]
+        each.append(f"{', '.join(lasts)} = {', '.join(settled)}")
+        body += ["for i in range(y0.size):", *emit.indented([*writer.lines, *each])]
+        body.append(f"return {emit.call('_S', *lasts, *kept)}")
+        text = emit.define("tile", ["p", "s", *xs, *ys, "w"], body)
     else:
-        y = ", ".join(at(r) for r in results)
-        body = [
-            *before,
-            *lines,
-            f"return {f'({y})' if len(results) > 1 else y}, _S({', '.join([*settled, *kept])})",
-        ]
-        head = f"def step({', '.join(['p', 's', *xs])}):"
-    f = staticmethod(
-        _function("\n".join([head, *(f"    {line}" for line in body)]) + "\n", names.space)
-    )
-
-    def parameters(constants: list[float], designs: list[Any], works: list[Any]) -> Any:
-        """Of one cycle, from those of its members."""
-        values = [*constants, *(v for p, _ in designs for v in p)]
-        values += [
-            v for m, (_, s) in zip(members, designs, strict=True) if m.contact for v in at_rest(s)
-        ]
-        end = words
-        for m, (p, _), work in zip(members, designs, works, strict=True):
-            if m.scratch:
-                values += [float(end), float(end := end + work(p))]
-        return P(*values, *[float(end)] * tiled) if p_fields else ()
-
-    def parts(p: Any, s: Any) -> list[tuple[Any, Any]]:
-        """Parameters and state of each member."""
-        p, s = iter(p[constants:]), iter(s[len(ends) :])
-        return [
-            tuple(t(*(next(v) for _ in _fields(t))) for t, v in ((m.p, p), (m.s, s)))
-            for m in members
-        ]
-
-    return type(
-        "Loop",
-        (),
-        {
-            "step": None if tiled else f,
-            "tile": f if tiled else None,
-            "resettable": False,
-            "S": S,
-            "work": staticmethod(lambda p: int(p.words)) if tiled else None,
-            "outputs": tuple(ys) if len(ys) > 1 else (),
-            "parameters": staticmethod(parameters),
-            "parts": staticmethod(parts),
-        },
-    )
-
-
-def _lines(
-    members: tuple[Member, ...], tiled: bool, at: Callable[[str], str], names: _Names
-) -> tuple[list[str], list[str], int]:
-    """Lines that take the members' states, those that run them for a sample, and the
-    words that tiles among them need.
-    """
-    before: list[str] = []
-    lines: list[str] = []
-    words = 0
-    for k, m in enumerate(members):
-        args, state = [at(a) for a in m.args], [f"s.m{k}_{f}" for f in _fields(m.s)]
-        if state and tiled:
-            before.append(f"t{k} = {names(m.s)}({', '.join(state)})")
-            state = [f"t{k}.{f}" for f in _fields(m.s)]
-        plain = not (state or _fields(m.p) or m.tile or m.outputs)
-        short = _expression(m.f, args, names) if plain else None
-        lines += (
-            [f"v{k} = _F({short})"]
-            if short
-            else _one(k, m, state, args, m.contact and at(m.contact), words, names)
-        )
-        words += len(m.args) + max(1, m.outputs) if m.tile else 0
-    return before, lines, words
-
-
-def _one(
-    k: int,
-    m: Member,
-    state: list[str],
-    args: list[str],
-    contact: str | None,
-    words: int,
-    names: _Names,
-) -> list[str]:
-    """Lines that run one member for a sample: v{k} or v{k}_0, .., and its new state
-    t{k}.
-    """
-    lines = []
-    rest = [f"p.r{k}_{f}" for f in _fields(m.s)]
-    if contact:
-        lines += [
-            f"on{k} = {contact} > 0.0",
-            f"cold{k} = _where({state[-1]} == 0.0, 1.0, {state[-1]})",
-        ]
-        state = [f"_where(on{k}, {v}, {r})" for v, r in zip(state[:-1], rest, strict=False)] + [
-            state[-1]
-        ]
-    p = f"{names(m.p)}({', '.join(f'p.m{k}_{f}' for f in _fields(m.p))})" if _fields(m.p) else "()"
-    s = f"{names(m.s)}({', '.join(state)})" if state else "()"
-    values = [f"v{k}_{j}" for j in range(m.outputs)] or [f"v{k}"]
-    if m.tile:
-        s = f"t{k}" if state else s
-        places = [f"w[{words + j}:{words + j + 1}]" for j in range(len(args) + len(values))]
-        lines += [f"w[{words + j}] = {a}" for j, a in enumerate(args)]
-        scratch = [f"w[_I(p.w{k}):_I(p.w{k}_end)]"] * m.scratch
-        lines.append(f"t{k} = {names(m.f)}({', '.join([p, s, *places, *scratch])})")
-        lines += [f"{v} = w[{words + len(args) + j}]" for j, v in enumerate(values)]
-    else:
-        left = f"({', '.join(values)})" if m.outputs else values[0]
-        lines.append(f"{left}, t{k} = {names(m.f)}({', '.join([p, s, *args])})")
-        lines += [f"{v} = _F({v})" for v in values]
-    if m.contact is not None:
-        new = [f"t{k}.{f}" for f in _fields(m.s)[:-1]]
-        if contact:
-            new = [f"_where(on{k}, {v}, {r})" for v, r in zip(new, rest, strict=False)]
-            lines += [f"{v} = _where(on{k}, {v}, 0.0)" for v in values]
-        cold = f"_where(on{k}, 0.0, cold{k})" if contact else "0.0"
-        lines.append(f"t{k} = {names(m.s)}({', '.join([*new, cold])})")
-    return lines
+        body += writer.lines
+        made = emit.several(found, len(results) > 1)
+        body.append(f"return {made}, {emit.call('_S', *settled, *kept)}")
+        text = emit.define("step", ["p", "s", *xs], body)
+    f = staticmethod(_function(text, names.space))
+    definition = {"P": P, "S": S, "members": members, "words": writer.words, "resettable": False}
+    definition |= {"step": None, "tile": None, "work": None, "tile" if tiled else "step": f}
+    if tiled:
+        definition["work"] = staticmethod(lambda p: int(p.words))
+    definition["outputs"] = tuple(ys) if len(ys) > 1 else ()
+    return type("Loop", (), definition)
 
 
 def _function(text: str, space: dict[str, Any]) -> Any:

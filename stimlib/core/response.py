@@ -83,7 +83,7 @@ def _span(q: Instance, design: tuple[Any, Any], ways: list[Span]) -> Any:
     b = q.block
     if isinstance(b, Cycle):
         known = {f"x{j}": way for j, way in enumerate(ways) if way}
-        parts = b.made.parts(*design)
+        parts = b.parts(*design)
 
         def behind(m: Block, k: int, args: tuple[str, ...]) -> Any:
             return _behind(m, m.delay(parts[k][0]), [known.get(a) for a in args])
@@ -165,7 +165,7 @@ def response(
             parts = [H.get(a) for a in q.args]
             numbers = [value.get(a) for a in q.args]
             if isinstance(b, Cycle):
-                after = _around(b, b.made.parts(*design[i]), fs, z, parts, numbers)
+                after = _around(b, b.parts(*design[i]), fs, z, parts, numbers)
             else:
                 after = b.through(design[i][0], fs, z, parts, numbers)
             if after is None and steepest:

@@ -23,7 +23,7 @@ from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
 from . import calls, lanes
 from .cache import load
-from .segments import kinds, segment
+from .segments import Form, kinds, segment
 
 TILE = 64
 
@@ -159,9 +159,10 @@ class Engine:
                     (() if str(f.__module__).startswith("stimlib.") else steps.meaning(f)),
                 )
                 read = tuple((i, j) in listened for j in range(len(cls.outputs))) or (True,)
-                compiled = segment(
+                form = Form(
                     cls, code, type(p), kinds(p), type(s), kinds(s), count, len(together), read
                 )
+                compiled = segment(form)
                 address, words, at = compiled._sl_segment.address, [], []
                 for k in together:
                     self.segments[k] = compiled.__name__

@@ -11,13 +11,14 @@ import ast
 import inspect
 import re
 import types
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 
-from ...core import maths, steps
+from ...core import emit, maths, steps
 from ...core.graph import kind, memo
+from ...core.steps import fields
 from ...errors import SceneError, place
 from . import lanes, native
 from .cache import load
@@ -39,43 +40,42 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
             renamed[n] = n = f"_sl_{n}_{len(done)}"
         if n in done:
             continue
-        twin = next((m for m, u in done.items() if u is v), None) if hasattr(v, "_fields") else None
+        twins = [m for m, u in done.items() if u is v and hasattr(v, "_fields")]
         done[n] = v
-        if v is abs or v is range:
-            continue
-        if twin:  # one type to numba too
-            out.append(f"{n} = {twin}")
-        elif v is np:
-            out.append(f"import numpy as {n}")
-        elif v is maths:
-            out.append(f"{n} = _sl")
-        elif (
-            getattr(v, "__module__", "") == maths.__name__
-            and callable(v)
-            or getattr(maths, n, None) is v
-        ):
-            ours = getattr(v, "__name__", n)
-            out.append(f"{n} = {'_sl' if hasattr(native, ours) else '_sl_lanes'}.{ours}")
-        elif isinstance(v, type) and hasattr(v, "_fields"):
-            out.append(_tuple_text(n, v))
-        elif v is np.uint64 or v is np.int64 or v is np.float64:
-            out.append(f"{n} = _sl_np.{v.__name__}")
-        elif isinstance(v, types.FunctionType):
+        if twins:  # one type to numba too
+            out.append(f"{n} = {twins[0]}")
+        elif isinstance(v, types.FunctionType) and v.__module__ != maths.__name__:
             _embed(v, n, done, out)
-        elif isinstance(v, np.uint64):
-            out.append(f"{n} = _sl_np.uint64({int(v)})")
-        elif isinstance(v, (bool, int, float)):
-            out.append(
-                f"{n} = float({str(float(v))!r})" if isinstance(v, float) else f"{n} = {v!r}"
-            )
-        else:
-            raise SceneError(
-                f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level"
-                " numbers, NamedTuples and helper functions; put arrays into the parameters that"
-                " design(fs) returns"
-            )
+        elif v is not abs and v is not range:
+            out.append(_meaning(f, n, v))
     text = re.sub(r"^def \w+", f"def {name}", _with_names(steps.source(f), renamed))
     out.append(f'@_sl_njit(error_model="numpy", inline="always")\n{text}')
+
+
+def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
+    """Line that gives a name what it stands for in a function."""
+    if v is np:
+        return f"import numpy as {n}"
+    if v is maths:
+        return f"{n} = _sl"
+    if getattr(maths, getattr(v, "__name__", n), None) is v:
+        ours = getattr(v, "__name__", n)
+        return f"{n} = {'_sl' if hasattr(native, ours) else '_sl_lanes'}.{ours}"
+    if isinstance(v, type) and hasattr(v, "_fields"):
+        return _tuple_text(n, v)
+    if isinstance(v, type) and v in (np.uint64, np.int64, np.float64):
+        return f"{n} = _sl_np.{v.__name__}"
+    if isinstance(v, np.uint64):
+        return f"{n} = _sl_np.uint64({int(v)})"
+    if isinstance(v, float):
+        return f"{n} = float({str(float(v))!r})"
+    if isinstance(v, int):
+        return f"{n} = {v!r}"
+    raise SceneError(
+        f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level"
+        " numbers, NamedTuples and helper functions; put arrays into the parameters that"
+        " design(fs) returns"
+    )
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -93,21 +93,44 @@ def _with_names(text: str, names: dict[str, str]) -> str:
     return ast.unparse(tree) + "\n"
 
 
-def _tuple_text(name: str, t: type) -> str:
-    return f"{name} = _sl_namedtuple({t.__name__!r}, {t._fields!r})"  # type: ignore[attr-defined]
+def _tuple_text(name: str, t: Any) -> str:
+    return f"{name} = _sl_namedtuple({t.__name__!r}, {t._fields!r})"
+
+
+class Form(NamedTuple):
+    """What a segment is made for: a block class whose parameters and states have these
+    kinds of fields, or two blocks side by side.
+    """
+
+    cls: Any
+    code: Any  # a notebook may change a step in place
+    p_type: type
+    p_kinds: str
+    s_type: type
+    s_kinds: str
+    inputs: int
+    copies: int = 1
+    read: tuple[bool, ...] = (True,)
+    """Of each output, whether anybody listens; a step's others are neither stored nor,
+    for that, computed.
+    """
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of what lies along the samples, outputs last."""
+        outputs = [f"y_{name}" for name in self.cls.outputs] or ["y"]
+        return [*(f"x{j}" for j in range(self.inputs)), *outputs]
+
+    def warm(self, s: str) -> list[str]:
+        """Lines after a step or tile, with the name of its state."""
+        reset = f"{s} = {emit.warm('_sl_S', fields(self.s_type), s)}"
+        return [reset] if self.cls.resettable else []
 
 
 @memo
-def segment(
-    cls: Any, code: Any, p_type: type, p_kinds: str, s_type: type, s_kinds: str,
-    inputs: int, copies: int = 1, read: tuple[bool, ...] = (True,),
-):  # fmt: skip
-    """The segment of a block class whose parameters and states have these kinds of
-    fields, or that of two blocks side by side.
-
-    read: of each output, whether anybody listens; a step's others are neither stored
-    nor, for that, computed.
-    """
+def segment(form: Form) -> types.ModuleType:
+    """The segment of a form, compiled now or before."""
+    cls = form.cls
     f = cls.tile or cls.step
     steps.source(f)  # an error here names the step, not the first of its helpers
     out: list[str] = [_HEAD]
@@ -116,71 +139,23 @@ def segment(
     if any(isinstance(g, types.FunctionType) and g.__annotations__ for g in (f, *done.values())):
         # types that an author notes may have any names
         out.insert(0, "from __future__ import annotations\n")
-    for ours, t in (("_sl_P", p_type), ("_sl_S", s_type)):
+    for ours, t in (("_sl_P", form.p_type), ("_sl_S", form.s_type)):
         # the step's own, or the types would differ
-        theirs = next((name for name, v in done.items() if v is t), None)
-        if hasattr(t, "_fields"):
-            out.append(f"{ours} = {theirs}" if theirs else _tuple_text(ours, t))
-    lines: list[str] = []
-    after: list[str] = []
-    y = [f"y_{name}" for name in cls.outputs] or ["y"]
-    blocks = [
-        _one_of(c, p_kinds, s_kinds, s_type, inputs, y, bool(cls.tile and cls.work), lines, after)
-        for c in range(copies)
-    ]
-    warm = (
-        [f"s = _sl_S({', '.join([*(f's.{k}' for k in s_type._fields[:-1]), '0.0'])})"]  # type: ignore[attr-defined]
-        if cls.resettable
-        else []
-    )
-    if cls.tile:
-        scratch = ["w"] if cls.work else []
-        given = ["p", "s", *(f"x{j}" for j in range(inputs)), *y, *scratch]
-        lines += [f"s = _sl_block({', '.join(given)})", *warm]
-    elif (
-        inputs
-        and y == ["y"]
-        and not s_kinds
-        and not set(p_kinds) & {"F", "U"}
-        and lanes.in_vectors(f, p_type, p_kinds, inputs)
-    ):
-        x = "".join(f"_sl.at(W, A[{j}]), " for j in range(inputs))
-        lines.append(f"_sl_lanes.steps(_sl_block, p, ({x}), _sl.at(W, A[{inputs}]), n)")
-    elif copies == 2 and lanes.go_abreast(f, p_type, p_kinds, s_type, s_kinds, inputs):
-        out.append(
-            '@_sl_njit(error_model="numpy")\ndef _sl_one(p, s, *x):\n    y, s = _sl_block(p, s,'
-            " *x)\n" + "".join(f"    {text}\n" for text in warm) + "    return y, s\n"
-        )
-        slots = [f"_sl.at(W, A[{k}])" for k in range(2 * inputs + 2)]
-        one, other = (
-            f"({', '.join(v)},)" if (v := slots[k : k + inputs]) else "()" for k in (0, inputs + 1)
-        )
-        ys = f"({slots[inputs]}, {slots[-1]})"
-        lines.append(
-            f"s, s1 = _sl_lanes.abreast(_sl_one, (p, p1), (s, s1), ({one}, {other}), {ys}, n)"
-        )
-    else:
-        lines.append("for i in range(n):")
-        for c in blocks:
-            x = "".join(f", x{j}{c}[i]" for j in range(inputs))
-            samples = [
-                f"{name}{c}[i]" if listened else "_sl_unread"
-                for name, listened in zip(y, read, strict=True)
-            ]
-            made = f"({', '.join(samples)})" if cls.outputs else samples[0]
-            sample = [
-                f"{made}, s{c} = _sl_block(p{c}, s{c}{x})",
-                *(re.sub(r"\bs\b", f"s{c}", text) for text in warm),
-            ]
-            lines += ["    " + text for text in sample]
-    body = "\n".join("    " + text for text in [*lines, *after])
-    out.append(
-        '@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")\ndef _sl_segment(P, S, W, A,'
-        f" n):\n{body}\n"
-    )
+        theirs = [name for name, v in done.items() if v is t]
+        if fields(t):
+            out.append(f"{ours} = {theirs[0]}" if theirs else _tuple_text(ours, t))
+    taken: list[str] = []
+    kept: list[str] = []
+    for c in range(form.copies):
+        _take(form, c, taken, kept)
+    body = [*taken, *_run(form, f, out), *kept]
+    decorator = '@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")'
+    out.append(f"{decorator}\n{emit.define('_sl_segment', ['P', 'S', 'W', 'A', 'n'], body)}")
     text = "\n".join(out)
     try:
-        return load(text, _owner(cls).__name__)
+        # all classes on top of the one that wrote the step share one segment
+        owner = next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
+        return load(text, owner.__name__)
     except SceneError as e:  # of lanes
         raise SceneError(f"{place(f)}{cls.__name__}.tile: {e}") from None
     except (numba.core.errors.NumbaError, TypeError) as e:
@@ -190,59 +165,92 @@ def segment(
         ) from e
 
 
-def _one_of(
-    c: int,
-    p_kinds: str,
-    s_kinds: str,
-    s_type: type,
-    inputs: int,
-    ys: list[str],
-    scratch: bool,
-    before: list[str],
-    end: list[str],
-) -> str:
-    """Text that takes a block's numbers from the tables and keeps its state; what its
-    names end with comes back.
+_MEMORY = {"f": "PS", "F": "PS", "u": "CZ", "U": "CZ"}
+"""Where a kind of field lies, of parameters and of state: P and S are words as floats,
+C and Z the same as uint64.  A small letter is a number, a capital an array.
+"""
 
-    A second block's words and state lie some words further on, as A tells.
+
+def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
+    """Add lines that take a block's numbers from the tables, and those that keep its
+    state.
+
+    A second block's words and state lie some words further on, as A tells; its names
+    end with 1.
     """
-    name, place = str(c or ""), c * (inputs + len(ys))
+    b, signals = str(c or ""), form.signals
+    slot, at = c * len(signals), 0
     if c:
-        before += [f"P{c} = _sl.at(P, A[{2 * place}])", f"S{c} = _sl.at(S, A[{2 * place + 1}])"]
-    before += [f"C{name} = _sl.as_u8(P{name})", f"Z{name} = _sl.as_u8(S{name})"]
-    at, p_args = 0, []
-    for k in p_kinds:
-        if k in "FU":
-            memory = f"{'C' if k == 'U' else 'P'}{name}"
-            p_args.append(
-                f"_sl_carray(_sl.at({memory}, _sl_np.int64(C{name}[{at}])),"
-                f" _sl_np.int64(C{name}[{at + 1}]))"
-            )
-        else:
-            p_args.append(f"{'C' if k == 'u' else 'P'}{name}[{at}]")
-        at += 2 if k in "FU" else 1
-    s_args, at_s = [], "0"
-    for k, field in zip(s_kinds, getattr(s_type, "_fields", ()), strict=True):
-        memory = f"{'Z' if k in 'uU' else 'S'}{name}"
-        if k in "FU":
-            before.append(f"z{name}_{field} = _sl_np.int64(C{name}[{at}])")
-            s_args.append(f"_sl_carray(_sl.at({memory}, {at_s}), z{name}_{field})")
-            at_s += f" + z{name}_{field}"
+        lines.append(f"P{b} = _sl.at(P, A[{2 * slot}])")
+        lines.append(f"S{b} = _sl.at(S, A[{2 * slot + 1}])")
+    lines += [f"C{b} = _sl.as_u8(P{b})", f"Z{b} = _sl.as_u8(S{b})"]
+    numbers, state, at_s = [], [], "0"
+    for k in form.p_kinds:
+        memory = _MEMORY[k][0] + b
+        if k.isupper():  # words: place, size
+            start, size = (f"_sl_np.int64(C{b}[{at + j}])" for j in (0, 1))
+            numbers.append(f"_sl_carray(_sl.at({memory}, {start}), {size})")
             at += 1
         else:
-            s_args.append(f"{memory}[{at_s}]")
-            end.append(f"{memory}[{at_s}] = s{name}.{field}")
+            numbers.append(f"{memory}[{at}]")
+        at += 1
+    for k, name in zip(form.s_kinds, fields(form.s_type), strict=True):
+        memory = _MEMORY[k][1] + b
+        if k.isupper():
+            size = f"z{b}_{name}"
+            lines.append(f"{size} = _sl_np.int64(C{b}[{at}])")
+            state.append(f"_sl_carray(_sl.at({memory}, {at_s}), {size})")
+            at_s += f" + {size}"
+            at += 1
+        else:
+            state.append(f"{memory}[{at_s}]")
+            after.append(f"{memory}[{at_s}] = s{b}.{name}")
             at_s += " + 1"
-    before.append(f"p{name} = _sl_P({', '.join(p_args)})" if p_kinds else f"p{name} = ()")
-    before.append(f"s{name} = _sl_S({', '.join(s_args)})" if s_kinds else f"s{name} = ()")
-    before += [f"x{j}{name} = _sl_carray(_sl.at(W, A[{place + j}]), n)" for j in range(inputs)]
-    before += [
-        f"{out}{name} = _sl_carray(_sl.at(W, A[{place + inputs + j}]), n)"
-        for j, out in enumerate(ys)
-    ]
-    if scratch:
-        before.append(f"w = _sl_carray(_sl.at(W, A[{inputs + len(ys)}]), _sl_np.int64(C[{at}]))")
-    return name
+    lines.append(f"p{b} = {emit.record('_sl_P', numbers)}")
+    lines.append(f"s{b} = {emit.record('_sl_S', state)}")
+    for j, v in enumerate(signals, slot):
+        lines.append(f"{v}{b} = _sl_carray(_sl.at(W, A[{j}]), n)")
+    if form.cls.tile and form.cls.work:
+        size = f"_sl_np.int64(C[{at}])"
+        lines.append(f"w = _sl_carray(_sl.at(W, A[{len(signals)}]), {size})")
+
+
+def _run(form: Form, f: Any, out: list[str]) -> list[str]:
+    """Lines that run a step or tile, in the quickest of the ways that it allows; out:
+    what stands before the segment.
+    """
+    inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
+    slots = [f"_sl.at(W, A[{k}])" for k in range(form.copies * len(form.signals))]
+    if form.cls.tile:
+        given = ["p", "s", *form.signals, *(["w"] if form.cls.work else [])]
+        return [f"s = {emit.call('_sl_block', *given)}", *form.warm("s")]
+    # nothing from one sample to the next, and no table that each looks up
+    flat = (
+        inputs
+        and not form.cls.outputs
+        and not form.s_kinds
+        and form.p_kinds == form.p_kinds.lower()
+    )
+    if flat and lanes.in_vectors(f, *numbers, inputs):
+        x = "".join(f"{slot}, " for slot in slots[:inputs])
+        return [f"_sl_lanes.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
+    if form.copies == 2 and lanes.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
+        body = ["y, s = _sl_block(p, s, *x)", *form.warm("s"), "return y, s"]
+        one = emit.define("_sl_one", ["p", "s", "*x"], body)
+        out.append(f'@_sl_njit(error_model="numpy")\n{one}')
+        x, x1 = (f"({', '.join(slots[k : k + inputs])},)" for k in (0, inputs + 1))
+        pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
+        return [f"s, s1 = _sl_lanes.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
+    lines = []
+    for b in ["", "1"][: form.copies]:
+        samples = [f"{v}{b}[i]" for v in form.signals]
+        for j, listened in enumerate(form.read, inputs):
+            if not listened:
+                samples[j] = "_sl_unread"
+        made = emit.several(samples[inputs:], bool(form.cls.outputs))
+        run = emit.call("_sl_block", f"p{b}", f"s{b}", *samples[:inputs])
+        lines += [f"{made}, s{b} = {run}", *form.warm(f"s{b}")]
+    return ["for i in range(n):", *emit.indented(lines)]
 
 
 def _said(e: Exception) -> str:
@@ -270,11 +278,6 @@ def _line(e: Exception, text: str, f: types.FunctionType) -> str:
         if 0 < blamed <= len(written) and line.strip() == written[blamed - 1].strip()
     ]
     return f"{f.__code__.co_filename}:{first + at[0]}: " if at else place(f)
-
-
-def _owner(cls: type) -> type:
-    """The class that wrote the step: all classes on top of it share one segment."""
-    return next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
 
 
 def kinds(t: Any) -> str:
