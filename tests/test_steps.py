@@ -609,6 +609,19 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
                 steps.rehearse(block, *numbers)
 
 
+@pytest.mark.parametrize("t", [np.array([3, 5]), np.array([3, 5], np.float32)], ids=str)
+def test_parameters_that_are_whole_or_short_numbers_are_floats_to_the_compiler(t):
+    def step(p, s, x):
+        return x * p.table[1], s
+
+    block = own(
+        design=lambda self, fs: (Numbers(t, np.uint64(0), 1.0), ()), step=staticmethod(step)
+    )
+    for target in ("numba", "python"):
+        y = stimlib.compile(Scene({"y": block(x)}), 1000, target).process(np.full((1, 2), 2.0))
+        assert y.tolist() == [[10.0, 10.0]]
+
+
 EDITED = """
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -48,184 +48,154 @@ def _together() -> types.ModuleType:
 
 
 # A program to a table -----------------------------------------------------------------
+class _Table:
+    """The rows of a program, with the words that they find in A and P."""
+
+    def __init__(self, program: Program, design: list[tuple[Any, Any]]):
+        self.program, self.design, self.machine = program, design, runtime()
+        self.slot: dict[Any, int] = {}
+        self.rows: list[tuple[int, ...]] = []
+        self.P: list[np.ndarray] = []
+        self.A: list[int] = []
+        self.p_at, self.scratch = 0, TILE
+        self.segments = [""] * len(program.instances)
+        self.state = np.cumsum([0, *(pack(s).size for _, s in design)]).tolist()
+        self.still = _still(program, design)
+        self.listened: set[tuple[int, int]] = set()
+        for i in program.inputs.values():
+            self.place(i)
+        self.constants = []
+        for i, q in enumerate(program.instances):
+            block: Any = q.block
+            if q.kind == "const":
+                self.constants.append((self.place(i), block.value))
+            elif q.kind == "pick":
+                self.listened.add((q.args[0], block.place))
+        works: list[int] = []
+        for group in _order(program, design):
+            self.add(group)
+            if program.instances[group[0]].block.definition.work:
+                works.append(len(self.A) - 1)
+        self.outputs_at = len(self.A)
+        self.A += [self.slot[o] for o in program.outputs.values()]
+        for j in works:
+            self.A[j] = len(self.slot) * TILE
+
+    def place(self, key: Any) -> int:
+        """Slot of a signal."""
+        return self.slot.setdefault(key, len(self.slot) * TILE)
+
+    def arg(self, i: int, clock: int) -> int:
+        """Slot of an argument; a parameter or an input is first gathered onto a child
+        clock.
+        """
+        q = self.program.instances[i]
+        if q.kind == "pick":
+            return self.slot["output", q.args[0], q.block.place]  # type: ignore[attr-defined]
+        if q.kind == "const" or clock <= ROOT or (q.clock != PARAMS and q.kind != "input"):
+            return self.place(i)
+        if (i, clock) not in self.slot:
+            words = [self.place(i), self.place((i, clock))]
+            self.row(self.machine.GATHER, i, words, 0, clock, q.clock == PARAMS)
+        return self.slot[i, clock]
+
+    def places(self, i: int) -> list[int]:
+        """Slots of a block's outputs, one after the other."""
+        count = len(self.program.instances[i].block.outputs)
+        return [self.place(("output", i, j)) for j in range(count)] or [self.place(i)]
+
+    def row(self, address: int, i: int, words: list[int], p: int, clock: int, stands: bool) -> None:
+        autonomous = self.program.instances[i].autonomous
+        self.rows.append((address, p, self.state[i], len(self.A), clock, autonomous, stands, 0))
+        self.A.extend(words)
+
+    def add(self, group: tuple[int, ...]) -> None:
+        """The row of an instance, or of two side by side."""
+        i, machine, p = group[0], self.machine, 0
+        q = self.program.instances[i]
+        cls = q.block.definition
+        if q.kind == "pick":
+            return
+        if q.kind == "open":
+            address, words = machine.OPEN, [self.arg(q.args[0], q.clock), q.child]
+        elif q.kind == "close":
+            address = machine.CLOSE
+            words = [self.arg(q.args[1], q.child), self.place(i), q.child]
+        elif cls in lanes.OPERATIONS:
+            address = machine.OPERATION + lanes.OPERATIONS.index(cls)
+            words = [*(self.arg(a, q.clock) for a in q.args), self.place(i)]
+        else:
+            address, words, p = self.call(group)
+        self.row(address, i, words, p, q.clock, self.still[i])
+
+    def call(self, group: tuple[int, ...]) -> tuple[int, list[int], int]:
+        """Address, words and parameters of the segment of one block, or of two side by
+        side.
+        """
+        i, instances = group[0], self.program.instances
+        q, cls = instances[i], instances[i].block.definition
+        count = len(q.args) - cls.resettable
+        compiled = segment(self.form(group, count))
+        resets = cls.resettable and not _always(instances[q.args[-1]])
+        rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)
+        address, words, starts = compiled._sl_segment.address, [], []
+        for k in group:
+            self.segments[k] = compiled.__name__
+            p, s = self.design[k]
+            words += [*(self.arg(a, q.clock) for a in instances[k].args[:count]), *self.places(k)]
+            sizes = [v.size for v in s if isinstance(v, np.ndarray)]
+            if cls.work:
+                sizes.append(cls.work(p))
+                self.scratch = max(self.scratch, sizes[-1])
+            self.P.append(np.concatenate([_parameter_words(p, sizes), rest]))
+            starts.append(self.p_at)
+            self.p_at += self.P[-1].size
+        for k, start in zip(group[1:], starts[1:], strict=True):
+            words += [start - starts[0], self.state[k] - self.state[i]]
+        if resets:
+            outs, at = self.places(i), self.p_at - starts[0] - rest.size
+            contact = self.arg(q.args[-1], q.clock)
+            words = [contact, outs[0], len(outs), at, rest.size, address, *words]
+            address = self.machine.RESETTABLE
+        if cls.work:
+            words.append(-1)  # the slot of the scratch, which is behind all others
+        return address, words, starts[0]
+
+    def form(self, group: tuple[int, ...], count: int) -> Form:
+        (p, s), cls = self.design[group[0]], self.program.instances[group[0]].block.definition
+        f = cls.tile or cls.step
+        assert f is not None, f"{cls.__name__} has neither step nor tile"
+        meaning = () if str(f.__module__).startswith("stimlib.") else steps.meaning(f)
+        outputs = range(len(cls.outputs))
+        read = tuple((group[0], j) in self.listened for j in outputs) or (True,)
+        types = type(p), kinds(p), type(s), kinds(s)
+        return Form(cls, (f.__code__, meaning), *types, count, len(group), read)
+
+
 class Engine:
     """Tables and memory of one compiled program; ``words`` is its whole state."""
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
-        machine = runtime()
-        instances, clocks = program.instances, len(program.parents)
-        slot: dict[Any, int] = {}
-        for i in program.inputs.values():
-            slot[i] = len(slot) * TILE
-        P: list[np.ndarray] = []
-        p_at = 0
-        A: list[int] = []
-        rows: list[tuple[int, ...]] = []
-        self.segments: list[str] = [""] * len(instances)
-        state = np.cumsum([0, *(pack(s).size for _, s in design)]).tolist()
-        self._place = {i: state[i] for i in program.params.values()}
-        still = _still(program, design)
-        constants = []
-        scratch = TILE
-        work_slots: list[int] = []
-
-        def place(key: Any) -> int:
-            return slot.setdefault(key, len(slot) * TILE)
-
-        def row(
-            address: int,
-            i: int,
-            words: list[int],
-            p: int = 0,
-            clock: int | None = None,
-            stands: bool = False,
-        ) -> None:
-            q = instances[i]
-            rows.append(
-                (
-                    address,
-                    p,
-                    state[i],
-                    len(A),
-                    q.clock if clock is None else clock,
-                    q.autonomous,
-                    stands,
-                    0,
-                )
-            )
-            A.extend(words)
-
-        def arg(i: int, clock: int) -> int:
-            """Slot of an argument; a parameter or an input is first gathered onto a
-            child clock.
-            """
-            q = instances[i]
-            if q.kind == "pick":
-                return slot["output", q.args[0], q.block.place]  # type: ignore[attr-defined]
-            if q.kind == "const" or clock <= ROOT or (q.clock != PARAMS and q.kind != "input"):
-                return place(i)
-            if (i, clock) not in slot:
-                row(
-                    machine.GATHER,
-                    i,
-                    [place(i), place((i, clock))],
-                    clock=clock,
-                    stands=q.clock == PARAMS,
-                )
-            return slot[i, clock]
-
-        def parameters(words: np.ndarray, payload: list[np.ndarray]) -> int:
-            nonlocal p_at
-            P.extend([words, *payload])
-            p_at += words.size + sum(v.size for v in payload)
-            return p_at - words.size - sum(v.size for v in payload)
-
-        def places(i: int) -> list[int]:
-            """Slots of a block's outputs, one after the other."""
-            names = instances[i].block.outputs
-            return [place(("output", i, j)) for j in range(len(names))] if names else [place(i)]
-
-        listened = {(q.args[0], q.block.place) for q in instances if q.kind == "pick"}  # type: ignore[attr-defined]
-        for i, q in enumerate(instances):
-            if q.kind == "const":
-                constants.append((place(i), q.block.value))  # type: ignore[attr-defined]
-        for together in _order(program, design):
-            i = together[0]
-            q = instances[i]
-            cls = q.block.definition
-            if q.kind == "pick":
-                continue
-            if q.kind == "open":
-                row(machine.OPEN, i, [arg(q.args[0], q.clock), q.child])
-            elif q.kind == "close":
-                row(machine.CLOSE, i, [arg(q.args[1], q.child), place(i), q.child])
-            elif cls in lanes.OPERATIONS:
-                words = [arg(a, q.clock) for a in q.args]
-                row(
-                    machine.OPERATION + lanes.OPERATIONS.index(cls),
-                    i,
-                    [*words, place(i)],
-                    stands=still[i],
-                )
-            else:
-                p, s = design[i]
-                f = cls.tile or cls.step
-                assert f is not None, f"{cls.__name__} has neither step nor tile"
-                contact = instances[q.args[-1]] if cls.resettable else None
-                resets = contact is not None and not _always(contact)
-                count = len(q.args) - cls.resettable
-                code = (
-                    f.__code__,
-                    (() if str(f.__module__).startswith("stimlib.") else steps.meaning(f)),
-                )
-                read = tuple((i, j) in listened for j in range(len(cls.outputs))) or (True,)
-                form = Form(
-                    cls, code, type(p), kinds(p), type(s), kinds(s), count, len(together), read
-                )
-                compiled = segment(form)
-                address, words, at = compiled._sl_segment.address, [], []
-                for k in together:
-                    self.segments[k] = compiled.__name__
-                    p, s = design[k]
-                    sizes = [v.size for v in s if isinstance(v, np.ndarray)]
-                    words += [*(arg(a, q.clock) for a in instances[k].args[:count]), *places(k)]
-                    if cls.work:
-                        sizes.append(cls.work(p))
-                        scratch = max(scratch, sizes[-1])
-                    numbers, payload = _parameter_words(p, sizes)
-                    at.append(
-                        parameters(numbers, [*payload, *([pack(at_rest(s))] if resets else [])])
-                    )
-                words += [
-                    w
-                    for k, p_of in zip(together[1:], at[1:], strict=True)
-                    for w in (p_of - at[0], state[k] - state[i])
-                ]
-                if resets:
-                    rest = pack(at_rest(s))
-                    outs = places(i)
-                    words = [
-                        arg(q.args[-1], q.clock),
-                        outs[0],
-                        len(outs),
-                        p_at - at[0] - rest.size,
-                        rest.size,
-                        address,
-                        *words,
-                    ]
-                    address = machine.RESETTABLE
-                if cls.work:
-                    work_slots.append(len(A) + len(words))
-                    words.append(-1)
-                row(address, i, words, at[0], stands=still[i])
-        outs_at = len(A)
-        A += [slot[o] for o in program.outputs.values()]
-        for j in work_slots:
-            A[j] = len(slot) * TILE
-        self.table = np.array(rows, np.int64).reshape(-1, 8)
-        self.P = np.concatenate([np.zeros(0, np.uint64), *P]) if P else np.zeros(1, np.uint64)
-        self.A = np.array(A, np.int64)
+        table = _Table(program, design)
+        self.segments, self._constants = table.segments, table.constants
+        self.table = np.array(table.rows, np.int64).reshape(-1, 8)
+        self.P = np.concatenate(table.P) if table.P else np.zeros(1, np.uint64)
+        self.A = np.array(table.A, np.int64)
+        self.size = table.state[-1]
+        self._place = {i: table.state[i] for i in program.params.values()}
         self._param = {i: j for j, i in enumerate(program.params.values())}
-        self.size = state[-1]
         self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
-        self._constants = constants
-        self._outs_at, self._clocks = outs_at, clocks
-        self._buffers = len(slot) * TILE + scratch + TILE  # a stretch may begin late in its tile
+        self._outs_at, self._clocks = table.outputs_at, len(program.parents)
+        # a stretch may begin late in its tile
+        self._buffers = len(table.slot) * TILE + table.scratch + TILE
         self._allot()
 
     def _allot(self) -> None:
         """Memory of one run, in whole lines of the cache: threads that run copies write
         into no line of each other.
         """
-        machine, params = runtime(), len(self._param)
-        words = (
-            max(self.size, 1),
-            self._buffers,
-            self._clocks,
-            self._clocks * 2 * TILE,
-            4 * max(1, params),
-            20,
-        )
+        machine, params, clocks = runtime(), len(self._param), self._clocks
+        words = max(self.size, 1), self._buffers, clocks, clocks * 2 * TILE, 4 * max(1, params), 20
         ends = np.cumsum([-(-n // 8) * 8 for n in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
         self.nbytes = memory.nbytes
@@ -238,21 +208,12 @@ class Engine:
             self.W[k : k + TILE] = v
         for i, j in self._param.items():
             self.pending[j, 1] = self._place[i]
-        self.ctx[:17] = [
-            len(self.table),
-            *(a.ctypes.data for a in (self.table, self.P, self.S, self.W, self.A)),
-            self._empty[0].shape[0],
-            self._empty[1].shape[0],
-            self._outs_at,
-            self.N.ctypes.data,
-            self.index.ctypes.data,
-            self._clocks,
-            -1,
-            self.pending.ctypes.data,
-            params,
-            0,
-            machine.entry.address,
-        ]
+        arrays = {1: self.table, 2: self.P, 3: self.S, 4: self.W, 5: self.A, 9: self.N}
+        for k, a in (arrays | {10: self.index, 13: self.pending}).items():
+            self.ctx[k] = a.ctypes.data
+        self.ctx[0], self.ctx[14], self.ctx[16] = len(self.table), params, machine.entry.address
+        self.ctx[6:9] = *(a.shape[0] for a in self._empty), self._outs_at
+        self.ctx[11:13] = clocks, -1
         self.ctx[18:20] = calls.array_words()
         self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
         self.process = calls.function(machine.process.address, self.address[1])
@@ -381,14 +342,9 @@ def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
     """What is one number as long as no parameter moves: those, and maps of them."""
     still: list[bool] = []
     for q, (_, s) in zip(program.instances, design, strict=True):
-        of_them = (
-            q.kind in ("block", "pick") and not s and bool(q.args) and all(still[a] for a in q.args)
-        )
-        still.append(
-            q.kind == "const"
-            or isinstance(q.block, Param)
-            or (of_them and isinstance(q.block, Map | Pick))
-        )
+        maps = q.kind in ("block", "pick") and isinstance(q.block, Map | Pick) and not s
+        of_them = maps and bool(q.args) and all(still[a] for a in q.args)
+        still.append(of_them or q.kind == "const" or isinstance(q.block, Param))
     return still
 
 
@@ -405,45 +361,44 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     instances = program.instances
     opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
     done = [q.kind in ("const", "input") for q in instances]
-    alike: dict[Any, list[int]] = {}
+    keys = [_recursion(program, design, i) for i in range(len(instances))]
+    alike: dict[Any, list[int]] = {None: []}
     for i in reversed(range(len(instances))):
-        if key := _recursion(program, design, i):
-            alike.setdefault(key, []).append(i)
-
-    def before(j: int) -> list[int] | None:
-        """What must run before an instance and has not; None if that is much."""
-        found: set[int] = set()
-        todo = [j]
-        while todo and len(found) <= NEAR:
-            q = instances[todo.pop()]
-            need = [
-                a
-                for a in (*q.args, *((opened[q.clock],) if q.clock > ROOT else ()))
-                if not done[a] and a not in found
-            ]
-            found.update(need)
-            todo += need
-        return None if todo else sorted(found)
+        if keys[i]:
+            alike.setdefault(keys[i], []).append(i)
 
     order: list[tuple[int, ...]] = []
-    for i in range(len(instances)):
+    for i, key in enumerate(keys):
         if done[i]:
             continue
         group: tuple[int, ...] = (i,)
-        if key := _recursion(program, design, i):
-            others = alike[key]
-            while others and (done[others[-1]] or others[-1] <= i):
-                others.pop()
-            first = before(others[-1]) if others else None
-            if first is not None and i not in first:
-                order += [(k,) for k in first]
-                group = (i, others.pop())
-                for k in first:
-                    done[k] = True
-        for k in group:
+        others = alike[key]
+        while others and (done[others[-1]] or others[-1] <= i):
+            others.pop()
+        first = _before(instances, opened, done, others[-1]) if others else None
+        if first is None or i in first:
+            first = []
+        else:
+            group = i, others.pop()
+        order += [*((k,) for k in first), group]
+        for k in (*first, *group):
             done[k] = True
-        order.append(group)
     return order
+
+
+def _before(
+    instances: list[Instance], opened: dict[int, int], done: list[bool], j: int
+) -> list[int] | None:
+    """What must run before an instance and has not; None if that is much."""
+    found: set[int] = set()
+    todo = [j]
+    while todo and len(found) <= NEAR:
+        q = instances[todo.pop()]
+        need = {*q.args, opened[q.clock]} if q.clock > ROOT else {*q.args}
+        new = {a for a in need - found if not done[a]}
+        found |= new
+        todo += new
+    return None if todo else sorted(found)
 
 
 def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
@@ -464,12 +419,12 @@ def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
     return cls, type(p), kinds(p), type(s), kinds(s), q.clock, q.autonomous
 
 
-def _parameter_words(p: Any, sizes: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:
+def _parameter_words(p: Any, sizes: list[int]) -> np.ndarray:
     """Words of one row: numbers, (offset, size) of arrays, sizes of state arrays and
     scratch; then the arrays.
     """
-    arrays = [np.ascontiguousarray(v).view(np.uint64) for v in p if isinstance(v, np.ndarray)]
-    end = sum(2 if isinstance(v, np.ndarray) else 1 for v in p) + len(sizes)
+    arrays = [pack((v,)) for v in p if isinstance(v, np.ndarray)]
+    end = len(p) + len(arrays) + len(sizes)
     words: list[np.ndarray] = []
     for v in p:
         if isinstance(v, np.ndarray):
@@ -477,5 +432,4 @@ def _parameter_words(p: Any, sizes: list[int]) -> tuple[np.ndarray, list[np.ndar
             end += v.size
         else:
             words.append(pack((v,)))
-    words.append(np.array(sizes, np.uint64))
-    return np.concatenate(words), arrays
+    return np.concatenate([*words, np.array(sizes, np.uint64), *arrays])
