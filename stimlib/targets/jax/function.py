@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import jax
@@ -25,6 +25,7 @@ from ...core.graph import Block, Compare, Const, Param, Segment
 from ...core.program import (
     PARAMS,
     ROOT,
+    Instance,
     Program,
     check_memory,
     design_of,
@@ -184,33 +185,18 @@ class Function:
         with jax.enable_x64(True):
             if motion is not None and not isinstance(motion, Mapping):
                 motion = self._rows(motion)
-            params, motion, gates = (
-                _named("params", params),
-                _named("motion", motion),
-                _named("gates", gates),
-            )
-            for what, given, known in (
-                ("parameter", params, self.params),
-                ("input", motion, self.inputs),
-                ("gate", gates, self.gates),
-            ):
-                for name in given:
-                    if name not in known:
-                        raise UnknownName(
-                            f"no {what} {name!r}; this scene has {', '.join(known) or 'none'}"
-                        )
+            params = _named("params", "parameter", params, self.params)
+            motion = _named("motion", "input", motion, self.inputs)
+            gates = _named("gates", "gate", gates, self.gates)
             for name in self.inputs:
                 if name not in motion:
                     raise UnknownName(f"the motion lacks the input {name!r}")
             motion = {name: _real(f"input {name!r}", v) for name, v in motion.items()}
             gates = {name: _real(name, v) for name, v in gates.items()}
             params = {
-                name: _real(f"parameter {name!r}", v) for name, v in (self.params | params).items()
+                name: _finite(f"parameter {name!r}", v)
+                for name, v in (self.params | params).items()
             }
-            for name, v in params.items():
-                if isinstance(v, np.ndarray) and not np.isfinite(v).all():
-                    at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""
-                    raise BadValue(f"parameter {name!r} is not finite{at}")
             key = _key("key", self.seed if key is None else key)
             size = _length({**motion, **params, **gates}, n)
             warn_beyond(self.program, self.fs, size)
@@ -235,109 +221,115 @@ class Function:
             )
         return dict(zip(self.inputs, motion, strict=True))
 
-    # The program ----------------------------------------------------------------------
     def _signals(self, params, motion, key, gates, n, wanted):
-        instances, early = self.program.instances, lead(self.fs)
-        value: dict[int, Any] = {}
-        total = {ROOT: early + n}  # samples of each clock, with those before its sample 0
-        opened: dict[int, Any] = {}  # gate of each enabled clock, over its parent's samples
-        place: dict[int, Any] = {}
-        # of each segment's clock, in its parent's samples from sample 0 on
-        span: dict[int, tuple[int, int]] = {}
-        parents = self.program.parents
-        silent: set[int] = set()  # clocks that have no sample in this run
-
-        def row(param: Any, clock: int) -> Any:
-            """A parameter given per sample, on a clock."""
-            if clock == ROOT:
-                return jnp.concatenate([jnp.broadcast_to(param[0], (early,)), param])
-            above = row(param, parents[clock])
-            if clock in span:
-                return jnp.concatenate(
-                    [jnp.broadcast_to(param[0], (early,)), above[early:][slice(*span[clock])]]
-                )
-            by = opened[clock]
-            if clock not in place:
-                place[clock] = jnp.nonzero(by, size=by.shape[0], fill_value=by.shape[0] - 1)[0]
-            return jnp.concatenate(
-                [
-                    jnp.broadcast_to(param[0], (early,)),
-                    above[above.shape[0] - by.shape[0] :][place[clock]],
-                ]
-            )
-
-        def signal(a: int, clock: int) -> Any:
-            """What an instance gives on a clock."""
-            v = value[a]
-            if jnp.ndim(v) and instances[a].clock == PARAMS:
-                return row(v, clock)
-            if instances[a].kind == "input" and clock != ROOT:  # only segments have inputs
-                return signal(a, parents[clock])[slice(*span[clock])]
-            return v
-
-        for i, q in enumerate(instances):
-            clock = max(q.clock, ROOT)
-            if clock in silent:
-                silent.add(q.child)
-                continue
-            size = total.get(clock, 0) - (0 if q.autonomous else early)
-            if q.kind == "input":
-                value[i] = spread(motion[q.block.name], n)  # type: ignore[attr-defined]
-                continue
-            if isinstance(q.block, Const):
-                value[i] = np.float64(q.block.value)
-                continue
-            if isinstance(q.block, Param):
-                value[i] = params[q.block.name]
-                continue
-            if isinstance(q.block, Segment):
-                if q.kind == "open":
-                    p = self.design[q.args[0]][0]
-                    span[q.child] = int(min(p.first, size)), int(min(p.end, size))
-                    a, end = span[q.child]
-                    total[q.child] = early + end - a
-                    silent |= {q.child} if a == end else set()
-                elif q.child in silent:
-                    value[i] = jnp.zeros(size)
-                else:
-                    a, end = span[q.child]
-                    value[i] = jnp.pad(_tail(signal(q.args[1], q.child), end - a), (a, size - end))
-                continue
-            if q.kind == "close":
-                by, inside = opened[q.child], value[q.args[1]]
-                if jnp.ndim(inside):
-                    inside = inside[early * instances[q.args[1]].autonomous + running(by)]
-                value[i] = jnp.where(by, inside, 0.0)
-                continue
-            if q.kind == "pick":
-                value[i] = value[q.args[0]][q.block.place]  # type: ignore[attr-defined]
-                continue
-            x = [signal(a, clock) for a in q.args]
-            x = [v[v.shape[0] - size :] if jnp.ndim(v) else v for v in x]
-            given = gates.get(f"gate {i}")
-            if q.kind == "open":
-                by = spread(jnp.asarray(x[0]) > 0, size)
-                opened[q.child] = (
-                    by if given is None else jnp.concatenate([by[: size - n], spread(given > 0, n)])
-                )
-                total[q.child] = early + size
-                value[i] = opened[q.child].astype(jnp.float64)
-                continue
-            if given is not None:
-                value[i] = jnp.concatenate([jnp.zeros(size - n), spread(given, n)])
-                continue
-            seed = self.program.seeds[clock]
-            run = Run(
-                size,
-                self.fs,
-                key if seed is None else np.uint64(seed),
-                jnp.dtype(self.dtype),
-                self.surrogate,
-            )
-            p, s = self.design[i]
-            value[i] = _run_block(q.block, p, s, x, run)
+        run = _Signals(self, params, motion, key, gates, n)
+        for i in range(len(self.program.instances)):
+            run.add(i)
         named = self.program.outputs | self._decisions
-        return {name: _tail(value[named[name]], n) for name in wanted}
+        return {name: _tail(run.value[named[name]], n) for name in wanted}
+
+
+# The program --------------------------------------------------------------------------
+class _Signals:
+    """What the instances of a program give in one run, in running order."""
+
+    def __init__(self, f: Function, params: Any, motion: Any, key: Any, gates: Any, n: int):
+        self.f, self.params, self.motion, self.key, self.gates = f, params, motion, key, gates
+        self.n, self.early = n, lead(f.fs)
+        self.instances, self.parents = f.program.instances, f.program.parents
+        self.value: dict[int, Any] = {}
+        # samples of each clock, with those before its sample 0
+        self.total = {ROOT: self.early + n}
+        # gate of each enabled clock, over its parent's samples, and where it is 1
+        self.opened: dict[int, Any] = {}
+        self.place: dict[int, Any] = {}
+        # of each segment's clock, in its parent's samples from sample 0 on
+        self.span: dict[int, tuple[int, int]] = {}
+        self.silent: set[int] = set()  # clocks that have no sample in this run
+
+    def row(self, param: Any, clock: int) -> Any:
+        """A parameter given per sample, on a clock."""
+        if clock == ROOT:
+            here = param
+        elif clock in self.span:
+            above = self.row(param, self.parents[clock])
+            here = above[self.early :][slice(*self.span[clock])]
+        else:
+            above, by = self.row(param, self.parents[clock]), self.opened[clock]
+            size = by.shape[0]
+            if clock not in self.place:
+                self.place[clock] = jnp.nonzero(by, size=size, fill_value=size - 1)[0]
+            here = above[above.shape[0] - size :][self.place[clock]]
+        return jnp.concatenate([jnp.broadcast_to(param[0], (self.early,)), here])
+
+    def signal(self, a: int, clock: int) -> Any:
+        """What an instance gives on a clock."""
+        v = self.value[a]
+        if jnp.ndim(v) and self.instances[a].clock == PARAMS:
+            return self.row(v, clock)
+        if self.instances[a].kind == "input" and clock != ROOT:  # only segments have inputs
+            return self.signal(a, self.parents[clock])[slice(*self.span[clock])]
+        return v
+
+    def add(self, i: int) -> None:
+        """Value of an instance; of a clock that it opens, the samples."""
+        q = self.instances[i]
+        clock = max(q.clock, ROOT)
+        if clock in self.silent:
+            self.silent.add(q.child)
+            return
+        size = self.total.get(clock, 0) - (0 if q.autonomous else self.early)
+        block: Any = q.block
+        if q.kind == "input":
+            self.value[i] = spread(self.motion[block.name], self.n)
+        elif isinstance(block, Const):
+            self.value[i] = np.float64(block.value)
+        elif isinstance(block, Param):
+            self.value[i] = self.params[block.name]
+        elif q.kind == "pick":
+            self.value[i] = self.value[q.args[0]][block.place]
+        elif isinstance(block, Segment) and q.kind == "open":
+            p = self.f.design[q.args[0]][0]
+            a, end = self.span[q.child] = int(min(p.first, size)), int(min(p.end, size))
+            self.total[q.child] = self.early + end - a
+            if a == end:
+                self.silent.add(q.child)
+        elif q.kind == "close":
+            self.value[i] = self.closed(q, size)
+        else:
+            self.value[i] = self.computed(i, clock, size)
+
+    def closed(self, q: Instance, size: int) -> Any:
+        """What is inside of a child clock, and 0 elsewhere."""
+        if q.child in self.silent:
+            return jnp.zeros(size)
+        if isinstance(q.block, Segment):
+            a, end = self.span[q.child]
+            return jnp.pad(_tail(self.signal(q.args[1], q.child), end - a), (a, size - end))
+        by, inside = self.opened[q.child], self.value[q.args[1]]
+        if jnp.ndim(inside):
+            inside = inside[self.early * self.instances[q.args[1]].autonomous + running(by)]
+        return jnp.where(by, inside, 0.0)
+
+    def computed(self, i: int, clock: int, size: int) -> Any:
+        """What a block gives, or the gate of a child clock; a decision may be given."""
+        q, n, x = self.instances[i], self.n, []
+        for a in q.args:
+            v = self.signal(a, clock)
+            x.append(v[v.shape[0] - size :] if jnp.ndim(v) else v)
+        given = self.gates.get(f"gate {i}")
+        if q.kind == "open":
+            by = spread(jnp.asarray(x[0]) > 0, size)
+            if given is not None:
+                by = jnp.concatenate([by[: size - n], spread(given > 0, n)])
+            self.opened[q.child], self.total[q.child] = by, self.early + size
+            return by.astype(jnp.float64)
+        if given is not None:
+            return jnp.concatenate([jnp.zeros(size - n), spread(given, n)])
+        f, seed = self.f, self.f.program.seeds[clock]
+        key = self.key if seed is None else np.uint64(seed)
+        run = Run(size, f.fs, key, jnp.dtype(f.dtype), f.surrogate)
+        return _run_block(q.block, *f.design[i], x, run)
 
 
 # What is given ------------------------------------------------------------------------
@@ -351,9 +343,13 @@ def _traced(values: Any) -> bool:
     return any(isinstance(v, jax.core.Tracer) for v in jax.tree.leaves(values))
 
 
-def _named(what: str, given: Any) -> dict[str, Any]:
+def _named(what: str, one: str, given: Any, known: Collection[str]) -> dict[str, Any]:
+    """A dict by known names."""
     if given is not None and not isinstance(given, Mapping):
         raise BadValue(f"{what} must be a dict by name, got {type(given).__name__}")
+    for name in given or ():
+        if name not in known:
+            raise UnknownName(f"no {one} {name!r}; this scene has {', '.join(known) or 'none'}")
     return dict(given or {})
 
 
@@ -387,6 +383,15 @@ def _real(what: str, v: Any) -> Any:
             " jax.vmap"
         )
     return v.astype(np.float64)
+
+
+def _finite(what: str, v: Any) -> Any:
+    """As ``_real``; BadValue where a number is known not to be finite."""
+    v = _real(what, v)
+    if isinstance(v, np.ndarray) and not np.isfinite(v).all():
+        at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""
+        raise BadValue(f"{what} is not finite{at}")
+    return v
 
 
 def _key(what: str, key: Any) -> Any:

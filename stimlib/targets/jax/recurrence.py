@@ -119,42 +119,44 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
                 " for JAX"
             )
         return scan_arrays(f, p, first, x, n)
-    make = type(first)
+    return _by_groups(f, p, first, x, n)
+
+
+def _by_groups(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
+    """Outputs of a step, one group of states after the other."""
+    make, k = type(first), len(first)
     s0 = [jnp.asarray(v) for v in first]
 
     def update(s, x):
-        return [
-            jnp.asarray(v).astype(o.dtype) for v, o in zip(f(p, make(*s), *x)[1], s0, strict=True)
-        ]
+        new = f(p, make(*s), *x)[1]
+        return [jnp.asarray(v).astype(o.dtype) for v, o in zip(new, s0, strict=True)]
 
     scalars = [jnp.zeros((), v.dtype) for v in map(jnp.asarray, x)]
     jaxpr = jax.make_jaxpr(update)(s0, scalars).jaxpr
-    k = len(s0)
 
-    def degree(of: list[int]) -> list[int]:
-        return degrees(jaxpr, [LINEAR if j in of else FREE for j in range(k)] + [FREE] * len(x))
+    def degree(of: list[int]) -> np.ndarray:
+        given = [LINEAR if j in of else FREE for j in range(k)] + [FREE] * len(x)
+        return np.array(degrees(jaxpr, given))
 
     depends = np.array([degree([j]) for j in range(k)]).T > FREE
     s: list[Any] = list(s0)
     for group in groups(depends):
         known = [j for j in range(k) if j not in group]
 
-        def part(sg, sk, x, group=group, known=known):
-            full = dict(zip(group, sg, strict=True)) | dict(zip(known, sk, strict=True))
+        def part(own, others, x, group=group, known=known):
+            full = dict(zip([*group, *known], [*own, *others], strict=True))
             new = traced.run(update, [full[j] for j in range(k)], x)
             return [new[j] for j in group]
 
         start, others = [s0[j] for j in group], [s[j] for j in known]
+        floats = all(jnp.issubdtype(v.dtype, jnp.floating) for v in start)
         if not depends[np.ix_(group, group)].any():
-            new = part(start, others, x)
-            series = [_later(a, b, n) for a, b in zip(start, new, strict=True)]
-        elif max(np.array(degree(group))[group]) == LINEAR and all(
-            jnp.issubdtype(v.dtype, jnp.floating) for v in start
-        ):
-            series = _affine_part(part, start, others, x, n)
+            solve = _free_part
+        elif floats and degree(group)[group].max() == LINEAR:
+            solve = _affine_part
         else:
-            series = _scan_part(part, start, others, x, n)
-        for j, v in zip(group, series, strict=True):
+            solve = _scan_part
+        for j, v in zip(group, solve(part, start, others, x, n), strict=True):
             s[j] = v
     return traced.run(lambda s, x: f(p, make(*s), *x)[0], s, x)
 
@@ -194,9 +196,10 @@ def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
     )[1]
 
 
-def _later(first: Any, new: Any, n: int) -> Any:
+def _free_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
     """The state before each sample, from the state after each."""
-    return jnp.concatenate([first[None], jnp.broadcast_to(new, (n,))[: n - 1]])
+    new = [jnp.broadcast_to(v, (n,))[: n - 1] for v in part(start, others, x)]
+    return [jnp.concatenate([first[None], v]) for first, v in zip(start, new, strict=True)]
 
 
 def _scan_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
