@@ -136,7 +136,7 @@ def _cycle(
         if isinstance(b, Pick):
             names[n] = f"{names[kids[0]]}_{b.place}"
             continue
-        wiring.append(tuple(name(k) for k in kids))
+        wiring.append(tuple(map(name, kids)))
         names[n] = f"v{len(members)}"
         members.append(b)
     ends = tuple(name(bodies[n]) for n in lasts)
@@ -158,7 +158,7 @@ class Cycle(Block, abstract=True):
     def __init__(self, members, wiring, ends, starts, constants, inputs, results, dims):
         self.members, self.wiring, self.ends, self.starts = members, tuple(wiring), ends, starts
         self.constants, self.inputs, self.results = constants, inputs, tuple(results)
-        self.outputs = tuple(f"y{j}" for j in range(len(results))) if len(results) > 1 else ()  # type: ignore[misc]
+        self.outputs = tuple(_numbered("y", len(results))) if len(results) > 1 else ()  # type: ignore[misc]
         self.dim = dims if self.outputs else dims[0]  # type: ignore[misc]
         self.made: Any = None
 
@@ -281,7 +281,7 @@ class Member(NamedTuple):
 
     def named(self, what: str, t: type) -> list[str]:
         """Names that the fields of its parameters or state have in the whole."""
-        return [f"{what}{self.number}_{name}" for name in fields(t)]
+        return emit.each(f"{what}{self.number}_%s", fields(t))
 
     @property
     def values(self) -> list[str]:
@@ -290,7 +290,7 @@ class Member(NamedTuple):
 
 
 def _numbered(name: str, count: int) -> list[str]:
-    return [f"{name}{j}" for j in range(count)]
+    return emit.each(f"{name}%d", range(count))
 
 
 class _Names:
@@ -328,7 +328,7 @@ class _Writer:
 
     def add(self, m: Member) -> None:
         """Run a member: lines for its outputs, and its new state t{number}."""
-        args = [self.at(a) for a in m.args]
+        args = [*map(self.at, m.args)]
         if not (fields(m.s) or fields(m.p) or m.tile or m.outputs):
             short = _expression(m.f, args, self.names)
             if short:
@@ -338,7 +338,7 @@ class _Writer:
         state = m.named("s.m", m.s)
         if state and self.tiled:
             self.before.append(f"{t} = {self._record(m.s, state)}")
-            state = [f"{t}.{name}" for name in fields(m.s)]
+            state = emit.each(f"{t}.%s", fields(m.s))
         if m.contact:
             state = self._enter(m, state)
         p = self._record(m.p, m.named("p.m", m.p))
@@ -348,7 +348,7 @@ class _Writer:
             s = self._record(m.s, state)
             made = emit.several(m.values, bool(m.outputs))
             self.lines.append(f"{made}, {t} = {emit.call(self.names(m.f), p, s, *args)}")
-            self.lines += [f"{v} = _F({v})" for v in m.values]
+            self.lines += emit.each("%s = _F(%s)", m.values, m.values)
         if m.contact:
             self._leave(m)
         elif m.contact is not None:
@@ -360,14 +360,14 @@ class _Writer:
 
     def _call_tile(self, m: Member, p: str, s: str, args: list[str]) -> None:
         """Its signals are slices of the scratch, one sample long."""
-        end = self.words + len(args) + len(m.values)
-        places = [f"w[{j}:{j + 1}]" for j in range(self.words, end)]
-        self.lines += [f"w[{j}] = {a}" for j, a in enumerate(args, self.words)]
+        start, first = self.words, self.words + len(args)
+        self.words = first + len(m.values)
+        places = emit.each("w[%d:%d]", range(start, self.words), range(start + 1, self.words + 1))
+        self.lines += emit.each("w[%d] = %s", range(start, first), args)
         if m.scratch:
             places.append(f"w[_I(p.w{m.number}):_I(p.w{m.number}_end)]")
         self.lines.append(f"t{m.number} = {emit.call(self.names(m.f), p, s, *places)}")
-        self.lines += [f"{v} = w[{j}]" for j, v in enumerate(m.values, end - len(m.values))]
-        self.words = end
+        self.lines += emit.each("%s = w[%d]", m.values, range(first, self.words))
 
     def _enter(self, m: Member, state: list[str]) -> list[str]:
         """The state from which a member with a contact goes on: off contact that at
@@ -381,14 +381,14 @@ class _Writer:
     def _leave(self, m: Member) -> None:
         """Its outputs and new state: off contact 0 and that at rest."""
         k = m.number
-        new = self._or_at_rest(m, [f"t{k}.{name}" for name in fields(m.s)[:-1]])
-        self.lines += [f"{v} = _where(on{k}, {v}, 0.0)" for v in m.values]
+        new = self._or_at_rest(m, emit.each(f"t{k}.%s", fields(m.s)[:-1]))
+        self.lines += emit.each(f"%s = _where(on{k}, %s, 0.0)", m.values, m.values)
         made = emit.call(self.names(m.s), *new, f"_where(on{k}, 0.0, cold{k})")
         self.lines.append(f"t{k} = {made}")
 
     def _or_at_rest(self, m: Member, state: list[str]) -> list[str]:
         rest = m.named("p.r", m.s)[:-1]
-        return [f"_where(on{m.number}, {v}, {r})" for v, r in zip(state, rest, strict=True)]
+        return emit.each(f"_where(on{m.number}, %s, %s)", state, rest)
 
 
 @memo
@@ -412,7 +412,7 @@ def compose(
         writer.add(m)
         p_names += m.named("m", m.p)
         s_names += m.named("m", m.s)
-        kept += [f"t{m.number}.{name}" for name in fields(m.s)]
+        kept += emit.each(f"t{m.number}.%s", fields(m.s))
         if m.contact:
             at_rests += m.named("r", m.s)
         if m.scratch:
@@ -422,11 +422,11 @@ def compose(
     P = namedtuple("LoopParams", [*p_names, *at_rests, *scratch])  # type: ignore[misc]
     S = namedtuple("LoopState", s_names)  # type: ignore[misc]
     names.space["_S"] = S
-    settled = [f"_settle(_F({writer.at(e)}))" for e in ends]
-    found = [writer.at(r) for r in results]
-    body = [*(f"{v} = s.{v}" for v in lasts), *writer.before]
+    settled = emit.each("_settle(_F(%s))", map(writer.at, ends))
+    found = [*map(writer.at, results)]
+    body = [*emit.each("%s = s.%s", lasts, lasts), *writer.before]
     if tiled:
-        each = [f"{y}[i] = {v}" for y, v in zip(ys, found, strict=True)]
+        each = emit.each("%s[i] = %s", ys, found)
         each.append(f"{', '.join(lasts)} = {', '.join(settled)}")
         body += ["for i in range(y0.size):", *emit.indented([*writer.lines, *each])]
         body.append(f"return {emit.call('_S', *lasts, *kept)}")

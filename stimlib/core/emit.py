@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+
+
+def each(form: str, *names: Iterable[object]) -> list[str]:
+    """A form with %s, filled in once for each of the names, or rows of them."""
+    return [form % row for row in zip(*names, strict=True)]
 
 
 def call(f: str, *values: str) -> str:
@@ -21,11 +26,11 @@ def several(values: Sequence[str], many: bool) -> str:
 
 def warm(t: str, fields: Sequence[str], s: str, cold: str = "0.0") -> str:
     """A resettable block's new state after a sample in contact."""
-    return call(t, *(f"{s}.{name}" for name in fields[:-1]), cold)
+    return call(t, *each(f"{s}.%s", fields[:-1]), cold)
 
 
-def indented(lines: Sequence[str]) -> list[str]:
-    return ["    " + line for line in lines]
+def indented(lines: Iterable[str]) -> list[str]:
+    return each("    %s", lines)
 
 
 def define(name: str, arguments: Sequence[str], body: Sequence[str]) -> str:

@@ -195,14 +195,8 @@ PAIRS = 4096
 
 def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
     """``noise.noise_key`` of a traced run key."""
-    words = [
-        U(seed & 0xFFFFFFFF),
-        U(seed >> 32),
-        U(stream),
-        U(use),
-        run_key & noise.LOW,
-        run_key >> noise.HALF_WORD,
-    ]
+    own = seed & 0xFFFFFFFF, seed >> 32, stream, use
+    words = *map(U, own), run_key & noise.LOW, run_key >> noise.HALF_WORD
     c = noise.philox(*(jnp.asarray(w, jnp.uint64) for w in words))
     return c[0] | (c[1] << noise.HALF_WORD)
 
@@ -551,14 +545,18 @@ LOWERINGS: dict[type[Block], Callable] = {
     Cascade: signalforms.cascade,
     Grain: grain,
     Ring: signalforms.ring,
-    SpatialNoise: placeforms.spatial_noise,
-    Cursor: signalforms.cursor,
-    DelayAvatar: signalforms.avatar,
+}
+LOWERINGS |= {
     First: lambda b, p, s, x, run: spread(x[0], run.n)[0],
     Gate: gate,
     Greater: comparison,
     AtLeast: comparison,
     Guard: guard,
+    SpatialNoise: placeforms.spatial_noise,
+    Cursor: signalforms.cursor,
+    DelayAvatar: signalforms.avatar,
+}
+LOWERINGS |= {
     MaxwellArms: maxwell_arms,
     KelvinChain: kelvin_chain,
     Series: series,

@@ -44,7 +44,7 @@ def spatial_noise(b, p, s, x, run):
     fresh = on & ~jnp.concatenate([jnp.zeros(1, bool), on])[: run.n]
     before = jnp.where(fresh, v, jnp.concatenate([v[:1], v])[: run.n])
     low, high, gain = jnp.minimum(before, v), jnp.maximum(before, v), traced.bind(surfaces.gain)
-    keys, at, own, finer = (jnp.asarray(q) for q in (p.keys, p.at, p.own, p.finer))
+    keys, at, own, finer = map(jnp.asarray, (p.keys, p.at, p.own, p.finer))
     scale = jnp.asarray(0.5 ** np.arange(p.own.size))
     fixed = lax.stop_gradient(low)
     lattices = lax.map(lambda row: cells_of(row[0], fixed * row[2] + row[1]), (keys, at, scale))

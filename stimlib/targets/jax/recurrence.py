@@ -48,7 +48,7 @@ def degrees(jaxpr: Any, given: list[int]) -> list[int]:
         return FREE if isinstance(v, core.Literal) else env.get(v, FREE)
 
     for e in jaxpr.eqns:
-        x = [read(v) for v in e.invars]
+        x = [*map(read, e.invars)]
         name, inner = e.primitive.name, traced.body_of(e)
         if inner is not None:
             out = degrees(inner.jaxpr, x)
@@ -63,7 +63,7 @@ def degrees(jaxpr: Any, given: list[int]) -> list[int]:
         else:
             out = [CURVED] * len(e.outvars)
         env.update(zip(e.outvars, out, strict=True))
-    return [read(v) for v in jaxpr.outvars]
+    return [*map(read, jaxpr.outvars)]
 
 
 def groups(depends: np.ndarray) -> list[list[int]]:
@@ -125,7 +125,7 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
 def _by_groups(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
     """Outputs of a step, one group of states after the other."""
     make, k = type(first), len(first)
-    s0 = [jnp.asarray(v) for v in first]
+    s0 = [*map(jnp.asarray, first)]
 
     def update(s, x):
         new = f(p, make(*s), *x)[1]
@@ -177,23 +177,31 @@ class Line:
 
 def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
     """A step whose state has arrays, sample by sample: a loop with a delay in it."""
-    make = type(first)
-    s0 = [jnp.asarray(v) for v in first]
-    moving = [j for j, v in enumerate(x) if jnp.ndim(v)]
+    s0 = [*map(jnp.asarray, first)]
 
-    def one(s: list[Any], row: list[Any]) -> Any:
-        here = list(x)
-        for j, v in zip(moving, row, strict=True):
-            here[j] = v
-        y, new = f(p, make(*(Line(v) if jnp.ndim(v) else v for v in s)), *here)
-        return [
-            jnp.asarray(v.a if isinstance(v, Line) else v).astype(o.dtype)
-            for v, o in zip(new, s0, strict=True)
-        ], y
+    def one(s: list[Any], x: list[Any]) -> Any:
+        lines = (Line(v) if jnp.ndim(v) else v for v in s)
+        y, new = f(p, type(first)(*lines), *x)
+        arrays = (getattr(v, "a", v) for v in new)
+        return [jnp.asarray(v, o.dtype) for v, o in zip(arrays, s0, strict=True)], y
 
-    return lax.scan(
-        lambda s, row: tuple(traced.run(one, s, row)), s0, [x[j] for j in moving], length=n
-    )[1]
+    return _scanned(lambda s, x: tuple(traced.run(one, s, x)), s0, x, n)
+
+
+def _scanned(body: Callable, start: list, given: Any, n: int) -> Any:
+    """A loop over samples, ``state, y = body(state, given)``: the arrays in ``given``
+    have one number for each.
+    """
+    flat, tree = jax.tree.flatten(given)
+    moving = [i for i, v in enumerate(flat) if jnp.ndim(v)]
+
+    def sample(s, row):
+        here = list(flat)
+        for i, v in zip(moving, row, strict=True):
+            here[i] = v
+        return body(s, jax.tree.unflatten(tree, here))
+
+    return lax.scan(sample, start, [flat[i] for i in moving], length=n)[1]
 
 
 def _free_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
@@ -204,23 +212,13 @@ def _free_part(part: Callable, start: list, others: list, x: list, n: int) -> li
 
 def _scan_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
     """Sample by sample."""
-    flat, tree = jax.tree.flatten((others, x))
-    moving = [i for i, v in enumerate(flat) if jnp.ndim(v)]
-
-    def body(s, row):
-        here = list(flat)
-        for i, v in zip(moving, row, strict=True):
-            here[i] = v
-        o, x = jax.tree.unflatten(tree, here)
-        return part(s, o, x), s
-
-    return lax.scan(body, start, [flat[i] for i in moving], length=n)[1]
+    return _scanned(lambda s, given: (part(s, *given), s), start, (others, x), n)
 
 
 def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
     """s' = M s + v: M column by column as derivatives, which are exact; v at s = 0."""
     k = len(start)
-    zero = [jnp.zeros_like(v) for v in start]
+    zero = [*map(jnp.zeros_like, start)]
 
     def column(j, others, x):
         unit = [jnp.ones_like(v) if i == j else jnp.zeros_like(v) for i, v in enumerate(start)]

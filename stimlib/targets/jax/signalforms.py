@@ -28,7 +28,7 @@ def cascade(b, p, s, x, run):
         s1, s2 = states[:, 0], states[:, 1]
         return h0 * (v - s2) + e1 * s1 + e0 * s2, None
 
-    rows = [jnp.asarray(r) for r in (M, np.stack([p.a, p.d], -1), p.h0, p.e1, p.e0)]
+    rows = [*map(jnp.asarray, (M, np.stack([p.a, p.d], -1), p.h0, p.e1, p.e0))]
     return lax.scan(section, v.astype(jnp.float64), rows)[0].astype(v.dtype)
 
 

@@ -18,7 +18,7 @@ def texture(b, p, s, x, run):
     white, speed, force = (jnp.broadcast_to(v, (run.n,))[::every] for v in x)
     held, lowest, one, all_three = (traced.bind(f) for f in (part, least, weight, inside))
     at: Any = Place(held(abs(speed), p.per_speed), held(force, p.per_force))
-    planes = [jnp.asarray(v) for v in (p.ax, p.ay, p.a, p.bx, p.by, p.b)]
+    planes = [*map(jnp.asarray, (p.ax, p.ay, p.a, p.bx, p.by, p.b))]
     t = jnp.argmax(lowest(Place(at.x[:, None], at.z[:, None]), *planes), axis=1)
     own = [v[t] for v in planes]
     q = jnp.stack(all_three(one(at, *own[:3]), one(at, *own[3:])), axis=1)
@@ -59,11 +59,8 @@ def predictor(c):
     for first, sign in ((0, 1.0), (1, -1.0)):
         half = jnp.ones((n, 1))
         for k in range(first, p, 2):
-            half = (
-                jnp.pad(half, ((0, 0), (0, 2)))
-                - 2 * c[:, k : k + 1] * jnp.pad(half, ((0, 0), (1, 1)))
-                + later_by(half, 2)
-            )
+            middle = 2 * c[:, k : k + 1] * jnp.pad(half, ((0, 0), (1, 1)))
+            half = jnp.pad(half, ((0, 0), (0, 2))) - middle + later_by(half, 2)
         if p % 2 == 0:
             half = jnp.pad(half, ((0, 0), (0, 1))) + sign * later_by(half, 1)
         elif sign < 0:

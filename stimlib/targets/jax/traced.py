@@ -155,11 +155,7 @@ def _twin(f: Callable, name: str, v: Any) -> Any:
 
 def on_arrays(p: Any) -> Any:
     """Design numbers whose arrays can be indexed by signals."""
-    return (
-        type(p)(*(jnp.asarray(v) if isinstance(v, np.ndarray) else v for v in p))
-        if hasattr(p, "_fields")
-        else p
-    )
+    return jax.tree.map(lambda v: jnp.asarray(v) if isinstance(v, np.ndarray) else v, p)
 
 
 # Evaluating with finite derivatives ---------------------------------------------------
@@ -183,7 +179,7 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
     for v, a in zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *args], strict=True):
         env[v] = a
     for e in jaxpr.eqns:
-        x = [read(v) for v in e.invars]
+        x = [*map(read, e.invars)]
         inner = body_of(e)
         if e.primitive.name == "div" and jnp.issubdtype(e.outvars[0].aval.dtype, jnp.floating):
             out = [divide(*x)]
@@ -193,7 +189,7 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
             out = e.primitive.bind(*x, **e.primitive.get_bind_params(e.params))
             out = out if e.primitive.multiple_results else [out]
         env.update(zip(e.outvars, out, strict=True))
-    return [read(v) for v in jaxpr.outvars]
+    return [*map(read, jaxpr.outvars)]
 
 
 def body_of(e: Any) -> Any:

@@ -163,13 +163,12 @@ def _of(kind: ir.Type, code: Callable) -> Callable:
     return lambda x: Lanes(_one_of(x).b, code(x.b, x.are(kind), x))
 
 
-TWINS: dict[str, Callable] = {
-    "fma": _known("fma"), "sqrt": _known("sqrt"), "floor": _known("floor"), "where": _where,
-    "flush": _of(DOUBLE, lambda b, v, x: kernels.flush(b, v)),
-    "as_float": _of(I64, lambda b, v, x: b.uitofp(v, x.of(DOUBLE))),
-    "bits": _of(DOUBLE, lambda b, v, x: b.bitcast(v, x.of(I64))),
-    "unbits": _of(I64, lambda b, v, x: b.bitcast(v, x.of(DOUBLE))),
-}  # fmt: skip
+TWINS: dict[str, Callable] = {name: _known(name) for name in ("fma", "sqrt", "floor")}
+TWINS["where"] = _where
+TWINS["flush"] = _of(DOUBLE, lambda b, v, x: kernels.flush(b, v))
+TWINS["as_float"] = _of(I64, lambda b, v, x: b.uitofp(v, x.of(DOUBLE)))
+TWINS["bits"] = _of(DOUBLE, lambda b, v, x: b.bitcast(v, x.of(I64)))
+TWINS["unbits"] = _of(I64, lambda b, v, x: b.bitcast(v, x.of(DOUBLE)))
 """What names of ``maths`` do to stand-ins."""
 
 
@@ -351,10 +350,10 @@ def abreast(ctx, f, p, s, x, y, n):
             for cell, value in zip(cells, new, strict=True):
                 b.store(old[0].like(value), cell)
         last = [b.load(cell) for cell in cells]
-        states = [
-            c.make_tuple(b, S, [b.extract_element(value, I32(k)) for value in last])
-            for k in range(2)
-        ]
+        states = []
+        for k in range(2):
+            one = [b.extract_element(value, I32(k)) for value in last]
+            states.append(c.make_tuple(b, S, one))
         return c.make_tuple(b, sig.return_type, states)
 
     return types.UniTuple(s[0], 2)(f, p, s, x, y, types.int64), code

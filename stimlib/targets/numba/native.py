@@ -144,28 +144,23 @@ def move(ctx, to, source, n):
     return types.void(to, source, n), code
 
 
+def _jump(c, b, s, v):
+    """Call the function whose address comes before its arguments."""
+    f = ir.FunctionType(ir.VoidType(), [x.type for x in v[1:]])
+    b.call(b.inttoptr(v[0], ir.PointerType(f)), v[1:])
+    return c.get_dummy_value()
+
+
 @intrinsic
 def call(ctx, address, P, S, W, A, n):
     """Call the segment at an address."""
-
-    def code(c, b, s, v):
-        f = ir.FunctionType(ir.VoidType(), [x.type for x in v[1:]])
-        b.call(b.inttoptr(v[0], ir.PointerType(f)), v[1:])
-        return c.get_dummy_value()
-
-    return types.void(address, P, S, W, A, n), code
+    return types.void(address, P, S, W, A, n), _jump
 
 
 @intrinsic
 def run(ctx, address, c, x, y, n):
     """Call a program's entry at an address."""
-
-    def code(c, b, s, v):
-        f = ir.FunctionType(ir.VoidType(), [q.type for q in v[1:]])
-        b.call(b.inttoptr(v[0], ir.PointerType(f)), v[1:])
-        return c.get_dummy_value()
-
-    return types.void(address, c, x, y, n), code
+    return types.void(address, c, x, y, n), _jump
 
 
 @plain

@@ -118,8 +118,8 @@ class Form(NamedTuple):
     @property
     def signals(self) -> list[str]:
         """Names of what lies along the samples, outputs last."""
-        outputs = [f"y_{name}" for name in self.cls.outputs] or ["y"]
-        return [*(f"x{j}" for j in range(self.inputs)), *outputs]
+        outputs = emit.each("y_%s", self.cls.outputs) or ["y"]
+        return emit.each("x%d", range(self.inputs)) + outputs
 
     def warm(self, s: str) -> list[str]:
         """Lines after a step or tile, with the name of its state."""
@@ -188,7 +188,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
     for k in form.p_kinds:
         memory = _MEMORY[k][0] + b
         if k.isupper():  # words: place, size
-            start, size = (f"_sl_np.int64(C{b}[{at + j}])" for j in (0, 1))
+            start, size = emit.each(f"_sl_np.int64(C{b}[%d])", (at, at + 1))
             numbers.append(f"_sl_carray(_sl.at({memory}, {start}), {size})")
             at += 1
         else:
@@ -208,8 +208,8 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
             at_s += " + 1"
     lines.append(f"p{b} = {emit.record('_sl_P', numbers)}")
     lines.append(f"s{b} = {emit.record('_sl_S', state)}")
-    for j, v in enumerate(signals, slot):
-        lines.append(f"{v}{b} = _sl_carray(_sl.at(W, A[{j}]), n)")
+    slots = range(slot, slot + len(signals))
+    lines += emit.each(f"%s{b} = _sl_carray(_sl.at(W, A[%d]), n)", signals, slots)
     if form.cls.tile and form.cls.work:
         size = f"_sl_np.int64(C[{at}])"
         lines.append(f"w = _sl_carray(_sl.at(W, A[{len(signals)}]), {size})")
@@ -220,7 +220,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
     what stands before the segment.
     """
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
-    slots = [f"_sl.at(W, A[{k}])" for k in range(form.copies * len(form.signals))]
+    slots = emit.each("_sl.at(W, A[%d])", range(form.copies * len(form.signals)))
     if form.cls.tile:
         given = ["p", "s", *form.signals, *(["w"] if form.cls.work else [])]
         return [f"s = {emit.call('_sl_block', *given)}", *form.warm("s")]
@@ -232,7 +232,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         and form.p_kinds == form.p_kinds.lower()
     )
     if flat and lanes.in_vectors(f, *numbers, inputs):
-        x = "".join(f"{slot}, " for slot in slots[:inputs])
+        x = "".join(emit.each("%s, ", slots[:inputs]))
         return [f"_sl_lanes.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
     if form.copies == 2 and lanes.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
         body = ["y, s = _sl_block(p, s, *x)", *form.warm("s"), "return y, s"]
@@ -243,7 +243,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         return [f"s, s1 = _sl_lanes.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
     lines = []
     for b in ["", "1"][: form.copies]:
-        samples = [f"{v}{b}[i]" for v in form.signals]
+        samples = emit.each(f"%s{b}[i]", form.signals)
         for j, listened in enumerate(form.read, inputs):
             if not listened:
                 samples[j] = "_sl_unread"
