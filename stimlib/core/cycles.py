@@ -12,7 +12,7 @@ import ast
 import graphlib
 import hashlib
 import linecache
-from collections import Counter, namedtuple
+from collections import defaultdict, namedtuple
 from collections.abc import Callable, Iterable, Sequence
 from itertools import count, islice
 from typing import Any, NamedTuple
@@ -45,18 +45,15 @@ def closed(
                 " uses it, in a tuple"
             )
     group = _groups(nodes, bodies, reached)
-    together = Counter(group[n] for n in reached)
+    heard = {k for n in reached for k in nodes[n].kids if group[k] != group[n]} | set(roots)
+    needs: dict[int, set[int]] = defaultdict(set)
+    inside: dict[int, list[int]] = defaultdict(list)
+    for n in sorted(reached):
+        inside[group[n]].append(n)
+        needs[group[n]] |= {group[k] for k in _kids(nodes, bodies, n)} - {group[n]}
     for n in sorted(reached):
         if isinstance(nodes[n].block, Subsystem):
-            _check_subsystem(nodes, bodies, together[group[n]] > 1, n)
-    heard = {k for n in reached for k in nodes[n].kids if group[k] != group[n]} | set(roots)
-    needs: dict[int, set[int]] = {}
-    inside: dict[int, list[int]] = {}
-    for n in sorted(reached):
-        inside.setdefault(group[n], []).append(n)
-        needs.setdefault(group[n], set()).update(
-            group[k] for k in _kids(nodes, bodies, n) if group[k] != group[n]
-        )
+            _check_subsystem(nodes, bodies, len(inside[group[n]]) > 1, n)
     new: dict[int, int] = {}
     for g in graphlib.TopologicalSorter(needs).static_order():
         if not any(n in bodies for n in inside[g]):
@@ -116,7 +113,7 @@ def _cycle(
 ) -> tuple[Cycle, list[int]]:
     """A block of these nodes, and the numbers of its signals."""
     lasts = [n for n in inside if n in bodies]
-    names = {n: f"last{j}" for j, n in enumerate(lasts)}
+    names = dict(zip(lasts, _numbered("last", len(lasts)), strict=True))
     outside: list[int] = []
     constants: list[float] = []
     members: list[Block] = []
@@ -124,9 +121,13 @@ def _cycle(
 
     def name(k: int) -> str:
         if k not in names:
-            b, into = nodes[k].block, constants if isinstance(nodes[k].block, Const) else outside
-            names[k] = f"{'c' if into is constants else 'x'}{len(into)}"
-            into.append(b.value if into is constants else k)
+            b = nodes[k].block
+            if isinstance(b, Const):
+                names[k] = f"c{len(constants)}"
+                constants.append(b.value)
+            else:
+                names[k] = f"x{len(outside)}"
+                outside.append(k)
         return names[k]
 
     for n in inside:  # children have smaller numbers
