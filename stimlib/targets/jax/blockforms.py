@@ -366,11 +366,9 @@ def springpot(b, p, s, x, run):
     if p.alpha in (0.0, 1.0):
         return h.d * p.fs if p.alpha else h.way
     w = HistoryWeights(p.r, p.taps, p.constant, p.scale)
-    return (
-        whole_history(p.e, w, h, run)
-        if steady(x[1])
-        else _scan_history(p.e, lambda a: w, 0.5, h, run)
-    )
+    if steady(x[1]):
+        return whole_history(p.e, w, h, run)
+    return _scan_history(p.e, lambda a: w, 0.5, h, run)
 
 
 def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any:

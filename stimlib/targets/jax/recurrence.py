@@ -230,28 +230,22 @@ def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> 
     flat, tree = jax.tree.flatten((others, x))
     scalar = [jnp.zeros((), jnp.asarray(v).dtype) for v in flat]
     jaxpr = jax.make_jaxpr(lambda *a: matrix(*jax.tree.unflatten(tree, a)))(*scalar).jaxpr
-    steady = all(
-        not any(degrees(jaxpr, [LINEAR if i == j else FREE for i in range(len(flat))]))
-        for j, v in enumerate(flat)
-        if jnp.ndim(v)
-    )
-    v = jnp.stack([jnp.broadcast_to(a, (n,)) for a in part(zero, others, x)], axis=-1)
+    steady = not any(degrees(jaxpr, [LINEAR if jnp.ndim(v) else FREE for v in flat]))
+    v = _beside(part(zero, others, x), (n,))
+    here = [z if steady and jnp.ndim(a) else a for a, z in zip(flat, scalar, strict=True)]
     shape = () if steady else (n,)
-    here = [z if jnp.ndim(a) else a for a, z in zip(flat, scalar, strict=True)] if steady else flat
     columns = matrix(*jax.tree.unflatten(tree, here))
-    M = jnp.stack(
-        [jnp.stack([jnp.broadcast_to(a, shape) for a in c], axis=-1) for c in columns], axis=-1
-    )
+    M = jnp.stack([_beside(c, shape) for c in columns], axis=-1)
+    anew = None
     if not steady:  # where not even a NaN gets through, the state begins anew
-        ill = jnp.stack(
-            jnp.broadcast_arrays(*part([jnp.full_like(z, jnp.nan) for z in zero], others, x)),
-            axis=-1,
-        )
-        anew = jnp.broadcast_to(~jnp.isnan(ill).any(axis=-1), (n,))
-        s = affine(M, v, jnp.stack(start), anew)
-    else:
-        s = affine(M, v, jnp.stack(start))
+        nothing = [jnp.full_like(z, jnp.nan) for z in zero]
+        anew = ~jnp.isnan(_beside(part(nothing, others, x), (n,))).any(axis=-1)
+    s = affine(M, v, jnp.stack(start), anew)
     return [s[:, j] for j in range(k)]
+
+
+def _beside(values: list, shape: tuple[int, ...]) -> Any:
+    return jnp.stack([jnp.broadcast_to(v, shape) for v in values], axis=-1)
 
 
 # Solving ------------------------------------------------------------------------------
