@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import assert_same, run
+from laws import assert_same, pair, run
 from refusals import refused
 
 import stimlib
