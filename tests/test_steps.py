@@ -477,7 +477,7 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
         for q, (p, s) in zip(program.instances, design, strict=True):
             of_loop = isinstance(q.block, Cycle)
             blocks = (
-                zip(q.block.members, q.block.made.parts(p, s), strict=True)
+                zip(q.block.members, q.block.parts(p, s), strict=True)
                 if of_loop
                 else [(q.block, (p, s))]
             )
@@ -574,3 +574,16 @@ def test_the_engine_alone_says_where_a_contact_begins(target, first):
             given = rows(proc, moves, ["x", "touch"])
             y = proc(motion=given)["y"] if target == "jax" else proc.process(given)[0]
             assert y.tolist() == list(wanted), (step.__name__, y)
+
+
+@pytest.mark.parametrize("t", [np.array([3, 5]), np.array([3, 5], np.float32)], ids=str)
+def test_parameters_that_are_whole_or_short_numbers_are_floats_to_the_compiler(t):
+    def step(p, s, x):
+        return x * p.table[1], s
+
+    block = own(
+        design=lambda self, fs: (Numbers(t, np.uint64(0), 1.0), ()), step=staticmethod(step)
+    )
+    for target in ("numba", "python"):
+        y = stimlib.compile(Scene({"y": block(x)}), 1000, target).process(np.full((1, 2), 2.0))
+        assert y.tolist() == [[10.0, 10.0]]
