@@ -409,6 +409,8 @@ RESULTS = set("""
 
 ELSEWHERE = {
     "Block": "abstract",
+    "above_zero": "called by scenes, with their names",
+    "law_of": "enters what it is given into the table of laws",
     "Face": "a protocol",
     "Keyed": "no arguments",
     "Limits": "tests/test_bounds.py",

@@ -101,7 +101,7 @@ def mutant(name, k):
     for i, statement in enumerate(tree.body[0].body):
         if not any(
             word in ast.unparse(statement)
-            for word in ("check_arguments", "raise ", "limits.check", "_warn")
+            for word in ("above_zero", "raise ", "bounds.check", "_warn")
         ):
             tree.body[0].body[i] = change.visit(statement)
     if not change.said:

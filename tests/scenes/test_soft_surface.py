@@ -142,6 +142,8 @@ def test_a_row_that_is_off_either_way_is_seen():
     for factor, passes in ((1.0, True), (1 + 1e-9, False), (1 - 1e-9, False)):
         e = SimpleNamespace(
             changes=[],
+            led=0,
+            at=0,
             scene=scene,
             proc=proc,
             fs=FS,
