@@ -64,11 +64,8 @@ class Part:
     span: Span | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON data."""
-        return {
-            f.name: list(v) if isinstance(v := getattr(self, f.name), Span) else v
-            for f in dc.fields(self)
-        }
+        """As JSON data, which is the caller's to change."""
+        return {f.name: plain(getattr(self, f.name)) for f in dc.fields(self)}
 
     @classmethod
     def from_dict(cls, data: Any, where: str) -> Part:
