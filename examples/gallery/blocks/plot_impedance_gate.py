@@ -3,7 +3,7 @@ Gates
 =====
 
 ``loading`` is 1 while something is compressed; ``enabled`` runs a noise only then. See
-:doc:`/reference/blocks/gate`.
+:doc:`/reference/blocks/impedance`.
 """
 
 import stimlib

@@ -3,7 +3,7 @@ Walls, detents and buttons
 ==========================
 
 A finger goes forth and back over each of them: forces over place. See
-:doc:`/reference/blocks/touching`.
+:doc:`/reference/blocks/contact`.
 """
 
 import numpy as np

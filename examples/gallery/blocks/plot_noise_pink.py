@@ -3,7 +3,7 @@ Pink noise
 ==========
 
 Its power falls like 1/f, 3 dB an octave, from the first sample on. See
-:doc:`/reference/blocks/modes`.
+:doc:`/reference/blocks/noise`.
 """
 
 from math import pi

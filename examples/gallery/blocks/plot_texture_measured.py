@@ -4,7 +4,7 @@ A measured texture
 
 Noise whose spectrum follows speed and normal force, after measurements; this surface is
 invented. See
-:doc:`/reference/blocks/textures`.
+:doc:`/reference/blocks/texture`.
 """
 
 import stimlib

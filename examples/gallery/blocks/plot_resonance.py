@@ -3,7 +3,7 @@ Modes, and a faster resonance
 =============================
 
 A burst at a mode's frequency, and what the mode makes of it, without and with
-``pole_swap``. See :doc:`/reference/blocks/vibration`.
+``pole_swap``. See :doc:`/reference/blocks/resonance`.
 """
 
 import stimlib

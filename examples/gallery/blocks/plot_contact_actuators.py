@@ -4,7 +4,7 @@ Actuators and their limits
 
 A clip at the peak force, a rate that a transmission bears, and the current that a voice
 coil needs. See
-:doc:`/reference/blocks/actuator`.
+:doc:`/reference/blocks/contact`.
 """
 
 from matplotlib.figure import Figure

@@ -3,7 +3,7 @@ Delay
 =====
 
 The force comes 50 ms after the press: what a slow loop would feel like. See
-:doc:`/reference/blocks/delay`.
+:doc:`/reference/blocks/filters`.
 """
 
 from matplotlib.figure import Figure

@@ -3,7 +3,7 @@ Equal displacement
 ==================
 
 A plate moves more in its middle; ``equalize`` raises the voltage where it moves less.
-See :doc:`/reference/blocks/equalise`.
+See :doc:`/reference/blocks/surfaces`.
 """
 
 import stimlib

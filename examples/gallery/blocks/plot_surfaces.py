@@ -3,7 +3,7 @@ Surfaces: noise tied to place
 =============================
 
 Roughness over 20 mm, stroked slowly and fast: the same places, in a quarter of the
-time. See :doc:`/reference/blocks/places`.
+time. See :doc:`/reference/blocks/surfaces`.
 """
 
 from matplotlib.figure import Figure

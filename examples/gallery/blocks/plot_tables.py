@@ -4,7 +4,7 @@ Tables: a detent
 
 A measured curve, or one that you make up: the force of a notch that holds the finger in
 its middle. See
-:doc:`/reference/blocks/table`.
+:doc:`/reference/blocks/tables`.
 """
 
 import numpy as np

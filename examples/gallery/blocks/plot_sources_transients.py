@@ -3,7 +3,7 @@ What events make
 ================
 
 Every 0.25 s a ring, a grain and a burst of noise. See
-:doc:`/reference/blocks/transients`.
+:doc:`/reference/blocks/sources`.
 """
 
 import stimlib

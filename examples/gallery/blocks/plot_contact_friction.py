@@ -4,7 +4,7 @@ Friction
 
 A finger goes to and fro over a way that grows. Little ways are those of a spring; then
 it slips, smoothly or tooth by tooth. See
-:doc:`/reference/blocks/sliding`.
+:doc:`/reference/blocks/contact`.
 """
 
 import numpy as np

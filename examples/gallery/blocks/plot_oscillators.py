@@ -4,7 +4,7 @@ Bumps and carriers
 
 An envelope that is tied to the place of the finger, times a vibration that is tied to
 time. See
-:doc:`/reference/blocks/carrier`.
+:doc:`/reference/blocks/oscillators`.
 """
 
 import stimlib

@@ -3,7 +3,7 @@ FIR filters: the differentiator
 ===============================
 
 The rate of pink noise, dp/dt, up to a pass edge and nothing beyond. See
-:doc:`/reference/blocks/fir`.
+:doc:`/reference/blocks/filters`.
 """
 
 from math import pi

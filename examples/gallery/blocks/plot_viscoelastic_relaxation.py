@@ -4,7 +4,7 @@ Relaxation and creep
 
 A spring beside two Maxwell arms: the force of a held position falls with two time
 constants. See
-:doc:`/reference/blocks/relaxation`.
+:doc:`/reference/blocks/viscoelastic`.
 """
 
 from matplotlib.figure import Figure

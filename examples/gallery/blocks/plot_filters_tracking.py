@@ -4,7 +4,7 @@ Tracking slow reports
 
 A touch screen reports 60 times a second; ``track`` makes a smooth movement of the
 staircase. See
-:doc:`/reference/blocks/tracking`.
+:doc:`/reference/blocks/filters`.
 """
 
 import numpy as np

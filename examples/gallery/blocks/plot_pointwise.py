@@ -4,7 +4,7 @@ Maps: a wall
 
 Arithmetic, comparisons and ``where`` make a force of any position: nothing outside, a
 stiff spring inside. See
-:doc:`/reference/blocks/maps`.
+:doc:`/reference/blocks/pointwise`.
 """
 
 from matplotlib.figure import Figure
