@@ -143,10 +143,6 @@ _THERE = (
     "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum,"
     " clip, where of stimlib.blocks"
 )
-_THERE = (
-    "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum,"
-    " clip, where of stimlib.blocks"
-)
 _INSTEAD = {  # of functions of numpy, what to write
     **dict.fromkeys(("floor", "ceil", "rint", "trunc"), _ROUND),
     **dict.fromkeys(("remainder", "fmod", "floor_divide", "divmod", "modf"), _MODULO),
