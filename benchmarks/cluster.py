@@ -21,13 +21,13 @@ from bench import Row, main, row
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid
-from stimlib.sweep.drive import job_rows, joined
 from stimlib.sweep.engines import BESIDE, Cluster
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
+from stimlib.sweep.scheduler import job_rows, joined
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.work import as_bytes, from_bytes
+from stimlib.sweep.worker import as_bytes, from_bytes
 
 ROWS, WORKERS = 1_000_000, 1000
 FEW, MANY = 1, 41  # rows of a job
@@ -43,8 +43,8 @@ def simulated(
     arrive: float = 0.0,
     cold: float = 0.0,
 ) -> tuple[float, int]:
-    """Seconds and jobs of a sweep, cut as `stimlib.sweep.drive` cuts it, where client
-    and scheduler do one thing at a time.
+    """Return seconds and jobs of a sweep cut as `stimlib.sweep.scheduler` cuts it,
+    where client and scheduler do one thing at a time.
 
     Parameters
     ----------

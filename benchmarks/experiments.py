@@ -17,7 +17,7 @@ from bench import Row, main, row
 
 from stimlib.experiments.observers import simulate
 from stimlib.experiments.papers.ugrip import comparisons, fits, person, text, ugrip
-from stimlib.experiments.streams import stream
+from stimlib.experiments.random_streams import stream
 
 PEOPLE = [f"P{n:02d}" for n in range(1, 9)]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench import TIMES, Row, options, row, save
 
-from stimlib.speed.short import Speed, measure, picture
+from stimlib.speed.bench import Speed, measure, picture
 from stimlib.speed.timing import machine
 
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "speed.svg"

@@ -22,13 +22,13 @@ from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.speed.timing import interleaved, medians, ratio
 from stimlib.sweep import grid, sweep
-from stimlib.sweep.drive import drive, joined
 from stimlib.sweep.engines import Local
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
+from stimlib.sweep.scheduler import drive, joined
 from stimlib.sweep.store import LARGEST, Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.work import Runner, figures_table
+from stimlib.sweep.worker import Runner, figures_table
 
 MS = "ms/row"
 HAND = minimum_jerk(depth=0.02)

@@ -16,7 +16,7 @@ import numpy as np
 import stimlib
 from stimlib import Input, Param
 from stimlib.blocks import generalized_maxwell
-from stimlib.fitting.exact import maxwell_force, thin
+from stimlib.fitting.closed_form import maxwell_force, thin
 from stimlib.fitting.relaxation import fit_generalized_maxwell
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "afm-relaxation"

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.fitting.exact import springpot_force
+from stimlib.fitting.closed_form import springpot_force
 from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot
 from stimlib.motion.generators import ramp_and_hold
 

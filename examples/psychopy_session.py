@@ -17,8 +17,8 @@ import stimlib
 from stimlib.experiments.designs import Listed
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import Question, choice
+from stimlib.experiments.reader import columns, sessions
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import columns, sessions
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Pair
 from stimlib.experiments.trial import Answer, Stimulus, Trial

@@ -19,8 +19,8 @@ import stimlib
 from stimlib.blocks import kelvin_voigt, track
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
+from stimlib.files.log_reader import read_log
 from stimlib.files.replay import replay
-from stimlib.files.session import read_log
 from stimlib.motion.generators import ramp_and_hold
 
 

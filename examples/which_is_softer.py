@@ -16,8 +16,8 @@ import numpy as np
 from stimlib.experiments.designs import Interleaved, Parts, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
+from stimlib.experiments.reader import columns, read, status
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import columns, read, status
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Pair
 from stimlib.experiments.trial import Answer, Stimulus

@@ -1567,7 +1567,7 @@ TABLE += [
 TEXTS = {
     "stimlib.devices.callback",
     "stimlib.targets.numba.runtime",
-    "stimlib.targets.numba.together",
+    "stimlib.targets.numba.threads",
 }
 """Modules whose text is compiled from the cache: to import one compiles it once more,
 the first in half a minute.

@@ -18,7 +18,7 @@ import pytest
 from stimlib.core import maths
 from stimlib.core.steps import source
 from stimlib.targets.numba import cache as caches
-from stimlib.targets.numba import engine, kernels, lanes, native
+from stimlib.targets.numba import engine, intrinsics, kernels, vectors
 from stimlib.targets.numba.cache import _salt as salt
 
 ROOT = Path(__file__).parent.parent
@@ -153,9 +153,9 @@ def test_the_log_tells_hits_misses_and_times(small, wanted, tmp_path):
 
 def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
     usual = salt.__wrapped__()
-    for module in (kernels, lanes, native, maths):
+    for module in (kernels, vectors, intrinsics, maths):
         assert inspect.getsource(module) in usual
-    for cls in lanes.OPERATIONS:
+    for cls in vectors.OPERATIONS:
         assert source(cls.step) in usual
     assert (Path(kernels.__file__).parent / "runtime.py").read_text() in usual
     monkeypatch.setattr(kernels, "FEATURES", [*kernels.FEATURES, "-avx512f"])

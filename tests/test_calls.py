@@ -13,7 +13,7 @@ from refusals import refused
 import stimlib
 from stimlib import Input, Scene
 from stimlib.errors import BadValue, StimlibError
-from stimlib.targets.numba import calls
+from stimlib.targets.numba import entry_points
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +104,6 @@ def test_a_call_keeps_and_takes_nothing(proc):
 
 def test_another_layout_of_arrays_is_found(monkeypatch):
     """Before any call; here numpy's arrays have their words one further on."""
-    word = calls._word
-    monkeypatch.setattr(calls, "_word", lambda address, k: word(address, k + 1))
-    refused(StimlibError, "lays out its arrays", calls.array_words.__wrapped__)
+    word = entry_points._word
+    monkeypatch.setattr(entry_points, "_word", lambda address, k: word(address, k + 1))
+    refused(StimlibError, "lays out its arrays", entry_points.array_words.__wrapped__)

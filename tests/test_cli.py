@@ -1229,8 +1229,8 @@ def test_play_with_outputs_of_different_units(own, tmp_path):
     "what, wanted", [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, wanted):
+    from stimlib.files.log_reader import read_log
     from stimlib.files.replay import delivered, replay
-    from stimlib.files.session import read_log
 
     log = tmp_path / "a.stimlog"
     words = [

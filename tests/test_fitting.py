@@ -16,7 +16,7 @@ from stimlib import Input, Scene
 from stimlib.blocks.fractional import relaxation_modulus
 from stimlib.blocks.viscoelastic import generalized_maxwell
 from stimlib.errors import BadValue, SinkError
-from stimlib.fitting.exact import maxwell_force, springpot_force, thin
+from stimlib.fitting.closed_form import maxwell_force, springpot_force, thin
 from stimlib.fitting.relaxation import (
     MaxwellFit,
     SpringpotFit,

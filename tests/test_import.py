@@ -51,8 +51,8 @@ def test_import_loads_nothing_heavy():
         "stimlib.run.processor",
         "stimlib.core.maths",
         "stimlib.files.audio",
-        "stimlib.files.log",
-        "stimlib.files.session",
+        "stimlib.files.log_writer",
+        "stimlib.files.log_reader",
         "stimlib.motion.generators",
     ],
 )

@@ -16,7 +16,7 @@ from stimlib.core import steps
 from stimlib.core.graph import Block, Map
 from stimlib.core.maths import as_float, exp, flush, fma, where
 from stimlib.errors import SceneError
-from stimlib.targets.numba import lanes
+from stimlib.targets.numba import vectors
 
 GAIN = 2.0
 HEAD = """
@@ -145,7 +145,7 @@ VECTORS = [
 @pytest.mark.parametrize("text", [*LOOPS, *VECTORS])
 def test_whatever_a_map_says_has_the_same_bits(written, text):
     of = written(MAP.format(text))
-    assert lanes.in_vectors(of.Some.step, of.Numbers, "fu", 2) == (text in VECTORS)
+    assert vectors.in_vectors(of.Some.step, of.Numbers, "fu", 2) == (text in VECTORS)
     block = of.Some(Input("a"), Input("b"))
     assert_same(sampled(block, "numba", 13), sampled(block, "python", 500))
 
@@ -275,7 +275,7 @@ def test_two_blocks_abreast_have_the_same_bits(f):
         def design(self, fs):
             return Gains(self.k, np.uint64(8 * self.k)), Memory(0.0, self.k, 1.0)
 
-    assert lanes.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
+    assert vectors.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
     scene = Scene({"y": Some(Input("a"), 0.5), "z": Some(Input("b"), 0.125)})
     ours, wanted = pair(scene, 1000)
     x = motion(100)

@@ -46,7 +46,7 @@ def alone(target, u, sets):
 )
 def test_each_copy_is_a_processor_of_its_own(monkeypatch, threads, block):
     """Whatever is set where, in any number of threads, at any cut."""
-    monkeypatch.setattr("stimlib.run.copies.WORTHWHILE", 1)
+    monkeypatch.setattr("stimlib.run.many.WORTHWHILE", 1)
     u = motions()
     sets = {
         0: [Set(0, "a", 2.0, 0.0)],
@@ -206,7 +206,7 @@ def test_copies_run_without_pythons_lock():
 
 
 def test_an_error_in_another_thread_is_told(monkeypatch):
-    monkeypatch.setattr("stimlib.run.copies.WORTHWHILE", 1)
+    monkeypatch.setattr("stimlib.run.many.WORTHWHILE", 1)
     runs, began = made(), threading.Event()
 
     def broken(turn, x, out):
@@ -221,7 +221,7 @@ def test_an_error_in_another_thread_is_told(monkeypatch):
 
 
 def test_a_thread_that_has_not_begun_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr("stimlib.run.copies.WORTHWHILE", 1)
+    monkeypatch.setattr("stimlib.run.many.WORTHWHILE", 1)
     runs, free = made(), threading.Event()
     busy = runs._pool.submit(free.wait, 20)
     try:

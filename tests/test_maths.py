@@ -18,7 +18,7 @@ from stimlib import Scene
 from stimlib.blocks import noise, white_noise
 from stimlib.core import maths
 from stimlib.errors import SceneError
-from stimlib.targets.numba import lanes, native
+from stimlib.targets.numba import intrinsics, vectors
 from stimlib.targets.numba.engine import runtime
 
 runtime()  # it has the long sums
@@ -108,10 +108,10 @@ def each(f, *columns):
 
 
 def compiled_each(name, dtype=np.float64):
-    """One of native's functions of one number, over rows; intrinsics cannot be passed
+    """One of intrinsics' functions of one number, over rows: they cannot be passed
     about.
     """
-    f = getattr(native, name)
+    f = getattr(intrinsics, name)
 
     @njit(error_model="numpy")
     def loop(a, out):
@@ -129,7 +129,7 @@ def compiled_each(name, dtype=np.float64):
 @njit(error_model="numpy")
 def compiled_fma(a, b, c, y):
     for i in range(a.size):
-        y[i] = native.fma(a[i], b[i], c[i])
+        y[i] = intrinsics.fma(a[i], b[i], c[i])
 
 
 UNARY = ["sqrt", "floor", "exp", "log", "sin", "cos", "tanh", "flush", "settle"]
@@ -158,7 +158,7 @@ def test_every_name_of_maths_is_tested_here():
     }
     assert written == tested
     assert all(
-        hasattr(lanes if n in ("pairs", "each") else native, n) for n in tested - {"tree"}
+        hasattr(vectors if n in ("pairs", "each") else intrinsics, n) for n in tested - {"tree"}
     ), "each has a compiled counterpart"
 
 
@@ -222,7 +222,7 @@ def test_where():
     @njit(error_model="numpy")
     def loop(c, a, b, y):
         for i in range(a.size):
-            y[i] = native.where(c[i], a[i], b[i])
+            y[i] = intrinsics.where(c[i], a[i], b[i])
 
     for one, other in ((a, b), (integers(), integers(seed=8))):
         n = min(one.size, other.size)
@@ -248,7 +248,7 @@ def test_search(size):
     @njit(error_model="numpy")
     def loop(knots, x, y):
         for i in range(x.size):
-            y[i] = native.search(knots, x[i])
+            y[i] = intrinsics.search(knots, x[i])
 
     y = np.empty(x.size)
     loop(knots, x, y)
@@ -260,8 +260,8 @@ def test_search(size):
 def test_copy_and_words():
     @njit
     def both(a, b):
-        native.copy(a, b[3:])
-        return native.words(a)[0]
+        intrinsics.copy(a, b[3:])
+        return intrinsics.words(a)[0]
 
     a, b = numbers()[:50], np.zeros(60)
     first = both(a, b)
@@ -282,12 +282,14 @@ def test_pairs():
     @njit(error_model="numpy", inline="always")
     def helper(key, m):
         word = key ^ (m * ODD)
-        a = native.as_float(word)
-        return native.sqrt(a), native.where(word > HALF, native.fma(a, 0.1, 3.0), -native.floor(a))
+        a = intrinsics.as_float(word)
+        return intrinsics.sqrt(a), intrinsics.where(
+            word > HALF, intrinsics.fma(a, 0.1, 3.0), -intrinsics.floor(a)
+        )
 
     @njit(error_model="numpy")
     def compiled(key, first, z):
-        lanes.pairs(helper, key, first, z)
+        vectors.pairs(helper, key, first, z)
 
     def same(key, m):
         with np.errstate(over="ignore"):
@@ -306,11 +308,11 @@ def test_pairs():
 def test_each_says_what_it_takes():
     @njit(error_model="numpy", inline="always")
     def decay(q, x):
-        return native.exp(x)
+        return intrinsics.exp(x)
 
     @njit(error_model="numpy")
     def compiled(x, y):
-        lanes.each(decay, (), (x,), y)
+        vectors.each(decay, (), (x,), y)
 
     with pytest.raises(
         SceneError, match=r"^decay cannot run in vectors: .* write a loop over the samples"
@@ -325,7 +327,7 @@ class Line(NamedTuple):
 
 @njit(error_model="numpy", inline="always")
 def compiled_line(q, x, z):
-    return native.where(x > 0.0, native.fma(q.a, x, q.b) / z, native.floor(x) - z)
+    return intrinsics.where(x > 0.0, intrinsics.fma(q.a, x, q.b) / z, intrinsics.floor(x) - z)
 
 
 def line(q, x, z):
@@ -334,7 +336,7 @@ def line(q, x, z):
 
 @njit(error_model="numpy")
 def compiled_lines(q, x, z, y):
-    lanes.each(compiled_line, q, (x, z[1:]), y)
+    vectors.each(compiled_line, q, (x, z[1:]), y)
 
 
 def test_each():
@@ -372,14 +374,14 @@ def of_words(q, x, z):
 def test_what_is_done_side_by_side_is_what_each_does(f):
     """nan, signs of zero, the largest words; numbers on the left."""
     g = njit(
-        type(f)(f.__code__, f.__globals__ | {"maths": native}, f.__name__),
+        type(f)(f.__code__, f.__globals__ | {"maths": intrinsics}, f.__name__),
         error_model="numpy",
         inline="always",
     )
 
     @njit(error_model="numpy")
     def compiled(q, x, z, y):
-        lanes.each(g, q, (x, z), y)
+        vectors.each(g, q, (x, z), y)
 
     edge = np.array([np.nan, 0.0, -0.0, 1.0, -2.5, 7.0, np.inf, -np.inf, maths.SILENT, 5e-324])
     x, z = (np.ascontiguousarray(a.ravel()) for a in np.meshgrid(edge, edge))
@@ -397,12 +399,12 @@ def test_tree_is_the_written_order():
 
 @njit(error_model="numpy")
 def compiled_fir(taps, w, y):
-    native.fir(taps, w, y)
+    intrinsics.fir(taps, w, y)
 
 
 @njit(error_model="numpy")
 def compiled_modes(p, r, q, d, x, y, w):
-    native.modes(p, r, q, d, x, y, w)
+    intrinsics.modes(p, r, q, d, x, y, w)
 
 
 @pytest.mark.parametrize("size", range(8, 137, 8))
@@ -473,7 +475,7 @@ def test_silence_of_modes():
 
 @njit(error_model="numpy")
 def compiled_memory(e, r, q, low, x, y, w):
-    native.memory(e, r, q, low, x, y, w)
+    intrinsics.memory(e, r, q, low, x, y, w)
 
 
 @pytest.mark.parametrize(
@@ -564,11 +566,11 @@ def _turn(a, x, y):
 
 
 def transplant(f):
-    """A function of blocks/noise.py with native's functions in the place of maths', as
-    a segment has it.
+    """A function of blocks/noise.py with intrinsics in the place of maths, as a segment
+    has it.
     """
     names = dict(f.__globals__) | {
-        n: getattr(native, n) for n in ("fma", "sqrt", "where", "bits", "unbits", "as_float")
+        n: getattr(intrinsics, n) for n in ("fma", "sqrt", "where", "bits", "unbits", "as_float")
     }
     return njit(type(f)(f.__code__, names, f.__name__), error_model="numpy")
 

@@ -26,9 +26,9 @@ from stimlib.experiments.designs import Listed
 from stimlib.experiments.experiment import Cursor
 from stimlib.experiments.likelihood import Sets
 from stimlib.experiments.papers import roughness
-from stimlib.experiments.saved import columns, read
+from stimlib.experiments.reader import columns, read
 from stimlib.experiments.trial import Answer, Stimulus, Trial
-from stimlib.fitting.exact import maxwell_force
+from stimlib.fitting.closed_form import maxwell_force
 from stimlib.plate import Patch, Plate
 from stimlib.run.safety import Safety
 
@@ -298,14 +298,14 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "turn_of": {"turns": 4},
         "Quest": {"levels": (1.0, 2.0), "means": (1.0, 2.0), "deviations": (0.5, 1.0)},
         "graeco_latin": {"n": 4},
-        "check_graeco_latin": {"square": stimlib.experiments.squares.graeco_latin(4)},
+        "check_graeco_latin": {"square": stimlib.experiments.latin_squares.graeco_latin(4)},
         "Question": {"choices": ("a", "b")},
         "prompted": {"question": QUESTION},
         "followed": {"x": HAND, "cursor": Cursor("x", 0.01)},
         "Session": {"data": folder / "more"},
         "folder_of": {"experiment": "pair", "data": folder / "data"},
         "read": {"folder": folder / "data/pair/P01-s1"},
-        "stimlib.experiments.saved.sessions": {"experiment": "pair", "data": folder / "data"},
+        "stimlib.experiments.reader.sessions": {"experiment": "pair", "data": folder / "data"},
         "psychometric": {"levels": LEVELS, "yes": YES, "trials": ASKED},
         "psychometrics": {
             "data": {"P01": {"level": LEVELS, "outcome": [0, 1, 0, 1], "chance": [0.5] * 4}}
@@ -353,7 +353,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "pair_of": {"session": 1},
         "blinded": {},
         "seed_of": {"words": ("a",)},
-        "stimlib.experiments.streams.stream": {"words": ("a",)},
+        "stimlib.experiments.random_streams.stream": {"words": ("a",)},
         "feels": {"softer": 0.5},
         "hit": {"condition": "vibration, 30 degrees", "marks": [[0.0, 0.0]]},
         "text": {"rows": []},

@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib.cli import app
-from stimlib.speed import peak, short
+from stimlib.speed import bench, peak
 from stimlib.speed.chain import FS, WAYS, Peer, stages
 
 ROOT = Path(__file__).parents[1]
 SPEEDS = [
-    short.Speed("white noise", 3.0, "numpy PCG64", 9.0, 3.25, 0.5),
-    short.Speed("one sample a call", 1234.5),
+    bench.Speed("white noise", 3.0, "numpy PCG64", 9.0, 3.25, 0.5),
+    bench.Speed("one sample a call", 1234.5),
 ]
 
 
@@ -49,7 +49,7 @@ def test_the_limit_does_as_many_operations_as_it_counts(monkeypatch):
 
 
 def test_bench_prints_a_table_or_json_and_draws(tmp_path, monkeypatch):
-    monkeypatch.setattr(short, "measure", lambda: SPEEDS)
+    monkeypatch.setattr(bench, "measure", lambda: SPEEDS)
     drawn = tmp_path / "speed.svg"
     done = CliRunner().invoke(app, ["bench", "--picture", str(drawn)])
     assert done.exit_code == 0, done.output
@@ -68,7 +68,7 @@ def test_bench_prints_a_table_or_json_and_draws(tmp_path, monkeypatch):
 
 
 def test_bench_refuses_a_picture_that_cannot_be_before_it_measures(tmp_path, monkeypatch):
-    monkeypatch.setattr(short, "measure", lambda: pytest.fail("it measures"))
+    monkeypatch.setattr(bench, "measure", lambda: pytest.fail("it measures"))
     done = CliRunner().invoke(app, ["bench", "--picture", str(tmp_path / "a.xyz")])
     assert done.exit_code == 2 and "must end in one of .png, .svg, .pdf" in done.stderr
 

@@ -30,10 +30,10 @@ from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
-from stimlib.sweep.drive import job_rows
 from stimlib.sweep.engines import Local
 from stimlib.sweep.identity import identity
 from stimlib.sweep.rows import table_of
+from stimlib.sweep.scheduler import job_rows
 
 HAND = minimum_jerk(depth=0.02)
 RUN = {"motion": HAND, "fs": 8000, "seconds": 0.05, "progress": False, "workers": 0}
@@ -137,14 +137,14 @@ def test_processes_jobs_and_order_change_no_bit(monkeypatch):
     words = RUN | {"measures": ["rms", "band(20, 1000)", mean]}
     one = sweep(squeeze(fingers=1), rows, **words)
     shuffled = {n: c[::-1].copy() for n, c in rows.items()}
-    monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 5)
+    monkeypatch.setattr("stimlib.sweep.scheduler.MOST_ROWS", 5)
     two = sweep(squeeze(fingers=1), shuffled, **words | {"workers": 2})
     assert one.equals(two.take(pa.array(range(35, -1, -1))).combine_chunks())
     assert len(set(one["rms_force1"].to_pylist())) == 25, "without vibration all seeds are equal"
 
 
 def test_a_row_that_ends_its_process_is_an_error_of_that_row(monkeypatch):
-    monkeypatch.setattr("stimlib.sweep.drive.DEATHS", 2)
+    monkeypatch.setattr("stimlib.sweep.scheduler.DEATHS", 2)
     rows = {"k": [4.0, 7.0, 6.0, 5.0]}
     table = sweep(SPRING, rows, measures=["rms", deadly], **RUN | {"workers": 2})
     assert [r["k"] for r in table.to_pylist() if r["deadly"] is None] == [7.0]
@@ -152,7 +152,7 @@ def test_a_row_that_ends_its_process_is_an_error_of_that_row(monkeypatch):
 
 
 def test_no_row_ends_a_sweep_whatever_it_does_and_wherever_it_is(monkeypatch, tmp_path):
-    monkeypatch.setattr("stimlib.sweep.drive.DEATHS", 1)
+    monkeypatch.setattr("stimlib.sweep.scheduler.DEATHS", 1)
     monkeypatch.setattr(stimlib.limits, "row_seconds", 4.0)
     # first, middle, last too
     harm = ["exit", "leave", "none", "large", "unspeakable", "hang", "interrupt", "ok", "crash"]

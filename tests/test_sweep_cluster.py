@@ -60,7 +60,7 @@ def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(
 ):
     here = sweep(SCENE, ROWS, measures=["rms", last], workers=0, **WORDS)
     monkeypatch.setattr(engines, "FEWEST", 2)
-    monkeypatch.setattr("stimlib.sweep.drive.MOST_ROWS", 8)
+    monkeypatch.setattr("stimlib.sweep.scheduler.MOST_ROWS", 8)
     monkeypatch.setattr("stimlib.sweep.store.EVERY", 0.0)
     killed = []
     take = engines.Cluster.take
@@ -146,8 +146,8 @@ import sys
 sys.path.insert(0, {tests!r})
 import test_sweep_cluster as t
 t.engines.FEWEST = 2
-import stimlib.sweep.drive, stimlib.sweep.store
-stimlib.sweep.drive.MOST_ROWS, stimlib.sweep.store.EVERY = 8, 0.0
+import stimlib.sweep.scheduler, stimlib.sweep.store
+stimlib.sweep.scheduler.MOST_ROWS, stimlib.sweep.store.EVERY = 8, 0.0
 on = sys.argv[2] if len(sys.argv) > 2 else None
 try:
     words = t.WORDS | {{"on": on, "workers": None if on else 2}}

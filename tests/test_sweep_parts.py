@@ -19,14 +19,14 @@ from stimlib.blocks import springpot
 from stimlib.core.units import unit
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.sweep import engines, measure, measured, rendering, sweep
-from stimlib.sweep.drive import DEATHS, Death, drive
 from stimlib.sweep.engines import Here, Local, end_beside, run_beside
 from stimlib.sweep.measures import CUE_UNITS, measures_of
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
+from stimlib.sweep.scheduler import DEATHS, Death, drive
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.work import NO_SCENE, Runner, as_bytes, begin, error_text, from_bytes
+from stimlib.sweep.worker import NO_SCENE, Runner, as_bytes, begin, error_text, from_bytes
 
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
 STEADY = {
@@ -98,7 +98,7 @@ def test_a_job_that_dies_runs_again_without_the_row_that_ended_it():
 def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch):
     table, plan, motions = prepared({"k": [1.0, 2.0]})
     noted = []
-    monkeypatch.setattr("stimlib.sweep.work.pool.note", lambda *told: noted.append(told))
+    monkeypatch.setattr("stimlib.sweep.worker.pool.note", lambda *told: noted.append(told))
     made = Runner(plan, motions).run(table.to_pylist())
     contents = made["content"].to_pylist()
     assert (
@@ -110,7 +110,7 @@ def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch)
 def test_a_worker_has_the_limits_of_the_sweep(monkeypatch):
     _, plan, motions = prepared({"k": [1.0]})
     monkeypatch.setattr(stimlib.limits, "table_knots", stimlib.limits.table_knots)  # to be put back
-    monkeypatch.setattr("stimlib.sweep.work._runner", None, raising=False)
+    monkeypatch.setattr("stimlib.sweep.worker._runner", None, raising=False)
     begin(
         pickle.dumps((dataclasses.replace(plan, limits=plan.limits | {"table_knots": 77}), motions))
     )

@@ -7,8 +7,8 @@ import pytest
 
 import stimlib
 from stimlib import Input, Param, Scene
+from stimlib.run.driver import samples, walk
 from stimlib.run.processor import Change
-from stimlib.run.walk import samples, walk
 
 SCENE = Scene({"y": Param("k", 1.0) * Input("x"), "z": Param("b", 0.0) + Input("x")})
 X = np.arange(1.0, 101.0)[None]

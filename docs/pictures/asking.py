@@ -15,7 +15,7 @@ from which_is_softer import softer  # noqa: E402
 from stimlib.errors import SinkError  # noqa: E402
 from stimlib.experiments.run import run  # noqa: E402
 from stimlib.experiments.session import Session  # noqa: E402
-from stimlib.live.asking import Asking  # noqa: E402
+from stimlib.live.experiment import Asking  # noqa: E402
 from stimlib.live.server import Server  # noqa: E402
 
 ASKED = "document.querySelector('#text').textContent.startsWith({!r})"

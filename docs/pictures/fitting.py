@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from matplotlib.figure import Figure
 
-from stimlib.fitting.exact import thin
+from stimlib.fitting.closed_form import thin
 from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot
 
 DATA = Path(__file__).parents[3] / "shared" / "data"

@@ -13,7 +13,7 @@ import numpy as np
 from ..core.scene import Scene
 from ..errors import BadValue, public
 from ..motion.source import positions, sources_of
-from ..run.given import length
+from ..run.arguments import length
 from ..run.processor import Processor, compile
 
 

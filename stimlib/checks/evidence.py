@@ -23,9 +23,9 @@ from ..design.responses import Law
 from ..errors import BadValue
 from ..files.audio import Stored
 from ..motion.source import sources_of
+from ..run.driver import Rows, rows_of, samples
 from ..run.processor import Change, Processor, compile
 from ..run.rendering import Rendering
-from ..run.walk import Rows, rows_of, samples
 from . import laws
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report

@@ -31,8 +31,8 @@ from ..core.loops import Last, Loop, Tap
 from ..core.program import lead
 from ..core.scene import Scene
 from ..errors import BadValue
+from ..run.driver import walk
 from ..run.processor import Change, compile
-from ..run.walk import walk
 from . import laws, rows
 from . import linear as linear  # it enters its laws into those of rows
 from .evidence import Check, Evidence, lost_by_ramps, ramped

@@ -9,10 +9,10 @@ import numpy as np
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, public
+from ..files.log_reader import MotionFile, SessionLog
 from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
-from ..files.session import MotionFile, SessionLog
+from ..run.driver import walk
 from ..run.safety import GAIN, Watch, protect, to_device
-from ..run.walk import walk
 from .evidence import Check, Evidence, at_first, last_of, seen_by, with_taps
 from .local import blocks_held
 from .noise import generator, noise
@@ -34,7 +34,7 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
     Parameters
     ----------
     log : SessionLog
-        Of ``stimlib.files.session.read_log``.
+        Of ``stimlib.files.log_reader.read_log``.
     scene : Scene, optional
         What is expected to have been played.
 

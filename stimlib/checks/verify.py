@@ -20,9 +20,9 @@ from ..errors import BadValue, public, shown
 from ..files.audio import Stored
 from ..files.formats import stored
 from ..files.sidecar import told
+from ..run.driver import samples
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
-from ..run.walk import samples
 from .evidence import Check, Evidence, gather
 from .local import blocks_held
 from .noise import generator, noise

@@ -10,10 +10,10 @@ from . import (  # noqa: I001  each adds its commands, in the order of --help
     devices,
     live,
     experiments,
-    proofs,
+    verify,
     scenes,
     speed,
 )
 from .app import app
 
-__all__ = ["app", "devices", "experiments", "files", "live", "proofs", "scenes", "speed", "sweeps"]
+__all__ = ["app", "devices", "experiments", "files", "live", "verify", "scenes", "speed", "sweeps"]

@@ -27,7 +27,7 @@ from .terminal import terminal
 
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
-    from ..live.asking import Asking
+    from ..live.experiment import Asking
 
 PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
 """Experiments of papers: a function of this name in stimlib.experiments.papers.NAME."""
@@ -185,7 +185,7 @@ def on_page(host: str, port: int) -> Iterator[Asking]:
     """A server whose page is the face; the terminal has its address, and how far the
     session is.
     """
-    from ..live.asking import Asking
+    from ..live.experiment import Asking
     from ..live.server import Server
 
     asking = Asking(lambda text: print(shown(text), flush=True))
@@ -228,7 +228,7 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
 
     [bold]stimlib experiment status pair.py:pair[/]
     """
-    from ..experiments.saved import sessions, status
+    from ..experiments.reader import sessions, status
 
     name = experiment_of(defined).name
     found = [status(s) for pilot in (False, True) for s in sessions(name, data, pilot)]
@@ -306,8 +306,8 @@ def analyse(
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """
-    from ..experiments.own import called
-    from ..experiments.saved import columns, sessions
+    from ..experiments.reader import columns, sessions
+    from ..experiments.user_code import called
 
     made = experiment_of(defined)
     found = sessions(made.name, data, pilot)

@@ -221,6 +221,6 @@ def recover(
 
     [bold]stimlib recover squeeze.wav[/]
     """
-    from ..files.publish import recover as recover_file
+    from ..files.commit import recover as recover_file
 
     print(recover_file(file, out))

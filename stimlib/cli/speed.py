@@ -27,16 +27,16 @@ def bench(
     [bold]stimlib bench --picture speed.svg[/]
     """
     from ..analysis.picture import check_place
-    from ..speed import short
+    from ..speed import bench
     from ..speed.timing import machine
 
     if picture is not None:
         check_place(picture)
     with errors.status("measuring, less than a minute; the first time also compiling"):
-        speeds = short.measure()
+        speeds = bench.measure()
     if picture is not None:
-        short.picture(speeds, picture)
+        bench.picture(speeds, picture)
     if json_:
         print_json({"machine": machine(), "speeds": [s._asdict() for s in speeds]})
     else:
-        print_wide(short.table(speeds))
+        print_wide(bench.table(speeds))

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from ..errors import SinkError, shown
-from ..experiments.prompts import Keyed, Prompt
+from ..experiments.answer_keys import Keyed, Prompt
 from ..system.progress import progress
 
 _ENDED = "the input has ended before the session"

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import SceneError
-from . import emit, maths, steps
+from . import codegen, maths, steps
 from .graph import Block, Const, Pick, Subsystem, at_rest, memo
 from .loops import Last
 from .steps import fields
@@ -282,7 +282,7 @@ class Member(NamedTuple):
 
     def named(self, what: str, t: type) -> list[str]:
         """Names that the fields of its parameters or state have in the whole."""
-        return emit.each(f"{what}{self.number}_%s", fields(t))
+        return codegen.each(f"{what}{self.number}_%s", fields(t))
 
     @property
     def values(self) -> list[str]:
@@ -291,7 +291,7 @@ class Member(NamedTuple):
 
 
 def _numbered(name: str, count: int) -> list[str]:
-    return emit.each(f"{name}%d", range(count))
+    return codegen.each(f"{name}%d", range(count))
 
 
 class _Names:
@@ -339,7 +339,7 @@ class _Writer:
         state = m.named("s.m", m.s)
         if state and self.tiled:
             self.before.append(f"{t} = {self._record(m.s, state)}")
-            state = emit.each(f"{t}.%s", fields(m.s))
+            state = codegen.each(f"{t}.%s", fields(m.s))
         if m.contact:
             state = self._enter(m, state)
         p = self._record(m.p, m.named("p.m", m.p))
@@ -347,28 +347,30 @@ class _Writer:
             self._call_tile(m, p, t if state else "()", args)
         else:
             s = self._record(m.s, state)
-            made = emit.several(m.values, bool(m.outputs))
-            self.lines.append(f"{made}, {t} = {emit.call(self.names(m.f), p, s, *args)}")
-            self.lines += emit.each("%s = _F(%s)", m.values, m.values)
+            made = codegen.several(m.values, bool(m.outputs))
+            self.lines.append(f"{made}, {t} = {codegen.call(self.names(m.f), p, s, *args)}")
+            self.lines += codegen.each("%s = _F(%s)", m.values, m.values)
         if m.contact:
             self._leave(m)
         elif m.contact is not None:
-            self.lines.append(f"{t} = {emit.warm(self.names(m.s), fields(m.s), t)}")
+            self.lines.append(f"{t} = {codegen.warm(self.names(m.s), fields(m.s), t)}")
 
     def _record(self, t: type, values: list[str]) -> str:
         # without a field it has no name either
-        return emit.call(self.names(t), *values) if values else "()"
+        return codegen.call(self.names(t), *values) if values else "()"
 
     def _call_tile(self, m: Member, p: str, s: str, args: list[str]) -> None:
         """Its signals are slices of the scratch, one sample long."""
         start, first = self.words, self.words + len(args)
         self.words = first + len(m.values)
-        places = emit.each("w[%d:%d]", range(start, self.words), range(start + 1, self.words + 1))
-        self.lines += emit.each("w[%d] = %s", range(start, first), args)
+        places = codegen.each(
+            "w[%d:%d]", range(start, self.words), range(start + 1, self.words + 1)
+        )
+        self.lines += codegen.each("w[%d] = %s", range(start, first), args)
         if m.scratch:
             places.append(f"w[_I(p.w{m.number}):_I(p.w{m.number}_end)]")
-        self.lines.append(f"t{m.number} = {emit.call(self.names(m.f), p, s, *places)}")
-        self.lines += emit.each("%s = w[%d]", m.values, range(first, self.words))
+        self.lines.append(f"t{m.number} = {codegen.call(self.names(m.f), p, s, *places)}")
+        self.lines += codegen.each("%s = w[%d]", m.values, range(first, self.words))
 
     def _enter(self, m: Member, state: list[str]) -> list[str]:
         """The state from which a member with a contact goes on: off contact that at
@@ -382,14 +384,14 @@ class _Writer:
     def _leave(self, m: Member) -> None:
         """Its outputs and new state: off contact 0 and that at rest."""
         k = m.number
-        new = self._or_at_rest(m, emit.each(f"t{k}.%s", fields(m.s)[:-1]))
-        self.lines += emit.each(f"%s = _where(on{k}, %s, 0.0)", m.values, m.values)
-        made = emit.call(self.names(m.s), *new, f"_where(on{k}, 0.0, cold{k})")
+        new = self._or_at_rest(m, codegen.each(f"t{k}.%s", fields(m.s)[:-1]))
+        self.lines += codegen.each(f"%s = _where(on{k}, %s, 0.0)", m.values, m.values)
+        made = codegen.call(self.names(m.s), *new, f"_where(on{k}, 0.0, cold{k})")
         self.lines.append(f"t{k} = {made}")
 
     def _or_at_rest(self, m: Member, state: list[str]) -> list[str]:
         rest = m.named("p.r", m.s)[:-1]
-        return emit.each(f"_where(on{m.number}, %s, %s)", state, rest)
+        return codegen.each(f"_where(on{m.number}, %s, %s)", state, rest)
 
 
 @memo
@@ -413,7 +415,7 @@ def compose(
         writer.add(m)
         p_names += m.named("m", m.p)
         s_names += m.named("m", m.s)
-        kept += emit.each(f"t{m.number}.%s", fields(m.s))
+        kept += codegen.each(f"t{m.number}.%s", fields(m.s))
         if m.contact:
             at_rests += m.named("r", m.s)
         if m.scratch:
@@ -423,20 +425,20 @@ def compose(
     P = namedtuple("LoopParams", [*p_names, *at_rests, *scratch])  # type: ignore[misc]
     S = namedtuple("LoopState", s_names)  # type: ignore[misc]
     names.space["_S"] = S
-    settled = emit.each("_settle(_F(%s))", map(writer.at, ends))
+    settled = codegen.each("_settle(_F(%s))", map(writer.at, ends))
     found = [*map(writer.at, results)]
-    body = [*emit.each("%s = s.%s", lasts, lasts), *writer.before]
+    body = [*codegen.each("%s = s.%s", lasts, lasts), *writer.before]
     if tiled:
-        each = emit.each("%s[i] = %s", ys, found)
+        each = codegen.each("%s[i] = %s", ys, found)
         each.append(f"{', '.join(lasts)} = {', '.join(settled)}")
-        body += ["for i in range(y0.size):", *emit.indented([*writer.lines, *each])]
-        body.append(f"return {emit.call('_S', *lasts, *kept)}")
-        text = emit.define("tile", ["p", "s", *xs, *ys, "w"], body)
+        body += ["for i in range(y0.size):", *codegen.indented([*writer.lines, *each])]
+        body.append(f"return {codegen.call('_S', *lasts, *kept)}")
+        text = codegen.define("tile", ["p", "s", *xs, *ys, "w"], body)
     else:
         body += writer.lines
-        made = emit.several(found, len(results) > 1)
-        body.append(f"return {made}, {emit.call('_S', *settled, *kept)}")
-        text = emit.define("step", ["p", "s", *xs], body)
+        made = codegen.several(found, len(results) > 1)
+        body.append(f"return {made}, {codegen.call('_S', *settled, *kept)}")
+        text = codegen.define("step", ["p", "s", *xs], body)
     f = staticmethod(_function(text, names.space))
     definition = {"P": P, "S": S, "members": members, "words": writer.words, "resettable": False}
     definition |= {"step": None, "tile": None, "work": None, "tile" if tiled else "step": f}

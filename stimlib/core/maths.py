@@ -1,7 +1,7 @@
 """The only mathematics a step may use: each function here is THE definition, in plain
 Python, with one rounding.
 
-``targets/numba/native.py`` holds, under the same names, what compiled code does;
+``targets/numba/intrinsics.py`` holds, under the same names, what compiled code does;
 ``tests/test_maths.py`` checks that both give the same bits.  numpy scalars go in and
 come out, so that 1/0 is inf and never an exception.
 

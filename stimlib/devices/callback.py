@@ -2,7 +2,7 @@
 without the interpreter.
 
 Like ``runtime.py`` its text is compiled from the cache.  Everything it needs lies in
-one int64 array, the context c, that ``stimlib.devices.pump.Pump`` fills; each word
+one int64 array, the context c, that ``stimlib.devices.engine.Pump`` fills; each word
 below is named by its place.  Rings have one writer and one reader: the writer stores
 its count with release, the reader loads it with acquire, so neither ever waits for the
 other.
@@ -12,7 +12,7 @@ from llvmlite import ir
 from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
-from stimlib.targets.numba.native import I8, at, data, f8_at, i8_at, plain, run
+from stimlib.targets.numba.intrinsics import I8, at, data, f8_at, i8_at, plain, run
 
 # the program
 ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_SLOT, FADE = range(12)

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, public
+from ..files.log_reader import read_log
 from ..files.replay import delivered
-from ..files.session import read_log
 from ..run.safety import Safety
+from .engine import _native
 from .jack import INSTALL, JackSink, _jack
-from .pump import _native
 
 ROUND_TRIP = 1.0
 """Longest delay of a cable, in s, that is searched for."""

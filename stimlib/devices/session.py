@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import FaultError, SinkError
 from ..run.safety import Watch
-from .pump import Pump
+from .engine import Pump
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Recorder:
     watch : Watch
         Of the same processor.
     writer : LogWriter or None
-        An object with the methods of ``stimlib.files.log.LogWriter``.
+        An object with the methods of ``stimlib.files.log_writer.LogWriter``.
     fail : callable
         ``fail(error, earliest)`` fades the session out, from that sample on.
     """

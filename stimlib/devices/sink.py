@@ -28,8 +28,8 @@ from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from ..version import __version__
+from .engine import Pump
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
-from .pump import Pump
 from .session import Recorder, SessionReport
 from .sources import Feeder, Live, Recorded, Scripted, columns_of, length, source_of
 
@@ -66,8 +66,8 @@ class Sink:
     params : dict of str to float, optional
         Parameters that differ from the scene's, from the first sample on.
     log : path or object, optional
-        Folder for the session's log (``stimlib.files.log``), or an object with the
-        methods of its ``LogWriter``.
+        Folder for the session's log (``stimlib.files.log_writer``), or an object with
+        the methods of its ``LogWriter``.
     realtime : bool, optional
         Lock memory and keep the garbage collector away while it plays, with one warning
         where that is not permitted. By default only devices with a clock of their own
@@ -617,7 +617,7 @@ class Sink:
         if self._log_to is None:
             return None
         if isinstance(self._log_to, (str, os.PathLike)):
-            from ..files.log import LogWriter
+            from ..files.log_writer import LogWriter
 
             return LogWriter(self._log_to, self.header())
         return self._log_to

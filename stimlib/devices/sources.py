@@ -229,7 +229,7 @@ class Feeder(threading.Thread):
 
     Parameters
     ----------
-    pump : stimlib.devices.pump.Pump
+    pump : stimlib.devices.engine.Pump
     source : Scripted
     failed : callable
         ``failed(error, what="the motion failed")`` is called when a function of the

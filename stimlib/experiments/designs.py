@@ -15,7 +15,7 @@ from typing import Any
 
 from ..errors import BadValue, public
 from ..system.fields import number
-from .streams import seed_of, stream
+from .random_streams import seed_of, stream
 from .tasks import Task
 from .trial import Answer, Design, State, Trial, outcome
 

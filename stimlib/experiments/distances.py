@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.cues import Cues, cues
 from ..errors import BadValue, UnknownName, public
+from ..files.log_reader import read_log
 from ..files.replay import delivered
-from ..files.session import read_log
 from ..system.progress import progress as bar
 from .fits import undetermined
 from .likelihood import Sets, maximum, numbers
-from .saved import Saved, columns
+from .reader import Saved, columns
 from .trial import Record
 
 FAR = 10.0
@@ -200,7 +200,7 @@ def recorded(
     Returns
     -------
     dict of str to list
-        As `stimlib.experiments.saved.columns`, and one column for each of
+        As `stimlib.experiments.reader.columns`, and one column for each of
         `stimlib.analysis.cues.Cues`: nan in all of them for a trial in which the hand
         did not move, or for less than two periods.
 

@@ -16,10 +16,10 @@ from ..core.units import Unit
 from ..errors import BadValue, UnknownName, public
 from ..run.safety import Safety
 from ..system import fields
-from .own import called
 from .questions import Question
-from .streams import seed_of
+from .random_streams import seed_of
 from .trial import Design, Observer, Stimulus, Trial
+from .user_code import called
 
 
 @public
@@ -137,7 +137,7 @@ class Experiment:
     observer : callable, optional
         Who answers in a simulation: ``observer(trial, rng) -> Answer``.
     analysis : callable, optional
-        ``analysis(sessions) -> any``, of a list of `stimlib.experiments.saved.Saved`;
+        ``analysis(sessions) -> any``, of a list of `stimlib.experiments.reader.Saved`;
         what it gives is printed. A log does not depend on these two.
 
     Raises

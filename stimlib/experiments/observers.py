@@ -24,7 +24,7 @@ from ..system.pool import spread
 from ..system.progress import progress as bar
 from .experiment import Experiment
 from .likelihood import Model, probability
-from .streams import stream
+from .random_streams import stream
 from .trial import Answer, Observer, Stimulus, Trial, observed, outcome
 
 By = float | Mapping[str, float]
@@ -62,7 +62,7 @@ class Psychometric:
     Examples
     --------
     >>> from stimlib.experiments.observers import Psychometric
-    >>> from stimlib.experiments.streams import stream
+    >>> from stimlib.experiments.random_streams import stream
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Stimulus
     >>> task = Pair(
@@ -160,7 +160,7 @@ class Listener:
     --------
     >>> import stimlib
     >>> from stimlib.experiments.observers import Listener
-    >>> from stimlib.experiments.streams import stream
+    >>> from stimlib.experiments.random_streams import stream
     >>> from stimlib.experiments.tasks import Pair
     >>> from stimlib.experiments.trial import Stimulus
     >>> from stimlib.motion.generators import sinusoid

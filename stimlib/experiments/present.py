@@ -29,9 +29,9 @@ from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
 from ..errors import BadValue, StimlibError, UnknownName, public
-from ..files.log import LogWriter, header
+from ..files.log_reader import read_log
+from ..files.log_writer import LogWriter, header
 from ..files.replay import delivered
-from ..files.session import read_log
 from ..run.safety import Safety
 from .experiment import Cursor, Experiment
 from .trial import Trial

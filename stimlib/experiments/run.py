@@ -17,8 +17,8 @@ import numpy as np
 from ..errors import public
 from .present import prepare, present
 from .questions import Question
+from .random_streams import seed_of, stream
 from .session import Session
-from .streams import seed_of, stream
 from .trial import Answer, Observer, Record, Stimulus, Trial, answered
 
 Show = Callable[[Trial, Path], dict[str, Any]]

@@ -37,8 +37,8 @@ from ..errors import BadValue, SinkError, public
 from ..system import safe_files
 from ..version import __version__
 from .experiment import Experiment
-from .saved import VERSION, Saved, blinded, folder_of, read, sealed
-from .streams import stream
+from .random_streams import stream
+from .reader import VERSION, Saved, blinded, folder_of, read, sealed
 from .trial import Answer, Record, Trial, observed
 
 SPARE = 65536  # bytes; the line of a trial has about 2000

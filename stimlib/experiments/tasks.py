@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from ..errors import BadValue, UnknownName, public
-from .streams import seed_of, stream
+from .random_streams import seed_of, stream
 from .trial import Stimulus, Trial
 
 

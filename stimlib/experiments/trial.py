@@ -7,7 +7,7 @@ give the state in which a session was left:
 
 ``init(seed) -> State``
     the state before the first trial; everything that is drawn is drawn from
-    `stimlib.experiments.streams.stream`
+    `stimlib.experiments.random_streams.stream`
 ``next(state) -> Trial or None``
     the trial that is due, None at the end
 ``update(state, answer) -> State``
@@ -23,7 +23,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 
 from ..errors import BadValue, public
-from .own import called
+from .user_code import called
 
 State = dict[str, Any]
 """Of a design: JSON data."""

@@ -28,15 +28,15 @@ from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, outside, public, shown
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
+from ..run.driver import rows_of, walk
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
-from ..run.walk import rows_of, walk
 from ..system import safe_files
 from ..system.limits import limits
 from ..system.progress import progress as bar
 from ..system.threads import beside
 from ..version import __version__
-from .draft import PIECE, reading, reason, sha256, soundfile
+from .commit import Put, check_place, check_size, publish
 from .formats import (
     FORMATS,
     Array,
@@ -47,7 +47,7 @@ from .formats import (
     interleaved,
     physical,
 )
-from .publish import Put, check_place, check_size, publish
+from .partial import PIECE, reading, reason, sha256, soundfile
 from .sidecar import FileReport, describe, hint, load, sidecar_of
 
 # s of signal that is written at once, at most; a killed run can lose three: one being

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ..core.scene import Scene
 from ..errors import BadValue, SceneError, SinkError, public, shown
+from ..run.driver import Rows, walk
 from ..run.processor import Change, Processor
 from ..run.safety import protect, to_device
-from ..run.walk import Rows, walk
 from ..version import __version__
 from . import audio as file
-from .session import SessionLog, Span
+from .log_reader import SessionLog, Span
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
 
     Examples
     --------
-    See `stimlib.files.log.LogWriter`.
+    See `stimlib.files.log_writer.LogWriter`.
     """
     lost = sum(min(n, max(0, log.frames - at)) for at, n in log.lost)
     compared = Hashes(log.spans)

@@ -15,8 +15,8 @@ import numpy as np
 from ..core import definitions
 from ..errors import SinkError, shown
 from ..system import fields, safe_files
-from .draft import soundfile
 from .formats import BYTES, FORMATS
+from .partial import soundfile
 
 _COUNT = fields.whole(2**53)
 _CHANNEL = {"name": fields.text, "unit": fields.text, "full_scale": fields.positive}

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..core.graph import Block
 from ..errors import BadValue, SinkError, public
-from .exact import (
+from .closed_form import (
     PAIRS,
     Pairs,
     arm_forces,
@@ -253,7 +253,7 @@ def fit_springpot(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.exact import springpot_force
+    >>> from stimlib.fitting.closed_form import springpot_force
     >>> from stimlib.fitting.relaxation import fit_springpot
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)  # 1 cm in 0.2 s, then held
@@ -372,7 +372,7 @@ def fit_generalized_maxwell(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.exact import maxwell_force
+    >>> from stimlib.fitting.closed_form import maxwell_force
     >>> from stimlib.fitting.relaxation import fit_generalized_maxwell
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..system.limits import limits
-from .batch import Array, Batch, Rows, table_error
+from .rows import Array, Batch, Rows, table_error
 
 SAVE = "save arrays of numbers with numpy.savez"
 EQUAL = "save one-dimensional arrays of equal length"

@@ -23,9 +23,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import BadValue, UnknownName, public, shown
-from .batch import Array
-from .cubics import cubics
 from .generators import Motion
+from .pchip import cubics
 from .reports import (
     FASTEST,
     Mask,
@@ -37,6 +36,7 @@ from .reports import (
     lifts,
     series,
 )
+from .rows import Array
 from .source import HAND
 from .table import Columns, TableFile, read_table
 from .text import MAX_SPEC, parse_motion

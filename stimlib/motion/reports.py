@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadValue
-from .batch import Array, Batch, Rows
 from .expression import Linear, expression
+from .rows import Array, Batch, Rows
 from .table import TableFile
 
 Mask = NDArray[np.bool_]

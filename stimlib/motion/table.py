@@ -20,8 +20,8 @@ import numpy as np
 from ..errors import BadValue, RecordingError
 from ..system import safe_files
 from ..system.limits import limits
-from .batch import Array, Batch, Rows, table_error
 from .npz import ArrayBatch, read_npz
+from .rows import Array, Batch, Rows, table_error
 
 EMPTY = "give a file with a line of column names and at least two rows"
 PIECE = 1 << 20  # bytes of text that are read at once

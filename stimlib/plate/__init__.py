@@ -7,7 +7,7 @@ from .fit import FrameFit, fit_frame
 from .identify import Drift, Resonance, Sweep, drift, identify, read_sweep
 from .model import Plate
 from .patch import Patch
-from .places import Placement, best_patches
+from .placement import Placement, best_patches
 from .profile import mode_fit
 from .vibrate import Finger, plate
 

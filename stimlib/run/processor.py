@@ -27,8 +27,8 @@ from ..core.program import (
 )
 from ..errors import BadValue, SceneError, StimlibError, UnknownName, public
 from ..system.packages import package
-from .copies import Copies
-from .given import columns, explain, key
+from .arguments import columns, explain, key
+from .many import Copies
 from .plan import Plan, PlanRow
 
 if TYPE_CHECKING:

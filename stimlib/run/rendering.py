@@ -18,8 +18,8 @@ from ..errors import BadValue, FaultError, UnknownName, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..system.limits import limits
 from ..system.packages import package
+from .driver import rows_of, samples, walk
 from .processor import Processor
-from .walk import rows_of, samples, walk
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,7 +63,7 @@ def stream(
     Yields
     ------
     ndarray, shape (n_outputs, n)
-        Yours to keep.  ``stimlib.run.walk.walk`` gives the same samples in one array
+        Yours to keep.  ``stimlib.run.driver.walk`` gives the same samples in one array
         that it uses again.
 
     Warns

@@ -11,9 +11,9 @@ from uuid import uuid4
 from ..errors import BadValue, MissingPackage, SinkError, outside
 from ..system.packages import package
 from ..system.pool import Pool, TimedOut, WorkerDied
-from .drive import Death
 from .plan import Plan, versions
-from .work import NO_SCENE, Motions, Runner, as_bytes, begin, differing, from_bytes, run_kept
+from .scheduler import Death
+from .worker import NO_SCENE, Motions, Runner, as_bytes, begin, differing, from_bytes, run_kept
 
 BESIDE = 2  # jobs of a cluster for each thread: one that runs and one that waits
 FEWEST = 8  # jobs that are sent to a cluster whose workers are still to come

@@ -22,7 +22,6 @@ from ..run.rendering import Rendering
 from ..system.limits import limits
 from ..system.pool import Pool, WorkerDied, ended, note, terminable
 from ..system.progress import progress as bar
-from .drive import drive, joined
 from .engines import Cluster, Here, Local, packed
 from .measures import NAMED, Measure, measures_of
 from .plan import (
@@ -38,8 +37,9 @@ from .plan import (
     versions,
 )
 from .rows import MADE, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
+from .scheduler import drive, joined
 from .store import Store
-from .work import Motions, Runner, as_bytes, error_text, from_bytes
+from .worker import Motions, Runner, as_bytes, error_text, from_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa

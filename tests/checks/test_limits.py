@@ -21,8 +21,8 @@ from stimlib.design import responses
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
+from stimlib.run.driver import samples
 from stimlib.run.processor import Change
-from stimlib.run.walk import samples
 from stimlib.scenes import bumps, squeeze, viscoelastic
 
 INSIDE, OUTSIDE = 0.97, 1.03  # of the limit

@@ -18,12 +18,12 @@ from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.present import program
 from stimlib.experiments.questions import choice
 from stimlib.experiments.trial import Stimulus, Trial
-from stimlib.files.log import LogWriter, header
-from stimlib.files.session import read_log
+from stimlib.files.log_reader import read_log
+from stimlib.files.log_writer import LogWriter, header
 from stimlib.motion.generators import sinusoid
+from stimlib.run.driver import samples
 from stimlib.run.processor import Change
 from stimlib.run.safety import GAIN, Safety, protect, to_device
-from stimlib.run.walk import samples
 from stimlib.scenes import SHIPPED
 
 FS, STRETCH, SECONDS = 4000, 5000, 3.0  # 12 000 samples in three stretches

@@ -42,13 +42,13 @@ from stimlib.experiments.questions import choice
 from stimlib.experiments.run import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.files.log_reader import read_log
 from stimlib.files.replay import replay
-from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion
+from stimlib.run.driver import samples
 from stimlib.run.processor import Change
 from stimlib.run.safety import Safety
-from stimlib.run.walk import samples
 from stimlib.scenes import ROWS, SHIPPED
 
 FS = 4000

@@ -10,8 +10,8 @@ import pytest
 import stimlib
 from stimlib import StimlibError
 from stimlib.checks.session import verify_log
-from stimlib.files.log import LogWriter, header
-from stimlib.files.session import FIELDS, read_log
+from stimlib.files.log_reader import FIELDS, read_log
+from stimlib.files.log_writer import LogWriter, header
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 from stimlib.scenes import squeeze

@@ -24,12 +24,12 @@ from stimlib.checks.session import verify_log
 from stimlib.devices.null import NullSink
 from stimlib.errors import SinkError
 from stimlib.files import audio as file
-from stimlib.files import publish
+from stimlib.files import commit
+from stimlib.files.commit import recover
 from stimlib.files.formats import FORMATS
-from stimlib.files.log import LogWriter, header
-from stimlib.files.publish import recover
+from stimlib.files.log_reader import read_log
+from stimlib.files.log_writer import LogWriter, header
 from stimlib.files.replay import delivered, replay
-from stimlib.files.session import read_log
 from stimlib.motion.generators import sinusoid
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 
@@ -189,7 +189,7 @@ def test_whenever_it_is_killed_the_pair_is_whole_or_recovered(tmp_path, format, 
 
 def begin(path):
     """Stop where NAME.part.json is there, and nothing else yet."""
-    publish._draft = lambda *_: print("there", flush=True) or time.sleep(600)
+    commit._draft = lambda *_: print("there", flush=True) or time.sleep(600)
     print("go", flush=True)
     file.write(path, stimlib.compile(scene(), 8000.0), {"x": HAND}, 0.5, full_scale=64.0)
 

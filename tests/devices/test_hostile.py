@@ -29,11 +29,11 @@ from stimlib.checks.session import verify_log
 from stimlib.errors import SinkError, StimlibError
 from stimlib.files import audio as file
 from stimlib.files.batch import render_set
+from stimlib.files.commit import recover
 from stimlib.files.formats import FORMATS, stored
-from stimlib.files.log import LogWriter, header
-from stimlib.files.publish import recover
+from stimlib.files.log_reader import read_log
+from stimlib.files.log_writer import LogWriter, header
 from stimlib.files.replay import replay
-from stimlib.files.session import read_log
 from stimlib.files.sidecar import BEGUN, DONE
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion

@@ -329,8 +329,8 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
 
 
 def test_a_session_replays_from_its_log(server, tmp_path):
+    from stimlib.files.log_reader import read_log
     from stimlib.files.replay import replay
-    from stimlib.files.session import read_log
 
     folder = tmp_path / "session.stimlog"
     with sink(

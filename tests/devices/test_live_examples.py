@@ -13,8 +13,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from stimlib.files.log_reader import read_log
 from stimlib.files.replay import replay
-from stimlib.files.session import read_log
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -6,7 +6,7 @@ from devices.servers import Jackd, needs_jack, unjudged
 
 from stimlib import SinkError
 from stimlib.devices.loopback import Loopback, loopback, through
-from stimlib.files.session import read_log
+from stimlib.files.log_reader import read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 

@@ -7,7 +7,7 @@ import pytest
 
 import stimlib
 from stimlib import Input, Param, Scene
-from stimlib.devices.pump import Pump
+from stimlib.devices.engine import Pump
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 from stimlib.scenes import squeeze

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from refusals import refused
 
 from stimlib.errors import BadValue, RecordingError
-from stimlib.motion import cubics as blocks
-from stimlib.motion.cubics import cubics
+from stimlib.motion import pchip as blocks
+from stimlib.motion.pchip import cubics
 from stimlib.motion.recorded import recording
 
 # a tablet: stamps in ms, two or three reports in some of them

@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from some import experiment, observer
 
+from stimlib.experiments.reader import read
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import read
 from stimlib.experiments.session import Session
 
 

@@ -3,7 +3,7 @@ observer.
 """
 
 import stimlib
-import stimlib.experiments.streams
+import stimlib.experiments.random_streams
 from stimlib.experiments.designs import Interleaved, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
@@ -62,6 +62,8 @@ def some(data, trials, made=None, **options):
     """A session that was left after some trials."""
     with Session(made or experiment(), data, "P01", **options) as session:
         for _ in range(trials):
-            rng = stimlib.experiments.streams.stream(session.seed, "observer", session.number)
+            rng = stimlib.experiments.random_streams.stream(
+                session.seed, "observer", session.number
+            )
             session.put(observer(session.due(), rng), [nothing(None, None)])
     return session

@@ -27,8 +27,8 @@ from stimlib.experiments.papers.bounciness import (
     known,
 )
 from stimlib.experiments.present import present, spans
+from stimlib.experiments.reader import read
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import read
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Identify
 from stimlib.experiments.trial import Answer

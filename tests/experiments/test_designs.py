@@ -14,11 +14,11 @@ from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.designs import Interleaved, Listed, Parts, Staircase, shuffled, turn_of
 from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import psychometric
+from stimlib.experiments.latin_squares import check_graeco_latin, graeco_latin
 from stimlib.experiments.observers import Psychometric
 from stimlib.experiments.quest import Quest
 from stimlib.experiments.questions import choice, places, ranking, rating
-from stimlib.experiments.squares import check_graeco_latin, graeco_latin
-from stimlib.experiments.streams import seed_of, stream
+from stimlib.experiments.random_streams import seed_of, stream
 from stimlib.experiments.tasks import Identify, Pair, Show
 from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
 

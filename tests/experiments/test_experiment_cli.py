@@ -21,9 +21,9 @@ from typer.testing import CliRunner
 from stimlib.cli import app, terminal
 from stimlib.cli.terminal import Terminal
 from stimlib.errors import FaultError, SinkError
-from stimlib.experiments.prompts import Keyed, prompted
+from stimlib.experiments.answer_keys import Keyed, prompted
 from stimlib.experiments.questions import choice, places, ranking, rating
-from stimlib.experiments.saved import read
+from stimlib.experiments.reader import read
 
 FILE = """
 import sys

@@ -21,12 +21,12 @@ from stimlib.experiments.designs import Listed
 from stimlib.experiments.experiment import Timing
 from stimlib.experiments.observers import simulate as observe
 from stimlib.experiments.present import present
+from stimlib.experiments.reader import read, status
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import read, status
 from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.files.log_reader import read_log
 from stimlib.files.replay import replay
-from stimlib.files.session import read_log
 
 
 # The disk -----------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from stimlib.experiments.designs import Listed, Parts
 from stimlib.experiments.detection import wilson
 from stimlib.experiments.distances import distances
 from stimlib.experiments.observers import Listener, Psychometric, power, simulate
-from stimlib.experiments.streams import stream
+from stimlib.experiments.random_streams import stream
 from stimlib.experiments.tasks import Identify, Pair, Show
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.motion.generators import sinusoid

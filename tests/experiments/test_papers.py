@@ -15,6 +15,7 @@ import stimlib
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.compare import paired
 from stimlib.experiments.experiment import Timing
+from stimlib.experiments.latin_squares import check_graeco_latin
 from stimlib.experiments.observers import Listener, Psychometric, simulate
 from stimlib.experiments.papers import nodule_places as place
 from stimlib.experiments.papers import nodule_sizes as size
@@ -32,12 +33,11 @@ from stimlib.experiments.papers.bounciness import (
 from stimlib.experiments.papers.bounciness import person as bouncy
 from stimlib.experiments.papers.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
 from stimlib.experiments.present import present
+from stimlib.experiments.random_streams import stream
+from stimlib.experiments.reader import sessions
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import sessions
 from stimlib.experiments.scaling import fechner
 from stimlib.experiments.session import Session
-from stimlib.experiments.squares import check_graeco_latin
-from stimlib.experiments.streams import stream
 from stimlib.experiments.trial import Stimulus, observed
 from stimlib.scenes import soft_surface, squeeze, viscoelastic
 from stimlib.soft import block, buried

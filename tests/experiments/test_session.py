@@ -29,7 +29,7 @@ from laws import run as cut_run
 from refusals import refused
 
 import stimlib
-import stimlib.experiments.streams
+import stimlib.experiments.random_streams
 from stimlib.blocks import timeline
 from stimlib.design.texture import made_up
 from stimlib.devices.null import NullSink
@@ -39,13 +39,13 @@ from stimlib.experiments.designs import Listed, Parts
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.present import prepare, present, program, spans
 from stimlib.experiments.questions import rating
+from stimlib.experiments.reader import columns, read, sessions, status
 from stimlib.experiments.run import Simulated, run
-from stimlib.experiments.saved import columns, read, sessions, status
 from stimlib.experiments.session import LOG, Session
 from stimlib.experiments.tasks import Identify, Show
 from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, outcome
+from stimlib.files.log_reader import read_log
 from stimlib.files.replay import replay
-from stimlib.files.session import read_log
 from stimlib.scenes import SHIPPED
 
 

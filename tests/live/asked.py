@@ -13,7 +13,7 @@ from stimlib.experiments.run import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Identify, Show
 from stimlib.experiments.trial import Stimulus
-from stimlib.live.asking import Asking
+from stimlib.live.experiment import Asking
 from stimlib.live.server import Server
 
 QUESTIONS = (

@@ -23,15 +23,15 @@ from websockets.sync.client import connect
 
 from stimlib.cli import app, terminal
 from stimlib.errors import SinkError
+from stimlib.experiments.answer_keys import Prompt
 from stimlib.experiments.designs import Listed
 from stimlib.experiments.experiment import Timing
-from stimlib.experiments.prompts import Prompt
+from stimlib.experiments.reader import read
 from stimlib.experiments.run import run
-from stimlib.experiments.saved import read
 from stimlib.experiments.session import Session
-from stimlib.files.session import read_log
-from stimlib.live import asking as asking_module
-from stimlib.live.asking import FIELDS, LONGEST, Asking
+from stimlib.files.log_reader import read_log
+from stimlib.live import experiment as asking_module
+from stimlib.live.experiment import FIELDS, LONGEST, Asking
 from stimlib.live.site import Page
 
 SHORT = experiment(design=Listed(((TASK, 4.0), (TASK, 1.0))))

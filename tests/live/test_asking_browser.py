@@ -17,8 +17,8 @@ from stimlib.cli import terminal
 from stimlib.experiments.designs import Listed
 from stimlib.experiments.experiment import Cursor, Timing
 from stimlib.experiments.questions import choice
+from stimlib.experiments.reader import read
 from stimlib.experiments.run import run
-from stimlib.experiments.saved import read
 from stimlib.experiments.session import Session
 
 pytestmark = [

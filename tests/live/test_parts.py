@@ -12,8 +12,8 @@ from refusals import refused
 
 from stimlib import Input, Param, Scene, constant
 from stimlib.errors import BadValue, UnknownName
+from stimlib.files.log_reader import read_log
 from stimlib.files.replay import replay
-from stimlib.files.session import read_log
 from stimlib.live.describe import description, ranges_of
 from stimlib.live.inputs import Inputs
 from stimlib.live.protocol import FIELDS, message

@@ -20,8 +20,8 @@ from devices.servers import Capture, Jackd
 
 import stimlib
 from stimlib.devices.jack import JackSink
+from stimlib.files.log_reader import read_log
 from stimlib.files.replay import delivered, replay
-from stimlib.files.session import read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 

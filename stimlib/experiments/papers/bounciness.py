@@ -26,7 +26,7 @@ from ..detection import detection
 from ..distances import distances, recorded
 from ..experiment import Cursor, Experiment, Timing
 from ..questions import choice
-from ..saved import Saved, columns
+from ..reader import Saved, columns
 from ..scaling import Line, jnd_from_dprime, line
 from ..tables import Columns, grouped
 from ..tasks import Identify
@@ -227,7 +227,7 @@ def jnds(answers: Columns) -> Jnds:
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` or
+        As `stimlib.experiments.reader.columns` or
         `stimlib.experiments.observers.simulate` gives them: without training.
 
     Returns

@@ -22,7 +22,7 @@ from ..designs import Listed, Parts, turn_of
 from ..detection import Proportion, wilson
 from ..experiment import Experiment, Timing
 from ..questions import places
-from ..saved import columns
+from ..reader import columns
 from ..tables import Columns, grouped
 from ..tasks import Show
 from ..trial import Answer, Stimulus, Trial
@@ -70,7 +70,7 @@ def nodule_places() -> Experiment:
     Examples
     --------
     >>> from stimlib.experiments.papers.nodule_places import nodule_places, person
-    >>> from stimlib.experiments.streams import stream
+    >>> from stimlib.experiments.random_streams import stream
     >>> from stimlib.experiments.trial import observed
     >>> design = nodule_places().designed("P02")
     >>> [
@@ -177,8 +177,8 @@ def located(answers: Columns) -> Located:
     ----------
     answers : dict of str to sequence
         With ``participant``, ``condition`` and ``nodules``, as
-        `stimlib.experiments.saved.columns` and `stimlib.experiments.observers.simulate`
-        give them.
+        `stimlib.experiments.reader.columns` and
+        `stimlib.experiments.observers.simulate` give them.
 
     Returns
     -------

@@ -22,7 +22,7 @@ from ..designs import Listed, turn_of
 from ..detection import Proportion, wilson
 from ..experiment import Experiment, Timing
 from ..questions import ranking
-from ..saved import columns
+from ..reader import columns
 from ..tables import Columns
 from ..tasks import Show
 from ..trial import Answer, Stimulus, Trial
@@ -153,7 +153,7 @@ def sorted_rightly(answers: Columns) -> Sorted:
     Parameters
     ----------
     answers : dict of str to sequence
-        With ``condition`` and ``order``, as `stimlib.experiments.saved.columns` and
+        With ``condition`` and ``order``, as `stimlib.experiments.reader.columns` and
         `stimlib.experiments.observers.simulate` give them.
 
     Returns

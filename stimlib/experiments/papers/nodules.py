@@ -23,7 +23,7 @@ from ..designs import Listed, Parts, turn_of
 from ..detection import Diagnosis, diagnosis
 from ..experiment import Experiment, Timing
 from ..questions import choice
-from ..saved import columns
+from ..reader import columns
 from ..tables import Columns, grouped
 from ..tasks import Show
 from ..trial import Answer, Stimulus, Trial
@@ -178,8 +178,8 @@ def found(answers: Columns) -> Found:
     ----------
     answers : dict of str to sequence
         With ``participant``, ``condition``, ``left`` and ``right``, as
-        `stimlib.experiments.saved.columns` and `stimlib.experiments.observers.simulate`
-        give them.
+        `stimlib.experiments.reader.columns` and
+        `stimlib.experiments.observers.simulate` give them.
 
     Returns
     -------

@@ -25,7 +25,7 @@ from ..compare import Effect, paired, repeated
 from ..designs import Listed, Parts
 from ..experiment import Experiment, Masking, Timing
 from ..questions import rating
-from ..saved import columns
+from ..reader import columns
 from ..scaling import Law, fechner
 from ..tables import Columns, grouped
 from ..tasks import Show
@@ -271,7 +271,7 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` gives them, or
+        As `stimlib.experiments.reader.columns` gives them, or
         `stimlib.experiments.observers.simulate`: without training.
     question : str
         Its column: ``"outcome"`` is that of the first question, roughness.

@@ -25,7 +25,7 @@ from ..experiment import Experiment, Timing
 from ..fits import Fit
 from ..observers import Listener
 from ..questions import choice
-from ..saved import columns
+from ..reader import columns
 from ..tables import Columns, fitted
 from ..tasks import Pair
 from ..trial import Answer, Observer, Stimulus, Trial
@@ -266,7 +266,7 @@ def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], F
     Parameters
     ----------
     answers : dict of str to sequence
-        As `stimlib.experiments.saved.columns` or
+        As `stimlib.experiments.reader.columns` or
         `stimlib.experiments.observers.simulate` gives them.
     interval : {"profile", "bootstrap", "none"}
 

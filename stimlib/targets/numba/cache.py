@@ -45,7 +45,7 @@ from ...core.steps import source
 from ...errors import SinkError
 from ...system import safe_files
 from ...system.progress import announce
-from . import kernels, lanes, native
+from . import intrinsics, kernels, vectors
 
 logger = logging.getLogger(__name__)
 SUMS = "sha256.json"
@@ -144,9 +144,9 @@ def _salt() -> str:
         config.OPT,
         *host,
     )
-    operations = "".join(source(cls.step) for cls in lanes.OPERATIONS if cls.step)
+    operations = "".join(source(cls.step) for cls in vectors.OPERATIONS if cls.step)
     return (
-        "".join(map(inspect.getsource, (kernels, lanes, native, maths)))
+        "".join(map(inspect.getsource, (kernels, vectors, intrinsics, maths)))
         + runtime
         + operations
         + repr(flags)

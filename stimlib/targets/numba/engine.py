@@ -21,7 +21,7 @@ from ...blocks.noise import PinkNoise, White
 from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
-from . import calls, lanes
+from . import entry_points, vectors
 from .cache import load
 from .segments import Form, kinds, segment
 
@@ -43,8 +43,8 @@ def runtime() -> types.ModuleType:
 
 
 @cache
-def _together() -> types.ModuleType:
-    return load(Path(__file__).with_name("together.py").read_text(), "together")
+def _threads() -> types.ModuleType:
+    return load(Path(__file__).with_name("threads.py").read_text(), "threads")
 
 
 # A program to a table -----------------------------------------------------------------
@@ -121,8 +121,8 @@ class _Table:
         elif q.kind == "close":
             address = machine.CLOSE
             words = [self.arg(q.args[1], q.child), self.place(i), q.child]
-        elif cls in lanes.OPERATIONS:
-            address = machine.OPERATION + lanes.OPERATIONS.index(cls)
+        elif cls in vectors.OPERATIONS:
+            address = machine.OPERATION + vectors.OPERATIONS.index(cls)
             words = [*(self.arg(a, q.clock) for a in q.args), self.place(i)]
         else:
             address, words, p = self.call(group)
@@ -214,9 +214,9 @@ class Engine:
         self.ctx[0], self.ctx[14], self.ctx[16] = len(self.table), params, machine.entry.address
         self.ctx[6:9] = *(a.shape[0] for a in self._empty), self._outs_at
         self.ctx[11:13] = clocks, -1
-        self.ctx[18:20] = calls.array_words()
+        self.ctx[18:20] = entry_points.array_words()
         self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
-        self.process = calls.function(machine.process.address, self.address[1])
+        self.process = entry_points.function(machine.process.address, self.address[1])
         """process(x, out): fill out (n_outputs, n) from x (n_inputs, n); nonzero when
         they are no such arrays.
         """
@@ -237,7 +237,7 @@ class Engine:
         no other thread has taken, without Python's lock.  turn is one number, 0 at the
         start; x (1 or copies, n_inputs, n) and out (copies, n_outputs, n) fit.
         """
-        contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _together().process
+        contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _threads().process
 
         def run(
             turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)

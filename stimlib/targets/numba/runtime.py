@@ -6,8 +6,8 @@ Its text is compiled from the cache, named by content, like a segment's.
 
 from numba import cfunc, njit, types
 
-from stimlib.targets.numba import kernels, lanes, native
-from stimlib.targets.numba.native import (
+from stimlib.targets.numba import intrinsics, kernels, vectors
+from stimlib.targets.numba.intrinsics import (
     F8,
     FIR,
     I8,
@@ -33,7 +33,7 @@ OPEN, CLOSE, GATHER, RESETTABLE, OPERATION, SEGMENT = 1, 2, 3, 4, 16, 4096
 
 
 MOST = kernels.MOST
-_whole_tile, _operation = kernels.whole_tile, lanes.operation
+_whole_tile, _operation = kernels.whole_tile, vectors.operation
 _fir, _poles, _leaks, _total, _total_of_modes = (
     kernels.fir,
     kernels.poles,
@@ -223,7 +223,10 @@ def entry(ctx, x, y, n):
 
 # of Python; an array has the words 1 type, 2 &data, 3 axes (an int), 4 &shape, 7 &type
 # of numbers, 8 flags (an int): see calls
-READ, WRITE = native.C_ORDER | native.ALIGNED, native.C_ORDER | native.ALIGNED | native.WRITEABLE
+READ, WRITE = (
+    intrinsics.C_ORDER | intrinsics.ALIGNED,
+    intrinsics.C_ORDER | intrinsics.ALIGNED | intrinsics.WRITEABLE,
+)
 number = types.ExternalFunction("PyLong_FromLongLong", types.int64(types.int64))
 value = types.ExternalFunction("PyLong_AsLongLong", types.int64(types.int64))
 
@@ -235,7 +238,7 @@ def fits(a, flags, ctx):
         a[1] == ctx[18]
         and a[3] & 0xFFFFFFFF == 2
         and a[8] & flags == flags
-        and i8_at(a[7])[3] & native.NUMBERS == ctx[19]
+        and i8_at(a[7])[3] & intrinsics.NUMBERS == ctx[19]
     )
 
 

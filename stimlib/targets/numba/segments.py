@@ -16,17 +16,17 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from ...core import emit, maths, steps
+from ...core import codegen, maths, steps
 from ...core.graph import kind, memo
 from ...core.steps import fields
 from ...errors import SceneError, place
-from . import lanes, native
+from . import intrinsics, vectors
 from .cache import load
 
 _HEAD = """from collections import namedtuple as _sl_namedtuple
 import numpy as _sl_np
 from numba import carray as _sl_carray, cfunc as _sl_cfunc, njit as _sl_njit
-from stimlib.targets.numba import lanes as _sl_lanes, native as _sl
+from stimlib.targets.numba import vectors as _sl_vectors, intrinsics as _sl
 """  # every name of ours begins with _sl: users choose theirs freely
 
 
@@ -60,7 +60,7 @@ def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
         return f"{n} = _sl"
     if getattr(maths, getattr(v, "__name__", n), None) is v:
         ours = getattr(v, "__name__", n)
-        return f"{n} = {'_sl' if hasattr(native, ours) else '_sl_lanes'}.{ours}"
+        return f"{n} = {'_sl' if hasattr(intrinsics, ours) else '_sl_vectors'}.{ours}"
     if isinstance(v, type) and hasattr(v, "_fields"):
         return _tuple_text(n, v)
     if isinstance(v, type) and v in (np.uint64, np.int64, np.float64):
@@ -118,12 +118,12 @@ class Form(NamedTuple):
     @property
     def signals(self) -> list[str]:
         """Names of what lies along the samples, outputs last."""
-        outputs = emit.each("y_%s", self.cls.outputs) or ["y"]
-        return emit.each("x%d", range(self.inputs)) + outputs
+        outputs = codegen.each("y_%s", self.cls.outputs) or ["y"]
+        return codegen.each("x%d", range(self.inputs)) + outputs
 
     def warm(self, s: str) -> list[str]:
         """Lines after a step or tile, with the name of its state."""
-        reset = f"{s} = {emit.warm('_sl_S', fields(self.s_type), s)}"
+        reset = f"{s} = {codegen.warm('_sl_S', fields(self.s_type), s)}"
         return [reset] if self.cls.resettable else []
 
 
@@ -150,7 +150,7 @@ def segment(form: Form) -> types.ModuleType:
         _take(form, c, taken, kept)
     body = [*taken, *_run(form, f, out), *kept]
     decorator = '@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")'
-    out.append(f"{decorator}\n{emit.define('_sl_segment', ['P', 'S', 'W', 'A', 'n'], body)}")
+    out.append(f"{decorator}\n{codegen.define('_sl_segment', ['P', 'S', 'W', 'A', 'n'], body)}")
     text = "\n".join(out)
     try:
         # all classes on top of the one that wrote the step share one segment
@@ -188,7 +188,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
     for k in form.p_kinds:
         memory = _MEMORY[k][0] + b
         if k.isupper():  # words: place, size
-            start, size = emit.each(f"_sl_np.int64(C{b}[%d])", (at, at + 1))
+            start, size = codegen.each(f"_sl_np.int64(C{b}[%d])", (at, at + 1))
             numbers.append(f"_sl_carray(_sl.at({memory}, {start}), {size})")
             at += 1
         else:
@@ -206,10 +206,10 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
             state.append(f"{memory}[{at_s}]")
             after.append(f"{memory}[{at_s}] = s{b}.{name}")
             at_s += " + 1"
-    lines.append(f"p{b} = {emit.record('_sl_P', numbers)}")
-    lines.append(f"s{b} = {emit.record('_sl_S', state)}")
+    lines.append(f"p{b} = {codegen.record('_sl_P', numbers)}")
+    lines.append(f"s{b} = {codegen.record('_sl_S', state)}")
     slots = range(slot, slot + len(signals))
-    lines += emit.each(f"%s{b} = _sl_carray(_sl.at(W, A[%d]), n)", signals, slots)
+    lines += codegen.each(f"%s{b} = _sl_carray(_sl.at(W, A[%d]), n)", signals, slots)
     if form.cls.tile and form.cls.work:
         size = f"_sl_np.int64(C[{at}])"
         lines.append(f"w = _sl_carray(_sl.at(W, A[{len(signals)}]), {size})")
@@ -220,10 +220,10 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
     what stands before the segment.
     """
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
-    slots = emit.each("_sl.at(W, A[%d])", range(form.copies * len(form.signals)))
+    slots = codegen.each("_sl.at(W, A[%d])", range(form.copies * len(form.signals)))
     if form.cls.tile:
         given = ["p", "s", *form.signals, *(["w"] if form.cls.work else [])]
-        return [f"s = {emit.call('_sl_block', *given)}", *form.warm("s")]
+        return [f"s = {codegen.call('_sl_block', *given)}", *form.warm("s")]
     # nothing from one sample to the next, and no table that each looks up
     flat = (
         inputs
@@ -231,26 +231,26 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         and not form.s_kinds
         and form.p_kinds == form.p_kinds.lower()
     )
-    if flat and lanes.in_vectors(f, *numbers, inputs):
-        x = "".join(emit.each("%s, ", slots[:inputs]))
-        return [f"_sl_lanes.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
-    if form.copies == 2 and lanes.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
+    if flat and vectors.in_vectors(f, *numbers, inputs):
+        x = "".join(codegen.each("%s, ", slots[:inputs]))
+        return [f"_sl_vectors.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
+    if form.copies == 2 and vectors.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
         body = ["y, s = _sl_block(p, s, *x)", *form.warm("s"), "return y, s"]
-        one = emit.define("_sl_one", ["p", "s", "*x"], body)
+        one = codegen.define("_sl_one", ["p", "s", "*x"], body)
         out.append(f'@_sl_njit(error_model="numpy")\n{one}')
         x, x1 = (f"({', '.join(slots[k : k + inputs])},)" for k in (0, inputs + 1))
         pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
-        return [f"s, s1 = _sl_lanes.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
+        return [f"s, s1 = _sl_vectors.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
     lines = []
     for b in ["", "1"][: form.copies]:
-        samples = emit.each(f"%s{b}[i]", form.signals)
+        samples = codegen.each(f"%s{b}[i]", form.signals)
         for j, listened in enumerate(form.read, inputs):
             if not listened:
                 samples[j] = "_sl_unread"
-        made = emit.several(samples[inputs:], bool(form.cls.outputs))
-        run = emit.call("_sl_block", f"p{b}", f"s{b}", *samples[:inputs])
+        made = codegen.several(samples[inputs:], bool(form.cls.outputs))
+        run = codegen.call("_sl_block", f"p{b}", f"s{b}", *samples[:inputs])
         lines += [f"{made}, s{b} = {run}", *form.warm(f"s{b}")]
-    return ["for i in range(n):", *emit.indented(lines)]
+    return ["for i in range(n):", *codegen.indented(lines)]
 
 
 def _said(e: Exception) -> str:

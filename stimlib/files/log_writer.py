@@ -1,4 +1,4 @@
-"""Writing the log of a session while it plays; `stimlib.files.session` says what it
+"""Writing the log of a session while it plays; `stimlib.files.log_reader` says what it
 has, and reads it.
 """
 
@@ -22,8 +22,8 @@ from ..run.processor import Processor
 from ..run.safety import Safety, protect
 from ..system import fields, safe_files
 from ..version import __version__
-from .draft import Draft
-from .session import COUNT, MAX_LOST, checked
+from .log_reader import COUNT, MAX_LOST, checked
+from .partial import Draft
 
 SPAN = 0.25  # s of delivered samples under one hash
 
@@ -56,9 +56,9 @@ class LogWriter:
     A session by hand: what a sink does.
 
     >>> import tempfile, numpy as np, stimlib
-    >>> from stimlib.files.log import LogWriter, header
+    >>> from stimlib.files.log_writer import LogWriter, header
     >>> from stimlib.files.replay import replay
-    >>> from stimlib.files.session import read_log
+    >>> from stimlib.files.log_reader import read_log
     >>> from stimlib.run.safety import Safety, protect, to_device
     >>> scene, safety = (
     ...     stimlib.Scene(

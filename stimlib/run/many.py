@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import BadValue
 from ..system.limits import limits
-from .given import columns, explain, key, length
+from .arguments import columns, explain, key, length
 
 WORTHWHILE = 2048
 """Samples, of all copies together, for which it is worth while to wake another

@@ -29,7 +29,7 @@ def called(what: str, function: Callable[..., Any], *words: Any) -> Any:
 
     Examples
     --------
-    >>> from stimlib.experiments.own import called
+    >>> from stimlib.experiments.user_code import called
     >>> called("the observer", lambda trial: 1 / 0, None)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     stimlib.errors.BadValue: the observer (<doctest ..., line 1): ZeroDivisionError: ...

@@ -96,7 +96,7 @@ def verify_(
                 "a log has its motion and its samples: give --log without --wav and --motion"
             )
         from ..checks.session import verify_log
-        from ..files.session import read_log
+        from ..files.log_reader import read_log
 
         # first: it may define blocks that the log names
         expected = None if scene is None else scene_of(scene)
@@ -153,8 +153,8 @@ def replay(
     [bold]stimlib replay monday.stimlog --out monday.wav[/]
     """
     run_files(import_)
+    from ..files.log_reader import read_log
     from ..files.replay import replay as replay_log
-    from ..files.session import read_log
 
     result = replay_log(read_log(log), out)
     if json_:

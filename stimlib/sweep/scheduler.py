@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from .plan import Plan
-from .work import as_bytes, figures_table, from_bytes
+from .worker import as_bytes, figures_table, from_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -16,7 +16,7 @@ from typing import Any
 
 from ..errors import BadValue, SinkError, StimlibError, public, shown
 from ..system import fields, safe_files
-from .streams import seed_of
+from .random_streams import seed_of
 from .trial import Answer, Record, Trial
 
 VERSION = 1

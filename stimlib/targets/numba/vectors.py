@@ -34,9 +34,9 @@ from ...core.graph import (
 )
 from ...core.steps import used
 from ...errors import SceneError
-from . import kernels, native
+from . import intrinsics, kernels
+from .intrinsics import I8
 from .kernels import DOUBLE, F8, I32, I64, cases, known, load, loop, shuffle, splat, store
-from .native import I8
 
 WIDTHS = 16, 2
 """Sixteen hide the latency of the operations; two are quickest where a sink asks for a
@@ -186,16 +186,16 @@ def twin(v: Any) -> Any:
         or (isinstance(v, type) and hasattr(v, "_fields"))
     ):
         return v
-    if v is maths or v is native:
+    if v is maths or v is intrinsics:
         return NAMESPACE
     for name in TWINS:
-        if v is getattr(maths, name) or v is getattr(native, name):
+        if v is getattr(maths, name) or v is getattr(intrinsics, name):
             return TWINS[name]
     f = getattr(v, "py_func", v)
     return (
         bind(f)
         if isinstance(f, python.FunctionType)
-        and f.__module__ not in (maths.__name__, native.__name__)
+        and f.__module__ not in (maths.__name__, intrinsics.__name__)
         else None
     )
 
@@ -419,7 +419,7 @@ def _each(ctx, f, p, x, y):
     return types.void(f, p, x, y), code
 
 
-@native.plain
+@intrinsics.plain
 def each(f, p, x, y):
     """maths.each."""
     _each(f, p, x, y)  # type: ignore[call-arg]
@@ -482,7 +482,7 @@ def _pairs(ctx, f, key, first, z, n):
     return types.void(f, types.uint64, types.uint64, F8, types.int64), code
 
 
-@native.plain
+@intrinsics.plain
 def pairs(f, key, first, z):
     """maths.pairs."""
-    _pairs(f, key, first, native.data(z), z.size)  # type: ignore[call-arg]
+    _pairs(f, key, first, intrinsics.data(z), z.size)  # type: ignore[call-arg]

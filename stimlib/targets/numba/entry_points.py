@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import StimlibError
-from .native import ALIGNED, C_ORDER, NUMBERS, WRITEABLE
+from .intrinsics import ALIGNED, C_ORDER, NUMBERS, WRITEABLE
 
 METH_FASTCALL = 0x80
 

@@ -61,7 +61,7 @@ def measure(samples: int = SAMPLES, hour: int = HOUR, rounds: int = 9) -> list[S
 
     Examples
     --------
-    >>> from stimlib.speed.short import measure
+    >>> from stimlib.speed.bench import measure
     >>> [s.what for s in measure(samples=4096, hour=1000, rounds=1)][:3]
     ['white noise', 'pink filter', 'pink noise']
     """
@@ -129,7 +129,7 @@ def table(speeds: list[Speed]) -> Table:
 
     Examples
     --------
-    >>> from stimlib.speed.short import Speed, table
+    >>> from stimlib.speed.bench import Speed, table
     >>> table([Speed("white noise", 3.0, "numpy PCG64", 9.0, 3.0, 0.5)]).row_count
     1
     """
@@ -175,7 +175,7 @@ def picture(speeds: list[Speed], path: str | os.PathLike) -> None:
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> from stimlib.speed.short import Speed, picture
+    >>> from stimlib.speed.bench import Speed, picture
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "speed.png"
     >>> picture([Speed("white noise", 3.0, "numpy PCG64", 9.0, 3.0, 0.5)], path)
     >>> path.stat().st_size > 5000

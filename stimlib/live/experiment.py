@@ -20,7 +20,7 @@ state       number, phase, trial, told,  after hello and after every change. tri
                                          seconds since it began. phase: ``wait``;
                                          ``ask`` with text, keys (list of [key, what it
                                          says]; the key "" is any), line, words, as
-                                         `stimlib.experiments.prompts.Prompt`; ``rest``
+                                         `..experiments.answer_keys.Prompt`; ``rest``
                                          with seconds; ``feel`` with intervals (list of
                                          [begin, end] in s) and cursor (Hz of a
                                          reference to follow, or null); ``end``
@@ -45,9 +45,9 @@ from typing import Any, Self
 from ..devices.process import signals_wait
 from ..devices.sink import Sink
 from ..errors import SinkError
+from ..experiments.answer_keys import Keyed, Prompt
 from ..experiments.experiment import Experiment
 from ..experiments.present import present, spans
-from ..experiments.prompts import Keyed, Prompt
 from ..experiments.trial import Trial
 from ..system import fields
 from . import protocol

@@ -6,7 +6,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from stimlib.targets.numba.native import at, data, i8_at, run
+from stimlib.targets.numba.intrinsics import at, data, i8_at, run
 
 
 @intrinsic

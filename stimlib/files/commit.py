@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ..errors import SinkError, public
 from ..system import safe_files
 from ..system.limits import limits
-from .draft import TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 from .formats import JOURNAL, Array, physical
+from .partial import TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
 from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
 
 Put = Callable[[NDArray[Any]], None]
