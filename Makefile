@@ -96,7 +96,7 @@ bench: .venv/ready
 
 # Writes both requirements files anew after a change in pyproject.toml, keeping every release that still fits; to take a newer
 # one, delete its lines first.  Hashes of all files of a release: one file serves every Python and platform.
-LOCK := .venv-lock/bin/uv pip compile -q pyproject.toml --extra dev --universal --python-version 3.11 --generate-hashes \
+LOCK := .venv-lock/bin/uv pip compile -q pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --custom-compile-command "make lock"
 
 lock:

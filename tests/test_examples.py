@@ -50,6 +50,7 @@ PRINTED = {
         "A = 0: felt as the standard at about 1701 N/m\n"
         "A = 3.4: felt as the standard at about 2190 N/m\n"
     ),
+    "detection_threshold.py": "79 trials, threshold 0.085 V\n",
     "own_block.py": (
         "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain"
         " at 50 Hz: -3.01 dB\n"

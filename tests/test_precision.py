@@ -78,7 +78,7 @@ def test_every_recorded_table_has_a_problem_and_a_picture():
     assert {p.stem for p in RECORDED.glob("*.svg")} == {f"work_{p.name}" for p in ALL}
 
 
-def test_the_tables_of_the_readme_and_the_docs_are_those_that_were_recorded(monkeypatch):
+def test_the_table_of_the_docs_is_the_one_that_was_recorded(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "benchmarks")
     spec = importlib.util.spec_from_file_location(
         "bench_precision", ROOT / "benchmarks" / "work_precision.py"
@@ -88,21 +88,6 @@ def test_the_tables_of_the_readme_and_the_docs_are_those_that_were_recorded(monk
     with bench.SUMMARY.open(newline="") as f:
         wanted = precision.summary(best(KEPT))
         assert [tuple(row) for row in csv.reader(f)] == wanted
-    lines = (
-        (ROOT / "README.md")
-        .read_text()
-        .partition("| operator | error |")[2]
-        .partition("\n\n")[0]
-        .splitlines()[2:]
-    )
-    assert len(lines) >= 9
-    for cells in ([c.strip() for c in line.strip("|").split("|")] for line in lines):
-        for error, ns in ([float(c.split()[0]) for c in cells[k : k + 2]] for k in (1, 4)):
-            assert any(
-                abs(p.error / error - 1) < 0.1 and abs(p.ns / ns - 1) < 0.1
-                for p in KEPT
-                if p.error > 0
-            ), cells
 
 
 def test_a_response_begins_at_its_impulse():
