@@ -17,7 +17,7 @@ from stimlib.experiments.fits import psychometric
 from stimlib.experiments.observers import Psychometric, simulate
 from stimlib.experiments.questions import choice
 from stimlib.experiments.reader import columns
-from stimlib.experiments.tasks import Pair
+from stimlib.experiments.tasks import TwoInterval
 from stimlib.experiments.trial import Stimulus
 
 BOUNDS = (0.001, 1.0)  # V: no trial leaves them
@@ -26,7 +26,9 @@ amplitude = Param("amplitude", 0.5, "V")
 tone = Scene({"drive": amplitude * oscillator(250.0) * burst(0.0, 0.5, ramp=0.05)})
 
 # 2IFC: the standard is no vibration, so half of the answers of a guesser are correct
-task = Pair("250 Hz", "where", Stimulus("tone", {"amplitude": 0.0}), Stimulus("tone"), "amplitude")
+task = TwoInterval(
+    "250 Hz", "where", Stimulus("tone", {"amplitude": 0.0}), Stimulus("tone"), "amplitude"
+)
 # three correct answers lower the level, one error raises it: 79.4 % correct
 steps = {"steps": (6.0, 2.0), "down": 3, "reversals": 10}
 staircases = Interleaved(

@@ -14,24 +14,24 @@ import tempfile
 import numpy as np
 
 import stimlib
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import Question, choice
 from stimlib.experiments.reader import columns, sessions
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import Pair
+from stimlib.experiments.tasks import TwoInterval
 from stimlib.experiments.trial import Answer, Stimulus, Trial
 from stimlib.motion.generators import minimum_jerk
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 300.0, "N/m") * stimlib.Input("x", "m")})
-TASK = Pair("springs", "harder", Stimulus("spring", {"k": 300.0}), Stimulus("spring"), "k")
+TASK = TwoInterval("springs", "harder", Stimulus("spring", {"k": 300.0}), Stimulus("spring"), "k")
 
 harder = Experiment(
     name="harder",
     version="1",
     scenes={"spring": SPRING},
-    design=Listed(tuple((TASK, k) for k in (240.0, 300.0, 360.0)), repeats=4),
+    design=ConstantStimuli(tuple((TASK, k) for k in (240.0, 300.0, 360.0)), repeats=4),
     questions=(choice("harder", "Which one felt harder?", "first", "second"),),
     fs=1000.0,
     safety=20.0,
@@ -44,8 +44,8 @@ harder = Experiment(
 
 # [window]
 class Window:
-    """The face of an experiment on a PsychoPy window; see
-    `stimlib.experiments.run.Face`.
+    """The front end of an experiment on a PsychoPy window; see
+    `stimlib.experiments.runner.FrontEnd`.
     """
 
     def __init__(self):
@@ -130,8 +130,8 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         data = folder if given.simulated else given.data
         with Session(harder, data, given.participant) as session:
-            face = Simulated(session, felt) if given.simulated else Window()
-            run(session, face, "offline" if given.simulated else given.sink)
+            front_end = Simulated(session, felt) if given.simulated else Window()
+            run(session, front_end, "offline" if given.simulated else given.sink)
         answers = columns(sessions("harder", data))
     said = {k: [] for k in sorted(set(answers["level"]))}
     for k, more in zip(answers["level"], answers["outcome"], strict=True):

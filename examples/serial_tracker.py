@@ -20,7 +20,7 @@ from stimlib.blocks import kelvin_voigt, track
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import replay
+from stimlib.files.log_replay import replay
 from stimlib.motion.generators import ramp_and_hold
 
 

@@ -13,13 +13,13 @@ import tempfile
 
 import numpy as np
 
-from stimlib.experiments.designs import Interleaved, Parts, Staircase
+from stimlib.experiments.designs import Interleaved, Sequential, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
 from stimlib.experiments.reader import columns, read, status
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import Pair
+from stimlib.experiments.tasks import TwoInterval
 from stimlib.experiments.trial import Answer, Stimulus
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.safety import Safety
@@ -35,7 +35,9 @@ def staircases(vibration: float) -> Interleaved:
         Stimulus("squeeze", {"k": K0, "A": 0.0}),
         Stimulus("squeeze", {"A": vibration}),
     )
-    task = Pair(f"A = {vibration:g}", "softer", standard, comparison, varies="k", asks_less=True)
+    task = TwoInterval(
+        f"A = {vibration:g}", "softer", standard, comparison, varies="k", asks_less=True
+    )
     starts = {"high": (2.0 * K0, 2.5 * K0), "low": (K0 / 2.5, K0 / 2.0)}
     return Interleaved(
         {name: Staircase(task, start, BOUNDS, reversals=8) for name, start in starts.items()}
@@ -74,7 +76,7 @@ softer = Experiment(
     name="softer",
     version="1",
     scenes={"squeeze": squeeze(fingers=1)},
-    design=Parts(
+    design=Sequential(
         {"still": staircases(0.0), "vibrating": staircases(3.4)}, pause=120.0, shuffle=True
     ),
     questions=(

@@ -10,9 +10,9 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import NamedTuple
 
-from .analysis.listen import listen
+from .analysis.listening import listen
 from .analysis.picture import picture
-from .checks.verify import verify
+from .checks.verification import verify
 from .core.scene import Scene
 from .errors import public
 from .files.audio import write

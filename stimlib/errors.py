@@ -149,10 +149,10 @@ KINDS: dict[Any, tuple[str, Callable[[Any], bool]]] = {
 CLASSES = {
     "Any": "any value",
     "Block": "a block",
-    "Design": "a design, such as Staircase or Listed, which takes the task",
+    "Design": "a design, such as Staircase or ConstantStimuli, which takes the task",
     "Levels": "a map (levels, width, height), as stimlib.soft.array makes it",
     "Scene": 'a Scene, such as Scene({"force": force})',
-    "Task": "a task, such as Pair",
+    "Task": "a task, such as TwoInterval",
     "TextureModel": "a TextureModel, as load_texture(path) reads it",
     "Timing": "a Timing, such as Timing(interval=1.0)",
     "ndarray": "an array of numbers",

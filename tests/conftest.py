@@ -62,7 +62,7 @@ def pytest_runtest_setup(item):
     """The interpreter makes 128 samples of each report again, not 512: that was half of
     the time of all tests that verify.
     """
-    if (verify := sys.modules.get("stimlib.checks.verify")) and not os.environ.get(
+    if (verify := sys.modules.get("stimlib.checks.verification")) and not os.environ.get(
         "STIMLIB_STRESS"
     ):
         verify.STRETCH = 128

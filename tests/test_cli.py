@@ -23,12 +23,12 @@ from devices.servers import Jackd, needs_jack
 import stimlib
 from stimlib import cli, demo
 from stimlib.analysis import picture
-from stimlib.analysis.listen import vibration
+from stimlib.analysis.listening import vibration
 from stimlib.cli import app
 from stimlib.cli.scene import scene_of
 from stimlib.core.definitions import definitions
 from stimlib.core.graph import registry
-from stimlib.devices import available, loopback
+from stimlib.devices import available, loopback_test
 from stimlib.files import audio as file
 from stimlib.files.sidecar import told
 from stimlib.motion.generators import minimum_jerk, sinusoid
@@ -1230,7 +1230,7 @@ def test_play_with_outputs_of_different_units(own, tmp_path):
 )
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, wanted):
     from stimlib.files.log_reader import read_log
-    from stimlib.files.replay import delivered, replay
+    from stimlib.files.log_replay import delivered, replay
 
     log = tmp_path / "a.stimlog"
     words = [
@@ -1444,7 +1444,7 @@ def test_what_is_asked_of_a_server_reaches_it(monkeypatch):
         return SimpleNamespace(passed=True)
 
     monkeypatch.setattr(available, "devices", lambda server=None: asked.update(looked=server) or [])
-    monkeypatch.setattr(loopback, "loopback", compare)
+    monkeypatch.setattr(loopback_test, "loopback", compare)
     words = (
         "--motion minimum_jerk() --full-scale 50 --seconds 2 --fs 4000 --device lab --connect none"
         " --capture in_1"

@@ -267,7 +267,7 @@ def test_recorded_hands_meet_no_other_decision(name):
     scene = scenes.squeeze(fingers=1, contact="grip" not in name)
     t = np.arange(int(recorded.duration * 8000)) / 8000
     motion = {
-        i: np.asarray(source(t)) for i, source in recorded.for_inputs(tuple(scene.inputs)).items()
+        i: np.asarray(source(t)) for i, source in recorded.motion_for(tuple(scene.inputs)).items()
     }
     a = agreement(scene, motion, 8000.0, seed=1)
     assert a.differences == 0 and a.decisions >= 2 * t.size, a

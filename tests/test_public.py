@@ -22,7 +22,7 @@ from stimlib import blocks as b
 from stimlib.core.graph import Block
 from stimlib.design.texture import made_up
 from stimlib.errors import RecordingError, SceneFileError, SinkError, StimlibError
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Cursor
 from stimlib.experiments.likelihood import Sets
 from stimlib.experiments.papers import roughness
@@ -185,7 +185,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
             "participant": "P01",
             "trial": TRIAL,
             "experiment": experiment(),
-            "design": Listed(((TASK, 2.0),)),
+            "design": ConstantStimuli(((TASK, 2.0),)),
             "task": TASK,
             "observer": observer,
             "answers": answers,
@@ -255,7 +255,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "cues": {"y": HAND, "f": FORCE},
         "cues_of": {"y": HAND},
         "listen": {"output": "force", "path": folder / "a.wav"},
-        "stimlib.analysis.listen.vibration": {"y": HAND},
+        "stimlib.analysis.listening.vibration": {"y": HAND},
         "needed_damping": {"response": lambda f: 1j * f},
         "stimlib.analysis.picture.picture": {"path": folder / "a.png"},
         "judged": {"f": np.arange(1.0, 100.0), "W": np.ones(99)},
@@ -287,13 +287,17 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "Answer": {"values": {"softer": "first"}},
         "outcome": {"answer": Answer({"softer": "first"})},
         "observed": {},
-        "Pair": {"standard": Stimulus("spring"), "comparison": Stimulus("spring"), "varies": "k"},
-        "Identify": {"stimuli": {"red": Stimulus("a"), "green": Stimulus("b")}},
-        "Show": {"stimulus": Stimulus("spring")},
+        "TwoInterval": {
+            "standard": Stimulus("spring"),
+            "comparison": Stimulus("spring"),
+            "varies": "k",
+        },
+        "OneInterval": {"stimuli": {"red": Stimulus("a"), "green": Stimulus("b")}},
+        "Rate": {"stimulus": Stimulus("spring")},
         "Staircase": {"start": 2.0, "bounds": (0.5, 8.0)},
-        "Listed": {"items": ((TASK, 2.0),)},
-        "Interleaved": {"tracks": {"a": Listed(((TASK, 2.0),))}},
-        "Parts": {"parts": {"a": Listed(((TASK, 2.0),))}},
+        "ConstantStimuli": {"items": ((TASK, 2.0),)},
+        "Interleaved": {"tracks": {"a": ConstantStimuli(((TASK, 2.0),))}},
+        "Sequential": {"parts": {"a": ConstantStimuli(((TASK, 2.0),))}},
         "shuffled": {"purpose": "parts", "names": ["a", "b"]},
         "turn_of": {"turns": 4},
         "Quest": {"levels": (1.0, 2.0), "means": (1.0, 2.0), "deviations": (0.5, 1.0)},
@@ -411,13 +415,13 @@ ELSEWHERE = {
     "Block": "abstract",
     "above_zero": "called by scenes, with their names",
     "law_of": "enters what it is given into the table of laws",
-    "Face": "a protocol",
+    "FrontEnd": "a protocol",
     "Keyed": "no arguments",
     "Limits": "tests/test_bounds.py",
     "Input": "tests/test_graph.py",
     "Param": "tests/test_graph.py",
     "LogWriter": "made by sinks",
-    "Asking": "a page",
+    "ExperimentPage": "a page",
     "Server": "a page",
     "person": "answers trials of its own experiment alone",
     "jnds": "answers of its own experiment alone",

@@ -121,15 +121,15 @@ RECORDED = recording({"t_s": [0.0, 0.01], "x_mm": [0, 1]}, {"x": "x_mm*1e-3"})
 @pytest.mark.parametrize(
     ("motion", "says"),
     [
-        (RECORDED, "for_inputs"),
-        ({"x": RECORDED}, "motion of x is a Recording: give rec.for_inputs"),
+        (RECORDED, "motion_for"),
+        ({"x": RECORDED}, "motion of x is a Recording: give rec.motion_for"),
         (Frame(), r"recording\(table"),
         ({"x": Frame()}, r"motion of x is a Frame: first rec = .*recording\(table, .* then rec"),
     ],
 )
 def test_a_recording_and_a_table_are_told_how_to_be_a_motion(motion, says):
     refused(BadValue, says, render, SCENE, motion, 1000, 0.01)
-    assert render(SCENE, RECORDED.for_inputs(["x"]), 1000, 0.01).y.shape == (2, 10)
+    assert render(SCENE, RECORDED.motion_for(["x"]), 1000, 0.01).y.shape == (2, 10)
 
 
 def test_whole_and_short_numbers_are_taken_as_they_are():
@@ -239,7 +239,7 @@ def test_an_array_that_was_recorded_at_another_rate_is_told(tmp_path):
             make,
         )
     t_s = np.arange(1000) / 500
-    motion = recording({"t_s": t_s, "x": slow}, {"x": "x"}).for_inputs(scene.inputs)
+    motion = recording({"t_s": t_s, "x": slow}, {"x": "x"}).motion_for(scene.inputs)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         render(scene, {"x": slow}, 500, target="python")
@@ -254,7 +254,7 @@ def test_an_array_that_was_recorded_at_another_rate_is_told(tmp_path):
     [
         (
             lambda t, p: np.stack([t, p]),
-            r"\(2, 6\); .*recording\({'t_s': a\[0\], 'x': a\[1\]}, {'x': 'x'}\).for_inputs",
+            r"\(2, 6\); .*recording\({'t_s': a\[0\], 'x': a\[1\]}, {'x': 'x'}\).motion_for",
         ),
         (lambda t, p: np.stack([t, p], 1), r"\(6, 2\); .*recording\({'t_s': "),
         (

@@ -49,7 +49,7 @@ def interpolation() -> list[Method]:
     def recorded(rate: float) -> Signal:
         return recording(
             dict(zip(("t_s", "x"), reports(rate), strict=True)), {"x": "x"}
-        ).for_inputs(("x",))["x"]
+        ).motion_for(("x",))["x"]
 
     return on(T, error, {
         "stimlib recording (PCHIP), Hz": (rates, recorded),

@@ -13,16 +13,16 @@ from chromium import Browser  # noqa: E402
 from which_is_softer import softer  # noqa: E402
 
 from stimlib.errors import SinkError  # noqa: E402
-from stimlib.experiments.run import run  # noqa: E402
+from stimlib.experiments.runner import run  # noqa: E402
 from stimlib.experiments.session import Session  # noqa: E402
-from stimlib.live.experiment import Asking  # noqa: E402
+from stimlib.live.experiment import ExperimentPage  # noqa: E402
 from stimlib.live.server import Server  # noqa: E402
 
 ASKED = "document.querySelector('#text').textContent.startsWith({!r})"
 GUARD = "new Promise(done => setTimeout(done, 300))"
 
 
-def session(asking: Asking, data: str) -> None:
+def session(asking: ExperimentPage, data: str) -> None:
     try:
         with Session(softer, data, "P07", pilot=True) as running, asking:
             run(running, asking, asking.display(softer, "offline"))
@@ -32,7 +32,7 @@ def session(asking: Asking, data: str) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as data:
-        asking = Asking(print)
+        asking = ExperimentPage(print)
         thread = threading.Thread(target=session, args=[asking, data])
         with Server(asking) as server:
             thread.start()

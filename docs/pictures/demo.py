@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.listen import vibration
+from stimlib.analysis.listening import vibration
 from stimlib.analysis.picture import curve
 from stimlib.demo import FS, SECONDS, STIMULI
 

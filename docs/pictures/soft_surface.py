@@ -37,7 +37,7 @@ def hand(folder):
 def rendered(folder, mode="combined", fs=1000):
     """The scene, the hand, and the rendering."""
     pen, scene = hand(folder), soft_surface(mode, S=MAP, contact=True)
-    motion = pen.for_inputs(tuple(scene.inputs))
+    motion = pen.motion_for(tuple(scene.inputs))
     return scene, motion, stimlib.render(scene, motion, fs=fs, seconds=pen.duration)
 
 

@@ -24,7 +24,7 @@ from ..errors import SinkError, public, shown
 from ..run.rendering import Rendering
 from ..system import safe_files
 from ..system.packages import package
-from .listen import CUTOFF, vibration
+from .listening import CUTOFF, vibration
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,8 +90,8 @@ def picture(
     """Draw a rendering: each signal over time; of each output its vibration in
     close-up, its course over position, its spectrum.
 
-    Vibration is what ``stimlib.analysis.listen.vibration`` leaves. A spectrum ends 12
-    decades below its top.
+    Vibration is what ``stimlib.analysis.listening.vibration`` leaves. A spectrum ends
+    12 decades below its top.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from ..core.graph import Input
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, public
 from ..files.log_reader import MotionFile, SessionLog
-from ..files.replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
+from ..files.log_replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..run.driver import walk
 from ..run.safety import GAIN, Watch, protect, to_device
 from .evidence import Check, Evidence, at_first, last_of, seen_by, with_taps
@@ -18,7 +18,7 @@ from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
 from .scenes import scene_law
-from .verify import limits_kept, linear_blocks, same_samples
+from .verification import limits_kept, linear_blocks, same_samples
 
 
 @public

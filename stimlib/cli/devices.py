@@ -258,7 +258,7 @@ def loopback(
     --full-scale 50[/]
     """
     run_files(import_)
-    from ..devices.loopback import loopback as compare
+    from ..devices.loopback_test import loopback as compare
 
     made = scene_of(scene)
     motion, recorded = motions(made, contact=touching(scene))

@@ -27,7 +27,7 @@ from .terminal import terminal
 
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
-    from ..live.experiment import Asking
+    from ..live.experiment import ExperimentPage
 
 PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
 """Experiments of papers: a function of this name in stimlib.experiments.papers.NAME."""
@@ -136,8 +136,8 @@ def played(
     """A session, answered in the terminal or on a page; what ends it early says the
     command that goes on.
     """
-    from ..experiments import present
-    from ..experiments.run import run
+    from ..experiments import presentation
+    from ..experiments.runner import run
     from ..experiments.session import Session
 
     given = {
@@ -146,23 +146,23 @@ def played(
         if name in ("participant", "session", "data", "sink", "device")
     }
     made = experiment_of(defined)
-    if sink not in present.SINKS:
-        raise BadValue(f"--sink {sink}: choose one of {', '.join(present.SINKS)}")
+    if sink not in presentation.SINKS:
+        raise BadValue(f"--sink {sink}: choose one of {', '.join(presentation.SINKS)}")
     options = {} if device is None else option(sink, "device", device)
     with Session(made, data, participant, session, pilot, resume) as running:
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
-        if sink not in present.FAST:
+        if sink not in presentation.FAST:
             print("preparing what will be displayed", flush=True)
         try:
             with terminable():
                 if page:
                     with on_page(host, port) as asking:
-                        present.prepare(running, sink)
+                        presentation.prepare(running, sink)
                         run(running, asking, asking.display(made, sink, **options))
                 else:
-                    with terminal() as face:
-                        run(running, face, sink, **options)
+                    with terminal() as front_end:
+                        run(running, front_end, sink, **options)
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             given |= {"host": host, "port": port or None} if page else {}
             words = [
@@ -181,14 +181,14 @@ def played(
 
 
 @contextmanager
-def on_page(host: str, port: int) -> Iterator[Asking]:
-    """A server whose page is the face; the terminal has its address, and how far the
-    session is.
+def on_page(host: str, port: int) -> Iterator[ExperimentPage]:
+    """Serve a page as the front end; the terminal shows its address and the progress of
+    the session.
     """
-    from ..live.experiment import Asking
+    from ..live.experiment import ExperimentPage
     from ..live.server import Server
 
-    asking = Asking(lambda text: print(shown(text), flush=True))
+    asking = ExperimentPage(lambda text: print(shown(text), flush=True))
     with Server(asking, host, port) as server, asking:
         if not server.private:
             note(
@@ -267,7 +267,7 @@ def simulate(
 
     [bold]stimlib experiment simulate pair.py:pair --participants 8[/]
     """
-    from ..experiments.run import Simulated, run
+    from ..experiments.runner import Simulated, run
     from ..experiments.session import Session
 
     made = experiment_of(defined)

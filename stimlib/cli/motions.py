@@ -138,7 +138,7 @@ def motions_of(
             found = parse_source(text)
         if isinstance(found, Recording):
             recordings.append(found)
-            found = found.for_inputs(
+            found = found.motion_for(
                 dict.fromkeys([*names, *(name for name in inputs if name == "contact")]), contact
             )
             motions |= {name: found[name] for name in names}

@@ -1,4 +1,4 @@
-"""The face of an experiment in a terminal: texts, and answers by keyboard."""
+"""The front end of an experiment in a terminal: texts, and answers by keyboard."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ class Terminal(Keyed):
 
 @contextmanager
 def terminal() -> Iterator[Terminal]:
-    """The face at stdin.  Where that is a terminal, what is hit while nothing is asked
-    is neither shown nor taken.
+    """Yield the front end at stdin.  In a terminal, keys that are hit while nothing is
+    asked are neither shown nor taken.
 
     Whatever ends it, the terminal is as it was before, and so it is while Ctrl-Z
     suspends the command.

@@ -102,7 +102,7 @@ def verify_(
         expected = None if scene is None else scene_of(scene)
         result = verify_log(read_log(log), expected)
     else:
-        from ..checks.verify import scene_told, verify
+        from ..checks.verification import scene_told, verify
 
         if wav is None:
             raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
@@ -154,7 +154,7 @@ def replay(
     """
     run_files(import_)
     from ..files.log_reader import read_log
-    from ..files.replay import replay as replay_log
+    from ..files.log_replay import replay as replay_log
 
     result = replay_log(read_log(log), out)
     if json_:
@@ -191,7 +191,7 @@ def mutate_(
     0.5[/]
     """
     run_files(import_)
-    from ..checks.mutate import mutate
+    from ..checks.mutation import mutate
 
     made = scene_of(scene)
     motion, length = motions(made, ("minimum_jerk()",), touching(scene))

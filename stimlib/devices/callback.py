@@ -535,7 +535,7 @@ def jack_freewheel(starting, c):
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")
 def jack_capture(n, c):
     """A JackProcessCallback that records; its argument is the words of
-    ``stimlib.devices.loopback.Capture``.
+    ``stimlib.devices.loopback_test.Capture``.
 
     Of a client that comes too late the buffers may belong to two cycles, so such a
     block is not kept: its times are missing. It is called again for the cycle that has

@@ -88,8 +88,8 @@ def prompted(question: Question, replays: int = 0) -> Prompt:
 
 
 class Keyed:
-    """The part of a face that is the same wherever keys are hit; see
-    `stimlib.experiments.run.Face`.
+    """The part of a front end that is the same wherever keys are hit; see
+    `stimlib.experiments.runner.FrontEnd`.
     """
 
     def read(self, prompt: Prompt) -> str:

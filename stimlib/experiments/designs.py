@@ -85,7 +85,7 @@ def _check_designs(what: str, designs: Any) -> None:
         if not isinstance(d, Design):
             raise BadValue(
                 f"{what.partition(':')[0]}: {name!r} is {d!r:.80}, no design; put a task into one,"
-                " such as Staircase or Listed"
+                " such as Staircase or ConstantStimuli"
             )
 
 
@@ -116,7 +116,7 @@ class Staircase:
     up, down : int
         With ``up=1`` it settles where outcome 1 has the probability 0.5 ** (1 / down):
         0.5, 0.707, 0.794 for 1, 2, 3.
-    most : int
+    max_trials : int
         Trials after which it ends anyhow.
     stuck : int
         Answers in a row that ask for a level beyond the bound on which it stands, after
@@ -134,9 +134,9 @@ class Staircase:
     of k0:
 
     >>> from stimlib.experiments.designs import Staircase
-    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.tasks import TwoInterval
     >>> from stimlib.experiments.trial import Answer, Stimulus
-    >>> task = Pair(
+    >>> task = TwoInterval(
     ...     "silent",
     ...     "softer",
     ...     Stimulus("squeeze", {"k": 1.0}),
@@ -163,7 +163,7 @@ class Staircase:
     reversals: int = 20
     up: int = 1
     down: int = 1
-    most: int = 1000
+    max_trials: int = 1000
     stuck: int = 20
 
     def __post_init__(self):
@@ -193,12 +193,13 @@ class Staircase:
             raise BadValue(
                 f"Staircase: steps = {self.steps!r} must be dB above 0, such as (12.0, 3.0)"
             )
-        for name in ("reversals", "up", "down", "most", "stuck"):
+        for name in ("reversals", "up", "down", "max_trials", "stuck"):
             if not _counts(v := getattr(self, name)):
                 raise BadValue(f"Staircase: {name} = {v!r} must be a whole number from 1 on")
         if not hasattr(self.task, "trial"):
             raise BadValue(
-                f"Staircase: task = {self.task!r:.80} makes no trials; give a task such as Pair"
+                f"Staircase: task = {self.task!r:.80} makes no trials; give a task such as"
+                " TwoInterval"
             )
         if (getattr(self.task, "chance", None) or 0.0) >= 0.5 and self.down <= self.up:
             raise BadValue(
@@ -230,7 +231,7 @@ class Staircase:
         """The comparison at the present level."""
         if (
             state["reversals"] >= self.reversals
-            or state["n"] >= self.most
+            or state["n"] >= self.max_trials
             or state["still"] >= self.stuck
         ):
             return None
@@ -279,7 +280,7 @@ class Staircase:
 
 @public
 @dc.dataclass(frozen=True)
-class Listed:
+class ConstantStimuli:
     """A list of trials, each several times, in random order: constant stimuli,
     one-interval 2AFC, ratings, ranking.
 
@@ -301,13 +302,13 @@ class Listed:
 
     Examples
     --------
-    >>> from stimlib.experiments.designs import Listed
-    >>> from stimlib.experiments.tasks import Identify
+    >>> from stimlib.experiments.designs import ConstantStimuli
+    >>> from stimlib.experiments.tasks import OneInterval
     >>> from stimlib.experiments.trial import Answer, Stimulus
-    >>> task = Identify(
+    >>> task = OneInterval(
     ...     "0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")}
     ... )
-    >>> design = Listed(((task, "red"), (task, "green")), repeats=3)
+    >>> design = ConstantStimuli(((task, "red"), (task, "green")), repeats=3)
     >>> state, shown = design.init(seed=4), []
     >>> while (trial := design.next(state)) is not None:
     ...     shown.append(trial.correct["bouncier"])
@@ -327,8 +328,8 @@ class Listed:
             for i in self.items
         ):
             raise BadValue(
-                f"Listed: items = {self.items!r:.80} must be pairs (task, level), such as ((task,"
-                " 1.0), (task, 2.0)); of one alone write ((task, 1.0),)"
+                f"ConstantStimuli: items = {self.items!r:.80} must be pairs (task, level), such as"
+                " ((task, 1.0), (task, 2.0)); of one alone write ((task, 1.0),)"
             )
         if (
             not self.items
@@ -336,11 +337,13 @@ class Listed:
             or self.shuffle not in ("all", "each", "none")
         ):
             raise BadValue(
-                f"Listed: repeats = {self.repeats!r}, shuffle = {self.shuffle!r}: give items (task,"
-                " level), whole repeats of at least 1, shuffle one of all, each, none"
+                f"ConstantStimuli: repeats = {self.repeats!r}, shuffle = {self.shuffle!r}: give"
+                " items (task, level), whole repeats of at least 1, shuffle one of all, each, none"
             )
         if len(set(self._names)) != len(self.items):
-            raise BadValue(f"Listed: an item is there twice, of {self._names}; say repeats instead")
+            raise BadValue(
+                f"ConstantStimuli: an item is there twice, of {self._names}; say repeats instead"
+            )
 
     @property
     def _names(self) -> list[str]:
@@ -445,7 +448,7 @@ class Interleaved:
 
 @public
 @dc.dataclass(frozen=True)
-class Parts:
+class Sequential:
     """Designs one after another.
 
     Parameters
@@ -463,13 +466,13 @@ class Parts:
 
     Examples
     --------
-    >>> from stimlib.experiments.designs import Listed, Parts
-    >>> from stimlib.experiments.tasks import Show
+    >>> from stimlib.experiments.designs import ConstantStimuli, Sequential
+    >>> from stimlib.experiments.tasks import Rate
     >>> from stimlib.experiments.trial import Answer, Stimulus
-    >>> day = lambda name: Listed(
-    ...     ((Show(name, ("rough",), Stimulus("bumps")), None),), repeats=2
+    >>> day = lambda name: ConstantStimuli(
+    ...     ((Rate(name, ("rough",), Stimulus("bumps")), None),), repeats=2
     ... )
-    >>> design = Parts({"A": day("a"), "B": day("b")}, pause=120.0, shuffle=True)
+    >>> design = Sequential({"A": day("a"), "B": day("b")}, pause=120.0, shuffle=True)
     >>> state, seen = design.init(seed=2), []
     >>> while (trial := design.next(state)) is not None:
     ...     seen.append((trial.condition, trial.pause))
@@ -484,8 +487,8 @@ class Parts:
 
     def __post_init__(self):
         if not self.parts:
-            raise BadValue("Parts: give at least one design, by the name of its part")
-        _check_designs("Parts: parts", self.parts)
+            raise BadValue("Sequential: give at least one design, by the name of its part")
+        _check_designs("Sequential: parts", self.parts)
 
     def init(self, seed: int) -> State:
         """Each part has a seed of its own."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis.cues import Cues, cues
 from ..errors import BadValue, UnknownName, public
 from ..files.log_reader import read_log
-from ..files.replay import delivered
+from ..files.log_replay import delivered
 from ..system.progress import progress as bar
 from .fits import undetermined
 from .likelihood import Sets, maximum, numbers

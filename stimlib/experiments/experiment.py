@@ -197,7 +197,7 @@ class Experiment:
         if not (self.design is None or callable(self.design) or isinstance(self.design, Design)):
             raise BadValue(
                 f"experiment {self.name!r}: design = {self.design!r:.80} is no design; put a task"
-                " into one, such as Staircase or Listed"
+                " into one, such as Staircase or ConstantStimuli"
             )
         if not isinstance(self.timing, Timing):
             raise BadValue(

@@ -63,9 +63,9 @@ class Psychometric:
     --------
     >>> from stimlib.experiments.observers import Psychometric
     >>> from stimlib.experiments.random_streams import stream
-    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.tasks import TwoInterval
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Pair(
+    >>> task = TwoInterval(
     ...     "noise",
     ...     "softer",
     ...     Stimulus("squeeze", {"k": 2000.0}),
@@ -161,7 +161,7 @@ class Listener:
     >>> import stimlib
     >>> from stimlib.experiments.observers import Listener
     >>> from stimlib.experiments.random_streams import stream
-    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.tasks import TwoInterval
     >>> from stimlib.experiments.trial import Stimulus
     >>> from stimlib.motion.generators import sinusoid
     >>> spring = stimlib.Scene(
@@ -178,9 +178,9 @@ class Listener:
     ... )
     >>> round(hears.figure_of(Stimulus("spring", {"k": 200.0})), 6)
     1.414214
-    >>> trial = Pair("k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k").trial(
-    ...     200.0, seed=1, n=0
-    ... )
+    >>> trial = TwoInterval(
+    ...     "k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k"
+    ... ).trial(200.0, seed=1, n=0)
     >>> trial.scores[hears(trial, stream(1, "observer")).values["stiffer"]]
     1.0
     """
@@ -363,12 +363,14 @@ def simulate(
     >>> from stimlib.experiments.fits import psychometric
     >>> from stimlib.experiments.observers import Psychometric, simulate
     >>> from stimlib.experiments.questions import choice
-    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.tasks import TwoInterval
     >>> from stimlib.experiments.trial import Stimulus
     >>> spring = stimlib.Scene(
     ...     {"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")}
     ... )
-    >>> task = Pair("silent", "stiffer", Stimulus("spring"), Stimulus("spring"), "k")
+    >>> task = TwoInterval(
+    ...     "silent", "stiffer", Stimulus("spring"), Stimulus("spring"), "k"
+    ... )
     >>> stairs = Staircase(task, start=(200.0, 250.0), bounds=(10.0, 1000.0))
     >>> ask = choice("stiffer", "Which was stiffer?", "first", "second")
     >>> springs = Experiment(

@@ -29,7 +29,7 @@ class Quest:
     ----------
     task : Task
         Of outcomes 0 and 1.  Its ``chance`` is the curve's chance level, as
-        `stimlib.experiments.tasks.Pair` has it.
+        `stimlib.experiments.tasks.TwoInterval` has it.
     levels : sequence of float
         Those that may be shown, bounds included.
     means, deviations : sequence of float
@@ -57,9 +57,9 @@ class Quest:
     Examples
     --------
     >>> from stimlib.experiments.quest import Quest
-    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.tasks import TwoInterval
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Pair(
+    >>> task = TwoInterval(
     ...     "silent",
     ...     "softer",
     ...     Stimulus("squeeze", {"k": 2.0}),

@@ -13,7 +13,7 @@ is none of the data:
     how many lines ``trials.jsonl`` has at least: one that lost lines at its end is
     refused
 ``trial-0001-1.stimlog``
-    the sink's log of what was displayed, for `stimlib.files.replay`
+    the sink's log of what was displayed, for `stimlib.files.log_replay`
 ``spare``
     while the session is open: room for one answer more on a disk that gets full; a
     trial begins where its log has room, too

@@ -27,7 +27,7 @@ class Task(Protocol):
 
 @public
 @dc.dataclass(frozen=True)
-class Pair:
+class TwoInterval:
     """Sequential two-alternative forced choice: a standard and a comparison, in random
     order (the UGrip paper, section 2.2).
 
@@ -62,9 +62,9 @@ class Pair:
 
     Examples
     --------
-    >>> from stimlib.experiments.tasks import Pair
+    >>> from stimlib.experiments.tasks import TwoInterval
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Pair(
+    >>> task = TwoInterval(
     ...     "silent",
     ...     "softer",
     ...     Stimulus("squeeze", {"k": 2000.0}),
@@ -75,7 +75,9 @@ class Pair:
     >>> trial = task.trial(5000.0, seed=1, n=0)
     >>> [s.params["k"] for s in trial.stimuli], trial.scores
     ([2000.0, 5000.0], {'first': 1.0, 'second': 0.0})
-    >>> Pair("felt", "buzz", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A").chance
+    >>> TwoInterval(
+    ...     "felt", "buzz", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A"
+    ... ).chance
     0.5
     """
 
@@ -92,8 +94,8 @@ class Pair:
         for name in ("standard", "comparison"):
             if not isinstance(v := getattr(self, name), Stimulus):
                 raise BadValue(
-                    f"Pair {self.condition!r}: {name} = {v!r:.80} must be a Stimulus, such as"
-                    " Stimulus('spring')"
+                    f"TwoInterval {self.condition!r}: {name} = {v!r:.80} must be a Stimulus, such"
+                    " as Stimulus('spring')"
                 )
 
     @property
@@ -133,7 +135,7 @@ class Pair:
 
 @public
 @dc.dataclass(frozen=True)
-class Identify:
+class OneInterval:
     """One-interval two-alternative forced choice: which of two known stimuli was that
     (Çaldıran's thesis, section 3.1)?
 
@@ -153,9 +155,9 @@ class Identify:
 
     Examples
     --------
-    >>> from stimlib.experiments.tasks import Identify
+    >>> from stimlib.experiments.tasks import OneInterval
     >>> from stimlib.experiments.trial import Stimulus
-    >>> task = Identify(
+    >>> task = OneInterval(
     ...     "0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")}
     ... )
     >>> task.trial("green", seed=1, n=0).correct
@@ -169,7 +171,7 @@ class Identify:
     def __post_init__(self):
         if len(self.stimuli) != 2:
             raise BadValue(
-                f"Identify {self.condition!r}: give two stimuli, by their choices; got"
+                f"OneInterval {self.condition!r}: give two stimuli, by their choices; got"
                 f" {list(self.stimuli)}"
             )
 
@@ -177,7 +179,7 @@ class Identify:
         """The stimulus of this name; the trial's level is 1 for the signal, else 0."""
         if level not in self.stimuli:
             raise UnknownName(
-                f"Identify {self.condition!r}: no stimulus {level!r}; there are"
+                f"OneInterval {self.condition!r}: no stimulus {level!r}; there are"
                 f" {', '.join(self.stimuli)}"
             )
         shown = dc.replace(
@@ -196,7 +198,7 @@ class Identify:
 
 @public
 @dc.dataclass(frozen=True)
-class Show:
+class Rate:
     """A stimulus and questions about it: ratings (the touch-screen thesis), nodules to
     find and to rank (Li et al. 2016).
 
@@ -210,9 +212,9 @@ class Show:
 
     Examples
     --------
-    >>> from stimlib.experiments.tasks import Show
+    >>> from stimlib.experiments.tasks import Rate
     >>> from stimlib.experiments.trial import Stimulus
-    >>> Show(
+    >>> Rate(
     ...     "sine 2", ("roughness", "bumpiness"), Stimulus("bumps", {"amplitude": 4.0})
     ... ).trial(None, 1, 0).questions
     ('roughness', 'bumpiness')

@@ -172,7 +172,7 @@ class Record:
     answer : Answer
     displayed : list of dict
         What came out, each time that it was displayed: see
-        `stimlib.experiments.present.present`.
+        `stimlib.experiments.presentation.present`.
     ended : str
         Date and time of the answer, ISO 8601, UTC.
     """

@@ -57,7 +57,7 @@ class LogWriter:
 
     >>> import tempfile, numpy as np, stimlib
     >>> from stimlib.files.log_writer import LogWriter, header
-    >>> from stimlib.files.replay import replay
+    >>> from stimlib.files.log_replay import replay
     >>> from stimlib.files.log_reader import read_log
     >>> from stimlib.run.safety import Safety, protect, to_device
     >>> scene, safety = (

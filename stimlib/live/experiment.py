@@ -1,5 +1,5 @@
-"""The face of an experiment on a page: what a participant may see, and the answers that
-come back.
+"""The front end of an experiment on a page: what a participant may see, and the answers
+that come back.
 
 Page and server talk over the WebSocket of `stimlib.live.protocol`: the same ``hello``,
 limits and codes of closing. After it
@@ -47,7 +47,7 @@ from ..devices.sink import Sink
 from ..errors import SinkError
 from ..experiments.answer_keys import Keyed, Prompt
 from ..experiments.experiment import Experiment
-from ..experiments.present import present, spans
+from ..experiments.presentation import present, spans
 from ..experiments.trial import Trial
 from ..system import fields
 from . import protocol
@@ -69,8 +69,8 @@ GOODBYE = 2.0
 """Seconds in which a page must have taken its last words."""
 
 
-class Asking(Keyed):
-    """A session's face for `stimlib.experiments.run.run`, and the site of a
+class ExperimentPage(Keyed):
+    """A session's front end for `stimlib.experiments.runner.run`, and the site of a
     `stimlib.live.server.Server`.
 
     The session runs in a thread that waits here for answers; pages are of the server's
@@ -115,7 +115,7 @@ class Asking(Keyed):
         with signals_wait(), self._changed:
             yield
 
-    # The face: the session's thread ---------------------------------------------------
+    # The front end: the session's thread ----------------------------------------------
     def tell(self, text: str) -> None:
         """Shown until the next answer."""
         self._told = [*self._told, text]
@@ -168,7 +168,7 @@ class Asking(Keyed):
         ----------
         experiment : Experiment
         sink, **options
-            As `stimlib.experiments.present.present` has them.
+            As `stimlib.experiments.presentation.present` has them.
         """
 
         def show(trial: Trial, folder: Path) -> dict[str, Any]:
@@ -192,7 +192,7 @@ class Asking(Keyed):
             if not self._missed:
                 return found
             self.tell("The connection was lost. What was to be felt comes once more.")
-            super(Asking, self).ready("Once more")
+            super(ExperimentPage, self).ready("Once more")
             return found | {"missed": True}
 
         return show

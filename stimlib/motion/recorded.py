@@ -126,7 +126,7 @@ class Recording:
             f" {i['rate']:.4g} Hz{extra}"
         )
 
-    def for_inputs(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
+    def motion_for(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
         """The motion of a scene.
 
         Parameters
@@ -158,7 +158,7 @@ class Recording:
         ...     path = pathlib.Path(folder, "press.csv")
         ...     _ = path.write_text("t_s,force_N\\n0,1\\n0.01,2\\n0.02,4\\n")
         ...     press = recording(path, {"x": "force_N*5e-4"})
-        >>> list(press.for_inputs(["x1", "x2"]))
+        >>> list(press.motion_for(["x1", "x2"]))
         ['x1', 'x2']
         """
         names = list(inputs)

@@ -45,7 +45,7 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
             remedy = (
                 f"its array is taken as sampled at fs = {fs:g} Hz; if it was recorded at another"
                 f" rate, say 500 Hz, give stimlib.motion.recorded.recording({{'t_s': t, '{name}':"
-                f" x}}, {{'{name}': '{name}'}}).for_inputs(scene.inputs), and check that it is in m"
+                f" x}}, {{'{name}': '{name}'}}).motion_for(scene.inputs), and check that it is in m"
             )
         else:
             continue
@@ -130,12 +130,12 @@ def sources_of(
 
 def _hint(given: Any) -> str:
     """How a recording, or a table that is none yet, becomes the motion of a scene."""
-    if hasattr(given, "for_inputs"):
-        return ": give rec.for_inputs(scene.inputs) of a recording rec"
+    if hasattr(given, "motion_for"):
+        return ": give rec.motion_for(scene.inputs) of a recording rec"
     if hasattr(given, "columns"):
         return (
             ': first rec = stimlib.motion.recorded.recording(table, {"x": "x_mm*1e-3"}), then'
-            " rec.for_inputs(scene.inputs)"
+            " rec.motion_for(scene.inputs)"
         )
     return ""
 
@@ -152,7 +152,7 @@ def _shaped(given: Array) -> str:
     return (
         "; give positions alone, one dimension such as a.ravel() of a column, or with their times"
         " t_s, in s, stimlib.motion.recorded.recording({'t_s': a[0], 'x': a[1]}, {'x':"
-        " 'x'}).for_inputs(scene.inputs)"
+        " 'x'}).motion_for(scene.inputs)"
     )
 
 

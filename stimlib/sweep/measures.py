@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.cues import Cues, cues_of
-from ..checks.verify import verify
+from ..checks.verification import verify
 from ..core.scene import Scene
 from ..core.units import unit
 from ..errors import BadValue, StimlibError, UnknownName, public

@@ -94,7 +94,7 @@ def motion_of(given: Any, scene: Scene) -> dict[str, Any]:
     function, array or recording is of all inputs.
     """
     if isinstance(given, Recording):
-        return given.for_inputs(scene.inputs)
+        return given.motion_for(scene.inputs)
     return dict(given) if isinstance(given, Mapping) else dict.fromkeys(scene.inputs, given)
 
 

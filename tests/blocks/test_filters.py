@@ -14,7 +14,7 @@ from stimlib import BadValue, Input, Param, Scene, UnitError
 from stimlib import blocks as b
 from stimlib.blocks.filters import Cascade, Filter
 from stimlib.checks import linear
-from stimlib.checks.verify import verify
+from stimlib.checks.verification import verify
 from stimlib.design import responses
 from stimlib.design.filters import GAINS, KINDS, ORDERS, designed
 

@@ -13,7 +13,7 @@ from correct import OwnHighPass
 import stimlib
 from stimlib.analysis import spectra
 from stimlib.blocks.noise import PinkNoise
-from stimlib.checks import evidence, laws, noise, power, scenes, sidecar, verify
+from stimlib.checks import evidence, laws, noise, power, scenes, sidecar, verification
 from stimlib.checks.evidence import Check
 from stimlib.checks.page import GROUPS
 from stimlib.checks.report import Report
@@ -76,7 +76,9 @@ class TestLinearBlocks:
             PinkNoise, "transfer", staticmethod(lambda p, z: honest(p, z) * (1 + size * 1e-10))
         )
         assert (
-            passed(verify.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: impulse response")
+            passed(
+                verification.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: impulse response"
+            )
             == good
         )
 
@@ -88,7 +90,7 @@ class TestLinearBlocks:
 
         monkeypatch.setattr(PinkNoise, "transfer", staticmethod(transfer))
         assert (
-            passed(verify.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: physical law")
+            passed(verification.linear_blocks(fresh(squeezed)), squeezed, "PinkNoise: physical law")
             == good
         )
 
@@ -132,7 +134,7 @@ def test_tolerances_are_those_that_blocks_promise():
 def test_the_rounding_of_many_taps_is_within_their_limit(taps, fs):
     law = responses.sum_of(taps)
     b = stimlib.blocks.fir(stimlib.Input("x"), taps)
-    transfer = partial(verify._response, type(b).transfer, b.design(fs)[0], fs)
+    transfer = partial(verification._response, type(b).transfer, b.design(fs)[0], fs)
     assert law.tol / 100 < law.error(transfer, fs) < law.tol / 2
     assert responses.sum_of(taps + 1e-8 * (np.arange(5000) == 7)).error(transfer, fs) > law.tol
 
@@ -158,16 +160,18 @@ def test_a_users_block_is_held_against_the_law_that_it_states(size, good):
             return (responses.Law(responses.whole_band(50), off, 1e-6, "its own"),)
 
     e = gathered(stimlib.Scene({"y": Own(stimlib.Input("x"), 0.05)}), {"x": np.ones(100)}, None)
-    assert passed(verify.linear_blocks(e), e, "Own: physical law") == good
+    assert passed(verification.linear_blocks(e), e, "Own: physical law") == good
 
 
 @pytest.mark.parametrize("which", ["shown", "y"])
 def test_one_bit_is_one_too_many(squeezed, which):
-    assert Report(verify.same_samples(fresh(squeezed, proc=_again(squeezed))), squeezed).passed
+    assert Report(
+        verification.same_samples(fresh(squeezed, proc=_again(squeezed))), squeezed
+    ).passed
     y = getattr(squeezed, which).copy()
     y[1, 4321] = np.nextafter(y[1, 4321], 1e9)
     e = fresh(squeezed, proc=_again(squeezed), **{which: y})
-    assert not Report(verify.same_samples(e), e).passed
+    assert not Report(verification.same_samples(e), e).passed
 
 
 def _again(e):
@@ -321,15 +325,15 @@ class TestSqueeze:
     def test_finite(self, squeezed):
         y = squeezed.shown.copy()
         y[0, 7] = np.nan
-        assert passed(verify.limits_kept(fresh(squeezed)), squeezed, "finite")
-        assert not passed(verify.limits_kept(fresh(squeezed, shown=y)), squeezed, "finite")
+        assert passed(verification.limits_kept(fresh(squeezed)), squeezed, "finite")
+        assert not passed(verification.limits_kept(fresh(squeezed, shown=y)), squeezed, "finite")
 
     def test_no_fault(self):
         scene = stimlib.Scene({"y": 1.0 / stimlib.Input("x")})
         for x, good in ((1.0, True), (0.0, False)):
             e = gathered(scene, {"x": np.full(100, x)}, None)
-            verify.same_samples(e)
-            assert passed(verify.limits_kept(e), e, "no fault") == good
+            verification.same_samples(e)
+            assert passed(verification.limits_kept(e), e, "no fault") == good
 
 
 def test_springpots(squeezed):
@@ -392,7 +396,7 @@ def test_an_impulse_response_has_settled_at_1e_15_of_its_peak(size, settled):
     """Of two million samples the last 4096 are looked at."""
     b = stimlib.blocks.first_order(stimlib.Input("x"), size * 511 * 4096 / np.log(1e15) / 8000)
     e = gathered(stimlib.Scene({"y": b}), {"x": np.ones(100)}, None)
-    names = [c.name for c in verify.linear_blocks(e)]
+    names = [c.name for c in verification.linear_blocks(e)]
     assert any("impulse response" in name for name in names) == settled
     assert any("never settles" in text for text in e.skipped) != settled
 
@@ -431,9 +435,11 @@ class TestStorage:
         told = stored.sidecar | {
             "channels": [c | {"clips": clips} for c in stored.sidecar["channels"]]
         }
-        assert passed(verify.limits_kept(fresh(stored)), stored, "clip count")
+        assert passed(verification.limits_kept(fresh(stored)), stored, "clip count")
         if clips:
-            assert not passed(verify.limits_kept(fresh(stored, sidecar=told)), stored, "clip count")
+            assert not passed(
+                verification.limits_kept(fresh(stored, sidecar=told)), stored, "clip count"
+            )
 
 
 @pytest.mark.parametrize(("periods", "silences"), [(2.4, 0), (2.6, 1), (3.4, 1)])

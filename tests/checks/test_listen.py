@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib.analysis.listen import CUTOFF, listen, vibration
+from stimlib.analysis.listening import CUTOFF, listen, vibration
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files import audio
 from stimlib.motion.generators import minimum_jerk

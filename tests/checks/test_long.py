@@ -12,10 +12,10 @@ import pytest
 
 import stimlib
 from stimlib import Scene, blocks
-from stimlib.checks import evidence, laws, local, noise, scenes, verify
+from stimlib.checks import evidence, laws, local, noise, scenes, verification
 from stimlib.checks.session import verify_log
 from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.present import program
+from stimlib.experiments.presentation import program
 from stimlib.experiments.questions import choice
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.log_reader import read_log
@@ -167,7 +167,9 @@ def test_a_limit_that_is_passed_late_is_seen(short, squeezed):
         "force1: static limit",
         "force1: peak limit",
     ]
-    assert not [c for c in verify.limits_kept(evidence.gather(scene, motion, made)) if not c.passed]
+    assert not [
+        c for c in verification.limits_kept(evidence.gather(scene, motion, made)) if not c.passed
+    ]
 
 
 @pytest.mark.parametrize("what", ["clips", "peak", "sha256"])

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, blocks, constant
-from stimlib.checks.mutate import CHANGES, Mutant, Mutations, _applied, _numbers, _outcome, mutate
+from stimlib.checks.mutation import CHANGES, Mutant, Mutations, _applied, _numbers, _outcome, mutate
 from stimlib.cli.app import app
 from stimlib.core.graph import signals
 from stimlib.motion.generators import sinusoid
@@ -188,7 +188,7 @@ def test_the_command_prints_a_table_and_tells_by_its_status(tmp_path, monkeypatc
         ["mutate", f"{tmp_path}/mine.py:scene", "--seconds", "0.1", "--motion", "sinusoid(1, 10)"],
     )
     assert run.exit_code == 1 and "no law" in run.stdout
-    assert stimlib.checks.mutate.mutate is mutate
+    assert stimlib.checks.mutation.mutate is mutate
 
 
 def rooted(x, p, fs):

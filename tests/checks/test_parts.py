@@ -37,13 +37,13 @@ from stimlib.experiments.papers.bounciness import bounciness
 from stimlib.experiments.papers.nodule_sizes import nodule_sizes
 from stimlib.experiments.papers.roughness import roughness
 from stimlib.experiments.papers.ugrip import ugrip
-from stimlib.experiments.present import present, program
+from stimlib.experiments.presentation import present, program
 from stimlib.experiments.questions import choice
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import replay
+from stimlib.files.log_replay import replay
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion
 from stimlib.run.driver import samples

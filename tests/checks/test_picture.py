@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.listen import CUTOFF
+from stimlib.analysis.listening import CUTOFF
 from stimlib.analysis.picture import (
     Against,
     Signals,

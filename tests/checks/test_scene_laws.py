@@ -175,7 +175,7 @@ def test_real_fingers_drive_the_bumps_and_lifts_are_silent(path):
     }.get(path, "x_mm*1e-3")
     hand = recording(DATA / path, {"x": column}, reports="on_change")
     scene = bumps("sine", 18, 0.5, contact=True)
-    motion = hand.for_inputs(tuple(scene.inputs))
+    motion = hand.motion_for(tuple(scene.inputs))
     r = report(scene, motion, hand.duration)
     assert r.passed, str(r)
     touching = hand.contact(np.arange(r.evidence.y.shape[1]) / 8000) > 0

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
-from stimlib.checks import verify
+from stimlib.checks import verification
 from stimlib.checks.evidence import Check
 from stimlib.cli import app
 from stimlib.files import audio as file
@@ -37,7 +37,7 @@ def write(path, scene, motion, seconds=1.0, seed=0, params=None, **words):
 def test_recorded_hands_are_rendered_and_proved(name, tmp_path):
     recorded = hand(name)
     scene = stimlib.scenes.squeeze(contact="grip" not in name)
-    motion = recorded.for_inputs(tuple(scene.inputs))
+    motion = recorded.motion_for(tuple(scene.inputs))
     report = stimlib.verify(
         scene, motion, write(tmp_path / "hand.wav", scene, motion, recorded.duration, seed=3)
     )
@@ -294,10 +294,10 @@ def test_an_interpreter_that_says_otherwise_in_one_bit_is_seen(monkeypatch):
             y[0, -1] = np.nextafter(y[0, -1], 9.0)
         return y
 
-    samples = verify.samples
+    samples = verification.samples
     scene, motion = stimlib.scenes.bumps(), {"x": minimum_jerk()}
     rendering = stimlib.render(scene, motion, 8000, 0.1)
-    monkeypatch.setattr(verify, "samples", other)
+    monkeypatch.setattr(verification, "samples", other)
     failed = [c for c in stimlib.verify(scene, motion, rendering).checks if not c.passed]
     assert [(c.measured, c.name.split(",")[0]) for c in failed] == [(1, "interpreter")]
 

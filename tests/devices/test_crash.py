@@ -28,8 +28,8 @@ from stimlib.files import commit
 from stimlib.files.commit import recover
 from stimlib.files.formats import FORMATS
 from stimlib.files.log_reader import read_log
+from stimlib.files.log_replay import delivered, replay
 from stimlib.files.log_writer import LogWriter, header
-from stimlib.files.replay import delivered, replay
 from stimlib.motion.generators import sinusoid
 from stimlib.run.safety import GAIN, Safety, protect, to_device
 

@@ -17,7 +17,7 @@ from stimlib import BadValue, Input, Scene, SinkError, compile
 from stimlib.devices.null import NullSink
 from stimlib.files.audio import write
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import delivered, replay
+from stimlib.files.log_replay import delivered, replay
 from stimlib.live.sink import PageSink
 
 FS, BLOCK = 1000, 20

@@ -32,8 +32,8 @@ from stimlib.files.batch import render_set
 from stimlib.files.commit import recover
 from stimlib.files.formats import FORMATS, stored
 from stimlib.files.log_reader import read_log
+from stimlib.files.log_replay import replay
 from stimlib.files.log_writer import LogWriter, header
-from stimlib.files.replay import replay
 from stimlib.files.sidecar import BEGUN, DONE
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion

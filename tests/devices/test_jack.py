@@ -330,7 +330,7 @@ def test_a_process_that_was_stopped_goes_on_in_time(server):
 
 def test_a_session_replays_from_its_log(server, tmp_path):
     from stimlib.files.log_reader import read_log
-    from stimlib.files.replay import replay
+    from stimlib.files.log_replay import replay
 
     folder = tmp_path / "session.stimlog"
     with sink(

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import replay
+from stimlib.files.log_replay import replay
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -27,8 +27,8 @@ from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, FaultError, SinkError, StimlibError, UnitError
 from stimlib.files import audio as file
 from stimlib.files.log_reader import read_log
+from stimlib.files.log_replay import delivered, replay
 from stimlib.files.log_writer import LogWriter, header
-from stimlib.files.replay import delivered, replay
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.processor import Change
 from stimlib.run.safety import GAIN, Safety, protect, to_device

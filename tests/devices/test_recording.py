@@ -428,7 +428,7 @@ def test_a_jump_breaks_contact_and_is_no_motion(csv):
     scene = stimlib.Scene(
         {"v": stimlib.blocks.velocity(stimlib.Input("x", "m"), contact=stimlib.Input("contact"))}
     )
-    v = stimlib.render(scene, r.for_inputs(scene.inputs), FS, seconds=r.duration, target="python")[
+    v = stimlib.render(scene, r.motion_for(scene.inputs), FS, seconds=r.duration, target="python")[
         "v"
     ]
     assert 0.05 < v.max() < 0.1 * 1.0001  # no bump is invented
@@ -489,12 +489,12 @@ def scene(*inputs: str) -> stimlib.Scene:
 
 def test_one_mapping_serves_all_fingers(csv):
     r = recording(csv(**steady()), {"x": "x"})
-    assert set(r.for_inputs(["x"])) == {"x"}
-    two = r.for_inputs(("x1", "x2"))
+    assert set(r.motion_for(["x"])) == {"x"}
+    two = r.motion_for(("x1", "x2"))
     assert two["x1"] is two["x2"] is r.motion["x"]
     own = recording(csv(**steady()), {"x": "x", "x2": "x*2"})
-    assert own.for_inputs(["x1", "x2", "x3"])["x2"] is own.motion["x2"]
-    both = r.for_inputs(["x1", "contact"])
+    assert own.motion_for(["x1", "x2", "x3"])["x2"] is own.motion["x2"]
+    both = r.motion_for(["x1", "contact"])
     assert both["contact"] is r.contact
 
 
@@ -509,7 +509,7 @@ def test_one_mapping_serves_all_fingers(csv):
     ],
 )
 def test_inputs_that_do_not_fit(csv, inputs, message):
-    refused(UnknownName, message, recording(csv(**steady()), {"x": "x"}).for_inputs, inputs)
+    refused(UnknownName, message, recording(csv(**steady()), {"x": "x"}).motion_for, inputs)
 
 
 def test_lifts_and_jumps_need_a_scene_that_can_know(csv):
@@ -521,12 +521,12 @@ def test_lifts_and_jumps_need_a_scene_that_can_know(csv):
         BadValue,
         r"a lift at row 2 \(3 in all\), .*; make it with contact=True .*Input\(\"contact\"\),"
         r" or .*contact=False",
-        lifted.for_inputs,
+        lifted.motion_for,
         ["x"],
     )
-    refused(BadValue, r"a jump at row 102 .*Input\(\"contact\"\)$", jumped.for_inputs, ["x1", "x2"])
+    refused(BadValue, r"a jump at row 102 .*Input\(\"contact\"\)$", jumped.motion_for, ["x1", "x2"])
     for r in (lifted, jumped):
-        assert r.for_inputs(["x", "contact"])["contact"] is r.contact
+        assert r.motion_for(["x", "contact"])["contact"] is r.contact
 
 
 def test_a_rendering_and_its_sidecar(csv, tmp_path, monkeypatch):
@@ -537,7 +537,7 @@ def test_a_rendering_and_its_sidecar(csv, tmp_path, monkeypatch):
     report = file.write(
         "a.wav",
         stimlib.compile(made, FS, "python"),
-        r.for_inputs(made.inputs),
+        r.motion_for(made.inputs),
         0.08,
         progress=False,
     )
@@ -927,7 +927,7 @@ def test_npz_is_as_good_as_csv(csv, tmp_path):
     )
     b = recording(c, {"x": "x"}, where={"kind": "a"})
     for name in ("x", "contact"):
-        f, g = a.for_inputs(["x", "contact"])[name], b.for_inputs(["x", "contact"])[name]
+        f, g = a.motion_for(["x", "contact"])[name], b.motion_for(["x", "contact"])[name]
         assert np.array_equal(f(times(a)), g(times(a)))
     assert (
         a.info["lifts"] == [(0, 0.0)] and b.info["lifts"] == [(2, 0.0)] and a.info["reports"] == 25
@@ -1128,7 +1128,7 @@ def test_what_real_files_ask_for():
         BadValue, match=r"a lift at row 118 \(4 in all\).*use squeeze\(contact=True\)"
     ):
         touch = recording(DATA / TOUCH / "finger_touchpad_horizontal.csv", {"x": "x_raw*2e-5"})
-        touch.for_inputs(["x1", "x2"], "use squeeze(contact=True)")
+        touch.motion_for(["x1", "x2"], "use squeeze(contact=True)")
     unread(
         'a gap of .*reports="on_change"',
         DATA / TOUCH / "stylus_slow_pressure_ramp.csv",
@@ -1147,7 +1147,7 @@ def test_a_grip_drives_the_squeeze():
         where=parse_where("grasp=pinch,level=easy,trial=1"),
     )
     made = squeeze(A=0.0)
-    y = stimlib.render(made, r.for_inputs(made.inputs), FS, seconds=r.duration, target="python")
+    y = stimlib.render(made, r.motion_for(made.inputs), FS, seconds=r.duration, target="python")
     assert np.array_equal(y["force1"], y["force2"])
     assert_allclose(y["force1"], 2000 * r.motion["x"](y.t), rtol=1e-12)
 

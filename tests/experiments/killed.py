@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from some import experiment, observer
 
 from stimlib.experiments.reader import read
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
 
 

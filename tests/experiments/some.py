@@ -7,13 +7,13 @@ import stimlib.experiments.random_streams
 from stimlib.experiments.designs import Interleaved, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import Pair
+from stimlib.experiments.tasks import TwoInterval
 from stimlib.experiments.trial import Answer, Stimulus
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
-TASK = Pair("silent", "softer", Stimulus("spring"), Stimulus("spring"), "k", asks_less=True)
+TASK = TwoInterval("silent", "softer", Stimulus("spring"), Stimulus("spring"), "k", asks_less=True)
 QUESTION = choice("softer", "Which one was softer?", "first", "second")
 
 

@@ -13,7 +13,7 @@ from scipy.special import log_ndtr, ndtri
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.distances import displayed, recorded
 from stimlib.experiments.experiment import Timing
 from stimlib.experiments.papers.bounciness import (
@@ -26,18 +26,18 @@ from stimlib.experiments.papers.bounciness import (
     explained,
     known,
 )
-from stimlib.experiments.present import present, spans
+from stimlib.experiments.presentation import present, spans
 from stimlib.experiments.reader import read
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import Identify
+from stimlib.experiments.tasks import OneInterval
 from stimlib.experiments.trial import Answer
 from stimlib.motion.generators import sinusoid
 from stimlib.scenes import viscoelastic
 
 NAME = "0.5 and 0.65"
 TRIALS, WRONG = 12, (3, 6)  # one of each material is taken for the other
-TASK = Identify(
+TASK = OneInterval(
     NAME, "bouncier", {"green": known("P01", 9)["green"], "red": known("P01", 9)["red"]}
 )
 
@@ -52,7 +52,7 @@ def moves(k):
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
-    design = Listed(((TASK, "red"), (TASK, "green")), TRIALS // 2, shuffle="none")
+    design = ConstantStimuli(((TASK, "red"), (TASK, "green")), TRIALS // 2, shuffle="none")
     short = dataclasses.replace(
         bounciness(), design=design, timing=Timing(interval=2.0), cursor=None, familiarisation={}
     )

@@ -11,7 +11,14 @@ from refusals import refused
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.designs import Interleaved, Listed, Parts, Staircase, shuffled, turn_of
+from stimlib.experiments.designs import (
+    ConstantStimuli,
+    Interleaved,
+    Sequential,
+    Staircase,
+    shuffled,
+    turn_of,
+)
 from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import psychometric
 from stimlib.experiments.latin_squares import check_graeco_latin, graeco_latin
@@ -19,10 +26,10 @@ from stimlib.experiments.observers import Psychometric
 from stimlib.experiments.quest import Quest
 from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.random_streams import seed_of, stream
-from stimlib.experiments.tasks import Identify, Pair, Show
+from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
 from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
 
-PAIR = Pair(
+PAIR = TwoInterval(
     "silent",
     "softer",
     Stimulus("squeeze", {"k": 2.0}),
@@ -102,7 +109,7 @@ def test_staircase_is_the_up_down_rule_on_any_answers(up, down):
 
 
 def test_no_staircase_passes_its_bounds_and_each_ends():
-    state, trials = (design := Staircase(PAIR, 5.0, (1.5, 20.0), most=9)).init(1), []
+    state, trials = (design := Staircase(PAIR, 5.0, (1.5, 20.0), max_trials=9)).init(1), []
     while (trial := design.next(state)) is not None:
         trials.append(trial)
         state = design.update(state, says(trial, False))
@@ -124,7 +131,7 @@ def test_a_staircase_ends_where_every_answer_asks_for_a_level_beyond_its_bound(m
     assert (
         len(
             levels(
-                Staircase(PAIR, 20.0, (1.5, 20.0), down=3, reversals=99, most=140),
+                Staircase(PAIR, 20.0, (1.5, 20.0), down=3, reversals=99, max_trials=140),
                 lambda k: next(turns),
             )
         )
@@ -133,7 +140,7 @@ def test_a_staircase_ends_where_every_answer_asks_for_a_level_beyond_its_bound(m
 
 
 def test_a_pair_knows_whether_it_is_a_detection():
-    silent = Pair("felt", "which", Stimulus("tone", {"A": 0}), Stimulus("tone"), "A")
+    silent = TwoInterval("felt", "which", Stimulus("tone", {"A": 0}), Stimulus("tone"), "A")
     assert PAIR.chance is None and silent.chance == 0.5
     assert (
         dc.replace(PAIR, detection=True).chance == 0.5
@@ -158,7 +165,7 @@ def test_a_pair_knows_whether_it_is_a_detection():
         ({"reversals": 0}, "reversals = 0"),
         ({"up": 0}, "up = 0"),
         ({"down": 0}, "down = 0"),
-        ({"most": 0}, "most = 0"),
+        ({"max_trials": 0}, "max_trials = 0"),
         ({"stuck": 0}, "stuck = 0"),
         ({"task": dc.replace(PAIR, detection=True)}, "chance level of this task; give down=3"),
     ],
@@ -206,7 +213,7 @@ def test_one_more_track_or_part_changes_no_other_draw():
             )
         return found
 
-    for make in (Interleaved, lambda parts: Parts(parts, shuffle=True)):
+    for make in (Interleaved, lambda parts: Sequential(parts, shuffle=True)):
         two, three = seen("high", "low", make=make), seen("high", "new", "low", make=make)
         assert {k: three[k] for k in two} == two and len(three) == 3
     assert (
@@ -227,11 +234,11 @@ def test_interleaved_tracks_take_turns_at_random():
 
 
 def test_listed_trials_come_each_as_often_as_asked():
-    task = Identify("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
+    task = OneInterval("0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")})
     shown = [
         t
         for t, _ in observed(
-            Listed(((task, "red"), (task, "green")), 50),
+            ConstantStimuli(((task, "red"), (task, "green")), 50),
             3,
             lambda t, r: Answer({"bouncier": "red"}),
             stream(1, "observer"),
@@ -249,27 +256,31 @@ def test_listed_trials_come_each_as_often_as_asked():
 
 
 def test_each_repeat_by_itself_and_as_listed():
-    tasks = tuple((Show(f"{i}", ("rough",), Stimulus("bumps")), None) for i in range(8))
+    tasks = tuple((Rate(f"{i}", ("rough",), Stimulus("bumps")), None) for i in range(8))
     rate = lambda t, rng: Answer({"rough": 4})  # noqa: E731
     each = [
-        t.condition for t, _ in observed(Listed(tasks, 3, "each"), 3, rate, stream(1, "observer"))
+        t.condition
+        for t, _ in observed(ConstantStimuli(tasks, 3, "each"), 3, rate, stream(1, "observer"))
     ]
     assert [sorted(each[i : i + 8]) for i in (0, 8, 16)] == 3 * [[str(i) for i in range(8)]]
     assert each[:8] != each[8:16]
     assert [
-        t.condition for t, _ in observed(Listed(tasks, 2, "none"), 3, rate, stream(1, "observer"))
+        t.condition
+        for t, _ in observed(ConstantStimuli(tasks, 2, "none"), 3, rate, stream(1, "observer"))
     ] == 2 * [str(i) for i in range(8)]
     assert [
-        t.condition for t, _ in observed(Listed(tasks, 1), 4, rate, stream(1, "observer"))
+        t.condition for t, _ in observed(ConstantStimuli(tasks, 1), 4, rate, stream(1, "observer"))
     ] != each[:8]  # another participant, another order
 
 
 def test_parts_rest_between_and_nowhere_else():
-    part = Listed(((Show("a", ("rough",), Stimulus("bumps")), None),), repeats=2, training=True)
+    part = ConstantStimuli(
+        ((Rate("a", ("rough",), Stimulus("bumps")), None),), repeats=2, training=True
+    )
     trials = [
         t
         for t, _ in observed(
-            Parts({"1": part, "2": part}, pause=60.0),
+            Sequential({"1": part, "2": part}, pause=60.0),
             1,
             lambda t, r: Answer({"rough": 1}),
             stream(1, "observer"),
@@ -281,7 +292,9 @@ def test_parts_rest_between_and_nowhere_else():
         "2",
         "2",
     ]
-    nested = Parts({"a": Parts({"1": part, "2": part}, pause=60.0), "b": part}, pause=90.0)
+    nested = Sequential(
+        {"a": Sequential({"1": part, "2": part}, pause=60.0), "b": part}, pause=90.0
+    )
     assert [
         t.pause
         for t, _ in observed(nested, 1, lambda t, r: Answer({"rough": 1}), stream(1, "observer"))
@@ -300,8 +313,11 @@ def test_parts_rest_between_and_nowhere_else():
 
 DESIGNS = {
     "staircase": STAIRS,
-    "interleaved": Parts(
-        {"a": Interleaved({"x": STAIRS, "y": STAIRS}), "b": Listed(((PAIR, 2.0), (PAIR, 4.0)), 2)},
+    "interleaved": Sequential(
+        {
+            "a": Interleaved({"x": STAIRS, "y": STAIRS}),
+            "b": ConstantStimuli(((PAIR, 2.0), (PAIR, 4.0)), 2),
+        },
         60,
         True,
     ),
@@ -356,7 +372,7 @@ def test_quest_finds_a_threshold_where_half_is_guessed():
     """As a comparison's, its curve had to be flat and low: the levels stayed far from a
     threshold of 0.1.
     """
-    task = Pair("felt", "which", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
+    task = TwoInterval("felt", "which", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
     steps = tuple(0.02 * k for k in range(1, 16))
     design = Quest(task, steps, steps, (0.02, 0.05), trials=50)
     observer = Psychometric(0.1, 0.03, lapse=0.02)
@@ -463,20 +479,20 @@ def test_questions_and_tasks_that_make_no_sense():
             Quest,
             **{"task": PAIR, "levels": (1.0,), "means": (1.0,), "deviations": (1.0,)} | wrong,
         )
-    refused(BadValue, "two stimuli", Identify, "c", "q", {"one": Stimulus("s")})
+    refused(BadValue, "two stimuli", OneInterval, "c", "q", {"one": Stimulus("s")})
     refused(
         UnknownName,
         "no stimulus 'blue'",
-        Identify("c", "q", {"red": Stimulus("s"), "green": Stimulus("s")}).trial,
+        OneInterval("c", "q", {"red": Stimulus("s"), "green": Stimulus("s")}).trial,
         "blue",
         1,
         0,
     )
-    refused(BadValue, "twice", Listed, ((PAIR, 1.0), (PAIR, 1.0)))
-    refused(BadValue, "repeats of at least 1", Listed, ((PAIR, 1.0),), repeats=0)
+    refused(BadValue, "twice", ConstantStimuli, ((PAIR, 1.0), (PAIR, 1.0)))
+    refused(BadValue, "repeats of at least 1", ConstantStimuli, ((PAIR, 1.0),), repeats=0)
 
 
-@pytest.mark.parametrize(("made", "what"), [(Parts, "part"), (Interleaved, "track")])
+@pytest.mark.parametrize(("made", "what"), [(Sequential, "part"), (Interleaved, "track")])
 def test_designs_of_nothing(made, what):
     refused(
         BadValue, f"{made.__name__}: give at least one design, by the name of its {what}", made, {}
@@ -496,32 +512,38 @@ def test_designs_of_nothing(made, what):
         ),
         (
             lambda: Staircase((PAIR, 5.0), 5.0, (0.1, 100.0)),
-            "Staircase: task = .* must be a task, such as Pair",
+            "Staircase: task = .* must be a task, such as TwoInterval",
         ),
         (
-            lambda: Listed((PAIR, 5.0)),
+            lambda: ConstantStimuli((PAIR, 5.0)),
             (
-                r"Listed: items = .* must be a tuple \(a tuple \(a task, such as Pair, any value\),"
-                r" ...\)"
+                r"ConstantStimuli: items = .* must be a tuple \(a tuple \(a task, such as Two"
+                r"Interval, any value\), ...\)"
             ),
         ),
-        (lambda: Listed(zip([PAIR], [5.0], strict=True)), "Listed: items = .* must be a tuple"),
-        (lambda: Listed(((PAIR, 5.0),), repeats=2.5), "Listed: repeats = 2.5"),
+        (
+            lambda: ConstantStimuli(zip([PAIR], [5.0], strict=True)),
+            "ConstantStimuli: items = .* must be a tuple",
+        ),
+        (lambda: ConstantStimuli(((PAIR, 5.0),), repeats=2.5), "ConstantStimuli: repeats = 2.5"),
         (
             lambda: Interleaved([STAIRS]),
-            "Interleaved: tracks = .* must be a dict {name: a design, such as Staircase or Listed",
+            "Interleaved: tracks = .* must be a dict {name: a design, such as Staircase or Const",
         ),
-        (lambda: Parts([STAIRS]), "Parts: parts = .* must be a dict {name: a design, such as"),
         (
-            lambda: Parts({"a": PAIR}),
+            lambda: Sequential([STAIRS]),
+            "Sequential: parts = .* must be a dict {name: a design, such as",
+        ),
+        (
+            lambda: Sequential({"a": PAIR}),
             (
-                "Parts: parts = {'a': Pair.* must be a dict {name: a design, such as Staircase or"
-                " Listed"
+                "Sequential: parts = {'a': TwoInterval.* must be a dict {name: a design, such as"
+                " Staircase or ConstantStimuli"
             ),
         ),
         (
-            lambda: Pair("a", "q", "squeeze", Stimulus("squeeze"), "k"),
-            "Pair: standard = 'squeeze' must be a Stimulus",
+            lambda: TwoInterval("a", "q", "squeeze", Stimulus("squeeze"), "k"),
+            "TwoInterval: standard = 'squeeze' must be a Stimulus",
         ),
     ],
 )
@@ -544,7 +566,7 @@ def test_a_design_of_wrong_parts_is_refused_where_it_is_made(made, says):
         ),
         (
             {"design": PAIR},
-            "design = Pair.* must be a design, such as Staircase or Listed, which takes the task",
+            "design = TwoInterval.* must be a design, such as Staircase or ConstantStimuli, which",
         ),
         (
             {"bounds": {"k": 500.0}},

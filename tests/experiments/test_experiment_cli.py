@@ -29,10 +29,10 @@ FILE = """
 import sys
 sys.path.insert(0, {here!r})
 from some import experiment, observer
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.trial import Stimulus
 from some import TASK
-design = Listed(((TASK, 4.0), (TASK, 1.0)), 2)
+design = ConstantStimuli(((TASK, 4.0), (TASK, 1.0)), 2)
 known = {{"red": Stimulus("spring")}}
 short = experiment(design=design, replays=1, familiarisation=known, observer=observer)
 def made():
@@ -378,7 +378,7 @@ def test_a_device_that_fails_says_the_whole_command_that_goes_on(
     def failed(*_, **__):
         raise error("the device has gone")
 
-    monkeypatch.setattr("stimlib.experiments.run.present", failed)
+    monkeypatch.setattr("stimlib.experiments.runner.present", failed)
     who = [
         f"{file}:short",
         "--participant",

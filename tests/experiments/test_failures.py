@@ -17,16 +17,16 @@ from refusals import refused
 import stimlib
 from stimlib.devices.sources import Live, Signal, Signals
 from stimlib.errors import BadValue, SinkError
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Timing
 from stimlib.experiments.observers import simulate as observe
-from stimlib.experiments.present import present
+from stimlib.experiments.presentation import present
 from stimlib.experiments.reader import read, status
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import replay
+from stimlib.files.log_replay import replay
 
 
 # The disk -----------------------------------------------------------------------------
@@ -208,7 +208,7 @@ def test_a_design_without_a_trial_is_no_session(tmp_path):
         observer,
         1,
     )
-    training = experiment(design=Listed(((TASK, 1.0),), training=True))
+    training = experiment(design=ConstantStimuli(((TASK, 1.0),), training=True))
     assert observe(training, observer, 2)["outcome"] == [] and not list(
         tmp_path.glob("**/session.json")
     )

@@ -12,7 +12,7 @@ from refusals import refused
 import stimlib
 from stimlib.blocks import oscillator
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import bootstrap, profile, psychometric, psychometrics
 from stimlib.experiments.likelihood import Model, Sets, ends, maximum
@@ -20,7 +20,7 @@ from stimlib.experiments.observers import Psychometric as Observer
 from stimlib.experiments.observers import simulate
 from stimlib.experiments.questions import choice
 from stimlib.experiments.tables import fitted
-from stimlib.experiments.tasks import Pair
+from stimlib.experiments.tasks import TwoInterval
 from stimlib.experiments.trial import Stimulus
 
 LEVELS, YES, ASKED = (
@@ -367,10 +367,10 @@ def test_the_threshold_of_a_detection_has_the_chance_level_of_its_task():
     """A standard of no amplitude: answers, observer and fit know that half of all
     answers are right by chance.
     """
-    task = Pair("felt", "buzz", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
+    task = TwoInterval("felt", "buzz", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
     levels = np.geomspace(0.02, 0.5, 7).tolist()
     tone = stimlib.Scene({"v": stimlib.Param("A", 0.1) * oscillator(250)})
-    trials = Listed(tuple((task, v) for v in levels), repeats=40)
+    trials = ConstantStimuli(tuple((task, v) for v in levels), repeats=40)
     buzz = choice("buzz", "Which one was it?", "first", "second")
     made = Experiment("buzz", "1", {"tone": tone}, trials, (buzz,), fs=8000.0, safety=1.0)
     answers = simulate(made, Observer(0.1, 0.2, log=True), 1)

@@ -13,18 +13,18 @@ import stimlib
 from stimlib.blocks import white_noise
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.compare import paired
-from stimlib.experiments.designs import Listed, Parts
+from stimlib.experiments.designs import ConstantStimuli, Sequential
 from stimlib.experiments.detection import wilson
 from stimlib.experiments.distances import distances
 from stimlib.experiments.observers import Listener, Psychometric, power, simulate
 from stimlib.experiments.random_streams import stream
-from stimlib.experiments.tasks import Identify, Pair, Show
+from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.motion.generators import sinusoid
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
 HAND = {"x": sinusoid(0.01, 5.0)}
-PAIR = Pair("k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k")
+PAIR = TwoInterval("k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k")
 
 
 def listener(measure="rms", sigma=0.1, **other):
@@ -79,14 +79,14 @@ def test_a_listener_compares_what_it_feels():
 
 
 def test_one_interval_and_ratings():
-    task = Identify(
+    task = OneInterval(
         "k", "which", {"hard": Stimulus("spring", {"k": 200.0}), "soft": Stimulus("spring")}
     )
     told = listener(sigma=0.0, criterion=1.0)
     assert [
         told(task.trial(name, 1, 0), stream(1)).values["which"] for name in ("hard", "soft")
     ] == ["hard", "soft"]
-    show = Show("k", ("rough",), Stimulus("spring", {"k": 300.0})).trial(None, 1, 0)
+    show = Rate("k", ("rough",), Stimulus("spring", {"k": 300.0})).trial(None, 1, 0)
     ratings = [listener(sigma=0.0, gain=g)(show, stream(1)).values["rough"] for g in (-1, 1, 2, 9)]
     assert ratings == [1, 2, 4, 7]  # the force has an rms of 2.12 N
 
@@ -197,7 +197,7 @@ def test_power_counts_all_experiments_and_everybody_is_somebody_else():
         people.append(rng.random())
         return one
 
-    short = experiment(design=Listed(((TASK, 4.0),)), sessions=2)
+    short = experiment(design=ConstantStimuli(((TASK, 4.0),)), sessions=2)
     found = power(
         short,
         anybody,
@@ -214,9 +214,9 @@ def test_power_counts_all_experiments_and_everybody_is_somebody_else():
 
 
 def test_training_is_left_out():
-    practice, real = Listed(((TASK, 2.5),), training=True), Listed(((TASK, 4.0),))
+    practice, real = ConstantStimuli(((TASK, 2.5),), training=True), ConstantStimuli(((TASK, 4.0),))
     found = simulate(
-        experiment(design=Parts({"first": practice, "then": real})), Psychometric(2.0, 1.0), 1
+        experiment(design=Sequential({"first": practice, "then": real})), Psychometric(2.0, 1.0), 1
     )
     assert (found["level"], found["number"]) == ([4.0], [2])
 

@@ -32,10 +32,10 @@ from stimlib.experiments.papers.bounciness import (
 )
 from stimlib.experiments.papers.bounciness import person as bouncy
 from stimlib.experiments.papers.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
-from stimlib.experiments.present import present
+from stimlib.experiments.presentation import present
 from stimlib.experiments.random_streams import stream
 from stimlib.experiments.reader import sessions
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.scaling import fechner
 from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, observed

@@ -35,17 +35,17 @@ from stimlib.design.texture import made_up
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, SinkError, UnknownName
-from stimlib.experiments.designs import Listed, Parts
+from stimlib.experiments.designs import ConstantStimuli, Sequential
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
-from stimlib.experiments.present import prepare, present, program, spans
+from stimlib.experiments.presentation import prepare, present, program, spans
 from stimlib.experiments.questions import rating
 from stimlib.experiments.reader import columns, read, sessions, status
-from stimlib.experiments.run import Simulated, run
+from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import LOG, Session
-from stimlib.experiments.tasks import Identify, Show
+from stimlib.experiments.tasks import OneInterval, Rate
 from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, outcome
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import replay
+from stimlib.files.log_replay import replay
 from stimlib.scenes import SHIPPED
 
 
@@ -256,7 +256,7 @@ def test_a_channel_is_the_same_in_every_trial():
 
 
 def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
-    with Session(experiment(design=Listed(((TASK, 9.0),))), tmp_path, "P01") as session:
+    with Session(experiment(design=ConstantStimuli(((TASK, 9.0),))), tmp_path, "P01") as session:
         # before anything is displayed
         refused(BadValue, "k = 9 is beyond its bounds", session.due)
     refused(
@@ -302,7 +302,7 @@ def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
     )
     noisy = stimlib.Scene({"force": SPRING.outputs["force"] * course})
     made = experiment(
-        name="old", design=Listed(((TASK, 4.0), (TASK, 1.0))), scenes={"spring": noisy},
+        name="old", design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))), scenes={"spring": noisy},
         timing=Timing(interval=0.05, gap=0.02, before=0.0, ramp=0.01),
     )  # fmt: skip
     shown = present(made, saved.records[0].trial, "offline", tmp_path / "now.stimlog")
@@ -387,16 +387,18 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
         stimlib.Scene({"force": f})
         for f in (2.0 * force, force * force / stimlib.constant(1.0, "N"))
     )
-    tasks = Listed(
+    tasks = ConstantStimuli(
         (
             (TASK, 4.0),
             (TASK, 2.0),
-            (Identify("w", "softer", {n: Stimulus(n) for n in ("first", "second")}), "second"),
+            (OneInterval("w", "softer", {n: Stimulus(n) for n in ("first", "second")}), "second"),
         )
     )
     made = experiment(
         scenes={"spring": SPRING, "first": SPRING, "second": square, "third": twice},
-        design=Parts({"learnt": Listed(((TASK, 4.0),), training=True), "main": tasks}),
+        design=Sequential(
+            {"learnt": ConstantStimuli(((TASK, 4.0),), training=True), "main": tasks}
+        ),
         familiarisation={"soft": Stimulus("third")},
     )
     with Session(made, tmp_path, "P01") as session:
@@ -427,13 +429,15 @@ def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
     """A trial that is not allowed, and a design that fails on an answer, end no session
     before its first trial.
     """
-    high = Show("a", ("softer",), Stimulus("spring", {"k": 9.0}))
+    high = Rate("a", ("softer",), Stimulus("spring", {"k": 9.0}))
 
-    class Odd(Listed):
+    class Odd(ConstantStimuli):
         def update(self, state, answer):
             return {}["no answer of this kind"]
 
-    tried = Parts({"high": Listed(((high, None),)), "then": Listed(((TASK, 4.0),))})
+    tried = Sequential(
+        {"high": ConstantStimuli(((high, None),)), "then": ConstantStimuli(((TASK, 4.0),))}
+    )
     for design, kinds in ((tried, 2), (Odd(((TASK, 4.0),)), 1)):
         with Session(experiment(design=design), tmp_path / type(design).__name__, "P01") as session:
             assert prepare(session, "null") == kinds
@@ -832,10 +836,10 @@ def test_an_answer_that_is_none_is_not_written(tmp_path):
 
 
 def test_what_the_experimenter_sees_is_blinded(tmp_path):
-    task = Identify(
+    task = OneInterval(
         "secret", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})}
     )
-    made = experiment(design=Listed(((task, "first"), (task, "second")), 2, training=True))
+    made = experiment(design=ConstantStimuli(((task, "first"), (task, "second")), 2, training=True))
     with Session(made, tmp_path, "P01") as session:
         run(
             session,
@@ -855,7 +859,9 @@ def test_what_the_experimenter_sees_is_blinded(tmp_path):
 def test_columns_have_the_trials_that_count(tmp_path):
     pairs = ((TASK, 4.0), (TASK, 1.0))
     made = experiment(
-        design=Parts({"learn": Listed(pairs, training=True), "test": Listed(pairs, 2)})
+        design=Sequential(
+            {"learn": ConstantStimuli(pairs, training=True), "test": ConstantStimuli(pairs, 2)}
+        )
     )
     with Session(made, tmp_path, "P01", pilot=True) as session:
         run(session, Simulated(session, observer), nothing)
@@ -867,7 +873,7 @@ def test_columns_have_the_trials_that_count(tmp_path):
 
 # Around the trials --------------------------------------------------------------------
 class Scripted:
-    """A face that notes what it is asked, and answers from a list."""
+    """A front end that notes what it is asked, and answers from a list."""
 
     def __init__(self, *answers, picks=()):
         self.answers, self.picks, self.noted = list(answers), list(picks), []
@@ -890,13 +896,13 @@ class Scripted:
 
 
 def test_rests_replays_familiarisation_and_feedback(tmp_path):
-    task = Identify(
+    task = OneInterval(
         "c", "softer", {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})}
     )
-    day = Listed(((task, "first"),))
+    day = ConstantStimuli(((task, "first"),))
     logs = []
     made = experiment(
-        design=Parts({"1": day, "2": day}, pause=60.0),
+        design=Sequential({"1": day, "2": day}, pause=60.0),
         familiarisation={"red": Stimulus("spring", {"k": 3.0})},
         replays=1,
         feedback=True,
@@ -930,10 +936,10 @@ def test_rests_replays_familiarisation_and_feedback(tmp_path):
 
 
 def test_a_rest_is_counted_from_the_last_answer_also_after_a_resume(tmp_path):
-    task = Show("c", ("roughness", "bumpiness"), Stimulus("spring"))
-    day = Listed(((task, None),), training=True)
+    task = Rate("c", ("roughness", "bumpiness"), Stimulus("spring"))
+    day = ConstantStimuli(((task, None),), training=True)
     made = experiment(
-        design=Parts({"1": day, "2": day}, pause=60.0),
+        design=Sequential({"1": day, "2": day}, pause=60.0),
         questions=(
             rating("roughness", "?", "smooth", "rough"),
             rating("bumpiness", "?", "flat", "bumpy"),
@@ -954,7 +960,7 @@ def test_a_rest_is_counted_from_the_last_answer_also_after_a_resume(tmp_path):
 
 def test_a_design_may_depend_on_the_participant(tmp_path):
     def of(participant, session):
-        return Listed(((TASK, float(participant[1:]) + session),))
+        return ConstantStimuli(((TASK, float(participant[1:]) + session),))
 
     made = experiment(design=of)
     for code, number, level in (("P01", 1, 2.0), ("P02", 1, 3.0), ("P02", 2, 4.0)):

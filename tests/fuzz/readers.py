@@ -24,7 +24,7 @@ from stimlib.devices.null import NullSink
 from stimlib.errors import StimlibError
 from stimlib.files import audio as file
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import processor
+from stimlib.files.log_replay import processor
 from stimlib.motion.generators import minimum_jerk
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze, viscoelastic

@@ -6,14 +6,14 @@ from contextlib import contextmanager
 from experiments.some import SPRING, experiment, still
 
 from stimlib.errors import StimlibError
-from stimlib.experiments.designs import Listed, Parts
+from stimlib.experiments.designs import ConstantStimuli, Sequential
 from stimlib.experiments.experiment import Cursor
 from stimlib.experiments.questions import choice, places, ranking, rating
-from stimlib.experiments.run import run
+from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import Identify, Show
+from stimlib.experiments.tasks import OneInterval, Rate
 from stimlib.experiments.trial import Stimulus
-from stimlib.live.experiment import Asking
+from stimlib.live.experiment import ExperimentPage
 from stimlib.live.server import Server
 
 QUESTIONS = (
@@ -23,12 +23,12 @@ QUESTIONS = (
     ranking("order", "The largest first", "A", "B"),
     places("where", "Where?", 2),
 )
-WHICH = Identify(
+WHICH = OneInterval(
     "secret",
     "softer",
     {"red": Stimulus("spring", {"k": 4.321}), "green": Stimulus("spring", {"k": 2.345})},
 )
-RATED = Show(
+RATED = Rate(
     "hidden", ("rough", "much", "order", "where"), Stimulus("spring", {"k": 1.987}), {"rough": 6}
 )
 
@@ -37,12 +37,12 @@ def every(**other):
     """Training, a rest, feedback, a replay, familiarisation, a reference, and every
     kind of question: four trials.
     """
-    learn = Listed(((WHICH, "red"),), training=True)
-    design = Parts(
+    learn = ConstantStimuli(((WHICH, "red"),), training=True)
+    design = Sequential(
         {
             "learnt": learn,
-            "rated": Listed(((RATED, None),)),
-            "main": Listed(((WHICH, "green"), (WHICH, "red"))),
+            "rated": ConstantStimuli(((RATED, None),)),
+            "main": ConstantStimuli(((WHICH, "green"), (WHICH, "red"))),
         }
     )
     told = {
@@ -86,7 +86,7 @@ class Asked:
 
     def __init__(self, data, made, sink="offline", resume=False):
         self.notes, self.errors = [], []
-        self.asking = Asking(self.notes.append)
+        self.asking = ExperimentPage(self.notes.append)
         self.server = Server(self.asking, token="T")
         self.thread = threading.Thread(target=self._play, args=(data, made, sink, resume))
 

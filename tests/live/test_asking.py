@@ -24,19 +24,20 @@ from websockets.sync.client import connect
 from stimlib.cli import app, terminal
 from stimlib.errors import SinkError
 from stimlib.experiments.answer_keys import Prompt
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Timing
 from stimlib.experiments.reader import read
-from stimlib.experiments.run import run
+from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.files.log_reader import read_log
 from stimlib.live import experiment as asking_module
-from stimlib.live.experiment import FIELDS, LONGEST, Asking
+from stimlib.live.experiment import FIELDS, LONGEST, ExperimentPage
 from stimlib.live.site import Page
 
-SHORT = experiment(design=Listed(((TASK, 4.0), (TASK, 1.0))))
+SHORT = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))))
 LONG = experiment(
-    design=Listed(((TASK, 4.0),)), timing=Timing(interval=0.8, gap=0.05, before=0.0, ramp=0.0)
+    design=ConstantStimuli(((TASK, 4.0),)),
+    timing=Timing(interval=0.8, gap=0.05, before=0.0, ramp=0.0),
 )
 TRIAL = TASK.trial(4.0, 1, 0)
 FOLDER = "pair/P01-s1"
@@ -188,7 +189,7 @@ def test_an_answer_is_taken_once_and_only_when_it_is_asked_for(tmp_path):
 
 def test_an_earlier_page_answers_nothing():
     """Between the opening of another and its own end."""
-    face, (first, second), said = Asking(lambda text: None), (Page(), Page()), []
+    face, (first, second), said = ExperimentPage(lambda text: None), (Page(), Page()), []
     face.join(first), face.join(second)
     thread = threading.Thread(
         target=lambda: said.append(face.read(Prompt("?", {"1": "one", "2": "two"})))
@@ -206,7 +207,7 @@ def test_an_earlier_page_answers_nothing():
 
 def test_an_earlier_page_that_goes_is_not_missed():
     notes = []
-    face, (first, second) = Asking(notes.append), (Page(), Page())
+    face, (first, second) = ExperimentPage(notes.append), (Page(), Page())
     face.join(first), face.join(second)
     face.leave(first)
     assert notes == ["the page is open"] * 2 and not face._missed
@@ -272,7 +273,8 @@ def test_a_stimulus_that_no_page_sees_begin_fades_at_once(tmp_path, monkeypatch)
 
 def test_a_rest_is_the_servers(tmp_path):
     made = experiment(
-        design=Listed(((TASK, 4.0), (TASK, 1.0))), timing=Timing(0.1, 0.05, 0.0, 0.0, pause=0.5)
+        design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))),
+        timing=Timing(0.1, 0.05, 0.0, 0.0, pause=0.5),
     )
     with asked(tmp_path, made) as running, page(running) as phone:
         phone.whole(["", "1"])
@@ -358,7 +360,7 @@ def test_a_state_is_told_once():
     """Also where a page is opened while it is on its way: the answer would be given
     again, to the next.
     """
-    face, page_ = Asking(lambda text: None), Page()
+    face, page_ = ExperimentPage(lambda text: None), Page()
     face._become("rest", seconds=1.0)
     face.join(page_)
     page_.texts.clear()
@@ -371,7 +373,7 @@ def test_a_state_is_told_once():
 
 def test_a_page_is_closed_when_it_has_taken_the_last_words():
     async def end():
-        face, page_ = Asking(lambda text: None), Page()
+        face, page_ = ExperimentPage(lambda text: None), Page()
         face.join(page_)
         goodbye = asyncio.create_task(face._goodbye())
         await asyncio.sleep(0.05)
@@ -402,7 +404,7 @@ def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypat
 
     monkeypatch.setattr(asking_module, "present", presented)
     for what in ("_become", "_waited", "show"):
-        face, free = Asking(lambda text: None), []
+        face, free = ExperimentPage(lambda text: None), []
         face.pages.append(Page())
         face._changed = Interrupted()
         show = face.display(LONG, "null")
@@ -425,7 +427,7 @@ def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
     def interrupted(self, text):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Asking, "ready", interrupted)
+    monkeypatch.setattr(ExperimentPage, "ready", interrupted)
     monkeypatch.chdir(tmp_path)
     who = [
         "ugrip",

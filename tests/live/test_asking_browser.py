@@ -14,11 +14,11 @@ from live.asked import TYPED, asked, every
 from live.chromium import Browser, where
 
 from stimlib.cli import terminal
-from stimlib.experiments.designs import Listed
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Cursor, Timing
 from stimlib.experiments.questions import choice
 from stimlib.experiments.reader import read
-from stimlib.experiments.run import run
+from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 
 pytestmark = [
@@ -124,7 +124,7 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(
 
 
 def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
-    made = experiment(design=Listed(((TASK, 4.0), (TASK, 1.0), (TASK, 2.0))))
+    made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0), (TASK, 2.0))))
     with asked(tmp_path, made) as running:
         page = browser.page(running.server.url, 390, 800)
         first = awaited(running, page)
@@ -208,7 +208,9 @@ PERSIAN = "کدام\u200cیک نرم\u200cتر بود؟"
 
 def test_any_text_is_shown_as_it_was_written_from_the_side_where_it_begins(browser, tmp_path):
     question = choice("softer", PERSIAN, "first", "second")
-    made = experiment(design=Listed(((TASK, 4.0),)), questions=(question,), instructions=HTML)
+    made = experiment(
+        design=ConstantStimuli(((TASK, 4.0),)), questions=(question,), instructions=HTML
+    )
     with asked(tmp_path, made) as running:
         page = browser.page(running.server.url, 320, 700)
         state = awaited(running, page)
@@ -238,7 +240,9 @@ WATCH = """window.seen = [];
 
 def test_a_reference_moves_in_its_intervals_and_a_rest_counts_down(browser, tmp_path):
     timing = Timing(interval=0.6, gap=0.3, before=0.0, ramp=0.0, pause=2.2)
-    made = experiment(design=Listed(((TASK, 4.0),), 2), timing=timing, cursor=Cursor("x", 1.0, 0.5))
+    made = experiment(
+        design=ConstantStimuli(((TASK, 4.0),), 2), timing=timing, cursor=Cursor("x", 1.0, 0.5)
+    )
     with asked(tmp_path, made, "null") as running:
         page = browser.page(running.server.url, 600, 700)
         page.js(WATCH)

@@ -12,7 +12,7 @@ from scipy.signal import welch
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import oscillator
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import delivered
+from stimlib.files.log_replay import delivered
 from stimlib.run.safety import Safety
 from stimlib.scenes import soft_surface
 from stimlib.soft import surface

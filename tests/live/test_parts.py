@@ -13,7 +13,7 @@ from refusals import refused
 from stimlib import Input, Param, Scene, constant
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import replay
+from stimlib.files.log_replay import replay
 from stimlib.live.describe import description, ranges_of
 from stimlib.live.inputs import Inputs
 from stimlib.live.protocol import FIELDS, message

@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 from stimlib import Input, Param, Scene, constant
 from stimlib.errors import SinkError
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import delivered, replay
+from stimlib.files.log_replay import delivered, replay
 from stimlib.live.protocol import HEAD
 from stimlib.live.server import Server, _closed_terminal_ends
 from stimlib.live.stream import Stream

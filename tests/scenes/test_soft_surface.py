@@ -231,7 +231,7 @@ def test_a_recorded_pen_over_three_nodules():
     }
     pen = recording(path, columns, reports="on_change", max_speed={"press": None})
     scene = soft_surface("combined", S=block(1.66), contact=True)
-    motion = pen.for_inputs(tuple(scene.inputs))
+    motion = pen.motion_for(tuple(scene.inputs))
     result = stimlib.render(scene, motion, fs=FS, seconds=pen.duration)
     r = stimlib.verify(scene, motion, result)
     assert r.passed, str(r)

@@ -13,7 +13,7 @@ from stimlib.blocks import save_texture, texture
 from stimlib.blocks.texture import Texture
 from stimlib.checks import laws, scenes
 from stimlib.checks.evidence import asked
-from stimlib.checks.verify import verify
+from stimlib.checks.verification import verify
 from stimlib.design.texture import TextureModel, made_up
 from stimlib.motion.generators import constant_speed, sinusoid
 

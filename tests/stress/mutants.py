@@ -24,7 +24,7 @@ from contract import TABLE, Entry, ours
 
 from stimlib import Scene, StimlibError
 from stimlib import blocks as b
-from stimlib.checks import local, verify
+from stimlib.checks import local, verification
 from stimlib.core.graph import kind as kind_of
 from stimlib.core.graph import reach, signals
 from stimlib.run.processor import Change
@@ -244,7 +244,10 @@ class World(NamedTuple):
             for law in block.laws(self.fs) if type(block).transfer is not None else ():
                 error = law.error(
                     partial(
-                        verify._response, type(block).transfer, block.design(self.fs)[0], self.fs
+                        verification._response,
+                        type(block).transfer,
+                        block.design(self.fs)[0],
+                        self.fs,
                     ),
                     self.fs,
                 )

@@ -21,7 +21,7 @@ from devices.servers import Capture, Jackd
 import stimlib
 from stimlib.devices.jack import JackSink
 from stimlib.files.log_reader import read_log
-from stimlib.files.replay import delivered, replay
+from stimlib.files.log_replay import delivered, replay
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 

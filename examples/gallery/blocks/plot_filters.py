@@ -7,7 +7,7 @@ A noise between 100 and 300 Hz, and one whose band sweeps. See
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.blocks import bandpass, svf, white_noise
 from stimlib.motion.generators import constant_speed
 

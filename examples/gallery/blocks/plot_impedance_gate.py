@@ -7,7 +7,7 @@ Gates
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.blocks import enabled, loading, velocity, white_noise
 from stimlib.motion.generators import minimum_jerk
 

@@ -8,7 +8,7 @@ time. See
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.blocks import bump, carrier, constant
 from stimlib.motion.generators import constant_speed
 

@@ -9,7 +9,7 @@ time. See :doc:`/reference/blocks/surfaces`.
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.blocks import grating, spatial_noise
 from stimlib.motion.generators import minimum_jerk
 

@@ -7,7 +7,7 @@ A vibration of 158 Hz whose strength follows the place of the finger. See
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import bumps
 

@@ -7,7 +7,7 @@ It is pressed and let go twice: the force falls at the snap, and a vibration rin
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import click
 

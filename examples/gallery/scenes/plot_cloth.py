@@ -10,7 +10,7 @@ tutorial writes it:
 from math import pi
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.blocks import clip, constant, sin, velocity, white_noise
 from stimlib.motion.generators import minimum_jerk
 

@@ -8,7 +8,7 @@ A finger that strokes sticks like a spring and slips, every 0.3 mm: at 100 mm/s 
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import friction
 

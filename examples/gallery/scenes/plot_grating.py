@@ -8,7 +8,7 @@ there. See
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import grating
 

@@ -7,7 +7,7 @@ then. See :doc:`/reference/scenes/squeeze`.
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 

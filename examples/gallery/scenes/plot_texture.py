@@ -8,7 +8,7 @@ was measured. See
 """
 
 import stimlib
-from stimlib.analysis.listen import listen
+from stimlib.analysis.listening import listen
 from stimlib.motion.generators import ramp_and_hold, sinusoid
 from stimlib.scenes import texture
 

@@ -21,7 +21,7 @@ from ...motion.generators import sinusoid
 from ...run.rendering import render
 from ...run.safety import Safety
 from ...scenes import viscoelastic
-from ..designs import Listed, Parts, turn_of
+from ..designs import ConstantStimuli, Sequential, turn_of
 from ..detection import detection
 from ..distances import distances, recorded
 from ..experiment import Cursor, Experiment, Timing
@@ -29,7 +29,7 @@ from ..questions import choice
 from ..reader import Saved, columns
 from ..scaling import Line, jnd_from_dprime, line
 from ..tables import Columns, grouped
-from ..tasks import Identify
+from ..tasks import OneInterval
 from ..trial import Answer, Observer, Stimulus, Trial
 
 REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
@@ -133,14 +133,16 @@ def known(participant: str, session: int) -> Mapping[str, Stimulus]:
     return {"green": Stimulus(f"{comparison:g}"), "red": Stimulus(f"{reference:g}")}
 
 
-def session(participant: str, session: int) -> Parts:
+def session(participant: str, session: int) -> Sequential:
     """Two halves with a break, of ten trials for training and 50 that count; half of
     each are the reference.
     """
-    task = Identify(pair_of(participant, session), "bouncier", known(participant, session))
+    task = OneInterval(pair_of(participant, session), "bouncier", known(participant, session))
     both = (task, "red"), (task, "green")
-    half = Parts({"training": Listed(both, 5, training=True), "test": Listed(both, 25)})
-    return Parts({"first half": half, "second half": half}, pause=60.0)
+    half = Sequential(
+        {"training": ConstantStimuli(both, 5, training=True), "test": ConstantStimuli(both, 25)}
+    )
+    return Sequential({"first half": half, "second half": half}, pause=60.0)
 
 
 # Who answers --------------------------------------------------------------------------

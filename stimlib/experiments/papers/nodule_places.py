@@ -18,13 +18,13 @@ from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block, buried
 from ..compare import Pair, Statistic, dunn, kruskal
-from ..designs import Listed, Parts, turn_of
+from ..designs import ConstantStimuli, Sequential, turn_of
 from ..detection import Proportion, wilson
 from ..experiment import Experiment, Timing
 from ..questions import places
 from ..reader import columns
 from ..tables import Columns, grouped
-from ..tasks import Show
+from ..tasks import Rate
 from ..trial import Answer, Stimulus, Trial
 from .nodule_sizes import PEN
 
@@ -107,18 +107,18 @@ def nodule_places() -> Experiment:
     )
 
 
-def one_after_another(participant: str, session: int) -> Parts:
+def one_after_another(participant: str, session: int) -> Sequential:
     """One kind of feedback after another, each over a block that is turned otherwise;
     of nine people each has another order.
     """
     n, names = turn_of(participant, 9), tuple(FEEDBACK)
     tests = [(names[(n + k) % 3], TURNS[(n // 3 + k) % 3]) for k in range(3)]
-    return Parts({how: _surface(f"{how}, {turn} degrees") for how, turn in tests})
+    return Sequential({how: _surface(f"{how}, {turn} degrees") for how, turn in tests})
 
 
-def _surface(name: str) -> Listed:
+def _surface(name: str) -> ConstantStimuli:
     right = [list(at) for at in _buried(name).values()]
-    return Listed(((Show(name, ("nodules",), Stimulus(name), {"nodules": right}), None),))
+    return ConstantStimuli(((Rate(name, ("nodules",), Stimulus(name), {"nodules": right}), None),))
 
 
 def _buried(condition: str) -> dict[str, tuple[float, float]]:

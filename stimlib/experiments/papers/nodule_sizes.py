@@ -18,13 +18,13 @@ from ...errors import UnknownName, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block
-from ..designs import Listed, turn_of
+from ..designs import ConstantStimuli, turn_of
 from ..detection import Proportion, wilson
 from ..experiment import Experiment, Timing
 from ..questions import ranking
 from ..reader import columns
 from ..tables import Columns
-from ..tasks import Show
+from ..tasks import Rate
 from ..trial import Answer, Stimulus, Trial
 from .nodules import HAND
 
@@ -102,14 +102,14 @@ def nodule_sizes() -> Experiment:
     )
 
 
-def surface_of(participant: str, session: int) -> Listed:
+def surface_of(participant: str, session: int) -> ConstantStimuli:
     """One surface; which mark has the largest nodule depends on the participant's
     number.
     """
     name = tuple(UNDER)[turn_of(participant, 3)]
     mark_of = {nodule: mark for mark, nodule in UNDER[name].items()}
-    return Listed(
-        ((Show(name, ("order",), Stimulus(name), {"order": [mark_of[n] for n in NODULES]}), None),)
+    return ConstantStimuli(
+        ((Rate(name, ("order",), Stimulus(name), {"order": [mark_of[n] for n in NODULES]}), None),)
     )
 
 

@@ -19,13 +19,13 @@ from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import THIRTEEN, sides
 from ..compare import Pair, Statistic, dunn, kruskal
-from ..designs import Listed, Parts, turn_of
+from ..designs import ConstantStimuli, Sequential, turn_of
 from ..detection import Diagnosis, diagnosis
 from ..experiment import Experiment, Timing
 from ..questions import choice
 from ..reader import columns
 from ..tables import Columns, grouped
-from ..tasks import Show
+from ..tasks import Rate
 from ..trial import Answer, Stimulus, Trial
 
 MODES = ("deformation", "cursor", "combined")
@@ -106,18 +106,18 @@ def _scene(mode: str, left: str, right: str) -> Scene:
     return Scene({"x": shown["x1"], "y": shown["y1"], "depth": depth})
 
 
-def techniques(participant: str, session: int) -> Parts:
+def techniques(participant: str, session: int) -> Sequential:
     """One technique after another, the first by the participant's number; surfaces in
     random order.
     """
     first = turn_of(participant, 3)
-    return Parts({mode: _surfaces(mode) for mode in MODES[first:] + MODES[:first]})
+    return Sequential({mode: _surfaces(mode) for mode in MODES[first:] + MODES[:first]})
 
 
-def _surfaces(mode: str) -> Listed:
+def _surfaces(mode: str) -> ConstantStimuli:
     names = [name for name, (of, *_) in SURFACES.items() if of == mode]
-    return Listed(
-        tuple((Show(name, SIDES, Stimulus(name), right_answers(name)), None) for name in names)
+    return ConstantStimuli(
+        tuple((Rate(name, SIDES, Stimulus(name), right_answers(name)), None) for name in names)
     )
 
 

@@ -22,13 +22,13 @@ from ...run.rendering import render
 from ...run.safety import Safety
 from ...scenes import bumps, bumps_set
 from ..compare import Effect, paired, repeated
-from ..designs import Listed, Parts
+from ..designs import ConstantStimuli, Sequential
 from ..experiment import Experiment, Masking, Timing
 from ..questions import rating
 from ..reader import columns
 from ..scaling import Law, fechner
 from ..tables import Columns, grouped
-from ..tasks import Show
+from ..tasks import Rate
 from ..trial import Answer, Observer, Stimulus, Trial
 
 WAVEFORMS, BUMPS, DUTIES, AMPLITUDES = (
@@ -157,11 +157,11 @@ def roughness() -> Experiment:
     )
 
 
-def day(participant: str, session: int) -> Parts:
+def day(participant: str, session: int) -> Sequential:
     """Two sets of all stimuli, on the first day after training."""
     items = tuple(
         (
-            Show(
+            Rate(
                 name,
                 ("roughness", "bumpiness"),
                 Stimulus(f"{s.waveform} {s.bumps}", {"duty": s.duty, "A": s.amplitude}),
@@ -170,9 +170,9 @@ def day(participant: str, session: int) -> Parts:
         )
         for name, s in STIMULI.items()
     )
-    training = Listed(tuple(items[k * 81 // 48] for k in range(48)), training=True)
-    sets = Listed(items, repeats=2, shuffle="each")
-    return Parts({"training": training, "sets": sets} if session == 1 else {"sets": sets})
+    training = ConstantStimuli(tuple(items[k * 81 // 48] for k in range(48)), training=True)
+    sets = ConstantStimuli(items, repeats=2, shuffle="each")
+    return Sequential({"training": training, "sets": sets} if session == 1 else {"sets": sets})
 
 
 # Who answers --------------------------------------------------------------------------

@@ -20,14 +20,14 @@ from ...scenes import squeeze
 from ...sweep import measure
 from ...sweep.measures import Measure
 from ..compare import anova, paired
-from ..designs import Interleaved, Parts, Staircase
+from ..designs import Interleaved, Sequential, Staircase
 from ..experiment import Experiment, Timing
 from ..fits import Fit
 from ..observers import Listener
 from ..questions import choice
 from ..reader import columns
 from ..tables import Columns, fitted
-from ..tasks import Pair
+from ..tasks import TwoInterval
 from ..trial import Answer, Observer, Stimulus, Trial
 
 K0 = 2000.0  # N/m, of the standard, which does not vibrate
@@ -87,7 +87,7 @@ def ugrip(reversals: int = 20) -> Experiment:
         name="ugrip",
         version="1",
         scenes={scene: squeeze(fingers=n) for scene, n in FINGERS.items()},
-        design=Parts(
+        design=Sequential(
             {
                 f"{fingers}, {name}": _pair(fingers, name, reversals)
                 for fingers in FINGERS
@@ -116,7 +116,9 @@ def _pair(scene: str, name: str, reversals: int) -> Interleaved:
         Stimulus(scene, {"k": K0, "A": 0.0}),
         Stimulus(scene, {"A": VIBRATION[name]}),
     )
-    task = Pair(f"{scene}, {name}", "softer", standard, comparison, varies="k", asks_less=True)
+    task = TwoInterval(
+        f"{scene}, {name}", "softer", standard, comparison, varies="k", asks_less=True
+    )
     starts = {"high": (2 * K0, 2.5 * K0), "low": (K0 / 2.5, K0 / 2)}
     return Interleaved(
         {

@@ -1,7 +1,7 @@
-"""Running a session: what happens around its trials, with a face that talks to the
+"""Running a session: what happens around its trials, with a front end that talks to the
 participant.
 
-The face is the only part that knows a keyboard, a page or a simulated observer.
+The front end is the only part that knows a keyboard, a page or a simulated observer.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import public
-from .present import prepare, present
+from .presentation import prepare, present
 from .questions import Question
 from .random_streams import seed_of, stream
 from .session import Session
 from .trial import Answer, Observer, Record, Stimulus, Trial, answered
 
-Show = Callable[[Trial, Path], dict[str, Any]]
+Display = Callable[[Trial, Path], dict[str, Any]]
 """Displays a trial, with a folder for the log; what came out. Where that says
 ``missed``, the participant was not there for all of it, and it is displayed once more;
 both are kept."""
 
 
-class Face(Protocol):
+class FrontEnd(Protocol):
     """What a participant sees and does."""
 
     def tell(self, text: str) -> None:
@@ -47,16 +47,18 @@ class Face(Protocol):
 
 
 @public
-def run(session: Session, face: Face, sink: str | Show = "offline", **options: Any) -> None:
+def run(
+    session: Session, front_end: FrontEnd, sink: str | Display = "offline", **options: Any
+) -> None:
     """All trials that are left of a session that is open.
 
     Parameters
     ----------
     session : Session
         Opened by ``with``.
-    face : Face
+    front_end : FrontEnd
     sink : str or callable
-        Name of a sink, see `stimlib.experiments.present.SINKS`, or what displays a
+        Name of a sink, see `stimlib.experiments.presentation.SINKS`, or what displays a
         trial itself: ``sink(trial, folder) -> dict``.
     **options
         More for the sink.
@@ -87,36 +89,39 @@ def run(session: Session, face: Face, sink: str | Show = "offline", **options: A
         return shown
 
     if (trial := session.due()) is None:
-        face.tell("All trials of this session are done.")
+        front_end.tell("All trials of this session are done.")
         return
     if isinstance(sink, str):
         prepare(session, sink)
     if e.instructions:
-        face.tell(e.instructions)
-    _familiarise(session, trial, face, show)
+        front_end.tell(e.instructions)
+    _familiarise(session, trial, front_end, show)
     while (trial := session.due()) is not None:
         if (seconds := session.rest(trial)) > 0:
-            face.rest(seconds)
-        face.ready(f"trial {session.number}" + (", for training" if trial.training else ""))
-        record = _one(session, trial, face, show)
+            front_end.rest(seconds)
+        front_end.ready(f"trial {session.number}" + (", for training" if trial.training else ""))
+        record = _one(session, trial, front_end, show)
         if e.feedback and trial.correct:
-            face.tell(
+            front_end.tell(
                 "right"
                 if all(record.answer.values[k] == v for k, v in trial.correct.items())
                 else "wrong"
             )
-    face.tell("That was the last one. Thank you.")
+    front_end.tell("That was the last one. Thank you.")
 
 
 def _familiarise(
-    session: Session, due: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]
+    session: Session,
+    due: Trial,
+    front_end: FrontEnd,
+    show: Callable[[Trial, str], list[dict[str, Any]]],
 ) -> None:
     """Stimuli at will, before the first trial and where a session is resumed; nothing
     of it counts.
     """
     familiar = session.experiment.familiar(session.participant, session.session)
     for n in count():
-        name = face.pick(list(familiar)) if familiar else None
+        name = front_end.pick(list(familiar)) if familiar else None
         if name is None:
             return
         known = familiar[name]
@@ -127,7 +132,10 @@ def _familiarise(
 
 
 def _one(
-    session: Session, trial: Trial, face: Face, show: Callable[[Trial, str], list[dict[str, Any]]]
+    session: Session,
+    trial: Trial,
+    front_end: FrontEnd,
+    show: Callable[[Trial, str], list[dict[str, Any]]],
 ) -> Record:
     """A trial: displayed, asked about, displayed once more where that is wanted and
     allowed, and written.
@@ -138,7 +146,9 @@ def _one(
     values: dict[str, Any] = {}
     for name in trial.questions:
         question = session.experiment.question(name)
-        while (value := face.ask(trial, question, session.experiment.replays - replays)) is None:
+        while (
+            value := front_end.ask(trial, question, session.experiment.replays - replays)
+        ) is None:
             if replays < session.experiment.replays:
                 shown, replays = [*shown, *show(trial, name_of_log)], replays + 1
                 began = time.monotonic()
@@ -148,7 +158,7 @@ def _one(
 
 @public
 class Simulated:
-    """The face of an observer who answers by itself and needs no rest; see
+    """The front end of an observer who answers by itself and needs no rest; see
     `stimlib.experiments.trial.Observer`.
 
     Parameters

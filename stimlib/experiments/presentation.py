@@ -30,8 +30,8 @@ from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
 from ..errors import BadValue, StimlibError, UnknownName, public
 from ..files.log_reader import read_log
+from ..files.log_replay import delivered
 from ..files.log_writer import LogWriter, header
-from ..files.replay import delivered
 from ..run.safety import Safety
 from .experiment import Cursor, Experiment
 from .trial import Trial
@@ -95,7 +95,7 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     --------
     >>> import stimlib
     >>> from stimlib.experiments.experiment import Experiment, Timing
-    >>> from stimlib.experiments.present import program, spans
+    >>> from stimlib.experiments.presentation import program, spans
     >>> from stimlib.experiments.questions import choice
     >>> from stimlib.experiments.trial import Stimulus, Trial
     >>> spring = stimlib.Scene(
@@ -391,7 +391,7 @@ def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, flo
     --------
     >>> import numpy as np
     >>> from stimlib.experiments.experiment import Cursor
-    >>> from stimlib.experiments.present import followed
+    >>> from stimlib.experiments.presentation import followed
     >>> t = np.arange(3000) / 1000
     >>> {
     ...     k: round(v, 6)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, public
 from ..files.log_reader import read_log
-from ..files.replay import delivered
+from ..files.log_replay import delivered
 from ..run.safety import Safety
 from .engine import _native
 from .jack import INSTALL, JackSink, _jack
@@ -232,7 +232,7 @@ def loopback(
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.devices.loopback import loopback
+    >>> from stimlib.devices.loopback_test import loopback
     >>> loopback(
     ...     stimlib.Scene({"y": stimlib.constant(0.5)}),
     ...     1.0,
@@ -335,7 +335,7 @@ def through(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.devices.loopback import through
+    >>> from stimlib.devices.loopback_test import through
     >>> played = np.random.default_rng(1).normal(size=(100, 1))
     >>> heard = 0.5 * np.concatenate([np.zeros((7, 1)), played])
     >>> through(heard, np.arange(107), played, np.ones(100, bool), 50)
