@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stimlib.analysis.picture import check_place, save
+from stimlib.analysis.overview import check_place, save
 from stimlib.core.graph import Block, Input
 from stimlib.core.scene import Scene
 from stimlib.errors import UnknownName

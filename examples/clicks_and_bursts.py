@@ -10,7 +10,7 @@ import numpy as np
 
 import stimlib
 from stimlib.blocks import bandpass, burst, constant, crossing, every, ring, white_noise
-from stimlib.motion.generators import constant_speed
+from stimlib.motion import constant_speed
 
 
 def clicks() -> stimlib.Scene:
@@ -44,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plot", metavar="FILE", help="also draw the clicks")
     if (path := parser.parse_args().plot) is not None:
-        from stimlib.analysis.picture import picture
+        from stimlib.analysis import picture
 
         picture(click, path)
 

@@ -11,14 +11,19 @@ import argparse
 
 from stimlib import Param, Scene
 from stimlib.blocks import burst, oscillator
-from stimlib.experiments.designs import Interleaved, Staircase
-from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.fits import psychometric
-from stimlib.experiments.observers import Psychometric, simulate
-from stimlib.experiments.questions import choice
-from stimlib.experiments.reader import columns
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Stimulus
+from stimlib.experiments import (
+    Experiment,
+    Interleaved,
+    Psychometric,
+    Staircase,
+    Stimulus,
+    Timing,
+    TwoInterval,
+    choice,
+    columns,
+    psychometric,
+    simulate,
+)
 
 BOUNDS = (0.001, 1.0)  # V: no trial leaves them
 

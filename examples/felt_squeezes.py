@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stimlib.motion.recorded import recording
+from stimlib.motion import recording
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, sweep
 

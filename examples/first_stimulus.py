@@ -11,7 +11,7 @@ import numpy as np
 
 import stimlib
 from stimlib.blocks import constant, differentiator, enabled, loading, pink_noise, spring, velocity
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 
 def scene() -> stimlib.Scene:
@@ -48,7 +48,7 @@ def main() -> None:
         "--plot", metavar="FILE", help="also draw the motion, the forces and their spectra"
     )
     if (path := parser.parse_args().plot) is not None:
-        from stimlib.analysis.picture import picture
+        from stimlib.analysis import picture
 
         picture(result, path)
 

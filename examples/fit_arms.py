@@ -16,8 +16,7 @@ import numpy as np
 import stimlib
 from stimlib import Input, Param
 from stimlib.blocks import generalized_maxwell
-from stimlib.fitting.closed_form import maxwell_force, thin
-from stimlib.fitting.relaxation import fit_generalized_maxwell
+from stimlib.fitting import fit_generalized_maxwell, maxwell_force, thin
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "afm-relaxation"
 FS = 1000  # Hz; five recorded samples are averaged into one

@@ -13,9 +13,8 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.fitting.closed_form import springpot_force
-from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.fitting import fit_generalized_maxwell, fit_springpot, springpot_force
+from stimlib.motion import ramp_and_hold
 
 
 # [record]

@@ -9,7 +9,7 @@ import argparse
 import numpy as np
 
 import stimlib
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import bumps
 
 FS = 8000  # Hz

@@ -14,15 +14,23 @@ import tempfile
 import numpy as np
 
 import stimlib
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.questions import Question, choice
-from stimlib.experiments.reader import columns, sessions
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Answer, Stimulus, Trial
-from stimlib.motion.generators import minimum_jerk
+from stimlib.experiments import (
+    Answer,
+    ConstantStimuli,
+    Experiment,
+    Question,
+    Session,
+    Simulated,
+    Stimulus,
+    Timing,
+    Trial,
+    TwoInterval,
+    choice,
+    columns,
+    run,
+    sessions,
+)
+from stimlib.motion import minimum_jerk
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 300.0, "N/m") * stimlib.Input("x", "m")})
 TASK = TwoInterval("springs", "harder", Stimulus("spring", {"k": 300.0}), Stimulus("spring"), "k")

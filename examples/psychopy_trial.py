@@ -17,9 +17,8 @@ import numpy as np
 
 import stimlib
 from stimlib.blocks import spring, track
-from stimlib.devices.null import NullSink
-from stimlib.devices.sources import Live
-from stimlib.files.log_reader import read_log
+from stimlib.devices import Live, NullSink
+from stimlib.files import read_log
 
 DEPTH = 0.02  # m, from the lower to the upper edge of the window
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import stimlib
 from stimlib.blocks import clip, constant, sin, velocity, white_noise
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 
 def scene() -> stimlib.Scene:

@@ -17,11 +17,9 @@ import numpy as np
 
 import stimlib
 from stimlib.blocks import kelvin_voigt, track
-from stimlib.devices.null import NullSink
-from stimlib.devices.sources import Live
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.devices import Live, NullSink
+from stimlib.files import read_log, replay
+from stimlib.motion import ramp_and_hold
 
 
 def scene() -> stimlib.Scene:

@@ -11,7 +11,7 @@ import numpy as np
 import stimlib
 from stimlib.blocks import constant, exp, friction, loop, stick_slip, texture, velocity
 from stimlib.design.texture import made_up
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 
 def squeaks() -> stimlib.Scene:
@@ -56,7 +56,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plot", metavar="FILE", help="also draw the forces")
     if (path := parser.parse_args().plot) is not None:
-        from stimlib.analysis.picture import picture
+        from stimlib.analysis import picture
 
         picture(squeak, path)
 

@@ -13,16 +13,25 @@ import tempfile
 
 import numpy as np
 
-from stimlib.experiments.designs import Interleaved, Sequential, Staircase
-from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.questions import choice
-from stimlib.experiments.reader import columns, read, status
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Answer, Stimulus
-from stimlib.motion.generators import minimum_jerk
-from stimlib.run.safety import Safety
+from stimlib.experiments import (
+    Answer,
+    Experiment,
+    Interleaved,
+    Sequential,
+    Session,
+    Simulated,
+    Staircase,
+    Stimulus,
+    Timing,
+    TwoInterval,
+    choice,
+    columns,
+    read,
+    run,
+    status,
+)
+from stimlib.motion import minimum_jerk
+from stimlib.run import Safety
 from stimlib.scenes import squeeze
 
 K0 = 2000.0  # N/m, of the standard, which does not vibrate

@@ -26,8 +26,8 @@ PLACES.update(
         "SHIPPED": "stimlib.scenes:SHIPPED",
         "Scene.live": "stimlib.live.notebook:show",
         "Scene._repr_html_": "stimlib.analysis.draw:html_of",
-        "Rendering._repr_html_": "stimlib.analysis.picture:html_of",
-        "Rendering.plot": "stimlib.analysis.picture:figure",
+        "Rendering._repr_html_": "stimlib.analysis.overview:html_of",
+        "Rendering.plot": "stimlib.analysis.overview:figure",
         "Rendering.save": "stimlib.files.audio:save",
     }
 )

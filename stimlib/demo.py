@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .analysis.listening import listen
-from .analysis.picture import picture
+from .analysis.overview import picture
 from .checks.verification import verify
 from .core.scene import Scene
 from .errors import public

@@ -22,7 +22,7 @@ from devices.servers import Jackd, needs_jack
 
 import stimlib
 from stimlib import cli, demo
-from stimlib.analysis import picture
+from stimlib.analysis import overview
 from stimlib.analysis.listening import vibration
 from stimlib.cli import app
 from stimlib.cli.scene import scene_of
@@ -58,7 +58,7 @@ def own(tmp_path):
 def test_render_writes_and_draws_what_the_library_renders(tmp_path, monkeypatch):
     out, drawn = tmp_path / "a.wav", []
     monkeypatch.setattr(
-        picture, "picture", lambda rendering, path: drawn.append((rendering.y.tobytes(), path))
+        overview, "picture", lambda rendering, path: drawn.append((rendering.y.tobytes(), path))
     )
     words = [
         "render",

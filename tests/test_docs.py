@@ -132,8 +132,8 @@ def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch, capsys):
     def quiet(scene, safety, *, name=None, **options):
         return NullSink(scene, safety, clocked=False, **options)
 
-    monkeypatch.setattr("stimlib.devices.jack.JackSink", quiet)
-    monkeypatch.setattr("stimlib.devices.portaudio.PortAudioSink", quiet)
+    monkeypatch.setattr("stimlib.devices.JackSink", quiet)
+    monkeypatch.setattr("stimlib.devices.PortAudioSink", quiet)
     level = logging.getLogger("stimlib").level
     exec(compile(python_blocks()[name], name, "exec"), {"__name__": "pasted"})
     logging.getLogger("stimlib").setLevel(level)

@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, UnitError, UnknownName, constant
-from stimlib.analysis.cues import cues
+from stimlib.analysis.physical_cues import cues
 from stimlib.blocks import fir, pink_noise, white_noise
 from stimlib.cli import app
 from stimlib.motion.generators import minimum_jerk, sinusoid

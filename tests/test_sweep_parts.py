@@ -14,7 +14,7 @@ from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName
-from stimlib.analysis.cues import Cues, cues
+from stimlib.analysis.physical_cues import Cues, cues
 from stimlib.blocks import springpot
 from stimlib.core.units import unit
 from stimlib.motion.generators import minimum_jerk, sinusoid

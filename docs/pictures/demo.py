@@ -8,8 +8,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.listening import vibration
-from stimlib.analysis.picture import curve
+from stimlib.analysis import vibration
+from stimlib.analysis.overview import curve
 from stimlib.demo import FS, SECONDS, STIMULI
 
 mpl.rcParams.update({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9})

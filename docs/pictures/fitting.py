@@ -10,8 +10,7 @@ import numpy as np
 import scipy
 from matplotlib.figure import Figure
 
-from stimlib.fitting.closed_form import thin
-from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot
+from stimlib.fitting import fit_generalized_maxwell, fit_springpot, thin
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RAMPS = {"0p1s": 0.1, "1s": 1.0, "10s": 10.0, "100s": 100.0}

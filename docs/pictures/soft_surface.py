@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.motion.recorded import recording
+from stimlib.motion import recording
 from stimlib.scenes import soft_surface
 from stimlib.soft import block, film, picture
 

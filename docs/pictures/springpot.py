@@ -24,7 +24,7 @@ from stimlib.blocks import (
     springpot_stiffness,
 )
 from stimlib.blocks.fractional import creep_compliance
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.motion import ramp_and_hold
 
 HERE = Path(__file__).parent
 FS, W = 1000, 2 * np.pi  # the thesis' sample rate and frequency

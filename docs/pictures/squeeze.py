@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.motion import ramp_and_hold
 from stimlib.scenes import squeeze
 
 FS, K = 8000, 2000.0

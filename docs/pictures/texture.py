@@ -11,7 +11,7 @@ from scipy.signal import welch
 import stimlib
 from stimlib.blocks import texture
 from stimlib.design.texture import made_up
-from stimlib.motion.generators import ramp_and_hold, sinusoid
+from stimlib.motion import ramp_and_hold, sinusoid
 
 HAND = {"x": sinusoid(0.04, 0.8), "force": ramp_and_hold(depth=2.5, rise=2.0)}
 STEADY = (0.03, 0.3), (0.12, 2.0)  # m/s, N

@@ -6,7 +6,7 @@ import runpy
 from pathlib import Path
 
 import stimlib
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 HERE = Path(__file__).parent
 hand = minimum_jerk(depth=0.02)

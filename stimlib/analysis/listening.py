@@ -68,7 +68,7 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.analysis.listening import vibration
+    >>> from stimlib.analysis import vibration
     >>> t = np.arange(8000) / 8000
     >>> tone = 0.01 * np.sin(2 * np.pi * 200 * t)
     >>> bool(abs(vibration(40 * t + tone, 8000) - tone)[800:-800].max() < 1e-4)
@@ -146,8 +146,8 @@ def listen(
     Examples
     --------
     >>> import tempfile, stimlib
-    >>> from stimlib.analysis.listening import listen
-    >>> from stimlib.motion.generators import minimum_jerk
+    >>> from stimlib.analysis import listen
+    >>> from stimlib.motion import minimum_jerk
     >>> squeezed = stimlib.render(
     ...     stimlib.scenes.squeeze(fingers=1),
     ...     {"x1": minimum_jerk()},

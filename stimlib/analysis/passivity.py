@@ -68,7 +68,7 @@ def needed_damping(
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.analysis.passivity import needed_damping
+    >>> from stimlib.analysis import needed_damping
     >>> from stimlib.blocks import spring
     >>> proc = stimlib.compile(
     ...     stimlib.Scene({"force": spring(stimlib.Input("x", "m"), 1000.0)}),
@@ -119,7 +119,7 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.analysis.passivity import damping_of
+    >>> from stimlib.analysis import damping_of
     >>> from stimlib.blocks import wall
     >>> scene = stimlib.Scene({"force": wall(stimlib.Input("x", "m"), k=1000.0, b=2.0)})
     >>> damping_of(stimlib.compile(scene, fs=1000, target="python"))

@@ -144,7 +144,7 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.analysis.spectra import judged
+    >>> from stimlib.analysis import judged
     >>> f, W = np.arange(10.0, 1000.0), np.random.default_rng(1).exponential(size=990)
     >>> [judged(f, level * W).p < 1e-6 for level in (1.0, 1.3)]
     [False, True]
@@ -202,7 +202,7 @@ def tail(c: np.ndarray, s: float) -> float:
     --------
     >>> import numpy as np
     >>> from scipy import stats
-    >>> from stimlib.analysis.spectra import tail
+    >>> from stimlib.analysis import tail
     >>> c = np.ones(100)  # their sum is Gamma distributed
     >>> [
     ...     bool(abs(tail(c, s) / stats.gamma.sf(100 + s, 100) - 1) < 1e-3)

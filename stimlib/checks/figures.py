@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.picture import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
+from ..analysis.overview import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
 from ..system.packages import package
 from .evidence import Evidence, Tap
 

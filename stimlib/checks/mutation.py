@@ -150,8 +150,8 @@ def mutate(
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.checks.mutation import mutate
-    >>> from stimlib.motion.generators import sinusoid
+    >>> from stimlib.checks import mutate
+    >>> from stimlib.motion import sinusoid
     >>> mutate(stimlib.scenes.wall(), {"x": sinusoid(2e-3, 5.0)}, seconds=0.2)
     Mutations(23 refused, 2 equal samples, 0 within tolerance, 0 no law,
     2 cannot be made)

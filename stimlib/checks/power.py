@@ -55,8 +55,8 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.checks.power import certainty
-    >>> from stimlib.motion.generators import minimum_jerk
+    >>> from stimlib.checks import certainty
+    >>> from stimlib.motion import minimum_jerk
     >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
     >>> report = stimlib.verify(
     ...     scene, motion, stimlib.render(scene, motion, fs=8000, seconds=2.0)
@@ -150,7 +150,7 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.checks.power import of_spectrum
+    >>> from stimlib.checks import of_spectrum
     >>> [
     ...     (kind, round(size, 2))
     ...     for kind, size, _ in of_spectrum(np.arange(10.0, 1000.0), 1e-6)
@@ -216,7 +216,7 @@ def smallest_share(bins: int, alarm: float) -> float:
 
     Examples
     --------
-    >>> from stimlib.checks.power import smallest_share
+    >>> from stimlib.checks import smallest_share
     >>> round(smallest_share(1000, 1e-6), 3), smallest_share(8, 1e-6)
     (0.146, nan)
     """

@@ -9,7 +9,7 @@ import os
 from dataclasses import dataclass
 from typing import Any
 
-from ..analysis.picture import Against, check_place
+from ..analysis.overview import Against, check_place
 from ..errors import shown
 from ..system import safe_files
 from .evidence import Check, Evidence
@@ -50,7 +50,7 @@ class Report:
 
     def spectra(self) -> dict[str, Against]:
         """Spectra of the outputs whose law is known, with it and the band around it:
-        for ``stimlib.analysis.picture``.
+        for ``stimlib.analysis.overview``.
 
         Returns
         -------
@@ -62,7 +62,7 @@ class Report:
         Examples
         --------
         >>> import stimlib
-        >>> from stimlib.motion.generators import constant_speed
+        >>> from stimlib.motion import constant_speed
         >>> scene, motion = stimlib.scenes.bumps(), {"x": constant_speed(0.02, 0.1)}
         >>> spectra = stimlib.verify(
         ...     scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)
@@ -87,7 +87,7 @@ class Report:
         Examples
         --------
         >>> import stimlib
-        >>> from stimlib.motion.generators import sinusoid
+        >>> from stimlib.motion import sinusoid
         >>> scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
         >>> report = stimlib.verify(
         ...     scene, motion, stimlib.render(scene, motion, fs=8000, seconds=1.0)

@@ -82,7 +82,7 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
     Examples
     --------
     >>> import stimlib, tempfile
-    >>> from stimlib.motion.generators import minimum_jerk
+    >>> from stimlib.motion import minimum_jerk
     >>> scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
     >>> rendering = stimlib.render(scene, motion, fs=8000, seconds=1.0)
     >>> stimlib.verify(scene, motion, rendering).passed

@@ -110,8 +110,8 @@ def render_(
     from ..run.processor import compile
 
     if picture is not None:
-        from ..analysis.picture import check_place
-        from ..analysis.picture import picture as draw
+        from ..analysis.overview import check_place
+        from ..analysis.overview import picture as draw
         from ..run.rendering import render
 
         check_place(picture)

@@ -26,7 +26,7 @@ def bench(
 
     [bold]stimlib bench --picture speed.svg[/]
     """
-    from ..analysis.picture import check_place
+    from ..analysis.overview import check_place
     from ..speed import bench
     from ..speed.timing import machine
 

@@ -70,7 +70,7 @@ def verify_(
     [bold]stimlib verify --log monday.stimlog[/]
     """
     if report is not None:
-        from ..analysis.picture import check_place
+        from ..analysis.overview import check_place
         from ..checks.report import PAGES
 
         check_place(report, "page", PAGES)

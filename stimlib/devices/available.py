@@ -42,7 +42,7 @@ def devices(server: str | None = None) -> list[Device]:
 
     Examples
     --------
-    >>> from stimlib.devices.available import devices
+    >>> from stimlib.devices import devices
     >>> devices("none_of_this_name")[0]
     Device(sink='null', ready=True, what='no device, at the pace of the clock',
            how='--sink null')
@@ -68,7 +68,7 @@ def option(sink: str, name: str, value: Any) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from stimlib.devices.available import option
+    >>> from stimlib.devices import option
     >>> option("jack", "device", "studio")
     {'server': 'studio'}
     """
@@ -85,7 +85,7 @@ def make(sink: str, scene: Any, safety: Any, **options: Any) -> Any:
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.devices.available import make
+    >>> from stimlib.devices import make
     >>> make("null", stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0)
     NullSink(Scene(no input -> y [1]))
     """

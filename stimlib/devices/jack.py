@@ -63,7 +63,7 @@ class JackSink(Sink):
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.devices.jack import JackSink
+    >>> from stimlib.devices import JackSink
     >>> sink = JackSink(
     ...     stimlib.scenes.squeeze(),
     ...     50.0,

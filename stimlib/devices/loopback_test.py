@@ -232,7 +232,7 @@ def loopback(
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.devices.loopback_test import loopback
+    >>> from stimlib.devices import loopback
     >>> loopback(
     ...     stimlib.Scene({"y": stimlib.constant(0.5)}),
     ...     1.0,

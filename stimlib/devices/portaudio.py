@@ -110,7 +110,7 @@ class PortAudioSink(Sink):
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.devices.portaudio import PortAudioSink
+    >>> from stimlib.devices import PortAudioSink
     >>> sink = PortAudioSink(
     ...     stimlib.scenes.squeeze(),
     ...     50.0,

@@ -134,8 +134,7 @@ def record_sweep(
 
     >>> import stimlib
     >>> from stimlib.blocks import chirp, mode
-    >>> from stimlib.devices.null import NullSink
-    >>> from stimlib.devices.resonance import record_sweep
+    >>> from stimlib.devices import NullSink, record_sweep
     >>> from stimlib.plate import identify
     >>> answer = stimlib.Scene(
     ...     {"y": 2e-6 * mode(10 * chirp(60, 320, 2.0), 158.0, q=10)}

@@ -91,8 +91,8 @@ class Sink:
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.devices.null import NullSink
-    >>> from stimlib.motion.generators import minimum_jerk
+    >>> from stimlib.devices import NullSink
+    >>> from stimlib.motion import minimum_jerk
     >>> scene = stimlib.Scene(
     ...     {"force": stimlib.constant(2000.0, "N/m") * stimlib.Input("x", "m")}
     ... )

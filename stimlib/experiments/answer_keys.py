@@ -53,8 +53,7 @@ def prompted(question: Question, replays: int = 0) -> Prompt:
 
     Examples
     --------
-    >>> from stimlib.experiments.answer_keys import prompted
-    >>> from stimlib.experiments.questions import choice, ranking
+    >>> from stimlib.experiments import choice, prompted, ranking
     >>> prompted(
     ...     choice("softer", "Which one was softer?", "first", "second"), replays=1
     ... ).keys

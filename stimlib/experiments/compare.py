@@ -66,7 +66,7 @@ def shapiro(values: ArrayLike) -> Statistic:
 
     Examples
     --------
-    >>> from stimlib.experiments.compare import shapiro
+    >>> from stimlib.experiments import shapiro
     >>> round(
     ...     shapiro([148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236]).value, 4
     ... )  # their example
@@ -109,7 +109,7 @@ def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
 
     Examples
     --------
-    >>> from stimlib.experiments.compare import kruskal
+    >>> from stimlib.experiments import kruskal
     >>> test = kruskal({"a": [1, 3, 5, 7, 9], "b": [2, 4, 6, 8, 10]})
     >>> round(test.value, 6), round(test.p, 6)
     (0.272727, 0.601508)
@@ -179,7 +179,7 @@ def dunn(
 
     Examples
     --------
-    >>> from stimlib.experiments.compare import dunn
+    >>> from stimlib.experiments import dunn
     >>> pairs = dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]})
     >>> [(p.a, p.b, round(p.statistic, 3), round(p.p, 4)) for p in pairs]
     [('a', 'b', -0.447, 1.0), ('a', 'c', -2.236, 0.076), ('b', 'c', -1.789, 0.2209)]
@@ -231,7 +231,7 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
 
     Examples
     --------
-    >>> from stimlib.experiments.compare import anova
+    >>> from stimlib.experiments import anova
     >>> test = anova({"a": [1.0, 2.0, 3.0], "b": [2.0, 3.0, 4.0]})
     >>> round(test.value, 6), test.df, round(test.p, 6)
     (1.5, (1.0, 4.0), 0.287864)
@@ -270,7 +270,7 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
 
     Examples
     --------
-    >>> from stimlib.experiments.compare import paired
+    >>> from stimlib.experiments import paired
     >>> test = paired([2.4, 2.3, 2.6, 2.1], [2.0, 2.1, 2.1, 2.0])
     >>> round(test.value, 4), test.df, round(test.p, 4)
     (3.2863, (3.0,), 0.0462)
@@ -355,7 +355,7 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
 
     Examples
     --------
-    >>> from stimlib.experiments.compare import repeated
+    >>> from stimlib.experiments import repeated
     >>> (effect,) = repeated([[2.0, 2.4], [2.1, 2.3], [2.1, 2.6], [2.0, 2.1]])
     >>> round(float(effect.F), 4), effect.df, round(float(effect.p), 4)
     (10.8, (1.0, 3.0), 0.0462)
@@ -495,7 +495,7 @@ def mixed(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.experiments.compare import mixed
+    >>> from stimlib.experiments import mixed
     >>> person, level = np.repeat(np.arange(6), 8), np.tile(np.arange(8.0), 6)
     >>> noise = np.random.default_rng(1).normal(size=48)
     >>> model = mixed(

@@ -35,7 +35,7 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
 
     Examples
     --------
-    >>> from stimlib.experiments.designs import shuffled
+    >>> from stimlib.experiments import shuffled
     >>> shuffled(1, "parts", ["a", "b", "c", "d"])
     ['b', 'a', 'c', 'd']
     >>> shuffled(1, "parts", ["a", "b", "c", "d", "e"])
@@ -56,7 +56,7 @@ def turn_of(participant: str, turns: int) -> int:
 
     Examples
     --------
-    >>> from stimlib.experiments.designs import turn_of
+    >>> from stimlib.experiments import turn_of
     >>> [turn_of(code, 4) for code in ("P01", "P04", "P05")]
     [0, 3, 0]
     """
@@ -133,9 +133,7 @@ class Staircase:
     The staircase of the UGrip paper, of somebody who feels every difference, in units
     of k0:
 
-    >>> from stimlib.experiments.designs import Staircase
-    >>> from stimlib.experiments.tasks import TwoInterval
-    >>> from stimlib.experiments.trial import Answer, Stimulus
+    >>> from stimlib.experiments import Answer, Staircase, Stimulus, TwoInterval
     >>> task = TwoInterval(
     ...     "silent",
     ...     "softer",
@@ -302,9 +300,7 @@ class ConstantStimuli:
 
     Examples
     --------
-    >>> from stimlib.experiments.designs import ConstantStimuli
-    >>> from stimlib.experiments.tasks import OneInterval
-    >>> from stimlib.experiments.trial import Answer, Stimulus
+    >>> from stimlib.experiments import Answer, ConstantStimuli, OneInterval, Stimulus
     >>> task = OneInterval(
     ...     "0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")}
     ... )
@@ -466,9 +462,8 @@ class Sequential:
 
     Examples
     --------
-    >>> from stimlib.experiments.designs import ConstantStimuli, Sequential
-    >>> from stimlib.experiments.tasks import Rate
-    >>> from stimlib.experiments.trial import Answer, Stimulus
+    >>> from stimlib.experiments import ConstantStimuli, Rate, Sequential
+    >>> from stimlib.experiments import Answer, Stimulus
     >>> day = lambda name: ConstantStimuli(
     ...     ((Rate(name, ("rough",), Stimulus("bumps")), None),), repeats=2
     ... )

@@ -206,7 +206,7 @@ class Fit:
 
         Examples
         --------
-        >>> from stimlib.experiments.fits import psychometric
+        >>> from stimlib.experiments import psychometric
         >>> fit = psychometric(
         ...     [1.0, 1.5, 2.0, 2.5, 3.0], [1, 4, 9, 17, 19], [20] * 5, unit="N/mm"
         ... )
@@ -354,7 +354,7 @@ def psychometric(
 
     Examples
     --------
-    >>> from stimlib.experiments.fits import psychometric
+    >>> from stimlib.experiments import psychometric
     >>> fit = psychometric([1.0, 1.5, 2.0, 2.5, 3.0], [1, 4, 9, 17, 19], [20] * 5)
     >>> (
     ...     round(fit.pse, 3),
@@ -421,7 +421,7 @@ def psychometrics(
 
     Examples
     --------
-    >>> from stimlib.experiments.fits import psychometrics
+    >>> from stimlib.experiments import psychometrics
     >>> levels, asked = [1.0, 1.5, 2.0, 2.5, 3.0], [20] * 5
     >>> fits = psychometrics(
     ...     {
@@ -568,7 +568,7 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.experiments.fits import profile
+    >>> from stimlib.experiments import profile
     >>> from stimlib.experiments.likelihood import Sets
     >>> profile(
     ...     Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20))
@@ -635,7 +635,7 @@ def bootstrap(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.experiments.fits import bootstrap
+    >>> from stimlib.experiments import bootstrap
     >>> from stimlib.experiments.likelihood import Sets
     >>> bootstrap(
     ...     Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20)), n=200

@@ -129,7 +129,7 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
     The references and permutations of four participants (as in Çaldıran's thesis, table
     3.1, with another square):
 
-    >>> from stimlib.experiments.latin_squares import graeco_latin
+    >>> from stimlib.experiments import graeco_latin
     >>> for row in graeco_latin(4):
     ...     print(*("".join(pair) for pair in ((str(g), "ABCD"[k]) for g, k in row)))
     0A 1B 2C 3D
@@ -164,7 +164,7 @@ def check_graeco_latin(square: ArrayLike) -> None:
     --------
     Table 3.1 of Çaldıran's thesis is one:
 
-    >>> from stimlib.experiments.latin_squares import check_graeco_latin
+    >>> from stimlib.experiments import check_graeco_latin
     >>> table = "bA gD zB tC", "gB bC tA zD", "zC tB bD gA", "tD zA gC bB"
     >>> check_graeco_latin(
     ...     [

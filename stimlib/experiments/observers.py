@@ -61,10 +61,7 @@ class Psychometric:
 
     Examples
     --------
-    >>> from stimlib.experiments.observers import Psychometric
-    >>> from stimlib.experiments.random_streams import stream
-    >>> from stimlib.experiments.tasks import TwoInterval
-    >>> from stimlib.experiments.trial import Stimulus
+    >>> from stimlib.experiments import Psychometric, Stimulus, TwoInterval, stream
     >>> task = TwoInterval(
     ...     "noise",
     ...     "softer",
@@ -159,11 +156,8 @@ class Listener:
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.experiments.observers import Listener
-    >>> from stimlib.experiments.random_streams import stream
-    >>> from stimlib.experiments.tasks import TwoInterval
-    >>> from stimlib.experiments.trial import Stimulus
-    >>> from stimlib.motion.generators import sinusoid
+    >>> from stimlib.experiments import Listener, Stimulus, TwoInterval, stream
+    >>> from stimlib.motion import sinusoid
     >>> spring = stimlib.Scene(
     ...     {"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")}
     ... )
@@ -358,13 +352,9 @@ def simulate(
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.experiments.designs import Staircase
-    >>> from stimlib.experiments.experiment import Experiment
-    >>> from stimlib.experiments.fits import psychometric
-    >>> from stimlib.experiments.observers import Psychometric, simulate
-    >>> from stimlib.experiments.questions import choice
-    >>> from stimlib.experiments.tasks import TwoInterval
-    >>> from stimlib.experiments.trial import Stimulus
+    >>> from stimlib.experiments import Experiment, Staircase, psychometric
+    >>> from stimlib.experiments import Psychometric, TwoInterval, choice, simulate
+    >>> from stimlib.experiments import Stimulus
     >>> spring = stimlib.Scene(
     ...     {"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")}
     ... )
@@ -529,7 +519,7 @@ def power(
     --------
     See :doc:`/reference/experiments_analysis`.
     """
-    from .detection import wilson
+    from .signal_detection import wilson
 
     if experiments < 1:
         raise BadValue(f"power: experiments = {experiments!r} must be at least 1")

@@ -94,10 +94,8 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.experiments.experiment import Experiment, Timing
-    >>> from stimlib.experiments.presentation import program, spans
-    >>> from stimlib.experiments.questions import choice
-    >>> from stimlib.experiments.trial import Stimulus, Trial
+    >>> from stimlib.experiments import Experiment, Timing, choice, program, spans
+    >>> from stimlib.experiments import Stimulus, Trial
     >>> spring = stimlib.Scene(
     ...     {"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")}
     ... )
@@ -390,8 +388,7 @@ def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, flo
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.experiments.experiment import Cursor
-    >>> from stimlib.experiments.presentation import followed
+    >>> from stimlib.experiments import Cursor, followed
     >>> t = np.arange(3000) / 1000
     >>> {
     ...     k: round(v, 6)

@@ -56,9 +56,7 @@ class Quest:
 
     Examples
     --------
-    >>> from stimlib.experiments.quest import Quest
-    >>> from stimlib.experiments.tasks import TwoInterval
-    >>> from stimlib.experiments.trial import Stimulus
+    >>> from stimlib.experiments import Quest, Stimulus, TwoInterval
     >>> task = TwoInterval(
     ...     "silent",
     ...     "softer",

@@ -81,7 +81,7 @@ class Question:
 
         Examples
         --------
-        >>> from stimlib.experiments.questions import choice, places
+        >>> from stimlib.experiments import choice, places
         >>> choice("softer", "Which one was softer?", "first", "second").answer("2")
         'second'
         >>> places("nodules", "Where are they?", most=3).answer("0.01 0.02; 0.03 0")
@@ -109,7 +109,7 @@ class Question:
         Examples
         --------
         >>> import numpy as np
-        >>> from stimlib.experiments.questions import rating
+        >>> from stimlib.experiments import rating
         >>> 1 <= rating("roughness", "How rough?", "smooth", "rough").guess(
         ...     np.random.default_rng(1)
         ... ) <= 7
@@ -146,7 +146,7 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
 
     Examples
     --------
-    >>> from stimlib.experiments.questions import choice
+    >>> from stimlib.experiments import choice
     >>> choice("softer", "Which one was softer?", "first", "second").keys
     ('1', '2')
     """
@@ -172,7 +172,7 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
 
     Examples
     --------
-    >>> from stimlib.experiments.questions import rating
+    >>> from stimlib.experiments import rating
     >>> rating("roughness", "How rough?", "smooth", "rough").check(8)
     Traceback (most recent call last):
     stimlib.errors.BadValue: roughness: 8 is no answer; answer a whole number from 1 ...
@@ -188,7 +188,7 @@ def ranking(name: str, text: str, *items: str) -> Question:
 
     Examples
     --------
-    >>> from stimlib.experiments.questions import ranking
+    >>> from stimlib.experiments import ranking
     >>> ranking("size", "The largest first", "A", "B", "C").check(["B", "A", "C"])
     """
     if len(items) < 2 or len(set(items)) != len(items) or any(i.split() != [i] for i in items):
@@ -205,7 +205,7 @@ def places(name: str, text: str, most: int) -> Question:
 
     Examples
     --------
-    >>> from stimlib.experiments.questions import places
+    >>> from stimlib.experiments import places
     >>> places("nodules", "Where are they?", most=3).check([[0.01, 0.02]])
     """
     if most < 1:

@@ -41,7 +41,7 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
 
     Examples
     --------
-    >>> from stimlib.experiments.random_streams import stream
+    >>> from stimlib.experiments import stream
     >>> stream(1, "order").integers(10, size=4).tolist() == stream(1, "order").integers(
     ...     10, size=4
     ... ).tolist()
@@ -59,7 +59,7 @@ def seed_of(seed: int, *words: str | int) -> int:
 
     Examples
     --------
-    >>> from stimlib.experiments.random_streams import seed_of
+    >>> from stimlib.experiments import seed_of
     >>> seed_of(1, "noise", 3) == seed_of(1, "noise", 3) != seed_of(1, "noise", 4)
     True
     """

@@ -90,8 +90,7 @@ def write_report(
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from stimlib.experiments.report import write_report
-    >>> from stimlib.experiments.tables import fitted
+    >>> from stimlib.experiments import fitted, write_report
     >>> answers = {
     ...     "participant": ["P01"] * 60,
     ...     "condition": ["a"] * 60,

@@ -61,7 +61,7 @@ def line(x: ArrayLike, y: ArrayLike) -> Line:
 
     Examples
     --------
-    >>> from stimlib.experiments.scaling import line
+    >>> from stimlib.experiments import line
     >>> jnds = line(
     ...     [0.25, 0.5, 0.75], [0.03615, 0.0693, 0.10875]
     ... )  # Çaldıran's thesis, fig. 3.6
@@ -146,7 +146,7 @@ def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
 
     Examples
     --------
-    >>> from stimlib.experiments.scaling import fechner
+    >>> from stimlib.experiments import fechner
     >>> law = fechner([0.1, 1.0, 10.0], [2.0, 4.0, 6.0])
     >>> round(law.line.intercept, 6), round(law.line.slope, 6), law(100.0).round(6)
     (4.0, 2.0, np.float64(8.0))
@@ -182,7 +182,7 @@ def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
 
     Examples
     --------
-    >>> from stimlib.experiments.scaling import stevens
+    >>> from stimlib.experiments import stevens
     >>> law = stevens([1.0, 4.0, 16.0], [3.0, 6.0, 12.0])
     >>> round(law.line.slope, 6), round(float(law(64.0)), 6)
     (0.5, 24.0)
@@ -231,7 +231,7 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
 
     Examples
     --------
-    >>> from stimlib.experiments.scaling import jnd_from_dprime
+    >>> from stimlib.experiments import jnd_from_dprime
     >>> jnd_from_dprime([1.0, 2.0, 3.0], [0.05, 0.1, 0.15])
     0.05
     """

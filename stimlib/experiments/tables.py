@@ -36,7 +36,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
 
     Examples
     --------
-    >>> from stimlib.experiments.tables import grouped
+    >>> from stimlib.experiments import grouped
     >>> grouped({"who": ["a", "b", "a"], "level": [1, 2, 3]}, ["who"])
     {('a',): {'who': ['a', 'a'], 'level': [1, 3]}, ('b',): {'who': ['b'], 'level': [2]}}
     """
@@ -82,7 +82,7 @@ def fitted(
 
     Examples
     --------
-    >>> from stimlib.experiments.tables import fitted
+    >>> from stimlib.experiments import fitted
     >>> answers = {
     ...     "who": ["a"] * 6,
     ...     "level": [1, 2, 3, 1, 2, 3],
@@ -114,8 +114,7 @@ def plain(
 
     Examples
     --------
-    >>> from stimlib.experiments.detection import wilson
-    >>> from stimlib.experiments.tables import plain
+    >>> from stimlib.experiments import plain, wilson
     >>> plain({"speed": wilson(1, 2)}, ["technique"])[0]["technique"]
     'speed'
     """
@@ -167,8 +166,7 @@ def frame(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
 
     Examples
     --------
-    >>> from stimlib.experiments.compare import dunn
-    >>> from stimlib.experiments.tables import frame
+    >>> from stimlib.experiments import dunn, frame
     >>> frame(dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]}))[
     ...     ["a", "b", "p"]
     ... ].round(4)

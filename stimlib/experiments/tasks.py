@@ -62,8 +62,7 @@ class TwoInterval:
 
     Examples
     --------
-    >>> from stimlib.experiments.tasks import TwoInterval
-    >>> from stimlib.experiments.trial import Stimulus
+    >>> from stimlib.experiments import Stimulus, TwoInterval
     >>> task = TwoInterval(
     ...     "silent",
     ...     "softer",
@@ -155,8 +154,7 @@ class OneInterval:
 
     Examples
     --------
-    >>> from stimlib.experiments.tasks import OneInterval
-    >>> from stimlib.experiments.trial import Stimulus
+    >>> from stimlib.experiments import OneInterval, Stimulus
     >>> task = OneInterval(
     ...     "0.25", "bouncier", {"red": Stimulus("S1"), "green": Stimulus("S2")}
     ... )
@@ -212,8 +210,7 @@ class Rate:
 
     Examples
     --------
-    >>> from stimlib.experiments.tasks import Rate
-    >>> from stimlib.experiments.trial import Stimulus
+    >>> from stimlib.experiments import Rate, Stimulus
     >>> Rate(
     ...     "sine 2", ("roughness", "bumpiness"), Stimulus("bumps", {"amplitude": 4.0})
     ... ).trial(None, 1, 0).questions

@@ -115,7 +115,7 @@ class Trial:
 
     Examples
     --------
-    >>> from stimlib.experiments.trial import Answer, Stimulus, Trial, outcome
+    >>> from stimlib.experiments import Answer, Stimulus, Trial, outcome
     >>> pair = Stimulus("squeeze", {"k": 5000.0}), Stimulus("squeeze", {"k": 2000.0})
     >>> trial = Trial(
     ...     "silent",

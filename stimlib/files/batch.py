@@ -109,7 +109,7 @@ def render_set(
     --------
     >>> import tempfile, stimlib
     >>> from stimlib.files.batch import render_set
-    >>> from stimlib.motion.generators import constant_speed
+    >>> from stimlib.motion import constant_speed
     >>> x = stimlib.Input("x", "m")
     >>> scenes = {
     ...     f"k{k}": stimlib.Scene({"force": stimlib.constant(k, "N/m") * x})

@@ -56,9 +56,7 @@ class LogWriter:
     A session by hand: what a sink does.
 
     >>> import tempfile, numpy as np, stimlib
-    >>> from stimlib.files.log_writer import LogWriter, header
-    >>> from stimlib.files.log_replay import replay
-    >>> from stimlib.files.log_reader import read_log
+    >>> from stimlib.files import LogWriter, header, read_log, replay
     >>> from stimlib.run.safety import Safety, protect, to_device
     >>> scene, safety = (
     ...     stimlib.Scene(

@@ -1,3 +1,7 @@
 """Numbers from measurements: materials from tests, parameters of scenes from
 recordings.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -63,7 +63,7 @@ def springpot_force(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.closed_form import springpot_force
+    >>> from stimlib.fitting import springpot_force
     >>> t = np.array([0.0, 0.5, 0.7, 4.0])
     >>> springpot_force(t, 0.1 * t, 100.0, 0.5).round(6)  # 100 * 0.1 * 2 sqrt(t/pi)
     array([ 0.      ,  7.978846,  9.440697, 22.567583])
@@ -114,7 +114,7 @@ def maxwell_force(
 
     Examples
     --------
-    >>> from stimlib.fitting.closed_form import maxwell_force
+    >>> from stimlib.fitting import maxwell_force
     >>> maxwell_force(
     ...     [0.0, 1e-6, 0.1, 10.0], [0.0, 0.01, 0.01, 0.01], 100.0, [(50.0, 0.1)]
     ... ).round(4)
@@ -276,7 +276,7 @@ def thin(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.closed_form import thin
+    >>> from stimlib.fitting import thin
     >>> t = np.arange(100_000) / 5000
     >>> short, y = thin(t, np.minimum(t, 0.1), start=0.1)
     >>> short.size, float(y[-1].round(9))

@@ -253,8 +253,7 @@ def fit_springpot(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.closed_form import springpot_force
-    >>> from stimlib.fitting.relaxation import fit_springpot
+    >>> from stimlib.fitting import fit_springpot, springpot_force
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)  # 1 cm in 0.2 s, then held
     >>> noise = 1 + 0.01 * np.random.default_rng(1).standard_normal(t.size)
@@ -372,8 +371,7 @@ def fit_generalized_maxwell(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.fitting.closed_form import maxwell_force
-    >>> from stimlib.fitting.relaxation import fit_generalized_maxwell
+    >>> from stimlib.fitting import fit_generalized_maxwell, maxwell_force
     >>> t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
     >>> y = np.minimum(0.05 * t, 0.01)
     >>> fit = fit_generalized_maxwell(

@@ -113,7 +113,7 @@ def welch(x: Any, fs: float, segment: int) -> Any:
     --------
     >>> import jax, numpy as np
     >>> from scipy import signal
-    >>> from stimlib.fitting.scene import welch
+    >>> from stimlib.fitting import welch
     >>> x = np.random.default_rng(0).standard_normal(5000)
     >>> with jax.enable_x64(True):
     ...     ours = welch(x, 1000.0, 256)

@@ -194,7 +194,7 @@ def fit_texture(
     >>> import numpy as np, stimlib
     >>> from stimlib.blocks import texture
     >>> from stimlib.design.texture import made_up
-    >>> from stimlib.fitting.texture import fit_texture
+    >>> from stimlib.fitting import fit_texture
     >>> t = np.arange(60_000) / 1000  # here yours would stand
     >>> v, f = 0.08 + 0.07 * np.sin(2 * t), 1.2 + np.sin(0.3 * t)
     >>> scene = stimlib.Scene(

@@ -1,1 +1,5 @@
 """What drives the inputs: functions of time, recordings, samples."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

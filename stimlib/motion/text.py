@@ -38,7 +38,7 @@ def parse_motion(text: str) -> Motion:
 
     Examples
     --------
-    >>> from stimlib.motion.text import parse_motion
+    >>> from stimlib.motion import parse_motion
     >>> parse_motion("sinusoid(0.01, 1)")
     sinusoid(amplitude=0.01, freq=1.0, mean=0.0, phase=0.0)
     >>> parse_motion("quantised(minimum_jerk(depth=0.01, hold=1), 1e-6)")(
@@ -122,7 +122,7 @@ def parse_map(items: Iterable[str]) -> dict[str, str]:
 
     Examples
     --------
-    >>> from stimlib.motion.text import parse_map
+    >>> from stimlib.motion import parse_map
     >>> parse_map(["x=force_N*5e-4", "y = (y_raw - 10)*2e-5"])
     {'x': 'force_N*5e-4', 'y': '(y_raw - 10)*2e-5'}
     """
@@ -150,7 +150,7 @@ def parse_where(text: str) -> dict[str, str]:
 
     Examples
     --------
-    >>> from stimlib.motion.text import parse_where
+    >>> from stimlib.motion import parse_where
     >>> parse_where("grasp=pinch,level=easy,trial=1")
     {'grasp': 'pinch', 'level': 'easy', 'trial': '1'}
     """

@@ -1,3 +1,7 @@
 """What a scene becomes, and how it is driven: processor, rendering, the safety
 stage.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

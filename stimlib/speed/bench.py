@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.picture import check_place, save
+from ..analysis.overview import check_place, save
 from ..blocks import springpot
 from ..core.graph import Input
 from ..core.scene import Scene

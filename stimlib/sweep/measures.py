@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.cues import Cues, cues_of
+from ..analysis.physical_cues import Cues, cues_of
 from ..checks.verification import verify
 from ..core.scene import Scene
 from ..core.units import unit
@@ -203,7 +203,7 @@ def measured(
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.motion.generators import sinusoid
+    >>> from stimlib.motion import sinusoid
     >>> from stimlib.sweep import measured
     >>> scene = stimlib.Scene(
     ...     {"force": stimlib.constant(1000.0, "N/m") * stimlib.Input("x", "m")}
@@ -419,7 +419,7 @@ def _density(y: Array, window: Array, part: slice) -> Array:
 
 
 def cues(scene: Scene, *names: Any) -> Measure:
-    """The physical cues of an interaction (``stimlib.analysis.cues``), of a
+    """The physical cues of an interaction (``stimlib.analysis.physical_cues``), of a
     displacement and a force: ``cues(x1, force1)``.
 
     By default of the only input in m and the only output in N.

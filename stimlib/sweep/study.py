@@ -179,7 +179,7 @@ def sweep(
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.motion.generators import minimum_jerk
+    >>> from stimlib.motion import minimum_jerk
     >>> from stimlib.scenes import squeeze
     >>> from stimlib.sweep import grid, sweep
     >>> rows = grid(A=[0.0, 3.4], seed=range(3))
@@ -291,7 +291,7 @@ def rendering(
 
     Examples
     --------
-    >>> from stimlib.motion.generators import minimum_jerk
+    >>> from stimlib.motion import minimum_jerk
     >>> from stimlib.scenes import squeeze
     >>> from stimlib.sweep import grid, measured, rendering
     >>> rows = grid(A=[0.0, 3.4], seed=range(3))

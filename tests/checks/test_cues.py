@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stimlib.analysis.cues import cues
+from stimlib.analysis.physical_cues import cues
 from stimlib.errors import BadValue
 
 A = 0.01  # m

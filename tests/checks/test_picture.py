@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.analysis.listening import CUTOFF
-from stimlib.analysis.picture import (
+from stimlib.analysis.overview import (
     Against,
     Signals,
     against,

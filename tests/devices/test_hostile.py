@@ -23,7 +23,7 @@ from refusals import refused, warned
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.analysis.draw import draw
-from stimlib.analysis.picture import picture
+from stimlib.analysis.overview import picture
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log
 from stimlib.errors import SinkError, StimlibError

@@ -13,8 +13,8 @@ from scipy.special import log_ndtr, ndtri
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments.cue_distances import displayed, recorded
 from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.distances import displayed, recorded
 from stimlib.experiments.experiment import Timing
 from stimlib.experiments.papers.bounciness import (
     CUES,
@@ -198,7 +198,7 @@ def test_a_trial_without_movement_is_left_out(session, monkeypatch):
         (signals,) = real(folder, record)
         return [signals | {"y": 0.0 * signals["y"]} if record.number > TRIALS - 2 else signals]
 
-    monkeypatch.setattr("stimlib.experiments.distances.displayed", still)
+    monkeypatch.setattr("stimlib.experiments.cue_distances.displayed", still)
     found = explained(recorded([saved], "y", "force"))
     monkeypatch.undo()
     before = explained(

@@ -12,10 +12,10 @@ from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.compare import repeated
-from stimlib.experiments.detection import wilson
 from stimlib.experiments.fits import psychometric
 from stimlib.experiments.observers import Psychometric, simulate
 from stimlib.experiments.report import write_report
+from stimlib.experiments.signal_detection import wilson
 from stimlib.experiments.tables import fitted, frame, grouped, plain
 
 

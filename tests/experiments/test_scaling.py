@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stimlib.errors import BadValue
-from stimlib.experiments.detection import detection
 from stimlib.experiments.scaling import fechner, jnd_from_dprime, line, stevens
+from stimlib.experiments.signal_detection import detection
 
 RMS = [
     0.08,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import force_limit, motor_current, slew_limit, spring
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.motion import ramp_and_hold
 
 x = stimlib.Input("x", "m")
 wanted = spring(x, 4000.0)

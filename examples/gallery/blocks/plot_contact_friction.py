@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import friction, stick_slip
 
 x = stimlib.Input("x", "m")

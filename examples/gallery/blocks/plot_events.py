@@ -8,7 +8,7 @@ See :doc:`/reference/blocks/events`.
 
 import stimlib
 from stimlib.blocks import count, crossing
-from stimlib.motion.generators import sinusoid
+from stimlib.motion import sinusoid
 
 x = stimlib.Input("x", "m")
 passed = crossing(x, spacing=0.005, hysteresis=1e-4)

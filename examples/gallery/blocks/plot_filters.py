@@ -7,9 +7,9 @@ A noise between 100 and 300 Hz, and one whose band sweeps. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import bandpass, svf, white_noise
-from stimlib.motion.generators import constant_speed
+from stimlib.motion import constant_speed
 
 sweep = svf(white_noise(seed=2), stimlib.Input("f", "Hz"), q=20, mode="bandpass")
 scene = stimlib.Scene({"band": bandpass(white_noise(seed=1), 100, 300, order=4), "sweep": sweep})

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import delay, spring
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 force = spring(stimlib.Input("x", "m"), 1000.0)
 scene = stimlib.Scene({"now": force, "late": delay(force, seconds=0.05)})

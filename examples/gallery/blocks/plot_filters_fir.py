@@ -9,7 +9,7 @@ The rate of pink noise, dp/dt, up to a pass edge and nothing beyond. See
 from math import pi
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import differentiator, pink_noise
 
 p = pink_noise(1 / pi, seed=7, f_low=10)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import track, track_velocity
-from stimlib.motion.generators import sinusoid
+from stimlib.motion import sinusoid
 
 x = stimlib.Input("x", "m")
 scene = stimlib.Scene({"tracked": track(x, bandwidth=10), "rate": track_velocity(x, bandwidth=10)})

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import equal_force, springpot
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.motion import ramp_and_hold
 
 y = stimlib.Input("y", "m")
 orders = (0.0, 0.25, 0.5)

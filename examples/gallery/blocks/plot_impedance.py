@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import kelvin_voigt, spring, velocity
-from stimlib.motion.generators import sinusoid
+from stimlib.motion import sinusoid
 
 x = stimlib.Input("x", "m")
 scene = stimlib.Scene(

@@ -7,9 +7,9 @@ Gates
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import enabled, loading, velocity, white_noise
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 pressing = loading(velocity(stimlib.Input("x", "m"), cutoff=100))
 scene = stimlib.Scene({"gate": pressing, "noise": enabled(white_noise(seed=1), by=pressing)})

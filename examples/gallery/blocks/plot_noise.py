@@ -8,7 +8,7 @@ independent copies. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import white_noise
 
 scene = stimlib.Scene(

@@ -9,7 +9,7 @@ Its power falls like 1/f, 3 dB an octave, from the first sample on. See
 from math import pi
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import pink_noise
 
 result = stimlib.render(

@@ -8,9 +8,9 @@ time. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import bump, carrier, constant
-from stimlib.motion.generators import constant_speed
+from stimlib.motion import constant_speed
 
 u = stimlib.Input("x", "m") / constant(0.02, "m")  # one bump every 20 mm
 scene = stimlib.Scene(

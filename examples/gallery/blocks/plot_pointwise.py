@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import clip, constant, where
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 depth = stimlib.Input("x", "m") - constant(0.01, "m")  # the wall stands at 10 mm
 wall = where(depth > 0, constant(3000.0, "N/m") * depth, 0)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import cursor
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.motion import ramp_and_hold
 from stimlib.soft import nodules
 
 nodule = nodules([(0.04, 0.06, 0.006)])

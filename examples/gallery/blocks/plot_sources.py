@@ -6,7 +6,7 @@ A sweep, waves, and the course of a trial. See :doc:`/reference/blocks/sources`.
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import band_noise, chirp, oscillator, timeline
 
 level = timeline([(0.0, 0.0), (0.2, 1.0), (0.6, 1.0), (0.6, 0.5), (1.0, 0.0)], kind="cosine")

@@ -7,7 +7,7 @@ Every 0.25 s a ring, a grain and a burst of noise. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import bandpass, burst, every, grain, ring, white_noise
 
 beat = every(0.25)

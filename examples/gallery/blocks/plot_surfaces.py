@@ -9,9 +9,9 @@ time. See :doc:`/reference/blocks/surfaces`.
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import grating, spatial_noise
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 x = stimlib.Input("x", "m")
 rough = spatial_noise(x, slope=1.0, seed=1, longest=0.02)

@@ -8,7 +8,7 @@ See :doc:`/reference/blocks/surfaces`.
 
 import stimlib
 from stimlib.blocks import carrier, constant, equalize
-from stimlib.motion.generators import constant_speed
+from stimlib.motion import constant_speed
 
 knots = [0.0, 0.025, 0.05, 0.075, 0.1]  # m
 measured = [65e-6, 105e-6, 120e-6, 105e-6, 65e-6]  # m, all at the same voltage

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import lut
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 place = np.linspace(0.0, 0.02, 21)  # m
 # N, towards the middle on both sides

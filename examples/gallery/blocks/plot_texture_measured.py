@@ -8,7 +8,7 @@ invented. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import texture, timeline
 from stimlib.design.texture import made_up
 

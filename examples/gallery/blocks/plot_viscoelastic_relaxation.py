@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.blocks import generalized_maxwell, maxwell
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.motion import ramp_and_hold
 
 y = stimlib.Input("y", "m")
 arms = [(50.0, 0.05), (20.0, 0.5)]  # stiffness in N/m, time constant in s

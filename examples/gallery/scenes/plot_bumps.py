@@ -7,8 +7,8 @@ A vibration of 158 Hz whose strength follows the place of the finger. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
-from stimlib.motion.generators import minimum_jerk
+from stimlib.analysis import listen
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import bumps
 
 stroke = minimum_jerk(depth=0.1, rise=1.0, hold=0.2, fall=1.0)

@@ -7,8 +7,8 @@ It is pressed and let go twice: the force falls at the snap, and a vibration rin
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
-from stimlib.motion.generators import minimum_jerk
+from stimlib.analysis import listen
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import click
 
 hand = minimum_jerk(depth=2.1e-3, rise=0.15, hold=0.1, fall=0.15, rest=0.2)

@@ -10,9 +10,9 @@ tutorial writes it:
 from math import pi
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.blocks import clip, constant, sin, velocity, white_noise
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 
 x = stimlib.Input("x", "m")
 ribs = sin(2 * pi * x / constant(2e-3, "m"))

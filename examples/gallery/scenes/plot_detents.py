@@ -8,8 +8,8 @@ both ways. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
-from stimlib.motion.generators import minimum_jerk
+from stimlib.analysis import listen
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import detents
 
 hand = minimum_jerk(depth=1.57, rise=0.6, hold=0.2, fall=0.6)

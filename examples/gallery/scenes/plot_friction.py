@@ -8,8 +8,8 @@ A finger that strokes sticks like a spring and slips, every 0.3 mm: at 100 mm/s 
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
-from stimlib.motion.generators import minimum_jerk
+from stimlib.analysis import listen
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import friction
 
 hand = minimum_jerk(depth=0.03, rise=0.6, hold=0.2, fall=0.6)

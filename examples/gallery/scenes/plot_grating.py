@@ -8,8 +8,8 @@ there. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
-from stimlib.motion.generators import minimum_jerk
+from stimlib.analysis import listen
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import grating
 
 stroke = minimum_jerk(depth=0.06, rise=0.7, hold=0.2, fall=0.4)

@@ -10,7 +10,7 @@ See
 import numpy as np
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.scenes import impact
 
 

@@ -7,7 +7,7 @@ A pen goes over a hard nodule: the avatar waits, and goes less deep. See
 """
 
 import stimlib
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import soft_surface
 from stimlib.soft import nodules
 

@@ -7,8 +7,8 @@ then. See :doc:`/reference/scenes/squeeze`.
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
-from stimlib.motion.generators import minimum_jerk
+from stimlib.analysis import listen
+from stimlib.motion import minimum_jerk
 from stimlib.scenes import squeeze
 
 thumb, index = minimum_jerk(depth=0.02), minimum_jerk(depth=0.015)

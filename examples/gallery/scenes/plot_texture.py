@@ -8,8 +8,8 @@ was measured. See
 """
 
 import stimlib
-from stimlib.analysis.listening import listen
-from stimlib.motion.generators import ramp_and_hold, sinusoid
+from stimlib.analysis import listen
+from stimlib.motion import ramp_and_hold, sinusoid
 from stimlib.scenes import texture
 
 hand = {"x": sinusoid(0.04, 0.8), "force": ramp_and_hold(depth=2.5, rise=2.0)}

@@ -7,7 +7,7 @@ Voltage on the patches of a glass plate, and how the plate moves under the finge
 """
 
 import stimlib
-from stimlib.motion.generators import constant_speed
+from stimlib.motion import constant_speed
 from stimlib.scenes import touch_screen
 
 result = stimlib.render(

@@ -7,7 +7,7 @@ Pressed and held, its force runs down; the loop over position is the work lost. 
 """
 
 import stimlib
-from stimlib.motion.generators import ramp_and_hold
+from stimlib.motion import ramp_and_hold
 from stimlib.scenes import viscoelastic
 
 press = ramp_and_hold(depth=0.01, rise=0.3, start_time=0.2, hold=1.0, fall=0.3)

@@ -9,7 +9,7 @@ A finger taps on it, harder each time: nothing pulls when it leaves. See
 import numpy as np
 
 import stimlib
-from stimlib.analysis.listening import listen
+from stimlib.analysis import listen
 from stimlib.scenes import wall
 
 

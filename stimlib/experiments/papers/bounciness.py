@@ -14,20 +14,20 @@ from statistics import fmean, stdev
 
 import numpy as np
 
-from ...analysis.cues import Cues, cues
+from ...analysis.physical_cues import Cues, cues
 from ...core.scene import Scene
 from ...errors import BadValue, public
 from ...motion.generators import sinusoid
 from ...run.rendering import render
 from ...run.safety import Safety
 from ...scenes import viscoelastic
+from ..cue_distances import distances, recorded
 from ..designs import ConstantStimuli, Sequential, turn_of
-from ..detection import detection
-from ..distances import distances, recorded
 from ..experiment import Cursor, Experiment, Timing
 from ..questions import choice
 from ..reader import Saved, columns
 from ..scaling import Line, jnd_from_dprime, line
+from ..signal_detection import detection
 from ..tables import Columns, grouped
 from ..tasks import OneInterval
 from ..trial import Answer, Observer, Stimulus, Trial
@@ -310,7 +310,7 @@ class Explained:
     ratio : dict of (float, str) to (float, float, int)
         By reference and cue: mean of the sessions' normalised distances over their d',
         its standard error, and of how many sessions; the others' distances are not
-        determined, see `stimlib.experiments.distances.Distance`.
+        determined, see `stimlib.experiments.cue_distances.Distance`.
     left_out : int
         Trials without cues, because the hand hardly moved; they are in none of these
         numbers.
@@ -329,8 +329,7 @@ def explained(trials: Columns) -> Explained:
     Parameters
     ----------
     trials : dict of str to sequence
-        As `stimlib.experiments.distances.recorded` gives them: with the cues of each
-        trial.
+        As `stimlib.experiments.recorded` gives them: with the cues of each trial.
 
     Returns
     -------
@@ -339,7 +338,7 @@ def explained(trials: Columns) -> Explained:
     Raises
     ------
     BadValue, UnknownName
-        As `stimlib.experiments.distances.distances`; a column is missing.
+        As `stimlib.experiments.cue_distances.distances`; a column is missing.
 
     References
     ----------

@@ -19,10 +19,10 @@ from ...scenes import soft_surface
 from ...soft import block, buried
 from ..compare import Pair, Statistic, dunn, kruskal
 from ..designs import ConstantStimuli, Sequential, turn_of
-from ..detection import Proportion, wilson
 from ..experiment import Experiment, Timing
 from ..questions import places
 from ..reader import columns
+from ..signal_detection import Proportion, wilson
 from ..tables import Columns, grouped
 from ..tasks import Rate
 from ..trial import Answer, Stimulus, Trial
@@ -70,8 +70,7 @@ def nodule_places() -> Experiment:
     Examples
     --------
     >>> from stimlib.experiments.papers.nodule_places import nodule_places, person
-    >>> from stimlib.experiments.random_streams import stream
-    >>> from stimlib.experiments.trial import observed
+    >>> from stimlib.experiments import observed, stream
     >>> design = nodule_places().designed("P02")
     >>> [
     ...     trial.condition

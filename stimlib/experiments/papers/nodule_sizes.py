@@ -19,10 +19,10 @@ from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block
 from ..designs import ConstantStimuli, turn_of
-from ..detection import Proportion, wilson
 from ..experiment import Experiment, Timing
 from ..questions import ranking
 from ..reader import columns
+from ..signal_detection import Proportion, wilson
 from ..tables import Columns
 from ..tasks import Rate
 from ..trial import Answer, Stimulus, Trial

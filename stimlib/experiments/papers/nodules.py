@@ -20,10 +20,10 @@ from ...scenes import soft_surface
 from ...soft import THIRTEEN, sides
 from ..compare import Pair, Statistic, dunn, kruskal
 from ..designs import ConstantStimuli, Sequential, turn_of
-from ..detection import Diagnosis, diagnosis
 from ..experiment import Experiment, Timing
 from ..questions import choice
 from ..reader import columns
+from ..signal_detection import Diagnosis, diagnosis
 from ..tables import Columns, grouped
 from ..tasks import Rate
 from ..trial import Answer, Stimulus, Trial

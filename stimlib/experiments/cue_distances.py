@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..analysis.cues import Cues, cues
+from ..analysis.physical_cues import Cues, cues
 from ..errors import BadValue, UnknownName, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered
@@ -72,11 +72,11 @@ def distances(
     Parameters
     ----------
     cues : dict of str to array_like, shape (trials,)
-        Such as the columns of `stimlib.analysis.cues.cues` of every trial.
+        Such as the columns of `stimlib.analysis.physical_cues.cues` of every trial.
     answers : array_like, shape (trials,)
         1 where the answer was "signal", else 0.
     d : float, optional
-        d' of the same trials, `stimlib.experiments.detection.detection`.
+        d' of the same trials, `stimlib.experiments.signal_detection.detection`.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def distances(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.experiments.distances import distances
+    >>> from stimlib.experiments import distances
     >>> rng = np.random.default_rng(1)
     >>> phase = np.repeat([0.4, 0.5], 100) + 0.02 * rng.normal(size=200)
     >>> force = 3 + 0.2 * rng.normal(size=200)  # which says nothing
@@ -195,14 +195,14 @@ def recorded(
     progress : bool
         A progress bar on stderr, if that is a terminal.
     **how
-        As `stimlib.analysis.cues.cues`, such as ``window``.
+        As `stimlib.analysis.physical_cues.cues`, such as ``window``.
 
     Returns
     -------
     dict of str to list
         As `stimlib.experiments.reader.columns`, and one column for each of
-        `stimlib.analysis.cues.Cues`: nan in all of them for a trial in which the hand
-        did not move, or for less than two periods.
+        `stimlib.analysis.Cues`: nan in all of them for a trial in which the hand did
+        not move, or for less than two periods.
 
     Raises
     ------

@@ -124,7 +124,7 @@ def cues(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.analysis.cues import cues
+    >>> from stimlib.analysis import cues
     >>> t = np.arange(5432) / 1000
     >>> y = 0.01 + 0.01 * np.sin(2 * np.pi * t)
     >>> f = 300 * y + 5 * 0.01 * 2 * np.pi * np.cos(
@@ -168,7 +168,7 @@ def cues_of(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.analysis.cues import cues_of
+    >>> from stimlib.analysis import cues_of
     >>> y = 0.01 + 0.01 * np.sin(2 * np.pi * np.arange(4000) / 1000)
     >>> of = cues_of(y, fs=1000)
     >>> [round(of(k * y).k_S, 6) for k in (300, 600)]

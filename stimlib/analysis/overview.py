@@ -110,8 +110,8 @@ def picture(
     Examples
     --------
     >>> import pathlib, tempfile, stimlib
-    >>> from stimlib.analysis.picture import picture
-    >>> from stimlib.motion.generators import minimum_jerk
+    >>> from stimlib.analysis import picture
+    >>> from stimlib.motion import minimum_jerk
     >>> squeezed = stimlib.render(
     ...     stimlib.scenes.squeeze(fingers=1),
     ...     {"x1": minimum_jerk()},
@@ -154,7 +154,7 @@ def check_place(
 
     Examples
     --------
-    >>> from stimlib.analysis.picture import check_place
+    >>> from stimlib.analysis.overview import check_place
     >>> check_place("squeeze.xyz")
     Traceback (most recent call last):
     stimlib.errors.SinkError: cannot write the picture squeeze.xyz: its name must ...
@@ -189,7 +189,7 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.analysis.picture import figure
+    >>> from stimlib.analysis.overview import figure
     >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
     >>> figure(stimlib.render(scene, {"x": abs}, fs=1000, seconds=1.0)).axes[
     ...     0
@@ -232,7 +232,7 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     Examples
     --------
     >>> import stimlib
-    >>> from stimlib.analysis.picture import html_of
+    >>> from stimlib.analysis.overview import html_of
     >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
     >>> html_of(stimlib.render(scene, {"x": abs}, fs=1000, seconds=1.0))[:46]
     '<pre>Rendering(y: 1 s at 1000 Hz)</pre><img al'

@@ -83,7 +83,7 @@ def detection(
 
     Examples
     --------
-    >>> from stimlib.experiments.detection import detection
+    >>> from stimlib.experiments import detection
     >>> round(detection(41, 50, 9, 50).d, 6), round(detection(50, 50, 0, 50).d, 6)
     (1.83073, 4.123833)
     >>> round(detection(50, 50, 0, 50, correction="half").d, 6)
@@ -154,7 +154,7 @@ def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
 
     Examples
     --------
-    >>> from stimlib.experiments.detection import wilson
+    >>> from stimlib.experiments import wilson
     >>> p = wilson(239, 252)
     >>> round(p.value, 4), round(p.low, 4), round(p.high, 4)
     (0.9484, 0.9138, 0.9696)
@@ -208,7 +208,7 @@ def diagnosis(
 
     Examples
     --------
-    >>> from stimlib.experiments.detection import diagnosis
+    >>> from stimlib.experiments import diagnosis
     >>> found = diagnosis(239, 252, 112, 112)
     >>> [
     ...     round(p.low, 4)

@@ -1,0 +1,14 @@
+from .audio import as_scene as as_scene
+from .audio import read as read
+from .audio import save as save
+from .audio import write as write
+from .audio import write_frames as write_frames
+from .commit import recover as recover
+from .log_reader import MotionFile as MotionFile
+from .log_reader import SessionLog as SessionLog
+from .log_reader import read_log as read_log
+from .log_replay import Replay as Replay
+from .log_replay import replay as replay
+from .log_writer import LogWriter as LogWriter
+from .log_writer import header as header
+from .sidecar import FileReport as FileReport

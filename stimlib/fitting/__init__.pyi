@@ -1,0 +1,12 @@
+from .closed_form import maxwell_force as maxwell_force
+from .closed_form import springpot_force as springpot_force
+from .closed_form import thin as thin
+from .relaxation import MaterialFit as MaterialFit
+from .relaxation import MaxwellFit as MaxwellFit
+from .relaxation import SpringpotFit as SpringpotFit
+from .relaxation import fit_generalized_maxwell as fit_generalized_maxwell
+from .relaxation import fit_springpot as fit_springpot
+from .scene import fit as fit
+from .scene import welch as welch
+from .texture import TextureFit as TextureFit
+from .texture import fit_texture as fit_texture
