@@ -1,5 +1,6 @@
-"""The exceptions stimlib raises, each also the built-in one that a caller would expect;
-and the check of public arguments.
+"""The exceptions that stimlib raises, and the check of public arguments.
+
+Each exception is also the built-in one that a caller would expect.
 """
 
 import functools
@@ -21,8 +22,9 @@ _CONTROL = re.compile(
 
 
 def shown(text: object) -> str:
-    """A text as it can be shown in a terminal or a page: control characters, and those
-    that reorder a line, as their codes.
+    """Return a text as it can be shown in a terminal or on a page.
+
+    Control characters, and those that reorder a line, become their codes.
 
     Examples
     --------
@@ -34,22 +36,24 @@ def shown(text: object) -> str:
 
 
 def shortened(value: object) -> str:
-    """The repr of a value, at most 80 characters of it."""
+    """Return the repr of a value, at most 80 characters of it."""
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
 def said(text: str) -> str:
-    """Return the text of an error as it can be shown: of a long one the beginning, and
-    the end with the remedy.
+    """Return the text of an error as it can be shown.
+
+    Of a long one: the beginning, and the end with the remedy.
     """
     text = shown(text)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 500]} [..] {text[-490:]}"
 
 
 class StimlibError(Exception):
-    """Base of every error that stimlib raises on purpose; its text may quote files of
-    others, so it is fit to be shown.
+    """Base class of every error that stimlib raises on purpose.
+
+    Its text may quote foreign files, so it is made fit to be shown.
     """
 
     def __str__(self) -> str:
@@ -65,8 +69,9 @@ class UnitError(BadValue):
 
 
 class RecordingError(BadValue):
-    """A recording cannot be used as a motion; the message names file, row, column and
-    remedy.
+    """Error of a recording that cannot be used as a motion.
+
+    The message names file, row, column and remedy.
     """
 
 
@@ -87,8 +92,9 @@ class FaultError(StimlibError, RuntimeError):
 
 
 class MissingPackage(StimlibError, ImportError):
-    """Something needs a package that stimlib does not depend on; the message has the
-    command that installs it.
+    """Error of a feature whose package is not installed.
+
+    The message has the command that installs it.
     """
 
 
@@ -102,9 +108,7 @@ class UnknownName(StimlibError, KeyError):
 
 
 def outside() -> int:
-    """Return the ``stacklevel`` with which a warning points at the first line that is
-    not of stimlib.
-    """
+    """Return the ``stacklevel`` of the first line outside stimlib, for a warning."""
     frame, level = sys._getframe(1), 1
     while frame.f_back and frame.f_code.co_filename.startswith(os.path.dirname(__file__)):
         frame, level = frame.f_back, level + 1
@@ -123,9 +127,7 @@ class Numbers:
 
 
 class Unseen:
-    """A class that is not imported where a function is defined: it is known by its
-    name.
-    """
+    """A class that is known by name, because it is not imported where needed."""
 
 
 def _numbers(v: Any, kinds: str = "biuf") -> bool:
@@ -171,8 +173,7 @@ PUBLIC: dict[str, str] = {}
 
 
 def public(f: F) -> F:
-    """Check the arguments of a public function, or of a class that users make, against
-    their annotations.
+    """Check the arguments of a public function or class against their annotations.
 
     An argument of another kind is refused before the function runs, by the names of the
     function and of the argument.  An error from within begins with the name of the
@@ -262,9 +263,7 @@ def _checked(f: Any, name: str) -> Any:
 
 
 def _hint(p: inspect.Parameter, names: dict[str, Any]) -> tuple[Any, bool]:
-    """Return what an annotation asks for, and whether numbers may be infinite or nan,
-    as the default is.
-    """
+    """Return what an annotation asks for, and whether inf and nan are allowed."""
     hint: Any = p.annotation
     # of a motion sources_of says more
     known: dict[str, Any] = {"ArrayLike": Numbers, "Motion": Any}
@@ -288,9 +287,7 @@ def _is(v: Any, name: str) -> bool:
 
 
 def _fits(v: Any, hint: Any) -> bool:
-    """Return whether a value is what a type says; of parts too, where they can be
-    looked at.
-    """
+    """Return whether a value, with its parts where possible, is what a type says."""
     of, parts = get_origin(hint) or hint, get_args(hint)
     if hint is Any:
         return True
@@ -333,7 +330,7 @@ def _fits(v: Any, hint: Any) -> bool:
 
 
 def _words(hint: Any) -> str:
-    """What a type asks for."""
+    """Return in words what a type asks for."""
     of, parts = get_origin(hint) or hint, get_args(hint)
     if of in KINDS:
         return KINDS[of][0]

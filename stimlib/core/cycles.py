@@ -1,5 +1,4 @@
-"""What a loop runs: all nodes of a cycle as one block, whose step is composed of
-theirs.
+"""Loops: all nodes of a cycle as one block, whose step is composed of theirs.
 
 A ``Cycle`` exists in programs only.  Its step is a text like any other: the
 interpreter, the compiler and JAX take it as they take the step of a class.  Where a
@@ -30,8 +29,9 @@ from .steps import fields
 def closed(
     nodes: Sequence[Any], bodies: dict[int, int], roots: list[int], number: Callable[..., int]
 ) -> list[int]:
-    """The roots of a graph without cycles: nodes (block, kids) that depend on each
-    other have become one block.
+    """Return the roots of a graph in which each cycle has become one block.
+
+    Nodes (block, kids) that depend on each other form a cycle.
 
     bodies tells the number of the node whose last value a ``Last`` is.  number(block,
     kids) numbers the nodes of the new graph.
@@ -69,7 +69,7 @@ def closed(
 
 
 def _kids(nodes: Sequence[Any], bodies: dict[int, int], n: int) -> tuple[int, ...]:
-    """What a node needs, at this sample or the last."""
+    """Return what a node needs, at this sample or the last."""
     return (*nodes[n].kids, *([bodies[n]] if n in bodies else []))
 
 
@@ -95,9 +95,7 @@ def _groups(nodes: Sequence[Any], bodies: dict[int, int], reached: set[int]) -> 
 
 
 def _check_subsystem(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: bool, n: int) -> None:
-    """Raise SceneError where an ``enabled`` or ``segment`` is on a cycle, or runs what
-    is outside of it.
-    """
+    """Raise SceneError where a subsystem is on a cycle, or runs nodes outside it."""
     b = nodes[n].block
     inside = _below(nodes, {}, nodes[n].kids[:1])
     if on_cycle or any(k in bodies and bodies[k] not in inside for k in inside):
@@ -111,7 +109,7 @@ def _check_subsystem(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: boo
 def _cycle(
     nodes: Sequence[Any], bodies: dict[int, int], inside: list[int], results: list[int]
 ) -> tuple[Cycle, list[int]]:
-    """A block of these nodes, and the numbers of its signals."""
+    """Return a block of these nodes, and the numbers of its signals."""
     lasts = [n for n in inside if n in bodies]
     names = dict(zip(lasts, _numbered("last", len(lasts)), strict=True))
     outside: list[int] = []
@@ -150,9 +148,7 @@ def _cycle(
 
 # One block of them --------------------------------------------------------------------
 class Cycle(Block, abstract=True):
-    """The nodes of a cycle.  It is ready, with a ``definition``, once ``design`` has
-    run.
-    """
+    """The nodes of a cycle; ready, with a ``definition``, once ``design`` has run."""
 
     autonomous = begins_early = False
 
@@ -165,10 +161,11 @@ class Cycle(Block, abstract=True):
 
     @property
     def definition(self):
+        """Return the composed class."""
         return self.made
 
     def structure(self, numbers: Callable[[Block], Any]) -> tuple[Any, ...]:
-        """What it is, given the design numbers of a block."""
+        """Return what identifies the cycle, given the design numbers of a block."""
         parts = [(type(m), numbers(m)) for m in self.members]
         return (
             *parts,
@@ -186,6 +183,7 @@ class Cycle(Block, abstract=True):
         return min((h for h in every if h is not None), default=None)
 
     def design(self, fs):
+        """Design the members and compose their step."""
         designs = []
         for m in self.members:
             designs.append(steps.designed(m, fs))
@@ -234,6 +232,7 @@ class Cycle(Block, abstract=True):
         return Member(k, tuple(args), f, f.__code__, tile, scratch, *types, outputs, contact)
 
     def start(self, p, s, seed):
+        """Return the first state of all members for a seed."""
         values = list(self.starts)
         for b, (of_p, of_s) in zip(self.members, self.parts(p, s), strict=True):
             values += b.start(of_p, of_s, seed)
@@ -248,8 +247,11 @@ class Cycle(Block, abstract=True):
         return found
 
     def walk(self, signal: dict[str, Any], through: Callable[..., Any]) -> None:
-        """Go once along the members: signal, by name, gets what through(member, number,
-        names of its signals) makes of them, but where it has that already."""
+        """Visit the members once, in running order.
+
+        A signal, by name, gets what through(member, number, names of its signals)
+        returns, unless it has a value already.
+        """
         for k, (m, args) in enumerate(zip(self.members, self.wiring, strict=True)):
             y = None if f"v{k}_0" in signal or f"v{k}" in signal else through(m, k, args)
             if y is not None and m.outputs:
@@ -311,9 +313,7 @@ class _Names:
 
 
 class _Writer:
-    """The lines that run the members for a sample; of a tile, those before its loop
-    too.
-    """
+    """The lines that run the members for a sample, and those before a tile's loop."""
 
     def __init__(self, tiled: bool, names: _Names):
         self.tiled, self.names = tiled, names
@@ -322,7 +322,7 @@ class _Writer:
         self.words = 0  # of scratch, for signals of the tiles among the members
 
     def at(self, a: str) -> str:
-        """What a name as in ``Member.args`` is in the text."""
+        """Return what a name as in ``Member.args`` is in the text."""
         if a[0] == "c":
             return f"p.{a}"
         return f"{a}[i]" if self.tiled and a[0] == "x" else a
@@ -373,9 +373,7 @@ class _Writer:
         self.lines += codegen.each("%s = w[%d]", m.values, range(first, self.words))
 
     def _enter(self, m: Member, state: list[str]) -> list[str]:
-        """The state from which a member with a contact goes on: off contact that at
-        rest.
-        """
+        """Return the state with which a member goes on: at rest while off contact."""
         cold = state[-1]
         self.lines.append(f"on{m.number} = {self.at(m.contact or '')} > 0.0")
         self.lines.append(f"cold{m.number} = _where({cold} == 0.0, 1.0, {cold})")
@@ -402,9 +400,7 @@ def compose(
     inputs: int,
     results: tuple[str, ...],
 ) -> Any:
-    """A class with the step, or the tile, of a cycle, and the types of its parameters
-    and state.
-    """
+    """Return a class with the step or tile of a cycle, and the types of its data."""
     tiled = any(m.tile for m in members)
     names = _Names(_F=np.float64, _settle=maths.settle, _where=maths.where, _I=np.int64)
     writer = _Writer(tiled, names)
@@ -449,9 +445,7 @@ def compose(
 
 
 def _function(text: str, space: dict[str, Any]) -> Any:
-    """The function with this text, which is where Python looks for the text of any
-    other.
-    """
+    """Return the function with this text, registered where Python looks for texts."""
     file = f"<loop {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file
     # a text of this module: nothing of a scene's file is in it
@@ -462,8 +456,9 @@ def _function(text: str, space: dict[str, Any]) -> Any:
 
 
 def _expression(f: Callable, args: list[str], names: _Names) -> str | None:
-    """What a step without memory returns, over these arguments, if it is one
-    expression: quicker to compile than a call.
+    """Return what a step without memory returns, if it is one expression.
+
+    An expression compiles faster than a call.
     """
     (tree,) = ast.parse(steps.source(f)).body
     assert isinstance(tree, ast.FunctionDef)

@@ -1,5 +1,6 @@
-"""The text that blocks and laws of a user's own were defined by: a record for the
-reader, which nothing runs, and its hash.
+"""The texts that define a user's own blocks and laws, and their hash, as a record.
+
+The record is for the reader; nothing runs it.
 """
 
 from __future__ import annotations
@@ -21,8 +22,7 @@ TEST = fields.table_of(fields.record({"sha256": fields.text, "text": fields.text
 
 @public
 def definitions(scene: Scene) -> dict[str, dict[str, str]]:
-    """The files that define a scene's own blocks and laws, as they were when Python
-    read them.
+    """Return the files that define a scene's own blocks and laws, as Python read them.
 
     Parameters
     ----------
@@ -47,8 +47,9 @@ def definitions(scene: Scene) -> dict[str, dict[str, str]]:
 
 
 def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
-    """The hashes that a record states, and those that it must have: of its texts, for
-    the modules of the scene's own blocks.
+    """Return the hashes that a record states, and those that it must have.
+
+    These are the hashes of its texts, for the modules of the scene's own blocks.
 
     The text of a law is there where the law was known to the program that wrote the
     record, which its reader need not know.
@@ -77,15 +78,13 @@ def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
 
 
 def _own(scene: Any) -> dict[str, str]:
-    """The text of each module that is not stimlib's: of blocks, of the classes that
-    they derive from, and of laws.
-    """
+    """Return the text of each module outside stimlib that defines a block or a law."""
     laws = sorted(part.law for part in scene.parts if known(part.law))
     return {OWN[name][0].__module__: OWN[name][1] for name in laws} | _blocks(scene)
 
 
 def _blocks(scene: Any) -> dict[str, str]:
-    """The same of blocks and of the classes that they derive from."""
+    """Return the same of blocks and of the classes that they derive from."""
     kinds = {
         type_name(k): k
         for b in reach(scene.outputs.values())

@@ -39,8 +39,7 @@ registry: dict[str, type[Block]] = {}
 
 
 class Block(Refusals):
-    """Base of all blocks.  A class is abstract (``class Modes(Block, abstract=True)``)
-    or final.
+    """Base class of all blocks, abstract (``class A(Block, abstract=True)``) or final.
 
     A final class, or an abstract one above it (a *primitive*), owns the definition of
     the output, either
@@ -138,9 +137,7 @@ class Block(Refusals):
 
     @property
     def definition(self) -> Any:
-        """The class that has the step or the tile, which is its own, but for what a
-        program has put together.
-        """
+        """The class that has the step or the tile; a program may compose one."""
         return type(self)
 
     sign: ClassVar[str] = ""  # how pictures write it, where its name is longer
@@ -153,9 +150,7 @@ class Block(Refusals):
         """Raise BadValue if a design number makes no sense."""
 
     def units(self, *u: Unit) -> Unit:
-        """Unit of the output from those of the signals: by default that of the
-        first.
-        """
+        """Return the unit of the output, by default that of the first signal."""
         return u[0] if u else un.ONE
 
     def design(self, fs: float) -> tuple[Any, Any]:
@@ -163,7 +158,7 @@ class Block(Refusals):
         return (), ()
 
     def start(self, p: Any, s: Any, seed: int) -> Any:
-        """The first state of a run with this seed (noise keys, stationary states)."""
+        """Return the first state of a run with this seed, such as noise keys."""
         return s
 
     def delay(self, p: Any) -> float:
@@ -171,22 +166,25 @@ class Block(Refusals):
         return 0.0
 
     def fixed(self, *values: float) -> Block | None:
-        """A block with a ``transfer``, equal to this one while its signals after the
-        first have these values.
+        """Return a block with a ``transfer`` that equals this one for fixed signals.
+
+        The signals after the first have these values.
         """
         return None
 
     def laws(self, fs: float) -> tuple[Any, ...]:
-        """What the response stands for, whatever ``design`` makes
-        (``stimlib.design.responses``): ``verify`` compares both.
+        """Return what the response stands for, independently of ``design``.
+
+        ``verify`` compares both, see ``stimlib.design.responses``.
         """
         return ()
 
     def through(
         self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
     ) -> np.ndarray | None:
-        """Response behind this block, of signals with responses H or constant values
-        (None: neither); None if it has none.
+        """Return the response behind this block, or None if it has none.
+
+        Its signals have responses H or constant values (None: neither).
 
         Of several outputs it is a tuple.
         """
@@ -201,13 +199,14 @@ class Block(Refusals):
     def steepest(
         self, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
     ) -> np.ndarray | None:
-        """As ``through``, of the linear block that is as stiff as this one at its
-        stiffest; None if that is not known.
+        """Return ``through`` of the linear block that is as stiff as this one at most.
+
+        None if that is not known.
         """
         return None
 
     def memory(self, p: Any) -> int:
-        """Samples until a finite-memory block has forgotten its first state."""
+        """Return after how many samples a finite-memory block forgets its start."""
         return 0
 
     @property
@@ -281,9 +280,7 @@ def signals(cls: type[Block]) -> tuple[str, ...]:
 
 @memo
 def type_name(cls: type[Block]) -> str:
-    """The name scene files use: the class name for our own blocks, module.name for
-    others'.
-    """
+    """Return the name in scene files: the class, or module.name outside stimlib."""
     return (
         cls.__name__
         if cls.__module__.split(".")[0] == "stimlib"
@@ -292,23 +289,19 @@ def type_name(cls: type[Block]) -> str:
 
 
 def head(cls: type[Block]) -> str:
-    """Return how errors of a class begin: of stimlib's the public function that makes
-    it says its own name.
-    """
+    """Return how errors of a class begin: with the public function that makes it."""
     return f"{cls.__name__}." if cls in (Input, Param) or "." in type_name(cls) else ""
 
 
 def undecorated(cls: type) -> SceneError:
-    """The error of a class whose fields were not made into blocks and design
-    numbers.
-    """
+    """Return the error of a class whose fields were not made into design numbers."""
     return SceneError(
         f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False), and write no __init__"
     )
 
 
 def as_block(v: Any) -> Block:
-    """A block as it is; a number as a constant without unit."""
+    """Return a block unchanged, and a number as a constant without unit."""
     if isinstance(v, Block):
         if not hasattr(v, "dim"):
             raise undecorated(type(v))
@@ -345,8 +338,10 @@ _KINDS = {
 
 
 def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -> Any:
-    """A design number as its annotation asks for: finite floats, whole numbers, text,
-    float64 arrays that nobody can change.
+    """Convert a design number to what its annotation asks for.
+
+    These are finite floats, whole numbers, text, and float64 arrays that nobody can
+    change.
     """
     if isinstance(v, Block):
         raise BadValue(
@@ -400,7 +395,7 @@ def positive(owner: Block, *names: str) -> None:
 
 
 def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
-    """The common unit of two signals; a literal 0 fits everywhere."""
+    """Return the common unit of two signals; a literal 0 fits everywhere."""
     for one, other in ((0, 1), (1, 0)):
         if u[one] == u[other] or (isinstance((a, b)[one], Const) and (a, b)[one].value == 0):  # type: ignore[attr-defined]
             return u[other]
@@ -462,8 +457,7 @@ class Const(Block):
 
 @public
 def constant(value: float, unit: str = "") -> Const:
-    """A number with a unit, such as the paper's sample period ``constant(1 / 8000,
-    "s")``.
+    """Make a number with a unit, such as a sample period ``constant(1 / 8000, "s")``.
 
     Parameters
     ----------
@@ -492,6 +486,8 @@ def constant(value: float, unit: str = "") -> Const:
 
 
 class ParamState(NamedTuple):
+    """State of `Param`: its value, its target, and the samples left of a ramp."""
+
     y: float
     target: float
     left: float  # samples of ramp still to go
@@ -544,9 +540,7 @@ class Param(Block):
 
 
 def check_name(what: str, name: Any, error: type[StimlibError] = BadValue) -> None:
-    """Raise unless a name has letters, digits and underscores alone, and not too
-    many.
-    """
+    """Raise unless a name is short and has only letters, digits and underscores."""
     if not isinstance(name, str) or not name.replace("_", "a").isalnum():
         raise error(f"{what} name {name!r:.200} must be letters, digits and underscores")
     if len(name) > 100:
@@ -751,9 +745,7 @@ class NotEqual(Compare):
 
 # Subsystems ---------------------------------------------------------------------------
 class Subsystem(Block, abstract=True):
-    """A block on a clock of its own: its first signal runs there, its second says
-    when.
-    """
+    """A block on a clock of its own: its first signal runs when its second says so."""
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -805,19 +797,21 @@ def enabled(block: Block, by: Block) -> Block:
 
 
 class IntervalParams(NamedTuple):
+    """Parameters of `Interval`: the first sample and the one after the last."""
+
     first: float
     end: float
 
 
 class IntervalState(NamedTuple):
+    """State of `Interval`: the number of the sample."""
+
     n: float
 
 
 @dc.dataclass(frozen=True, eq=False)
 class Interval(Block):
-    """1 at the samples of one stretch of time, else 0; it begins at sample 0, so before
-    that it is closed.
-    """
+    """A signal that is 1 in one stretch of time, else 0, and 0 before sample 0."""
 
     begin: float
     duration: float | None
@@ -861,9 +855,7 @@ class Segment(Subsystem):
 
     @property
     def run(self) -> str:
-        """What tells the run that it is from that around it, and from others in
-        there.
-        """
+        """What distinguishes the run of a segment from those around it."""
         by: Any = self.by
         return (
             f" in segment({by.begin},"
@@ -875,8 +867,9 @@ class Segment(Subsystem):
 def segment(
     block: Block, start: float, duration: float | None = None, seed: int | None = None
 ) -> Segment:
-    """Run a block in one stretch of time only, from its own sample 0 on, as if it were
-    rendered alone.
+    """Run a block in one stretch of time only, from a sample 0 of its own.
+
+    It then behaves as if it were rendered alone.
 
     The block lives on its own clock, the samples of that stretch.  There its time
     begins at 0, its states are at rest, its noises begin with the seed, and the motion
@@ -935,8 +928,9 @@ def segment(
 
 # Walking ------------------------------------------------------------------------------
 def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
-    """Every block object the roots need, children first, each once.  No recursion:
-    graphs may be deep.
+    """Return every block object that the roots need, children first, each once.
+
+    There is no recursion, because graphs may be deep.
 
     Into blocks of the class ``closed`` it does not look.
     """
@@ -955,10 +949,14 @@ def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
 
 
 class GuardParams(NamedTuple):
+    """Parameters of `Guard`: the length of its fade in samples."""
+
     m: float
 
 
 class GuardState(NamedTuple):
+    """State of `Guard`: the last finite value, the samples left, and the fault."""
+
     last: float
     left: float  # -1 while healthy, then samples of ramp to go
     at: np.uint64  # samples seen while healthy: where the fault is
@@ -966,8 +964,9 @@ class GuardState(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class Guard(Block):
-    """What stands on every output: from the first non-finite sample on, the last finite
-    value, faded out in 20 ms.
+    """The stage on every output that fades out from the first non-finite sample on.
+
+    The last finite value fades out in 20 ms.
 
     A device's fade has ``steps`` samples at least, where half a second has room for
     them.
@@ -1012,8 +1011,9 @@ def kind(v: Any) -> str:
 
 
 def pack(s: Any) -> np.ndarray:
-    """The words of a parameter or state tuple: fields in order, arrays whole, floats as
-    their bits.
+    """Return the words of a parameter or state tuple.
+
+    Fields are in order, arrays whole, floats as their bits.
     """
     w = [
         np.atleast_1d(np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64)).view(np.uint64)
@@ -1023,12 +1023,12 @@ def pack(s: Any) -> np.ndarray:
 
 
 def at_rest(s: Any) -> Any:
-    """The state of a resettable block off contact, from the one of its design."""
+    """Return the state of a resettable block off contact, from that of its design."""
     return unpack(s, pack(s))._replace(cold=np.float64(1.0))
 
 
 def unpack(s: Any, w: np.ndarray) -> Any:
-    """The same tuple type filled from words (copies); scalars as numpy scalars."""
+    """Return the same tuple type filled from words, scalars as numpy scalars."""
     out: list[Any] = []
     at = 0
     for v in s:

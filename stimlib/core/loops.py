@@ -16,8 +16,9 @@ _unit: Callable[[str], Unit] = unit
 
 @dataclass(frozen=True, eq=False)
 class Last(Block):
-    """The value of a loop one sample ago, and ``first`` at its first sample; it belongs
-    to one ``Loop``.
+    """The value of a loop one sample ago, and ``first`` at its first sample.
+
+    It belongs to one ``Loop``.
     """
 
     first: float
@@ -66,8 +67,7 @@ class Tap(Block):
 
 @public
 def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
-    """A signal that uses its own value of one sample ago: y[n] = f(y[n-1], other
-    signals).
+    """Make a signal that uses its own last sample: y[n] = f(y[n-1], other signals).
 
     Parameters
     ----------

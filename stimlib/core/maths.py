@@ -1,5 +1,6 @@
-"""The only mathematics a step may use: each function here is THE definition, in plain
-Python, with one rounding.
+"""The mathematics of steps: the definition of each function, with one rounding.
+
+A step may use no other.
 
 ``targets/numba/intrinsics.py`` holds, under the same names, what compiled code does;
 ``tests/test_maths.py`` checks that both give the same bits.  numpy scalars go in and
@@ -85,7 +86,7 @@ tanh = _libm(math.tanh, _nan)
 
 
 def where(c, a, b):
-    """a if c else b; both are evaluated."""
+    """Return a if c else b; both are evaluated."""
     v = a if c else b
     return v if isinstance(v, np.uint64) else F(v)
 
@@ -96,8 +97,10 @@ def flush(x):
 
 
 def settle(x):
-    """flush, of what a loop keeps: compiled as a branch that is hardly ever taken, so
-    that a recursion does not wait for it.
+    """Flush what a loop keeps.
+
+    It is compiled as a branch that is hardly ever taken, so that a recursion does not
+    wait for it.
     """
     return flush(x)
 
@@ -108,31 +111,34 @@ def as_float(u):
 
 
 def bits(x):
-    """The 64 bits of a float64 as uint64."""
+    """Return the 64 bits of a float64 as uint64."""
     return F(x).view(np.uint64)
 
 
 def unbits(u):
-    """The float64 with these 64 bits."""
+    """Return the float64 with these 64 bits."""
     return np.uint64(u).view(F)
 
 
 def words(a):
-    """A float64 array's memory as uint64."""
+    """Return a float64 array's memory as uint64."""
     return a.view(np.uint64)
 
 
 def each(f, p, x, y):
-    """y[i] = f(p, x[0][i], x[1][i], ..) with f a straight-line helper and p a
-    NamedTuple of floats or (): in compiled code, several at once.  An x may be y
-    itself, but no part of it."""
+    """Compute y[i] = f(p, x[0][i], x[1][i], ..) for a straight-line helper f.
+
+    p is a NamedTuple of floats or (). Compiled code computes several at once. An x may
+    be y itself, but no part of it.
+    """
     for i in range(y.size):
         y[i] = f(p, *(v[i] for v in x))
 
 
 def pairs(f, key, first, z):
-    """z[2 i], z[2 i + 1] = f(key, first + i); compiled code writes on to the next
-    multiple of 4.
+    """Compute z[2 i], z[2 i + 1] = f(key, first + i).
+
+    Compiled code writes on to the next multiple of 4.
     """
     for i in range(0, z.size, 2):
         z[i : i + 2] = f(key, np.uint64(first) + np.uint64(i >> 1))[: z.size - i]
@@ -157,8 +163,9 @@ def tree(s):
 
 
 def fir(taps, w, y):
-    """y[i] = sum_j taps[j] w[i + j], eight partial sums.  taps.size is a multiple of 8;
-    w has y.size + taps.size - 1.
+    """Compute y[i] = sum_j taps[j] w[i + j] in eight partial sums.
+
+    taps.size is a multiple of 8; w has y.size + taps.size - 1.
     """
     taps, w = taps.tolist(), w.tolist()  # Python's floats: the same bits, in half the time
     for i in range(y.size):
@@ -169,8 +176,9 @@ def fir(taps, w, y):
 
 
 def modes(p, r, q, d, x, y, w):
-    """q = p q + (x + TINY);  y = d x + sum r q, eight partial sums, flushed.  p.size
-    is a multiple of 8; w: 8 y.size.
+    """Compute q = p q + (x + TINY); y = d x + sum r q, eight partial sums, flushed.
+
+    p.size is a multiple of 8; w: 8 y.size.
     """
     p, r, state = p.tolist(), r.tolist(), q.tolist()
     for i in range(y.size):
@@ -184,9 +192,11 @@ def modes(p, r, q, d, x, y, w):
 
 
 def memory(e, r, q, low, x, y, w):
-    """``modes`` without d, for very slow ones: with the leak e = 1 - p on its own, q +=
-    (x + TINY) - e q, and a second word of the first low.size states, nothing that they
-    add up is rounded away.  e.size and low.size are multiples of 8; w: 8 y.size.
+    """Compute ``modes`` without d, for very slow ones.
+
+    With the leak e = 1 - p on its own, q += (x + TINY) - e q, and a second word of the
+    first low.size states, nothing that they add up is rounded away. e.size and low.size
+    are multiples of 8; w: 8 y.size.
     """
     leak, r, state, second = e.tolist(), r.tolist(), q.tolist(), low.tolist()
     for i in range(y.size):

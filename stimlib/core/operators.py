@@ -1,5 +1,4 @@
-"""What Python's operators and numpy's functions mean on blocks: more blocks, or an
-error that names the remedy.
+"""Python's operators and numpy's functions on blocks: more blocks, or an error.
 
 Nothing here computes a number: a block stands for all samples of a signal, and none is
 known while the graph is built.
@@ -88,8 +87,9 @@ class Refusals:
 
 
 def power(x: Any, n: Any) -> Any:
-    """x**n, n a whole number other than 0, or 0.5; whole powers by squares and
-    products, in one order: x**3 = (x x) x.
+    """Return x**n, n a whole number other than 0, or 0.5.
+
+    Whole powers are squares and products, in one order: x**3 = (x x) x.
     """
     if not isinstance(n, NUMBERS):
         raise BadValue(

@@ -1,6 +1,4 @@
-"""What a scene was asked for: the law of each of its parts, what was given, and what
-its signals are called now.
-"""
+"""What a scene was asked for: the law of each part, its arguments, and its signals."""
 
 from __future__ import annotations
 
@@ -25,8 +23,9 @@ for them, as blocks are known by theirs.
 
 
 class Span(NamedTuple):
-    """The interval of a trial in which a part is shown: its scene times a window with
-    cosine ramps, on a clock of its own.
+    """The interval of a trial in which a part is shown.
+
+    It is its scene times a window with cosine ramps, on a clock of its own.
     """
 
     start: float  # s
@@ -69,7 +68,7 @@ class Part:
 
     @classmethod
     def from_dict(cls, data: Any, where: str) -> Part:
-        """A part of a scene file; SceneFileError if it is none."""
+        """Read a part of a scene file; raise SceneFileError if it is none."""
         try:
             fields.require({"part": data}, {"part": TEST})
             if more := sorted(set(data) - {f.name for f in dc.fields(cls)}):
@@ -80,9 +79,7 @@ class Part:
         return cls(**data | {"span": Span(*data["span"]) if data["span"] else None})
 
     def renamed(self, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Part:
-        """The part under the new names of all inputs and parameters, and of all
-        outputs, of its scene.
-        """
+        """Return the part under the new names of inputs, parameters and outputs."""
         return dc.replace(
             self,
             inputs={
@@ -120,8 +117,10 @@ TEST = fields.record(
 
 
 def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
-    """The parts of a scene: none, one of a name or a function with what was given, or
-    as they are.
+    """Return the parts of a scene.
+
+    There are none, one of a name or a function with what was given, or several as they
+    are.
     """
     if law is None or isinstance(law, str):
         if law is None and given:
@@ -160,8 +159,9 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
 
 
 def kept(given: Any) -> Any:
-    """What was given, as JSON data; BadValue of what is no table, or is nested without
-    end.
+    """Return what was given as JSON data.
+
+    BadValue is raised for what is no table, or is nested without end.
     """
     if not isinstance(given, Mapping | None):
         raise BadValue(
@@ -178,8 +178,9 @@ def kept(given: Any) -> Any:
 
 
 def known(law: str) -> bool:
-    """Whether a law of a user's own can be called here: a scene was made with it, or
-    its module is imported already.
+    """Return whether a law of a user's own can be called here.
+
+    It can if a scene was made with it, or if its module is imported already.
 
     A file is data and may come from anywhere, so the name in it stands for a law only:
     a function that its module defines itself, with the first parameters ``x, p, fs``.

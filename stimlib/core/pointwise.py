@@ -1,6 +1,4 @@
-"""Functions of the present sample: where, clip, maximum, minimum, sqrt, exp, log, sin,
-cos, tanh, nonzero.
-"""
+"""Functions of the present sample: where, clip, maximum, minimum, sqrt, exp, sin .."""
 
 from __future__ import annotations
 
@@ -132,8 +130,9 @@ class Tanh(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Nonzero(Map):
-    """1 where x is not 0 (as nan), else 0: ``A * enabled(noise, by=nonzero(A))`` does
-    no work while A is 0.
+    """A signal that is 1 where x is not 0 (or is nan), else 0.
+
+    ``A * enabled(noise, by=nonzero(A))`` does no work while A is 0.
     """
 
     x: Block
@@ -148,7 +147,7 @@ class Nonzero(Map):
 
 @public
 def where(c: Block | float, a: Block | float, b: Block | float) -> Block:
-    """a where the condition c > 0, else b; both are computed.
+    """Return a where the condition c > 0, else b; both are computed.
 
     Parameters
     ----------
@@ -173,7 +172,7 @@ def where(c: Block | float, a: Block | float, b: Block | float) -> Block:
 
 @public
 def clip(x: Block | float, low: Block | float, high: Block | float) -> Block:
-    """x held between two limits of its unit.
+    """Limit x to an interval, whose ends have its unit.
 
     Parameters
     ----------
@@ -205,9 +204,7 @@ def clip(x: Block | float, low: Block | float, high: Block | float) -> Block:
 
 
 def _function(cls: type[Map]) -> Callable[..., Block]:
-    """The function that makes a block of a class, with the class's name and
-    docstring.
-    """
+    """Return the function that makes a block of a class, with its docstring."""
     name, signals = cls.__name__.lower(), ("Input('x')", "Const(0.5)")[: len(fields(cls))]  # type: ignore[arg-type]
 
     def make(*signals: Block | float, **named: Block | float) -> Block:

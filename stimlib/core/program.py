@@ -1,5 +1,6 @@
-"""From a scene to a flat program: rewriting, clocks, running order.  Every target runs
-the same program.
+"""From a scene to a flat program: rewriting, clocks, running order.
+
+Every target runs the same program.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ PARAMS, ROOT = 0, 1
 
 
 def lead(fs: float) -> int:
-    """Samples that everything autonomous runs before sample 0: a function of fs alone.
+    """Return the samples that everything autonomous runs before sample 0.
+
+    It is a function of fs alone.
 
     Of the graph it must not be: an output added to a scene would change the bits of the
     others.
@@ -115,8 +118,9 @@ class _Graph:
         return self.nodes[n].block.autonomous
 
     def intern(self, b: Block, kids: tuple[int, ...]) -> int:
-        """Number of a block over rewritten inputs: numbers folded, literal zeros and
-        ones removed.
+        """Return the number of a block over rewritten inputs.
+
+        Numbers are folded, literal zeros and ones removed.
         """
         if isinstance(b, Last | Loop | Tap):
             return self.feedback(b, kids)
@@ -142,8 +146,9 @@ class _Graph:
         return self.number(b, kids)
 
     def feedback(self, b: Block, kids: tuple[int, ...]) -> int:
-        """Number of a part of a loop: a loop is its body, what it hands out is what is
-        inside.
+        """Return the number of a part of a loop.
+
+        A loop is its body; what it hands out is what is inside.
         """
         if isinstance(b, Last):  # two loops have two, equal or not
             self.nodes.append(_Node(b, ()))
@@ -158,22 +163,23 @@ class _Graph:
         return kids[1]
 
     def closed(self, roots: list[int]) -> tuple[_Graph, list[int]]:
-        """The same graph, and its roots, with one block for all nodes of a loop."""
+        """Return the same graph and roots with one block for all nodes of a loop."""
         new = _Graph()
         new.removed = self.removed
         return new, closed(self.nodes, self.bodies, roots, new.number)
 
 
 def _numbers(b: Block) -> tuple[Any, ...]:
-    """The design numbers of a block."""
+    """Return the design numbers of a block."""
     if isinstance(b, Cycle):
         return b.structure(_numbers)
     return tuple(_key(getattr(b, f.name)) for f in dc.fields(b) if f.name not in signals(type(b)))  # type: ignore[arg-type]
 
 
 def foldable(b: Block) -> bool:
-    """Whether a block of numbers is a number at every sample rate: a map whose step
-    needs no design.
+    """Return whether a block of numbers is a number at every sample rate.
+
+    So is a map whose step needs no design.
     """
     return (
         isinstance(b, Map)
@@ -252,8 +258,9 @@ def lower(outputs: dict[str, Block]) -> Program:
 
 
 def _instances(graph: _Graph, roots: list[int]) -> float:
-    """The most instances that a layout may have, or more than a limit, without making
-    them: gates in gates double them.
+    """Return how many instances a layout may have, or more than a limit.
+
+    They are not made: gates in gates double them.
     """
     nodes, reached, todo = graph.nodes, set(), list(roots)
     while todo:
@@ -358,9 +365,7 @@ def _layout(graph: _Graph, roots: list[int]):
 
 
 def _home(b: Block, clock: int) -> int:
-    """Parameters, constants and inputs belong to no clock but their own, whoever asks
-    for them.
-    """
+    """Return the clock of a node: parameters, constants and inputs have their own."""
     return PARAMS if isinstance(b, (Param, Const)) else ROOT if isinstance(b, Input) else clock
 
 
@@ -377,8 +382,10 @@ def _check_names(objects: list[Block]) -> None:
 
 
 def _check_noise_objects(roots: Sequence[Block]) -> None:
-    """Two fingers must not silently feel one noise: by object, before equal sub-graphs
-    are merged; each segment by itself.
+    """Raise where two signals would silently share one noise.
+
+    Noises are compared by object, before equal sub-graphs are merged; each segment by
+    itself.
     """
     seen: dict[Any, Block] = {}
     todo = {"": list(roots)}
@@ -399,7 +406,7 @@ def _check_noise_objects(roots: Sequence[Block]) -> None:
 
 
 def program_of(scene: Any) -> Program:
-    """The program of a scene; SceneError for anything else."""
+    """Return the program of a scene; raise SceneError for anything else."""
     program = getattr(scene, "program", None)
     if not isinstance(program, Program):
         raise SceneError(
@@ -439,8 +446,9 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
 
 
 def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
-    """Finite memory on a noise's path must fit into the lead, or the noise would start
-    with a transient.
+    """Raise where the memory on a noise's path does not fit into the lead.
+
+    The noise would start with a transient.
     """
     total = [0] * len(program.instances)
     noisy = [False] * len(program.instances)
@@ -459,15 +467,16 @@ def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> 
 
 
 def start(block: Block, p: Any, s: Any, seed: int) -> Any:
-    """The first state of a block in a run with this seed, as the block itself says."""
+    """Return the first state of a block in a run with this seed."""
     return block.start(p, s, seed)
 
 
 def first_states(
     program: Program, design: list[tuple[Any, Any]], start: Callable[..., Any] = start
 ) -> Callable[[int], np.ndarray]:
-    """first(seed): words of all states before the lead, in canonical order: instance
-    order, then field order.
+    """Return first(seed): the words of all states before the lead.
+
+    They are in canonical order: instance order, then field order.
     """
     own, parts, at = [], [np.zeros(0, np.uint64)], 0
     for q, (p, s) in zip(program.instances, design, strict=True):
@@ -490,7 +499,7 @@ def first_states(
 
 
 def rate(fs: Any) -> float:
-    """A sample rate in Hz; BadValue unless it is a finite number above 0."""
+    """Return a sample rate in Hz; raise BadValue unless it is finite and above 0."""
     fs = number(fs, "fs")
     if not (math.isfinite(fs) and fs > 0):
         raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
@@ -498,6 +507,7 @@ def rate(fs: Any) -> float:
 
 
 def number(v: Any, what: str) -> float:
+    """Return a value as a float, or raise BadValue with its name."""
     try:
         if isinstance(v, (str, bytes)):
             raise TypeError
@@ -509,9 +519,7 @@ def number(v: Any, what: str) -> float:
 
 
 def warn_beyond(program: Program, fs: float, frames: int) -> None:
-    """Warn where a run is longer than the horizon up to which a block keeps its
-    tolerance.
-    """
+    """Warn where a run is longer than the horizon up to which a block is accurate."""
     for q in program.instances:
         horizon = getattr(q.block, "horizon", None)
         if horizon is not None and frames / fs > horizon:

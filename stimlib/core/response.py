@@ -1,6 +1,4 @@
-"""Latency and frequency response of a whole program, from the forms that its blocks
-have.
-"""
+"""Latency and frequency response of a whole program, from those of its blocks."""
 
 from __future__ import annotations
 
@@ -77,9 +75,7 @@ Span = tuple[float, float] | None
 
 
 def _span(q: Instance, design: tuple[Any, Any], ways: list[Span]) -> Any:
-    """(min, max) delay behind a block, from those of its signals; of several outputs a
-    tuple.
-    """
+    """Return the (min, max) delay behind a block, or a tuple for several outputs."""
     b = q.block
     if isinstance(b, Cycle):
         known = {f"x{j}": way for j, way in enumerate(ways) if way}
@@ -115,8 +111,9 @@ def response(
     f: np.ndarray,
     steepest: bool = False,
 ) -> np.ndarray:
-    """Complex gain from a source to an output at f (Hz), with parameters as they stand:
-    see ``Processor.response``.
+    """Return the complex gain from a source to an output at f (Hz).
+
+    Parameters are taken as they stand, see ``Processor.response``.
 
     steepest: of blocks that are not linear, as stiff as they can be, where they know
     it.
@@ -182,8 +179,9 @@ def response(
 def _around(
     b: Cycle, parts: list[Any], fs: float, z: np.ndarray, H: list[Any], value: list[float | None]
 ) -> Any:
-    """Response of a loop: its ends are F + G last, and last is an end over z: (z - G)
-    last = F; None where it is not linear.
+    """Return the response of a loop, or None where it is not linear.
+
+    Its ends are F + G last, and last is an end over z: (z - G) last = F.
     """
     numbers = {f"c{j}": c for j, c in enumerate(b.constants)} | {
         f"x{j}": c for j, c in enumerate(value)

@@ -108,8 +108,9 @@ class Scene:
         inputs: Mapping[str, str] | None = None,
         outputs: Mapping[str, str] | None = None,
     ) -> Scene:
-        """Return the same scene with other names, so that two stimuli of one kind fit
-        into one scene.
+        """Return the same scene with other names.
+
+        Two stimuli of one kind then fit into one scene.
 
         Parameters
         ----------
@@ -171,8 +172,7 @@ class Scene:
     def combine(
         *unnamed: Any, share: Mapping[str, Sequence[str]] | None = None, **parts: Scene
     ) -> Scene:
-        """Return one scene of several, each with its own inputs, parameters and
-        outputs, and its own law.
+        """Return one scene of several, each with its own signals and law.
 
         Parameters
         ----------
@@ -280,8 +280,7 @@ class Scene:
         return above("Scene._repr_html_")(self)
 
     def live(self, fs: float = 8000.0, safety: Any = None, **options: Any) -> Any:
-        """Show the scene live: in a notebook as a page in the cell, elsewhere at
-        ``.url`` of what is returned.
+        """Show the scene live: in the cell of a notebook, or at ``.url`` of the result.
 
         A pointer drives it, sliders set its parameters; plots and sound show what
         comes.  It runs beside the notebook until ``.close()``, or until the same scene
@@ -311,8 +310,10 @@ class Scene:
 
     # File -----------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
-        """The scene as plain JSON data: blocks by registered name, children before
-        parents, arrays as lists.
+        """Return the scene as plain JSON data.
+
+        Blocks have their registered names, children come before parents, arrays are
+        lists.
         """
         order = reach(self.outputs.values())
         number = {id(b): i for i, b in enumerate(order)}
@@ -340,8 +341,9 @@ class Scene:
 
     @classmethod
     def from_dict(cls, data: Any, where: str = "scene") -> Scene:
-        """A scene from ``to_dict`` data.  Only registered block classes are made; no
-        code runs.
+        """Make a scene from ``to_dict`` data.
+
+        Only registered block classes are made; no code runs.
 
         Raises
         ------
@@ -446,8 +448,9 @@ class Scene:
 
 @public
 def load(path: str | os.PathLike) -> Scene:
-    """Read a scene that ``Scene.save`` wrote.  The file is data: nothing in it is
-    executed.
+    """Read a scene that ``Scene.save`` wrote.
+
+    The file is data: nothing in it is executed.
 
     Parameters
     ----------
@@ -474,7 +477,7 @@ def load(path: str | os.PathLike) -> Scene:
 
 
 def _remedy(module: str) -> str:
-    """What makes the blocks of a module known."""
+    """Return what makes the blocks of a module known."""
     if module == "__main__":
         return (
             "a script or a notebook defined it; define it in a file of its own, import that there,"

@@ -9,8 +9,9 @@ from typing import Any
 
 
 def source_of(what: type | Callable) -> str:
-    """Return the text of the file or notebook cell of a class or function, as it is
-    now; "" where Python has kept none.
+    """Return the present text of the file or cell that defines a class or function.
+
+    It is "" where Python has kept none.
     """
     functions: list[Any] = [
         getattr(v, "__func__", v) for v in (what, *getattr(what, "__dict__", {}).values())

@@ -70,8 +70,9 @@ _REMEDIES = {  # by what Python says when a step runs
 
 
 def source(f: Callable) -> str:
-    """Text of a function, dedented and without decorators; SceneError where Python has
-    kept none.
+    """Return the text of a function, dedented and without decorators.
+
+    SceneError is raised where Python has kept none.
     """
     return _source(f, f.__code__)[0]
 
@@ -105,8 +106,9 @@ def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
 
 
 def _is_text_of(text: str, code: types.CodeType) -> bool:
-    """Whether a function's text compiles to the code that it runs: its file may have
-    been edited since it was imported.
+    """Return whether a function's text compiles to the code that it runs.
+
+    Its file may have been edited since it was imported.
     """
     try:
         made = compile(text, code.co_filename, "exec", dont_inherit=True).co_consts
@@ -118,8 +120,9 @@ def _is_text_of(text: str, code: types.CodeType) -> bool:
 
 
 def _instructions(code: types.CodeType) -> list[tuple]:
-    """What compiled Python does, however it calls an imported name: Python compiles
-    that otherwise where it sees the import.
+    """Return what compiled Python does, however it calls an imported name.
+
+    Python compiles a call differently where it sees the import.
     """
     found: list[tuple] = [code.co_varnames]
     for i in dis.get_instructions(code):
@@ -131,8 +134,9 @@ def _instructions(code: types.CodeType) -> list[tuple]:
 
 
 def used(code: types.CodeType) -> Iterator[tuple[str, int]]:
-    """Global names that compiled Python loads (co_names would also list attributes),
-    and where: lines of the file.
+    """Return the global names that compiled Python loads, with their lines.
+
+    co_names would also list attributes.
     """
     for i in dis.get_instructions(code):
         if i.opname == "LOAD_GLOBAL":
@@ -143,8 +147,9 @@ def used(code: types.CodeType) -> Iterator[tuple[str, int]]:
 
 
 def names(f: Callable) -> dict[str, Any]:
-    """Global names a function uses and what they stand for; SceneError for closures and
-    unknown names.
+    """Return the global names of a function and their values.
+
+    SceneError is raised for closures and unknown names.
     """
     if f.__closure__:
         raise SceneError(
@@ -172,8 +177,9 @@ def _used(code: types.CodeType) -> tuple[str, ...]:
 
 
 def meaning(f: Any) -> tuple[Any, ...]:
-    """What the names in a function and its helpers stand for now: a notebook may run
-    their cells again, and not its own.
+    """Return what the names in a function and its helpers stand for now.
+
+    A notebook may run their cells again, and not its own.
     """
     found: list[Any] = []
     todo, seen = [f], {f}
@@ -193,8 +199,9 @@ def meaning(f: Any) -> tuple[Any, ...]:
 
 
 def check(f: Callable, tile: bool = False) -> None:
-    """Raise SceneError, with file and line, where a step or tile uses what not every
-    target takes alike.
+    """Raise SceneError, with file and line, where a step is not portable.
+
+    Every target must take what a step or tile uses, alike.
 
     Examples
     --------
@@ -240,9 +247,7 @@ def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Calla
 
 
 def _helper(node: ast.AST, known: dict[str, Any]) -> Any:
-    """The helper of an author that a node calls, or has ``maths.each`` call, or
-    None.
-    """
+    """Return the author's helper that a node calls, directly or by ``maths.each``."""
     if not isinstance(node, ast.Call):
         return None
     target = _target(node.func, known)
@@ -257,7 +262,10 @@ Faults = Iterator[tuple[ast.AST, str]]
 
 
 def _faults(node: ast.AST, known: dict[str, Any]) -> Faults:
-    """What not every target takes alike in a node; known: what names stand for."""
+    """Return what not every target takes alike in a node.
+
+    known: what names stand for.
+    """
     for word in (node, getattr(node, "op", None)):  # an operator has no line of its own
         if type(word) in _WORDS:
             yield node, _WORDS[type(word)]
@@ -309,7 +317,7 @@ def _of_call(node: Any, known: dict[str, Any]) -> Faults:
 
 
 def _of_arguments(target: Any, call: ast.Call) -> Faults:
-    """A call whose arguments are not those that its function, or NamedTuple, takes."""
+    """Return a call whose arguments its function or NamedTuple does not take."""
     try:
         takes = inspect.signature(target)
     except ValueError:  # range, whose arguments are checked when it runs
@@ -344,8 +352,9 @@ _RULES: dict[type, Callable[[Any, dict[str, Any]], Faults]] = {
 
 # A whole block ------------------------------------------------------------------------
 def check_design(cls: Any, made: Any) -> None:
-    """Raise SceneError unless ``design`` gave parameters and state that every target
-    can keep in flat memory.
+    """Raise SceneError unless every target can keep what ``design`` gave.
+
+    Parameters and state must fit into flat memory.
     """
 
     def refuse(why: str) -> None:
@@ -376,8 +385,9 @@ def check_design(cls: Any, made: Any) -> None:
 
 
 def designed(block: Block, fs: float) -> tuple[Any, Any]:
-    """What the ``design`` of a block gives; SceneError, with file and line, where its
-    author has erred.
+    """Return what the ``design`` of a block gives.
+
+    SceneError, with file and line, where its author has erred.
 
     Examples
     --------
@@ -420,8 +430,9 @@ def ours(cls: type) -> bool:
 
 @cache
 def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: type) -> None:
-    """Raise SceneError, with file and line, where a step does not fit its class, or
-    what ``design`` returns.
+    """Raise SceneError, with file and line, where a step does not fit its class.
+
+    It must also fit what ``design`` returns.
 
     code is that of the step: a notebook may change it in place.
     """
@@ -454,7 +465,7 @@ def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: typ
 
 
 def _faults_of_form(cls: Any, name: str, f: Any, s_type: type) -> Iterator[str]:
-    """What is wrong with how a step is declared."""
+    """Return what is wrong with how a step is declared."""
     wanted = ["p", "s", *signals(cls)]
     if cls.resettable:
         del wanted[-1]
@@ -494,7 +505,10 @@ def _faults_of_fields(body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...
 
 
 def _faults_of_ends(body: ast.AST, cls: Any, f: Any, s_type: type, new: str) -> Faults:
-    """Ends of a step or tile that do not give what they must; new: the new state."""
+    """Return the ends of a step or tile that do not give what they must.
+
+    new: the new state.
+    """
     ends: list[ast.AST] = [n for n in ast.walk(body) if isinstance(n, ast.Return)]
     for end in ends or [body]:
         v = getattr(end, "value", None)
@@ -516,8 +530,9 @@ def _faults_of_ends(body: ast.AST, cls: Any, f: Any, s_type: type, new: str) -> 
 def sample(
     block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()
 ) -> tuple[Any, Any]:
-    """One sample of a block in plain Python (a tuple, where it has several outputs),
-    and its new state: what a scene means.
+    """Return one sample of a block in plain Python, and its new state.
+
+    This is what a scene means. Of several outputs the sample is a tuple.
 
     x has one number per signal (not that of a contact), work the scratch of a tile.
     SceneError, with file and line, where the code of an author raises.
@@ -555,13 +570,14 @@ def sample(
 
 
 def _what(cls: Any) -> tuple[str, Any]:
-    """What defines a sample."""
+    """Return what defines a sample."""
     return ("tile", cls.tile) if cls.step is None else ("step", cls.step)
 
 
 def rehearse(block: Block, p: Any, s: Any) -> None:
-    """Run one sample of a block on zeros and copies of what its ``design`` gave, before
-    anything is compiled.
+    """Run one sample of a block on zeros, before anything is compiled.
+
+    It gets copies of what its ``design`` gave.
 
     SceneError, with file and line, where the code raises, or gives no number, or a
     state of other kinds than that of design.
@@ -620,7 +636,7 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
 
 
 def _target(g: ast.expr, known: dict[str, Any]) -> Any:
-    """What a name, or an attribute of one, stands for, or None."""
+    """Return what a name, or an attribute of one, stands for, or None."""
     if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name):
         return getattr(known.get(g.value.id), g.attr, None)
     return known.get(g.id) if isinstance(g, ast.Name) else None

@@ -1,5 +1,6 @@
-"""Units of nodes: SI, coherent, no prefixes.  Only the exponents are kept; pint knows
-what is no product of the usual names.
+"""Units of nodes: SI, coherent, without prefixes.
+
+Only the exponents are kept; pint knows what is no product of the usual names.
 """
 
 from __future__ import annotations

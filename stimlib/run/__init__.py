@@ -1,6 +1,4 @@
-"""What a scene becomes, and how it is driven: processor, rendering, the safety
-stage.
-"""
+"""What a scene becomes and how it is driven: processor, rendering, safety stage."""
 
 import lazy_loader
 

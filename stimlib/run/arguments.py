@@ -11,7 +11,7 @@ from ..system.limits import limits
 
 
 def key(seed: Any) -> int:
-    """The key of a run's noise."""
+    """Return the key of a run's noise."""
     if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
         raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
     return int(seed)

@@ -1,5 +1,6 @@
-"""A processor along a motion: the one loop that rendering, files, replay and proofs
-share.
+"""The loop that drives a processor along a motion.
+
+Rendering, files, replay and verification share it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ processor's order; or that of all samples.
 
 
 def rows_of(sources: dict[str, Any], fs: float) -> Rows:
-    """The motion that ``sources_of`` has checked, as ``walk`` takes it."""
+    """Return the motion that ``sources_of`` has checked, as ``walk`` takes it."""
     return partial(positions, sources, fs=fs)
 
 
@@ -34,8 +35,9 @@ def walk(
     start: int = 0,
     block: int | Callable[[], int] = 8192,
 ) -> Iterator[tuple[int, Array]]:
-    """Run a processor over samples start .. stop - 1, each change of a parameter made
-    right before its sample.
+    """Run a processor over samples start .. stop - 1.
+
+    Each change of a parameter is made right before its sample.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class Copies(Sequence[Any]):
         return f"Copies({len(self)} of {self[0]!r}, {self.threads} threads)"
 
     def process(self, x: np.ndarray | int, out: np.ndarray | None = None) -> np.ndarray:
-        """The next n samples of every copy.
+        """Compute the next n samples of every copy.
 
         Parameters
         ----------
@@ -150,8 +150,9 @@ class Copies(Sequence[Any]):
             p.set(name, v, seconds)
 
     def reset(self, seeds: Sequence[int] | None = None) -> None:
-        """Every copy back to sample 0, parameters at their initial values; with seeds,
-        one for each, every noise gets new keys.
+        """Set every copy back to sample 0, and parameters to their initial values.
+
+        With seeds, one for each copy, every noise gets new keys.
 
         Raises
         ------
@@ -168,8 +169,9 @@ class Copies(Sequence[Any]):
 
     @property
     def state(self) -> np.ndarray:
-        """The state of each copy, shape (copies, words), uint64; assign it to go on
-        from there.  See ``Processor.state``.
+        """The state of each copy, shape (copies, words), uint64.
+
+        Assign it to go on from there, see ``Processor.state``.
         """
         return np.stack([p.state for p in self])
 
@@ -181,9 +183,7 @@ class Copies(Sequence[Any]):
 
     @property
     def fault(self) -> list[tuple[str, int] | None]:
-        """Of each copy: (output, sample index) of its first non-finite sample, or
-        None.
-        """
+        """The (output, index) of each copy's first non-finite sample, or None."""
         return [p.fault for p in self]
 
     def _each(self, values: Any, what: str) -> list[Any]:

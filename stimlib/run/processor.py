@@ -69,8 +69,7 @@ def compile(
 def compile(
     scene: Scene, fs: float, target: str = "numba", seed: int = 0, **options
 ) -> Processor | Function:
-    """Turn a scene into a streaming processor, or into a function for batches and
-    gradients.
+    """Compile a scene into a streaming processor, or a function for batches.
 
     Parameters
     ----------
@@ -129,8 +128,7 @@ def compile(
 
 @public
 class Processor:
-    """A compiled scene: a pure function of (state, input block) with the state kept
-    inside.
+    """A compiled scene: a pure function of (state, input block) that keeps the state.
 
     Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y;
     ``params`` are the parameters; ``units`` gives the unit of each of them; ``log``
@@ -220,7 +218,7 @@ class Processor:
 
     # Running --------------------------------------------------------------------------
     def process(self, x: np.ndarray | int, out: np.ndarray | None = None) -> np.ndarray:
-        """The next n samples.
+        """Compute the next n samples.
 
         Parameters
         ----------
@@ -297,7 +295,7 @@ class Processor:
         self._go_on(self._sound(words))
 
     def _sound(self, words: Any) -> np.ndarray:
-        """A state, if it is one of this scene."""
+        """Return a state if it is one of this scene."""
         try:
             words = np.ascontiguousarray(words)
         except ValueError:  # rows of several lengths
@@ -327,8 +325,9 @@ class Processor:
             }
 
     def reset(self, seed: int | None = None) -> None:
-        """Back to sample 0, parameters at their initial values; with a seed, every
-        noise gets new keys.
+        """Set the processor back to sample 0, and parameters to their initial values.
+
+        With a seed, every noise gets new keys.
 
         Parameters
         ----------
@@ -403,8 +402,7 @@ class Processor:
 
     # Many at once ---------------------------------------------------------------------
     def many(self, seeds: Sequence[int], threads: int | None = None) -> Copies:
-        """Copies of this processor that run together, each with its own seed,
-        parameters and motion.
+        """Make copies that run together, each with its own seed, parameters and motion.
 
         They share tables and code, and begin at sample 0 with the scene's parameters.
         Copy k gives the bits of ``stimlib.compile(scene, fs, target, seeds[k])``,
@@ -452,9 +450,7 @@ class Processor:
     # Telling --------------------------------------------------------------------------
     @property
     def fault(self) -> tuple[str, int] | None:
-        """(output, sample index) of the first non-finite sample that a guard stopped,
-        or None.
-        """
+        """The (output, sample index) of the first non-finite sample, or None."""
         words = self._engine.peek()
         left = words.view(np.float64)
         # see graph.GuardState
@@ -463,8 +459,9 @@ class Processor:
 
     @property
     def address(self) -> tuple[int, int]:
-        """(entry, context): call entry(context, x, y, n), C signature void (*)(int64*,
-        double*, double*, int64).
+        """The (entry, context) for C: call entry(context, x, y, n).
+
+        Its signature is void (*)(int64*, double*, double*, int64).
 
         x and y are row-major (n_inputs, n) and (n_outputs, n).  For sinks that run
         without the interpreter; keep the processor alive as long as the addresses are
@@ -487,16 +484,18 @@ class Processor:
 
     @property
     def latency(self) -> dict[tuple[str, str], tuple[float, float]]:
-        """(min, max) latency in samples over all paths, by (output, input); noise
-        sources count as inputs.
+        """The (min, max) latency in samples over all paths, by (output, input).
+
+        Noise sources count as inputs.
         """
         from ..core.response import latency
 
         return latency(self.program, self.design)
 
     def response(self, output: str, input: str, f: np.ndarray) -> np.ndarray:
-        """Discrete frequency response from an input (or noise source) to an output,
-        parameters as they are.
+        """Return the discrete frequency response from an input or noise to an output.
+
+        Parameters are taken as they are.
 
         Parameters
         ----------

@@ -28,7 +28,7 @@ FAULTS = ("warn", "raise", "ignore")
 
 
 def fault_text(name: str, at: int, fs: float, then: str) -> str:
-    """What a fault is, what became of it, and where to look."""
+    """Return what a fault is, what became of it, and where to look."""
     remedy = "look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
     return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
 
@@ -118,7 +118,7 @@ def _driven(
     target: str,
     on_fault: str,
 ) -> Processor:
-    """A processor at sample 0, with its parameters."""
+    """Return a processor at sample 0, with its parameters."""
     if on_fault not in FAULTS:
         raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
     proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
@@ -143,8 +143,9 @@ def _tell(fault: tuple[str, int] | None, fs: float, on_fault: str) -> None:
 def _plan(
     proc: Processor, motion: Motion | None, seconds: float | None
 ) -> tuple[int, dict[str, Any]]:
-    """Number of samples, by default those of the shortest recording, and the checked
-    motion.
+    """Return the number of samples and the checked motion.
+
+    By default the length is that of the shortest recording.
     """
     sources = sources_of(motion, proc.inputs, 0)
     if seconds is not None:
@@ -194,8 +195,10 @@ class Rendering:
         return above("Rendering._repr_html_")(self)
 
     def plot(self) -> Figure:
-        """Each signal over time; of each output its vibration in close-up, its course
-        over position and its spectrum.
+        """Plot each signal over time, and each output in detail.
+
+        The details are its vibration in close-up, its course over position and its
+        spectrum.
 
         Returns
         -------
@@ -253,8 +256,7 @@ class Rendering:
         return {name: str(block.dim) for name, block in self.scene.outputs.items()}
 
     def to_xarray(self) -> Any:
-        """The outputs as a Dataset over time, with their units; xarray must be
-        installed.
+        """Return the outputs as a Dataset over time, with units; needs xarray.
 
         Returns
         -------
@@ -285,7 +287,7 @@ class Rendering:
         return xarray.Dataset(outputs, {"time": ("time", self.t, {"units": "s"})}, facts)
 
     def to_pandas(self) -> Any:
-        """The outputs as a DataFrame over time; pandas must be installed.
+        """Return the outputs as a DataFrame over time; needs pandas.
 
         Returns
         -------
@@ -309,8 +311,9 @@ class Rendering:
         return frame
 
     def audio(self, output: str | None = None) -> Any:
-        """An output to listen to in a notebook, scaled so that its largest sample is
-        full scale; IPython must be installed.
+        """Return an output as a player for a notebook; needs IPython.
+
+        It is scaled so that its largest sample is full scale.
 
         Parameters
         ----------

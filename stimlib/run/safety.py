@@ -1,5 +1,6 @@
-"""What stands between a scene and a device: limits, counts and a fade, as blocks that
-are compiled with the scene.
+"""The safety stage between a scene and a device: limits, counts and a fade.
+
+It consists of blocks that are compiled with the scene.
 
 Because they are blocks, a sink, an offline rendering and the replay of a log do the
 same to every sample, bit for bit. Where nothing is limited and the gain is 1, the
@@ -89,7 +90,7 @@ class Safety:
             )
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as plain JSON data; ``Safety(**data)`` makes it again."""
+        """Return the limits as plain JSON data; ``Safety(**data)`` makes them again."""
         return {
             f.name: dict(v) if isinstance(v := getattr(self, f.name), Mapping) else v
             for f in dc.fields(self)
@@ -136,7 +137,7 @@ def _above_0(name: str, v: Any) -> float:
 
 @public
 def protect(scene: Scene, safety: Safety) -> Scene:
-    """A scene whose outputs are safe for a device.
+    """Return a scene whose outputs are safe for a device.
 
     Every output is limited to the peak force (outputs in N) and to full scale; then
     come its guard against what is not finite, the static force (outputs in N), the slew
@@ -220,8 +221,7 @@ def protect(scene: Scene, safety: Safety) -> Scene:
 
 
 def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.ndarray:
-    """Frames as a device gets them: what ``devices/callback.py`` does, for replay and
-    tests.
+    """Convert frames to what a device gets, as ``devices/callback.py`` does.
 
     Parameters
     ----------
@@ -252,8 +252,7 @@ def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.
 
 
 class Watch:
-    """Reads a running processor's counts: what its safety stage limited, and which
-    outputs have failed.
+    """A reader of a running processor's counts: limited samples and failed outputs.
 
     Parameters
     ----------
@@ -294,8 +293,9 @@ class Watch:
             )
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """Samples that each stage has changed, {stage: {output: count}}; only what is
-        not 0.
+        """Return the samples that each stage has changed, {stage: {output: count}}.
+
+        Counts of 0 are left out.
         """
         words = self._proc._engine.peek()
         out: dict[str, dict[str, int]] = {}
@@ -305,7 +305,7 @@ class Watch:
         return out
 
     def faults(self) -> dict[str, int]:
-        """Outputs that their guard has stopped, and the sample index of each."""
+        """Return the outputs that their guard has stopped, with sample indices."""
         words = self._proc._engine.peek()
         left = words.view(np.float64)
         # see graph.GuardState

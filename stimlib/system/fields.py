@@ -1,5 +1,4 @@
-"""JSON files of others: strict JSON, and a test for the value of every field that is
-used.
+"""Foreign JSON files: strict JSON, and a test for the value of every field in use.
 
 A test is a function that returns whether a value is good; those here are combined to
 the description of a whole file.
@@ -24,11 +23,12 @@ class Test:
     __test__ = False  # pytest: this is none of yours
 
     def __call__(self, value: Any) -> bool:
+        """Return whether a value passes."""
         return self.good(value)
 
 
 def parse(data: bytes) -> dict[str, Any]:
-    """A JSON object.
+    """Parse a JSON object.
 
     Raises
     ------
@@ -59,8 +59,7 @@ def _finite(text: str) -> float:
 
 
 def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
-    """Raise a ValueError that names the first field that is missing, or that is not
-    what it must be.
+    """Raise ValueError naming the first field that is missing or wrong.
 
     Examples
     --------
@@ -77,12 +76,12 @@ def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
 
 
 def between(low: float, high: float) -> Test:
-    """A number in a range."""
+    """Return a test for a number in a range."""
     return Test(f"a number from {low:g} to {high:g}", lambda v: number(v) and low <= v <= high)
 
 
 def whole(most: int) -> Test:
-    """A whole number from 0 to most."""
+    """Return a test for a whole number from 0 to most."""
     return Test(
         f"a whole number from 0 to {most}",
         lambda v: isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= most,
@@ -95,7 +94,7 @@ def one_of(*values: str) -> Test:
 
 
 def table_of(test: Test) -> Test:
-    """A table of good values."""
+    """Return a test for a table of good values."""
     return Test(
         f"a table, each value {test.wanted}",
         lambda v: isinstance(v, dict) and all(map(test, v.values())),
@@ -103,14 +102,14 @@ def table_of(test: Test) -> Test:
 
 
 def list_of(test: Test) -> Test:
-    """A list of good values."""
+    """Return a test for a list of good values."""
     return Test(
         f"a list, each value {test.wanted}", lambda v: isinstance(v, list) and all(map(test, v))
     )
 
 
 def record(tests: Mapping[str, Test]) -> Test:
-    """A table with these fields, each of them good."""
+    """Return a test for a table with these fields, each of them good."""
     wanted = ", ".join(f"{name} ({test.wanted})" for name, test in tests.items())
     return Test(
         f"a table of {wanted}",
@@ -119,7 +118,7 @@ def record(tests: Mapping[str, Test]) -> Test:
 
 
 def maybe(test: Test) -> Test:
-    """A good value or null."""
+    """Return a test for a good value or null."""
     return Test(f"{test.wanted} or null", lambda v: v is None or test(v))
 
 

@@ -1,6 +1,4 @@
-"""What a file or a run may cost at most: stated numbers, each of which a user can
-raise.
-"""
+"""Limits on what a file or a run may cost: numbers that a user can raise."""
 
 from __future__ import annotations
 
@@ -89,9 +87,7 @@ class Limits:
     def check(
         self, name: str, amount: float, what: str, error: type[StimlibError] = BadValue
     ) -> None:
-        """Raise an error of the kind that is wanted, with the remedy, where an amount
-        is above one of the limits.
-        """
+        """Raise an error with the remedy where an amount is above a limit."""
         if _wrong:
             raise BadValue(_wrong[0])
         most = getattr(self, name)
@@ -104,7 +100,7 @@ class Limits:
 
 
 def _enough(amount: float) -> str:
-    """A round number above an amount."""
+    """Return a round number above an amount."""
     if not math.isfinite(amount):
         return "inf"
     unit = 10 ** max(0, math.floor(math.log10(amount)) - 1)

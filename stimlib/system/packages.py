@@ -9,7 +9,7 @@ from ..errors import MissingPackage
 
 
 def package(module: str, what: str, install: str = "") -> Any:
-    """A module of such a package.
+    """Import a module of an optional package, or raise MissingPackage.
 
     Parameters
     ----------

@@ -260,9 +260,7 @@ class Pool(AbstractContextManager["Pool"]):
 
 
 def _end_of(worker: _Worker, until: float) -> int:
-    """Wait for a process until a time, kill what is left, and return the exit
-    status.
-    """
+    """Wait for a process until a time, kill it, and return the exit status."""
     with suppress(subprocess.TimeoutExpired):
         worker.process.wait(max(0.0, until - time.monotonic()))
     watchdog.tell([worker.process.pid], signal.SIGKILL)
@@ -353,8 +351,9 @@ def _in_order(
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """SIGTERM and SIGHUP (a terminal that is closed) end the program like an exception
-    does, where nobody else takes them.
+    """Let SIGTERM and SIGHUP end the program like an exception.
+
+    SIGHUP comes when a terminal is closed. Handlers of others are left in place.
     """
     main = threading.current_thread() is threading.main_thread()
     ends = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}
@@ -382,8 +381,7 @@ _notes = -1, 0  # file descriptor and process; none in a process that is no work
 
 
 def note(at: int, data: bytes) -> None:
-    """Say which part of the job is under way, and 16 bytes about it, in case the
-    process ends there.
+    """Record which part of the job is under way, in case the process ends.
 
     The seconds that the job has begin anew.
     """
@@ -393,16 +391,12 @@ def note(at: int, data: bytes) -> None:
 
 
 def ended(e: BaseException) -> bool:
-    """Return whether an exception is the end that the driver asked for, or in the
-    driver itself, Ctrl-C.
-    """
+    """Return whether an exception is the end that was asked for, or a Ctrl-C."""
     return isinstance(e, _Ended) or (isinstance(e, KeyboardInterrupt) and _notes[1] != os.getpid())
 
 
 def serve(connection: int, notes: int, memory: int | None) -> None:
-    """Do the jobs that come over a connection (a file descriptor) until it is
-    closed.
-    """
+    """Do the jobs that come over a file descriptor until it is closed."""
     global _notes
     _notes = notes, os.getpid()
     signal.signal(signal.SIGTERM, _end)

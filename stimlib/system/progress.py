@@ -16,7 +16,7 @@ line prints it.
 def progress(
     what: str, total: float | None, wanted: bool | str = True
 ) -> Iterator[Callable[..., None]]:
-    """A progress bar on stderr.
+    """Show a progress bar on stderr.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
 def opened(
     path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[StimlibError] = SinkError
 ) -> int:
-    """A descriptor of a regular file; of nothing else, and without waiting for it.
+    """Return a descriptor of a regular file, of nothing else, without waiting for it.
 
     With flags for writing, it must be a file of stimlib's own: no link leads to it, and
     it has no second name.
@@ -79,8 +79,9 @@ def opened(
 
 
 def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> None:
-    """Raise unless a path is free, or has a regular file that may be replaced; links
-    are not followed.
+    """Raise unless a path is free or has a regular file that may be replaced.
+
+    Links are not followed.
     """
     try:
         mode = os.lstat(path).st_mode
@@ -103,8 +104,9 @@ def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -
 
 
 def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> int:
-    """A descriptor of a new, empty file for reading and writing; what a killed run left
-    in its place is removed before.
+    """Return a descriptor of a new, empty file for reading and writing.
+
+    What a killed run left in its place is removed before.
 
     The name must be one that belongs to stimlib, such as NAME.part.
     """
@@ -125,8 +127,9 @@ def alone(
     path: str | os.PathLike[str],
     error: type[StimlibError] = SinkError,
 ) -> FileIO:
-    """``at``, open for this run alone until the stack or the process ends; what is to
-    be written is ``path``.
+    """Open ``at`` for this run alone until the stack or the process ends.
+
+    What is to be written is ``path``.
 
     ``at`` must be a name that belongs to stimlib, such as NAME.part; its bytes stay.
     It is the stack's before it is locked, so that an interrupt at any moment lets go of
@@ -153,8 +156,9 @@ def taken(
 
 
 def held(fd: int) -> bool:
-    """Lock an open file or folder; whether nobody else has it.  True where the system
-    cannot tell.
+    """Lock an open file or folder, and return whether nobody else has it.
+
+    True where the system cannot tell.
     """
     try:
         import fcntl
@@ -172,8 +176,7 @@ def held(fd: int) -> bool:
 def publish(
     path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError
 ) -> None:
-    """Write a small file: it appears whole, is on the disk then, or is not there at
-    all.
+    """Write a small file atomically: it is on the disk afterwards, or not there at all.
 
     Parameters
     ----------
@@ -247,8 +250,9 @@ def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkEr
 
 
 def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = SinkError) -> int:
-    """A descriptor that keeps others from working in a folder, until it is closed or
-    the process ends, however it ends.
+    """Return a descriptor that keeps others from working in a folder.
+
+    It holds until it is closed or the process ends, however it ends.
 
     Parameters
     ----------

@@ -1,6 +1,4 @@
-"""Work in threads beside the caller, for what lets go of the interpreter: hashes,
-numpy's loops, files.
-"""
+"""Threads for work that releases the interpreter: hashes, numpy's loops, files."""
 
 from __future__ import annotations
 
@@ -16,8 +14,9 @@ END: Any = object()
 
 @contextmanager
 def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T], None]]:
-    """Call functions with one item after another, each function in a thread of its own,
-    while the caller makes the next item.
+    """Call functions with one item after another, each in a thread of its own.
+
+    The caller makes the next item meanwhile.
 
     When the ``with`` block ends, all items are done and the threads have ended.  Where
     it ends by an error, those that were given before are done first; by an interrupt,

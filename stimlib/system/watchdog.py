@@ -20,8 +20,7 @@ TICK = 0.2  # s between two looks at what has no file descriptor to wait for
 
 
 def tell(groups: Iterable[int], *signals: int) -> None:
-    """Send signals to workers and the processes that they have started, if any are
-    left.
+    """Send signals to workers and the processes that they have started.
 
     Parameters
     ----------
