@@ -1,5 +1,4 @@
-"""stimlib: haptic stimuli composed from small pure blocks, compiled into a streaming
-processor.
+"""Compose, play and verify haptic stimuli.
 
 >>> import stimlib
 >>> x = stimlib.Input("x", "m")

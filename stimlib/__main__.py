@@ -1,5 +1,6 @@
-"""The command ``stimlib``, and ``python -m stimlib``: a process that ends with the
-right status, whatever comes when.
+"""The command ``stimlib``, and ``python -m stimlib``.
+
+The process ends with the right status, whatever comes when.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ CTRL_C, PIPE = 128 + signal.SIGINT, 128 + signal.SIGPIPE
 
 
 def main() -> None:
-    """Run the command line, and end the process: quietly on Ctrl-C (130), and where the
-    reader of a pipe went away (141).
+    """Run the command line and end the process.
+
+    It is quiet on Ctrl-C (130), and where the reader of a pipe went away (141).
     """
     try:
         _open_streams()
@@ -38,8 +40,9 @@ def main() -> None:
 
 
 def _open_streams() -> None:
-    """Streams that are closed (``>&-``) take all and keep nothing; what a terminal's
-    encoding lacks is shown as its code.
+    """Make streams that are closed (``>&-``) take all and keep nothing.
+
+    What a terminal's encoding lacks is shown as its code.
     """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
@@ -50,8 +53,9 @@ def _open_streams() -> None:
 
 
 def _leave(status: int) -> None:
-    """End without what could not be printed, or Python would try again and end with
-    120.
+    """End without what could not be printed.
+
+    Python would try again and end with 120.
     """
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)

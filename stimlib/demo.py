@@ -1,6 +1,4 @@
-"""What the library is for: three papers' stimuli, each as file, picture, proof and copy
-for ears.
-"""
+"""The demo: three papers' stimuli, each as file, picture, report and listening copy."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ FS, SECONDS = 8000.0, 4.8
 
 
 def _encoder(motion: Motion, resolution: float, seed: int = 0) -> Motion:
-    """A motion as an encoder reports it: in codes, of which the last toggles."""
+    """Return a motion as an encoder reports it: in codes, of which the last toggles."""
     return quantised(jittered(motion, resolution, rate=500.0, seed=seed), resolution)
 
 
@@ -90,8 +88,10 @@ class Shown(NamedTuple):
 
 @public
 def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Shown, None, None]:
-    """Show all of ``STIMULI``: the shipped scenes driven by positions in steps of 1 um
-    (on the touch screen 10 um).
+    """Render and show all of ``STIMULI``.
+
+    They are shipped scenes driven by positions in steps of 1 um (on the touch screen 10
+    um).
 
     Parameters
     ----------
@@ -128,8 +128,10 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
 
 
 def show(folder: Path, s: Stimulus) -> Shown:
-    """NAME.wav and NAME-listen.wav with their sidecars, NAME.png and NAME.html; files
-    of these names are replaced.
+    """Write sound files, listening copies, pictures and reports of a stimulus.
+
+    They are NAME.wav and NAME-listen.wav with their sidecars, NAME.png and NAME.html;
+    files of these names are replaced.
     """
     scene, name = s.make(), s.make.__name__
     wav, ears, png, page = (

@@ -22,7 +22,7 @@ _CONTROL = re.compile(
 
 
 def shown(text: object) -> str:
-    """Return a text as it can be shown in a terminal or on a page.
+    r"""Return a text as it can be shown in a terminal or on a page.
 
     Control characters, and those that reorder a line, become their codes.
 
@@ -30,7 +30,7 @@ def shown(text: object) -> str:
     --------
     >>> from stimlib.errors import shown
     >>> shown("a\x1b[31mb")
-    'a\\\\x1b[31mb'
+    'a\\x1b[31mb'
     """
     return _CONTROL.sub(lambda m: ascii(m.group())[1:-1], str(text))
 

@@ -1,6 +1,4 @@
-"""Looking at signals and scenes: spectra, cues, the AM model, graphs, pictures, copies
-for ears.
-"""
+"""Views of signals and scenes: spectra, cues, graphs, pictures, listening copies."""
 
 import lazy_loader
 

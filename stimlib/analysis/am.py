@@ -1,5 +1,6 @@
-"""Spectrum and RMS of amplitude-modulated bumps at constant speed: closed forms,
-written on their own.
+"""Spectrum and RMS of amplitude-modulated bumps at constant speed.
+
+The closed forms are written independently of the blocks.
 
 A stimulus is y(t) = A e(u) c(t): e is a unipolar envelope of period 1 in u = u0 + rate
 t, with bumps met at ``rate`` (speed over wavelength); c is a carrier, rectified or not.
@@ -138,8 +139,9 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
 
 @public
 def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None = "half") -> float:
-    """RMS of the stimulus over one bump, averaged over the carrier's phase: A
-    sqrt(<e^2> <c^2>).
+    """Return the RMS of the stimulus over one bump, averaged over the carrier's phase.
+
+    It is A sqrt(<e^2> <c^2>).
 
     Parameters
     ----------
@@ -180,8 +182,9 @@ def sampled_rms(
     fs: float,
     rectify: str | None = "half",
 ) -> float:
-    """The same of what is rendered at a sample rate: both factors are means over one
-    sample period.
+    """Return the RMS over one bump of what is rendered at a sample rate.
+
+    Both factors are means over one sample period.
 
     Parameters
     ----------
@@ -221,8 +224,9 @@ def sampled_rms(
 def meeting(
     waveform: str, duty: float, rate: float, freq: float, fs: float, seconds: float
 ) -> float:
-    """Largest relative error of ``rms`` over so many whole bumps, from lines of
-    envelope and carrier that are near each other.
+    """Return the largest relative error of ``rms`` over so many whole bumps.
+
+    It comes from lines of envelope and carrier that are near each other.
 
     The mean of e^2 c^2 over T has, besides the product of the means, all pairs of lines
     n rate + m freq times sinc((n rate + m freq) T); of samples, with the nearest alias

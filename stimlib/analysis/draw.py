@@ -1,5 +1,7 @@
-"""A picture of what a processor runs: blocks left to right, one colour per clock, a
-shaded box for each ``enabled``.
+"""Pictures of what a processor runs, as a graph.
+
+Blocks go from left to right, with one colour per clock and a shaded box for each
+``enabled``.
 """
 
 from __future__ import annotations
@@ -64,8 +66,7 @@ def draw(scene: Scene | Processor) -> Drawing: ...
 def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None: ...
 @public
 def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -> Drawing | None:
-    """Draw a scene, or what a processor runs, into an SVG, PNG or PDF file or for a
-    notebook.
+    """Draw a scene, or what a processor runs, as SVG, PNG or PDF or for a notebook.
 
     The picture shows the program after rewriting: equal parts once, numbers folded, one
     shaded box per ``enabled`` or ``segment``.  A number stands inside the block that
@@ -129,8 +130,7 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
 
 
 def html_of(scene: Scene) -> str:
-    """What a notebook shows of a scene: its text, and its graph where a picture can
-    show that.
+    """Return what a notebook shows of a scene: its text, and its graph if possible.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def html_of(scene: Scene) -> str:
 
 
 def _render(layout: Layout, suffix: str) -> bytes:
-    """The file's bytes."""
+    """Return the bytes of the file."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -181,11 +181,14 @@ def _render(layout: Layout, suffix: str) -> bytes:
 
 
 class Ink:
+    """The drawing of a laid-out graph with matplotlib."""
+
     def __init__(self, layout: Layout, axes: Any):
         self.layout, self.axes = layout, axes
         self.instances: list[Instance] = layout.program.instances
 
     def everything(self, height: float) -> None:
+        """Draw the whole graph."""
         self.level(self.layout.top)
         x = MARGIN
         for clock in range(len(self.layout.program.parents)):
@@ -198,8 +201,9 @@ class Ink:
             x += 0.55 + width_of(word, SMALL)
 
     def level(self, level: Level, ground: str = "white", given: tuple[int, ...] = ()) -> None:
-        """Everything on a clock, over a colour; what is given out has its unit
-        outside.
+        """Draw everything on a clock, over a colour.
+
+        What is given out has its unit outside.
         """
         p = self.layout
         for b in level.boxes:
@@ -221,6 +225,7 @@ class Ink:
                     self.curve([p.out(p.box[inner[0]]), p.out(b)], head=False)
 
     def enabled(self, b: Box) -> None:
+        """Draw the box of an ``enabled``."""
         assert b.inner
         p, clock = self.layout, b.inner.clock
         left, right = p.x[b.first] - PAD, p.right(b) + PAD
@@ -230,6 +235,7 @@ class Ink:
         )
 
     def block(self, b: Box) -> None:
+        """Draw the box of a block."""
         p, q = self.layout, self.instances[b.number]
         lines = p.text(b.number)
         x = p.x[b.first] + (p.wide[b.first] - b.width) / 2
@@ -248,7 +254,7 @@ class Ink:
             )
 
     def connect(self, level: Level, b: Box, ground: str) -> None:
-        """What comes into a box."""
+        """Draw the connections into a box."""
         p = self.layout
         if b.inner:
             for a in p.gate(b):
@@ -281,11 +287,13 @@ class Ink:
         )
 
     def wire(self, a: int, column: int) -> Box | None:
+        """Return the wire that brings an instance to a column, or None."""
         return self.layout.wires[a] if column > self.layout.box[a].last + 1 else None
 
     def link(self, a: int, to: tuple[float, float], column: int) -> None:
-        """A connection to a place at the left of a column, or (an enabled's output) at
-        its right edge.
+        """Draw a connection to the left of a column, or to its right edge.
+
+        The latter is the output of an ``enabled``.
         """
         p = self.layout
         box, wire = p.box[a], self.wire(a, column)
@@ -299,9 +307,7 @@ class Ink:
 
     # Shapes ---------------------------------------------------------------------------
     def curve(self, points: list[tuple[float, float]], head: bool = True) -> None:
-        """Straight, curved, straight, ..: curves over gaps, straight lines inside
-        columns.
-        """
+        """Draw a line that is curved over gaps and straight inside columns."""
         from matplotlib.patches import PathPatch, Polygon
         from matplotlib.path import Path as Line
 
@@ -332,6 +338,7 @@ class Ink:
     def rectangle(
         self, x: float, y: float, w: float, h: float, fill: str, edge: str, z: int, **line: Any
     ) -> None:
+        """Draw a rounded rectangle."""
         from matplotlib.patches import FancyBboxPatch
 
         style = f"round,pad=0,rounding_size={min(0.07, h / 2)}"
@@ -343,6 +350,7 @@ class Ink:
     def word(
         self, x: float, y: float, text: str, size: float, colour: str, side: str, halo: str = ""
     ) -> None:
+        """Write a word, with a halo where it crosses lines."""
         from matplotlib.patheffects import withStroke
 
         if text:

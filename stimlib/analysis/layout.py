@@ -1,5 +1,4 @@
-"""Where everything goes in the picture of a graph: columns, rows, wires and words, in
-inches.
+"""The layout of the picture of a graph: columns, rows, wires and words, in inches.
 
 The columns come from the longest path.  Inside, everything is a rectangle over a span
 of columns: a block takes one, an ``enabled`` box as many as it is deep, and a
@@ -27,9 +26,7 @@ LINE, MARGIN, GAP, SPACE, WIRE, PAD, STRIP = 0.13, 0.25, 0.42, 0.13, 0.16, 0.13,
 
 @dc.dataclass(eq=False)
 class Box:
-    """A rectangle over the columns first .. last: a block, a wire, or an ``enabled``
-    with what is in it.
-    """
+    """A rectangle over columns: a block, a wire, or a whole ``enabled``."""
 
     number: int  # of the instance; of the close for an enabled; of the source for a wire
     height: float
@@ -41,6 +38,7 @@ class Box:
 
     @property
     def columns(self) -> int:
+        """Return the number of columns."""
         return self.last - self.first + 1
 
 
@@ -73,7 +71,7 @@ class Layout:
         self.place()
 
     def sources(self, i: int) -> tuple[int, ...]:
-        """What is connected to an instance (numbers stand inside it)."""
+        """Return what is connected to an instance, without the numbers inside it."""
         return (
             self.signals(self.program.instances[i].args)
             if self.shut.get(i, i) == i
@@ -81,13 +79,15 @@ class Layout:
         )
 
     def gate(self, box: Box) -> tuple[int, ...]:
-        """What decides whether an enabled runs."""
+        """Return what decides whether an ``enabled`` runs."""
         return self.signals(self.opened(box).args)
 
     def opened(self, box: Box) -> Instance:
+        """Return the instance that a box encloses."""
         return self.program.instances[self.program.instances[box.number].args[0]]
 
     def signals(self, args: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the arguments that are drawn as connections."""
         return tuple(a for a in args if self.program.instances[a].kind not in ("const", "open"))
 
     # Columns --------------------------------------------------------------------------
@@ -116,8 +116,9 @@ class Layout:
         return out
 
     def columns(self, level: Level, start: int) -> None:
-        """Longest path from the left; what no Input reaches moves right, next to its
-        user.
+        """Place each instance by its longest path from the left.
+
+        What no Input reaches moves right, next to its user.
         """
         at: dict[Box, int] = {}
         after: dict[Box, list[int]] = {}
@@ -138,13 +139,15 @@ class Layout:
             self.shift(box, start - box.first + (level.columns - 1 if last else at[box]))
 
     def shift(self, box: Box, by: int) -> None:
+        """Move a box by columns."""
         box.first, box.last = box.first + by, box.last + by
         for b in [*box.inner.boxes, *box.inner.wires.values()] if box.inner else []:
             self.shift(b, by)
 
     def needs(self, box: Box) -> list[tuple[int, int]]:
-        """(instance, column) of everything that comes into a box, also of parameters
-        for what is inside.
+        """Return (instance, column) of everything that comes into a box.
+
+        Parameters of what is inside are included.
         """
         if not box.inner:
             return [(a, box.first) for a in self.sources(box.number)]
@@ -157,8 +160,9 @@ class Layout:
 
     # Rows -----------------------------------------------------------------------------
     def pack(self, level: Level) -> None:
-        """Heights: barycentres, and a skyline that keeps rectangles apart; the best of
-        some rounds.
+        """Choose heights by barycentres, and a skyline that keeps rectangles apart.
+
+        The best of some rounds is taken.
         """
         owner = {b.number: b for b in level.boxes}
         ends = [
@@ -244,6 +248,7 @@ class Layout:
         return middle + box.width / 2, self.y[box] + box.height / 2
 
     def right(self, box: Box) -> float:
+        """Return the right edge of a box."""
         return self.x[box.last] + self.wide[box.last]
 
     def port(self, box: Box) -> float:
@@ -256,6 +261,7 @@ class Layout:
 
     # Words ----------------------------------------------------------------------------
     def unit(self, i: int) -> str:
+        """Return the unit of an instance as it is written."""
         b = self.program.instances[i].block
         return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
 
@@ -318,8 +324,9 @@ def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:
 
 
 def _skyline(order: list[Box], wanted: dict[Box, float], way: float) -> dict[Box, float]:
-    """Tops of boxes put down one after the other (way 1) or up (way -1), as near to
-    where they want to be as they can.
+    """Return the tops of boxes that are put down one after the other.
+
+    They go down (way 1) or up (way -1), as near as possible to where they want to be.
     """
     edge: dict[int, float] = {}
     y = {}

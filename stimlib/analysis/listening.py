@@ -1,6 +1,4 @@
-"""Copies for ears: what vibrates in an output, without the slow force that it rides on,
-at a level that can be heard.
-"""
+"""Listening copies: the vibration of an output, audible, without its slow part."""
 
 from __future__ import annotations
 
@@ -23,8 +21,9 @@ FADE = 0.01  # s at both ends, or they would click
 
 @public
 def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
-    """What a signal has above a frequency, without delay: the signal less a penalised
-    spline through it.
+    """Return what a signal has above a frequency, without delay.
+
+    It is the signal less a penalised spline through it.
 
     Between its ends this is a Butterworth high-pass of order 4, forwards and backwards.
     At the ends nothing is assumed of what lies beyond, so that a force that ends on its
@@ -111,8 +110,9 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
 def listen(
     rendering: Rendering, output: str, path: str | os.PathLike, cutoff: float = CUTOFF
 ) -> FileReport:
-    """Write a copy of one output for ears: the slow part removed, its peak at -6 dBFS,
-    faded at both ends.
+    """Write a listening copy of one output.
+
+    The slow part is removed, the peak is at -6 dBFS, and both ends are faded.
 
     It is for listening only: levels of two copies cannot be compared, and no device
     should be given one.

@@ -1,5 +1,6 @@
-"""A rendering at a glance: its signals over time, and of each output the vibration, the
-course over position, the spectrum.
+"""A rendering at a glance: its signals over time, and each output in detail.
+
+The details are its vibration, its course over position and its spectrum.
 
 Nothing hides anything else: signals share a panel only where they are the same samples.
 """
@@ -37,9 +38,7 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 class Against(NamedTuple):
-    """A spectrum, and what a law predicts; arrays of shape (n,), PSD in the unit's
-    square per Hz.
-    """
+    """A spectrum and a law's prediction, shape (n,), PSDs in unit^2/Hz."""
 
     title: str
     unit: str
@@ -70,11 +69,11 @@ class Signals(NamedTuple):
     outputs: Mapping[str, np.ndarray]
 
     def unit(self, output: str) -> str:
-        """Of an output."""
+        """Return the unit of an output."""
         return str(self.scene.outputs[output].dim)
 
     def position(self, output: str) -> str | None:
-        """The input in m that an output follows, the first where there are several."""
+        """Return the input in m that an output follows, the first of several."""
         found = {
             b.name
             for b in reach([self.scene.outputs[output]])
@@ -87,8 +86,10 @@ class Signals(NamedTuple):
 def picture(
     rendering: Rendering, path: str | os.PathLike, spectra: Mapping[str, Against] | None = None
 ) -> None:
-    """Draw a rendering: each signal over time; of each output its vibration in
-    close-up, its course over position, its spectrum.
+    """Draw a rendering: each signal over time, and each output in detail.
+
+    The details are its vibration in close-up, its course over position and its
+    spectrum.
 
     Vibration is what ``stimlib.analysis.listening.vibration`` leaves. A spectrum ends
     12 decades below its top.
@@ -173,8 +174,9 @@ def check_place(
 
 
 def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -> Figure:
-    """The picture as a figure that is yours to change, which pyplot does not know;
-    ``Rendering.plot`` is this.
+    """Return the picture as a matplotlib figure of your own; see ``Rendering.plot``.
+
+    pyplot does not know it.
 
     Parameters
     ----------
@@ -215,8 +217,9 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
 
 
 def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
-    """What a notebook shows of a rendering: its text, and the picture of its first
-    seconds.
+    """Return what a notebook shows of a rendering: its text and a picture.
+
+    The picture shows its first seconds.
 
     Parameters
     ----------
@@ -254,7 +257,7 @@ def heights(s: Signals) -> tuple[float, float]:
 
 
 def rows_of(s: Signals) -> list[Row]:
-    """A row for each signal; inputs that are the same samples under one name."""
+    """Return a row for each signal; equal inputs share one under one name."""
     groups: dict[tuple[str, bytes], list[str]] = {}
     for name, y in s.inputs.items():
         groups.setdefault((str(s.scene.inputs[name].dim), y.tobytes()), []).append(name)
@@ -266,7 +269,7 @@ def rows_of(s: Signals) -> list[Row]:
 
 
 def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
-    """A panel for each row, of samples from ``start`` on."""
+    """Draw a panel for each row, of samples from ``start`` on."""
     axes = fig.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
     for ax, (name, unit, y, color) in zip(axes, rows, strict=True):
         curve(ax, (start + np.arange(y.size)) / fs, y, color=color)
@@ -275,8 +278,10 @@ def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
 
 
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
-    """A row for each output: the vibration where it is largest, the course over
-    position if it follows one, the spectrum.
+    """Draw a row for each output: vibration, course over position, spectrum.
+
+    The vibration is shown where it is largest, the course if the output follows a
+    position.
     """
     names = list(islice(s.outputs, MOST))
     for row, name in zip(fig.subfigures(len(names), 1, squeeze=False)[:, 0], names, strict=True):
@@ -291,8 +296,9 @@ def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
-    """A curve as its smallest and largest value in each of POINTS stretches: nothing
-    that sticks out is lost.
+    """Draw a curve by its smallest and largest value in each of POINTS stretches.
+
+    So no extreme value is lost.
     """
     if y.size > 2 * POINTS:
         step = -(-y.size // POINTS)
@@ -372,8 +378,9 @@ def _density(ax: Any, s: Signals, name: str) -> None:
 
 
 def against(ax: Any, a: Against) -> None:
-    """A spectrum, the law's, and the band between which a correct rendering lies; in
-    the legend where it can be seen.
+    """Draw a spectrum, the law's, and the band of correct renderings.
+
+    The legend names the band where it can be seen.
     """
     bands = a.f.size < 100
     bottom = max(1e-30, FLOOR * a.law.max(), 0.3 * min(a.low.min(), a.measured.min()))

@@ -1,5 +1,6 @@
-"""How much damping a device needs so that a rendered stiffness gives no energy: the
-bound of sampled data.
+"""The damping that a device needs so that a rendered stiffness is passive.
+
+This is the bound for sampled data.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  #
 def needed_damping(
     response: Callable[[np.ndarray], np.ndarray], fs: float, delay: float = 0.0
 ) -> float:
-    """Damping that a device needs of its own so that a rendered force over position,
-    held between samples, gives no energy.
+    r"""Return the damping with which a device is passive under a rendered stiffness.
+
+    The force over position is held between samples.
 
     b > T/2 max_w Re{(1 - exp(-j w T)) H(w) exp(-j w delay)}/(1 - cos w T), 0 < w T <=
     pi, T = 1/fs.
 
-    A spring and a difference as damper, K + B (1 - 1/z)/T, need K T/2 + \\|B\\|; a
+    A spring and a difference as damper, K + B (1 - 1/z)/T, need K T/2 + \|B\|; a
     spring whose force is late by d, K (T/2 + d).
 
     Parameters
@@ -62,7 +64,7 @@ def needed_damping(
     References
     ----------
     Colgate and Schenkel, "Passivity of a class of sampled-data systems: application to
-    haptic interfaces", J. Robotic Systems 14 (1997): b > K T/2 + \\|B\\|, and its
+    haptic interfaces", J. Robotic Systems 14 (1997): b > K T/2 + \|B\|, and its
     general form.
 
     Examples
@@ -98,8 +100,9 @@ def needed_damping(
 
 @public
 def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], float]:
-    """`needed_damping` of each output over each input of a scene that is a force over
-    its position, where it can be told.
+    """Return `needed_damping` of each output over each input of a scene.
+
+    Only forces over a position count, where the stiffness is known.
 
     What is linear counts as it is; walls, detents, buttons and friction as stiff as
     they can be; parameters as they stand.

@@ -1,5 +1,6 @@
-"""The physical cues of an interaction: what a participant could have gone by, from
-recorded displacement and force.
+"""The physical cues of an interaction, from recorded displacement and force.
+
+A participant could have gone by any of them.
 """
 
 from __future__ import annotations
@@ -19,9 +20,7 @@ WINDOWS = ("hann", "none")
 
 
 class Cues(NamedTuple):
-    """Physical interaction parameters, in the order of the paper's two lists; see
-    ``cues``.
-    """
+    """Physical interaction parameters, in the order of the paper; see ``cues``."""
 
     frequency: float  # Hz, of the dominant component of y
     k_S: float  # N/m
@@ -145,8 +144,9 @@ def cues_of(
     prominence: float = 0.1,
     window: str = "hann",
 ) -> Callable[[ArrayLike], Cues]:
-    """``cues`` of one displacement and any number of forces: what depends on the
-    displacement alone is done once.
+    """Return ``cues`` of one displacement and any number of forces.
+
+    What depends on the displacement alone is computed once.
 
     Parameters
     ----------
@@ -257,8 +257,9 @@ def _window(n: int) -> np.ndarray:
 
 
 def _waves(angle: float, window: np.ndarray) -> np.ndarray:
-    """cos, sin and 1 at so many rad per sample, from the middle of the record, under
-    the root of the window.
+    """Return cos, sin and 1 at so many rad per sample, under the window's root.
+
+    The angles count from the middle of the record.
     """
     n = window.size
     phase = angle * (np.arange(n) - (n - 1) / 2)
@@ -266,8 +267,9 @@ def _waves(angle: float, window: np.ndarray) -> np.ndarray:
 
 
 def _fit(angle: float, window: np.ndarray) -> np.ndarray:
-    """Rows whose products with a record sum to cos and sin of its best fit at so many
-    rad per sample, shape (2, n).
+    """Return rows whose products with a record give its best fit, shape (2, n).
+
+    Their sums are the weights of cos and sin at so many rad per sample.
 
     Sums in numpy's own order, not a library's: the same bits whatever the number of
     threads.
@@ -282,8 +284,9 @@ def _amplitude(fit: np.ndarray, record: np.ndarray) -> complex:
 
 
 def _frequency(y: np.ndarray, fs: float, window: np.ndarray) -> float:
-    """w in rad/s of the sinusoid plus constant that fits best, by Gauss and Newton from
-    the largest bin of a DFT.
+    """Return w in rad/s of the sinusoid plus constant that fits best.
+
+    Gauss and Newton's method begins at the largest bin of a DFT.
     """
     n = y.size
     z = (y - np.sum(window * y) / np.sum(window)) / np.ptp(y)
@@ -315,7 +318,7 @@ def _mean_of(a: np.ndarray, prominence: float) -> tuple[float, float]:
 
 
 def _peaks(a: np.ndarray, prominence: float) -> np.ndarray:
-    """Indices of the maxima that count."""
+    """Return the indices of the maxima that count."""
     from scipy.signal import find_peaks
 
     span = np.ptp(a)

@@ -1,5 +1,6 @@
-"""Is this noise that of the model?  Tests on the whitened periodogram of a stationary
-stream.
+"""Tests of a noise against its model, on the whitened periodogram.
+
+The stream must be stationary.
 
 One Hann taper, every third bin: W_k = I_k / E[I_k] are independent Exp(1) if the model
 holds.  Sums over third octaves are then Gamma distributed, exactly; weighted sums, with
@@ -41,8 +42,9 @@ class Spectrum(NamedTuple):
 
 
 def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
-    """Every third bin of f_low .. f_high (Hz) of n samples, from the fourth on: those
-    whose periodogram is independent.
+    """Return every third bin of f_low .. f_high (Hz) of n samples, from the fourth on.
+
+    The periodogram is independent at these.
 
     Examples
     --------
@@ -58,8 +60,9 @@ def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
 def whitened(
     x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray], f_low: float, f_high: float
 ):
-    """Frequencies (Hz) and W = periodogram / its expectation, every third bin of f_low
-    .. f_high.
+    """Return frequencies (Hz) and W = periodogram / its expectation.
+
+    Every third bin of f_low .. f_high is taken.
 
     Parameters
     ----------
@@ -99,8 +102,9 @@ def whitened(
 def test_spectrum(
     x: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float
 ) -> Spectrum | None:
-    """Both tests of one stream against a one-sided PSD; None when it is too short for
-    one band of eight bins.
+    """Run both tests of one stream against a one-sided PSD.
+
+    None when it is too short for one band of eight bins.
 
     Parameters
     ----------
@@ -114,8 +118,9 @@ def test_spectrum(
 
 
 def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """The bins of each third octave, and weights of unit size, shape (terms, n), that
-    see level, slope, curvature ..
+    """Return the bins of each third octave, and weights that test its shape.
+
+    Weights of unit size, shape (terms, n), see level, slope, curvature ..
 
     Examples
     --------
@@ -163,8 +168,9 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
 
 
 def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
-    """Two-sided p of sum a (W - 1) where the W are independent Exp(1): the saddlepoint
-    formula of Lugannani and Rice.
+    """Return the two-sided p of sum a (W - 1) of independent W ~ Exp(1).
+
+    The formula is the saddlepoint formula of Lugannani and Rice.
 
     Parameters
     ----------
@@ -189,8 +195,9 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
 
 
 def tail(c: np.ndarray, s: float) -> float:
-    """P(sum c (E - 1) > s) where the E are independent Exp(1): the saddlepoint formula
-    of Lugannani and Rice (1980).
+    """Return P(sum c (E - 1) > s) of independent E ~ Exp(1).
+
+    The formula is the saddlepoint formula of Lugannani and Rice (1980).
 
     Parameters
     ----------
@@ -253,8 +260,9 @@ def _at_least(parts: list[np.ndarray], size: int) -> list[np.ndarray]:
 def correlation(
     x: np.ndarray, y: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float
 ) -> tuple[float, float]:
-    """Correlation coefficient of two streams, whitened by the model, and its two-sided
-    p under independence.
+    """Return the correlation of two streams, and its two-sided p.
+
+    The streams are whitened by the model; p is that under independence.
     """
     n = min(x.size, y.size)
     _, _, a = whitened(x[:n], fs, model, f_low, f_high)
@@ -265,7 +273,7 @@ def correlation(
 
 
 def correlated_p(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """The same of two complex normal vectors of unit variance."""
+    """Return p of the correlation of two complex normal vectors of variance 1."""
     from scipy import stats
 
     c = float(np.mean((a * b.conj()).real))

@@ -45,8 +45,10 @@ FARTHEST = 1e100  # m before anything slips: a spring without any stiffness
 
 
 def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") -> Block:
-    """A number gets the unit; of a number or a parameter, what is negative (or 0, if
-    that means nothing) is refused.
+    """Return an amount with its unit.
+
+    A number gets the unit; of a number or a parameter, what is negative (or 0, if that
+    means nothing) is refused.
     """
     b = with_unit(v, text)
     if isinstance(b, (Const, Param)) and not (b.value >= 0 if zero else b.value > 0):
@@ -58,6 +60,8 @@ def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") 
 
 # What all laws begin with -------------------------------------------------------------
 class FrictionState(NamedTuple):
+    """State of `Friction` between samples."""
+
     last: float  # x
     z: float  # deflection
     k: float  # of the last sample
@@ -65,43 +69,46 @@ class FrictionState(NamedTuple):
 
 
 def held(v):
-    """A live value, 0 where it is below; nan stays."""
+    """Return a live value, 0 where it is below; nan stays."""
     return where(v > 0.0, v, where(v == v, 0.0, v))
 
 
 def between(v, low, high):
-    """v between low and high; nan where one of them is."""
+    """Return v between low and high; nan where one of them is."""
     return where(v > high, high, where(v < low, low, where(high == high, v, high)))
 
 
 def within(z, c):
-    """z held between -c and c; nan where c is."""
+    """Return z held between -c and c; nan where c is."""
     return between(z, -c, c)
 
 
 def sign(x):
-    """The way's direction."""
+    """Return the way's direction."""
     return where(x < 0.0, -1.0, 1.0)
 
 
 def deflection(limit, k):
-    """c, where a spring of stiffness k has the force limit: finite, however soft it
-    is.
+    """Return c, where a spring of stiffness k has the force limit.
+
+    It is finite, however soft the spring is.
     """
     c = held(limit) / k
     return where(k > 0.0, where(c > FARTHEST, FARTHEST, c), where(k == k, 0.0, k))
 
 
 def softened(z, before, k):
-    """z min(1, before/k): the deflection when the stiffness becomes k, so that energy
-    never grows.
+    """Return z min(1, before/k), the deflection when the stiffness becomes k.
+
+    So energy never grows.
     """
     return where(before < k, z * over(before, k), z)
 
 
 def over(a, b):
-    """a/b, but a where b is 0, which is not used: a division by 0 that is not used
-    makes a derivative nan all the same.
+    """Return a/b, but a where b is 0, which is not used.
+
+    A division by 0 that is not used makes a derivative nan all the same.
     """
     return a / where(b == 0.0, 1.0, b)
 
@@ -114,8 +121,9 @@ def relax(a):
 
 
 def averaging(fs, z, k, b=0.0):
-    """Response of a spring k whose force is the mean over a sample, and a damper b
-    beside it.
+    """Return the response of a spring k and a damper b in parallel.
+
+    The spring's force is the mean over a sample.
     """
     d = backward(z)
     return k * (1.0 - 0.5 * d) + b * fs * d
@@ -144,7 +152,7 @@ class Friction(Block, abstract=True):
         return (), FrictionState(0.0, 0.0, 0.0, 1.0)
 
     def delay(self, p):
-        """A mean over the last sample period lies half a sample back."""
+        """Return half a sample: a mean over the last sample period."""
         return 0.5
 
     def steepest(self, fs, z, H, value):
@@ -172,13 +180,17 @@ class Coulomb(Friction):
 
 
 class ElasticParams(NamedTuple):
+    """Parameters of elastic blocks at a sample rate."""
+
     elastic: float
 
 
 @dataclass(frozen=True, eq=False)
 class ElastoPlastic(Friction):
-    """dz = dx while z is elastic, s z < b = elastic c; then dz = (1 - (s z - b)/(c -
-    b)) dx, s the direction of dx.
+    """Dahl's friction with an elastic range.
+
+    dz = dx while z is elastic, s z < b = elastic c; then dz = (1 - (s z - b)/(c - b))
+    dx, s the direction of dx.
     """
 
     elastic: float
@@ -211,7 +223,7 @@ class ElastoPlastic(Friction):
 
 
 def drawn(z, c, dx):
-    """dz = (1 - s z/c) dx along the way: z at its end and in the mean."""
+    """Return z of dz = (1 - s z/c) dx at the end of the way, and in the mean."""
     to = sign(dx) * c
     left, mean = relax(where(c > 0.0, over(abs(dx), c), 0.0))
     return to + (z - to) * left, to + (z - to) * mean
@@ -232,14 +244,17 @@ class Dahl(Friction):
 
 
 class LuGreParams(NamedTuple):
+    """Parameters of `LuGre` at a sample rate."""
+
     damping: float  # times fs
     viscosity: float  # times fs
 
 
 @dataclass(frozen=True, eq=False)
 class LuGre(Block):
-    """Dahl's law with a limit g(v), F = k z + damping dz/dt + viscosity v; z is held
-    within the static limit.
+    """LuGre friction: Dahl's law with a limit g(v), a damper and a viscosity.
+
+    F = k z + damping dz/dt + viscosity v; z is held within the static limit.
     """
 
     x: Block
@@ -270,7 +285,7 @@ class LuGre(Block):
         )
 
     def delay(self, p):
-        """A mean over the last sample period lies half a sample back."""
+        """Return half a sample: a mean over the last sample period."""
         return 0.5
 
     def steepest(self, fs, z, H, value):
@@ -296,11 +311,15 @@ class LuGre(Block):
 
 # Around the laws ----------------------------------------------------------------------
 class StribeckParams(NamedTuple):
+    """Parameters of `Stribeck` at a sample rate."""
+
     rise: float
     per: float  # fs/speed
 
 
 class PlaceState(NamedTuple):
+    """State of place blocks between samples."""
+
     last: float
     cold: float
 
@@ -326,8 +345,9 @@ class Stribeck(Block):
         return StribeckParams(self.rise, min(fs / self.speed, 1e300)), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """A damper below 0: the curve falls fastest, by rise sqrt(2/e)/speed of the
-        limit, at speed/sqrt(2).
+        """Return a damper below 0, where the curve falls fastest.
+
+        It falls by rise sqrt(2/e)/speed of the limit, at speed/sqrt(2).
         """
         if H[0] is None or value[1] is None:
             return None
@@ -342,13 +362,16 @@ class Stribeck(Block):
 
 
 class StickSlipParams(NamedTuple):
+    """Parameters of `StickSlip` at a sample rate."""
+
     left: float  # part of the force that a slip leaves
 
 
 @dataclass(frozen=True, eq=False)
 class StickSlip(Friction):
-    """dz = dx up to |z| = c, from where it falls to left c: a sawtooth over the way,
-    with any number of slips in a sample.
+    """A spring that falls to left c where it reaches c: a sawtooth over the way.
+
+    dz = dx up to |z| = c; any number of slips may be in a sample.
 
     A slip takes q = c - left c.  The area under the sawtooth is that of the way up to
     c, of whole teeth, each q long with a mean of c - q/2, and of the rest, which begins
@@ -403,13 +426,14 @@ def friction(
     passive: bool = True,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Dry friction that sticks, from the position alone: the mean force over the
-    straight way since the last sample.
+    r"""Compute dry friction that sticks, from the position alone.
+
+    It is the mean force over the straight way since the last sample.
 
     A spring of the given stiffness between finger and surface has the deflection z. It
     slips at c = mu normal/stiffness. With s the direction of dx, b = elastic c:
 
-    * ``"coulomb"``: dz = dx while \\|z\\| < c (a Prandtl element, a god object on a
+    * ``"coulomb"``: dz = dx while \|z\| < c (a Prandtl element, a god object on a
       line);
     * ``"elastoplastic"``: dz = dx while s z < b, then dz = (1 - (s z - b)/(c - b)) dx.
       Below b it is a spring, so nothing drifts;
@@ -555,8 +579,9 @@ def stick_slip(
     stiffness: Block | float = 1000.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Sticks like a spring up to static normal, then slips to a part of it, again and
-    again: a sawtooth of force over place.
+    """Stick like a spring up to static normal, then slip, again and again.
+
+    The force is a sawtooth over place, which falls to a part of static normal.
 
     The teeth are (static - kinetic) normal/stiffness apart, whatever the speed; at
     speed v that is a vibration with v over that frequency. Each sample is the exact
@@ -644,14 +669,12 @@ class Over(Block, abstract=True):
     resettable = True
 
     def delay(self, p):
-        """A mean over the last sample period lies half a sample back."""
+        """Return half a sample: a mean over the last sample period."""
         return 0.5
 
 
 def not_too_small(owner: Block, *names: str) -> None:
-    """Raise BadValue unless these lengths, and one over them, are numbers above
-    zero.
-    """
+    """Raise BadValue unless lengths, and 1 over them, are numbers above 0."""
     positive(owner, *names)
     for name in names:
         if not math.isfinite(1 / getattr(owner, name)):
@@ -662,12 +685,16 @@ def not_too_small(owner: Block, *names: str) -> None:
 
 # Walls --------------------------------------------------------------------------------
 class WallParams(NamedTuple):
+    """Parameters of `Wall` at a sample rate."""
+
     fs: float
 
 
 @dataclass(frozen=True, eq=False)
 class Wall(Over):
-    """F(p) = max(0, K p + b v) for p = x - at > 0, K = k max(0, 1 + c v), v the mean
+    """A wall: the mean of a spring and a damper over the way in it.
+
+    F(p) = max(0, K p + b v) for p = x - at > 0, K = k max(0, 1 + c v), v the mean
     speed: the mean over the way of p.
     """
 
@@ -692,8 +719,9 @@ class Wall(Over):
         return WallParams(fs), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """In contact; how much a damping that grows with the depth is cannot be
-        told.
+        """Return the response in contact.
+
+        How much a damping that grows with the depth is cannot be known.
         """
         if H[0] is None or None in value[1:3] or value[4] != 0:
             return None
@@ -723,7 +751,7 @@ def wall(
     hunt_crossley: Block | float = 0.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """A wall beyond a place: a spring and a damper that push, and never pull.
+    """Compute a wall beyond a place: a spring and a damper that push, never pull.
 
     With p = x - at and v its speed, F = max(0, k p (1 + c v) + b v) where p > 0, else
     0; each sample is the exact mean over its way, also where contact begins or ends
@@ -793,6 +821,8 @@ def wall(
 
 # Detents ------------------------------------------------------------------------------
 class DetentParams(NamedTuple):
+    """Parameters of detent blocks at a sample rate."""
+
     per: float  # 1/spacing
 
 
@@ -812,8 +842,9 @@ def averaged(d):
 
 @dataclass(frozen=True, eq=False)
 class Detents(Over):
-    """Mean of depth sin(2 pi x/spacing) from x0 to x1: depth sin(pi (x0 + x1)/spacing)
-    sinc((x1 - x0)/spacing).
+    """The mean of depth sin(2 pi x/spacing) over a movement from x0 to x1.
+
+    depth sin(pi (x0 + x1)/spacing) sinc((x1 - x0)/spacing).
     """
 
     x: Block
@@ -848,8 +879,9 @@ class Detents(Over):
 def detents(
     x: Block, spacing: float, depth: Block | float = 1.0, contact: Block | float = 1.0
 ) -> Block:
-    """Detents, regular places into which a hand is drawn: F = depth sin(2 pi
-    x/spacing).
+    """Compute detents, regular places into which a hand is drawn.
+
+    F = depth sin(2 pi x/spacing).
 
     It rests at the multiples of the spacing. Each sample is the exact mean over its
     way, however far that is, so the detents neither give nor take work on the way from
@@ -904,12 +936,16 @@ def detents(
 
 # Buttons ------------------------------------------------------------------------------
 class ButtonParams(NamedTuple):
+    """Parameters of `Button` at a sample rate."""
+
     at: float
     back: float
     drop: float  # of the force at the snap, as a part of the peak
 
 
 class ButtonState(NamedTuple):
+    """State of `Button` between samples."""
+
     last: float
     pressed: float
     cold: float
@@ -917,8 +953,10 @@ class ButtonState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Button(Over):
-    """F = peak (max(0, x)/at - drop q): q is 1 from the snap at x >= at until x < back,
-    and 0 else; its mean over the way.
+    """A button: the mean force over the way, with a snap.
+
+    F = peak (max(0, x)/at - drop q): q is 1 from the snap at x >= at until x < back,
+    and 0 else.
     """
 
     x: Block
@@ -985,8 +1023,10 @@ def button(
     back: float | None = None,
     contact: Block | float = 1.0,
 ) -> Any:
-    """A button with a snap: its force rises along a line, falls at the snap, goes on,
-    and comes back later on the way up.
+    """Compute a button with a snap.
+
+    Its force rises along a line, falls at the snap, goes on, and comes back later on
+    the way up.
 
     F = peak (x/at - drop q) for x > 0: q becomes 1 where x reaches ``at``, with the
     force at its peak, and 0 again where x falls below ``back``. Each sample is the
@@ -1063,7 +1103,10 @@ a measurement."""
 
 
 def _quantity(who: str, name: str, v: Block | float, text: str) -> Block:
-    """A number above 0 gets the unit; a signal must have it."""
+    """Return a quantity with its unit.
+
+    A number above 0 gets the unit; a signal must have it.
+    """
     b = as_block(v)
     if isinstance(b, Const):
         if not (math.isfinite(b.value) and b.value > 0):
@@ -1129,8 +1172,9 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class ForceLimit(Map):
-    """x held between -peak and peak; what is not finite passes, for the output's guard
-    to see.
+    """x held between -peak and peak.
+
+    What is not finite passes, for the output's guard to see.
     """
 
     x: Block
@@ -1199,6 +1243,8 @@ KNEE = 0.81  # of the mean square: 0.9 of the limit
 
 
 class StaticParams(NamedTuple):
+    """Parameters of static blocks at a sample rate."""
+
     a: float
     most: float  # limit^2
     knee: float
@@ -1207,6 +1253,8 @@ class StaticParams(NamedTuple):
 
 
 class StaticState(NamedTuple):
+    """State of static blocks between samples."""
+
     m: float  # mean square of the output
 
 
@@ -1243,8 +1291,9 @@ class StaticLimit(Block):
 
 @public
 def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
-    """Keep the mean square of a force below that of the static force a motor can bear,
-    by a gain that moves slowly.
+    """Limit the mean square of a force to the static force that a motor can bear.
+
+    A gain moves slowly.
 
     With L = limit, K = (0.9 L)^2 and the running mean m of the output's square,
 
@@ -1308,17 +1357,22 @@ def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
 
 
 class SlewParams(NamedTuple):
+    """Parameters of slew blocks at a sample rate."""
+
     step: float  # most that y moves in one sample
 
 
 class SlewState(NamedTuple):
+    """State of slew blocks between samples."""
+
     y: float
 
 
 @dataclass(frozen=True, eq=False)
 class SlewLimit(Block):
-    """y follows x by at most rate/fs in one sample; what is not finite passes, for the
-    output's guard to see.
+    """y follows x by at most rate/fs in one sample.
+
+    What is not finite passes, for the output's guard to see.
     """
 
     x: Block
@@ -1340,8 +1394,9 @@ class SlewLimit(Block):
 
 @public
 def slew_limit(x: Block, rate: float) -> Block:
-    """Follow a signal no faster than a rate, such as the fastest change of force that a
-    transmission bears.
+    """Follow a signal no faster than a rate.
+
+    An example is the fastest change of force that a transmission bears.
 
     y[n] = min(max(x[n], y[n-1] - rate/fs), y[n-1] + rate/fs), y[-1] = 0.
 
@@ -1376,13 +1431,16 @@ def slew_limit(x: Block, rate: float) -> Block:
 
 
 class TallyState(NamedTuple):
+    """State of `Tally` between samples."""
+
     n: np.uint64
 
 
 @dataclass(frozen=True, eq=False)
 class Tally(Block):
-    """x, with a count in its state of the samples at which a stage made something else
-    of ``before``.
+    """x, with a count of the samples at which a stage changed ``before``.
+
+    The count is in its state.
     """
 
     x: Block
@@ -1409,7 +1467,7 @@ def motor_current(
     geometry: tuple[ArrayLike, ArrayLike] = PLACEHOLDER_GAMMA,
     kind: str = "pchip",
 ) -> Block:
-    """Current of a voice coil for a wanted force: I = F/(n B Gamma(x)).
+    """Compute the current of a voice coil for a force: I = F/(n B Gamma(x)).
 
     Parameters
     ----------

@@ -46,8 +46,9 @@ class Event(Block, abstract=True):
 
 
 def is_event(b: Block) -> bool:
-    """Whether a signal is known to be an event: a block that makes them, or one of
-    those scaled.
+    """Return whether a signal is known to be an event.
+
+    It is made by a block for events, or is such a signal scaled.
     """
     todo, seen = [b], {id(b)}
     while todo:
@@ -62,7 +63,7 @@ def is_event(b: Block) -> bool:
 
 
 def as_event(name: str, v) -> Block:
-    """A signal that may be an event; BadValue where it is known to last."""
+    """Return a signal that may be an event; raise BadValue if it is known to last."""
     b = as_block(v)
     if isinstance(b, (Const, Param, Compare, Gate, Count, SampleAndHold)):
         raise BadValue(
@@ -73,8 +74,9 @@ def as_event(name: str, v) -> Block:
 
 
 def as_signal(name: str, v, remedy: str) -> Block:
-    """A signal that lasts; BadValue, with a remedy, where it is known to be an
-    event.
+    """Return a signal that lasts.
+
+    BadValue, with a remedy, where it is known to be an event.
     """
     b = as_block(v)
     if is_event(b):
@@ -83,13 +85,14 @@ def as_signal(name: str, v, remedy: str) -> Block:
 
 
 def in_unit_of(x: Block, v) -> Block:
-    """A number gets the unit of x."""
+    """Return a number with the unit of x."""
     return as_block(v) if x.dim == un.ONE else with_unit(v, str(x.dim))
 
 
 def happens(event):
-    """At how many samples something happens: a tile that finds none may leave its state
-    as it is.
+    """Return at how many samples something happens.
+
+    A tile that finds none may leave its state as it is.
     """
     n = NONE
     for i in range(event.size):
@@ -99,16 +102,20 @@ def happens(event):
 
 # Where they come from -----------------------------------------------------------------
 class EdgeParams(NamedTuple):
+    """Parameters of `Edge` at a sample rate."""
+
     sign: float  # 1: rising, -1: falling
 
 
 class EdgeState(NamedTuple):
+    """State of `Edge` between samples."""
+
     above: float
     cold: float
 
 
 def edge(p, s, x, threshold):
-    """The event of one sample and the new state."""
+    """Return the event of one sample and the new state."""
     d = x - threshold
     above = where(d == d, where(d > 0.0, 1.0, 0.0), s.above)
     passed = where(s.cold > 0.0, 0.0, p.sign * (above - s.above))
@@ -149,7 +156,7 @@ class Edge(Event):
 
 @public
 def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
-    """An event where a signal comes above a threshold.
+    """Make an event where a signal comes above a threshold.
 
     Parameters
     ----------
@@ -189,7 +196,9 @@ def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
 
 @public
 def falling(x: Block | float, threshold: Block | float = 0.0) -> Block:
-    """An event where a signal comes down to a threshold, or below it; see ``rising``.
+    """Make an event where a signal comes down to a threshold; see ``rising``.
+
+    It may go below it at once.
 
     Parameters
     ----------
@@ -214,12 +223,16 @@ def falling(x: Block | float, threshold: Block | float = 0.0) -> Block:
 
 
 class CrossingParams(NamedTuple):
+    """Parameters of `Crossing` at a sample rate."""
+
     spacing: float
     half: float  # half the hysteresis, in spacings
     split: float
 
 
 class CrossingState(NamedTuple):
+    """State of `Crossing` between samples."""
+
     cell: float
     last: float  # x/spacing
     carry: float
@@ -227,7 +240,7 @@ class CrossingState(NamedTuple):
 
 
 def crossed(p, s, x):
-    """The lines passed in one sample and the new state."""
+    """Return the lines passed in one sample and the new state."""
     u = x / p.spacing
     good = where(u - u == 0.0, 1.0, 0.0)
     low, high = floor(u - p.half), floor(u + p.half)
@@ -245,7 +258,9 @@ def crossed(p, s, x):
 
 @dataclass(frozen=True, eq=False)
 class Crossing(Event):
-    """The cell between two lines is held within floor(u - h/2) .. floor(u + h/2), u =
+    """An event at each line passed, with a play.
+
+    The cell between two lines is held within floor(u - h/2) .. floor(u + h/2), u =
     x/spacing: a play between place and cell.
 
     The event is how many cells it has moved.
@@ -296,8 +311,9 @@ class Crossing(Event):
 def crossing(
     x: Block | float, spacing: float, hysteresis: float = 0.0, split: bool = False
 ) -> Block:
-    """An event at every line that a position passes: lines at the multiples of a
-    spacing.
+    """Make an event at every line that a position passes.
+
+    The lines are at the multiples of a spacing.
 
     Parameters
     ----------
@@ -342,6 +358,8 @@ def crossing(
 
 # What is done with them ---------------------------------------------------------------
 class Total(NamedTuple):
+    """Sum and its error."""
+
     y: float
 
 
@@ -409,7 +427,7 @@ class SampleAndHold(Block):
 
 @public
 def sample_and_hold(x: Block | float, event: Block | float) -> Block:
-    """What a signal was when something happened last.
+    """Hold what a signal was when something happened last.
 
     Parameters
     ----------
@@ -442,15 +460,19 @@ def sample_and_hold(x: Block | float, event: Block | float) -> Block:
 
 
 class Wait(NamedTuple):
+    """Samples until the next event may pass."""
+
     samples: float
 
 
 class Left(NamedTuple):
+    """Samples that are left."""
+
     left: np.uint64  # samples in which nothing passes
 
 
 def passed(p, s, event):
-    """What passes of one sample and the new state."""
+    """Return what passes of one sample and the new state."""
     goes = where(event == 0.0, 0.0, where(s.left == NONE, 1.0, 0.0))
     left = where(goes > 0.0, U(p.samples), s.left)
     return where(goes > 0.0, event, 0.0), Left(where(left > NONE, left - ONE, NONE))
@@ -458,8 +480,9 @@ def passed(p, s, event):
 
 @dataclass(frozen=True, eq=False)
 class OnceWithin(Event):
-    """An event passes, and then none for n - 1 samples; what comes then is lost and
-    does not prolong it.
+    """An event passes, and then none for n - 1 samples.
+
+    What comes then is lost and does not prolong it.
     """
 
     event: Block
@@ -523,8 +546,9 @@ def once_within(event: Block | float, refractory: float) -> Block:
 # Running sums, means and levels.
 @dataclass(frozen=True, eq=False)
 class Integrate(Lag):
-    """y' = x - leak y, exact for inputs that are straight between samples: a lag over
-    its leak (see ``FirstOrder``).
+    """y' = x - leak y, exact for inputs that are straight between samples.
+
+    It is a lag over its leak (see ``FirstOrder``).
 
     Without a leak it is the trapezoidal rule; held until the next sample, y[n] = y[n-1]
     + x[n]/fs.
@@ -562,8 +586,9 @@ class Integrate(Lag):
 
 @public
 def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block:
-    """Integrate over time, exactly for a signal that is straight between its samples,
-    from sample 0 on.
+    """Integrate over time from sample 0 on.
+
+    It is exact for a signal that is straight between its samples.
 
     The sum has a second word, so after hours it is as exact as at first.
 
@@ -676,17 +701,23 @@ def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Blo
 
 
 class FollowerParams(NamedTuple):
+    """Parameters of `Follower` at a sample rate."""
+
     up: float
     down: float
 
 
 class FollowerState(NamedTuple):
+    """State of `Follower` between samples."""
+
     y: float
 
 
 @dataclass(frozen=True, eq=False)
 class Follower(Block):
-    """y += g (|x| - y), g = 1 - exp(-1/(T fs)) with T the attack where |x| is above y,
+    """The level of a signal with an attack and a release.
+
+    y += g (|x| - y), g = 1 - exp(-1/(T fs)) with T the attack where |x| is above y,
     else the release.
     """
 
@@ -717,8 +748,9 @@ class Follower(Block):
 
 @public
 def envelope_follower(x: Block | float, attack: float = 0.001, release: float = 0.05) -> Block:
-    """Level of a vibration: it rises to \\|x\\| with one time constant and falls with
-    another.
+    """Follow the level of a vibration.
+
+    It rises to the absolute value with one time constant and falls with another.
 
     Parameters
     ----------
@@ -760,10 +792,14 @@ LONG = 2.0**60
 
 
 class TimeParams(NamedTuple):
+    """Parameters of `Time` at a sample rate."""
+
     fs: float
 
 
 class TimeState(NamedTuple):
+    """State of `Time` between samples."""
+
     n: float
 
 
@@ -784,7 +820,9 @@ class Time(Block):
 
 @public
 def elapsed() -> Block:
-    """The time since sample 0; inside ``enabled``, that in which the block has run.
+    """Return the time since sample 0.
+
+    Inside ``enabled``, it is that in which the block has run.
 
     Returns
     -------
@@ -802,6 +840,8 @@ def elapsed() -> Block:
 
 
 class EveryParams(NamedTuple):
+    """Parameters of `Every` at a sample rate."""
+
     fs: float
     period: float  # samples
 
@@ -836,8 +876,9 @@ class Every(Event):
 
 @public
 def every(period: float) -> Block:
-    """An event again and again, from sample 0 on, each at the sample nearest to its
-    time.
+    """Make an event again and again, from sample 0 on.
+
+    Each is at the sample nearest to its time.
 
     Parameters
     ----------
@@ -867,6 +908,8 @@ def every(period: float) -> Block:
 
 
 class AtParams(NamedTuple):
+    """Parameters of `At` at a sample rate."""
+
     fs: float
     samples: np.ndarray  # rising, ended by one that is never reached
     heights: np.ndarray
@@ -935,6 +978,8 @@ TIMELINES = ("step", "linear", "cosine")
 
 
 class TimelineParams(NamedTuple):
+    """Parameters of `Timeline` at a sample rate."""
+
     times: np.ndarray
     values: np.ndarray
     kind: float  # place in TIMELINES
@@ -942,8 +987,9 @@ class TimelineParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Timeline(Block):
-    """Values at times, and what is between them: of a piece from a to b, with z from 0
-    to 1, a + (b - a) w(z).
+    """Values at times, and curves between them.
+
+    Of a piece from a to b, with z from 0 to 1, it is a + (b - a) w(z).
     """
 
     t: Block
@@ -981,7 +1027,7 @@ class Timeline(Block):
 
 @public
 def timeline(points, kind: str = "linear", unit: str = "") -> Block:
-    """A signal given by times and values, such as the course of a trial.
+    """Make a signal given by times and values, such as the course of a trial.
 
     Parameters
     ----------
@@ -1026,17 +1072,21 @@ def timeline(points, kind: str = "linear", unit: str = "") -> Block:
 
 
 class BurstParams(NamedTuple):
+    """Parameters of `Burst` at a sample rate."""
+
     n: float  # samples
     ramp: float  # samples of each flank
 
 
 class BurstState(NamedTuple):
+    """State of `Burst` between samples."""
+
     k: np.uint64  # sample of the burst
     height: float
 
 
 def opened(p, s, event):
-    """The envelope of one sample and the new state."""
+    """Return the envelope of one sample and the new state."""
     k = where(event == 0.0, s.k, NONE)
     height = where(event == 0.0, s.height, event)
     t = as_float(k) + 0.5
@@ -1050,7 +1100,9 @@ def opened(p, s, event):
 
 @dataclass(frozen=True, eq=False)
 class Burst(Block):
-    """height sin^2(pi/2 min(t, n - t, ramp)/ramp) with t = k + 1/2 for its sample k: as
+    """An envelope with raised-cosine ramps.
+
+    height sin^2(pi/2 min(t, n - t, ramp)/ramp) with t = k + 1/2 for its sample k: as
     long before the middle as after.
     """
 
@@ -1091,8 +1143,9 @@ class Burst(Block):
 
 @public
 def burst(start: Block | float, duration: float, ramp: float = 0.0) -> Block:
-    """An envelope that is open for a while after each event, with ramps of a raised
-    cosine: times a signal, a burst of it.
+    """Make an envelope that is open for a while after each event.
+
+    Its ramps are raised cosines: times a signal, it is a burst of it.
 
     Parameters
     ----------
@@ -1149,6 +1202,8 @@ FULL = 1 - 1e-9
 
 
 class EnvelopeParams(NamedTuple):
+    """Parameters of `Envelope` at a sample rate."""
+
     rise: float
     top: float
     fall: float
@@ -1157,12 +1212,14 @@ class EnvelopeParams(NamedTuple):
 
 
 class EnvelopeState(NamedTuple):
+    """State of `Envelope` between samples."""
+
     y: float
     stage: float  # 0 released, 1 attack, 2 decay and sustain
 
 
 def followed(p, s, gate):
-    """The envelope of one sample and the new state."""
+    """Return the envelope of one sample and the new state."""
     on = where(gate > 0.0, 1.0, 0.0)
     stage = where(on > 0.0, where(s.stage > 0.0, s.stage, 1.0), 0.0)
     target = where(stage == 1.0, p.top, where(stage == 2.0, p.sustain, 0.0))
@@ -1175,8 +1232,9 @@ def followed(p, s, gate):
 
 @dataclass(frozen=True, eq=False)
 class Envelope(Block):
-    """y += g (target - y) with the g and target of its stage; a gate that opens starts
-    the attack from where y is.
+    """y += g (target - y) with the g and target of its stage.
+
+    A gate that opens starts the attack from where y is.
     """
 
     gate: Block
@@ -1229,8 +1287,9 @@ def envelope(
     sustain: float = 1.0,
     release: float = 0.05,
 ) -> Block:
-    """Attack, decay, sustain, release: how strong something is while a gate is open,
-    and after.
+    """Make an envelope with attack, decay, sustain and release.
+
+    It says how strong something is while a gate is open, and after.
 
     Parameters
     ----------

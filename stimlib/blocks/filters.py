@@ -43,6 +43,8 @@ ONSETS = {"steady": 1.0, "step": 2.0}  # what ``cold`` is before the first sampl
 
 
 class FirstState(NamedTuple):
+    """State of `First` between samples."""
+
     x: float
     cold: float
 
@@ -136,10 +138,14 @@ def begun(
 # Delay ------------------------------------------------------------------------------
 # Delay by whole samples.
 class DelayParams(NamedTuple):
+    """Parameters of `Delay` at a sample rate."""
+
     n: float
 
 
 class DelayState(NamedTuple):
+    """State of `Delay` between samples."""
+
     line: np.ndarray
     at: np.uint64  # place of the oldest sample: samples seen, modulo the line's size
 
@@ -240,11 +246,15 @@ def delay(
 # Finite impulse responses -----------------------------------------------------------
 # Finite impulse responses: any taps, and the band-limited differentiator.
 class FirParams(NamedTuple):
+    """Parameters of `Fir` at a sample rate."""
+
     taps: np.ndarray  # oldest first, zeros in front up to a multiple of 8
     order: float
 
 
 class FirState(NamedTuple):
+    """State of `Fir` between samples."""
+
     line: np.ndarray  # inputs, oldest first: the last taps.size - 1 end at the place of the next
     at: np.uint64  # how far that place has moved
 
@@ -356,8 +366,9 @@ def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
 
 @dataclass(frozen=True, eq=False)
 class Differentiator(Fir):
-    """D(f) = i 2 pi f up to the pass edge, 0 from the stop edge on; linear phase, delay
-    order/2 samples.
+    """D(f) = i 2 pi f up to the pass edge, 0 from the stop edge on.
+
+    The phase is linear, the delay order/2 samples.
     """
 
     x: Block
@@ -407,8 +418,10 @@ class Differentiator(Fir):
         return (responses.differentiator(self.passband, self.order, self.tol),)
 
     def _stop(self, fs, passband):
-        """Stop edge for this pass edge, which may be another than that asked for; None
-        where nothing is left to be stopped.
+        """Return the stop edge for this pass edge, or None.
+
+        The pass edge may be another than that asked for; None where nothing is left to
+        be stopped.
         """
         if self.passband is None:
             return None if self.stopband is None or self.stopband > fs / 2 else self.stopband
@@ -434,8 +447,9 @@ def differentiator(
     tol: float = 1e-6,
     onset: str = "step",
 ) -> Block:
-    """Differentiate in a band by a FIR filter with linear phase (type III,
-    near-minimax).
+    """Differentiate in a band by a FIR filter with linear phase.
+
+    It is of type III and near-minimax.
 
     Parameters
     ----------
@@ -504,6 +518,8 @@ class CascadeParams(NamedTuple):
 
 
 class CascadeState(NamedTuple):
+    """State of `Cascade` between samples."""
+
     s1: np.ndarray
     s2: np.ndarray
     low1: np.ndarray  # what rounding took from s1
@@ -511,8 +527,9 @@ class CascadeState(NamedTuple):
 
 
 class Cascade(Block, abstract=True):
-    """Second-order sections one behind the other, by the trapezoidal rule: see
-    ``Sections`` for the formula.
+    """Second-order sections one behind the other, by the trapezoidal rule.
+
+    See ``Sections`` for the formula.
 
     Each state has a second word, so nothing that a low cutoff adds is rounded away.
     """
@@ -543,8 +560,9 @@ class Cascade(Block, abstract=True):
 
 
 def quadratics(p, z):
-    """Numerator and denominator of each section, on a last axis, and their derivatives,
-    in u = z - 1.
+    """Return numerator and denominator of each section in u = z - 1.
+
+    They are on a last axis, with their derivatives.
     """
     z = np.asarray(z)[..., None]
     u, ab = z * backward(z), p.a * p.b
@@ -572,8 +590,9 @@ def below_half(name: str, fs: float, **edges: float) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Filter(Cascade):
-    """A filter of one of four families; ``low`` is its one edge, or the lower of
-    two.
+    """A filter of one of four families.
+
+    ``low`` is its one edge, or the lower of two.
     """
 
     x: Block
@@ -642,8 +661,9 @@ class Filter(Cascade):
 
 
 def _level(y: Filter) -> float:
-    """Gain at 0 Hz of a filter that passes it: of an even order, ripples begin with a
-    trough.
+    """Return the gain at 0 Hz of a filter that passes it.
+
+    Of an even order, ripples begin with a trough.
     """
     return (
         10 ** (-y.ripple / 20) if y.kind in ("chebyshev1", "elliptic") and y.order % 2 == 0 else 1.0
@@ -733,8 +753,9 @@ def highpass(
     attenuation: float = 60.0,
     onset: str = "step",
 ) -> Block:
-    """Pass what is faster than the cutoff; see ``lowpass`` for parameters, errors and
-    sources.
+    """Pass what is faster than the cutoff; see ``lowpass`` for the rest.
+
+    Parameters, errors and sources are the same.
 
     Parameters
     ----------
@@ -830,8 +851,9 @@ def bandstop(
     attenuation: float = 60.0,
     onset: str = "step",
 ) -> Block:
-    """Take away what lies between two frequencies; see ``bandpass`` for parameters and
-    errors.
+    """Take away what lies between two frequencies; see ``bandpass`` for the rest.
+
+    Parameters and errors are the same.
 
     It is computed to 2e-13 + 4e-15 high/(high - low) + 4e-14 high/low of its peak.
 
@@ -902,8 +924,9 @@ class Sos(Cascade):
 
 @public
 def sos(x: Block | float, rows, onset: str = "step") -> Block:
-    """Run second-order sections with given numbers, such as those of ``scipy.signal``,
-    which are for one sample rate.
+    """Run second-order sections with given numbers.
+
+    An example are those of ``scipy.signal``, which are for one sample rate.
 
     Parameters
     ----------
@@ -949,6 +972,8 @@ def sos(x: Block | float, rows, onset: str = "step") -> Block:
 # Following motion that arrives slowly: reports of 60 to 250 Hz, with jitter, held in
 # between.
 class TrackParams(NamedTuple):
+    """Parameters of `Track` at a sample rate."""
+
     q: float  # w/fs
     g: float  # 1 - exp(-q)
     fs: float
@@ -956,6 +981,8 @@ class TrackParams(NamedTuple):
 
 
 class TrackState(NamedTuple):
+    """State of `Track` between samples."""
+
     y: float  # position
     v: float  # movement of y in the last sample
     e: float  # x - y
@@ -965,7 +992,7 @@ class TrackState(NamedTuple):
 
 
 def follow(p, s, x, contact):
-    """The tracker after x has been held for one sample."""
+    """Return the tracker after x has been held for one sample."""
     d = x - s.last
     fresh = where(s.cold > 0.0, 1.0, where(abs(d) > p.max_jump, 1.0, 0.0))
     e = where(fresh > 0.0, 0.0, s.e + (d + TINY))
@@ -985,8 +1012,9 @@ def follow(p, s, x, contact):
 
 @dataclass(frozen=True, eq=False)
 class Tracker(Block, abstract=True):
-    """H(s) = w^2/(s + w)^2 of an input held between samples, in terms of e = x - y and
-    h = v/fs.
+    """H(s) = w^2/(s + w)^2 of an input held between samples.
+
+    It is in terms of e = x - y and h = v/fs.
 
     With q = w/fs, g = 1 - exp(-q), and e already increased by the change of x in this
     sample:
@@ -1023,8 +1051,9 @@ def response(p, z):
 
 
 def lag(p):
-    """Group delay of the position at 0 Hz in samples: 2/q - 1/2, and terms of the order
-    of q.
+    """Return the group delay of the position at 0 Hz in samples.
+
+    It is 2/q - 1/2, and terms of the order of q.
     """
     return (1 - p.g) * (2 + (p.q - p.g) / p.g) / p.g
 

@@ -75,12 +75,14 @@ def remember(e, r, taps, constant, scale, q, low, first, y, w):
 
 
 def plain(alpha, fs, first, y, w):
-    """The orders 0 and 1: way from the first position, and difference times fs."""
+    """Return the orders 0 and 1: displacement, and difference times fs."""
     for i in range(y.size):
         y[i] = where(alpha > 0.5, w[DIFFERENCES + 8 + i] * fs, w[9 + i] - first)
 
 
 class SpringpotParams(NamedTuple):
+    """Parameters of `Springpot` at a sample rate."""
+
     e: np.ndarray  # leaks of the modes, rising; padded with ones
     r: np.ndarray  # their weights
     taps: np.ndarray  # v_7 .. v_0
@@ -91,6 +93,8 @@ class SpringpotParams(NamedTuple):
 
 
 class SpringpotState(NamedTuple):
+    """State of `Springpot` between samples."""
+
     line: np.ndarray  # the last nine positions
     q: np.ndarray  # modes
     low: np.ndarray  # second words of the slowest
@@ -99,6 +103,7 @@ class SpringpotState(NamedTuple):
 
 
 def first_state(onset: str, modes: int = 0, fine: int = 0) -> SpringpotState:
+    """Return the first state of a springpot's sum."""
     return SpringpotState(
         np.zeros(9), np.zeros(eights(modes)), np.zeros(eights(fine)), 0.0, ONSETS[onset]
     )
@@ -110,8 +115,9 @@ def leaks(r: soe.Rates) -> np.ndarray:
 
 
 def transfer(p, alpha, scale, taps, constant, r, z):
-    """Response of the sum, from differences on; 0 Hz is what is left of a movement
-    after an endless hold.
+    """Return the response of the sum, from differences on.
+
+    0 Hz is what is left of a movement after an endless hold.
     """
     zi = 1 / z
     if alpha == 0:
@@ -217,6 +223,8 @@ class Springpot(Block):
 
 # A live order -------------------------------------------------------------------------
 class LiveParams(NamedTuple):
+    """Parameters of live blocks at a sample rate."""
+
     e: np.ndarray
     # weight of mode k: g a exp(alpha L); the first is the mode that never decays, then
     # as e
@@ -231,6 +239,8 @@ class LiveParams(NamedTuple):
 
 
 class LiveState(NamedTuple):
+    """State of live blocks between samples."""
+
     line: np.ndarray
     q: np.ndarray
     low: np.ndarray
@@ -281,14 +291,16 @@ def reweigh(p, alpha, r, taps):
 
 @cache  # every scene with a live order needs it, mostly with the same numbers
 def live_orders(tol: float, samples: float, scheme: str) -> tuple[soe.Rates, soe.LiveOrders]:
+    """Return rates and weights for a live order."""
     rates = soe.rates(tol, samples)
     return rates, soe.live(rates, scheme)
 
 
 @dataclass(frozen=True, eq=False)
 class SpringpotLive(Block):
-    """``Springpot`` with the order as a signal: modes do not depend on it, weights are
-    made anew where it changes.
+    """``Springpot`` with the order as a signal.
+
+    Modes do not depend on it, weights are made anew where it changes.
     """
 
     y: Block
@@ -355,6 +367,8 @@ class SpringpotLive(Block):
 
 # The certificate ----------------------------------------------------------------------
 class PathState(NamedTuple):
+    """State of path blocks between samples."""
+
     length: float
     last: float
     cold: float
@@ -390,8 +404,10 @@ def bounds_of_orders(tol: float, samples: float) -> tuple[np.ndarray, np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Accuracy(Table):
-    """e(alpha) of ``soe.bound``: the error of a springpot over what the same movement
-    without any way back would make.
+    """e(alpha) of ``soe.bound``.
+
+    It is the error of a springpot over what the same movement without any way back
+    would make.
     """
 
     alpha: Block
@@ -443,12 +459,16 @@ class Method(Block, abstract=True):
 
 
 class DownsampledParams(NamedTuple):
+    """Parameters of `Downsampled` at a sample rate."""
+
     weights: np.ndarray
     scale: float
     alpha: float
 
 
 class DownsampledState(NamedTuple):
+    """State of `Downsampled` between samples."""
+
     past: np.ndarray  # all positions since contact
     first: float
     k: float  # samples since contact
@@ -457,8 +477,9 @@ class DownsampledState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Downsampled(Method):
-    """D^alpha y from every m-th sample of the whole history, m = ceil(k/100) at step k,
-    with the step m/fs.
+    """D^alpha y from every m-th sample of the whole history.
+
+    m = ceil(k/100) at step k, with the step m/fs.
     """
 
     horizon: float
@@ -502,10 +523,14 @@ class Downsampled(Method):
 
 
 class ShortMemoryParams(NamedTuple):
+    """Parameters of `ShortMemory` at a sample rate."""
+
     taps: np.ndarray  # oldest first, zeros in front
 
 
 class ShortMemoryState(NamedTuple):
+    """State of `ShortMemory` between samples."""
+
     line: np.ndarray
     first: float
     cold: float
@@ -690,8 +715,9 @@ def springpot(
 
 
 def coefficient(chi, name: str = "springpot") -> Block:
-    """Return chi as a signal without unit that is nan below 0; name is the function
-    that an error names.
+    """Return chi as a signal without unit that is nan below 0.
+
+    name is the function that an error names.
     """
     b = as_block(chi)
     if b.dim != un.ONE:
@@ -770,8 +796,9 @@ def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
 
 @public
 def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.pi) -> float:
-    """chi_2 of a springpot of order alpha2 that answers as strongly as (chi1, alpha1)
-    at the frequency w.
+    """Return chi_2 of a springpot of order alpha2 with an equal force at w.
+
+    It answers as strongly as (chi1, alpha1) at the frequency w.
 
     Parameters
     ----------
@@ -860,8 +887,9 @@ def relaxation_modulus(
     arms: Sequence[tuple[float, float]] = (),
     springpot: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Force over displacement after a step: k0 + sum k_i exp(-t/tau_i) + chi
-    t^-alpha/Gamma(1 - alpha).
+    """Return force over displacement after a step.
+
+    k0 + sum k_i exp(-t/tau_i) + chi t^-alpha/Gamma(1 - alpha).
 
     Parameters
     ----------
@@ -919,8 +947,9 @@ def creep_compliance(
     b: float | None = None,
     springpot: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Displacement over force after a step: 1/k0 + t/b + sum (1 - exp(-t/tau_i))/k_i +
-    t^alpha/(chi Gamma(1 + alpha)).
+    """Return displacement over force after a step.
+
+    1/k0 + t/b + sum (1 - exp(-t/tau_i))/k_i + t^alpha/(chi Gamma(1 + alpha)).
 
     Parameters
     ----------
@@ -987,7 +1016,7 @@ def _positive(name: str, or_0: bool = False, **numbers: float) -> None:
 
 
 def _axis(name: str, **axis) -> np.ndarray:
-    """Times or frequencies as an array."""
+    """Return times or frequencies as an array."""
     ((what, values),) = axis.items()
     a = np.asarray(values, float)
     if not np.all(a >= 0):

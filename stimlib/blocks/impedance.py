@@ -22,16 +22,20 @@ from .fractional import Springpot
 # Velocity and impedances ------------------------------------------------------------
 # Velocity, and the impedances that turn motion into force.
 def pole_gain(cutoff: float, fs: float) -> float:
-    """g = 1 - exp(-2 pi cutoff / fs) of the one-pole low-pass y += g (x - y)."""
+    """Return g = 1 - exp(-2 pi cutoff / fs) of the low-pass y += g (x - y)."""
     return -math.expm1(-2 * math.pi * cutoff / fs)
 
 
 class VelocityParams(NamedTuple):
+    """Parameters of `Velocity` at a sample rate."""
+
     g: float
     fs: float
 
 
 class VelocityState(NamedTuple):
+    """State of `Velocity` between samples."""
+
     last: float
     a: float
     b: float
@@ -40,8 +44,10 @@ class VelocityState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Velocity(Block):
-    """d = (x[n] - x[n-1]) fs;  a += g (d - a);  b += g (a - b);  g = 1 - exp(-2 pi
-    cutoff / fs).
+    """A velocity through two poles.
+
+    d = (x[n] - x[n-1]) fs; a += g (d - a); b += g (a - b); g = 1 - exp(-2 pi cutoff /
+    fs).
     """
 
     x: Block
@@ -135,8 +141,9 @@ class Sampled(NamedTuple):
 
 
 def sampled(a: float) -> Sampled:
-    """Return e = 1 - exp(-a), g = e/a and h = 1 - g, for a = 1/(tau fs) from 0 on,
-    without cancellation.
+    """Return e = 1 - exp(-a), g = e/a and h = 1 - g, without cancellation.
+
+    a = 1/(tau fs) from 0 on.
 
     Parameters
     ----------
@@ -163,12 +170,16 @@ def sampled(a: float) -> Sampled:
 
 
 class LagParams(NamedTuple):
+    """Parameters of `Lag` at a sample rate."""
+
     leak: float  # 1 - exp(-T/tau)
     now: float
     before: float
 
 
 class LagState(NamedTuple):
+    """State of `Lag` between samples."""
+
     y: float
     low: float  # what rounding took from y
     last: float
@@ -194,8 +205,9 @@ class Lag(Block, abstract=True):
 
 @dataclass(frozen=True, eq=False)
 class FirstOrder(Lag):
-    """tau y' + y = x, exact for inputs that are straight between samples: see
-    ``sampled`` for e and h, T = 1/fs.
+    """tau y' + y = x, exact for inputs that are straight between samples.
+
+    See ``sampled`` for e and h, T = 1/fs.
 
     y[n] = (1 - e) y[n-1] + h x[n] + (e - h) x[n-1].
     """
@@ -259,8 +271,10 @@ def first_order(x: Block, tau: float, onset: str = "step") -> Block:
 
 
 def with_unit(v, text: str) -> Block:
-    """A number gets the unit; a signal must have it (in the sum it would fail with a
-    less helpful word).
+    """Return a quantity with its unit.
+
+    A number gets the unit; a signal must have it (in the sum it would fail with a less
+    helpful word).
     """
     b = as_block(v)
     return constant(b.value, text) if isinstance(b, Const) and b.dim == un.ONE else b
@@ -268,8 +282,9 @@ def with_unit(v, text: str) -> Block:
 
 @public
 def spring(x: Block, k: Block | float) -> Block:
-    """Linear spring, F = k x: the constitutive impedance Z_c(s) = k/s of the UGrip
-    paper.
+    """Compute a linear spring, F = k x.
+
+    It is the constitutive impedance Z_c(s) = k/s of the UGrip paper.
 
     Parameters
     ----------
@@ -381,8 +396,9 @@ def kelvin_voigt(
 
 
 def step_peak(cutoff: float, fs: float) -> float:
-    """Largest velocity that a step of 1 in position makes: max of fs g^2 (n+1) (1-g)^n,
-    in 1/s.
+    """Return the largest velocity that a step of 1 in position makes, in 1/s.
+
+    It is the maximum of fs g^2 (n+1) (1-g)^n.
     """
     g = pole_gain(cutoff, fs)
     if g < 1e-9:
@@ -394,11 +410,15 @@ def step_peak(cutoff: float, fs: float) -> float:
 # Gates with two thresholds ----------------------------------------------------------
 # Gates with two thresholds.
 class GateParams(NamedTuple):
+    """Parameters of `Gate` at a sample rate."""
+
     on: float
     off: float
 
 
 class GateState(NamedTuple):
+    """State of `Gate` between samples."""
+
     g: float
 
 
@@ -444,8 +464,9 @@ class Hysteresis(Gate):
 
 @public
 def hysteresis(x: Block | float, on: float, off: float) -> Block:
-    """A gate that noise does not make chatter (a Schmitt trigger): it opens above one
-    threshold and closes at another.
+    """Open a gate above one threshold and close it at another (a Schmitt trigger).
+
+    So noise does not make it chatter.
 
     Parameters
     ----------
@@ -514,8 +535,9 @@ class Loading(Gate):
 def loading(
     v: Block, on: float | None = None, off: float | None = None, resolution: float = 1e-6
 ) -> Block:
-    """1 during loading (compression increasing), else 0, with two thresholds on the
-    velocity.
+    """Return 1 during loading (compression increasing), else 0.
+
+    There are two thresholds on the velocity.
 
     Parameters
     ----------

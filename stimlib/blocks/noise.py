@@ -32,8 +32,9 @@ TWO = U(2)
 
 
 def philox(c0, c1, c2, c3, k0, k1):
-    """Philox4x32-10 of a 128-bit counter and a 64-bit key, all as 32-bit words held in
-    uint64.
+    """Return Philox4x32-10 of a 128-bit counter and a 64-bit key.
+
+    All are 32-bit words held in uint64.
     """
     for _ in range(10):
         a, b = FACTOR_0 * c0, FACTOR_1 * c2
@@ -85,8 +86,9 @@ def radius(a):
 
 
 def turn(b):
-    """(cos, sin) of b 2^-64 turns, up to a constant angle: quarter turns from two bits,
-    the rest from 51.
+    """Return (cos, sin) of b 2^-64 turns, up to a constant angle.
+
+    Quarter turns come from two bits, the rest from 51.
     """
     quarter = b >> SHIFT_62
     v = (as_float((b >> SHIFT_11) & BITS_51) - 1125899906842624.0) * 1.1102230246251565e-16
@@ -107,8 +109,9 @@ def deviates(key, m):
 
 
 def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
-    """64-bit key of one use of one source in one run: Philox of (seed, stream, use)
-    under the run's seed.
+    """Return the 64-bit key of one use of one source in one run.
+
+    It is Philox of (seed, stream, use) under the run's seed.
     """
     words32 = (seed & 0xFFFFFFFF, seed >> 32, stream, use, run_seed & 0xFFFFFFFF, run_seed >> 32)
     with np.errstate(over="ignore"):
@@ -117,7 +120,7 @@ def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
 
 
 def normals(key: np.uint64, n: int) -> np.ndarray:
-    """The first n deviates of a stream (for stationary starts)."""
+    """Return the first n deviates of a stream (for stationary starts)."""
     y = np.empty(n)
     with np.errstate(over="ignore"):
         pairs(deviates, key, U(0), y)
@@ -125,14 +128,17 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
 
 
 class WhiteState(NamedTuple):
+    """State of `White` between samples."""
+
     key: np.uint64
     n: np.uint64  # index of the next sample; before sample 0 it counts up to 2^64
 
 
 @dataclass(frozen=True, eq=False)
 class White(Block):
-    """y[n] ~ N(0, 1), independent: deviates 2m and 2m+1 are the two Box-Muller deviates
-    of Philox block m.
+    """y[n] ~ N(0, 1), independent.
+
+    Deviates 2m and 2m+1 are the two Box-Muller deviates of Philox block m.
     """
 
     seed: int
@@ -219,12 +225,16 @@ def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
 # every mode is independent of the others. A pole near 1 keeps its leak 1 - p to
 # 2^-53/(1 - p): far better than a spectrum needs.
 class ModesParams(NamedTuple):
+    """Parameters of `Modes` at a sample rate."""
+
     p: np.ndarray  # poles; padded with zeros to a multiple of 8
     r: np.ndarray  # residues; padded with zeros
     d: float  # direct
 
 
 class ModesState(NamedTuple):
+    """State of `Modes` between samples."""
+
     q: np.ndarray
 
 
@@ -274,8 +284,9 @@ class Pinking(Modes):
 
 @public
 def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
-    """Run the 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs; before the first
-    sample x was 0.
+    """Run the 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs.
+
+    Before the first sample x was 0.
 
     Parameters
     ----------
@@ -316,9 +327,7 @@ def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class PinkNoise(Modes):
-    """White noise through the 3 dB/oct filter, started in its stationary state: S(f) =
-    psd_1hz / f.
-    """
+    """White noise through the 3 dB/oct filter, stationary: S(f) = psd_1hz / f."""
 
     white: Block
     psd_1hz: float
@@ -335,7 +344,7 @@ class PinkNoise(Modes):
         return bank(m.e, gain * m.r, gain * m.d)
 
     def start(self, p, s, seed, normals=normals):
-        """q ~ N(0, P), P_ij = 1/(e_i + e_j - e_i e_j), drawn under a key of its own."""
+        """Draw q ~ N(0, P), P_ij = 1/(e_i + e_j - e_i e_j), under a key of its own."""
         if not isinstance(self.white, White):
             return s
         L = stationary_factor((1.0 - p.p[p.r != 0]).tobytes())
@@ -357,8 +366,9 @@ def pink_noise(
     tol_db: float = 0.01,
     shared: bool = False,
 ) -> Block:
-    """Pink noise with one-sided PSD S(f) = psd_1hz / f units^2/Hz, stationary from the
-    first sample on.
+    """Make pink noise with one-sided PSD S(f) = psd_1hz / f units^2/Hz.
+
+    It is stationary from the first sample on.
 
     Parameters
     ----------

@@ -33,6 +33,8 @@ WORD, HALF_TURN = 2.0**-64, 2.0**-53
 
 
 class CarrierParams(NamedTuple):
+    """Parameters of `Carrier` at a sample rate."""
+
     high: float  # 2^64/fs to 106 bits
     low: float
     top: float  # fs/2
@@ -40,24 +42,27 @@ class CarrierParams(NamedTuple):
 
 
 class CarrierState(NamedTuple):
+    """State of `Carrier` between samples."""
+
     phase: np.uint64  # in 2^-64 turns, of the next sample
     wait: np.uint64  # samples before sample 0, which do not count
 
 
 def two_words(v: Fraction) -> tuple[float, float]:
-    """A number to 106 bits, as a sum."""
+    """Return a number to 106 bits, as a sum."""
     high = float(v)
     return high, float(v - Fraction(high))
 
 
 def phase_word(phase: float) -> np.uint64:
-    """A phase in rad as turns of 2^-64."""
+    """Return a phase in rad as turns of 2^-64."""
     return U(round(Fraction(phase) / Fraction(2 * math.pi) * 2**64) % 2**64)
 
 
 def increment(p, f):
-    """Turns per sample in 2^-64, to the nearest whole number; f is held in 0 .. fs/2 (0
-    for nan).
+    """Return turns per sample in 2^-64, to the nearest whole number.
+
+    f is held in 0 .. fs/2 (0 for nan).
     """
     g = where(f > 0.0, where(f < p.top, f, p.top), 0.0)
     main = g * p.high
@@ -67,31 +72,35 @@ def increment(p, f):
 
 
 def fold(phase):
-    """Height t in -1/2 .. 1/2 above the zero crossing next to a phase: sin(phase) =
-    sin(pi t).
+    """Return the height t in -1/2 .. 1/2 above the zero crossing next to a phase.
+
+    sin(phase) = sin(pi t).
     """
     x = as_float((phase + QUARTER) >> SHIFT_11) * HALF_TURN
     return where(x < 0.5, 2.0 * x - 0.5, 1.5 - 2.0 * x)
 
 
 def lobe(t, q, r):
-    """The positive half wave; a sample of half width q over a zero crossing gets its
-    part of the area; r = 1/sin(pi q).
+    """Return the positive half wave.
+
+    A sample of half width q over a zero crossing gets its part of the area; r =
+    1/sin(pi q).
     """
     s = sinpi(where(t >= q, t, 0.5 * (t + q)))
     return where(t >= q, s, where(t > -q, s * s * r, 0.0))
 
 
 def rectified(mode, t, q, r):
-    """The carrier from its height t."""
+    """Return the carrier from its height t."""
     other = where(mode > 1.0, lobe(-t, q, r), 0.0)
     return where(mode > 0.0, lobe(t, q, r) + other, sinpi(t))
 
 
 @dataclass(frozen=True, eq=False)
 class Carrier(Block):
-    """sin of a phase that is counted in 2^-64 turns, rectified by area; 0 off contact,
-    where the phase goes on.
+    """sin of a phase that is counted in 2^-64 turns, rectified by area.
+
+    It is 0 off contact, where the phase goes on.
     """
 
     freq: Block
@@ -188,7 +197,7 @@ def carrier(
     phase: float = 0.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """A sinusoid of unit amplitude whose phase is exact for days.
+    """Make a sinusoid of unit amplitude whose phase is exact for days.
 
     The phase is counted in 2^-64 turns; its error grows by at most 2^-65 turns a
     sample, 1.2e-10 rad in 24 h at 8 kHz. Sample n is taken at the phase that the
@@ -258,12 +267,14 @@ WAVEFORMS = ("triangle", "sawtooth", "square", "pulse")
 
 
 def word(turns):
-    """A part of a turn in 2^-64 turns, held from 0 to below 1."""
+    """Return a part of a turn in 2^-64 turns, held from 0 to below 1."""
     x = turns * TURN
     return U(where(x > 0.0, where(x < MOST, x, MOST), 0.0))
 
 
 class OscillatorParams(NamedTuple):
+    """Parameters of `Oscillator` at a sample rate."""
+
     high: float  # 2^64/fs to 106 bits
     low: float
     top: float  # fs/2
@@ -271,14 +282,14 @@ class OscillatorParams(NamedTuple):
 
 
 class OscillatorState(NamedTuple):
+    """State of `Oscillator` between samples."""
+
     phase: np.uint64  # in 2^-64 turns, of the next sample
     wait: np.uint64  # samples before sample 0, which do not count
 
 
 def check_freq(name: str, f: Block) -> None:
-    """Raise BadValue where a number is not above 0, UnitError where a frequency is not
-    in Hz.
-    """
+    """Raise BadValue unless a number is above 0, UnitError unless it is in Hz."""
     if isinstance(f, (Const, Param)) and not f.value >= 0:
         raise BadValue(f"{name} = {f.value:g} Hz must be 0 or above")
     in_unit(name, f, f.dim, "Hz")
@@ -298,8 +309,9 @@ def part(start, inc, d):
 
 @dataclass(frozen=True, eq=False)
 class Oscillator(Block):
-    """Mean of a wave over the sample period around each sample; its phase is counted in
-    2^-64 turns.
+    """Mean of a wave over the sample period around each sample.
+
+    Its phase is counted in 2^-64 turns.
     """
 
     freq: Block
@@ -364,7 +376,7 @@ class Oscillator(Block):
 def oscillator(
     freq: Block | float, waveform: str = "sine", duty: Block | float = 0.5, phase: float = 0.0
 ) -> Block:
-    """A periodic wave whose phase is exact for days, between -1 and 1.
+    """Make a periodic wave whose phase is exact for days, between -1 and 1.
 
     All but the sine are sampled by area: a sample is the mean over the sample period
     around it.  Of a sawtooth of 200 Hz at 8 kHz that takes 4 dB from the worst alias,
@@ -422,12 +434,16 @@ def oscillator(
 
 
 class TrainParams(NamedTuple):
+    """Parameters of train blocks at a sample rate."""
+
     high: float
     low: float
     top: float
 
 
 class TrainState(NamedTuple):
+    """State of train blocks between samples."""
+
     phase: np.uint64  # from the middle between two pulses
     mark: np.uint64  # where the pulse of this period lies
     wait: np.uint64
@@ -435,8 +451,9 @@ class TrainState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PulseTrain(Event):
-    """One event a period, at the phase 1/2 + jitter, which is read where the period
-    begins: the order is kept, none is lost.
+    """One event a period, at the phase 1/2 + jitter.
+
+    The jitter is read where the period begins: the order is kept, none is lost.
     """
 
     rate: Block

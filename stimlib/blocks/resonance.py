@@ -34,8 +34,9 @@ MODES = {"lowpass": (0, 0, 1), "bandpass": (0, 1, 0), "highpass": (1, 0, 0), "no
 
 
 def section(g: float, b: float, mode: str) -> CascadeParams:
-    """Return the parameters of what passes over s^2 + s b + g^2, s = (z - 1)/(z +
-    1).
+    """Return the parameters of what passes over s^2 + s b + g^2.
+
+    s = (z - 1)/(z + 1).
     """
     bottom = Fraction(1), Fraction(b), Fraction(g) ** 2
     top = [m * v for m, v in zip(MODES[mode], bottom, strict=True)]
@@ -44,8 +45,9 @@ def section(g: float, b: float, mode: str) -> CascadeParams:
 
 @dataclass(frozen=True, eq=False)
 class Resonator(Cascade):
-    """One section with g = tan(pi freq/fs) and b = (1 + g^2) tan(pi freq/(q fs)): see
-    ``section``.
+    """One section with g = tan(pi freq/fs) and b = (1 + g^2) tan(pi freq/(q fs)).
+
+    See ``section``.
 
     The two frequencies where its gain is -3 dB are then exactly freq/q apart.
     """
@@ -172,6 +174,8 @@ def notch(x: Block | float, freq: float, q: float, onset: str = "step") -> Block
 
 
 class SvfParams(NamedTuple):
+    """Parameters of `Svf` at a sample rate."""
+
     per: float  # 1/fs
     high: float  # what passes
     band: float
@@ -179,6 +183,8 @@ class SvfParams(NamedTuple):
 
 
 class SvfState(NamedTuple):
+    """State of `Svf` between samples."""
+
     s1: float
     s2: float
 
@@ -208,7 +214,7 @@ def turn(p, cutoff, q):
 
 
 def turned(p, t, s, x):
-    """The output and the new state."""
+    """Return the output and the new state."""
     h = x - s.s2
     low = s.s2 + fma(t.d, h, t.a * s.s1)
     band = s.s1 + fma(t.a, h, -t.c * s.s1)
@@ -223,7 +229,9 @@ def turned(p, t, s, x):
 
 @dataclass(frozen=True, eq=False)
 class Svf(Block):
-    """``section`` of this sample's g = tan(pi cutoff/fs) = s/c and b = k g, k = 1/q,
+    """A filter with two poles whose numbers may change at every sample.
+
+    It is ``section`` of this sample's g = tan(pi cutoff/fs) = s/c and b = k g, k = 1/q,
     with D = c^2 (1 + k g + g^2) = 1 + k s c:
 
     h = x - s2;  band = s1 + (s c h - s (s + k c) s1)/D;
@@ -284,8 +292,9 @@ def svf(
     mode: str = "lowpass",
     onset: str = "step",
 ) -> Block:
-    """Filter with two poles whose frequency and quality may move at every sample,
-    without a click.
+    """Filter with two poles whose frequency and quality may move at every sample.
+
+    There is no click.
 
     It cannot blow up: with no input, s1^2 + s2^2 never grows, however cutoff and q
     move.  See the notes.
@@ -354,6 +363,8 @@ CELLS = 256.0  # pieces of a shape along each axis
 
 
 class ModeParams(NamedTuple):
+    """Parameters of `Mode` at a sample rate."""
+
     c: float
     s: float
     r: float  # c - s/q
@@ -363,6 +374,8 @@ class ModeParams(NamedTuple):
 
 
 class ModeState(NamedTuple):
+    """State of `Mode` between samples."""
+
     e: float  # q - x
     v: float  # q'/w0
     last: float
@@ -370,8 +383,7 @@ class ModeState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Mode(Block):
-    """q'' + (w0/Q) q' + w0^2 q = w0^2 x, exact for an x that is straight between
-    samples.
+    """q'' + (w0/Q) q' + w0^2 q = w0^2 x, exact for an x straight between samples.
 
     With a = w0/fs, b = 1/(2 Q), e = q - x, dx = x[n] - x[n-1]:
 
@@ -426,8 +438,9 @@ class Mode(Block):
 
 @public
 def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
-    """Drive one mode of something that vibrates, a mass on a spring; its gain is 1 at 0
-    Hz and q at its resonance.
+    """Drive one mode of something that vibrates, a mass on a spring.
+
+    Its gain is 1 at 0 Hz and q at its resonance.
 
     Exact at every sample rate for an x that is straight between samples, as
     ``first_order`` is.
@@ -477,6 +490,8 @@ def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
 
 
 class Grid(NamedTuple):
+    """Numbers of a grid of pieces."""
+
     length: float
     width: float
     along: float  # pieces for each metre
@@ -484,6 +499,8 @@ class Grid(NamedTuple):
 
 
 class ShapeParams(NamedTuple):
+    """Parameters of `Shape` at a sample rate."""
+
     length: float
     width: float
     along: float
@@ -492,6 +509,8 @@ class ShapeParams(NamedTuple):
 
 
 class Piece(NamedTuple):
+    """One piece of a shape."""
+
     c: float  # x^3 y^3
     d: float
     e: float
@@ -513,7 +532,7 @@ class Piece(NamedTuple):
 
 
 def in_pieces(v, size, per):
-    """A place in pieces, held within the rectangle; nan stays nan."""
+    """Return a place in pieces, held within the rectangle; nan stays nan."""
     return where(v <= 0.0, 0.0, where(v >= size, size, v)) * per
 
 
@@ -523,7 +542,7 @@ def along(p, x):
 
 
 def across(p, y):
-    """The same along y."""
+    """Return the same along y."""
     return in_pieces(y, p.width, p.across)
 
 
@@ -533,7 +552,7 @@ def number(a):
 
 
 def cell(p, a, b):
-    """Number of the piece under a place in pieces."""
+    """Return the number of the piece under a place in pieces."""
     return number(a) * CELLS + number(b)
 
 
@@ -562,8 +581,9 @@ def piece(c, cell):
 
 
 def pieces(terms: int) -> np.ndarray:
-    """Cubics through values and slopes of Legendre's polynomials at the ends of equal
-    pieces; shape (CELLS, 4, terms).
+    """Return cubics through values and slopes of Legendre's polynomials.
+
+    They are at the ends of equal pieces; shape (CELLS, 4, terms).
     """
     f = legendre.legvander(np.linspace(-1, 1, int(CELLS) + 1), terms - 1)
     g = (
@@ -580,8 +600,9 @@ def pieces(terms: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Shape(Block):
-    """phi(x, y) = sum_ij c_ij P_i(2 x/length - 1) P_j(2 y/width - 1), by pieces that
-    are cubic in x and in y.
+    """phi(x, y) = sum_ij c_ij P_i(2 x/length - 1) P_j(2 y/width - 1).
+
+    It is in pieces that are cubic in x and in y.
 
     Beyond the edges the value there is held.
     """
@@ -627,8 +648,9 @@ class Shape(Block):
 
     @staticmethod
     def tile(p, s, x, y, phi, w):
-        """As ``step``, from the piece of each sample on to the end: a finger stays on
-        one for many samples.
+        """Compute ``step`` from the piece of each sample on to the end.
+
+        A finger stays on one piece for many samples.
         """
         n = phi.size
         cells, a, b = w[:n], w[64 : 64 + n], w[128 : 128 + n]
@@ -647,8 +669,9 @@ class Shape(Block):
 
 @public
 def mode_shape(x: Block | float, y: Block | float, c, length: float, width: float) -> Block:
-    """How much of a mode is felt at a place: a function of x and y on a rectangle,
-    given by a Legendre series.
+    """Compute how much of a mode is felt at a place.
+
+    It is a function of x and y on a rectangle, given by a Legendre series.
 
     Parameters
     ----------
@@ -697,8 +720,9 @@ def mode_shape(x: Block | float, y: Block | float, c, length: float, width: floa
 
 
 def matched(r: float, q: float) -> Quadratic:
-    """s^2 + .. in s = (z - 1)/(z + 1) whose roots are the samples' own poles of a mode,
-    r in cycles per sample.
+    """Return s^2 + .. in s = (z - 1)/(z + 1) with the samples' own poles of a mode.
+
+    r is in cycles per sample.
     """
     b = 0.5 / q
     root = np.tanh(math.pi * r * complex(-b, math.sqrt(1 - b * b)))
@@ -711,8 +735,9 @@ def matched(r: float, q: float) -> Quadratic:
 
 @dataclass(frozen=True, eq=False)
 class PoleSwap(Cascade):
-    """k (s^2 + s w0/Q + w0^2)/(s^2 + s w0 gain/Q + w0^2), k such that it is 1 at w0:
-    zeros on the poles of a mode.
+    """A filter with zeros on the poles of a mode, and wider poles.
+
+    k (s^2 + s w0/Q + w0^2)/(s^2 + s w0 gain/Q + w0^2), k such that it is 1 at w0.
     """
 
     x: Block
@@ -744,8 +769,9 @@ class PoleSwap(Cascade):
 def pole_swap(
     x: Block | float, freq: float, q: float, gain: float, v_max: float | Block | None = None
 ) -> Block:
-    """A drive that makes a resonance answer ``gain`` times as fast: the mode's poles
-    are taken away, and wider ones put there.
+    """Drive a resonance so that it answers ``gain`` times as fast.
+
+    The mode's poles are taken away, and wider ones put there.
 
     A mode of quality q follows an envelope up to freq/(2 q), its half bandwidth: 7.9 Hz
     for 158 Hz and q = 10.  Behind this filter it has the quality q/gain, and the same
@@ -813,7 +839,7 @@ def pole_swap(
 def amplifier(
     x: Block | float, gain: float = 50.0, lowest: float = -100.0, highest: float = 400.0
 ) -> Block:
-    """A voltage amplifier: gain x, held between the voltages that the patches take.
+    """Compute a voltage amplifier: gain x, held between the patches' limits.
 
     Parameters
     ----------

@@ -25,7 +25,8 @@ METRE = unit("m")
 
 
 class Levels(NamedTuple):
-    """Stiffness levels of a rectangle: 0 as soft as the object, 1 the hardest;
+    """Stiffness levels of a rectangle: 0 as soft as the object, 1 the hardest.
+
     ``stimlib.soft`` makes them.
     """
 
@@ -46,15 +47,16 @@ def spacing(S: Levels) -> tuple[float, float]:
 
 
 def grid(S: Levels) -> GridParams:
-    """The numbers of the spline that ``stiffness_map`` reads."""
+    """Return the numbers of the spline that ``stiffness_map`` reads."""
     return CubicGrid(
         constant(0.0), constant(0.0), S.levels.T, np.array(spacing(S)), np.zeros(2), ""
     ).design(1.0)[0]
 
 
 def level(p, x, y):
-    """S, dS/dx, dS/dy at a place, in 1 and 1/m; where S is held at 0 or 1 it has no
-    slope.
+    """Return S, dS/dx, dS/dy at a place, in 1 and 1/m.
+
+    Where S is held at 0 or 1 it has no slope.
     """
     S, sx, sy = bicubic(p, x, y)
     free = where(S > 0.0, where(S < 1.0, 1.0, 0.0), 0.0)
@@ -81,7 +83,7 @@ def table_of(name: str, levels: Any, width: float, height: float) -> Levels:
 
 
 def as_levels(name: str, S: Any) -> Levels:
-    """A map that somebody gives; BadValue if it is none."""
+    """Return a given map; raise BadValue if it is none."""
     if not isinstance(S, tuple) or len(S) != 3:
         raise BadValue(
             f"{name}: a map is (levels, width, height), not {type(S).__name__}; stimlib.soft.array"
@@ -91,7 +93,7 @@ def as_levels(name: str, S: Any) -> Levels:
 
 
 def levels_of(b: Any) -> Levels:
-    """The map of a block that has one; BadValue if it makes no sense."""
+    """Return the map of a block that has one; raise BadValue if it makes no sense."""
     return table_of(type(b).__name__, b.levels, b.width, b.height)
 
 
@@ -103,8 +105,9 @@ def check_places(name: str, *u: Any) -> None:
 
 @public
 def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
-    """Stiffness level of a soft object at a place: a cubic spline through a table, held
-    at its edges and between 0 and 1.
+    """Read the stiffness level of a soft object at a place.
+
+    It is a cubic spline through a table, held at its edges and between 0 and 1.
 
     Parameters
     ----------
@@ -163,8 +166,9 @@ def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
 # the surface goes down around it.
 @public
 def press(level: Block | float, contact: Block | None = None) -> Block:
-    """Normal force of a pen from the force level that the tablet reports: f = 0.1008
-    exp(4.2081 level) N.
+    """Return the normal force of a pen from the tablet's force level.
+
+    f = 0.1008 exp(4.2081 level) N.
 
     Parameters
     ----------
@@ -211,8 +215,9 @@ def press(level: Block | float, contact: Block | None = None) -> Block:
 def indentation(
     force: Block | float, S, softest: float = 400.0, hardest: float = 1200.0, deepest: float = 0.015
 ) -> Block:
-    """Depth of an indenter under a force, d = f/k with k from ``softest`` at S = 0 to
-    ``hardest`` at S = 1, at most ``deepest``.
+    """Compute the depth of an indenter under a force, d = f/k.
+
+    k goes from ``softest`` at S = 0 to ``hardest`` at S = 1; d is at most ``deepest``.
 
     The law and its numbers are ours; the source says that depth follows from pressure
     and stiffness.
@@ -265,8 +270,9 @@ def indentation(
 def triangle(
     x: Block | float, y: Block | float, side: float = 0.02, turn: float = 0.0
 ) -> list[tuple[Block, Block]]:
-    """Places of three indenters on a rigid triangle whose barycentre follows the hand.
-    Each takes a third of the force.
+    """Compute places of three indenters on a rigid triangle that follows the hand.
+
+    Its barycentre follows; each indenter takes a third of the force.
 
     Parameters
     ----------
@@ -319,14 +325,14 @@ def triangle(
 
 
 class DentParams(NamedTuple):
+    """Parameters of `Dent` at a sample rate."""
+
     r: float
 
 
 @dataclass(frozen=True, eq=False)
 class Dent(Map):
-    """How far a surface is down at a distance from a ball of radius r that is depth
-    deep.
-    """
+    """How far a surface is down at a distance from a ball of radius r, depth deep."""
 
     distance: Block
     depth: Block
@@ -355,14 +361,15 @@ class Dent(Map):
 
 
 def above_zero(x):
-    """x where it is above 0, else 0; nan stays."""
+    """Return x where it is above 0, else 0; nan stays."""
     return where(x <= 0.0, 0.0, x)
 
 
 @public
 def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "mean") -> Block:
-    """How far a surface is down at some distance from one or more indenters: four
-    ranges of depth with their own neighbourhoods.
+    """Compute how far a surface is down at some distance from indenters.
+
+    There are four ranges of depth with their own neighbourhoods.
 
     Up to (2 - sqrt 3) r/2 only the centre moves; up to r the cap of the ball; up to 2 r
     also a skirt from the ball's rim to 2 r; deeper, the skirt reaches as far as the
@@ -447,6 +454,8 @@ them to rounding.
 
 
 class CursorState(NamedTuple):
+    """State of `Cursor` between samples."""
+
     x: float
     y: float
     px: float
@@ -455,15 +464,17 @@ class CursorState(NamedTuple):
 
 
 def ratio(S):
-    """Way of the cursor over way of the device where the level is S: (1.1 - S)/(1.1 (1
-    + S)).
+    """Return way of the cursor over way of the device: (1.1 - S)/(1.1 (1 + S)).
+
+    S is the level.
     """
     return (1.1 - S) / (1.1 * (1.0 + S))
 
 
 def midpoint_ratio(p, x, y, dx, dy):
-    """c = ratio(S(x + c dx/2, y + c dy/2)), by Newton's method from the place itself; c
-    is between ratio(1) and 1.
+    """Return c = ratio(S(x + c dx/2, y + c dy/2)), by Newton's method.
+
+    It begins at the place itself; c is between ratio(1) and 1.
     """
     c = ratio(level(p, x, y)[0])
     for _ in range(5):
@@ -476,8 +487,9 @@ def midpoint_ratio(p, x, y, dx, dy):
 
 @dataclass(frozen=True, eq=False)
 class Cursor(Block):
-    """dx = c dp with c = ratio(S) half-way between the old place and the new one: what
-    is symmetric in time retraces its path.
+    """dx = c dp with c = ratio(S) half-way between the old place and the new one.
+
+    What is symmetric in time retraces its path.
     """
 
     px: Block
@@ -508,6 +520,8 @@ class Cursor(Block):
 
 
 class FramesParams(NamedTuple):
+    """Parameters of frames blocks at a sample rate."""
+
     c: np.ndarray  # the first eight are the map's, see GridParams
     width: float
     x0: float
@@ -522,6 +536,8 @@ class FramesParams(NamedTuple):
 
 
 class FramesState(NamedTuple):
+    """State of frames blocks between samples."""
+
     x: float
     y: float
     px: float  # of the device, at the last frame
@@ -541,8 +557,10 @@ def next_speed(speed, last, S):
 
 @dataclass(frozen=True, eq=False)
 class CursorFrames(Block):
-    """Eq. (1) once per frame: the level at the cursor, the speed, then a step of speed
-    times the device's way.
+    """Eq. (1) once per frame.
+
+    The level at the cursor gives the speed, then comes a step of speed times the
+    device's way.
     """
 
     px: Block
@@ -607,7 +625,7 @@ def cursor(
     frame: float = FRAME,
     bounds: tuple[float, float] = (0.05, 2.0),
 ) -> Any:
-    """A cursor that moves less than the device (a mouse) where the object is harder.
+    """Move a cursor less than the device (a mouse) where the object is harder.
 
     ``reversible``, ours: dx = g(S) dp with g(S) = (1.1 - S)/(1.1 (1 + S)), eq. (1)'s
     step from 0 to S without its jump of 1.1, S half-way between the old place of the
@@ -703,6 +721,8 @@ def check_avatar(b: Any) -> None:
 
 
 class StreamParams(NamedTuple):
+    """Parameters of stream blocks at a sample rate."""
+
     fs: float
     per_newton: float  # samples
     notice: float
@@ -712,6 +732,8 @@ class StreamParams(NamedTuple):
 
 
 class StreamState(NamedTuple):
+    """State of stream blocks between samples."""
+
     xs: np.ndarray
     ys: np.ndarray
     forces: np.ndarray
@@ -730,14 +752,15 @@ def earlier(line, a, b, w):
 
 
 def before(i, n, size):
-    """The place n samples before i in a ring."""
+    """Return the place n samples before i in a ring."""
     return where(i < n, i - n + size, i - n)
 
 
 @dataclass(frozen=True, eq=False)
 class DelayAvatar(Block):
-    """The device's place at a time u: a rise of the force at u stops u; then u runs
-    faster until it has caught up.
+    """The device's place at a time u.
+
+    A rise of the force at u stops u; then u runs faster until it has caught up.
     """
 
     px: Block
@@ -817,6 +840,8 @@ class DelayAvatar(Block):
 
 
 class FrameParams(NamedTuple):
+    """Parameters of frame blocks at a sample rate."""
+
     fs: float
     per_newton: float  # s/N
     notice: float
@@ -824,6 +849,8 @@ class FrameParams(NamedTuple):
 
 
 class FrameState(NamedTuple):
+    """State of frame blocks between samples."""
+
     x: float
     y: float
     force: float
@@ -834,8 +861,9 @@ class FrameState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrameAvatar(Block):
-    """Eq. (3) to the letter: the avatar stands where the device was as the frame began;
-    a rise lengthens the frame.
+    """Eq. (3) to the letter: the avatar stands where the device was at a frame's start.
+
+    A rise lengthens the frame.
     """
 
     px: Block
@@ -886,8 +914,9 @@ def delay_avatar(
     most: float = 0.3,
     frame: float = FRAME,
 ) -> Any:
-    """An avatar that stands still for t_d = m (rise of the tangential force), eq. (3),
-    as a pen comes to a harder place.
+    """Move an avatar that stands still as a pen comes to a harder place.
+
+    It stands for t_d = m (rise of the tangential force), eq. (3).
 
     ``streaming``, ours, means the same at every sample rate: rises add up since the
     last stop, or since the lowest force after it; once they reach ``notice`` the avatar
@@ -962,11 +991,15 @@ def delay_avatar(
 
 
 class VibrationParams(NamedTuple):
+    """Parameters of `Vibration` at a sample rate."""
+
     factor: float
     per_ms: float
 
 
 class VibrationState(NamedTuple):
+    """State of `Vibration` between samples."""
+
     left: float  # samples
 
 
@@ -996,8 +1029,9 @@ class Vibration(Block):
 
 @public
 def vibration(wait: Block | float, factor: float = 1.0) -> Block:
-    """Drive of a vibration motor: 1 for ``factor`` times the length of each stop of an
-    avatar, in whole ms, else 0.
+    """Drive a vibration motor for ``factor`` times each stop of an avatar.
+
+    It is 1 meanwhile, in whole ms, else 0.
 
     Parameters
     ----------

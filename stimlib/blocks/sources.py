@@ -31,6 +31,8 @@ U, INT = np.uint64, np.int64
 
 
 class ChirpParams(NamedTuple):
+    """Parameters of `Chirp` at a sample rate."""
+
     fs: float
     n: float  # samples
     a: float  # turns a sample at first, in two words
@@ -91,7 +93,7 @@ class Chirp(Block):
 
 @public
 def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
-    """A sine whose frequency sweeps, from sample 0 on; then 0.
+    """Make a sine whose frequency sweeps, from sample 0 on; then 0.
 
     Parameters
     ----------
@@ -134,6 +136,8 @@ def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
 
 
 class PlaybackParams(NamedTuple):
+    """Parameters of `Playback` at a sample rate."""
+
     fs: float
     samples: np.ndarray
     loop: float
@@ -190,6 +194,8 @@ BEFORE, AFTER = 2, 4
 
 
 class ScannedParams(NamedTuple):
+    """Parameters of `Scanned` at a sample rate."""
+
     rate: float  # of the table, Hz
     samples: np.ndarray
     size: float  # without those before and after
@@ -197,7 +203,7 @@ class ScannedParams(NamedTuple):
 
 
 def between(x, k, d):
-    """The polynomial through x[k] .. x[k + 5], at k + 2 + d (Lagrange)."""
+    """Return the polynomial through x[k] .. x[k + 5], at k + 2 + d (Lagrange)."""
     a, b, e, f, g = d + 2.0, d + 1.0, d - 1.0, d - 2.0, d - 3.0
     outer = (
         d
@@ -209,8 +215,9 @@ def between(x, k, d):
 
 @dataclass(frozen=True, eq=False)
 class Scanned(Block):
-    """The recording at the time t, which is a signal: between the samples of a table at
-    8 times its rate.
+    """The recording at the time t, which is a signal.
+
+    It is between the samples of a table at 8 times its rate.
     """
 
     t: Block
@@ -262,8 +269,9 @@ class Scanned(Block):
 def playback(
     samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None
 ) -> Block:
-    """A recording, from sample 0 on or as fast as you like; at another sample rate it
-    is interpolated with a band limit.
+    """Play a recording, from sample 0 on or as fast as you like.
+
+    At another sample rate it is interpolated with a band limit.
 
     What is below 0.45 of the lower of both rates is kept to 1e-5, what is above 0.55 of
     it is gone.  ``grain`` plays a recording at each event.
@@ -343,8 +351,9 @@ def playback(
 
 @dataclass(frozen=True, eq=False)
 class BandNoise(Cascade):
-    """White noise, whose one-sided PSD is 2/fs, through Butterworth's band-pass and
-    sqrt(psd fs/2).
+    """White noise through Butterworth's band-pass and sqrt(psd fs/2).
+
+    The one-sided PSD of the white noise is 2/fs.
     """
 
     white: Block
@@ -428,11 +437,15 @@ def band_noise(
 
 
 class RingParams(NamedTuple):
+    """Parameters of `Ring` at a sample rate."""
+
     per: float  # 1/fs
     sine: float
 
 
 class RingState(NamedTuple):
+    """State of `Ring` between samples."""
+
     re: float
     im: float
 
@@ -457,15 +470,16 @@ def turn(p, freq, decay):
 
 
 def turned(p, t, s, event):
-    """The output and the new state."""
+    """Return the output and the new state."""
     re = s.re + (event + fma(-t.e, s.re, fma(-t.w, s.im, TINY)))
     im = s.im + fma(-t.e, s.im, fma(t.w, s.re, TINY))
     return where(t.wrong == 0.0, flush(where(p.sine > 0.0, im, re)), t.wrong), RingState(re, im)
 
 
 def rests(s, event):
-    """1 where nothing sounds and nothing happens: then the state stays as it is, and
-    the output is 0.
+    """Return 1 where nothing sounds and nothing happens.
+
+    Then the state stays as it is, and the output is 0.
     """
     return where(
         event == 0.0, where(abs(s.re) <= SILENT, where(abs(s.im) <= SILENT, 1.0, 0.0), 0.0), 0.0
@@ -474,8 +488,9 @@ def rests(s, event):
 
 @dataclass(frozen=True, eq=False)
 class Ring(Block):
-    """q[n] = p q[n-1] + event, p = exp(-1/(decay fs)) exp(2 pi i freq/fs); y is the
-    imaginary part of q, or the real one.
+    """q[n] = p q[n-1] + event; y is the imaginary part of q, or the real one.
+
+    p = exp(-1/(decay fs)) exp(2 pi i freq/fs).
 
     A turn by p makes no q longer, so frequency and decay may move at every sample.
     """
@@ -543,8 +558,9 @@ class Ring(Block):
 def ring(
     event: Block | float, freq: Block | float, decay: Block | float, onset: str = "sine"
 ) -> Block:
-    """A decaying sinusoid at each event, any number at once: a click, a tap, a struck
-    mode.
+    """Make a decaying sinusoid at each event, any number at once.
+
+    It is a click, a tap, a struck mode.
 
     Parameters
     ----------
@@ -591,25 +607,30 @@ def ring(
 
 
 class GrainParams(NamedTuple):
+    """Parameters of `Grain` at a sample rate."""
+
     shape: np.ndarray
 
 
 class GrainState(NamedTuple):
+    """State of `Grain` between samples."""
+
     ahead: np.ndarray  # what is to come, in a ring
     at: np.uint64
     left: np.uint64  # samples until all of it is 0
 
 
 def add(height, shape, line):
-    """line += height shape, as far as line goes."""
+    """Add height shape to a line, as far as the line goes."""
     for j in range(line.size):
         line[j] = fma(height, shape[j], line[j])
 
 
 @dataclass(frozen=True, eq=False)
 class Grain(Block):
-    """y[n] = sum of event[k] shape[n - k], in the order of the events; in silence
-    nothing is computed.
+    """y[n] = sum of event[k] shape[n - k], in the order of the events.
+
+    In silence nothing is computed.
     """
 
     event: Block
@@ -670,7 +691,7 @@ class Grain(Block):
 
 @public
 def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
-    """A recorded transient at each event, any number at once.
+    """Play a recorded transient at each event, any number at once.
 
     Parameters
     ----------

@@ -67,8 +67,9 @@ def sinpi(x):
 
 
 def gap(x):
-    """1 - sin(pi x)/(pi x) for |x| <= 1: what averaging over x half periods takes from
-    a sinusoid.
+    """Return 1 - sin(pi x)/(pi x) for |x| <= 1.
+
+    It is what averaging over x half periods takes from a sinusoid.
     """
     z = x * x
     q = fma(fma(fma(fma(fma(G10, z, G9), z, G8), z, G7), z, G6), z, G5)
@@ -87,7 +88,7 @@ def cell(u):
 
 
 def held_duty(d):
-    """A live duty, held between 1e-6 and 1."""
+    """Return a live duty, held between 1e-6 and 1."""
     return where(d < LEAST, LEAST, where(d > 1.0, 1.0, d))
 
 
@@ -102,8 +103,9 @@ def bounded(y):
 
 
 def average(k0, w0, k1, w1, du, d, a, b, mean, whole):
-    """Mean of the envelope over a movement du, from its mean between a and b of a ridge
-    and over a whole ridge.
+    """Return the mean of the envelope over a movement du.
+
+    It is from its mean between a and b of a ridge and over a whole ridge.
     """
     part = d * fma(k1 - k0, whole, (b - a) * mean) / du
     y = where(du == 0.0, 0.0 * d, part)
@@ -116,7 +118,7 @@ def began(p, last, cold, u):
 
 
 def regular(duty):
-    """Samples that have the first one's duty."""
+    """Return samples that have the first one's duty."""
     n = NONE
     for i in range(duty.size):
         n = n + where(duty[i] == duty[0], ONE, NONE)
@@ -124,8 +126,9 @@ def regular(duty):
 
 
 def cells(first, u, d, k, w):
-    """Cells of where the movement began and of all samples; how many of these are on
-    the same ridge or in the same groove.
+    """Return cells of where the movement began and of all samples.
+
+    How many of these are on the same ridge or in the same groove is returned too.
     """
     k[0], w[0] = cell(first)
     k1, w1, together, place, ridge = k[1:], w[1:], NONE, k[0], where(w[0] < d, ONE, NONE)
@@ -136,6 +139,8 @@ def cells(first, u, d, k, w):
 
 
 class BumpState(NamedTuple):
+    """State of `Bump` between samples."""
+
     last: float
     cold: float
 
@@ -174,7 +179,7 @@ class Bump(Block, abstract=True):
         return un.ONE
 
     def delay(self, p):
-        """A mean over the last sample period lies half a sample back."""
+        """Return half a sample: a mean over the last sample period."""
         return 0.5 * p.area
 
     @property
@@ -184,6 +189,8 @@ class Bump(Block, abstract=True):
 
 
 class LinearParams(NamedTuple):
+    """Parameters of linear blocks at a sample rate."""
+
     area: float
     start: float
     slope: float
@@ -191,6 +198,8 @@ class LinearParams(NamedTuple):
 
 
 class LinearShape(NamedTuple):
+    """Shape of a linear ridge for a duty."""
+
     d: float
     r: float  # 1/d
     start: float
@@ -205,12 +214,12 @@ def linear_shape(p, duty):
 
 
 def linear_mean(q, a, b):
-    """A straight line's mean is its value in the middle."""
+    """Return the mean of a straight line: its value in the middle."""
     return fma(q.slope, 0.5 * (a + b), q.start)
 
 
 def linear(q, k0, w0, k1, w1, u0, u):
-    """The mean over a movement."""
+    """Return the mean over a movement."""
     a, b = on_ridge(w0, q.d, q.r), on_ridge(w1, q.d, q.r)
     return average(k0, w0, k1, w1, u - u0, q.d, a, b, linear_mean(q, a, b), q.whole)
 
@@ -224,13 +233,13 @@ def linear_sample(p, last, cold, u, duty):
 
 
 def linear_point(q, w, u):
-    """The envelope at a place."""
+    """Return the envelope at a place."""
     e = where(w < q.d, bounded(linear_mean(q, w * q.r, w * q.r)), 0.0 * q.d)
     return where(u - u == 0.0, e, u - u)
 
 
 def linear_inside(q, w0, w1):
-    """The mean over a movement on one ridge."""
+    """Return the mean over a movement on one ridge."""
     return bounded(linear_mean(q, w0 * q.r, w1 * q.r))
 
 
@@ -278,11 +287,15 @@ class LinearBump(Bump):
 
 
 class SineParams(NamedTuple):
+    """Parameters of sine blocks at a sample rate."""
+
     area: float
     half: float
 
 
 class SineShape(NamedTuple):
+    """Shape of a sinusoidal ridge for a duty."""
+
     d: float
     r: float  # 1/d
     k: float  # half periods of the sinusoid on a ridge
@@ -300,7 +313,7 @@ def sine_shape(p, duty):
 
 
 def sine_top(q, z):
-    """The envelope itself."""
+    """Return the envelope itself."""
     s = sinpi(q.k * (z - 0.5))
     return fma(-(s * s), q.h, 1.0)
 
@@ -312,19 +325,19 @@ def sine_mean(q, a, b):
 
 
 def sine(q, k0, w0, k1, w1, u0, u):
-    """The mean over a movement."""
+    """Return the mean over a movement."""
     a, b = on_ridge(w0, q.d, q.r), on_ridge(w1, q.d, q.r)
     return average(k0, w0, k1, w1, u - u0, q.d, a, b, sine_mean(q, a, b), q.whole)
 
 
 def sine_point(q, w, u):
-    """The envelope at a place."""
+    """Return the envelope at a place."""
     e = where(w < q.d, bounded(sine_top(q, on_ridge(w, q.d, q.r))), 0.0 * q.d)
     return where(u - u == 0.0, e, u - u)
 
 
 def sine_inside(q, w0, w1):
-    """The mean over a movement on one ridge."""
+    """Return the mean over a movement on one ridge."""
     return bounded(sine_mean(q, w0 * q.r, w1 * q.r))
 
 
@@ -383,6 +396,8 @@ class SineBump(Bump):
 
 
 class TableBumpParams(NamedTuple):
+    """Parameters of `TableBump` at a sample rate."""
+
     area: float
     values: np.ndarray  # at both ends of each piece
     sums: np.ndarray  # of the pieces' means, up to each knot
@@ -391,7 +406,7 @@ class TableBumpParams(NamedTuple):
 
 
 def piece(p, z):
-    """Number of the piece, as a float, that holds z (0 for nan)."""
+    """Return the number of the piece, as a float, that holds z (0 for nan)."""
     i = floor(z * p.pieces)
     return where(i > 0.0, where(i < p.pieces, i, p.pieces - 1.0), 0.0)
 
@@ -403,8 +418,9 @@ def on_piece(p, i, q):
 
 
 def table_mean(p, a, b):
-    """Mean over a to b, whichever is larger: the rest of one piece, whole pieces, a
-    part of the last.
+    """Return the mean over a to b, whichever is larger.
+
+    It is the rest of one piece, whole pieces, a part of the last.
     """
     low, high = where(a < b, a, b), where(a < b, b, a)
     i, j = piece(p, low), piece(p, high)
@@ -419,9 +435,7 @@ def table_mean(p, a, b):
 
 @dataclass(frozen=True, eq=False)
 class TableBump(Bump):
-    """e = straight lines between values that are spread evenly over the ridge, z = 0 ..
-    1.
-    """
+    """e = straight lines between values spread evenly over the ridge, z = 0 .. 1."""
 
     values: np.ndarray
 
@@ -558,8 +572,9 @@ WINDOW = 72.0  # lattice values that are made at once: 64 samples of less than a
 
 
 def sum_of_fields(v):
-    """Sum of the four 16-bit fields of a word, of mean 0 and variance 1: exact, nearly
-    normal, within 3.46.
+    """Return the sum of the four 16-bit fields of a word.
+
+    It has mean 0 and variance 1: exact, nearly normal, within 3.46.
     """
     s = (v & FIELD) + ((v >> SHIFT_16) & FIELD) + ((v >> SHIFT_32) & FIELD) + (v >> SHIFT_48)
     return (as_float(s) - MIDDLE) * DEVIATION
@@ -572,8 +587,9 @@ def lattice(key, m):
 
 
 def spline_mean(n0, n1, n2, a, b):
-    """Mean of a quadratic B-spline over a .. b of one cell, 0 .. 1: its value in the
-    middle, and curvature (b - a)^2/24.
+    """Return the mean of a quadratic B-spline over a .. b of one cell, 0 .. 1.
+
+    It is its value in the middle, and curvature (b - a)^2/24.
     """
     t, d = 0.5 * (a + b), b - a
     q = 1.0 - t
@@ -586,8 +602,9 @@ def spline_mean(n0, n1, n2, a, b):
 
 
 def heard(r):
-    """Part of its power that an octave keeps where a sample passes r of its cells: all
-    up to 2, none from 4 on.
+    """Return the part of its power that an octave keeps where r cells are passed.
+
+    It is all up to 2 cells a sample, none from 4 on.
     """
     t = where(r > 2.0, where(r < 4.0, 0.5 * r - 1.0, 1.0), 0.0)
     return 1.0 - t * t * (3.0 - 2.0 * t)
@@ -616,7 +633,7 @@ class Cell(NamedTuple):
 
 
 def inside(q, before, v, y):
-    """y and an octave in one of whose cells the movement is."""
+    """Return y and an octave in one of whose cells the movement is."""
     return y + q.amplitude * spline_mean(
         q.n0, q.n1, q.n2, before * q.scale + q.at - q.place, v * q.scale + q.at - q.place
     )
@@ -631,7 +648,7 @@ class Octave(NamedTuple):
 
 
 def near(q, before, v, n0, n1, n2, n3, y):
-    """y and an octave of which the movement is in one cell, or in two."""
+    """Return y and an octave of which the movement is in one cell, or in two."""
     a, b = before * q.scale + q.at, v * q.scale + q.at
     lo, hi = where(a < b, a, b), where(a < b, b, a)
     f, g = floor(lo), floor(hi)
@@ -643,6 +660,8 @@ def near(q, before, v, n0, n1, n2, n3, y):
 
 
 class SpatialParams(NamedTuple):
+    """Parameters of spatial blocks at a sample rate."""
+
     scale: float  # finest cells in a unit of length
     keys: np.ndarray
     at: np.ndarray  # place of 0, in cells
@@ -651,13 +670,17 @@ class SpatialParams(NamedTuple):
 
 
 class SpatialState(NamedTuple):
+    """State of spatial blocks between samples."""
+
     last: float  # place, in finest cells
     cold: float
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialNoise(Block):
-    """sum_j a_j mean of sum_m n_j[m] B(place/D_j - m) over the movement, D_j = 2^j D_0;
+    """Octaves of random splines over place, averaged over each movement.
+
+    sum_j a_j mean of sum_m n_j[m] B(place/D_j - m) over the movement, D_j = 2^j D_0;
     n_j[m] from Philox(key_j, m).
     """
 
@@ -702,7 +725,7 @@ class SpatialNoise(Block):
         ), SpatialState(0.0, 1.0)
 
     def delay(self, p):
-        """A mean over the last sample period lies half a sample back."""
+        """Return half a sample: a mean over the last sample period."""
         return 0.5
 
     @staticmethod
@@ -787,8 +810,9 @@ def spatial_noise(
     longest: float = 0.2,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Roughness: noise of spectrum 1/f^slope over place, the same at the same place
-    however the finger comes there.
+    """Compute roughness: noise of spectrum 1/f^slope over place.
+
+    It is the same at the same place however the finger comes there.
 
     Its one-sided spectrum over place is C f^-slope, f in cycles per unit of u, from
     1/longest to 1/shortest; C makes the power between them 1.  It is a sum of octaves:
@@ -868,27 +892,34 @@ def sine_of_turns(t):
 
 
 def sinc(d):
-    """sin(pi d)/(pi d) for d >= 0: what is left of a sinusoid in its mean over d
-    periods.
+    """Return sin(pi d)/(pi d) for d >= 0.
+
+    It is what is left of a sinusoid in its mean over d periods.
     """
     near = where(d < 1.0, d, 1.0)
     return where(d < 1.0, 1.0 - gap(near), sine_of_turns(0.5 * d) / (PI * where(d < 1.0, 1.0, d)))
 
 
 class GratingParams(NamedTuple):
+    """Parameters of `Grating` at a sample rate."""
+
     depth: np.ndarray
     per: np.ndarray  # periods in a unit of length
     start: np.ndarray  # phase in turns
 
 
 class GratingState(NamedTuple):
+    """State of `Grating` between samples."""
+
     last: float
     cold: float
 
 
 @dataclass(frozen=True, eq=False)
 class Grating(Block):
-    """sum of depth sin(2 pi m/wavelength + phase) sinc(d/wavelength), m the middle of a
+    """Sinusoids over place, averaged over each movement.
+
+    sum of depth sin(2 pi m/wavelength + phase) sinc(d/wavelength), m the middle of a
     movement and d its length.
     """
 
@@ -925,7 +956,7 @@ class Grating(Block):
         return p, GratingState(0.0, 1.0)
 
     def delay(self, p):
-        """A mean over the last sample period lies half a sample back."""
+        """Return half a sample: a mean over the last sample period."""
         return 0.5
 
     @staticmethod
@@ -941,8 +972,9 @@ class Grating(Block):
 
 @public
 def grating(u: Block | float, parts, unit: str = "", contact: Block | float = 1.0) -> Block:
-    """Ribs of a surface: sinusoids over place, sum of depth sin(2 pi u/wavelength +
-    phase).
+    """Compute the ribs of a surface: sinusoids over place.
+
+    They are the sum of depth sin(2 pi u/wavelength + phase).
 
     Each sample is the exact mean over u[n-1] .. u[n]: the sinusoid in the middle of the
     movement, times sin(pi d)/(pi d), d = |u[n] - u[n-1]|/wavelength.  So ribs that pass
@@ -1003,6 +1035,8 @@ HEADROOM = ("clip", "scale")
 
 
 class MidpointState(NamedTuple):
+    """State of `Midpoint` between samples."""
+
     last: float
     cold: float
 
@@ -1027,8 +1061,9 @@ class Midpoint(Block):
 
 
 def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
-    """Two columns of a CSV file, position and displacement; a heading and lines that
-    start with # are skipped.
+    """Read two columns of a CSV file, position and displacement.
+
+    A heading and lines that start with # are skipped.
 
     Raises
     ------
@@ -1099,8 +1134,9 @@ def points(displacement) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smallest(table, knots: np.ndarray) -> float:
-    """Lowest value of a table between its knots, by its own step at 65 places of each
-    piece.
+    """Return the lowest value of a table between its knots.
+
+    It is by the table's own step at 65 places of each piece.
     """
     p, _ = table.design(1.0)
     places = np.concatenate(
@@ -1122,8 +1158,7 @@ def equalize(
     kind: str | Callable | None = None,
     outside: str = "hold",
 ) -> Block:
-    """A voltage that gives, at every place, the displacement of the place that moves
-    most.
+    """Equalise a voltage so that all places move as the one that moves most.
 
     y = signal d_max/d(x): the measured displacements are interpolated and the result is
     inverted (interpolating the gains instead is an order of magnitude worse), in the
@@ -1238,8 +1273,9 @@ def equalize(
 
 
 def within(y: Block, limit, headroom: str, peak=None) -> Block:
-    """y held within -limit .. limit: clipped, or first scaled by limit/peak where the
-    peak is larger.
+    """Return y held within -limit .. limit.
+
+    It is clipped, or first scaled by limit/peak where the peak is larger.
     """
     if headroom not in HEADROOM:
         raise BadValue(f"headroom = {headroom!r}; choose one of {', '.join(HEADROOM)}")

@@ -26,6 +26,8 @@ POLICY = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}
 
 
 class TableParams(NamedTuple):
+    """Parameters of `Table` at a sample rate."""
+
     knots: np.ndarray
     c: np.ndarray  # 4 coefficients of each piece, highest power of (x - knot) first
     outside: float  # value added outside: 0, or nan
@@ -85,6 +87,8 @@ class Lut(Table):
 
 
 class PolynomialParams(NamedTuple):
+    """Parameters of `Polynomial` at a sample rate."""
+
     # the ends first, then each as far as possible from those before: that rounds least
     knots: np.ndarray
     c: np.ndarray  # divided differences
@@ -94,8 +98,9 @@ class PolynomialParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Polynomial(Block):
-    """One polynomial through all knots in Newton's form, c0 + (x - knot0) (c1 + (x -
-    knot1) (c2 + ..)).
+    """One polynomial through all knots in Newton's form.
+
+    c0 + (x - knot0) (c1 + (x - knot1) (c2 + ..)).
     """
 
     x: Block
@@ -184,7 +189,7 @@ def check_points(b: Lut | Polynomial) -> None:
 def lut(
     x: Block | float, knots, values, kind: str = "linear", outside: str = "hold", unit: str = ""
 ) -> Block:
-    """A function of x given by points.
+    """Compute a function of x given by points.
 
     Parameters
     ----------
@@ -239,6 +244,8 @@ GRID_KINDS = ("linear", "cubic")
 
 
 class GridParams(NamedTuple):
+    """Parameters of `Grid` at a sample rate."""
+
     c: np.ndarray  # coefficients, row by row
     width: float  # of a row
     x0: float
@@ -250,8 +257,9 @@ class GridParams(NamedTuple):
 
 
 def piece(v, origin, per, n):
-    """(number of the piece, part of it, derivative of both): a place beyond the grid is
-    held at its edge.
+    """Return (number of the piece, part of it, derivative of both).
+
+    A place beyond the grid is held at its edge.
     """
     t = (v - origin) * per
     held = where(t > 0.0, where(t < n, t, n), 0.0)
@@ -267,8 +275,9 @@ def spoiled(x, y):
 
 @dataclass(frozen=True, eq=False)
 class Grid(Block, abstract=True):
-    """A function of two places and its gradient, from points (origin + i spacing,
-    origin + j spacing).
+    """A function of two places and its gradient, from points.
+
+    The points are (origin + i spacing, origin + j spacing).
     """
 
     x: Block
@@ -336,7 +345,7 @@ class LinearGrid(Grid):
 
 
 def spline(a, b, c, d, t):
-    """A uniform cubic B-spline with these coefficients at t of 0 .. 1."""
+    """Return a uniform cubic B-spline with these coefficients at t of 0 .. 1."""
     q = 1.0 - t
     return (
         a * (q * q * q)
@@ -353,7 +362,7 @@ def spline_slope(a, b, c, d, t):
 
 
 def along(p, k, t):
-    """The spline along y in the row of coefficients that begins at k."""
+    """Return the spline along y in the row of coefficients that begins at k."""
     return spline(p.c[U(k)], p.c[U(k + 1.0)], p.c[U(k + 2.0)], p.c[U(k + 3.0)], t)
 
 
@@ -380,8 +389,9 @@ def bicubic(p, x, y):
 
 
 def spline_coefficients(v: np.ndarray) -> np.ndarray:
-    """Along the first axis, of the cubic spline through values 1 apart (not-a-knot): c
-    = v - v''/6, and one more at each end.
+    """Return coefficients of the cubic spline through values 1 apart.
+
+    They are along the first axis (not-a-knot): c = v - v''/6, and one more at each end.
     """
     from scipy.interpolate import CubicSpline
 
@@ -393,8 +403,9 @@ def spline_coefficients(v: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class CubicGrid(Grid):
-    """Bicubic: sum_ij c_ij B(x - i) B(y - j), through all points, with continuous
-    curvature.
+    """Bicubic: sum_ij c_ij B(x - i) B(y - j), through all points.
+
+    Its curvature is continuous.
     """
 
     def design(self, fs):
@@ -411,8 +422,9 @@ class CubicGrid(Grid):
 
 
 def plain(name: str, v, *axes: Block) -> np.ndarray:
-    """Numbers of x and of y, from one or two numbers or constants, these in the unit of
-    their axis.
+    """Return numbers of x and of y, from one or two numbers or constants.
+
+    Constants are in the unit of their axis.
     """
     given = v if isinstance(v, (list, tuple, np.ndarray)) else (v, v)
     if len(given) != len(axes):
@@ -435,7 +447,7 @@ def lut2(
     kind: str = "linear",
     unit: str = "",
 ) -> Grid:
-    """A function of two places given by a regular grid of points, and its gradient.
+    """Compute a function of two places given by a regular grid, and its gradient.
 
     Parameters
     ----------

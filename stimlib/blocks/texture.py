@@ -1,5 +1,4 @@
-"""Measured textures: vibration of a surface by the speed and the force of what strokes
-it.
+"""Measured textures: a surface's vibration by the speed and force of a stroking tool.
 
 Sources: Romano and Kuchenbecker, IEEE Trans. Haptics 5 (2012); Culbertson, Unwin and
 Kuchenbecker, IEEE Trans. Haptics 7 (2014); the models themselves are in
@@ -27,6 +26,8 @@ INT = np.int64
 
 
 class TextureParams(NamedTuple):
+    """Parameters of `Texture` at a sample rate."""
+
     every: float  # samples of this clock to one of the model
     rows: np.ndarray  # of the interpolator, one for each of these
     per_speed: float  # 1/largest
@@ -47,6 +48,8 @@ class TextureParams(NamedTuple):
 
 
 class TextureState(NamedTuple):
+    """State of `Texture` between samples."""
+
     v: np.ndarray  # what drove the model, the newest first
     y: np.ndarray  # what it gave
     out: np.ndarray  # the same for the interpolator
@@ -54,11 +57,15 @@ class TextureState(NamedTuple):
 
 
 class Place(NamedTuple):
+    """A place among the models."""
+
     x: float
     z: float
 
 
 class Weights(NamedTuple):
+    """Weights of the models at a place."""
+
     a: float
     b: float
     c: float
@@ -76,7 +83,7 @@ def weight(q, ax, ay, a):
 
 
 def least(q, ax, ay, a, bx, by, b):
-    """The smallest of the three weights in a triangle: below 0 outside of it."""
+    """Return the smallest of the three weights in a triangle: below 0 outside of it."""
     one, two = weight(q, ax, ay, a), weight(q, bx, by, b)
     third = 1.0 - one - two
     lower = where(one < two, one, two)
@@ -84,7 +91,7 @@ def least(q, ax, ay, a, bx, by, b):
 
 
 def inside(one, two):
-    """The three weights, those below 0 as 0; they add up to 1."""
+    """Return the three weights, those below 0 as 0; they add up to 1."""
     a, b, c = (
         where(one > 0.0, one, 0.0),
         where(two > 0.0, two, 0.0),
@@ -95,7 +102,7 @@ def inside(one, two):
 
 
 def mean(w, a, b, c):
-    """What lies between three models."""
+    """Return what lies between three models."""
     return fma(w.a, a, fma(w.b, b, w.c * c))
 
 
@@ -105,8 +112,9 @@ def cosine(w, a, b, c):
 
 
 def product(c, first, n, f):
-    """f[1 + j], j = 0 .. n: of the product of 1 - 2 c[k] z + z^2 over k = first, first
-    + 2, .., n of them; f[0] is 0.
+    """Return f[1 + j], j = 0 .. n, of the product of 1 - 2 c[k] z + z^2.
+
+    It is over k = first, first + 2, .., n of them; f[0] is 0.
 
     It has the degree 2 n and is symmetric, so half of it is enough.
     """
@@ -119,8 +127,9 @@ def product(c, first, n, f):
 
 
 def predictor(c, p, f, g, a):
-    """a[0] .. a[p - 1], the coefficients of z^-1 to z^-p of (P + Q)/2, from the cosines
-    of p line spectral frequencies.
+    """Return a[0] .. a[p - 1], the coefficients of z^-1 to z^-p of (P + Q)/2.
+
+    They are from the cosines of p line spectral frequencies.
 
     P is the product over the 1st, 3rd, .. and Q that over the others.  Where p is even
     they have the factors 1 + z and 1 - z; where it is odd, Q alone has one, 1 - z^2.
@@ -139,7 +148,9 @@ def predictor(c, p, f, g, a):
 
 @dataclass(frozen=True, eq=False)
 class Texture(Block):
-    """y = v + sum b v[-k] - sum a y[-k] at the model's rate, v = gain sqrt(variance)
+    """A measured texture: ARMA models at their own rate, raised to that of the clock.
+
+    y = v + sum b v[-k] - sum a y[-k] at the model's rate, v = gain sqrt(variance)
     white, and 12 taps to that of the clock.
     """
 

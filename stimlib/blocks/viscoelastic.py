@@ -75,15 +75,16 @@ def check_lists(b: Any, values: np.ndarray, name: str) -> None:
 
 
 def number(v) -> float | None:
-    """The value of a plain number (or a constant without unit, or in N/m); None for any
-    other signal.
+    """Return the value of a plain number, or None for any other signal.
+
+    A constant without unit, or in N/m, is a plain number.
     """
     b = as_block(v)
     return b.value if isinstance(b, Const) and b.dim in (un.ONE, unit("N/m")) else None
 
 
 def plain(name: str, field: str, v) -> float:
-    """A number above 0; BadValue for anything else."""
+    """Return a number above 0; raise BadValue for anything else."""
     value = number(v)
     if value is None or not value > 0:
         raise BadValue(
@@ -108,11 +109,15 @@ def time_constant(name: str, k, b, tau) -> float:
 
 
 class ArmsParams(NamedTuple):
+    """Parameters of arms blocks at a sample rate."""
+
     e: np.ndarray  # leaks; padded with ones
     r: np.ndarray  # k g; padded with zeros
 
 
 class ArmsState(NamedTuple):
+    """State of arms blocks between samples."""
+
     q: np.ndarray
     low: np.ndarray  # second words of q
     last: float
@@ -121,8 +126,9 @@ class ArmsState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MaxwellArms(Block):
-    """Maxwell arms side by side: q_i += (y[n] - y[n-1]) - e_i q_i;  f = sum_i k_i g_i
-    q_i.  k as factors of y.
+    """Maxwell arms in parallel: q_i += (y[n] - y[n-1]) - e_i q_i.
+
+    f = sum_i k_i g_i q_i. k as factors of y.
     """
 
     y: Block
@@ -169,8 +175,9 @@ class MaxwellArms(Block):
         return np.sum(p.r * np.where(spring, 1.0, d / np.where(spring, 1.0, below)), axis=-1)
 
     def delay(self, p):
-        """Behind the continuous arms at low frequencies: 0 for slow ones (springs),
-        half a sample for fast ones (dampers).
+        """Return the delay behind the continuous arms at low frequencies.
+
+        It is 0 for slow ones (springs), half a sample for fast ones (dampers).
         """
         live = p.r[: self.k.size] > 0
         k, a = self.k[live], p.e[: live.size][live] * self.k[live] / p.r[: live.size][live]
@@ -196,8 +203,9 @@ def maxwell(
     onset: str = "steady",
     contact: Block | float | None = None,
 ) -> Block:
-    """Maxwell arm, a spring and a damper in series: f'/k + f/b = y'.  The force of a
-    held position decays with tau = b/k.
+    """Compute a Maxwell arm, a spring and a damper in series: f'/k + f/b = y'.
+
+    The force of a held position decays with tau = b/k.
 
     Exact for positions that are straight between samples, for any tau: much faster than
     a sample it is a damper, much slower than the recording it is a spring.
@@ -262,8 +270,9 @@ def generalized_maxwell(
     onset: str = "steady",
     contact: Block | float | None = None,
 ) -> Block:
-    """A spring and any number of Maxwell arms side by side.  All arms with plain
-    numbers run as one bank.
+    """Compute a spring and any number of Maxwell arms in parallel.
+
+    All arms with plain numbers run as one bank.
 
     Parameters
     ----------
@@ -346,7 +355,9 @@ def standard_linear_solid(
     onset: str = "steady",
     contact: Block | float | None = None,
 ) -> Block:
-    """A spring beside one Maxwell arm: stiffness k0 + k1 at first, k0 in the end.
+    """Compute a spring in parallel with one Maxwell arm.
+
+    The stiffness is k0 + k1 at first, k0 in the end.
 
     Parameters
     ----------
@@ -400,12 +411,16 @@ def standard_linear_solid(
 # near it as 1/fs.
 # Springs and dampers ------------------------------------------------------------------
 class ChainParams(NamedTuple):
+    """Parameters of chain blocks at a sample rate."""
+
     e: np.ndarray  # leaks; padded with ones
     r: np.ndarray  # e g/k; padded with zeros
     d: float  # direct
 
 
 class ChainState(NamedTuple):
+    """State of chain blocks between samples."""
+
     q: np.ndarray
     low: np.ndarray
     last: float
@@ -534,8 +549,9 @@ def compliance_kelvin_voigt(
     tau: float | None = None,
     onset: str = "step",
 ) -> Block:
-    """Return the displacement of a spring and a damper side by side under a force: k y
-    + b y' = f.
+    """Return the displacement of a spring and a parallel damper under a force.
+
+    k y + b y' = f.
 
     It creeps towards f/k.
 
@@ -597,8 +613,9 @@ def compliance_generalized_kelvin_voigt(
     b: float | None = None,
     onset: str = "step",
 ) -> Block:
-    """Return the displacement of a chain under a force: Kelvin-Voigt elements, and a
-    spring and a damper if given.
+    """Return the displacement of a chain under a force.
+
+    The chain has Kelvin-Voigt elements, and a spring and a damper if given.
 
     The dual of ``generalized_maxwell``; all elements run as one bank.
 
@@ -665,7 +682,7 @@ def compliance_generalized_kelvin_voigt(
 
 
 def _over(y: Block, k, f) -> Block:
-    """y over a stiffness, which must be a length."""
+    """Return y over a stiffness, which must be a length."""
     out = y / with_unit(k, "N/m")
     if out.dim != unit("m"):
         raise UnitError(
@@ -685,8 +702,9 @@ def compliance(
     tol: float = 1e-10,
     horizon: float = 86400.0,
 ) -> Block:
-    """Return the displacement of a springpot under a force, y = I^alpha f / chi: the
-    dual of ``springpot``.
+    """Return the displacement of a springpot under a force.
+
+    y = I^alpha f / chi: the dual of ``springpot``.
 
     Before the first sample there is no force.  There is no steady start, as a constant
     force has no steady displacement: it creeps for ever.
@@ -786,6 +804,8 @@ def compliance(
 # A springpot in series with a spring or a dashpot: one force, two displacements that
 # add up.
 class SeriesParams(NamedTuple):
+    """Parameters of `Series` at a sample rate."""
+
     e: np.ndarray  # of the springpot, see fractional.SpringpotParams
     r: np.ndarray
     taps: np.ndarray
@@ -799,6 +819,8 @@ class SeriesParams(NamedTuple):
 
 
 class SeriesState(NamedTuple):
+    """State of `Series` between samples."""
+
     line: np.ndarray  # the springpot's last nine displacements
     q: np.ndarray
     low: np.ndarray
@@ -809,8 +831,9 @@ class SeriesState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Series(Block):
-    """f = chi D^alpha z = k (y - z), or b d(y - z)/dt, with the springpot's z found
-    anew at every sample.
+    """f = chi D^alpha z = k (y - z), or b d(y - z)/dt.
+
+    The springpot's z is found anew at every sample.
 
     With u = y[n] - z[n-1] (spring) or y[n] - y[n-1] (dashpot), g = k or b fs, S = chi
     fs^alpha, and R what the springpot remembers without its newest step d = z[n] -
@@ -917,8 +940,9 @@ def springpot_series(
     horizon: float = 86400.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Force of a springpot in series with a spring (the fractional Maxwell arm) or with
-    a dashpot.
+    """Compute a springpot in series with a spring or with a dashpot.
+
+    With a spring it is the fractional Maxwell arm.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Is what was rendered or displayed what the model says?"""
+"""Verification: comparison of what was rendered or displayed with the model."""
 
 import lazy_loader
 

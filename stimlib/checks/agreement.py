@@ -1,5 +1,6 @@
-"""Do two targets agree?  JAX against the compiled processor, decision by decision and
-sample by sample.
+"""Agreement of two targets: JAX and the compiled processor.
+
+They are compared decision by decision and sample by sample.
 """
 
 from __future__ import annotations

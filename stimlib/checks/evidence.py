@@ -1,5 +1,6 @@
-"""What the checks of one verification look at: the delivered samples, a re-render, and
-the noise seen inside it.
+"""What the checks of one verification look at.
+
+It is the delivered samples, a re-render, and the noise seen inside it.
 """
 
 from __future__ import annotations
@@ -131,15 +132,16 @@ class Evidence:
         return self.at + self.x.shape[1]
 
     def stretches(self) -> Iterator[Evidence]:
-        """This stretch and those after it, made again each time; together they have
-        every sample once.
+        """Yield this stretch and those after it, made again each time.
+
+        Together they have every sample once.
         """
         yield self
         if self.later is not None:
             yield from self.later()
 
     def motion_at(self, at: int, stop: int) -> np.ndarray:
-        """The motion of samples at .. stop - 1, rows as the processor has them."""
+        """Return the motion of samples at .. stop - 1, in the processor's order."""
         if self.drive is None or (self.at <= at and stop <= self.end):
             return np.ascontiguousarray(self.x[:, at - self.at : stop - self.at])
         return (
@@ -150,8 +152,9 @@ class Evidence:
 
     @property
     def share(self) -> float:
-        """False alarm probability of each statistical check: spectra, pairs of them,
-        slopes.
+        """Return the false alarm probability of each statistical check.
+
+        They are spectra, pairs of them, and slopes.
         """
         streams = sum(t.model is not None and t.stream.size > FEWEST for t in self.taps)
         return ALARM / max(1, streams * (streams + 1) // 2 + len(self.taps))
@@ -160,6 +163,7 @@ class Evidence:
 def gather(
     scene: Scene, motion: Mapping[str, Any], rendering: Rendering | str | os.PathLike
 ) -> Evidence:
+    """Gather the evidence of a rendering, a file or a log for its checks."""
     sidecar: dict[str, Any] | None = None
     shown: Any = rendering.y if isinstance(rendering, Rendering) else Stored(rendering)
     if isinstance(rendering, Rendering):
@@ -237,8 +241,9 @@ def gather(
 def seen_by(
     e: Evidence, watch: Processor, drive: Rows, found: list[tuple], frames: int, shown: Any = None
 ) -> Evidence:
-    """What an augmented scene makes of a motion: the first stretch, which makes the
-    later ones.
+    """Return what an augmented scene makes of a motion.
+
+    It is the first stretch, which makes the later ones.
 
     ``shown`` has what was delivered, read by shown[:, at:stop]; None where it is what
     is seen here.
@@ -280,8 +285,9 @@ def seen_by(
 
 
 def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
-    """Where stretches of up to ``AT_ONCE`` samples end: where no interval of a trial is
-    cut, if there is such a sample.
+    """Return where stretches of up to ``AT_ONCE`` samples end.
+
+    No interval of a trial is cut, if there is such a sample.
     """
     spans = [
         (round(p.span.start * fs), round(p.span.start * fs) + round(p.span.duration * fs))
@@ -316,8 +322,9 @@ def last_of(changes: Iterable[Change]) -> list[Change]:
 
 
 def at_first(proc: Processor, changes: list[Change]) -> dict[str, float]:
-    """The parameters of a new processor at its first sample: those that a change sets
-    at once, and where ramps begin.
+    """Return the parameters of a new processor at its first sample.
+
+    They are those that a change sets at once, and where ramps begin.
     """
     return dict(proc.params) | {
         c.name: c.value for c in changes if c.at == 0 and c.ramp * proc.fs <= 1
@@ -325,8 +332,10 @@ def at_first(proc: Processor, changes: list[Change]) -> dict[str, float]:
 
 
 def with_taps(scene: Scene, fs: float):
-    """The scene with every gated noise, its gate, and every source outside gates as
-    outputs (no bit of the others changes).
+    """Return the scene with noises, gates and sources as further outputs.
+
+    These are every gated noise, its gate, and every source outside gates; no bit of the
+    other outputs changes.
     """
     more, seen = [], set()
     found: list[tuple] = []
@@ -349,8 +358,9 @@ def with_taps(scene: Scene, fs: float):
 
 
 def placed(scene: Scene) -> Iterator[tuple[str, Block, tuple[Segment, ...]]]:
-    """Blocks outside of any ``enabled``: an output, one of its blocks, and the segments
-    that it runs in, from the inside.
+    """Return blocks outside of any ``enabled``, with their outputs and segments.
+
+    The segments are listed from the inside.
     """
     for name, root in scene.outputs.items():
         todo: list[tuple[Block, tuple[Segment, ...]]] = [(root, ())]
@@ -364,7 +374,7 @@ def placed(scene: Scene) -> Iterator[tuple[str, Block, tuple[Segment, ...]]]:
 
 
 def within(b: Block, around: Iterable[Segment]) -> Block:
-    """A block in these segments."""
+    """Return a block in these segments."""
     return reduce(lambda inner, s: Segment(inner, s.by, s.seed), around, b)
 
 
@@ -381,13 +391,14 @@ def free_noises(scene: Scene) -> dict[str, tuple[Block, Block]]:
 
 
 def run_of(around: Sequence[Segment]) -> str:
-    """What tells these segments, as in ``Program.runs``."""
+    """Return what identifies these segments, as in ``Program.runs``."""
     return "".join(s.run for s in reversed(around))
 
 
 def noise_model(root: Block, fs: float):
-    """(PSD, f_low, f_high) of a chain of known linear blocks on white noise, by their
-    physical laws; else None.
+    """Return (PSD, f_low, f_high) of known linear blocks on white noise.
+
+    It follows from their physical laws; None for any other chain.
     """
     chain: list[Law] = []
     b = root
@@ -413,9 +424,7 @@ def noise_model(root: Block, fs: float):
 def ramped(
     first: float, changes: Sequence[Change], fs: float, n: int, start: int = 0
 ) -> np.ndarray:
-    """Samples start .. n - 1 of a parameter that begins with a value and then
-    changes.
-    """
+    """Return samples start .. n - 1 of a parameter that begins with a value."""
     y, changes, before = np.full(n - start, first), [c for c in changes if c.at < n], first
     for k, (at, _, target, ramp) in enumerate(changes):
         end = changes[k + 1].at if k + 1 < len(changes) else n
@@ -429,8 +438,9 @@ def ramped(
 
 
 def lost_by_ramps(changes: Iterable[Change], fs: float) -> float:
-    """What the longest of these ramps may lose, each step of it being rounded, as a
-    part of the largest value.
+    """Return what the longest of these ramps may lose by rounding each step.
+
+    It is a part of the largest value.
     """
     return 2.0**-52 * max((c.ramp * fs for c in changes), default=0.0)
 
@@ -438,8 +448,9 @@ def lost_by_ramps(changes: Iterable[Change], fs: float) -> float:
 # What a law sees ----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A part of a scene as its law sees it, in the law's own names: what was asked for,
-    what went in, and what came out.
+    """A part of a scene as its law sees it, in the law's own names.
+
+    It has what was asked for, what went in, and what came out.
 
     Of an interval of a trial these are its own samples, as they were before its window.
     Where the window is 0 they are nan, and nothing is compared.
@@ -474,8 +485,9 @@ class Asked:
 
     @property
     def slack(self) -> float:
-        """What roundings that add up may change, as a part of a value: each step of a
-        parameter's ramp, and a window's time.
+        """Return what roundings that add up may change, as a part of a value.
+
+        They come from each step of a parameter's ramp, and from a window's time.
         """
         span, names = (
             self.part.span,
@@ -489,7 +501,7 @@ class Asked:
         return window + lost_by_ramps((c for c in self.e.changes if c.name in names), self.fs)
 
     def live(self, name: str) -> np.ndarray:
-        """A parameter at every sample, its ramps written again as straight lines."""
+        """Return a parameter at every sample, its ramps as straight lines."""
         name = self.part.inputs.get(name, name)
         changes = [c for c in self.e.changes if c.name == name]
         return ramped(
@@ -501,17 +513,15 @@ class Asked:
         )
 
     def held(self, name: str, low: float, high: float) -> np.ndarray:
-        """A live parameter within the range in which the block of the scene holds
-        it.
-        """
+        """Return a live parameter within the range of the scene's block."""
         return np.clip(self.live(name), low, high)
 
     def output(self, name: str) -> str:
-        """What the scene calls an output."""
+        """Return what the scene calls an output."""
         return self.part.outputs.get(name, name)
 
     def title(self, name: str) -> str:
-        """An output, as a check names it."""
+        """Return how a check names an output."""
         return f"{self.output(name)}{f' from {self.part.span.start:g} s' if self.part.span else ''}"
 
     def apart(self, name: str, want: np.ndarray) -> float:
@@ -519,7 +529,7 @@ class Asked:
         return self.far(self.y[name] - want)
 
     def far(self, difference: np.ndarray) -> float:
-        """The largest of a difference, as it was displayed; nan where it is."""
+        """Return the largest of a difference, as displayed; nan where there is one."""
         return float(
             np.max(np.where(self.window > 0, np.abs(difference) * self.window, 0.0), initial=0.0)
         )
@@ -538,8 +548,10 @@ class Asked:
         least: float = 1e-300,
         group: str = "d",
     ) -> Check:
-        """An output against what it should be, in parts of its largest value, or of
-        ``least`` where that is larger.
+        """Check an output against what it should be.
+
+        The error is in parts of its largest value, or of ``least`` where that is
+        larger.
         """
         top = max(
             float(np.abs(np.where(self.window > 0, want, 0.0)).max(initial=0.0)),
@@ -557,9 +569,7 @@ class Asked:
         )
 
     def begins(self, values: Mapping[str, float]) -> Check:
-        """Parameters of the scene have the values that were asked for, where nobody
-        sets them.
-        """
+        """Check that parameters nobody sets have the values that were asked for."""
         found = {n: self.e.scene.params[self.part.inputs.get(n, n)].value for n in values}
         wrong = [f"{n} = {found[n]:g} for {v:g}" for n, v in values.items() if found[n] != v]
         title = "parameters" + (f" of {self.part.name}" if self.part.name else "")
@@ -572,7 +582,7 @@ class Asked:
         )
 
     def silent(self, name: str, off: np.ndarray) -> Check:
-        """An output is exactly 0 at these samples."""
+        """Check that an output is exactly 0 at these samples."""
         unit = self.e.scene.outputs[self.output(name)].dim
         return Check(
             "e",
@@ -583,12 +593,13 @@ class Asked:
         )
 
     def say(self, text: str) -> None:
-        """A line about the numbers that were asked for."""
+        """Add a line about the numbers that were asked for."""
         self.e.numbers.append(f"{self.part.name}: {text}" if self.part.name else text)
 
     def render(self, block: Block, n: int | None = None, name: str = "") -> np.ndarray:
-        """The samples of a block that the law makes of what was asked for, on the
-        inputs by the law's names.
+        """Render a block that the law makes of what was asked for.
+
+        Its inputs have the law's names.
 
         With a name they go on from those of the stretch before.
         """
@@ -617,7 +628,7 @@ def law_of(scene: str) -> Callable[[SceneLaw], SceneLaw]:
 
 
 def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
-    """A part of a scene as its law sees it, in one stretch.
+    """Return a part of a scene as its law sees it, in one stretch.
 
     Raises
     ------

@@ -1,6 +1,4 @@
-"""The pictures of a verification: signals, what the law made of them, and each spectrum
-with its band.
-"""
+"""The pictures of a verification: signals, the law's signals, and spectra."""
 
 from __future__ import annotations
 
@@ -49,8 +47,9 @@ def figures(e: Evidence) -> Iterator[tuple[str, str]]:
 
 
 def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
-    """A figure of so many inches as SVG, the same text on every run; ``draw`` gets the
-    empty figure.
+    """Draw a figure of so many inches as SVG, with the same text on every run.
+
+    ``draw`` gets the empty figure.
     """
     mpl = package("matplotlib", "a picture")
     from matplotlib.figure import Figure
@@ -65,7 +64,7 @@ def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
 
 
 def _fingers(fig, e):
-    """A column for each finger, on the same scales."""
+    """Draw a column for each finger, on the same scales."""
     axes = fig.subplots(3, len(e.fingers), squeeze=False, sharex=True, sharey="row")
     t = np.arange(e.x.shape[1]) / e.fs
     for (top, middle, bottom), (name, finger) in zip(axes.T, e.fingers.items(), strict=True):
@@ -81,9 +80,7 @@ def _fingers(fig, e):
 
 
 def _curves(fig, s, e):
-    """The motion, what was delivered, and what the law made of it, where it is best
-    seen.
-    """
+    """Draw the motion, what was delivered, and the law's signals at the best place."""
     rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
     start = e.closeup.start or 0
     over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, start)

@@ -1,5 +1,6 @@
-"""Laws of whole signals, written here from the papers and on their own: nothing of a
-block's design or step is used.
+"""Laws of whole signals, written from the papers, independently of the blocks.
+
+Nothing of a block's design or step is used.
 
 The generator of noise, the squeezed finger, the springpot's sum, bumps and their
 carrier; ``scenes`` puts them together. Frequency responses are in
@@ -20,8 +21,9 @@ LOW = (1 << 32) - 1
 
 
 def philox(counter: tuple[Any, Any, Any, Any], key: tuple[Any, Any]) -> tuple[Any, Any, Any, Any]:
-    """Philox4x32-10 (Salmon et al. 2011) of 32-bit words, which are whole numbers or
-    arrays of uint64.
+    """Return Philox4x32-10 of 32-bit words.
+
+    Source: Salmon et al. 2011. The words are whole numbers or arrays of uint64.
 
     Examples
     --------
@@ -39,8 +41,10 @@ def philox(counter: tuple[Any, Any, Any, Any], key: tuple[Any, Any]) -> tuple[An
 
 
 def white(run_seed: int, seed: int, stream: int, first: int, n: int, use: int = 0) -> np.ndarray:
-    """Samples first .. first + n - 1 of white_noise(seed, stream) in a run, by the
-    mathematical library; first is even.
+    """Return samples of white_noise(seed, stream) in a run.
+
+    They are first .. first + n - 1, computed by the mathematical library; first is
+    even.
 
     Those of the use 1 are the deviates of stationary starts.
 
@@ -68,8 +72,9 @@ def white(run_seed: int, seed: int, stream: int, first: int, n: int, use: int = 
 def texture_weights(
     at: np.ndarray, places: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (n, 3) and their weights at places (n, 2): areas of the triangles that a
-    place makes with two corners.
+    """Return corners (n, 3) and their weights at places (n, 2).
+
+    The weights are areas of the triangles that a place makes with two corners.
 
     Where it is in no triangle, that in which its smallest weight is largest, and
     weights below 0 as 0.
@@ -96,8 +101,9 @@ def texture_weights(
 
 
 def from_line_spectrum(lsf: np.ndarray) -> np.ndarray:
-    """Coefficients (n, p) behind the 1 of polynomials from their line spectral
-    frequencies (n, p), all roots multiplied out.
+    """Return polynomial coefficients from line spectral frequencies (n, p).
+
+    They are (n, p), behind the 1; all roots are multiplied out.
     """
     n, p = lsf.shape
     halves = []
@@ -121,8 +127,10 @@ def texture(
     every: int,
     seen: Any = None,
 ) -> np.ndarray:
-    """Acceleration of a measured texture: y = v + sum b v[-k] - sum a y[-k] at each
-    ``every``-th sample, and a sinc between them.
+    """Return the acceleration of a measured texture.
+
+    y = v + sum b v[-k] - sum a y[-k] at each ``every``-th sample, and a sinc between
+    them.
 
     Parameters
     ----------
@@ -168,9 +176,7 @@ def texture(
 
 # Scenes -------------------------------------------------------------------------------
 class Finger(NamedTuple):
-    """The squeeze law of one finger, computed from scratch: all arrays have one value
-    per sample.
-    """
+    """The squeeze law of one finger; all arrays have one value per sample."""
 
     mean: np.ndarray  # k x
     v: np.ndarray
@@ -190,8 +196,9 @@ def squeeze_finger(
     off: float,
     kept: dict[str, Any] | None = None,
 ) -> Finger:
-    """The UGrip paper, eq. (2) and section 2.1, for one finger's position and (gated)
-    noise.
+    """Return the squeeze law for one finger's position and (gated) noise.
+
+    Source: the UGrip paper, eq. (2) and section 2.1.
 
     Parameters
     ----------
@@ -232,14 +239,15 @@ def squeeze_finger(
 
 
 def vibrating(finger: Finger, noise: np.ndarray, k: Any, A: Any) -> Finger:
-    """The same finger with this noise, gain and stiffness."""
+    """Return the same finger with this noise, gain and stiffness."""
     tau = 1 / 8000
     return finger._replace(force=finger.mean + A * (k * tau * finger.v) * (tau * noise))
 
 
 def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float, float]:
-    """(on, off): off = 2 q max|h|, h the velocity after a step of one encoder code q;
-    on = 2 off.
+    """Return the thresholds (on, off) of the loading gate.
+
+    off = 2 q max|h|, h the velocity after a step of one encoder code q; on = 2 off.
     """
     from scipy.signal import lfilter
 
@@ -255,8 +263,9 @@ FEW = 4096  # weights that are a product of as many factors
 
 # Springpot ----------------------------------------------------------------------------
 def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
-    """v_0 .. v_{n-1} of the sum over first differences, in extended precision:
-    Gruenwald-Letnikov or L1.
+    """Return v_0 .. v_{n-1} of the sum over first differences.
+
+    They are Gruenwald-Letnikov's or L1's, in extended precision.
 
     "straight" takes differences of the sum of a force that is straight between samples:
     second differences of j^(2 - alpha).
@@ -285,8 +294,10 @@ def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
 def springpot_sum(
     y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """D^alpha y at some samples by the full sum of Çaldıran's thesis, eq. (3.1), from
-    rest; and the same sum of absolute values.
+    """Return D^alpha y at some samples by the full sum, and its absolute sum.
+
+    Source: Çaldıran's thesis, eq. (3.1), from rest. The second is the same sum of
+    absolute values.
 
     The order is that of the sample, as if it had been so from the start.
     """
@@ -305,8 +316,9 @@ def springpot_sum(
 def springpot_convolution(
     y: np.ndarray, fs: float, scheme: str, alpha: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same two sums at every sample, by Fourier transforms in double precision: to
-    some 1e-14 of the largest.
+    """Return the same two sums at every sample, by Fourier transforms.
+
+    In double precision they are exact to some 1e-14 of the largest.
 
     Examples
     --------
@@ -329,16 +341,18 @@ def springpot_convolution(
 
 # Bumps --------------------------------------------------------------------------------
 def ways(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where each sample's way began, and where there is contact, whose first sample has
-    no way.
+    """Return where each sample's way began, and where there is contact.
+
+    The first sample of a contact has no way.
     """
     touching = contact > 0
     return np.where(touching & ~np.r_[False, touching[:-1]], x, np.r_[x[:1], x[:-1]]), touching
 
 
 def _cell(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The number of the bump, and the place in it; what rounds to the next bump is
-    there.
+    """Return the number of the bump, and the place in it.
+
+    What rounds to the next bump is there.
     """
     k = np.floor(u)
     k += u - k >= 1
@@ -346,8 +360,9 @@ def _cell(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ridge_mean(waveform: str, d: np.ndarray, a: Any, b: np.ndarray) -> np.ndarray:
-    """Mean of the envelope from a to b on a ridge of the width d, 0 <= a <= b <= d:
-    products, so that nothing cancels.
+    """Return the mean of the envelope from a to b on a ridge of the width d.
+
+    0 <= a <= b <= d: products, so that nothing cancels.
     """
     z, way = (a + b) / 2 / d, b - a
     if waveform not in ("square", "sawtooth", "half_sine", "sine"):
@@ -369,8 +384,10 @@ def _ridge_mean(waveform: str, d: np.ndarray, a: Any, b: np.ndarray) -> np.ndarr
 
 
 def bump_envelope(last: np.ndarray, u: np.ndarray, waveform: str, d: np.ndarray) -> np.ndarray:
-    """Mean of the unipolar wave over last .. u (touch-screen thesis, figure 4.1), and
-    what a mean over an edge may lose.
+    """Return the mean of the unipolar wave over last .. u, and its tolerance.
+
+    Source: touch-screen thesis, figure 4.1. The tolerance is what a mean over an edge
+    may lose.
 
     Over a way across an edge the mean is a difference of areas, which are rounded, over
     that way.
@@ -391,8 +408,9 @@ def bump_envelope(last: np.ndarray, u: np.ndarray, waveform: str, d: np.ndarray)
 def profile_gain(
     x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.ndarray, kind: str
 ) -> tuple[np.ndarray, float]:
-    """d_max/d between the last two places (touch-screen thesis, section 4.2), and the
-    largest gain between the knots.
+    """Return d_max/d between the last two places, and the largest gain.
+
+    Source: touch-screen thesis, section 4.2. The largest is that between the knots.
     """
     from scipy import interpolate
 
@@ -412,16 +430,18 @@ def profile_gain(
 
 
 def turning(freq: np.ndarray, fs: float, phase: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Turns of a carrier at each sample, which begins at a phase in rad, and those that
-    each sample takes.
+    """Return turns of a carrier at each sample, and those that each sample takes.
+
+    It begins at a phase in rad.
     """
     step = freq.astype(np.longdouble) / np.longdouble(fs)
     return np.cumsum(step) - step + phase / (2 * np.longdouble(np.pi)), step
 
 
 def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
-    """A sinusoid at turns t, of step turns for each sample; rectified, its mean over
-    the sample period around each sample.
+    """Return a sinusoid at turns t, of step turns for each sample.
+
+    Rectified, it is its mean over the sample period around each sample.
     """
     pi = np.longdouble(math.pi) + np.longdouble(1.2246467991473532e-16)
     t = t - np.floor(t + 0.25)  # the nearest half wave is 0 .. 1/2

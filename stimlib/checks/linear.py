@@ -1,5 +1,4 @@
-"""Linear blocks once more: the response of each to one sample in closed form, and its
-rows as sums over what came in.
+"""Laws of linear blocks: responses in closed form, and rows as sums over inputs.
 
 Nothing of a recursion is run.  A response is taps, or a sum of modes r exp(n L) in
 extended precision, whose poles come from their formulas (of pinking, whose poles are
@@ -125,8 +124,9 @@ def _two(b: Row, c: Any) -> Row:
 
 
 def digital(zeros: Row, poles: Row, gain: Any) -> Modes:
-    """Modes of what has these zeros, poles and gain in s; z - z' is 2 (s - s')/((1 -
-    s)(1 - s')).
+    """Return the modes of what has these zeros, poles and gain in s.
+
+    z - z' is 2 (s - s')/((1 - s)(1 - s')).
     """
     direct = gain * np.prod(1 - zeros) / np.prod(1 - poles)
     r = direct * np.ones(poles.size, COMPLEX)
@@ -157,13 +157,14 @@ def response(*names: str) -> Callable:
 
 
 def taps(h: Any) -> Callable[[int], Row]:
-    """A response that ends."""
+    """Return a response that ends."""
     return lambda n: np.asarray(h, float)[:n]
 
 
 def straight(L: Any, size: Any) -> tuple[Any, Row, Row]:
-    """Of the sum of size/(s - L fs) of inputs straight between samples: h[0], r and L;
-    sinh keeps its digits.
+    """Return h[0], r and L of size/(s - L fs), for straight inputs between samples.
+
+    Sums are taken; sinh keeps its digits.
     """
     L = np.asarray(L, COMPLEX)
     first = np.where(
@@ -299,8 +300,9 @@ def _sos(b, fs):
 
 @response("Series")
 def _series(b, fs):
-    """f = g (y - z), f = S z with both as power series of 1/z: g S/(g + S); the
-    reciprocal by Newton's method.
+    """Return f = g (y - z), f = S z, both as power series of 1/z: g S/(g + S).
+
+    The reciprocal is by Newton's method.
     """
 
     def first(n: int) -> Row:
@@ -340,7 +342,7 @@ def _made(b: Any, fs: float) -> Modes | Callable[[int], Row]:
 
 
 def summed(h: Row, x: Row) -> Row:
-    """h * x, so long as x."""
+    """Return h * x, as long as x."""
     h = h[: x.size].astype(float)
     return (np.convolve(x, h) if min(h.size, x.size) <= SHORT else scipy.signal.fftconvolve(x, h))[
         : x.size
@@ -348,8 +350,9 @@ def summed(h: Row, x: Row) -> Row:
 
 
 def settled(b: Any, fs: float, x: Rows) -> float:
-    """Samples after which all of a response has been seen; of modes what went before is
-    found.
+    """Return after how many samples all of a response has been seen.
+
+    Of modes, what went before is found.
     """
     made = _made(b, fs)
     if isinstance(made, Modes) or type(b).resettable:
@@ -386,8 +389,9 @@ def _linear(b, fs, x, y):
 
 
 def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
-    """What pink noise has left of what was before: a state q of the covariance 1/(1 - p
-    p'), drawn by the published generator.
+    """Return what pink noise has left of what was before.
+
+    It is a state q of the covariance 1/(1 - p p'), drawn by the published generator.
     """
     if not isinstance(b.white, White):
         return np.zeros(n)
@@ -403,8 +407,9 @@ def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
 
 
 def free(L: Row, rest: Row) -> Row:
-    """The part of a row that decays by these modes from whatever there was: the nearest
-    at some samples, most of them early.
+    """Return the part of a row that decays by these modes from whatever there was.
+
+    It is the nearest at some samples, most of them early.
     """
     at = np.unique(
         np.r_[
@@ -423,7 +428,7 @@ def free(L: Row, rest: Row) -> Row:
 
 
 def rounding(b: Any, least: float) -> float:
-    """What a step may lose, as a part of the largest sum that there can be."""
+    """Return what a step may lose, as a part of the largest possible sum."""
     wide = b.high / b.low if getattr(b, "band", "") == "bandstop" else 0.0
     narrow = b.high / (b.high - b.low) if getattr(b, "high", None) else 0.0
     return least * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (
@@ -432,7 +437,7 @@ def rounding(b: Any, least: float) -> float:
 
 
 def late(b: Any, fs: float) -> int:
-    """Samples of a delay."""
+    """Return the samples of a delay."""
     return round(b.seconds * fs) if b.samples is None else b.samples
 
 
@@ -443,8 +448,9 @@ def _delay(b, fs, x, y):
 
 @law("Track", "TrackVelocity", since=lambda b, fs, x: 65 * fs / (2 * math.pi * b.bandwidth))
 def _track(b, fs, x, y):
-    """Steps of a held input through 1 - (1 + w t) exp(-w t), from where it was caught
-    last.
+    """Return steps of a held input through 1 - (1 + w t) exp(-w t).
+
+    They begin where it was caught last.
     """
     place, touching = x[0], x[1] > 0
     most = math.inf if b.max_jump is None else b.max_jump

@@ -1,5 +1,6 @@
-"""Each block of a scene against a law of its own, on the signals that it really got,
-whatever it is composed with.
+"""Each block of a scene against a law of its own, on the signals that it really got.
+
+The composition does not matter.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ class Part(NamedTuple):
     past: dict[int, int]  # ``rows.SUMS`` of the samples before
 
     def row(self, b: Block, n: int) -> Row:
-        """The last n samples of a signal."""
+        """Return the last n samples of a signal."""
         return (
             np.full(n, b.value)
             if isinstance(b, Const)
@@ -112,8 +113,10 @@ class Driven(NamedTuple):
 
 
 class Clock(NamedTuple):
-    """The samples at which a gate is open: where it opens and closes, and how many
-    there are before each opening.
+    """The samples at which a gate is open.
+
+    It has where the gate opens and closes, and how many samples there are before each
+    opening.
     """
 
     opens: np.ndarray
@@ -158,8 +161,9 @@ class Inside(NamedTuple):
 
 
 class Gated:
-    """What drives a subsystem: when it runs, and the values of parameters that move, at
-    its first sample and after.
+    """What drives a subsystem: when it runs, and parameters that move.
+
+    The parameters are given at its first sample and after.
     """
 
     def __init__(self) -> None:
@@ -170,7 +174,7 @@ class Gated:
         self._last: dict[str, float] = {}
 
     def add(self, at: int, on: np.ndarray, moving: Mapping[str, Row]) -> None:
-        """The next samples: whether it runs, and what the parameters are."""
+        """Add the next samples: whether it runs, and what the parameters are."""
         self.edges.append(at + np.flatnonzero(np.diff(on, prepend=self._on)))
         for name, row in moving.items():
             row = row[on]
@@ -184,29 +188,27 @@ class Gated:
         self._on, self._count = bool(on[-1]), self._count + int(np.count_nonzero(on))
 
     def until(self, n: int) -> np.ndarray:
-        """The edges of the first n samples: where it begins, where it ends, and so
-        on.
-        """
+        """Return the edges of the first n samples: where it begins, where it ends .."""
         edges = np.minimum(np.concatenate(self.edges), n)
         return np.append(edges, n) if edges.size % 2 else edges
 
 
 @dataclass(frozen=True, eq=False)
 class Early(Block):
-    """A signal as late as it begins before sample 0: all that came before comes
-    first.
-    """
+    """A signal delayed by its lead: all that came before sample 0 comes first."""
 
     x: Block
     step = staticmethod(Delay.step)
 
     def design(self, fs):
+        """Return a delay of the lead."""
         return DelayParams(float(lead(fs))), DelayState(np.zeros(lead(fs)), NONE)
 
 
 def blocks_held(e: Evidence) -> list[Check]:
-    """A check for each class of block; what has no law, or could not be seen, goes to
-    ``skipped``.
+    """Check each class of block.
+
+    What has no law, or could not be seen, goes to ``skipped``.
     """
     x = {name: Driven(e, k) for k, name in enumerate(e.proc.inputs)}
     found = e.held = held(
@@ -229,8 +231,10 @@ def blocks_held(e: Evidence) -> list[Check]:
 
 
 def spans(n: int, seed: int) -> list[tuple[int, int]]:
-    """The stretches that are looked at: all of a short run; of a long one its
-    beginning, and others drawn by its seed.
+    """Return the stretches that are looked at.
+
+    They are all of a short run; of a long one its beginning, and others drawn by its
+    seed.
     """
     if n <= FIRST + PLACES * LATER:
         return [(0, n)]
@@ -244,7 +248,7 @@ def spans(n: int, seed: int) -> list[tuple[int, int]]:
 
 
 def _group(b: Block) -> str:
-    """What a block is listed under."""
+    """Return what a block is listed under."""
     if isinstance(b, Input | Param):
         return "inputs and parameters"
     return (
@@ -260,7 +264,7 @@ def held(run: Run) -> list[Held]:
 
 
 def _held(run: Run) -> tuple[list[Held], list[Part]]:
-    """The blocks, and what was seen of them."""
+    """Return the blocks, and what was seen of them."""
     blocks = outside(run.scene.outputs.values())
     if all(isinstance(b, Const) for b in blocks):
         return [], [Part(a, z - a, {}, {}) for a, z in run.spans]
@@ -278,7 +282,7 @@ def _held(run: Run) -> tuple[list[Held], list[Part]]:
 
 
 def _fed_back(b: Any, run: Run, seen: list[Part]) -> Held:
-    """The last value of a loop against what its body made."""
+    """Check the last value of a loop against what its body made."""
     error, least, last = 0.0, np.inf, b.last
     for part in (part for part in seen if part.n):
         y, body = part.row(last, part.n), part.row(b.body, part.n)
@@ -301,8 +305,9 @@ def outside(roots: Iterable[Block]) -> list[Block]:
 def _seen(
     run: Run, blocks: list[Block], gated: list[Any]
 ) -> tuple[list[Part], dict[int, tuple[Gated, Row]]]:
-    """The rows of each block in each span; and what drives each of these subsystems,
-    over all samples.
+    """Return the rows of each block in each span, and what drives subsystems.
+
+    The latter is over all samples.
 
     They end where one is not finite.
     """
@@ -385,8 +390,9 @@ def _seen(
 
 
 def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
-    """The loops that each block is in, the outermost last: it depends on their last
-    values.
+    """Return the loops that each block is in, the outermost last.
+
+    It depends on their last values.
     """
     found: dict[int, list[Block]] = {}
     of = {id(b.last): b for b in blocks if isinstance(b, Loop)}
@@ -459,7 +465,10 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
 
 
 def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any] | None:
-    """What a law gives, and its tolerance; or None, where it covers no such numbers."""
+    """Return what a law gives, and its tolerance.
+
+    None where it covers no such numbers.
+    """
     name = f"{type_name(type(b))}.law"
     got[:] = map(_read_only, got)
     try:
@@ -512,8 +521,9 @@ def _error(y: np.ndarray, want: Any, tol: Any) -> float:
 
 
 def _least(want: Any, tol: Any) -> float:
-    """The smallest part by which a row could be larger, and be refused; at least a
-    rounding.
+    """Return the smallest part by which a larger row would be refused.
+
+    It is at least a rounding.
     """
     with np.errstate(all="ignore"):
         part = np.asarray(tol) / np.abs(want)
@@ -526,8 +536,9 @@ def _least(want: Any, tol: Any) -> float:
 def _inside(
     b: Any, run: Run, seen: list[Part], whole: dict[int, tuple[Gated, np.ndarray]]
 ) -> list[Held]:
-    """What a subsystem runs, rendered alone on its own clock: its samples where it runs
-    are the same bits, elsewhere 0.
+    """Check what a subsystem runs, rendered alone on its own clock.
+
+    Where it runs its samples are the same bits, elsewhere 0.
     """
     before = seen[0].early(b, run.fs)
     early = seen[0].row(b.by, seen[0].n + before)[:before] > 0

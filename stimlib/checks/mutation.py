@@ -1,5 +1,8 @@
-"""Which wrong numbers would the laws of a scene refuse?  Each number is changed, one at
-a time, and the laws are asked.
+"""Mutation of scenes: which wrong numbers the laws of a scene would refuse.
+
+Each number is changed, one at a time.
+
+Each number is changed, one at a time.
 """
 
 from __future__ import annotations
@@ -109,8 +112,9 @@ def mutate(
     seed: int = 0,
     bar: bool = True,
 ) -> Mutations:
-    """Change every number of a scene, one at a time, and ask the scene's laws whether
-    they would refuse what is rendered then.
+    """Change every number of a scene in turn, and report which changes its laws refuse.
+
+    What is rendered then is verified.
 
     The numbers are the fields of all blocks, the values of the parameters, and the
     arguments that the scene was asked for. Each is taken 1.01 and 1.25 times, with the
@@ -214,14 +218,12 @@ def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]
 
 
 def _asked(make: Any, words: dict[str, Any], parts: Sequence[Part]) -> Scene:
-    """What a shipped scene is with other arguments, under the law of those that were
-    given.
-    """
+    """Return a shipped scene with other arguments, under the law of the given ones."""
     return Scene(make(**words).outputs, parts)
 
 
 def _references(scene: Scene, kind: str) -> tuple[str, ...]:
-    """The fields of a class that are signals."""
+    """Return the fields of a class that are signals."""
     from ..core.graph import registry, signals
 
     return tuple(signals(registry[kind]))
@@ -234,7 +236,10 @@ def _numbers(v: Any) -> bool:
 
 
 def _changes(v: Any) -> Iterator[tuple[str, Any]]:
-    """The changes of a number or a list, each value once; nothing of what is none."""
+    """Return the changes of a number or a list, each value once.
+
+    There is none for anything else.
+    """
     done = [v]
     for change, f in CHANGES.items() if _numbers(v) else ():
         if (new := _applied(v, f)) not in done:
@@ -243,7 +248,7 @@ def _changes(v: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _applied(v: Any, f: Callable[[float], float]) -> Any:
-    """The change of a number, or of all in a list."""
+    """Return the change of a number, or of all in a list."""
     if isinstance(v, list):
         return [_applied(part, f) for part in v]
     if isinstance(v, int):
@@ -256,7 +261,7 @@ def _short(v: Any) -> str:
 
 
 def _held(scene: Scene, motion: Mapping[str, Any], made: Rendering) -> list[Check]:
-    """What the laws of a scene say of a rendering."""
+    """Return what the laws of a scene say of a rendering."""
     return [c for c in scene_law(gather(scene, motion, made)) if c.group in "cde"]
 
 

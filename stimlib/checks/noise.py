@@ -1,5 +1,6 @@
-"""Is the noise that was displayed the published generator's, sample for sample, and has
-it the spectrum of the model?
+"""Checks of the displayed noise: generator and spectrum.
+
+It must be the published generator's, sample for sample, with the spectrum of the model.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ FILTERED = 1e-11  # of a filter fed with one and the other, relative to its larg
 
 
 def generator(e: Evidence) -> list[Check]:
-    """Every sample of every source against the published generator, and every sample of
-    every gated noise against its filter fed with that."""
+    """Check every noise sample by sample against the published generator.
+
+    A gated noise is checked against its filter fed with that.
+    """
     white, sources = _Published(lead(e.fs)), _sources(e)
     known = {(seed, b.noise_key) for b, seed, _ in sources.values()}
     fed = [_fed(t, e, known) for t in e.taps]
@@ -81,7 +84,7 @@ class _Published:
         self.made: dict[Any, tuple[int, np.ndarray]] = {}
 
     def __call__(self, seed: int, key: Any, first: int, stop: int) -> np.ndarray:
-        """Samples first .. stop - 1 of the source's own clock."""
+        """Return samples first .. stop - 1 of the source's own clock."""
         at, row = self.made.get((seed, key), (0, np.empty(0)))
         if not at <= first <= stop <= at + row.size:
             at = first - self.early if not first else first  # a filter before a gate begins early
@@ -92,8 +95,10 @@ class _Published:
 
 
 def _sources(e: Evidence) -> dict[str, tuple[Any, int, Any]]:
-    """By name the sources of published noise: the block, its run's seed, and what makes
-    its samples where they are not seen.
+    """Return by name the sources of published noise.
+
+    Each has the block, its run's seed, and what makes its samples where they are not
+    seen.
     """
     found: dict[str, tuple[Any, int, Any]] = {}
     for name, i in e.proc.program.noises.items():
@@ -114,8 +119,9 @@ def _sources(e: Evidence) -> dict[str, tuple[Any, int, Any]]:
 
 
 def _filtered(proc: Processor, white: _Published, t: Tap, first: int) -> np.ndarray:
-    """So many samples of a gated noise as its stream has, from its own sample ``first``
-    on.
+    """Return so many samples of a gated noise as its stream has.
+
+    They begin with its own sample ``first``.
     """
     early = 0 if first else white.early
     keys = [tuple(map(int, name.split("_")[1:])) for name in proc.inputs]
@@ -125,8 +131,9 @@ def _filtered(proc: Processor, white: _Published, t: Tap, first: int) -> np.ndar
 
 
 def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
-    """A gated noise once more, at its first sample: its blocks without the gate, inputs
-    in place of the sources.
+    """Return a gated noise once more, at its first sample.
+
+    Its blocks are without the gate, with inputs in place of the sources.
     """
     # it ran before sample 0, for as long as its gate was open
     if isinstance(t.block, Enabled) and t.block.by.autonomous:

@@ -1,5 +1,6 @@
-"""The page of a verification, for a reader who was not there: one file, without code,
-that nothing else is needed for.
+"""The report page of a verification, for a reader who was not there.
+
+It is one file without code, and nothing else is needed for it.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ pre{white-space:pre-wrap;overflow-wrap:anywhere;font-size:12px}.small{color:#666
 def page(
     what: str, checks: list[Check], e: Evidence, certain: list[Shows], command: str | None
 ) -> str:
-    """The whole text; what comes from others is escaped."""
+    """Return the whole text; foreign texts are escaped."""
     good = sum(c.passed for c in checks)
     kind = "bad" if e.unknown or good < len(checks) else "ok"
     word = f'<span class="{kind}">{_q(verdict(good == len(checks), e.unknown))}</span>'
@@ -78,13 +79,13 @@ def _q(text: object) -> str:
 
 
 def facts(rows: Mapping[str, str]) -> str:
-    """A table of names and texts."""
+    """Return a table of names and texts."""
     cells = "".join(f"<tr><th>{_q(k)}</th><td>{_q(v)}</td></tr>" for k, v in rows.items())
     return f"<table>{cells}</table>"
 
 
 def items(texts: Iterable[str]) -> str:
-    """A list; of no text it says so."""
+    """Return a list of texts, or a sentence that there are none."""
     return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
 
 
@@ -109,8 +110,10 @@ def table_of(checks: list[Check]) -> str:
 
 
 def _blocks(e: Evidence) -> str:
-    """Every block: first those that nothing holds but a re-render, then a line for each
-    class, and all of them folded away.
+    """Return tables of the blocks.
+
+    First come those that only a re-render checks, then a line for each class, and all
+    of them folded away.
     """
     free = [h for h in e.held if h.why]
     rest = sorted((h for h in e.held if not h.why), key=lambda h: -h.error)
@@ -143,9 +146,7 @@ def _blocks(e: Evidence) -> str:
 
 
 def _held(h: Any, least: float) -> str:
-    """Three cells: samples, error over tolerance, and the smallest error that would
-    have been seen.
-    """
+    """Return three cells: samples, error over tolerance, and smallest visible error."""
     seen = f"{least:.2g}" if np.isfinite(least) else "none, it is 0 throughout"
     return (
         f'<td class="n">{h.samples}</td><td class="n">{h.error:.3g}</td><td class="n">{seen}</td>'
@@ -153,7 +154,7 @@ def _held(h: Any, least: float) -> str:
 
 
 def _displayed(e: Evidence) -> dict[str, str]:
-    """What came out, and what went in."""
+    """Return what came out, and what went in."""
     rows = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
         "length": f"{e.frames} samples at {e.fs:g} Hz, {e.frames / e.fs:g} s",
@@ -181,7 +182,7 @@ def _spec(m: object) -> str:
 
 
 def _model(checks: list[Check], e: Evidence) -> str:
-    """The law of the scene in words, its numbers, and the law of each block."""
+    """Return the law of the scene in words, its numbers, and each block's law."""
     known = {
         f"{p.name}: {ROWS[p.law].words}" if p.name else ROWS[p.law].words: None
         for p in e.scene.parts
@@ -227,8 +228,10 @@ def _certainty(found: list[Shows]) -> str:
 
 # Reproduction -------------------------------------------------------------------------
 def _reproduced(e: Evidence, command: str | None) -> str:
-    """What to install and to lay where, commands, hashes, versions, and the scene as a
-    file.
+    """Return how to reproduce the rendering.
+
+    It says what to install and where files belong, commands, hashes, versions, and the
+    scene as a file.
     """
     used = {
         p: version(p)
@@ -295,8 +298,9 @@ def _beside(e: Evidence) -> str:
 
 
 def _has_text(m: object) -> bool:
-    """Whether a motion is made again by its text: a function of one's own is not, nor
-    is an array.
+    """Return whether a motion is made again by its text.
+
+    A user's function is not, nor is an array.
     """
     text = describe(m) if callable(m) else ""
     with suppress(BadValue):
@@ -305,14 +309,18 @@ def _has_text(m: object) -> bool:
 
 
 def _importing(module: str) -> str:
-    """A file that is imported by its path may have a name that is none in Python."""
+    """Return the import of a file.
+
+    A file that is imported by its path may have a name that is none in Python.
+    """
     named = all(part.isidentifier() for part in module.split("."))
     return f"import {module}" if named else f"__import__({module!r})"
 
 
 def _program(e: Evidence, signal: str) -> str:
-    """Python that makes the same samples, where neither arrays nor later changes are
-    needed for it.
+    """Return Python that makes the same samples.
+
+    There is one where neither arrays nor later changes are needed.
     """
     own = definitions(e.scene)
     if (

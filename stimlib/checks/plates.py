@@ -1,6 +1,4 @@
-"""The law of the touch screen: every stage from the finger's place to the displacement,
-written again.
-"""
+"""The law of the touch screen: every stage from the finger to the displacement."""
 
 from __future__ import annotations
 
@@ -14,8 +12,10 @@ TOL = 1e-6
 
 
 def swapped(v: np.ndarray, fs: float, freq: float, q: float, gain: float) -> np.ndarray:
-    """Zeros on the samples' poles of a mode, poles on those of one ``gain`` times as
-    wide; 1 at the mode's frequency.
+    """Return the response of a pole swap.
+
+    It has zeros on the samples' poles of a mode, poles on those of one ``gain`` times
+    as wide, and is 1 at the mode's frequency.
     """
     from scipy.signal import freqz, lfilter
 
@@ -35,8 +35,9 @@ def swapped(v: np.ndarray, fs: float, freq: float, q: float, gain: float) -> np.
 
 
 def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
-    """A mass on a spring, driven by straight lines between samples: scipy's
-    triangle-hold equivalent.
+    """Return the motion of a mass on a spring driven by straight lines.
+
+    It is scipy's triangle-hold equivalent.
     """
     from scipy.signal import cont2discrete, lfilter
 
@@ -47,8 +48,10 @@ def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
 
 @law_of("touch_screen")
 def touch_screen(a: Asked) -> list[Check]:
-    """Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the
-    sum over modes.
+    """Check voltage and displacement of the touch screen.
+
+    Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the sum
+    over modes.
     """
     from scipy.signal import fftconvolve
 

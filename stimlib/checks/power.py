@@ -1,5 +1,6 @@
-"""How small an error would a verification have seen?  The power of its checks, for the
-recording that it was given.
+"""The power of a verification's checks: the smallest errors that they would have seen.
+
+It is computed for the given recording.
 
 A check of chance sees an error with a probability, here 95 %.  All others see what
 passes their limit, always.
@@ -23,8 +24,9 @@ OF_IT = "of it"  # the unit of a part of a parameter
 
 
 class Shows(NamedTuple):
-    """The smallest error of one kind that a check sees with this probability; a size of
-    nan: none, however large.
+    """The smallest error of one kind that a check sees with this probability.
+
+    A size of nan: none, however large.
 
     Of a parameter in the law of a scene, nan is none up to the parameter itself: of a
     larger value nothing is said.
@@ -38,8 +40,9 @@ class Shows(NamedTuple):
 
 
 def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
-    """What the checks of chance, and the law of the scene, would have seen in this
-    recording.
+    """Return the smallest errors that the checks would have seen in this recording.
+
+    These are the checks of chance, and the law of the scene.
 
     Parameters
     ----------
@@ -93,8 +96,9 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
 
 
 def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
-    """Every two noises, the band that they have in common (Hz), and the correlation
-    that is seen there; nan where none is.
+    """Return every two noises, their common band, and the correlation that is seen.
+
+    The band is in Hz; the correlation is nan where none is seen.
     """
     enough, found = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST], []
     for k, a in enumerate(enough):
@@ -134,8 +138,9 @@ KINDS: dict[str, tuple[str, Callable[[np.ndarray, float], np.ndarray]]] = {
 
 
 def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
-    """Kind, size and unit of the smallest errors of a spectrum that its test surely
-    sees: with 95 % or more.
+    """Return the smallest errors of a spectrum that its test sees with 95 %.
+
+    Each has kind, size and unit.
 
     Of all that ``spectra.judged`` looks at, the one is asked that sees an error best;
     what the others see comes on top.
@@ -178,7 +183,7 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
 
 
 def critical(a: np.ndarray, p: float) -> float:
-    """The sum of a (E - 1) that is passed with probability p."""
+    """Return the sum of a (E - 1) that is passed with probability p."""
     from scipy import optimize
 
     high = 4.0
@@ -192,8 +197,9 @@ def critical(a: np.ndarray, p: float) -> float:
 
 
 def smallest(power: Callable[[float], float]) -> float:
-    """Where a power that grows with the size of an error reaches 95 %; nan if it does
-    nowhere below a million.
+    """Return where a power that grows with an error's size reaches 95 %.
+
+    It is nan if it does nowhere below a million.
     """
     from scipy import optimize
 
@@ -208,8 +214,9 @@ def smallest(power: Callable[[float], float]) -> float:
 
 
 def smallest_share(bins: int, alarm: float) -> float:
-    """Correlation of two noises that the test of their independence sees; nan where not
-    even equal ones are.
+    """Return the correlation of two noises that the test of independence sees.
+
+    It is nan where not even equal ones are seen.
 
     The other being b, with G = sum |b|^2 Gamma distributed, the statistic is normal
     around rho sqrt(2 G).
@@ -235,7 +242,7 @@ def smallest_share(bins: int, alarm: float) -> float:
 
 
 def smallest_shift(c: Check) -> float:
-    """What a normal measurement must be off by to pass its limit."""
+    """Return what a normal measurement must be off by to pass its limit."""
     from scipy import stats
 
     return float(c.limit + stats.norm.isf(1 - CHANCE) * c.deviation)
@@ -243,8 +250,9 @@ def smallest_shift(c: Check) -> float:
 
 # The law of a scene -------------------------------------------------------------------
 def of_parameters(e: Evidence) -> list[Shows]:
-    """For each parameter the smallest change for which the law of the scene, told the
-    other value, refuses these samples.
+    """Return for each parameter the smallest change that the law refuses.
+
+    The law of the scene is told the other value, for these samples.
 
     It is looked for by asking the law again, so it holds for this recording.  A
     parameter that is 0 has none.
@@ -256,8 +264,9 @@ def of_parameters(e: Evidence) -> list[Shows]:
 
 
 def _departure(e: Evidence, name: str) -> float:
-    """The measure of a law grows with the change, so a ratio leads to the limit; what
-    is given back was refused.
+    """Return a change that was refused.
+
+    The measure of a law grows with the change, so a ratio leads to the limit.
     """
     change, best = 1e-3, math.nan
     for _ in range(8):
@@ -273,8 +282,9 @@ def _departure(e: Evidence, name: str) -> float:
 
 
 def _refused(e: Evidence, name: str, change: float) -> float:
-    """How many times its limit the law of the scene measures, if a parameter was
-    smaller by this part.
+    """Return how many times its limit the law measures for a smaller parameter.
+
+    The parameter is smaller by this part.
     """
     factor = 1 - change
     changes = [c._replace(value=c.value * factor) if c.name == name else c for c in e.changes]

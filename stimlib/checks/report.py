@@ -38,9 +38,7 @@ class Report:
 
     @property
     def unknown(self) -> list[str]:
-        """Laws that the scene names and that were not checked, because they are not
-        known here.
-        """
+        """The laws that the scene names and that are not known here."""
         return self.evidence.unknown
 
     @property
@@ -49,8 +47,9 @@ class Report:
         return verdict(self.passed, self.unknown)
 
     def spectra(self) -> dict[str, Against]:
-        """Spectra of the outputs whose law is known, with it and the band around it:
-        for ``stimlib.analysis.overview``.
+        """Return spectra of the outputs with a known law, the law and the band.
+
+        They are for ``stimlib.analysis.overview``.
 
         Returns
         -------
@@ -74,8 +73,7 @@ class Report:
         return spectra_of(self.evidence)
 
     def certainty(self) -> list[Shows]:
-        """The smallest errors that this verification would have seen, in this
-        recording, and how surely.
+        """Return the smallest errors that this verification would have seen.
 
         Returns
         -------
@@ -133,7 +131,7 @@ class Report:
         return f"{title}{table_of(self.checks)}<p>Not checked</p>{items(self.evidence.skipped)}"
 
     def what(self) -> str:
-        """The recording in one line."""
+        """Return the recording in one line."""
         e = self.evidence
         return f"{shown(e.source)}, {e.frames / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
 
@@ -191,8 +189,9 @@ class Report:
         }
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:
-        """Write one self-contained page: no scripts, no other files, the same bytes for
-        the same evidence.
+        """Write one self-contained page with the same bytes for the same evidence.
+
+        It has no scripts and needs no other files.
 
         Parameters
         ----------

@@ -1,5 +1,6 @@
-"""What each block makes of its input rows, written again in plain numpy: nothing of a
-block's design or step is used.
+"""The laws of blocks on their input rows, in plain numpy.
+
+Nothing of a block's design or step is used.
 
 ``LAWS`` has a function for each class; ``linear`` adds those of linear blocks.  It
 takes the block, the sample rate in Hz, the rows of its input signals and the row that
@@ -46,8 +47,9 @@ TIE = 1e-9  # of a place: so near to an edge either side is right
 def law(
     *names: str, since: Callable[[Any, float, Rows], float] | float = math.inf
 ) -> Callable[[Law], Law]:
-    """Enter a law for the classes of these names, and how many samples it must have
-    seen of a block that began before them.
+    """Enter a law for the classes of these names.
+
+    It says how many samples it must have seen of a block that began before them.
     """
 
     def enter(f: Law) -> Law:
@@ -59,8 +61,9 @@ def law(
 
 
 def since(b: Any, fs: float, x: Rows) -> int:
-    """The first sample that a law says something of, where its block began before;
-    never is 2^62.
+    """Return the first sample that a law covers, where its block began before.
+
+    Never is 2^62.
     """
     first = SINCE.get(type(b).__name__, math.inf)
     with np.errstate(all="ignore"):
@@ -69,7 +72,7 @@ def since(b: Any, fs: float, x: Rows) -> int:
 
 
 def near(want: Row, tol: float = 1e-12) -> tuple[Row, float]:
-    """A row, and a part of its largest value."""
+    """Return a row, and a part of its largest value."""
     return want, tol * float(np.abs(want[np.isfinite(want)]).max(initial=1e-300))
 
 
@@ -83,7 +86,7 @@ def touched(contact: Row) -> Iterator[slice]:
 
 
 def begun(x: Rows, tol: Any) -> Any:
-    """A tolerance, and none before the first contact that begins in a stretch."""
+    """Return a tolerance, and none before the first contact in a stretch."""
     known = x.rest | (np.cumsum(np.diff(x[-1] > 0, prepend=x[-1][:1] > 0) & (x[-1] > 0)) > 0)
     return np.where(known, tol, np.inf)
 
@@ -176,7 +179,7 @@ def _follower(b, fs, x, y):
 
 # Time ---------------------------------------------------------------------------------
 def sample_of(t: Row, fs: float) -> Row:
-    """The sample at each time."""
+    """Return the sample at each time."""
     return np.rint(t * fs).astype(np.int64)
 
 
@@ -397,8 +400,9 @@ def _vibration(b, fs, x, y):
 
 # Waves --------------------------------------------------------------------------------
 def turning(freq: Row, fs: float) -> Row:
-    """Turns that each sample takes, in 2^-64, to the nearest: the remainders of two
-    divisions are exact.
+    """Return turns that each sample takes, in 2^-64, to the nearest.
+
+    The remainders of two divisions are exact.
     """
     f, turns = np.clip(np.nan_to_num(freq), 0, fs / 2), np.zeros(freq.size, np.uint64)
     for _ in range(2):
@@ -413,17 +417,16 @@ SUMS = {"Carrier": turning, "Oscillator": turning, "PulseTrain": turning}
 
 
 def phases(x: Rows, fs: float) -> tuple[Row, Row]:
-    """Phase at each sample, and what that sample adds to it, which counts from sample 0
-    on.
+    """Return the phase at each sample, and what that sample adds to it.
+
+    It counts from sample 0 on.
     """
     step = np.where(np.arange(x.at, x.at + x[0].size) < 0, np.uint64(0), turning(x[0], fs))
     return np.cumsum(step) - step + np.uint64(x.past % 2**64), step
 
 
 def turns_of(x: Rows, fs: float, phase: float) -> tuple[Row, Row]:
-    """Turns at each sample, from a phase in rad on, and those that each sample
-    takes.
-    """
+    """Return turns at each sample from a phase in rad on, and those per sample."""
     t = phases(x, fs)[0].astype(np.longdouble) / 2.0**64 + phase / (2 * np.longdouble(math.pi))
     return t - np.floor(t), turning(x[0], fs).astype(np.longdouble) / 2.0**64
 
@@ -556,8 +559,9 @@ def _button(b, fs, x, y):
 
 # Friction -----------------------------------------------------------------------------
 def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
-    """A force that begins at rest; or, where it began before, so far as both ends of
-    what is possible lead to the same.
+    """Return a force that begins at rest, or from where its past is forgotten.
+
+    Where it began before, both ends of what is possible must lead to the same.
     """
     if rest:
         return near(force(0.0), 1e-13)  # of which (1 - exp(-a))/a loses 4e-14 where a is 0.01

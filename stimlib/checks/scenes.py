@@ -1,5 +1,6 @@
-"""The physical laws of whole scenes, each computed from the motion, the live parameters
-and what the scene was asked for.
+"""The physical laws of whole scenes.
+
+Each is computed from the motion, the live parameters and what the scene was asked for.
 
 ``SCENES`` has them by the name that a scene carries.  None of them looks into the graph
 under test: a number that a scene's function got wrong is then seen.  Where a law needs
@@ -38,7 +39,7 @@ STARTS = {"bumps": {"A": "amplitude"}, "touch_screen": {"A": "amplitude"}}
 
 
 def scene_law(e: Evidence) -> list[Check]:
-    """The checks of all laws that the scene's parts have."""
+    """Return the checks of all laws that the scene's parts have."""
     if not e.scene.parts:
         e.skipped.append("no law of the whole scene is known")
     laws_of = {
@@ -95,7 +96,7 @@ def _begins(part: Part, e: Evidence) -> bool:
 
 
 def _led(e: Evidence, last: Evidence, part: Part) -> Evidence:
-    """A stretch with the sample before it, where the law of a part needs that."""
+    """Return a stretch with the sample before it, where a law needs that."""
     if not e.at or part.span or not ONWARD[part.law]:
         return e
     rows: dict[str, Any] = {
@@ -105,8 +106,9 @@ def _led(e: Evidence, last: Evidence, part: Part) -> Evidence:
 
 
 def _worst(found: list[Check], new: list[Check]) -> None:
-    """Keep of each check the stretch in which it was nearest to its limit, or farthest
-    beyond.
+    """Keep of each check the stretch in which it was nearest to its limit.
+
+    Or it was farthest beyond.
     """
     if not found:
         found += new
@@ -120,7 +122,7 @@ def _worst(found: list[Check], new: list[Check]) -> None:
 
 
 def _over(c: Check) -> float:
-    """What was measured, over its limit."""
+    """Return what was measured, over its limit."""
     return (
         c.measured / c.limit
         if c.limit and np.isfinite(c.measured)
@@ -162,8 +164,9 @@ def _checks_of(e: Evidence, part: Any, law: SceneLaw, kept: dict[str, Any]) -> l
 
 
 def own_law(a: Asked) -> list[Check]:
-    """A user's own: what a function of inputs, parameters and sample rate says that the
-    outputs are.
+    """Check a user's own law.
+
+    A function of inputs, parameters and sample rate says what the outputs are.
     """
     p = {
         own: a.live(own)
@@ -232,8 +235,9 @@ a static force counts, in s.
 
 @law_of("squeeze")
 def _squeeze(a: Asked) -> list[Check]:
-    """F = k x + A (k tau v)(tau dp/dt) g for each finger, from motion, numbers and
-    seed.
+    """Check F = k x + A (k tau v)(tau dp/dt) g for each finger.
+
+    It is computed from motion, numbers and seed.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -334,8 +338,9 @@ def _squeeze(a: Asked) -> list[Check]:
 def _held(
     force: np.ndarray, y: np.ndarray, fs: float, kept: dict[str, Any] | None = None
 ) -> np.ndarray:
-    """What the motors' limits make of a force; the gain of the static one follows from
-    the output's own past.
+    """Return what the motors' limits make of a force.
+
+    The gain of the static one follows from the output's own past.
     """
     from scipy.signal import lfilter
 
@@ -357,8 +362,9 @@ def _slope(
     gate: np.ndarray,
     model: Any,
 ) -> list[Check]:
-    """Stiffness recovered from delivered force over position, where it cannot have been
-    clipped.
+    """Return the stiffness recovered from delivered force over position.
+
+    Only where the force cannot have been clipped.
 
     What the noise adds to the slope is a weighted sum of a process whose spectrum is
     known, so its deviation is too.
@@ -405,8 +411,9 @@ def _slope(
 
 @law_of("viscoelastic")
 def _viscoelastic(a: Asked) -> list[Check]:
-    """The springpot's force at some samples against the full sum over the history, in
-    extended precision.
+    """Check the springpot's force against the full sum over the history.
+
+    Some samples are compared, in extended precision.
     """
     from ..blocks import springpot
 
@@ -458,8 +465,9 @@ def _viscoelastic(a: Asked) -> list[Check]:
 
 @law_of("bumps")
 def _bumps(a: Asked) -> list[Check]:
-    """V = gain A e(x/wavelength) c(t), envelope and carrier written again; at constant
-    speed also the spectral model.
+    """Check V = gain A e(x/wavelength) c(t), written again.
+
+    At constant speed the spectral model is checked as well.
 
     Equalised, it is that times d_max/d between the last two places; limited, it is
     scaled, or clipped, or both.
@@ -561,8 +569,9 @@ def _bumps(a: Asked) -> list[Check]:
 
 @law_of("texture")
 def _texture(a: Asked) -> list[Check]:
-    """The acceleration of a measured texture, written again; where speed and force
-    stand still, also its spectrum.
+    """Check the acceleration of a measured texture, written again.
+
+    Where speed and force stand still, its spectrum is checked as well.
     """
     from ..design.texture import TextureModel
 
@@ -612,8 +621,9 @@ def _texture(a: Asked) -> list[Check]:
 
 
 def motor_limits(e: Evidence) -> list[Check]:
-    """Peak and running mean square of outputs that a force limit stands on, computed
-    again from the samples.
+    """Check peak and running mean square of force-limited outputs.
+
+    They are computed again from the samples.
     """
     from scipy.signal import lfilter
 

@@ -1,4 +1,4 @@
-"""Is what a session delivered what its log says, and is that what the model says?"""
+"""Verification of a session against its log and the model."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _evidence(log: SessionLog) -> Evidence:
 
 
 def _lawful(e: Evidence) -> tuple[Evidence, int]:
-    """The samples that the law can be held against: up to what is not finite."""
+    """Return the samples that the law can be held against: up to what is not finite."""
     cut = next((c for c in map(_finite, e.stretches()) if c is not None), e.frames)
     if cut == e.frames:
         return e, cut
@@ -132,7 +132,7 @@ def _lawful(e: Evidence) -> tuple[Evidence, int]:
 
 
 def _finite(s: Evidence) -> int | None:
-    """The first sample of a stretch at which the motion is not finite."""
+    """Return the first sample of a stretch at which the motion is not finite."""
     wrong = np.flatnonzero(~np.isfinite(s.x).all(axis=0))
     return s.at + int(wrong[0]) if wrong.size else None
 
@@ -172,8 +172,10 @@ class _MadeSafe:
 
 
 def _delivered(e: Evidence, log: SessionLog) -> list[Check]:
-    """What the device got, in three steps: accounted for, equal to the replay, equal to
-    the verified samples made safe.
+    """Check what the device got, in three steps.
+
+    It must be accounted for, equal to the replay, and equal to the verified samples
+    made safe.
     """
     proc, hashes, differ, end = processor(log), Hashes(log.spans), 0, 0
     replayed, made = delivered(log, proc=proc), _MadeSafe(log)

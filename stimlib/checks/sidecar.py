@@ -1,5 +1,7 @@
-"""Is what a file says of itself true?  Every key of its sidecar against the file, the
-scene and the samples made again.
+"""Checks of what a file says of itself.
+
+Every key of its sidecar is compared with the file, the scene and the samples made
+again.
 """
 
 from __future__ import annotations
@@ -44,8 +46,9 @@ FAST = 0.025  # s
 
 
 def says(e: Evidence, sums: Sums) -> list[Check]:
-    """The sidecar of a file, key by key; samples, clips and the storage are compared
-    elsewhere.
+    """Check the sidecar of a file, key by key.
+
+    Samples, clips and the storage are compared elsewhere.
     """
     import soundfile as sf
 
@@ -94,7 +97,7 @@ def _hash(scene: Any) -> str:
 
 
 def _tell(e: Evidence, told: dict[str, Any]) -> None:
-    """What no check can hold."""
+    """List what no check can compare."""
     e.skipped += definitions.changed(told["definitions"], e.scene)
     if told.get("stimlib") != __version__:
         e.skipped.append(
@@ -138,7 +141,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(e: Evidence) -> Sums:
-    """What all stretches of a file leave."""
+    """Return what all stretches of a file leave."""
     from scipy.ndimage import uniform_filter1d
 
     assert e.sidecar is not None
@@ -173,8 +176,9 @@ def sums_of(e: Evidence) -> Sums:
 
 
 def storage(e: Evidence, sums: Sums | None = None) -> list[Check]:
-    """Whether the stored samples carry the stimulus: what rounding added, and what
-    clipping took.
+    """Check whether the stored samples carry the stimulus.
+
+    It says what rounding added, and what clipping took.
     """
     checks: list[Check] = []
     assert e.sidecar is not None

@@ -1,6 +1,4 @@
-"""The laws of soft surfaces, written here on their own: the map by FITPACK's spline,
-the avatars step by step.
-"""
+"""The laws of soft surfaces: the map by FITPACK's spline, the avatars step by step."""
 
 from __future__ import annotations
 
@@ -51,15 +49,16 @@ def speed_ratio(S: Any) -> Any:
 
 
 def starts(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The first samples of contacts."""
+    """Return the first samples of contacts."""
     return on & ~np.r_[False, on[:-1]]
 
 
 def reversible(
     S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.bool_], piece: float = math.inf
 ) -> tuple[float, int]:
-    """Largest error of dx = g(S(middle)) dp, over the largest dp, and of starts and
-    stands; and steps too long to judge.
+    """Return the largest error of dx = g(S(middle)) dp, and of starts and stands.
+
+    It is over the largest dp; steps too long to judge are returned too.
 
     Beyond a piece of the map, in m, five steps of Newton's method may be too few.
     """
@@ -77,8 +76,9 @@ def reversible(
 
 
 def steepest(S: Callable, place: Row, way: Row) -> Row:
-    """The steepest slope of the ratio along each way: beyond its inverse there may be
-    several middles.
+    """Return the steepest slope of the ratio along each way.
+
+    Beyond its inverse there may be several middles.
     """
     h = 1e-6  # in m
     along = way / np.maximum(np.hypot(*way), 1e-300)
@@ -100,8 +100,9 @@ def by_frames(
     frame: float,
     bounds: tuple[float, float],
 ) -> Row:
-    """Eq. (1) to the letter: where the cursor must be, shape (2, n), each step from
-    where it was seen; frame is in samples.
+    """Return where the cursor must be by eq. (1) to the letter, shape (2, n).
+
+    Each step goes from where it was seen; frame is in samples.
     """
     out, here, last_hand = seen[:, [0, *range(on.size - 1)]], np.zeros(2), np.zeros(2)
     due, speed, last = 0.0, 1.0, 0.0
@@ -128,8 +129,10 @@ def by_frames(
 def delayed(
     rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any
 ) -> tuple[Row, Row, Row]:
-    """Eq. (3), streaming: of x, y and force, and the waits that were seen, the avatar's
-    places (2, n), the waits due, the lag.
+    """Return the avatar by eq. (3), streaming.
+
+    Of x, y and force, and the waits that were seen: its places (2, n), the waits due,
+    the lag.
 
     What stops it next depends on when it stopped before, so a rounding grows from stop
     to stop: each is held against those seen.
@@ -172,8 +175,9 @@ def delayed_by_frames(
     b: Any,
     seen: Row | None = None,
 ) -> tuple[Row, Row, Row]:
-    """Eq. (3) to the letter; see ``delayed``.  The lag that was seen says whether a
-    frame has begun where a rounding decides.
+    """Return the avatar by eq. (3) to the letter; see ``delayed``.
+
+    The lag that was seen says whether a frame has begun where a rounding decides.
     """
     x, y, f = rows
     out, due, late = np.zeros((2, x.size)), np.zeros(x.size), np.zeros(x.size)
@@ -203,8 +207,9 @@ def motor(waits: Row, fs: float, factor: float) -> Row:
 
 @law_of("soft_surface")
 def soft_surface(a: Asked) -> list[Check]:
-    """Avatars, depths, force and drive of ``soft_surface``, from the inputs and what
-    was asked for.
+    """Check avatars, depths, force and drive of ``soft_surface``.
+
+    They follow from the inputs and what was asked for.
     """
     g, hand, pen = a.given, np.array([a.x["x"], a.x["y"]]), a.given["device"] == "pen"
     on = a.x["contact"] > 0 if "contact" in a.x else a.x["press"] > 0 if pen else np.ones(a.n, bool)
@@ -241,7 +246,7 @@ def _triangle(a: Asked, hand: Row) -> list[Check]:
 
 
 def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Check]:
-    """The one avatar: at the hand, behind it, or slower."""
+    """Check the one avatar: at the hand, behind it, or slower."""
     g, checks = a.given, list[Check]()
     places, text = hand, "the hand itself"
     if g["device"] == "pen" and g["mode"] != "deformation":
@@ -276,8 +281,9 @@ def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Che
 
 
 def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row, list[Check]]:
-    """Places of an avatar that waits, and whether it waits, or the motor vibrates, for
-    as long as eq. (3) says.
+    """Check the places of an avatar that waits, and how long it waits.
+
+    It waits, or the motor vibrates, for as long as eq. (3) says.
 
     A rounding in a wait grows from one to the next, so the waits are those of the block
     that the law makes of what was asked for.

@@ -1,5 +1,6 @@
-"""Surfaces written a second time: gratings in extended precision, noise over place by
-Gauss's rule in each of its cells.
+"""Laws of surfaces: gratings in extended precision, noise over place by Gauss's rule.
+
+The rule is applied in each of its cells.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ PI = np.longdouble("3.14159265358979323846264338327950288")
 
 
 def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Mean of sum depth sin(2 pi x/wavelength + phase) over each movement, in extended
-    precision.
+    """Return the mean of sum depth sin(2 pi x/wavelength + phase) over movements.
+
+    It is in extended precision.
     """
     a, b, total = (
         before.astype(np.longdouble),
@@ -44,8 +46,9 @@ class Roughness(NamedTuple):
 
 
 def roughness(before: np.ndarray, x: np.ndarray, b: Any) -> np.ndarray:
-    """Mean of noise over place over each movement: Gauss's rule of two points is exact
-    in each cell of its splines.
+    """Return the mean of noise over place over each movement.
+
+    Gauss's rule of two points is exact in each cell of its splines.
     """
     found = octaves(b.slope, 1 / b.longest, 1 / b.shortest)
     total, lost = np.zeros(x.size), 0.0
@@ -60,8 +63,9 @@ def roughness(before: np.ndarray, x: np.ndarray, b: Any) -> np.ndarray:
 
 
 def _spline(key: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Mean of a random quadratic spline between two places less than four of its cells
-    apart.
+    """Return the mean of a random quadratic spline between two places.
+
+    They are less than four of its cells apart.
     """
     first = np.floor(low)
     cells, place = np.unique(first.astype(np.int64), return_inverse=True)
@@ -81,22 +85,24 @@ def _spline(key: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _faded(r: np.ndarray) -> np.ndarray:
-    """What is left of an octave of which a movement passes r cells: from all at 2 to
-    nothing at 4, a cubic.
+    """Return what is left of an octave of which a movement passes r cells.
+
+    All at 2, nothing at 4, a cubic between.
     """
     t = np.clip((r - 2) / 2, 0, 1)
     return 1 - 3 * t**2 + 2 * t**3
 
 
 def _word(seed: int, stream: int) -> int:
-    """The 64-bit word of a stream of a surface."""
+    """Return the 64-bit word of a stream of a surface."""
     w = philox((seed & LOW, seed >> 32, stream, 3), (0, 0))
     return w[0] | w[1] << 32
 
 
 def _lattice(key: int, m: np.ndarray) -> np.ndarray:
-    """Lattice values: each half of a Philox block is a sum of four uniform numbers of
-    16 bits.
+    """Return lattice values.
+
+    Each half of a Philox block is a sum of four uniform numbers of 16 bits.
     """
     pair = (m >> 1).astype(np.uint64)
     w = philox((pair & LOW, pair >> 32, 0, 0), (key & LOW, key >> 32))
@@ -107,8 +113,10 @@ def _lattice(key: int, m: np.ndarray) -> np.ndarray:
 
 @law_of("grating")
 def grating(a: Asked) -> list[Check]:
-    """The scene: a sum of parameters times gratings and noise over place, each computed
-    again from the movement alone.
+    """Check the scene ``grating``.
+
+    It is a sum of parameters times gratings and noise over place, each computed again
+    from the movement alone.
     """
     g, x, n = a.given, a.x["x"], a.n
     before, on = ways(x, a.contact)

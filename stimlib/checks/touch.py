@@ -1,5 +1,4 @@
-"""The laws of the everyday scenes, each force over place written again: wall, click,
-detents, friction, impact.
+"""Laws of forces over place: wall, click, detents, friction, impact.
 
 A mean over a sample's way is a difference of integrals in extended precision here, a
 slip is found one by one, and a vibration is a complex recursion; nothing of a block's
@@ -30,8 +29,9 @@ def mean_over(
     value: Callable[[Any], Any],
     straight: np.ndarray,
 ) -> np.ndarray:
-    """Mean over last .. x of a function with a known integral; where it is straight,
-    its value in the middle.
+    """Return the mean over last .. x of a function with a known integral.
+
+    Where it is straight, it is its value in the middle.
     """
     a, b = last.astype(np.longdouble), x.astype(np.longdouble)
     return np.where(
@@ -40,8 +40,9 @@ def mean_over(
 
 
 def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any) -> np.ndarray:
-    """Mean of max(0, k p + b v) where p = x - at > 0, else 0, v the mean speed of the
-    sample.
+    """Return the mean of max(0, k p + b v) where p = x - at > 0, else 0.
+
+    v is the mean speed of the sample.
 
     Examples
     --------
@@ -79,8 +80,9 @@ def button(
     back: float,
     begins: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean force of a button, and where it is pressed: since it was at ``at``, unless
-    it was below ``back`` since.
+    """Return the mean force of a button, and where it is pressed.
+
+    It is pressed since it was at ``at``, unless it was below ``back`` since.
 
     One that began earlier is pressed at first as ``begins`` says.
     """
@@ -103,8 +105,9 @@ def button(
 
 
 def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndarray:
-    """A decaying sinusoid from each event; it decays over one sample at least, as
-    ``ring`` says.
+    """Return a decaying sinusoid from each event.
+
+    It decays over one sample at least, as ``ring`` says.
     """
     from scipy.signal import lfilter
 
@@ -120,8 +123,9 @@ def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> n
 
 
 def springs(x: np.ndarray, k: Any, limit: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stiffness and largest deflection at each sample, and what is left of a deflection
-    as it begins.
+    """Return stiffness and largest deflection at each sample.
+
+    What is left of a deflection as it begins is returned too.
 
     A stiffness that grows keeps the force, one that falls keeps the place, and one that
     is not above 0 holds nothing.
@@ -140,8 +144,9 @@ def dragged(
     slide: Callable[[int, float, float, float], tuple[float, float]],
     start: float = 0.0,
 ) -> np.ndarray:
-    """Mean force of a spring whose deflection is held within limit/k; slide gives it at
-    the end of a way, and in the mean.
+    """Return the mean force of a spring whose deflection is held within limit/k.
+
+    slide gives it at the end of a way, and in the mean.
 
     At a first sample the deflection is 0, and start where that is sample 0.
     """
@@ -166,8 +171,9 @@ def dragged(
 
 
 def coulomb(_: int, z: float, a: float, c: float) -> tuple[float, float]:
-    """Deflection at the end of a way a, and in its mean, of a spring that slips at
-    c.
+    """Return the deflection of a spring that slips at c.
+
+    It is given at the end of a way a, and in its mean.
     """
     if z + a <= c:
         return z + a, z + a / 2
@@ -184,8 +190,9 @@ def stick_slip(
     shown: np.ndarray,
     rest: bool = True,
 ) -> tuple[np.ndarray, int]:
-    """Mean force of a spring that falls to a part of its limit wherever it reaches it,
-    slip by slip; and from which sample on.
+    """Return the mean force of a spring that falls wherever it reaches its limit.
+
+    It falls to a part of it, slip by slip; the result says from which sample on.
 
     What does not begin at rest is known from the first contact on, or where two short
     ways follow each other without a slip.
@@ -236,8 +243,9 @@ def stick_slip(
 
 
 def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]:
-    """Mean deflection over a way d from z on, falling by a tooth wherever it reaches c,
-    and the deflection at its end.
+    """Return the mean deflection over a way d from z on, and that at its end.
+
+    It falls by a tooth wherever it reaches c.
     """
     s, a, area = (1.0 if d >= 0 else -1.0), abs(d), 0.0
     start = z = min(max(z, -c), c)
@@ -253,7 +261,7 @@ def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]
 
 # The checks ---------------------------------------------------------------------------
 def _held(a: Asked, name: str, what: str, parts: Iterable[np.ndarray], numbers: str) -> list[Check]:
-    """An output against the sum of its parts."""
+    """Check an output against the sum of its parts."""
     a.say(numbers)
     return [a.near(name, sum(parts, np.zeros(a.n)), TOL, f"{what}, written again", LEAST)]
 
@@ -272,6 +280,7 @@ def _vibration(a: Asked, events: np.ndarray) -> np.ndarray:
 
 @law_of("wall")
 def wall_law(a: Asked) -> list[Check]:
+    """Check the scene ``wall``."""
     force, numbers = _wall_of(a, a.x["x"], a.live("k"), a.live("b"), a.given["at"])
     pulls = float(np.max(np.where(a.window > 0, -a.y["force"], 0.0)))
     return [
@@ -282,6 +291,7 @@ def wall_law(a: Asked) -> list[Check]:
 
 @law_of("click")
 def click_law(a: Asked) -> list[Check]:
+    """Check the scene ``click``."""
     x, g = a.x["x"], a.given
     force, pressed = button(x, a.contact, a.live("peak"), g["drop"], g["at"], g["back"])
     bottom, numbers = _wall_of(a, x, g["stiffness"], 0.0, g["travel"])
@@ -301,6 +311,7 @@ def click_law(a: Asked) -> list[Check]:
 
 @law_of("detents")
 def detents_law(a: Asked) -> list[Check]:
+    """Check the scene ``detents``."""
     x, g = a.x["angle"], a.given
     k = g["friction"] / g["presliding"]
     drawn = detents(x, a.contact, 2 * np.pi / g["count"], a.live("depth"))
@@ -311,6 +322,7 @@ def detents_law(a: Asked) -> list[Check]:
 
 @law_of("friction")
 def friction_law(a: Asked) -> list[Check]:
+    """Check the scene ``friction``."""
     x, g = a.x["x"], a.given
     k, limit, left = (
         g["stiffness"],
@@ -332,6 +344,7 @@ def friction_law(a: Asked) -> list[Check]:
 
 @law_of("impact")
 def impact_law(a: Asked) -> list[Check]:
+    """Check the scene ``impact``."""
     x, g = a.x["x"], a.given
     force, numbers = _wall_of(a, x, a.live("k"), g["b"], 0.0)
     speed = np.maximum(

@@ -1,5 +1,6 @@
-"""Is what was rendered what the model says?  Every check states what it compares, how
-far apart it was, and the limit.
+"""Verification of renderings and files against their model.
+
+Every check states what it compares, how large the difference was, and the limit.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ def verify(
 ) -> Report: ...
 @public
 def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any = None) -> Report:
-    """Prove a rendering, or a file written by the file sink, against its scene and
-    motion; or a file by what its sidecar tells.
+    """Verify a rendering, or a file, against its scene and motion.
+
+    A file is verified by what its sidecar says if no scene is given.
 
     Parameters
     ----------
@@ -122,7 +124,7 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
 
 
 def scene_told(path: str | os.PathLike[str]) -> Scene:
-    """The scene that a file's sidecar has.
+    """Return the scene that a file's sidecar has.
 
     Raises
     ------
@@ -133,7 +135,7 @@ def scene_told(path: str | os.PathLike[str]) -> Scene:
 
 
 def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
-    """The motion that the texts of a sidecar make again."""
+    """Return the motion that the texts of a sidecar make again."""
     from ..motion.recorded import parse_source
 
     if any(text.startswith("log of") for text in told["motion"].values()):
@@ -158,8 +160,9 @@ def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
 
 # a: linear blocks ---------------------------------------------------------------------
 def linear_blocks(e: Evidence) -> list[Check]:
-    """a1: compiled impulse response against the block's own discrete response; a2: that
-    response against the law.
+    """Check compiled impulse responses (a1) and physical laws (a2).
+
+    a1 compares with the block's own discrete response, a2 that response with the law.
     """
     checks, seen = [], set()
     for i, q in enumerate(e.proc.program.instances):
@@ -214,8 +217,9 @@ def _response(transfer: Any, p: Any, fs: float, f: np.ndarray) -> np.ndarray:
 
 
 def _impulse(b: Block, p: Any, fs: float):
-    """Some frequencies, the response that the block states there, and the transform of
-    its compiled impulse response.
+    """Return some frequencies, the stated response, and the measured one.
+
+    The latter is the transform of its compiled impulse response.
     """
     x = Input("x")
     kind = type(b)
@@ -246,8 +250,9 @@ def _impulse(b: Block, p: Any, fs: float):
 
 # b: the same samples again ------------------------------------------------------------
 def same_samples(e: Evidence) -> list[Check]:
-    """The delivered samples against a re-render in random cuts, and a stretch against
-    the interpreter.
+    """Check the delivered samples against a re-render in random cuts.
+
+    A stretch is compared with the interpreter as well.
     """
     rng, gated, wrong, apart = np.random.default_rng(e.seed), False, 0, 0
     python: list[Check] = []
@@ -284,7 +289,7 @@ def same_samples(e: Evidence) -> list[Check]:
 
 
 def _interpreted(e: Evidence, state: np.ndarray, start: int, cut: np.ndarray) -> Check:
-    """Some samples from a state on, once more by the interpreter."""
+    """Return some samples from a state on, by the interpreter."""
     stretch = min(e.end - start, STRETCH)
     # what runs before sample 0 costs it 10 us each
     reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)
@@ -300,6 +305,7 @@ def _interpreted(e: Evidence, state: np.ndarray, start: int, cut: np.ndarray) ->
 
 # e: limits ----------------------------------------------------------------------------
 def limits_kept(e: Evidence) -> list[Check]:
+    """Check that samples are finite and limits are kept."""
     bad = sum(int(np.sum(~np.isfinite(s.shown))) for s in e.stretches())
     checks = motor_limits(e) + [Check("e", "finite", bad, 0, "samples that are not finite")]
     fault = e.proc.fault

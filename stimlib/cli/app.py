@@ -66,9 +66,7 @@ def main(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ):
-    """Haptic stimuli composed from small pure blocks: render, play, look at and list
-    them.
-    """
+    """Compose, render, play, verify and list haptic stimuli."""
 
 
 Command = Callable[..., Any]
@@ -82,8 +80,9 @@ def group(name: str, text: str) -> typer.Typer:
 
 
 def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Command], Command]:
-    """Make a function a subcommand: its errors in one line, and the options of these
-    functions among its own.
+    """Make a function a subcommand with one-line errors and shared options.
+
+    The options of the given functions join its own.
     """
 
     def made(function: Command) -> Command:
@@ -93,8 +92,9 @@ def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Co
 
 
 def sharing(function: Command, shared: dict[str, Command]) -> Command:
-    """A command with the options (keyword-only parameters) of other functions; it gets
-    each of them with these filled in.
+    """Give a command the options (keyword-only parameters) of other functions.
+
+    It gets each of these functions with the options filled in.
     """
 
     @wraps(function)
@@ -124,8 +124,9 @@ def _options(f: Command) -> dict[str, inspect.Parameter]:
 
 @contextmanager
 def friendly() -> Iterator[None]:
-    """Warnings and errors of use in one line each, exit status 2; Ctrl-C quietly, 130;
-    defects with their traceback, 3.
+    """Print warnings and errors of use in one line each, and set the exit status.
+
+    It is 2 for them, 130 for Ctrl-C, and 3, with a traceback, for a defect.
 
     Where the reader of a pipe went away the status is 141, as of any command.
     """
@@ -172,12 +173,12 @@ def friendly() -> Iterator[None]:
 
 # What is printed ----------------------------------------------------------------------
 def failed(text: Any) -> None:
-    """An error, in one line on stderr."""
+    """Print an error in one line on stderr."""
     _line("[bold red]error:[/]", text)
 
 
 def note(text: Any) -> None:
-    """A warning, in one line on stderr."""
+    """Print a warning in one line on stderr."""
     _line("[bold yellow]note:[/]", text)
 
 
@@ -187,23 +188,25 @@ def _line(what: str, text: Any) -> None:
 
 
 def print_json(data: Any) -> None:
-    """Data for programs, on stdout."""
+    """Print data for programs on stdout."""
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
 class Output(Console):
-    """stdout; that its reader went away is told to ``friendly``, where rich would end
-    the process with status 1.
+    """Standard output that reports a closed pipe to ``friendly``.
+
+    rich would end the process with status 1.
     """
 
     def on_broken_pipe(self) -> None:
-        """Called by rich while it handles that error."""
+        """Raise the error that rich is handling."""
         raise BrokenPipeError
 
 
 def print_wide(data: Any) -> None:
-    """A table or report on stdout, as wide as the terminal, or 130 characters where
-    that is none.
+    """Print a table or report on stdout, as wide as the terminal.
+
+    Where there is no terminal the width is 130 characters.
     """
     Output(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
 

@@ -45,6 +45,7 @@ def safety_of(
         ),
     ] = None,
 ) -> Any:
+    """Return the safety stage that the options ask for."""
     from ..run.safety import Safety
 
     return Safety(
@@ -67,9 +68,7 @@ def _play(
     seconds: float | None,
     wanted: bool,
 ) -> None:
-    """Play to the end, with a progress bar where that is a terminal; whatever comes,
-    the sink fades out.
-    """
+    """Play to the end with a progress bar on a terminal; the sink always fades out."""
     with sink:
         sink.open(fs, channels, block)
         sink.start(seconds)
@@ -128,7 +127,8 @@ def play(
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
 ):
-    """Play a scene, or a sound file, on a device, with the safety stage around it.
+    """Play a scene or a sound file on a device, with the safety stage around it.
+
     Ctrl-C fades out.
 
     Exit status 1 when an output failed or the device went away while it played.
@@ -204,7 +204,7 @@ def devices(
     ] = None,
     json_: opt.Json = False,
 ):
-    """What a scene can be played on here, why not on the rest, and how to get it.
+    """List the devices that can play here, what the others lack, and how to get it.
 
     [bold]stimlib devices[/]
     """
@@ -251,7 +251,8 @@ def loopback(
     log: opt.Log = None,
     import_: opt.Import = [],
 ):
-    """Play, record what arrives, compare it with the offline render, measure the delay.
+    """Play, record what arrives, compare it with the rendering, measure the delay.
+
     Exit status 1 when it differs.
 
     [bold]stimlib loopback squeeze --sink jack --motion "minimum_jerk(depth=0.02)"

@@ -1,6 +1,4 @@
-"""``experiment``: run, resume, watch, simulate and analyse an experiment that a file of
-the user's defines.
-"""
+"""``experiment``: run, resume, watch, simulate and analyse a user's experiment."""
 
 from __future__ import annotations
 
@@ -96,7 +94,7 @@ Port = Annotated[int, typer.Option(help="Of the page; 0 takes a free one.", min=
 
 
 def experiment_of(text: str) -> Experiment:
-    """The experiment that FILE.py:NAME means, or the name of a paper's.
+    """Return the experiment that FILE.py:NAME means, or that of a paper.
 
     Raises
     ------
@@ -133,8 +131,9 @@ def played(
     host: Host = "127.0.0.1",
     port: Port = 0,
 ) -> None:
-    """A session, answered in the terminal or on a page; what ends it early says the
-    command that goes on.
+    """Run a session, answered in the terminal or on a page.
+
+    Where it ends early, the message has the command that resumes it.
     """
     from ..experiments import presentation
     from ..experiments.runner import run
@@ -182,9 +181,7 @@ def played(
 
 @contextmanager
 def on_page(host: str, port: int) -> Iterator[ExperimentPage]:
-    """Serve a page as the front end; the terminal shows its address and the progress of
-    the session.
-    """
+    """Serve a page as the front end, and show address and progress in the terminal."""
     from ..live.experiment import ExperimentPage
     from ..live.server import Server
 
@@ -201,8 +198,9 @@ def on_page(host: str, port: int) -> Iterator[ExperimentPage]:
 
 @command("run", experiment, play=played)
 def run_(defined: Defined, play: Any):
-    """Run a participant's session, answered by keyboard or on a page.  Each answer is
-    on the disk before the next stimulus.
+    """Run a participant's session, answered by keyboard or on a page.
+
+    Each answer is on the disk before the next stimulus.
 
     Ctrl-C, a power cut or a full disk lose no answer: [bold]stimlib experiment
     resume[/] goes on.
@@ -214,8 +212,9 @@ def run_(defined: Defined, play: Any):
 
 @command("resume", experiment, play=played)
 def resume(defined: Defined, play: Any):
-    """Go on with a session that was left, exactly where it was; a pause that is due is
-    still due.
+    """Resume a session exactly where it was left.
+
+    A pause that is due is still due.
 
     [bold]stimlib experiment resume pair.py:pair --participant P07 --sink jack[/]
     """
@@ -262,8 +261,9 @@ def simulate(
     ] = False,
     quiet: opt.Quiet = False,
 ):
-    """Whole sessions of the experiment's simulated observer, kept as pilots: to try a
-    design before people come.
+    """Simulate whole sessions with the experiment's observer, kept as pilots.
+
+    Use it to try a design before participants come.
 
     [bold]stimlib experiment simulate pair.py:pair --participants 8[/]
     """
@@ -301,8 +301,9 @@ def analyse(
         Path | None, typer.Option(help="Also write all trials as a table, .csv.")
     ] = None,
 ):
-    """What the experiment's own analysis says of all sessions; without one, all trials
-    as a table on stdout.
+    """Run the experiment's own analysis on all sessions.
+
+    Without one, print all trials as a table on stdout.
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """

@@ -23,8 +23,9 @@ def demo_(
         "stimlib-demo"
     ),
 ):
-    """Render three stimuli as files, pictures, proofs and copies for ears, with a table
-    of what to look at.  Start here.
+    """Render three stimuli with pictures, reports and listening copies. Start here.
+
+    A table says what to look at.
 
     Exit status 1 when a check fails.
 
@@ -99,8 +100,7 @@ def render_(
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Render a scene into a sound file, with everything needed to repeat it in
-    FILE.json.
+    """Render a scene into a sound file, with what it takes to repeat it in FILE.json.
 
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5
     --full-scale 50 --out squeeze.wav[/]
@@ -173,8 +173,9 @@ def render_set_(
     ] = None,
     quiet: opt.Quiet = False,
 ):
-    """Render the 81 bumps of the touch-screen experiment, with an index of the order of
-    presentation.
+    """Render the 81 bumps of the touch-screen experiment.
+
+    An index has the order of presentation.
 
     The finger strokes 0.1 m at 20 mm/s, unless --motion is given.
 

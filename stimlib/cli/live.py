@@ -46,6 +46,7 @@ def page_safety_of(
         ),
     ] = None,
 ) -> Any:
+    """Return the safety stage of a page, by default with its own full scales."""
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
     return safety_of(full_scale=full_scale, peak=peak, static=static, slew=slew)
 
@@ -111,10 +112,11 @@ def live(
     seed: opt.Seed = 0,
     import_: opt.Import = [],
 ):
-    """Explore a scene in the browser: a pointer drives it, sliders set its parameters,
-    plots and sound show what comes.
+    r"""Explore a scene in the browser with a pointer.
 
-    Needs [bold]pip install 'stimlib\\[live]'[/].  Mouse, pen and touch move the first
+    Sliders set its parameters; plots and sound show what comes.
+
+    Needs [bold]pip install 'stimlib\[live]'[/].  Mouse, pen and touch move the first
     places of a scene; every input may have another source, on the page or by --motion.
     What is recorded is the log of a session: [bold]stimlib replay[/] makes it again,
     [bold]stimlib verify --log[/] proves it.  Ctrl-C fades out.

@@ -95,8 +95,9 @@ def motions_of(
         ),
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
-    """Motion of every input, or of some (``all_=False``), and its length where it is a
-    recording.
+    """Return the motion of every input, and its length if it is recorded.
+
+    With ``all_=False`` some inputs are enough.
     """
     from ..motion.recorded import Recording, parse_source, recording, served_by
     from ..motion.text import parse_map, parse_where
@@ -163,7 +164,7 @@ def _is_file(text: str) -> bool:
 
 
 def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, str], str]:
-    """What --motion says of single inputs, and of all others."""
+    """Return what --motion says of single inputs, and of all others."""
     from ..motion.recorded import served_by
 
     own: dict[str, str] = {}
@@ -202,8 +203,9 @@ def _check_map(
 
 
 def _unmapped(file: str, names: Sequence[str]) -> BadValue:
-    """What is said of a recording without --map; of a file that is none, the reader of
-    tables says it first.
+    """Return the error of a recording without --map.
+
+    Of a file that is none, the reader of tables reports first.
     """
     from ..motion.table import read_table
 
@@ -217,8 +219,9 @@ def _unmapped(file: str, names: Sequence[str]) -> BadValue:
 def _max_speed(
     text: str, used: Sequence[str], in_metres: Sequence[str], columns: Mapping[str, str]
 ) -> Any:
-    """The limit of a recording: a number holds what is in metres, NAME=NUMBER what it
-    names.
+    """Return the speed limit of a recording.
+
+    A number is for what is in metres, NAME=NUMBER for what it names.
     """
     from ..motion.text import pairs
 

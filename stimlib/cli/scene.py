@@ -1,6 +1,4 @@
-"""SCENE on the command line: a shipped scene, a function of the user's, or a saved
-scene.
-"""
+"""SCENE on the command line: a shipped scene, a user's function, or a saved scene."""
 
 from __future__ import annotations
 
@@ -31,7 +29,7 @@ def shipped() -> dict[str, Callable[..., Scene]]:
 
 
 def _begun(text: str) -> list[str]:
-    """The shipped scenes whose names begin so, for the shell's completion."""
+    """Return the shipped scenes whose names begin so, for the shell's completion."""
     return [name for name in shipped() if name.startswith(text)]
 
 
@@ -51,7 +49,7 @@ SceneText = Annotated[
 
 
 def scene_of(text: str) -> Scene:
-    """The scene that SCENE on the command line means.
+    """Return the scene that SCENE on the command line means.
 
     Raises
     ------
@@ -82,8 +80,9 @@ def scene_of(text: str) -> Scene:
 
 
 def maker_of(text: str) -> Scene | Callable[..., Scene]:
-    """What SCENE means to a sweep: a function is not called, because rows may have its
-    arguments.
+    """Return what SCENE means to a sweep.
+
+    A function is not called, because rows may have its arguments.
 
     Raises
     ------
@@ -103,8 +102,9 @@ def maker_of(text: str) -> Scene | Callable[..., Scene]:
 
 
 def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
-    """A scene, function or measure of a file of the user's, as it is; the file is run,
-    and can be imported by workers then.
+    """Return a scene, function or measure from a user's file, without calling it.
+
+    The file is run, and workers can then import it.
 
     What is of that kind may be named too.
     """
@@ -119,8 +119,9 @@ _ours: set[str] = set()  # names of the modules that _own has made
 def _own(
     path: str, function: str | None = None, called: bool = True, kind: type | None = None
 ) -> Any:
-    """Run a file of the user's as the module by whose name scene files know its blocks;
-    what a function in it gives.
+    """Run a user's file as the module by whose name scene files know its blocks.
+
+    The result is what a function in it gives.
 
     Where the file or the function raises, the error names their line.
     """
@@ -179,9 +180,7 @@ def _own(
 
 
 def _makes(module: ModuleType, found: Any) -> bool:
-    """Whether it may make a scene: a function of a module of the user's that needs no
-    argument.
-    """
+    """Return whether a user's function may make a scene: it needs no argument."""
     if (
         not inspect.isfunction(found)
         or found.__module__ != module.__name__
@@ -201,7 +200,7 @@ def run_files(files: list[str]) -> None:
 
 
 def _shipped(name: str, words: str) -> Scene:
-    """A shipped scene called with literal keyword arguments."""
+    """Call a shipped scene with literal keyword arguments."""
     make = shipped()[name]
     chosen: dict[Any, Any]
     try:
@@ -237,7 +236,7 @@ def params_of(items: list[str]) -> dict[str, float]:
 
 
 def number(text: str, option: str) -> float:
-    """A number that an option has, or ``BadValue`` that names it."""
+    """Return the number of an option, or raise BadValue that names it."""
     try:
         return float(text)
     except ValueError:

@@ -29,7 +29,7 @@ def show(
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """What a scene runs: its inputs, parameters and plan, and its graph as a picture.
+    """Show what a scene runs: its inputs, parameters and plan, and its graph.
 
     [bold]stimlib show squeeze --draw squeeze.svg[/]
     """
@@ -71,9 +71,7 @@ def show(
 
 @command("list")
 def list_(json_: opt.Json = False):
-    """The shipped scenes, with their parameters, and the motions that render
-    understands.
-    """
+    """List the shipped scenes with their parameters, and the motions."""
     from ..motion.generators import GENERATORS
 
     if json_:
@@ -101,7 +99,7 @@ def list_(json_: opt.Json = False):
 
 
 def _facts(scene: Scene) -> dict[str, Any]:
-    """What a scene takes and gives, as plain data."""
+    """Return what a scene takes and gives, as plain data."""
     return {
         "inputs": {n: {"unit": str(b.dim)} for n, b in scene.inputs.items()},
         "params": {n: {"value": b.value, "unit": str(b.dim)} for n, b in scene.params.items()},
@@ -111,8 +109,9 @@ def _facts(scene: Scene) -> dict[str, Any]:
 
 
 def _call(function: Callable[..., Any]) -> dict[str, Any]:
-    """What a function is for, and its arguments with their defaults; None where one
-    must be given.
+    """Return what a function is for, and its arguments with their defaults.
+
+    None where an argument must be given.
     """
     known = inspect.signature(function).parameters.values()
     defaults = {p.name: None if p.default is p.empty else p.default for p in known}

@@ -18,8 +18,9 @@ def bench(
     ] = None,
     json_: opt.Json = False,
 ):
-    """Measure how fast stimlib is on this machine, beside numpy + scipy and the limit
-    of its core, in less than a minute.
+    """Measure how fast stimlib is on this machine, in less than a minute.
+
+    The table compares it with numpy + scipy and with the limit of the core.
 
     Close other programs first: they make all times longer. The first time blocks are
     also compiled.

@@ -147,7 +147,7 @@ def sweep_(
 
 
 def _axis(text: str) -> tuple[str, list[Any]]:
-    """A column of --axis."""
+    """Return a column of --axis."""
     name, equals, values = text.partition("=")
     what = f"--axis {text}"
     if not equals or not name.isidentifier() or not values:
@@ -172,7 +172,7 @@ def _axis(text: str) -> tuple[str, list[Any]]:
 
 
 def _cluster(address: str, files: list[str]) -> Any:
-    """A client of a cluster whose workers have the user's own files."""
+    """Return a client of a cluster whose workers have the user's own files."""
     from ..sweep.engines import connected
 
     client = connected(address)
@@ -182,8 +182,9 @@ def _cluster(address: str, files: list[str]) -> Any:
 
 
 def _facts(table: Any) -> dict[str, Any]:
-    """What a sweep gave, as plain data: of each figure its unit, and least, middle and
-    largest value.
+    """Return what a sweep gave, as plain data.
+
+    Each figure has its unit, and its least, middle and largest value.
     """
     import numpy as np
 

@@ -19,8 +19,7 @@ _ENDED = "the input has ended before the session"
 
 
 class Terminal(Keyed):
-    """One line for an answer, as from a file or a program; from `terminal`, one key of
-    a terminal.
+    """A front end that reads lines from a file, or keys from a terminal.
 
     Parameters
     ----------
@@ -35,11 +34,11 @@ class Terminal(Keyed):
         self._fd, self._keys, self._lines = fd, keys, lines
 
     def tell(self, text: str) -> None:
-        """A text of its own line."""
+        """Print a text on a line of its own."""
         print(shown(text), flush=True)
 
     def rest(self, seconds: float) -> None:
-        """Counts down; nothing but the end of the command cuts it short."""
+        """Count down; only the end of the command cuts it short."""
         self.tell(f"Please rest for {round(seconds)} s.")
         end = time.monotonic() + seconds
         with progress("rest", seconds) as advance:
@@ -48,7 +47,7 @@ class Terminal(Keyed):
                 advance(min(left, 1.0))
 
     def read(self, prompt: Prompt) -> str:
-        """A key, or a line of it."""
+        """Read a key, or a line of it."""
         keys = ", ".join(f"{key} = {says}" for key, says in prompt.keys.items() if key and says)
         text = (
             f"{prompt.text}: {prompt.keys['']}"
@@ -85,8 +84,9 @@ class Terminal(Keyed):
 
 @contextmanager
 def terminal() -> Iterator[Terminal]:
-    """Yield the front end at stdin.  In a terminal, keys that are hit while nothing is
-    asked are neither shown nor taken.
+    """Yield the front end at stdin.
+
+    In a terminal, keys that are hit while nothing is asked are neither shown nor taken.
 
     Whatever ends it, the terminal is as it was before, and so it is while Ctrl-Z
     suspends the command.
@@ -120,8 +120,9 @@ def terminal() -> Iterator[Terminal]:
 
 
 def _become(fd: int, attributes: list[Any] | None) -> None:
-    """Attributes of a terminal, where there is one; what was hit before is dropped, or
-    the shell would get it.
+    """Set the attributes of a terminal, where there is one.
+
+    What was typed before is dropped, or the shell would get it.
     """
     if attributes is not None:
         termios.tcflush(fd, termios.TCIFLUSH)

@@ -1,5 +1,8 @@
-"""``verify`` and ``replay``: whether what was displayed is what scene and motion ask
-for; ``mutate``: what that would notice.
+"""``verify``, ``replay`` and ``mutate``: checks of what was displayed.
+
+``mutate`` says which wrong numbers verification would notice.
+
+``mutate`` says which wrong numbers verification would notice.
 """
 
 from __future__ import annotations
@@ -52,8 +55,9 @@ def verify_(
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Prove that a file, or a session's log, is what scene and motion ask for.  Exit
-    status 1 when a check fails.
+    """Verify that a file or a session's log is what scene and motion ask for.
+
+    Exit status 1 when a check fails.
 
     It is 1, too, where the scene names a law that is not known here: import its module
     with [bold]--import[/].
@@ -147,7 +151,8 @@ def replay(
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Make the samples of a session again, and compare them with the hashes in its log.
+    """Compute the samples of a session again, and compare them with its log.
+
     Exit status 1 where they differ.
 
     [bold]stimlib replay monday.stimlog --out monday.wav[/]
@@ -178,7 +183,8 @@ def mutate_(
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Change every number of a scene, one at a time: which ones would its law refuse?
+    """Change every number of a scene in turn, and report which its law refuses.
+
     Exit status 1 where one is missed.
 
     Each number is taken 1.01 and 1.25 times, with the other sign, as 0 and as 1. "Equal

@@ -29,8 +29,9 @@ FloatArray = npt.NDArray[np.float64]
 
 @contextmanager
 def asked_by(name: str) -> Iterator[None]:
-    """Errors in here begin with a name that the user knows, instead of that of a
-    function of this file.
+    """Let errors begin with a name that the user knows.
+
+    Otherwise they would name a function of this file.
     """
     try:
         yield
@@ -39,8 +40,9 @@ def asked_by(name: str) -> Iterator[None]:
 
 
 def between(points: FloatArray, low: float, high: float, parts: int) -> FloatArray:
-    """Grid on [low, high] that cuts each gap between neighbouring `points` (ascending)
-    into equal parts.
+    """Return a grid on [low, high] that divides each gap between `points` equally.
+
+    The points are ascending.
     """
     margin = 1e-12 * (high - low)
     knots = np.concatenate(
@@ -51,8 +53,9 @@ def between(points: FloatArray, low: float, high: float, parts: int) -> FloatArr
 
 
 def peaks_of(x: FloatArray, error: FloatArray) -> FloatArray:
-    """Abscissa of the largest |error| in each run of one sign, from a parabola through
-    it and its neighbours.
+    """Return abscissas of the largest |error| in each run of one sign.
+
+    A parabola goes through it and its neighbours.
     """
     edges = np.flatnonzero((error[1:] < 0) != (error[:-1] < 0)) + 1
     runs = zip([0, *edges], [*edges, len(x)], strict=True)
@@ -69,8 +72,9 @@ def peaks_of(x: FloatArray, error: FloatArray) -> FloatArray:
 
 
 def alternating(error: FloatArray, count: int) -> list[int]:
-    """Indices of `count` errors of alternating sign, the largest; fewer if there are no
-    more.
+    """Return the indices of the `count` largest errors of alternating sign.
+
+    There may be fewer.
     """
     kept: list[int] = []
     for i in range(len(error)):
@@ -117,8 +121,9 @@ class DifferentiatorDesign(NamedTuple):
 def differentiator_taps(
     fs: float, passband: float, stopband: float | None, order: int
 ) -> DifferentiatorDesign:
-    """Band-limited differentiator: equal-ripple FIR of type III, for d/dt in 1/s with a
-    delay of order/2 samples.
+    """Design a band-limited differentiator, for d/dt in 1/s.
+
+    It is an equal-ripple FIR of type III with a delay of order/2 samples.
 
     The response is ``i w fs exp(-i w order/2)`` on [0, passband] and zero on [stopband,
     fs/2].  The error relative to the wanted gain in the pass band, and relative to the
@@ -234,8 +239,9 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
 def _band_edges(
     where: str, fs: float, passband: float, stopband: float | None
 ) -> tuple[float, float | None]:
-    """Edges in rad/sample; no stop band at fs/2, where a differentiator of type III is
-    zero anyway.
+    """Return the band edges in rad/sample.
+
+    There is no stop band at fs/2, where a differentiator of type III is zero anyway.
     """
     if not (math.isfinite(fs) and fs > 0):
         raise BadValue(f"{where}: fs = {fs} Hz: the sample rate must be a finite number above 0")
@@ -255,8 +261,9 @@ def _band_edges(
 
 
 def _wanted(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[FloatArray, FloatArray]:
-    """Wanted values and weight of the even factor P in A(w) = sin w P(cos w): weight (P
-    - wanted) is the error.
+    """Return wanted values and weight of the even factor P in A(w) = sin w P(cos w).
+
+    weight (P - wanted) is the error.
     """
     passing = w < (w_pass + (w_stop or math.pi)) / 2
     inside = np.where(passing, w, 0.0)
@@ -265,9 +272,7 @@ def _wanted(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[FloatAr
 
 
 class _Interpolant(NamedTuple):
-    """A polynomial in y = sin^2(w/2), by its values on a reference (barycentric
-    form).
-    """
+    """A polynomial in y = sin^2(w/2) in barycentric form on a reference."""
 
     y: FloatArray
     weights: FloatArray
@@ -285,8 +290,9 @@ class _Interpolant(NamedTuple):
 
 
 def _barycentric_weights(y: FloatArray) -> FloatArray:
-    """1/prod_j (y_i - y_j) up to a common factor, y ascending; as logarithms of
-    products of eight far apart.
+    """Return 1/prod_j (y_i - y_j) up to a common factor, y ascending.
+
+    They are logarithms of products of eight that are far apart.
     """
     size, block = np.empty(len(y)), 1 + 65536 // len(y)
     for i in range(0, len(y), block):
@@ -300,8 +306,9 @@ def _barycentric_weights(y: FloatArray) -> FloatArray:
 
 
 def _levelled(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[_Interpolant, float]:
-    """The polynomial of degree len(w) - 2 whose error is +E, -E, +E, ... on the
-    reference w, and E.
+    """Return the polynomial with error +E, -E, +E, ... on the reference w, and E.
+
+    Its degree is len(w) - 2.
     """
     y = np.sin(w / 2) ** 2
     weights = _barycentric_weights(y)
@@ -312,8 +319,7 @@ def _levelled(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[_Inte
 
 
 def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArray:
-    """half + 1 frequencies spread like equal charges at rest on the pass band and the
-    stop band.
+    """Return half + 1 frequencies spread like charges at rest on both bands.
 
     Peaks of best polynomial approximations on a set of bands settle at this density.
     In y = sin^2(w/2) it is |y - y0|/sqrt|(y - y_pass)(y - y_stop)| dw/pi, with y0 in
@@ -327,9 +333,7 @@ def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArr
     y0 = np.average(gap, weights=1 / np.sqrt(gap * (1 - gap)))
 
     def charge(edge: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Frequencies from the end of the axis to the band edge, and the charge up to
-        each.
-        """
+        """Return frequencies from the axis' end to the band edge, with charges."""
         w, middle = (end + (edge - end) * np.sin(p) for p in (phi, phi[:-1] / 2 + phi[1:] / 2))
         # y - y_b
         to_pass, to_stop = (
@@ -349,15 +353,17 @@ def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArr
 
 
 def _first_error(half: int, w_pass: float, w_stop: float | None) -> float:
-    """Levelled error on the first reference, a bound from below for the best error and
-    close to it.
+    """Return the levelled error on the first reference.
+
+    It is a lower bound of the best error and close to it.
     """
     return _levelled(_first_reference(half, w_pass, w_stop), w_pass, w_stop)[1]
 
 
 def _half_order_estimate(w_pass: float, w_stop: float | None, tol: float) -> int:
-    """Smallest half order whose levelled error on the first reference is at most tol
-    (by bisection).
+    """Return the smallest half order whose first levelled error is at most tol.
+
+    It is found by bisection.
     """
     most = MAX_ORDER // 2
     high = 1
@@ -380,9 +386,7 @@ def _error(even: _Interpolant, w: FloatArray, w_pass: float, w_stop: float | Non
 
 
 class _Exchanged(NamedTuple):
-    """Where the exchange ended: the levelled reference, the peaks of the error, and the
-    largest of them.
-    """
+    """The end of the exchange: levelled reference, peaks and largest error."""
 
     reference: FloatArray
     peaks: FloatArray
@@ -391,8 +395,9 @@ class _Exchanged(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _exchange(half: int, w_pass: float, w_stop: float | None) -> _Exchanged:
-    """Remez exchange for P of degree half - 1 on both bands, with P as its interpolant
-    on the reference.
+    """Run the Remez exchange for P of degree half - 1 on both bands.
+
+    P is the interpolant on the reference.
     """
     bands = [(0.0, w_pass)] if w_stop is None else [(0.0, w_pass), (w_stop, math.pi)]
     following = _first_reference(half, w_pass, w_stop)
@@ -416,8 +421,9 @@ def _exchange(half: int, w_pass: float, w_stop: float | None) -> _Exchanged:
 def _minimax_sines(
     half: int, w_pass: float, w_stop: float | None
 ) -> tuple[FloatArray, float, float]:
-    """Coefficients c_k of the best A(w) = 2 sum_k c_k sin(k w), k = 1 ... half, and its
-    errors in both bands.
+    """Return c_k of the best A(w) = 2 sum_k c_k sin(k w), and its errors.
+
+    k = 1 ... half; the errors are those in both bands.
 
     Between the bands an interpolant loses the digits that the approximation gains
     inside.  So the coefficients come from the linear system of the last reference: what
@@ -460,8 +466,9 @@ def chebyshev1(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.n
 
 
 def elliptic(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """1/sqrt(1 + e^2 R_n(x)^2), the elliptic rational function from its zeros cd((2i -
-    1) K/n) and its nome.
+    """Return 1/sqrt(1 + e^2 R_n(x)^2) of the elliptic rational function R_n.
+
+    It is computed from its zeros cd((2i - 1) K/n) and its nome.
 
     Lutovac, Tosic and Evans, "Filter Design for Signal Processing" (2000), chapters 12
     and 13.
@@ -484,8 +491,9 @@ def elliptic(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.nda
 
 
 def bessel(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """|theta_n(0)/theta_n(i w x)|, theta_n the reverse Bessel polynomial and w where
-    this is 1/sqrt(2).
+    """Return |theta_n(0)/theta_n(i w x)| of the reverse Bessel polynomial theta_n.
+
+    w is where this is 1/sqrt(2).
     """
     from scipy.optimize import brentq
 
@@ -534,8 +542,7 @@ ARITHMETIC = (ZeroDivisionError, OverflowError)
 
 
 class Sections(NamedTuple):
-    """One number of each section, in running order.  A section maps v to h0 h + e1 s1 +
-    e0 s2, h = v - s2, and then
+    """The numbers of all sections, in running order.
 
     s1 += a h - c s1;  s2 += d h + b s1.
 
@@ -558,8 +565,9 @@ Quadratic = Sequence[Fraction]  # factors of s^2, s and 1
 
 
 def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
-    """Sections from (numerator, denominator) of each, as polynomials in s; all factors
-    of a denominator are above 0.
+    """Return sections from (numerator, denominator) of each, as polynomials in s.
+
+    All factors of a denominator are above 0.
 
     Raises
     ------
@@ -595,8 +603,9 @@ def _section(n: Quadratic, d: Quadratic) -> tuple[Fraction, ...]:
 def designed(
     band: str, edges: Sequence[float], order: int, kind: str, ripple: float, attenuation: float
 ) -> list[tuple[Quadratic, Quadratic]]:
-    """Sections, lowest Q first, of a filter with these edges in cycles per sample, by
-    scipy's analogue design.
+    """Return sections, lowest Q first, of a filter with edges in cycles per sample.
+
+    scipy designs the analogue filter.
 
     Raises
     ------
@@ -623,8 +632,9 @@ def designed(
 def _between(
     z: np.ndarray, p: np.ndarray, k: float, low: float, high: float, stop: bool
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """A low-pass between two edges: s becomes (s^2 + low high)/(s (high - low)), or its
-    inverse.
+    """Transform a low-pass into a filter between two edges.
+
+    s becomes (s^2 + low high)/(s (high - low)), or its inverse.
 
     Of each two roots the smaller is found by their product: as a difference it loses
     digits where the edges are far apart.
@@ -632,7 +642,7 @@ def _between(
     half, middle, more = (high - low) / 2, low * high, len(p) - len(z)
 
     def both(r: np.ndarray) -> np.ndarray:
-        """The roots of s^2 - 2 r s + middle."""
+        """Return the roots of s^2 - 2 r s + middle."""
         d = np.sqrt(r * r - middle + 0j)
         large = np.where(np.abs(r + d) >= np.abs(r - d), r + d, r - d)
         return np.concatenate((large, middle / large))
@@ -652,8 +662,9 @@ def _between(
 
 
 def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quadratic]]:
-    """Sections of a filter whose zeros lie on the imaginary axis: the highest Q takes
-    the nearest zeros, and runs last.
+    """Return the sections of a filter whose zeros lie on the imaginary axis.
+
+    The highest Q takes the nearest zeros, and runs last.
 
     Each has its peak near 1; the gain that is left is in the first.
     """
@@ -694,7 +705,9 @@ def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quad
 
 
 def from_polynomials(b: Sequence[float], a: Sequence[float]) -> tuple[Quadratic, Quadratic]:
-    """A section (b0 + b1/z + b2/z^2)/(a0 + a1/z + a2/z^2) as polynomials in s, exactly.
+    """Convert (b0 + b1/z + b2/z^2)/(a0 + a1/z + a2/z^2) to polynomials in s.
+
+    The conversion is exact.
 
     Its poles are inside the unit circle where all factors of the denominator have one
     sign.

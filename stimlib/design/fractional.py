@@ -1,5 +1,4 @@
-"""The memory of a springpot as a sum of exponentials: rates, weights, and a bound on
-the error.
+"""The memory of a springpot as a sum of exponentials, with a bound on the error.
 
 A fractional difference is f[n] = h^-alpha sum_j v_j d[n-j] with d[n] = y[n] - y[n-1]
 and weights v_j > 0 that decay like a power of j.  The first ``DIRECT`` weights are used
@@ -69,8 +68,9 @@ class Rates(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """f[n] = sum_j taps[j] d[n-j] + constant (y[n-8] - y[-1]) + sum_k modes[k]
-    b_k[n].
+    """The weights of f[n] over taps, a constant and modes.
+
+    f[n] = sum_j taps[j] d[n-j] + constant (y[n-8] - y[-1]) + sum_k modes[k] b_k[n].
     """
 
     taps: np.ndarray  # v_0 .. v_7
@@ -119,8 +119,9 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
 
 
 def _straight(alpha: float, j: np.ndarray) -> np.ndarray:
-    """((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p), p = 2 - alpha, without
-    cancellation; 1/Gamma(1 + p) for j = 0.
+    """Return ((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p) without cancellation.
+
+    p = 2 - alpha; 1/Gamma(1 + p) for j = 0.
     """
     k, i = np.maximum(j, 2), np.arange(2, 64, 2)
     # binom(p, i), none below 0
@@ -131,8 +132,10 @@ def _straight(alpha: float, j: np.ndarray) -> np.ndarray:
 
 
 def _ratio_series(alpha: float, rho: float, u: np.ndarray) -> np.ndarray:
-    """(Gamma(w + rho) / (Gamma(w + rho + alpha) w^-alpha) - 1) / (alpha (1 - alpha) u)
-    with w = 1/sqrt(u), first terms.
+    """Return the first terms of a ratio of gamma functions, less 1 and scaled.
+
+    (Gamma(w + rho) / (Gamma(w + rho + alpha) w^-alpha) - 1) / (alpha (1 - alpha) u)
+    with w = 1/sqrt(u).
     """
     # generalised Bernoulli numbers B_2n^(2 rho)(rho), 2 rho = 1 - alpha
     b2, b4, b6 = -rho / 6, rho * (5 * rho + 1) / 60, -rho * (35 * rho**2 + 21 * rho + 4) / 504
@@ -162,8 +165,9 @@ def _sin(alpha: float) -> float:
 # Rates --------------------------------------------------------------------------------
 @cache
 def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
-    """Return modes whose error bound is below tol for every order, up to a horizon in
-    samples.
+    """Return modes whose error bound is below tol for every order.
+
+    It holds up to a horizon in samples.
 
     Parameters
     ----------
@@ -214,7 +218,10 @@ def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
 
 
 def _step(room: float) -> float:
-    """The step delta at which 1.5 aliasing, largest at alpha = 1, is ``room``."""
+    """Return the step delta at which 1.5 aliasing is ``room``.
+
+    Aliasing is largest at alpha = 1.
+    """
     y = 10.0
     for _ in range(50):
         y = 2 / math.pi * math.log(3 * math.sqrt(2 * math.pi * y) / room)
@@ -222,8 +229,9 @@ def _step(room: float) -> float:
 
 
 def aliasing(alpha: float, delta: float) -> float:
-    """Relative error that the step delta makes in all weights: 2 |Gamma(alpha + 2 pi
-    i/delta)|/Gamma(alpha).
+    """Return the relative error that the step delta makes in all weights.
+
+    It is 2 |Gamma(alpha + 2 pi i/delta)|/Gamma(alpha).
     """
     if alpha == 0:
         return 0.0
@@ -246,8 +254,9 @@ def aliasing(alpha: float, delta: float) -> float:
 
 
 def _beyond(alpha: float, s: float, delta: float, first: int = DIRECT) -> float:
-    """What the grid leaves out from s on, relative to v_8 (gl; l1 is smaller; straight
-    is smaller with 7 as first).
+    """Return what the grid leaves out from s on, relative to v_8.
+
+    This is for gl; l1 is smaller; straight is smaller with 7 as first.
     """
     v = s * np.exp(delta * np.arange(64))
     v = v[v < 80]
@@ -262,8 +271,9 @@ def _beyond(alpha: float, s: float, delta: float, first: int = DIRECT) -> float:
 
 
 def _nodes(m: int) -> tuple[float, ...]:
-    """0 and m - 1 more in (0, 1), denser towards both ends; short fractions, so that
-    moments are matched exactly.
+    """Return 0 and m - 1 nodes in (0, 1), denser towards both ends.
+
+    They are short fractions, so that moments are matched exactly.
     """
     return tuple(round((1 - math.cos(math.pi * i / (m - 0.5))) * 2048) / 4096 for i in range(m))
 
@@ -317,8 +327,9 @@ def weights(r: Rates, scheme: str, alpha: float) -> Weights:
 
 
 def _lump(r: Rates, scheme: str, alpha: float) -> list[float]:
-    """Weights of the nodes in [0, s0] over s0^alpha: the moments of the grid below s0
-    are theirs.
+    """Return weights of the nodes in [0, s0] over s0^alpha.
+
+    Their moments are those of the grid below s0.
     """
     series = _series(scheme, alpha)
 
@@ -353,8 +364,9 @@ def _series(scheme: str, alpha: float, n: int = 8) -> list[float]:
 
 @cache
 def _lagrange(x: tuple[float, ...]) -> list[list[Fraction]]:
-    """Coefficients, lowest first, of the polynomials that are 1 at one node and 0 at
-    the others; exact.
+    """Return coefficients of the polynomials that are 1 at one node, 0 at others.
+
+    They are exact, lowest first.
     """
     nodes = [Fraction(v) for v in x]
     rows = []
@@ -370,8 +382,9 @@ def _lagrange(x: tuple[float, ...]) -> list[list[Fraction]]:
 
 # The bound ----------------------------------------------------------------------------
 def bound(r: Rates, alpha: float) -> float:
-    """e(alpha) <= tol with |error of f[n]| <= e h^-alpha sum_j v_j |d[n-j]|, the same
-    for gl and l1.
+    """Return e(alpha) <= tol, the bound on the error of f[n] in its history.
+
+    |error of f[n]| <= e h^-alpha sum_j v_j |d[n-j]|, the same for gl and l1.
 
     The sum of: 1.5 times the aliasing of the grid; what it leaves out above its end and
     below its beginning; the rounding of modes that keep one word of state (a sum that
@@ -398,8 +411,9 @@ def bound(r: Rates, alpha: float) -> float:
 
 
 def _coarse(r: Rates, alpha: float) -> float:
-    """Rounding of the modes with one word of state: largest sum_k c_k exp(-s_k j)
-    2^-53/s_k over v_j.
+    """Return the rounding of the modes with one word of state.
+
+    It is the largest sum_k c_k exp(-s_k j) 2^-53/s_k over v_j.
     """
     s = r.s[r.fine :]
     a = min(alpha, 1 - 1e-9)
@@ -411,8 +425,10 @@ def _coarse(r: Rates, alpha: float) -> float:
 
 # Live orders --------------------------------------------------------------------------
 class LiveOrders(NamedTuple):
-    """Weights as functions of alpha: modes[k] = g_k a_k exp(alpha (high_k + low_k)),
-    with g = sin(pi alpha)/pi on the grid.
+    """Weights as functions of alpha.
+
+    modes[k] = g_k a_k exp(alpha (high_k + low_k)), with g = sin(pi alpha)/pi on the
+    grid.
 
     For the nodes below s0 (the constant first), and for the direct taps, g = (1 -
     alpha) times a polynomial.
@@ -427,7 +443,7 @@ class LiveOrders(NamedTuple):
 
 
 def live(r: Rates, scheme: str) -> LiveOrders:
-    """What a live order needs; see ``LiveOrders``.
+    """Return what a live order needs; see ``LiveOrders``.
 
     Parameters
     ----------

@@ -56,8 +56,9 @@ def band_power(slope: float, low: float, high: float) -> float:
 
 @lru_cache(maxsize=64)
 def octaves(slope: float, low: float, high: float) -> Octaves:
-    """Octaves whose one-sided spectra 2 a^2 D sinc^6(f D) add up to C f^-slope from low
-    to high, of power 1 there.
+    """Return octaves whose spectra add up to C f^-slope from low to high.
+
+    The one-sided spectra are 2 a^2 D sinc^6(f D); the power is 1 there.
 
     D is the cell, sinc(x) = sin(pi x)/(pi x): the spectrum of independent lattice
     values of variance a^2 under quadratic B-splines.  The a^2 are the least squares of
@@ -121,8 +122,7 @@ _DB = 10 / math.log(10)  # dB per unit of log |H|^2
 
 
 class PinkDesign(NamedTuple):
-    """A filter as parallel leaky modes, ``q += x - e*q`` and then ``y = d*x +
-    sum(r*q)``.
+    """A filter as parallel leaky modes, ``q += x - e*q``; ``y = d*x + sum(r*q)``.
 
     Attributes
     ----------
@@ -144,8 +144,9 @@ class PinkDesign(NamedTuple):
 
 @lru_cache(maxsize=256)
 def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
-    """3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs, with the fewest first-order
-    sections that meet a tolerance.
+    """Design a 3 dB/oct low-pass with the fewest sections that meet a tolerance.
+
+    |H|^2 = 1/w with w = 2 pi f/fs; the sections are of first order.
 
     Equal-ripple in log magnitude on f_low <= f <= 0.45 fs.  In v = tan^2(w/2) a section
     with real pole and real zero has the gain (v + a)/(v + b), so the bilinear warp is
@@ -223,13 +224,14 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
 
 
 def _log_edges(w_low: float) -> tuple[float, float]:
-    """log tan(w/2) at both ends of the pass band."""
+    """Return log tan(w/2) at both ends of the pass band."""
     return math.log(math.tan(w_low / 2)), math.log(math.tan(math.pi * PASS_EDGE))
 
 
 def _sections_estimate(w_low: float, tol_db: float) -> int:
-    """Sections for a tolerance, from the asymptotic error 11 exp(-pi^2 (2n + 1)/(2
-    log(4/l))) dB.
+    """Return the number of sections for a tolerance.
+
+    It is from the asymptotic error 11 exp(-pi^2 (2n + 1)/(2 log(4/l))) dB.
     """
     low, high = _log_edges(w_low)
     n = math.log(max(11 / tol_db, 1.0)) * (math.log(4) + high - low) / math.pi**2 - 0.5
@@ -244,8 +246,9 @@ def _agm(a: float, b: float) -> float:
 
 
 def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
-    """Logarithm of sc(x K) for sign -1 (0 < x < 1) or of nd(x K) for sign +1 (0 <= x <=
-    1), complementary modulus k1.
+    """Return the logarithm of sc(x K) or of nd(x K), complementary modulus k1.
+
+    The first is for sign -1 (0 < x < 1), the second for sign +1 (0 <= x <= 1).
 
     Products over the nome exp(-s), s = pi K/K', of the complementary modulus; they
     converge fast where the modulus itself is close to one, and no close numbers are
@@ -265,8 +268,9 @@ def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
 
 
 def _zolotarev(n: int, low: float, high: float) -> tuple[FloatArray, FloatArray]:
-    """Zolotarev's best approximation of v^(-1/2): log b_1, log a_1, log b_2, ... (2n,),
-    and its reference (2n + 2,).
+    """Return Zolotarev's best approximation of v^(-1/2), and its reference.
+
+    The approximation is log b_1, log a_1, log b_2, ... (2n,), the reference (2n + 2,).
     """
     k1, inside, peaks = math.exp(low - high), np.arange(1, 2 * n + 1), np.arange(2 * n + 2)
     roots = 2 * low + 2 * _log_elliptic(inside / (2 * n + 1), k1, -1)
@@ -274,8 +278,9 @@ def _zolotarev(n: int, low: float, high: float) -> tuple[FloatArray, FloatArray]
 
 
 def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
-    """log(|H|^2 w) at t = log tan(w/2), of the design (log b_1, log a_1, ..., log b_n,
-    log a_n, log gain).
+    """Return log(|H|^2 w) of the design at t = log tan(w/2).
+
+    The design is (log b_1, log a_1, ..., log b_n, log a_n, log gain).
     """
     v, c = np.exp(2 * t)[:, None], np.exp(design[:-1])
     return (
@@ -286,8 +291,9 @@ def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
 
 
 def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
-    """The design whose ripple is +E, -E, +E, ... on the reference, by Newton's method
-    for the design and E.
+    """Return the design whose ripple is +E, -E, +E, ... on the reference.
+
+    Newton's method finds the design and E.
     """
     v = np.exp(2 * reference)[:, None]
     charge = np.resize([-1.0, 1.0], len(design) - 1)  # of poles and zeros
@@ -304,8 +310,9 @@ def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
-    """Equal-ripple design of n sections and its reference (2n + 2,), both as in
-    `_log_ripple`.
+    """Return the equal-ripple design of n sections and its reference (2n + 2,).
+
+    Both are as in `_log_ripple`.
     """
     low, high = _log_edges(w_low)
     roots, reference = _zolotarev(n, low, high)
@@ -326,7 +333,7 @@ def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=256)
 def _minimax_modes(w_low: float, n: int) -> PinkDesign:
-    """The best low-pass of n sections, with the error of the modes themselves."""
+    """Return the best low-pass of n sections, with the error of its modes."""
     design, reference = _minimax_design(w_low, n)
     e, z, gain = _leaks_and_gain(design)
     r, d = _partial_fractions(e, z, gain)
@@ -339,8 +346,9 @@ def _minimax_modes(w_low: float, n: int) -> PinkDesign:
 
 
 def _leaks_and_gain(design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """1 - pole and 1 - zero of each section, and the gain g of H(z) = g prod (1 -
-    zero/z)/(1 - pole/z).
+    """Return 1 - pole and 1 - zero of each section, and the gain g.
+
+    H(z) = g prod (1 - zero/z)/(1 - pole/z).
     """
     root = np.exp(design[:-1] / 2)  # (1 - p)/(1 + p) = sqrt b
     leaks = 2 * root / (1 + root)
@@ -351,8 +359,9 @@ def _leaks_and_gain(design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
 
 
 def _partial_fractions(e: FloatArray, z: FloatArray, gain: float) -> tuple[FloatArray, float]:
-    """Residues and direct gain, r_k = gain prod_i (p_k - q_i)/(p_k prod_j (p_k - p_j)),
-    from differences of leaks.
+    """Return residues and direct gain from differences of leaks.
+
+    r_k = gain prod_i (p_k - q_i)/(p_k prod_j (p_k - p_j)).
     """
     poles, zeros = 1 - e, 1 - z
     over = e - e[:, None]  # [k, j] = p_k - p_j
@@ -362,8 +371,9 @@ def _partial_fractions(e: FloatArray, z: FloatArray, gain: float) -> tuple[Float
 
 
 def _response(e: FloatArray, r: FloatArray, d: float, w: FloatArray) -> npt.NDArray[np.complex128]:
-    """H at w rad/sample; exp(iw) - 1 is written so that it keeps its digits at low
-    frequency.
+    """Return H at w rad/sample.
+
+    exp(iw) - 1 is written so that it keeps its digits at low frequency.
     """
     z = np.exp(1j * w)[:, None]
     z_less_1 = (2j * np.sin(w / 2) * np.exp(0.5j * w))[:, None]
@@ -371,8 +381,9 @@ def _response(e: FloatArray, r: FloatArray, d: float, w: FloatArray) -> npt.NDAr
 
 
 def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
-    """Covariance of the states of leaky modes, all driven by one white noise of unit
-    variance, in the steady state.
+    """Return the steady-state covariance of leaky modes driven by one white noise.
+
+    The noise has unit variance.
 
     Parameters
     ----------
@@ -397,8 +408,9 @@ def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
 
 
 def cholesky(a: npt.ArrayLike) -> FloatArray:
-    """Lower Cholesky factor, in plain loops: the same bits on every machine, which
-    LAPACK does not promise.
+    """Return the lower Cholesky factor, by plain loops.
+
+    So it has the same bits on every machine, which LAPACK does not promise.
 
     Parameters
     ----------
@@ -440,8 +452,9 @@ def cholesky(a: npt.ArrayLike) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def stationary_factor(leaks: bytes) -> tuple[tuple[float, ...], ...]:
-    """Rows of the lower Cholesky factor of ``stationary_covariance``, up to their
-    diagonal.
+    """Return the rows of the lower Cholesky factor of ``stationary_covariance``.
+
+    Each row ends at its diagonal.
 
     Parameters
     ----------

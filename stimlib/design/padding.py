@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 
 def eights(n: int) -> int:
-    """The next multiple of eight.
+    """Return the next multiple of eight.
 
     Examples
     --------
@@ -19,8 +19,7 @@ def eights(n: int) -> int:
 
 
 def padded(a: npt.ArrayLike, value: float = 0.0, n: int | None = None) -> np.ndarray:
-    """An array with a value behind it, up to n elements; by default up to the next
-    multiple of eight.
+    """Pad an array with a value to n elements, by default to a multiple of eight.
 
     Examples
     --------

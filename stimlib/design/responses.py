@@ -1,5 +1,6 @@
-"""What linear blocks stand for: frequency responses, written here from the papers;
-nothing of a block's design or step is used.
+"""The frequency responses that linear blocks stand for, written from the papers.
+
+Nothing of a block's design or step is used.
 
 Each law is a function of plain numbers.  A block's ``laws`` gives those of its own
 fields; the tests' table of blocks gives them by hand.
@@ -97,8 +98,9 @@ def pinking(f_low: float, tol_db: float) -> Law:
 
 # Filters ------------------------------------------------------------------------------
 def differentiator(passband: float | None, order: int | None, tol: float) -> Law:
-    """i 2 pi f behind a delay of order/2 samples, up to the pass edge (0.45 fs); order
-    2 round(64 fs/8000) by default.
+    """Return i 2 pi f behind a delay of order/2 samples, up to the pass edge.
+
+    The edge is 0.45 fs; the order is 2 round(64 fs/8000) by default.
     """
 
     def top(fs):
@@ -142,7 +144,7 @@ def delay(samples: int) -> Law:
 
 
 def sum_of(taps: Numbers) -> Law:
-    """The sum of the taps' delays, relative to the largest value it has.
+    """Return the sum of the taps' delays, relative to the largest value it has.
 
     Two computations differ in the phase of a sample's delay by the rounding of a turn,
     2e-15 at most, and a sum of n taps changes with that phase by n times its largest
@@ -157,9 +159,7 @@ def sum_of(taps: Numbers) -> Law:
 
 
 def mean_of(n: int) -> Law:
-    """Mean of n samples: a ratio of sines (Dirichlet's kernel) behind half their
-    time.
-    """
+    """Return the mean of n samples: Dirichlet's kernel behind half their time."""
 
     def law(f, fs):
         half = np.pi * f / fs
@@ -180,8 +180,9 @@ def biquads(rows: np.ndarray) -> Law:
 
 
 def resonance(freq: float, q: float, notched: bool = False) -> Law:
-    """1/(1 + i (cos w0 - cos w)/(sin w tan(W/2))), w0 = 2 pi freq/fs, W = w0/q; of a
-    notch what is left to 1.
+    """Return the response of a resonator, or of a notch: what is left to 1.
+
+    1/(1 + i (cos w0 - cos w)/(sin w tan(W/2))), w0 = 2 pi freq/fs, W = w0/q.
 
     Half of the power is where cos w0 = cos(w -+ W/2)/cos(W/2): at two frequencies that
     are freq/q apart.
@@ -196,8 +197,9 @@ def resonance(freq: float, q: float, notched: bool = False) -> Law:
 
 
 def oscillator(freq: float, q: float) -> Law:
-    """1/(1 - g^2 + i g/q), g = f/freq, of straight lines between samples: all its
-    aliases behind the spectrum of a triangle.
+    """Return 1/(1 - g^2 + i g/q), g = f/freq, of straight lines between samples.
+
+    All its aliases are behind the spectrum of a triangle.
     """
 
     def law(f, fs):
@@ -214,8 +216,9 @@ def oscillator(freq: float, q: float) -> Law:
 
 
 def pole_swap(freq: float, q: float, gain: float) -> Law:
-    """(z - p)(z - p*)/((z - r)(z - r*)), p and r the samples' poles of the qualities q
-    and q/gain; 1 at freq.
+    """Return (z - p)(z - p*)/((z - r)(z - r*)), which is 1 at freq.
+
+    p and r are the samples' poles of the qualities q and q/gain.
     """
 
     def poles(z, fs, q):
@@ -241,8 +244,9 @@ def pole_swap(freq: float, q: float, gain: float) -> Law:
 def family(
     band: str, edges: Numbers, order: int, kind: str, ripple: float, attenuation: float
 ) -> Law:
-    """Gain of a filter of one of four families: that of its prototype, whose edge is 1,
-    at the frequency that f becomes.
+    """Return the gain of a filter of one of four families.
+
+    It is that of its prototype, whose edge is 1, at the frequency that f becomes.
 
     That is x = tan(pi f/fs)/tan(pi cutoff/fs) for a low-pass, its inverse for a
     high-pass, and between two edges (t^2 - t1 t2)/(t (t2 - t1)), the inverse for a
@@ -266,8 +270,9 @@ def family(
 
 
 def ring(freq: float, decay: float, onset: str) -> Law:
-    """exp(-t/decay) sin(2 pi freq t), or cos, at the samples: their sum, until nothing
-    is left.
+    """Return the sum of exp(-t/decay) sin(2 pi freq t), or cos, at the samples.
+
+    The sum goes on until nothing is left.
     """
 
     def law(f, fs):
@@ -282,8 +287,9 @@ def ring(freq: float, decay: float, onset: str) -> Law:
 
 
 def band_noise(low: float, high: float, psd: float, order: int) -> Law:
-    """White noise of unit variance, one-sided PSD 2/fs, becomes psd between two
-    edges.
+    """Return the response that makes white noise have a PSD between two edges.
+
+    The white noise has unit variance and the one-sided PSD 2/fs.
     """
     band = family("bandpass", (low, high), order, "butterworth", 1.0, 60.0)
 
@@ -294,8 +300,10 @@ def band_noise(low: float, high: float, psd: float, order: int) -> Law:
 
 
 def velocity(cutoff: float) -> Law:
-    """d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi
-    cutoff/fs): the documented formula.
+    """Return the documented formula of a velocity with two poles.
+
+    d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi
+    cutoff/fs).
     """
 
     def law(f, fs):
@@ -306,8 +314,9 @@ def velocity(cutoff: float) -> Law:
 
 
 def slow_velocity(cutoff: float, fs: float) -> Law:
-    """The analogue filter; each sampled pole leads it by half a sample, the difference
-    lags by one half.
+    """Return the analogue filter of a slow velocity.
+
+    Each sampled pole leads it by half a sample, the difference lags by one half.
     """
 
     def law(f, fs):
@@ -324,8 +333,9 @@ def slow_velocity(cutoff: float, fs: float) -> Law:
 
 
 def ramp_invariant(tau: float) -> Law:
-    """1/(1 + i w tau) of straight lines between samples: all aliases of the lag behind
-    the spectrum of a triangle.
+    """Return 1/(1 + i w tau) of straight lines between samples.
+
+    All aliases of the lag are behind the spectrum of a triangle.
     """
 
     def law(f, fs):
@@ -350,8 +360,9 @@ def lag(tau: float) -> Law:
 
 
 def tracker(bandwidth: float, rate: bool = False) -> Law:
-    """w^2/(s + w)^2 of an input held for a sample, at the end of that sample: all
-    aliases behind the spectrum of a hold.
+    """Return w^2/(s + w)^2 of an input held for a sample, at its end.
+
+    All aliases are behind the spectrum of a hold.
     """
 
     def law(f, fs):
@@ -367,8 +378,9 @@ def tracker(bandwidth: float, rate: bool = False) -> Law:
 
 # Materials ----------------------------------------------------------------------------
 def arms(k: Numbers, tau: Numbers, k0: float = 0.0) -> Law:
-    """k0 + sum k i w tau/(1 + i w tau) of straight lines between samples: a spring less
-    a lag.
+    """Return k0 + sum k i w tau/(1 + i w tau) of straight lines between samples.
+
+    It is a spring less a lag.
     """
     total = k0 + sum(k)
 
@@ -381,8 +393,9 @@ def arms(k: Numbers, tau: Numbers, k0: float = 0.0) -> Law:
 
 
 def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
-    """j0 + sum j/(1 + i w tau) + fluidity/(i w) of straight lines between samples; an
-    integral is the trapezoidal rule.
+    """Return the response of a chain, for straight lines between samples.
+
+    j0 + sum j/(1 + i w tau) + fluidity/(i w); an integral is the trapezoidal rule.
     """
 
     def law(f, fs):
@@ -394,8 +407,9 @@ def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
 
 
 def integral(leak: float) -> Law:
-    """1/(i w + leak) of straight lines between samples; without a leak the trapezoidal
-    rule.
+    """Return 1/(i w + leak) of straight lines between samples.
+
+    Without a leak it is the trapezoidal rule.
     """
 
     def law(f, fs):
@@ -416,8 +430,10 @@ def running_sum() -> Law:
 
 
 def _order(f: np.ndarray, fs: float, alpha: float, scheme: str) -> np.ndarray:
-    """(i w)^alpha; of Gruenwald and Letnikov's sum over all history the closed form; of
-    creep that of the sum's differences.
+    """Return (i w)^alpha as a scheme has it.
+
+    Of Gruenwald and Letnikov's sum over all history it is the closed form, of creep
+    that of the sum's differences.
     """
     if scheme == "straight":
         return fs * difference(f, fs) * (2j * np.pi * f) ** (alpha - 1)
@@ -460,8 +476,9 @@ def series(
     horizon: float,
     fs: float,
 ) -> Law:
-    """Springpot and spring (or dashpot) share one force: 1/(1/(chi (i w)^alpha) +
-    1/k).
+    """Return the response of a springpot and a spring (or dashpot) in series.
+
+    They share one force: 1/(1/(chi (i w)^alpha) + 1/k).
     """
 
     def law(f, fs):

@@ -128,9 +128,7 @@ class TextureModel:
         self._triangles()
 
     def _stable(self, lsf: np.ndarray, what: str) -> None:
-        """Refuse frequencies that are not those of a polynomial with all its roots
-        inside the unit circle.
-        """
+        """Refuse frequencies of a polynomial with a root outside the unit circle."""
         least, n = int(what == "AR"), lsf.shape[1]
         if not least <= n <= ORDER:
             raise BadValue(
@@ -164,8 +162,9 @@ class TextureModel:
         self.planes()
 
     def planes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Weights as planes, and which triangles they are of: those without an area
-        hold no place and are left out.
+        """Return weights as planes, and the triangles that they are of.
+
+        Triangles without an area hold no place and are left out.
 
         Returns
         -------
@@ -193,8 +192,9 @@ class TextureModel:
         return np.linalg.inv(place[corners[some]]).transpose(0, 2, 1), corners[some]
 
     def weights(self, speed: float, force: float) -> np.ndarray:
-        """What each model counts at a speed in m/s and a force in N: outside, as on the
-        border of the rectangle.
+        """Return the weight of each model at a speed in m/s and a force in N.
+
+        Outside the rectangle they are as on its border.
 
         Examples
         --------
@@ -216,7 +216,7 @@ class TextureModel:
         return w
 
     def at(self, speed: float, force: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """The model at a speed in m/s and a force in N.
+        """Return the model at a speed in m/s and a force in N.
 
         Returns
         -------
@@ -240,8 +240,9 @@ class TextureModel:
         )
 
     def psd(self, f: np.ndarray, speed: float, force: float) -> np.ndarray:
-        """One-sided power spectral density at frequencies in Hz, in (m/s^2)^2/Hz, below
-        half the model's rate.
+        """Return the one-sided PSD at frequencies in Hz, in (m/s^2)^2/Hz.
+
+        The frequencies are below half the model's rate.
 
         Examples
         --------
@@ -286,8 +287,9 @@ def _numbers(name: str, v: object, dimensions: int) -> np.ndarray:
 
 # Line spectral frequencies ------------------------------------------------------------
 def polynomial(lsf: np.ndarray) -> np.ndarray:
-    """1 + sum a_k z^-k from its line spectral frequencies, by multiplying out all roots
-    on the unit circle.
+    """Return 1 + sum a_k z^-k from its line spectral frequencies.
+
+    All roots on the unit circle are multiplied out.
 
     P(z) = A(z) + z^-(p+1) A(1/z) has the frequencies 1, 3, .. and Q(z), their
     difference, has 2, 4, ..; A = (P + Q)/2.
@@ -342,8 +344,9 @@ def frequencies(a: np.ndarray) -> np.ndarray:
 
 
 def upsampler(times: int) -> np.ndarray:
-    """Taps that raise a rate by a whole number: a sinc in Kaiser's window over 12
-    samples, which keeps the samples it is given.
+    """Return taps that raise a rate by a whole number and keep the given samples.
+
+    They are a sinc in Kaiser's window over 12 samples.
 
     Returns
     -------
@@ -389,7 +392,9 @@ def made_up(
     forces: ArrayLike = (0.0, 0.3, 1.0, 2.5),
     rate: float = 1000.0,
 ) -> TextureModel:
-    """An invented texture, for tests, examples and the scene: no surface was measured.
+    """Make an invented texture for tests, examples and the scene.
+
+    No surface was measured.
 
     Its resonances rise with the speed and widen with the force; its variance is their
     product.
@@ -460,9 +465,7 @@ OPTIONAL: dict[str, list[float]] = {"MAlsf": [], "gain": [1.0]}
 
 
 class _Reader:
-    """What a file has: values by the name of the element, once for the whole, and once
-    for each model.
-    """
+    """The values of a file by element name, once for the whole and for each model."""
 
     def __init__(self, file: str):
         self.file = file
@@ -529,8 +532,10 @@ class _Reader:
 
 @public
 def load_texture(path: str | os.PathLike[str]) -> TextureModel:
-    """A measured texture from a file of the Penn Haptic Texture Toolkit, or one that
-    ``save_texture`` wrote.
+    """Load a measured texture.
+
+    The file is one of the Penn Haptic Texture Toolkit, or one that ``save_texture``
+    wrote.
 
     The file is data, read within ``stimlib.limits``: at most ``sidecar_bytes``, and
     ``table_knots`` numbers.  What is used are ``<SampleRate>``, ``<material>``,
@@ -625,8 +630,7 @@ def _model(r: _Reader) -> TextureModel:
 
 @public
 def save_texture(model: TextureModel, path: str | os.PathLike[str]) -> None:
-    """Write a measured texture in the form that ``load_texture`` reads; the file
-    appears whole or not at all.
+    """Write a measured texture atomically, in the form that ``load_texture`` reads.
 
     Every number has all its digits, but for the change to mm/s.
 

@@ -58,8 +58,9 @@ def devices(server: str | None = None) -> list[Device]:
 
 
 def option(sink: str, name: str, value: Any) -> dict[str, Any]:
-    """Return the keyword argument of a sink that an option of the command line stands
-    for, with its value.
+    """Return the keyword argument of a sink for an option of the command line.
+
+    It comes with its value.
 
     Raises
     ------

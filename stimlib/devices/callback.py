@@ -1,5 +1,6 @@
-"""What a device calls: one compiled body that runs a program and moves its samples,
-without the interpreter.
+"""The compiled body that a device calls: it runs a program and moves its samples.
+
+The interpreter is not involved.
 
 Like ``runtime.py`` its text is compiled from the cache.  Everything it needs lies in
 one int64 array, the context c, that ``stimlib.devices.engine.Pump`` fills; each word
@@ -86,21 +87,24 @@ def store(ctx, p, o, value):
 
 @intrinsic
 def f4_at(ctx, n):
+    """Return a float32 pointer from an address."""
     return F4(types.int64), lambda c, b, s, v: b.inttoptr(v[0], c.get_value_type(F4))
 
 
 @intrinsic
 def float_of(ctx, n):
+    """Return the float64 with these bits."""
     return types.float64(types.int64), lambda c, b, s, v: b.bitcast(v[0], ir.DoubleType())
 
 
 @intrinsic
 def bits_of(ctx, x):
+    """Return the bits of a float64."""
     return types.int64(types.float64), lambda c, b, s, v: b.bitcast(v[0], ir.IntType(64))
 
 
 def _function(result, *args):
-    """A call of the C function at an address; pointers go as numbers."""
+    """Call the C function at an address; pointers go as numbers."""
 
     @intrinsic
     def some(ctx, address, a, b_):
@@ -137,6 +141,7 @@ def now(c):
 # commands and events ------------------------------------------------------------------
 @plain
 def event(c, at_, kind, a, b, d):
+    """Write an event into the ring of events."""
     w = c[E_WRITE]
     if w - load(c, E_READ) >= EVENTS:
         c[DROPPED] += 1
@@ -148,9 +153,7 @@ def event(c, at_, kind, a, b, d):
 
 @plain
 def set_param(c, i, slot, value, ramp):
-    """From sample i on, send a parameter towards a value (its bits) over so many
-    samples.
-    """
+    """Send a parameter to a value (its bits) in so many samples, from sample i on."""
     q = at(i8_at(c[PENDING]), 4 * slot)
     q[2], q[3], q[0] = value, bits_of(float(ramp)), 1
     event(c, i, SET, slot, value, ramp)
@@ -158,12 +161,13 @@ def set_param(c, i, slot, value, ramp):
 
 @plain
 def set_gain(c, i, value):
+    """Send the gain to a value, from sample i on."""
     set_param(c, i, c[GAIN_SLOT], bits_of(value), c[FADE])
 
 
 @plain
 def commands(c, i):
-    """What was asked for since the last block takes effect at sample i."""
+    """Apply at sample i what was asked for since the last block."""
     r, w = c[C_READ], load(c, C_WRITE)
     while r < w:
         q = at(i8_at(c[C_RING]), RECORD * (r % (COMMANDS + SPARE)))
@@ -183,8 +187,9 @@ def commands(c, i):
 # motion -------------------------------------------------------------------------------
 @plain
 def fill(c, i, m, done):
-    """Columns i .. i + m of the motion into x (n_in, m); returns how many of the last
-    have only been held.
+    """Copy columns i .. i + m of the motion into x (n_in, m).
+
+    The result is how many of the last have only been held.
     """
     x, hold, inputs = f8_at(c[X]), f8_at(c[HOLD]), c[N_IN]
     held = 0
@@ -233,9 +238,7 @@ def fill(c, i, m, done):
 
 @plain
 def judge(c, i, m, held):
-    """A motion that has not come for a while fades the gain out, and in again when it
-    comes.
-    """
+    """Fade the gain out when motion is late, and in again when it comes."""
     before = c[RUN]
     c[RUN] = before + m if held >= m else held
     if c[STALE] == 0 and held >= m and before >= c[STALE_AFTER]:
@@ -271,7 +274,10 @@ def ready(c, i, m):
 # the body -----------------------------------------------------------------------------
 @plain
 def deliver(c, start, m, log):
-    """m frames of y to the device's buffers from frame ``start`` on, and to the log."""
+    """Deliver m frames of y to the device's buffers, and to the log.
+
+    The first goes to frame ``start``.
+    """
     y, outs, scales, channel = f8_at(c[Y]), i8_at(c[OUTS]), f8_at(c[SCALES]), i8_at(c[MAP])
     stride, channels = c[STRIDE], c[CHANNELS]
     for j in range(channels):
@@ -295,7 +301,7 @@ def deliver(c, start, m, log):
 
 @plain
 def commit(c):
-    """The device has taken the block."""
+    """Count the block as taken by the device."""
     c[DELIVERED] += c[STAGED]
     c[STAGED] = 0
     store(c, F_WRITE, c[F_STAGED])
@@ -303,7 +309,7 @@ def commit(c):
 
 @plain
 def withdraw(c):
-    """The block came too late: it is lost."""
+    """Count the block as lost, because it came too late."""
     n = c[STAGED]
     c[LOST] += n
     if c[LOG] == 0 or c[F_STAGED] > c[F_WRITE]:  # else it is in a gap already
@@ -313,15 +319,16 @@ def withdraw(c):
 
 @plain
 def lose(c, i, n):
-    """The n samples before i were discarded."""
+    """Count the n samples before i as discarded."""
     if n > 0:
         event(c, i - n, LOSS, n, 0, 0)
 
 
 @plain
 def ramp(c, k, part):
-    """Frame k of a block: a part of the levels, which are the first sample or the
-    last.
+    """Compute frame k of a block as a part of the levels.
+
+    The levels are the first sample or the last.
     """
     for a in range(c[N_OUT]):
         f8_at(c[Y])[a] = part * f8_at(c[LEVELS])[a]
@@ -330,8 +337,9 @@ def ramp(c, k, part):
 
 @plain
 def rise(c, n):
-    """Frames before sample 0, from silence to its level, or back after a stop; returns
-    how many of n were made.
+    """Make frames before sample 0, from silence to its level, or after a stop.
+
+    The result is how many of n were made.
     """
     done = 0
     if c[LEAD] > 0:
@@ -353,8 +361,9 @@ def rise(c, n):
 
 @plain
 def fall(c, done, n):
-    """Frames done .. n - 1 of a block, after the last sample and down to silence;
-    returns how many there are then.
+    """Make frames done .. n - 1, from the last sample down to silence.
+
+    The result is how many there are then.
     """
     if c[END] >= c[FADE_AT] + c[FADE]:  # the gain is 0 already
         c[TAIL] = 0
@@ -372,8 +381,9 @@ def fall(c, done, n):
 
 @njit(error_model="numpy")
 def advance(c, done, n, keep):
-    """Run up to n - done samples, delivered from frame ``done`` on or (keep = 0)
-    discarded; returns the frame after them.
+    """Run up to n - done samples, and deliver them from frame ``done`` on.
+
+    With keep = 0 they are discarded. The result is the frame after them.
     """
     program = i8_at(c[CONTEXT])
     gone = 0  # discarded since the last event
@@ -422,8 +432,9 @@ def advance(c, done, n, keep):
 
 @njit(error_model="numpy")
 def produce(c, n, lost):
-    """One block of a device: n frames into its buffers, after ``lost`` frames that it
-    has skipped.  Then commit or withdraw.
+    """Make one block of a device, after ``lost`` frames that it has skipped.
+
+    It has n frames. Commit or withdraw it afterwards.
     """
     store(c, CALLS, c[CALLS] + 1)
     start = now(c)
@@ -460,6 +471,7 @@ def produce(c, n, lost):
 
 @plain
 def pump(c, n, lost):
+    """Make one block and commit it."""
     produce(c, n, lost)
     commit(c)
 
@@ -467,15 +479,14 @@ def pump(c, n, lost):
 # what devices call --------------------------------------------------------------------
 @plain
 def begin_at(c, t):
-    """A block begins at the device's time t: that of sample 0, until it is there."""
+    """Begin a block at the device's time t: that of sample 0, until it is there."""
     if i8_at(c[CONTEXT])[15] == 0:
         c[ORIGIN] = t + c[LEAD]
 
 
 @njit(error_model="numpy")
 def jack_block(c, n):
-    """A cycle of JACK: where its buffers are, and how many frames it has skipped since
-    the last.
+    """Make a cycle of JACK: find its buffers and the frames that it has skipped.
 
     A client that comes too late is called again for the cycle that has begun meanwhile,
     and what follows it in the graph runs only once.  So a late block is withdrawn, the
@@ -519,23 +530,25 @@ def jack_block(c, n):
 
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")
 def jack(n, c):
-    """A JackProcessCallback; its argument is the context."""
+    """Run as a JackProcessCallback; its argument is the context."""
     jack_block(c, types.int64(n))
     return 0
 
 
 @cfunc(types.void(i4, I8), cache=True, error_model="numpy")
 def jack_freewheel(starting, c):
-    """A JackFreewheelCallback: without a clock there is time to wait for a motion and a
-    log.
+    """Run as a JackFreewheelCallback.
+
+    Without a clock there is time to wait for a motion and a log.
     """
     store(c, WAIT, 1000000 if starting else 0)
 
 
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")
 def jack_capture(n, c):
-    """A JackProcessCallback that records; its argument is the words of
-    ``stimlib.devices.loopback_test.Capture``.
+    """Run as a JackProcessCallback that records.
+
+    Its argument is the words of ``stimlib.devices.loopback_test.Capture``.
 
     Of a client that comes too late the buffers may belong to two cycles, so such a
     block is not kept: its times are missing. It is called again for the cycle that has
@@ -573,8 +586,9 @@ def jack_capture(n, c):
 
 @njit(error_model="numpy")
 def portaudio_block(c, source, out, n, dac, flags):
-    """A block of PortAudio: interleaved frames at ``source`` and ``out``, and the time
-    in s at which its first is heard.
+    """Make a block of PortAudio: interleaved frames at ``source`` and ``out``.
+
+    dac is the time in s at which its first is heard.
 
     PortAudio reports that frames were skipped, not how many: that is how much later
     than expected the block is heard, in whole blocks (its clock is not exact).
@@ -603,7 +617,7 @@ def portaudio_block(c, source, out, n, dac, flags):
     error_model="numpy",
 )
 def portaudio(source, out, n, time, flags, c):
-    """A PaStreamCallback for interleaved float32; userData is the context."""
+    """Run as a PaStreamCallback for interleaved float32; userData is the context."""
     portaudio_block(
         c, source, out, types.int64(n), f8_at(time)[2] if time != 0 else 0.0, types.int64(flags)
     )
@@ -614,8 +628,9 @@ COLUMNS = types.Array(types.float64, 2, "C", readonly=True)
 
 
 def from_python(*args, **options):
-    """Compile a function of the context, as an array, and of these, whose result is a
-    whole number.
+    """Compile a function of the context, as an array, and of these arguments.
+
+    Its result is a whole number.
     """
     return njit(
         [types.int64(types.Array(types.int64, 1, "C"), *args)],
@@ -634,20 +649,23 @@ def block(c, n, lost):
 
 @from_python(types.int64, nogil=True)
 def jack_from_python(c, n):
+    """Make a cycle of JACK from Python."""
     jack_block(data(c), n)
     return 0
 
 
 @from_python(types.int64, types.int64, types.int64, types.float64, types.int64, nogil=True)
 def portaudio_from_python(c, source, out, n, dac, flags):
+    """Make a block of PortAudio from Python."""
     portaudio_block(data(c), source, out, n, dac, flags)
     return 0
 
 
 @from_python(types.int64, types.float64, types.int64, nogil=True)
 def null(c_, n, fs, clocked):
-    """A device that is none: blocks of n at the pace of the clock, or as fast as they
-    come, until it is closed.
+    """Run as a device that does not exist, until it is closed.
+
+    Blocks of n come in real time, or as fast as possible.
 
     The clock is that of a sound card with two buffers: who comes a buffer late has lost
     blocks.
@@ -701,8 +719,9 @@ def put_motion(c_, x):
 
 @from_python()
 def next_motion(c_):
-    """Index of the column that a timed motion writes next; it never writes what has
-    been passed already.
+    """Return the index of the column that a timed motion writes next.
+
+    It never writes what has been passed already.
     """
     c = data(c_)
     w, r = c[M_WRITE], load(c, M_READ)
@@ -714,8 +733,9 @@ def next_motion(c_):
 
 @plain
 def take(c, ring, width, size, read, write, out):
-    """What a ring has had since the last call, into the rows of out (n, width); returns
-    how many rows.
+    """Copy what a ring has had since the last call into rows of out (n, width).
+
+    The result is how many rows.
     """
     r = c[read]
     n = min(load(c, write) - r, out.shape[0])
@@ -728,7 +748,7 @@ def take(c, ring, width, size, read, write, out):
 
 @from_python(types.Array(types.int64, 2, "C"))
 def get_events(c_, out):
-    """Records: at, kind, three numbers."""
+    """Return records: at, kind, three numbers."""
     c = data(c_)
     return take(c, i8_at(c[E_RING]), RECORD, EVENTS, E_READ, E_WRITE, out)
 

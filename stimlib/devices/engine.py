@@ -1,6 +1,4 @@
-"""The engine of a sink: a processor, the compiled callback, and the memory that both
-work on.
-"""
+"""The engine of a sink: a processor, the compiled callback, and their shared memory."""
 
 from __future__ import annotations
 
@@ -155,8 +153,9 @@ class Pump:
         return a.ctypes.data
 
     def buffers(self, word: str) -> np.ndarray:
-        """The array whose address a word is: OUTS, INS, PORTS or IN_PORTS, one address
-        for each channel or input.
+        """Return the array whose address a word is.
+
+        OUTS, INS, PORTS or IN_PORTS: one address for each channel or input.
         """
         return next(a for a in self.arrays if a.ctypes.data == self.read(word))
 
@@ -164,7 +163,7 @@ class Pump:
         return int(ctypes.cast(getattr(self._libc, name), ctypes.c_void_p).value or 0)
 
     def read(self, word: str) -> int:
-        """A word of the context, by its name in ``devices/callback.py``."""
+        """Return a word of the context, by its name in ``devices/callback.py``."""
         return int(self.words[getattr(self.native, word)])
 
     def write(self, word: str, value: int) -> None:
@@ -216,8 +215,9 @@ class Pump:
         self.write("STATE", self.native.RUNNING)
 
     def set(self, name: str, value: float, ramp: int) -> bool:
-        """Ask for a parameter's change over ``ramp`` samples; False when the ring is
-        full.
+        """Ask for a parameter's change over ``ramp`` samples.
+
+        False when the ring is full.
         """
         bits = int(np.float64(value).view(np.int64))
         return bool(
@@ -225,8 +225,9 @@ class Pump:
         )
 
     def stop(self, reason: str, earliest: int = 0) -> None:
-        """Ask for the fade-out, from sample ``earliest`` on at the soonest; the pump is
-        DONE when it is over.
+        """Ask for the fade-out, from sample ``earliest`` on at the soonest.
+
+        The pump is DONE when it is over.
         """
         self.native.put_command(self.words, self.native.STOP, REASONS.index(reason), earliest, 0)
 
@@ -251,8 +252,9 @@ class Pump:
         return self._frames[: self.native.get_frames(self.words, self._frames)]
 
     def motion(self) -> np.ndarray:
-        """Motion as processed since the last call, (n, n_inputs), up to 4096 columns;
-        valid until the next.
+        """Return motion as processed since the last call, (n, n_inputs).
+
+        There are up to 4096 columns, valid until the next call.
         """
         return self._columns[: self.native.get_motion(self.words, self._columns)]
 

@@ -145,8 +145,9 @@ class JackSink(Sink):
         )
 
     def _is_there(self) -> bool:
-        """Whether the server has a client of this name (jackd reports only that
-        something went wrong).
+        """Return whether the server has a client of this name.
+
+        jackd reports only that something went wrong.
         """
         jack = _jack()
         try:
@@ -245,8 +246,9 @@ class JackSink(Sink):
         client.set_freewheel_callback(lambda on: pump.write("WAIT", 1_000_000 if on else 0))
 
     def freewheel(self, on: bool) -> None:
-        """Run the server as fast as it goes, or at its pace again; nothing is lost
-        then, and nothing is heard.
+        """Run the server as fast as it goes, or in real time again.
+
+        Nothing is lost meanwhile, and nothing is heard.
 
         It goes at its pace again before the sink is closed: libjack may end a process
         whose graph a client leaves otherwise.
@@ -290,4 +292,4 @@ class JackSink(Sink):
 
 
 def _quiet(message: str) -> None:
-    """libjack prints what its results and callbacks have reported already."""
+    """Silence libjack, which prints what its callbacks have reported already."""

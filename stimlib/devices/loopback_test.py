@@ -1,5 +1,6 @@
-"""Play a scene on a JACK server, record it there, and compare: does what arrives equal
-the offline render, and how late is it?
+"""Play a scene on a JACK server, record it there, and compare.
+
+Does what arrives equal the offline render, and how late is it?
 """
 
 from __future__ import annotations
@@ -203,8 +204,9 @@ def loopback(
     tolerance: float = 0.05,
     **options: Any,
 ) -> Loopback:
-    """Play a scene through ``JackSink``, record it by a second client, and compare with
-    the offline render of the session's log.
+    """Play a scene through ``JackSink``, record it, and compare with its log.
+
+    A second client records; the log of the session is rendered offline.
 
     Parameters
     ----------
@@ -311,8 +313,9 @@ def through(
     given: NDArray[np.bool_],
     longest: int,
 ) -> tuple[int, float, float, int]:
-    """Delay and gain of a cable: those that leave the smallest part of what was
-    recorded unexplained.
+    """Return delay and gain of a cable.
+
+    They leave the smallest part of the recording unexplained.
 
     Frames that either side lost are no evidence of the cable, so they are left out.
 

@@ -1,5 +1,4 @@
-"""A sink on a device of PortAudio: sound cards through ALSA, JACK, PulseAudio, Core
-Audio, ASIO or WASAPI.
+"""A sink on a device of PortAudio: ALSA, JACK, PulseAudio, Core Audio, ASIO, WASAPI.
 
 sounddevice gives callbacks in Python only.  To have the compiled one called without the
 interpreter, this file uses inner parts of it (``_StreamBase``, ``_ffi``), so its
@@ -71,9 +70,7 @@ def _sounddevice() -> ModuleType:
 
 
 def _fade_first() -> None:
-    """sounddevice ends PortAudio at the end of the program: our sinks are closed
-    before.
-    """
+    """Close our sinks before sounddevice ends PortAudio at the program's end."""
     atexit.unregister(close_all)
     atexit.register(close_all)
 
@@ -225,8 +222,9 @@ class PortAudioSink(Sink):
         return f"device {info['name']!r} ({sd.query_hostapis(info['hostapi'])['name']})"
 
     def _compiled(self, sd: ModuleType, both: bool, common: dict[str, Any]) -> Any:
-        """The stream with the compiled callback; None, and a warning, where sounddevice
-        is not as expected.
+        """Return the stream with the compiled callback.
+
+        None, and a warning, where sounddevice is not as expected.
         """
         try:
             ffi = sd._ffi
@@ -266,8 +264,9 @@ class PortAudioSink(Sink):
             self._settle()
 
     def _settle(self) -> None:
-        """Wait, in silence, until callbacks come at an even pace: what is played before
-        is heard late, and its fades are cut.
+        """Wait, in silence, until callbacks come at an even pace.
+
+        What is played before is heard late, and its fades are cut.
         """
         pace = max(0.1, 3.0 * self._latency())
         began = even = last = time.monotonic()
@@ -284,8 +283,9 @@ class PortAudioSink(Sink):
             time.sleep(0.002)
 
     def _finished(self) -> None:
-        """Called by PortAudio: a device that is gone may end its stream without a
-        word.
+        """Notice that a device is gone; it may end its stream without a word.
+
+        PortAudio calls it.
         """
         if not self._closed:
             self._device_lost(

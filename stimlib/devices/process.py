@@ -1,6 +1,4 @@
-"""What all sinks of a process share: signals, memory that stays in place, and an end of
-the program that fades out first.
-"""
+"""What all sinks of a process share: signals, locked memory, and a last fade-out."""
 
 from __future__ import annotations
 
@@ -22,16 +20,15 @@ MCL_CURRENT, MCL_ONFAULT = 1, 4
 
 
 def _lock_memory() -> bool:
-    """Memory stays in place, that of now and what comes; False where that is not
-    permitted.
-    """
+    """Lock present and future memory; return False where that is not permitted."""
     libc = ctypes.CDLL(None)
     return hasattr(libc, "mlockall") and libc.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
 
 
 def keep_loaded(library: str) -> None:
-    """A library stays in memory until the process has ended: its threads run on where a
-    device hangs.
+    """Keep a library in memory until the process has ended.
+
+    Its threads run on where a device hangs.
     """
     ctypes.CDLL(library, mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_NODELETE", 0))
 
@@ -48,8 +45,7 @@ def begin(thread: threading.Thread) -> threading.Thread:
 
 
 def account(e: BaseException) -> str:
-    """Return the kind, the text and the place of an error that a user's function
-    raised.
+    """Return kind, text and place of an error that a user's function raised.
 
     Each of them may be missing: asking for it runs code of the user's, which may fail
     too.
@@ -98,8 +94,9 @@ def _in_main_thread() -> bool:
 
 
 def begin_playing(sink: Any) -> list[str]:
-    """Signals end the program like an exception does, so that ``with`` and atexit fade
-    out; old objects are not collected.
+    """Let signals end the program like an exception does.
+
+    Then ``with`` and atexit fade out. Old objects are not collected.
 
     What real time needs and is not permitted here is returned, in words.
     """
@@ -118,7 +115,7 @@ def begin_playing(sink: Any) -> list[str]:
 
 
 def end_playing(sink: Any) -> None:
-    """The last one gives back what the first has taken."""
+    """Give back, after the last sink, what the first has taken."""
     with _process:
         if sink not in playing:
             return
@@ -136,8 +133,9 @@ def end_playing(sink: Any) -> None:
 
 @contextmanager
 def signals_wait() -> Iterator[None]:
-    """Ctrl-C and the like come after what is in here: in the middle of a fade they
-    would make it a click.
+    """Defer Ctrl-C and the like until the body is done.
+
+    In the middle of a fade they would make it a click.
     """
     if not _in_main_thread():
         yield
@@ -161,6 +159,7 @@ def signals_wait() -> Iterator[None]:
 
 @atexit.register
 def close_all() -> None:
+    """Close all open sinks."""
     with signals_wait():
         for sink in list(open_sinks):
             with suppress(Exception):  # the others are to fade too

@@ -1,5 +1,6 @@
-"""Sweeps through a device: a drive is played, and what a sensor answers is recorded
-beside it, at one point or at many.
+"""Sweeps through a device: a drive is played, and a sensor's answer is recorded.
+
+This is done at one point or at many.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class _Kept:
         """Losses are in the report."""
 
     def close(self, report: dict[str, Any]) -> None:
-        """It stays."""
+        """Do nothing: it stays."""
 
 
 @public
@@ -65,7 +66,8 @@ def record_sweep(
     keep: str | os.PathLike[str] | None = None,
     **options: Any,
 ) -> Sweep:
-    """Play a chirp through a sink, and record what a sensor answers;
+    """Play a chirp through a sink, and record what a sensor answers.
+
     ``identify(*sweep)`` finds the resonance in it.
 
     Each point is a session of its own.  The drive is what the device was given, limits
@@ -218,9 +220,7 @@ def record_sweep(
 
 
 def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> Any:
-    """A take of a point, again where it failed and somebody can do something about
-    it.
-    """
+    """Take a point, again where it failed and somebody can do something about it."""
     error = None
     for _ in range(TAKES if ready else 1):
         if ready:
@@ -234,8 +234,9 @@ def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> 
 
 
 def _kept(file: str | os.PathLike[str], rate: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The points that a file has; where there is none, it is made now, so that a place
-    that cannot be written loses no take.
+    """Return the points that a file has, or make the file.
+
+    It is made now so that a place that cannot be written loses no take.
     """
     if not Path(file).exists():
         _keep(file, [], rate)

@@ -1,6 +1,4 @@
-"""What a session was: its report, and the part of the ordinary thread that brings it to
-the log.
-"""
+"""The report of a session, and the thread that brings the session to its log."""
 
 from __future__ import annotations
 
@@ -91,8 +89,7 @@ class SessionReport:
 
 
 class Recorder:
-    """Takes what the callback has put into its rings, and gives it to the log in the
-    order of samples.
+    """A reader of the callback's rings that writes the log in the order of samples.
 
     Parameters
     ----------
@@ -117,8 +114,9 @@ class Recorder:
         self._counted_at = time.monotonic()
 
     def drain(self) -> None:
-        """Everything that has come, in the order of samples; then what the safety stage
-        has counted.
+        """Log everything that has come, in the order of samples, then the counts.
+
+        The counts are those of the safety stage.
         """
         writer, p = self.writer, self.pump
         if writer is not None and p.read("DROPPED"):
@@ -157,7 +155,7 @@ class Recorder:
             self._put_counts()
 
     def end(self, report: Callable[[], SessionReport]) -> None:
-        """The rest, and the report, which is taken last."""
+        """Log the rest and then the report."""
         for _ in range(3):
             self.drain()
         self._put_events(2**63)

@@ -1,5 +1,6 @@
-"""What every sink shares: the engine around the compiled callback, and the protocol
-that a device fills in.
+"""The base of all sinks: the engine around the compiled callback.
+
+A device fills in a protocol of four methods.
 
 A sink owns one session: open, start, stop, close.  The samples are made by
 ``stimlib/devices/callback.py`` inside the device's own callback; everything here runs
@@ -49,8 +50,9 @@ session.
 
 
 class Sink:
-    """A session on a device.  ``NullSink``, ``JackSink`` and others fill in the four
-    methods at the end.
+    """A session on a device; ``NullSink``, ``JackSink`` and others derive from it.
+
+    They fill in the four methods at the end.
 
     Parameters
     ----------
@@ -160,8 +162,7 @@ class Sink:
         channels: int | Sequence[str | None] | None = None,
         block: int | None = None,
     ) -> None:
-        """Compile for the device's rate and take the device; it is silent until
-        ``start``.
+        """Compile for the device's rate and take it; silent until ``start``.
 
         Parameters
         ----------
@@ -230,8 +231,9 @@ class Sink:
         logger.info("%s: opened %r", self.device, self)
 
     def _warm_up(self) -> None:
-        """Run everything once, so that nothing is compiled or loaded later; then back
-        to sample 0.
+        """Run everything once and return to sample 0.
+
+        Then nothing is compiled or loaded later.
         """
         x = np.zeros((len(self.proc.inputs), 256))
         self.proc.process(x)
@@ -314,8 +316,9 @@ class Sink:
             )
 
     def _first(self) -> np.ndarray | None:
-        """Outputs at sample 0, which the fade before it leads to; None where the hand
-        of that moment is not known.
+        """Return the outputs at sample 0, to which the fade before it leads.
+
+        None where the motion of that moment is not known.
         """
         if self.pump.live or not self.leads:
             return None
@@ -364,8 +367,9 @@ class Sink:
         return self._started and self.pump.state >= self.pump.native.DONE
 
     def stop(self, reason: str = "stop") -> None:
-        """Fade out and wait until the last sample has left; the device stays open, and
-        silent.
+        """Fade out and wait until the last sample has left.
+
+        The device stays open, and silent.
 
         In a function that the sink calls, such as a motion, it returns at once.
         """
@@ -442,8 +446,9 @@ class Sink:
             )
 
     def _inside(self) -> bool:
-        """Return whether this is a thread in which the sink calls functions of the
-        user's for its next samples.
+        """Return whether this thread is computing the sink's next samples.
+
+        It calls functions of the user's.
         """
         return threading.current_thread() in (self._feeder, self._thread)
 
@@ -456,8 +461,9 @@ class Sink:
             self.check()
 
     def _let_it_go(self, seconds: float) -> bool:
-        """Have the device closed; False when that has not come back in time, and the
-        memory it works on is kept.
+        """Have the device closed; return False when that does not come back in time.
+
+        The memory it works on is then kept.
         """
         self._let_go.set()
         self._closer.join(seconds)
@@ -476,8 +482,9 @@ class Sink:
 
     # While it plays -------------------------------------------------------------------
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
-        """Change a parameter from the next block on; the log has the sample.  A session
-        that has faded out keeps it as it was.
+        """Change a parameter from the next block on; the log has the sample.
+
+        A session that has faded out keeps it as it was.
 
         Parameters
         ----------
@@ -544,7 +551,7 @@ class Sink:
         return self.pump.put_motion(columns_of("push: ", x, self.proc.inputs))
 
     def report(self) -> SessionReport:
-        """What has happened so far."""
+        """Return what has happened so far."""
         if not self._opened:
             raise SinkError("report: the sink was never open")
         p = self.pump
@@ -568,13 +575,14 @@ class Sink:
     _last_latency = 0.0
 
     def _device_lost(self, why: str) -> None:
-        """Called from any thread: no callback will come any more."""
+        """Note, from any thread, that no callback will come any more."""
         self._device_gone = True
         self._fail(SinkError(f"{self.device}: {why}"))
 
     def _fail(self, e: BaseException, earliest: int = 0, what: str = "unexpected error") -> None:
-        """Called from any thread: the session fades out, from sample ``earliest`` on,
-        and ``check`` raises this.
+        """Fade the session out from sample ``earliest`` on, and keep the error.
+
+        It may be called from any thread; ``check`` raises the error.
 
         What a function of the user's has raised becomes a ``SinkError``; ``what`` says
         which one has failed.
@@ -592,8 +600,9 @@ class Sink:
             self.pump.stop("fault" if isinstance(e, FaultError) else "error", self._earliest)
 
     def _watch_device(self, seconds: float) -> None:
-        """A device that hangs calls no more, without a word; ``seconds`` have passed
-        since the last look.
+        """Notice a device that hangs, which calls no more.
+
+        ``seconds`` have passed since the last look.
         """
         calls = self.pump.read("CALLS")
         even = calls != self._calls or self.pump.state == self.pump.native.IDLE
@@ -623,8 +632,9 @@ class Sink:
         return self._log_to
 
     def header(self) -> dict[str, Any]:
-        """The header of a log: everything that the samples depend on besides motion and
-        events.
+        """Return the header of a log.
+
+        It has everything that the samples depend on besides motion and events.
         """
         packages = ("numpy", "numba", "llvmlite")
         return {
@@ -666,19 +676,22 @@ class Sink:
 
     # What a device fills in -----------------------------------------------------------
     def _open(self) -> None:
-        """Take the device for ``self.rate``, ``self.channels``, ``self.block`` and give
-        it ``self.pump``; SinkError if not.
+        """Take the device and give it ``self.pump``; raise SinkError if not possible.
+
+        Its settings are ``self.rate``, ``self.channels``, ``self.block``.
         """
         raise NotImplementedError
 
     def _start(self) -> None:
-        """Let callbacks begin, if they have not yet; the pump is IDLE and gives
-        silence.
+        """Let callbacks begin, if they have not yet.
+
+        The pump is IDLE and gives silence.
         """
 
     def _close(self) -> None:
-        """End the callbacks and let the device go; may be called after a failed
-        ``_open``.
+        """End the callbacks and let the device go.
+
+        It may be called after a failed ``_open``.
         """
         raise NotImplementedError
 
@@ -698,7 +711,7 @@ def _number(what: str, v: Any) -> float:
 
 
 def _samples(what: str, seconds: Any, rate: float) -> int:
-    """A time in samples."""
+    """Return a time in samples."""
     number = _number(what, seconds)
     if not 0 <= number * rate < 2**53:
         raise BadValue(

@@ -45,8 +45,9 @@ class Recorded:
 @public
 @dataclass(frozen=True, eq=False)
 class Scripted:
-    """A source that follows functions of time, computed a little ahead by an ordinary
-    thread.
+    """A source that follows functions of time.
+
+    An ordinary thread computes it a little ahead.
 
     Parameters
     ----------
@@ -107,9 +108,7 @@ class Signal:
 @public
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Motion from the inputs of the device itself, one ``Signal`` for each input of the
-    scene.
-    """
+    """Motion from the device's inputs, one ``Signal`` for each scene input."""
 
     inputs: Mapping[str, Signal] = field(default_factory=dict)
 
@@ -118,7 +117,7 @@ Source = Recorded | Scripted | Live | Signals
 
 
 def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
-    """The source for a sink's ``motion``, checked against the inputs of its scene.
+    """Return the source for a sink's ``motion``, checked against the scene's inputs.
 
     Parameters
     ----------
@@ -172,7 +171,7 @@ def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
 
 
 def length(source: Source | None) -> int | None:
-    """Samples until a source ends, or None."""
+    """Return the samples until a source ends, or None."""
     if isinstance(source, Recorded):
         return source.x.shape[1]
     if isinstance(source, Scripted):
@@ -263,10 +262,11 @@ class Feeder(threading.Thread):
             pump.put_motion(x)
 
     def columns(self, at: int, stop: int) -> np.ndarray:
-        """The motion of samples at .. stop - 1, shape (n_inputs, stop - at)."""
+        """Return the motion of samples at .. stop - 1, shape (n_inputs, stop - at)."""
         return positions(self._sources, at, stop, self._pump.proc.fs)
 
     def run(self) -> None:
+        """Fill the motion until the source is over, and keep an error."""
         while not self._over.is_set():
             try:
                 self.fill()
@@ -277,4 +277,5 @@ class Feeder(threading.Thread):
             time.sleep(0.0005 if self._pump.hurried else 0.01)
 
     def stop(self) -> None:
+        """End the thread."""
         self._over.set()

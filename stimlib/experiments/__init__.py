@@ -1,6 +1,4 @@
-"""Experiments: designs, trials that are scenes, sessions that lose nothing, and what
-people answered.
-"""
+"""Experiments: designs, trials, sessions that lose no answer, and their analysis."""
 
 import lazy_loader
 

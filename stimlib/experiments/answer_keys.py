@@ -1,5 +1,6 @@
-"""What a participant answers by: a text and its keys, the same in a terminal and on a
-page of the browser.
+"""What a participant answers by: a text and its keys.
+
+They are the same in a terminal and on a page of the browser.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class Prompt:
 
 @public
 def prompted(question: Question, replays: int = 0) -> Prompt:
-    """The prompt of a question.
+    """Return the prompt of a question.
 
     Parameters
     ----------
@@ -87,12 +88,10 @@ def prompted(question: Question, replays: int = 0) -> Prompt:
 
 
 class Keyed:
-    """The part of a front end that is the same wherever keys are hit; see
-    `stimlib.experiments.runner.FrontEnd`.
-    """
+    """The part of a front end that handles keys; see `stimlib.experiments.FrontEnd`."""
 
     def read(self, prompt: Prompt) -> str:
-        """What was hit or typed; "" where only Enter was."""
+        """Return what was hit or typed; "" where only Enter was."""
         raise NotImplementedError
 
     def tell(self, text: str) -> None:
@@ -104,7 +103,7 @@ class Keyed:
         self.read(Prompt(text, {"": "any key begins"}))
 
     def pick(self, names: list[str]) -> str | None:
-        """A number for each stimulus, 0 begins the experiment."""
+        """Return the stimulus of a number that was chosen; 0 begins the experiment."""
         keys = {str(i): name for i, name in enumerate(names, 1)}
         while (key := self.read(Prompt("Get to know the stimuli:", keys | {"0": "begin"}))) not in (
             "0",

@@ -1,6 +1,4 @@
-"""Are groups different?  Tests between groups and within participants, each named by
-what it assumes.
-"""
+"""Tests between groups and within participants, each named by what it assumes."""
 
 from __future__ import annotations
 
@@ -85,7 +83,7 @@ def shapiro(values: ArrayLike) -> Statistic:
 
 @public
 def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
-    """Kruskal and Wallis' test: does any group tend to larger values?
+    """Run Kruskal and Wallis' test of whether any group tends to larger values.
 
     Parameters
     ----------
@@ -291,8 +289,9 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of a repeated-measures analysis of variance; every number has the
-    shape of the batch, () for one experiment.
+    """One effect of a repeated-measures analysis of variance.
+
+    Every number has the shape of the batch, () for one experiment.
 
     Attributes
     ----------
@@ -321,8 +320,9 @@ class Effect:
 
 @public
 def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tuple[Effect, ...]:
-    """Repeated-measures analysis of variance: the same people in all conditions, any
-    number of factors.
+    """Run a repeated-measures analysis of variance.
+
+    The same people are in all conditions; there may be any number of factors.
 
     Each effect is a set of orthonormal contrasts of the conditions.  With d their
     values for one person, and n people: F = n |mean d|^2 (n - 1)/sum |d - mean d|^2.
@@ -407,8 +407,9 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
 
 
 def _contrasts(levels: Sequence[int], some: Sequence[int]) -> Array:
-    """Orthonormal columns: differences within the factors that are named, means over
-    the others.
+    """Return orthonormal columns for the named factors.
+
+    They are differences within these factors, and means over the others.
     """
     matrix = np.ones((1, 1))
     for k, m in enumerate(levels):
@@ -461,8 +462,9 @@ class Mixed:
 def mixed(
     columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant"
 ) -> Mixed:
-    """A linear mixed model with an intercept of each participant: for gaps, covariates
-    such as the trial's number, drift.
+    """Fit a linear mixed model with an intercept of each participant.
+
+    It serves for gaps, covariates such as the trial's number, and drift.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
-"""What did people go by?  Each recorded cue is asked how far it parts the answers,
-beside the d' of the same trials.
+"""The cues that participants went by: how far each recorded cue separates the answers.
+
+It is compared with the d' of the same trials.
 """
 
 from __future__ import annotations
@@ -142,8 +143,9 @@ def _distance(name: str, cue: np.ndarray, said: np.ndarray, d: float) -> Distanc
 # What was displayed -------------------------------------------------------------------
 @public
 def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64]]]:
-    """The signals of each interval of a trial, from its log: the hand's, and the
-    outputs as they were delivered, in their units.
+    """Return the signals of each interval of a trial, from its log.
+
+    They are the motion, and the outputs as they were delivered, in their units.
 
     Parameters
     ----------
@@ -183,8 +185,9 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
 def recorded(
     sessions: Sequence[Saved], position: str, force: str, progress: bool = True, **how: Any
 ) -> dict[str, list[Any]]:
-    """The physical cues of all trials that count, from their logs: what the hand did,
-    and what it was given.
+    """Return the physical cues of all trials that count, from their logs.
+
+    They are computed from the motion and from what was displayed.
 
     Parameters
     ----------

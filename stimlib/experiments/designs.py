@@ -1,5 +1,6 @@
-"""Designs: which trial comes next.  Each is a value with ``init``, ``next`` and
-``update``, pure functions over JSON data.
+"""Designs: which trial comes next.
+
+Each is a value with ``init``, ``next`` and ``update``, pure functions over JSON data.
 
 Whatever is put in a random order is sorted by a draw of its own: one more condition,
 track or part changes no other draw and no other order.
@@ -22,8 +23,9 @@ from .trial import Answer, Design, State, Trial, outcome
 
 @public
 def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
-    """Names in random order; one more name leaves the others in the order that they
-    had.
+    """Return names in random order.
+
+    One more name leaves the others in the order that they had.
 
     Parameters
     ----------
@@ -46,8 +48,9 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
 
 @public
 def turn_of(participant: str, turns: int) -> int:
-    """Which of so many orders a participant has, from 0 on: the number at the end of
-    the code, less 1, modulo turns.
+    """Return which of so many orders a participant has, from 0 on.
+
+    It is the number at the end of the code, less 1, modulo turns.
 
     Raises
     ------
@@ -92,8 +95,9 @@ def _check_designs(what: str, designs: Any) -> None:
 @public
 @dc.dataclass(frozen=True)
 class Staircase:
-    """A transformed up-down staircase in dB (Levitt 1971, J. Acoust. Soc. Am. 49,
-    467-477).
+    """A transformed up-down staircase in dB.
+
+    Source: Levitt 1971, J. Acoust. Soc. Am. 49, 467-477.
 
     An outcome of 1 ("more") lowers the level once there were ``down`` of them, 0 raises
     it after ``up``.  Until the first reversal one answer is enough.  Steps multiply by
@@ -211,7 +215,7 @@ class Staircase:
         return self.start if isinstance(self.start, tuple) else (self.start, self.start)
 
     def init(self, seed: int) -> State:
-        """The first level is drawn from the stream "start"."""
+        """Draw the first level from the stream "start"."""
         low, high = self._start
         level = low + (high - low) * float(stream(seed, "start").random())
         return {
@@ -226,7 +230,7 @@ class Staircase:
         }
 
     def next(self, state: State) -> Trial | None:
-        """The comparison at the present level."""
+        """Return the comparison at the present level."""
         if (
             state["reversals"] >= self.reversals
             or state["n"] >= self.max_trials
@@ -279,8 +283,9 @@ class Staircase:
 @public
 @dc.dataclass(frozen=True)
 class ConstantStimuli:
-    """A list of trials, each several times, in random order: constant stimuli,
-    one-interval 2AFC, ratings, ranking.
+    """A list of trials, each several times, in random order.
+
+    It serves for constant stimuli, one-interval 2AFC, ratings and ranking.
 
     Parameters
     ----------
@@ -346,7 +351,7 @@ class ConstantStimuli:
         return [f"{task.condition} {level!r}" for task, level in self.items]
 
     def init(self, seed: int) -> State:
-        """The whole order, from the stream "shuffle"."""
+        """Draw the whole order from the stream "shuffle"."""
         number = {
             f"{r} {name}": i for r in range(self.repeats) for i, name in enumerate(self._names)
         }
@@ -358,7 +363,7 @@ class ConstantStimuli:
         return {"seed": seed, "n": 0, "order": [number[key] for key in keys]}
 
     def next(self, state: State) -> Trial | None:
-        """The next of the order."""
+        """Return the next trial of the order."""
         n = state["n"]
         if n >= len(state["order"]):
             return None
@@ -377,8 +382,9 @@ class ConstantStimuli:
 @public
 @dc.dataclass(frozen=True)
 class Interleaved:
-    """Several designs at a time, one of which is drawn for each trial, until all have
-    ended.
+    """Several designs at a time, one of which is drawn for each trial.
+
+    It ends when all of them have ended.
 
     Parameters
     ----------
@@ -424,12 +430,12 @@ class Interleaved:
         )
 
     def next(self, state: State) -> Trial | None:
-        """That of a track drawn from those that go on."""
+        """Return the trial of a track drawn from those that go on."""
         due = self._due(state)
         return due and dc.replace(due[1], track=f"{due[0]} {due[1].track}".rstrip())
 
     def update(self, state: State, answer: Answer) -> State:
-        """The answer goes to the track that asked."""
+        """Give the answer to the track that asked."""
         due = self._due(state)
         if due is None:
             raise BadValue(
@@ -495,7 +501,7 @@ class Sequential:
         }
 
     def next(self, state: State) -> Trial | None:
-        """That of the first part that goes on."""
+        """Return the trial of the first part that goes on."""
         for k in state["order"]:
             trial = self.parts[k].next(state["parts"][k])
             if trial is not None:
@@ -504,7 +510,7 @@ class Sequential:
         return None
 
     def update(self, state: State, answer: Answer) -> State:
-        """The answer goes to that part."""
+        """Give the answer to that part."""
         for k in state["order"]:
             if self.parts[k].next(state["parts"][k]) is not None:
                 after = self.parts[k].update(state["parts"][k], answer)

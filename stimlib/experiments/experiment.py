@@ -1,6 +1,4 @@
-"""An experiment as a value: what a page of Python defines, and what a session needs to
-run it.
-"""
+"""An experiment as a value: what a page of Python defines, and what a session needs."""
 
 from __future__ import annotations
 
@@ -62,8 +60,9 @@ class Timing:
 @public
 @dc.dataclass(frozen=True)
 class Cursor:
-    """A reference to follow on the screen: amplitude * sin(2 pi frequency t) on one
-    input (Çaldıran's thesis, section 3.5).
+    """A reference to follow on the screen: amplitude * sin(2 pi frequency t).
+
+    It is on one input (Çaldıran's thesis, section 3.5).
     """
 
     input: str
@@ -81,8 +80,9 @@ class Cursor:
 @public
 @dc.dataclass(frozen=True)
 class Masking:
-    """White noise on a channel of its own while stimuli are there: rms relative to the
-    device's full scale.
+    """White noise on a channel of its own while stimuli are there.
+
+    rms is relative to the device's full scale.
     """
 
     output: str = "masking"
@@ -243,8 +243,9 @@ class Experiment:
 
     @property
     def outputs(self) -> dict[str, Unit]:
-        """Of all scenes, in their order: the channels of every trial, so that no
-        channel moves from trial to trial.
+        """The outputs of all scenes, in their order: the channels of every trial.
+
+        So no channel moves from trial to trial.
         """
         return {name: block.dim for s in self.scenes.values() for name, block in s.outputs.items()}
 
@@ -263,7 +264,7 @@ class Experiment:
         )
 
     def designed(self, participant: str, session: int = 1) -> Design:
-        """The design of one participant's session."""
+        """Return the design of one participant's session."""
         if isinstance(self.design, Design):
             return self.design
         made = called(
@@ -280,7 +281,7 @@ class Experiment:
         return made
 
     def familiar(self, participant: str, session: int = 1) -> Mapping[str, Stimulus]:
-        """The stimuli that one participant may get familiar with before a session."""
+        """Return the stimuli that a participant may try before a session."""
         return (
             self.familiarisation(participant, session)
             if callable(self.familiarisation)
@@ -288,12 +289,14 @@ class Experiment:
         )
 
     def seeded(self, participant: str, session: int = 1) -> int:
-        """The seed of one participant's session."""
+        """Return the seed of one participant's session."""
         return seed_of(self.seed, "session", participant, session)
 
     def check(self, trial: Trial) -> None:
-        """Raise unless a trial can be shown: its scenes, parameters, questions are
-        known, no parameter passes its bounds.
+        """Raise unless a trial can be shown.
+
+        Its scenes, parameters and questions must be known, and no parameter may pass
+        its bounds.
         """
         if not trial.questions:
             raise BadValue(f"condition {trial.condition!r}: a trial asks one question at least")
@@ -339,8 +342,9 @@ class Experiment:
                     )
 
     def facts(self) -> dict[str, Any]:
-        """What a log has of its experiment, as JSON data; ``key`` is the SHA-256 of the
-        rest.
+        """Return what a log has of its experiment, as JSON data.
+
+        ``key`` is the SHA-256 of the rest.
 
         Functions (of a motion, or a design that depends on the participant) count by
         their name.

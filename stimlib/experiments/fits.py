@@ -1,6 +1,4 @@
-"""Psychometric functions from answers: where two stimuli feel the same, how fine the
-difference is, and how sure both are.
-"""
+"""Psychometric functions from answers: PSE or threshold, JND, and their intervals."""
 
 from __future__ import annotations
 
@@ -142,9 +140,7 @@ class Fit:
 
     @property
     def slope(self) -> float:
-        """Of the link on the axis of the fit, 1/sigma, as regression programs print
-        it.
-        """
+        """Slope of the link on the axis of the fit, 1/sigma, as in regressions."""
         return 1 / self.sigma
 
     @property
@@ -154,8 +150,9 @@ class Fit:
 
     @property
     def jnd(self) -> float:
-        """Just-noticeable difference, from 50 to 75 % of the curve: in the unit of the
-        levels; with ``log`` a part of the PSE.
+        """Just-noticeable difference, from 50 to 75 % of the curve.
+
+        It is in the unit of the levels; with ``log`` it is a part of the PSE.
         """
         return self._difference(self.sigma)
 
@@ -185,7 +182,7 @@ class Fit:
         return probability((axis - self._axis(self.pse)) / self.sigma, model, self.lapse)[0]
 
     def advice(self) -> list[str]:
-        """What is wrong with the fit, and what to do about it."""
+        """Return what is wrong with the fit, and what to do about it."""
         low, high = self.gap
         against = f"contradict a chance level of {self.guess:.3g}"
         if self.comparison:
@@ -196,8 +193,7 @@ class Fit:
         ]
 
     def plot(self) -> Figure:
-        """Draw the proportion of yes at each level, the curve, and the interval of its
-        middle.
+        """Draw the proportion of yes at each level, the curve, and its interval.
 
         Returns
         -------
@@ -252,8 +248,7 @@ class Fit:
 
 
 def logarithmic(axis: Any, scale: Callable[[str], Any]) -> None:
-    """Make an axis of matplotlib logarithmic, with ticks at 1, 2 and 5 as plain
-    numbers.
+    """Make an axis of matplotlib logarithmic, with plain ticks at 1, 2 and 5.
 
     Parameters
     ----------
@@ -400,8 +395,9 @@ def psychometrics(
     seed: int = 0,
     unit: str = "",
 ) -> dict[Key, Fit]:
-    """Fit many psychometric functions at once, which takes a fraction of the time; each
-    to the bits that it has alone.
+    """Fit many psychometric functions at once, in a fraction of the time.
+
+    Each has the bits that it has alone.
 
     Parameters
     ----------
@@ -456,7 +452,7 @@ def psychometrics(
 def _fitted(
     part: Sequence[Sets], model: Model, log: bool, interval: str, confidence: float, seed: int
 ) -> list[Fit]:
-    """The fits of some sets, in one call of each step."""
+    """Return the fits of some sets, in one call of each step."""
     sets = _padded(part)
     middle = total(sets.x * sets.n) / total(sets.n)
     best = maximum(sets, middle, model)
@@ -501,8 +497,9 @@ def _fit(
     log: bool,
     confidence: float,
 ) -> Fit:
-    """What is told of a set: PSE and sigma, and their intervals, are on the axis of the
-    fit.
+    """Return the report of a set.
+
+    PSE and sigma, and their intervals, are on the axis of the fit.
     """
     pse, low, high = (10 ** float(v) if log else float(v) for v in (found[0], *around[0]))
     levels = 10**one.x if log else one.x
@@ -536,8 +533,9 @@ def _some(sets: Sets, rows: Sequence[int] | Array) -> Sets:
 
 
 def _padded(part: Sequence[Sets]) -> Sets:
-    """Sets as rows of one length: what is filled up is the last level, without
-    trials.
+    """Return sets as rows of one length.
+
+    They are filled up with the last level, without trials.
     """
     longest = max(one.x.size for one in part)
     x = [np.pad(one.x, (0, longest - one.x.size), "edge") for one in part]
@@ -608,8 +606,9 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
 def bootstrap(
     sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES
 ) -> Array:
-    """Percentiles of fits to answers that were drawn from the fit of one set, at the
-    same levels.
+    """Return percentiles of fits to answers drawn from the fit of one set.
+
+    The levels are the same.
 
     Parameters
     ----------
@@ -680,9 +679,7 @@ def _model(
 
 
 def _answers(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | None]:
-    """Return what was given as rows, and the chance level that a table of answers
-    has.
-    """
+    """Return what was given as rows, and the chance level of a table of answers."""
     if not hasattr(given, "keys"):  # a DataFrame has some, too
         return given, None
     if missing := [name for name in ("level", "outcome") if name not in given]:
@@ -702,8 +699,9 @@ def _answers(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | None]
 
 
 def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
-    """Return one set, each level once; those that differ by rounding are one, the
-    lowest of them.
+    """Return one set, each level once.
+
+    Levels that differ by rounding are one, the lowest of them.
     """
     if not 2 <= len(given) <= 3:
         raise BadValue(
@@ -752,8 +750,9 @@ def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
 
 # What is wrong with it ----------------------------------------------------------------
 def _gap(sets: Sets, log: bool, guess: float | None) -> Interval:
-    """The highest level with a no, and the lowest with a yes, in their order; with
-    guesses, those below and above half-way.
+    """Return the highest level with a no and the lowest with a yes, in order.
+
+    With guesses, they are those below and above half-way.
     """
     some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
     if not some_no.size or not some_yes.size:
@@ -776,7 +775,7 @@ def undetermined(sets: Sets) -> tuple[str, ...]:
 
 
 def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
-    """What is wrong with answers that have a best curve; "" where nothing is."""
+    """Return what is wrong with answers that have a best curve; "" if nothing is."""
     from scipy.stats import chi2
 
     eta = found.a[:, None] + found.b[:, None] * (sets.x - middle[:, None])

@@ -1,5 +1,6 @@
-"""Graeco-Latin squares: orders in which each condition meets each place, each
-participant and each second condition once.
+"""Graeco-Latin squares: orders that balance places, participants and two conditions.
+
+Each condition meets each place, each participant and each second condition once.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ _BORDERED = {
 
 @public
 def graeco_latin(n: int) -> NDArray[np.int64]:
-    """A Graeco-Latin square of an order.
+    """Return a Graeco-Latin square of an order.
 
     Parameters
     ----------
@@ -153,8 +154,9 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
 
 @public
 def check_graeco_latin(square: ArrayLike) -> None:
-    """Raise a BadValue, with the place, unless each letter is once in each row and
-    column, and each pair once in all.
+    """Raise BadValue, with the place, unless a square is Graeco-Latin.
+
+    Each letter must be once in each row and column, and each pair once in all.
 
     Parameters
     ----------
@@ -199,21 +201,22 @@ def _cyclic(n: int) -> NDArray[np.int64]:
 
 
 def _field(n: int) -> NDArray[np.int64]:
-    """i + j and x i + j in GF(n), n = 1 or a power of 2 from 4 on."""
+    """Return i + j and x i + j in GF(n), n = 1 or a power of 2 from 4 on."""
     i, j = np.indices((n, n))
     times_x = np.where(2 * i < n, 2 * i, 2 * i ^ _POLYNOMIALS.get(n, 0)) if n > 1 else i
     return np.stack([i ^ j, times_x ^ j], axis=-1)
 
 
 def _product(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The letters are pairs of letters."""
+    """Return the product of two squares, whose letters are pairs of letters."""
     n, m = len(a), len(b)
     return (m * a[:, None, :, None] + b[None, :, None, :]).reshape(n * m, n * m, 2)
 
 
 def _bordered(n: int) -> NDArray[np.int64]:
-    """Two squares that go on along their diagonals, cell (i, j) = i + f(j - i) modulo n
-    - 1; the border has the rest.
+    """Return two squares that go on along their diagonals, with a border.
+
+    Cell (i, j) = i + f(j - i) modulo n - 1; the border has the rest.
 
     Of f, f(d) and f(d) - d are each all numbers but one: these go to the last column
     and the last row. The two squares are orthogonal because the differences of their f,

@@ -34,9 +34,7 @@ FLOOR = 1e-15  # of a probability
 
 
 class Sets(NamedTuple):
-    """Answers: levels, how many said yes, how many were asked; each of shape (..,
-    levels).
-    """
+    """Answers: levels, counts of yes, counts of trials, each (.., levels)."""
 
     x: Array
     yes: Array
@@ -44,8 +42,9 @@ class Sets(NamedTuple):
 
 
 def total(each: ArrayLike) -> Array:
-    """Sum over levels, one after another: levels without trials, which pad a set,
-    change no bit of it.
+    """Sum over levels, one after another.
+
+    Levels without trials, which pad a set, change no bit of it.
 
     Examples
     --------
@@ -57,8 +56,9 @@ def total(each: ArrayLike) -> Array:
 
 
 class Model(NamedTuple):
-    """What is fitted: the link, the rate of guesses (None: as many as lapses), and of
-    lapses (None: fitted).
+    """What is fitted: the link, the rates of guesses and of lapses.
+
+    guesses None: as many as lapses; lapses None: fitted.
     """
 
     link: str = "probit"
@@ -70,8 +70,9 @@ PROBIT = Model()
 
 
 class Found(NamedTuple):
-    """The best of each set: intercept at c, slope, rate of lapses, log-likelihood; each
-    of shape (..).
+    """The best of each set, each of shape (..).
+
+    These are the intercept at c, the slope, the rate of lapses and the log-likelihood.
     """
 
     a: Array
@@ -81,7 +82,7 @@ class Found(NamedTuple):
 
 
 def numbers(what: str, values: ArrayLike) -> Array:
-    """An array of floats; what cannot be one is named.
+    """Return an array of floats, or raise BadValue with the name.
 
     Raises
     ------
@@ -121,8 +122,9 @@ def curve(link: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Callab
 
 
 def probability(eta: ArrayLike, model: Model, lapse: ArrayLike = 0.0) -> tuple[Array, Array]:
-    """Of yes and of no, where the link is at eta; each is exact to rounding where it is
-    small.
+    """Return the probabilities of yes and no where the link is at eta.
+
+    Each is exact to rounding where it is small.
 
     Examples
     --------
@@ -146,8 +148,9 @@ def maximum(
     b: ArrayLike | None = None,
     start: Found | None = None,
 ) -> Found:
-    """The most likely a and b of each set, by Fisher scoring; steps that make it worse
-    are halved.
+    """Return the most likely a and b of each set, by Fisher scoring.
+
+    Steps that make it worse are halved.
 
     Parameters
     ----------
@@ -209,8 +212,9 @@ def maximum(
 
 
 def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool]) -> Found:
-    """The best of many starts and rates of lapses, each after a few steps; x is in
-    spreads of the levels.
+    """Return the best of many starts and rates of lapses, after a few steps each.
+
+    x is in spreads of the levels.
     """
     shape, each = sets.x.shape[:-1], Sets(*(v[..., None, :] for v in sets))
     grid = np.linspace(0, 1, GRID if model.lapse is None else 1)
@@ -238,8 +242,10 @@ def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool
 
 
 def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps: int) -> Found:
-    """One row for each start; it is left alone when its steps have become small.  A
-    third in free is the rate of lapses.
+    """Climb from one row for each start.
+
+    A row is left alone when its steps have become small. A third column in free is the
+    rate of lapses.
     """
     shape = start.a.shape
     z, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(start.a.size, -1) for v in sets)
@@ -262,8 +268,9 @@ def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps
 def _score(
     at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[bool, ...]
 ) -> tuple[Array, Array]:
-    """The log-likelihood of each row, and its step: the expected information's inverse
-    times the gradient.
+    """Return the log-likelihood of each row, and its step.
+
+    The step is the expected information's inverse times the gradient.
     """
     eta, lapse = at[:, :1] + at[:, 1:2] * z, at[:, 2:]
     p, q = probability(eta, model, lapse)
@@ -298,8 +305,9 @@ def _joint_step(
     q: Array,
     slope: Array,
 ) -> Array:
-    """Newton's step of all three; where the log-likelihood is not concave, by the
-    expected information.
+    """Return Newton's step of all three.
+
+    Where the log-likelihood is not concave, it is by the expected information.
     """
     F, density = (f(eta) for f in curve(model.link)[:2])
     bent = slope * (-eta if model.link == "probit" else 1 - 2 * F)
@@ -329,8 +337,9 @@ def _joint_step(
 
 
 def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayLike) -> Array:
-    """Where functions that are below 0 at their starts first pass 0 on the way along
-    step; inf (of the step's sign) if nowhere.
+    """Return where functions that are below 0 at their starts first pass 0.
+
+    The way is along step; inf (of the step's sign) if nowhere.
 
     The step is doubled until 0 is passed, 14 times at most; then false position, by the
     Illinois rule.

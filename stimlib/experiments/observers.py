@@ -1,5 +1,6 @@
-"""Simulated observers: a design can be tried before people come.  Each is called with a
-trial and a generator, and answers.
+"""Simulated observers, which answer trials before participants come.
+
+Each is called with a trial and a generator.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ class Psychometric:
         return float(probability(away / sigma, Model(self.link, trial.chance), self.lapse)[0])
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
-        """An answer to the first question; one number is drawn."""
+        """Answer the first question; one number is drawn."""
         chance = self.chance(trial)
         return _answer(trial, bool(rng.random() < chance))
 
@@ -111,8 +112,7 @@ class Psychometric:
 @public
 @dataclass(frozen=True)
 class Listener:
-    """An observer of the displayed signal, who feels one figure of the rendered
-    samples, with an error.
+    """An observer who feels one figure of the rendered samples, with an error.
 
     Two intervals: says "more" where the comparison's figure is larger.  One: where it
     is above the criterion.  A rating: the nearest whole number to offset + gain times
@@ -194,7 +194,7 @@ class Listener:
     lapse: float = 0.0
 
     def figure_of(self, stimulus: Stimulus) -> float:
-        """The figure of a stimulus, rendered."""
+        """Return the figure of a stimulus, rendered."""
         if stimulus.scene not in self.scenes:
             raise UnknownName(
                 f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}"
@@ -214,8 +214,9 @@ class Listener:
         return figures[self.figure] if self.figure else next(iter(figures.values()))
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
-        """An answer to the first question; one normal number is drawn for each
-        interval, and two for lapses.
+        """Answer the first question.
+
+        One normal number is drawn for each interval, and two for lapses.
         """
         felt = {}
         for s in trial.stimuli:
@@ -279,7 +280,7 @@ def _again(scene: Scene, motion: Any, fs: float, seconds: float, stimulus: Stimu
 
 
 def _answer(trial: Trial, more: bool) -> Answer:
-    """The choice that counts for more, or for less."""
+    """Return the choice that counts for more, or for less."""
     for choice, score in trial.scores.items():
         if (score > 0.5) == more:
             return Answer({trial.questions[0]: choice})
@@ -314,8 +315,7 @@ def simulate(
     workers: int | None = 1,
     progress: bool = True,
 ) -> dict[str, list[Any]]:
-    """A whole experiment with simulated observers: the answers of all, as an analysis
-    takes them.
+    """Simulate a whole experiment, and return all answers as columns.
 
     Parameters
     ----------
@@ -416,7 +416,7 @@ def _unpacked(data: bytes) -> list[tuple]:
 def _participant(
     experiment: Experiment, observer: Observer, code: str, session: int, seed: int
 ) -> list[tuple]:
-    """The trials of one participant's session."""
+    """Return the trials of one participant's session."""
     design, rng = experiment.designed(code, session), stream(seed, "observer", code, session)
     rows, number = [], 0
     for number, (trial, answer) in enumerate(
@@ -485,8 +485,10 @@ def power(
     workers: int | None = 1,
     progress: bool = True,
 ) -> Power:
-    """Simulate an experiment many times: how often it finds what is there, how far it
-    errs, how long it is.
+    """Simulate an experiment many times.
+
+    The result says how often it finds what is there, how far it errs, and how long it
+    is.
 
     Parameters
     ----------

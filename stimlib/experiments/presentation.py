@@ -1,5 +1,4 @@
-"""A trial on a sink: its intervals as one program, to the sample, and what came out of
-it.
+"""A trial on a sink: its intervals as one program, and what was displayed.
 
 A stimulus of an interval is a segment: its scene as it is rendered alone, times a
 window. So a trial is one scene with one log, on any sink, with a hand that moves as it
@@ -64,7 +63,7 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
 
 @public
 def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, float]]:
-    """A trial as one scene, and the parameters that it is to start with.
+    """Return a trial as one scene, and the parameters that it starts with.
 
     Parameters
     ----------
@@ -166,7 +165,7 @@ def _safety(experiment: Experiment) -> Safety:
 
 
 def _protection(experiment: Experiment, scene: Scene) -> Safety:
-    """The experiment's safety, with a full scale of 1 for the masking noise."""
+    """Return the experiment's safety, with a full scale of 1 for the masking noise."""
     s, m = _safety(experiment), experiment.masking
     if m is None:
         return s
@@ -179,8 +178,9 @@ def _protection(experiment: Experiment, scene: Scene) -> Safety:
 
 
 def _moves(experiment: Experiment, scene: Scene) -> Any:
-    """Of motions by input those that this trial's scene has; of a hand in real time
-    all, whose rows go by the inputs' order.
+    """Return the motions of the inputs that this trial's scene has.
+
+    A real-time motion is taken whole: its rows go by the inputs' order.
     """
     m = experiment.motion
     if isinstance(m, (Live, Signals)) and tuple(scene.inputs) != experiment.inputs:
@@ -206,8 +206,9 @@ AHEAD = 1000
 
 @public
 def prepare(session: Session, sink: str) -> int:
-    """Compile what a session displays before it begins; later it would be late once for
-    each kind of stimulus, and tell of it.
+    """Compile what a session displays before it begins.
+
+    Later it would cause a delay once for each kind of stimulus, and reveal it.
 
     Parameters
     ----------
@@ -327,8 +328,9 @@ def present(
 def measured(
     experiment: Experiment, folder: str | os.PathLike[str], at: list[tuple[int, int]]
 ) -> dict[str, Any]:
-    """Peak and RMS of each output in each interval, of the samples that the log says
-    were delivered, in the outputs' units.
+    """Return peak and RMS of each output in each interval, in the outputs' units.
+
+    They are of the samples that the log says were delivered.
 
     Where there is a reference, how well the hand followed it; None of an interval that
     was stopped.
@@ -368,8 +370,9 @@ def measured(
 
 @public
 def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, float]:
-    """How well a hand followed the reference, by least squares of a sine and a cosine
-    of its frequency and a constant.
+    """Return how well the motion followed the reference.
+
+    Least squares fit a sine and a cosine of its frequency and a constant.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
-"""QUEST+ (Watson 2017, Journal of Vision 17(3):10) as a design, by the package
-questplus.
+"""QUEST+ as a design, by the package questplus.
+
+Source: Watson 2017, Journal of Vision 17(3):10.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ _NAMES = ("1", "0")  # of outcomes; the first is the one whose probability rises
 @public
 @dc.dataclass(frozen=True)
 class Quest:
-    """A design that shows the level expected to tell most about a cumulative normal:
-    mean, deviation, lapses.
+    """QUEST+ for a cumulative normal with mean, deviation and lapses.
+
+    Each trial has the level of least expected entropy.
 
     Parameters
     ----------
@@ -100,11 +102,11 @@ class Quest:
             raise BadValue("Quest: deviations must be above 0, lapses from 0 to below 0.5")
 
     def init(self, seed: int) -> State:
-        """What was shown and answered: nothing yet."""
+        """Return an empty history."""
         return {"seed": seed, "levels": [], "outcomes": []}
 
     def next(self, state: State) -> Trial | None:
-        """The level of least expected entropy."""
+        """Return the level of least expected entropy."""
         n = len(state["levels"])
         if n >= self.trials:
             return None
@@ -163,8 +165,9 @@ def _level(
 def _posterior(
     design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]
 ) -> Any:
-    """What is known after these answers; the last ones are kept, so that a session
-    takes one step a trial.
+    """Return the posterior after these answers.
+
+    The last ones are kept, so that a session takes one step a trial.
     """
     if not levels:
         of = {"mean": design.means, "sd": design.deviations, "lapse_rate": design.lapses}

@@ -45,9 +45,7 @@ class Question:
     most: int = 0
 
     def check(self, value: Any) -> None:
-        """Raise a BadValue, with what can be answered, unless a value answers this
-        question.
-        """
+        """Raise BadValue, with the possible answers, unless a value is one of them."""
         if self.kind == "choice":
             good, wanted = value in self.choices, f"one of {', '.join(self.choices)}"
         elif self.kind == "rating":
@@ -71,8 +69,10 @@ class Question:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 
     def answer(self, text: str) -> Any:
-        """The answer that was hit or typed: the key of a choice, a number, words in
-        order, or places as ``x y; x y``, ``n`` for none.
+        """Return the answer that was hit or typed.
+
+        It is the key of a choice, a number, words in order, or places as ``x y; x y``,
+        ``n`` for none.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class Question:
         return value
 
     def guess(self, rng: np.random.Generator) -> Any:
-        """Some answer, whatever was shown.
+        """Return some answer, whatever was shown.
 
         Examples
         --------
@@ -167,8 +167,9 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
 
 @public
 def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question:
-    """A number from 1 (low) to most (high), such as an adjective pair of the
-    touch-screen thesis, section 4.3.
+    """Make a question for a number from 1 (low) to most (high).
+
+    An example is an adjective pair of the touch-screen thesis, section 4.3.
 
     Examples
     --------
@@ -184,7 +185,7 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
 
 @public
 def ranking(name: str, text: str, *items: str) -> Question:
-    """Some names put in order, the first is the most.
+    """Make a question that puts names in order, the first is the most.
 
     Examples
     --------
@@ -200,8 +201,9 @@ def ranking(name: str, text: str, *items: str) -> Question:
 
 @public
 def places(name: str, text: str, most: int) -> Question:
-    """Points where something was felt, at most so many, in the units of the scene's
-    inputs.
+    """Make a question for places where something was felt.
+
+    There are at most so many, in the units of the scene's inputs.
 
     Examples
     --------

@@ -1,5 +1,6 @@
-"""Random numbers by purpose: a stream for each key of words, so that one more condition
-changes no other draw.
+"""Random numbers by purpose: a stream for each key of words.
+
+One more condition changes no other draw.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ def _sequence(seed: int, words: tuple[str | int, ...]) -> np.random.SeedSequence
 
 @public
 def stream(seed: int, *words: str | int) -> np.random.Generator:
-    """The random numbers of one purpose.
+    """Return the random numbers of one purpose.
 
     Parameters
     ----------
@@ -54,8 +55,9 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
 
 @public
 def seed_of(seed: int, *words: str | int) -> int:
-    """A seed of 53 bits for one purpose, such as the noise of a trial; parameters as
-    for `stream`.
+    """Return a seed of 53 bits for one purpose, such as the noise of a trial.
+
+    Parameters are as for `stream`.
 
     Examples
     --------

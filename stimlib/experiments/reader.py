@@ -1,6 +1,4 @@
-"""Reading sessions: what was answered, checked line by line; and what of it the
-experimenter may know.
-"""
+"""Reading sessions: answers, checked line by line, and blinded conditions."""
 
 from __future__ import annotations
 
@@ -42,8 +40,9 @@ _LINE = {
 
 @public
 def blinded(seed: int, name: str) -> str:
-    """What an experimenter sees in place of a condition: a letter and digits that
-    differ from session to session.
+    """Return what an experimenter sees in place of a condition.
+
+    It is a letter and digits that differ from session to session.
 
     Examples
     --------
@@ -87,7 +86,7 @@ def folder_of(
 
 
 def sealed(before: str, body: Mapping[str, Any]) -> tuple[str, str]:
-    """A line, and the SHA-256 of it and all before."""
+    """Return a line, and the SHA-256 of it and all before."""
     text = json.dumps(body, allow_nan=False, sort_keys=True)
     chain = hashlib.sha256((before + text).encode()).hexdigest()
     return f'{text[:-1]}, "chain": "{chain}"}}', chain
@@ -123,7 +122,7 @@ class Saved:
 
 @public
 def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
-    """A session from its folder, also while it runs or after it was killed.
+    """Read a session from its folder, also while it runs or after it was killed.
 
     Parameters
     ----------
@@ -174,8 +173,9 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
 
 
 def _answered(folder: Path) -> int:
-    """Return how many trials were answered at least, as the file ``answered`` and the
-    logs of what was displayed say.
+    """Return how many trials were answered at least.
+
+    The file ``answered`` and the logs of what was displayed say so.
     """
     logs = [re.match(r"trial-(\d{4,9})-", p.name) for p in folder.glob("trial-*.stimlog")]
     # the last may have no answer
@@ -191,7 +191,7 @@ def _answered(folder: Path) -> int:
 
 
 def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]:
-    """Records, bytes of whole lines, the last seal."""
+    """Return records, bytes of whole lines, and the last seal."""
     records: list[Record] = []
     size = 0
     data = safe_files.read(path, "events_bytes") if os.path.lexists(path) else b""
@@ -252,8 +252,9 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
 
 @public
 def status(saved: Saved) -> dict[str, Any]:
-    """What the experimenter may know of a session: how far it is, its conditions
-    blinded.
+    """Return what the experimenter may know of a session.
+
+    It is how far it is, with its conditions blinded.
 
     Returns
     -------
@@ -289,8 +290,9 @@ def status(saved: Saved) -> dict[str, Any]:
 
 @public
 def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[Any]]:
-    """The trials that count as columns, for an analysis or a table of pandas; those of
-    `simulate` are like them.
+    """Return the trials that count as columns, for an analysis or pandas.
+
+    Those of `simulate` are like them.
 
     Parameters
     ----------

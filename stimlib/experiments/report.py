@@ -1,6 +1,4 @@
-"""The page of an experiment: one file, without code, that nothing else is needed
-for.
-"""
+"""The page of an experiment: one file without code, complete in itself."""
 
 from __future__ import annotations
 
@@ -54,8 +52,9 @@ def write_report(
     notes: Sequence[str] = (),
     unit: str = "",
 ) -> None:
-    """Write one self-contained page: method, curves, staircase tracks, tables; the same
-    bytes for the same answers.
+    """Write one self-contained page with method, curves, tracks and tables.
+
+    The tracks are those of staircases. The same answers give the same bytes.
 
     Parameters
     ----------
@@ -184,8 +183,9 @@ def _counts(columns: Columns) -> dict[str, str]:
 def _fits(
     fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str
 ) -> list[dict[str, Any]]:
-    """Return a row for each fit; a JND of a logarithmic axis is a part of the PSE, and
-    has no unit.
+    """Return a row for each fit.
+
+    A JND of a logarithmic axis is a part of the PSE, and has no unit.
     """
     what = " or ".join(dict.fromkeys(fit.name for fit in fits.values()))
     in_unit = f" / {unit}" if unit else ""

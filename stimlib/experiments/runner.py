@@ -1,5 +1,6 @@
-"""Running a session: what happens around its trials, with a front end that talks to the
-participant.
+"""Running a session: what happens around its trials.
+
+A front end talks to the participant.
 
 The front end is the only part that knows a keyboard, a page or a simulated observer.
 """
@@ -43,7 +44,10 @@ class FrontEnd(Protocol):
         """One of the stimuli to get familiar with, or None to begin."""
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """The answer; None to have the stimuli once more, where replays are left."""
+        """Return the answer, or None to have the stimuli once more.
+
+        That is possible where replays are left.
+        """
 
 
 @public
@@ -116,8 +120,9 @@ def _familiarise(
     front_end: FrontEnd,
     show: Callable[[Trial, str], list[dict[str, Any]]],
 ) -> None:
-    """Stimuli at will, before the first trial and where a session is resumed; nothing
-    of it counts.
+    """Show stimuli at will, before the first trial and after a resume.
+
+    Nothing of it counts.
     """
     familiar = session.experiment.familiar(session.participant, session.session)
     for n in count():
@@ -137,8 +142,9 @@ def _one(
     front_end: FrontEnd,
     show: Callable[[Trial, str], list[dict[str, Any]]],
 ) -> Record:
-    """A trial: displayed, asked about, displayed once more where that is wanted and
-    allowed, and written.
+    """Run a trial: display it, ask about it, and write it.
+
+    It is displayed once more where that is wanted and allowed.
     """
     name_of_log = f"trial-{session.number:04}"
     shown, replays = show(trial, name_of_log), 0
@@ -158,8 +164,9 @@ def _one(
 
 @public
 class Simulated:
-    """The front end of an observer who answers by itself and needs no rest; see
-    `stimlib.experiments.trial.Observer`.
+    """The front end of an observer who answers alone and needs no rest.
+
+    See `stimlib.experiments.trial.Observer`.
 
     Parameters
     ----------
@@ -180,14 +187,14 @@ class Simulated:
         """No time passes."""
 
     def ready(self, text: str) -> None:
-        """Always."""
+        """Go on at once."""
 
     def pick(self, names: list[str]) -> str | None:
         """Knows all of them."""
         return None
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """What the observer answers to that question."""
+        """Return what the observer answers to that question."""
         rng: np.random.Generator = stream(self._session.seed, "observer", self._session.number)
         value = answered(self._observer, trial, rng).values.get(question.name)
         question.check(value)  # None would ask for a replay, and again

@@ -1,6 +1,4 @@
-"""How sensation follows the stimulus: Weber's line, Fechner's and Stevens' laws, the
-JND from d'.
-"""
+"""Laws of sensation: Weber's line, Fechner's and Stevens' laws, the JND from d'."""
 
 from __future__ import annotations
 
@@ -116,7 +114,7 @@ class Law:
     aic: float
 
     def __call__(self, intensity: ArrayLike) -> np.ndarray:
-        """The rating of a stimulus."""
+        """Return the rating of a stimulus."""
         value = self.line.intercept + self.line.slope * np.log10(intensity)
         return 10**value if self.name == "stevens" else value
 
@@ -204,7 +202,9 @@ def _law(name: str, x: np.ndarray, y: np.ndarray, fitted: Line) -> Law:
 
 @public
 def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
-    """The increment at which d' is 1: 1 over the mean of the slopes d'/increment.
+    """Return the increment at which d' is 1.
+
+    It is 1 over the mean of the slopes d'/increment.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
-"""The log of a session: one line a trial, on the disk before the next stimulus; reading
-it gives the state again.
+"""The log of a session: one line a trial, on the disk before the next stimulus.
+
+Reading it gives the state again.
 
 A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the name if it
 is none of the data:
@@ -168,7 +169,7 @@ class Session:
         }
 
     def _same(self, saved: Saved) -> None:
-        """The log must be of this experiment, as it is defined now."""
+        """Raise unless the log is of this experiment, as it is defined now."""
         told, mine = saved.header, json.loads(json.dumps(self._header()))
         wrong = [k for k in ("participant", "session", "pilot", "seed") if told[k] != mine[k]]
         a, b = told["experiment"], mine["experiment"]
@@ -197,7 +198,7 @@ class Session:
         return len(self.records) + 1
 
     def due(self) -> Trial | None:
-        """The next trial, or None at the end.
+        """Return the next trial, or None at the end.
 
         Raises
         ------
@@ -215,8 +216,9 @@ class Session:
         return trial
 
     def ahead(self) -> Iterator[Trial]:
-        """Trials that may come, as whoever answers by guessing would get them, and what
-        one may get familiar with.
+        """Return trials that may come, and the stimuli to get familiar with.
+
+        The trials are those that somebody who guesses would get.
         """
 
         def guess(trial: Trial, rng: np.random.Generator) -> Answer:
@@ -232,8 +234,9 @@ class Session:
         )
 
     def rest(self, trial: Trial) -> float:
-        """Seconds of the pause before a trial that are still to go, also where the
-        session was left meanwhile.
+        """Return the seconds of a pause that are still to go.
+
+        A session that was left meanwhile counts too.
         """
         wanted = max(trial.pause, self.experiment.timing.pause)
         if not self.records or wanted <= 0:
@@ -244,8 +247,7 @@ class Session:
         return min(max(wanted - passed, 0.0), wanted)
 
     def put(self, answer: Answer, displayed: Sequence[Mapping[str, Any]] = ()) -> Record:
-        """Take the answer to the trial that is due; it is on the disk when this
-        returns.
+        """Record the answer to the trial that is due; it is on the disk on return.
 
         Raises
         ------
@@ -274,12 +276,13 @@ class Session:
         return record
 
     def blind(self, trial: Trial) -> str:
-        """What may be shown of a trial's condition."""
+        """Return what may be shown of a trial's condition."""
         return blinded(self.seed, trial.condition)
 
     def _check_kept(self) -> None:
-        """SinkError where an answer would not be kept: in a fork, or in a file that
-        others replaced or changed.
+        """Raise SinkError where an answer would not be kept.
+
+        That is so in a fork, or in a file that others replaced or changed.
         """
         if self._process not in (os.getpid(), -1):
             raise SinkError(
@@ -302,7 +305,7 @@ class Session:
 
     # The disk -------------------------------------------------------------------------
     def _make_room(self, trial: Trial) -> None:
-        """A spare file for the answer, and free space for the log."""
+        """Keep a spare file for the answer, and free space for the log."""
         spare = self.folder / "spare"
         then = "so no stimulus is displayed: free some space, and resume the session"
         if not spare.is_file():
@@ -321,8 +324,9 @@ class Session:
             )
 
     def _log_bytes(self, trial: Trial) -> int:
-        """The most that a presentation's log takes: its motion as float64, what was
-        delivered as float32, and the rest.
+        """Return the most that a presentation's log takes.
+
+        It is its motion as float64, what was delivered as float32, and the rest.
         """
         e, t = self.experiment, self.experiment.timing
         seconds = t.before + len(trial.stimuli) * (t.interval + t.gap) + 1.0  # with the fades

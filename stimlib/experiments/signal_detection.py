@@ -1,6 +1,4 @@
-"""Signal detection: d' from counts, proportions with their intervals, sensitivity and
-specificity.
-"""
+"""Signal detection: d' from counts, proportions, sensitivity and specificity."""
 
 from __future__ import annotations
 
@@ -56,7 +54,7 @@ class Detection:
 def detection(
     hits: float, signals: float, false_alarms: float, noises: float, correction: str = "error"
 ) -> Detection:
-    """d' of a one-interval task, or of a yes-no one.
+    """Return d' of a one-interval task, or of a yes-no one.
 
     Parameters
     ----------
@@ -107,7 +105,7 @@ def detection(
 
 
 def _rate(k: float, n: float, correction: str) -> tuple[float, float]:
-    """The corrected rate, and of how many."""
+    """Return the corrected rate, and of how many."""
     extreme = k in (0, n)
     if correction == "loglinear":
         return (k + 0.5) / (n + 1), n + 1
@@ -131,7 +129,7 @@ class Proportion:
 
 @public
 def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
-    """A proportion with its Wilson score interval.
+    """Return a proportion with its Wilson score interval.
 
     Parameters
     ----------
@@ -181,8 +179,9 @@ class Diagnosis:
 def diagnosis(
     hits: float, signals: float, correct_rejections: float, noises: float, confidence: float = 0.95
 ) -> Diagnosis:
-    """Sensitivity, specificity and accuracy, with Wilson intervals of the trials that
-    there were.
+    """Return sensitivity, specificity and accuracy.
+
+    Wilson intervals are of the trials that there were.
 
     Parameters
     ----------

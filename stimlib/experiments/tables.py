@@ -18,7 +18,7 @@ DataFrame is one, too.
 
 @public
 def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[str, list[Any]]]:
-    """The rows of each group, in the order in which the groups first come.
+    """Return the rows of each group, in the order in which the groups first come.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
 def fitted(
     columns: Columns, by: Sequence[str] = ("participant", "condition"), **how: Any
 ) -> dict[tuple[Any, ...], Fit]:
-    """A psychometric function for each group.
+    """Fit a psychometric function for each group.
 
     Parameters
     ----------

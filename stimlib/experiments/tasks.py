@@ -20,16 +20,19 @@ class Task(Protocol):
     """Makes trials of one condition."""
 
     @property
-    def condition(self) -> str: ...
+    def condition(self) -> str:
+        """Name of the condition."""
 
-    def trial(self, level: Any, seed: int, n: int) -> Trial: ...
+    def trial(self, level: Any, seed: int, n: int) -> Trial:
+        """Return the trial of a level."""
 
 
 @public
 @dc.dataclass(frozen=True)
 class TwoInterval:
-    """Sequential two-alternative forced choice: a standard and a comparison, in random
-    order (the UGrip paper, section 2.2).
+    """Sequential two-alternative forced choice (2IFC): standard and comparison.
+
+    Their order is random (the UGrip paper, section 2.2).
 
     Parameters
     ----------
@@ -135,8 +138,9 @@ class TwoInterval:
 @public
 @dc.dataclass(frozen=True)
 class OneInterval:
-    """One-interval two-alternative forced choice: which of two known stimuli was that
-    (Çaldıran's thesis, section 3.1)?
+    """One-interval two-alternative forced choice between two known stimuli.
+
+    Source: Çaldıran's thesis, section 3.1.
 
     Parameters
     ----------
@@ -174,7 +178,7 @@ class OneInterval:
             )
 
     def trial(self, level: str, seed: int, n: int) -> Trial:
-        """The stimulus of this name; the trial's level is 1 for the signal, else 0."""
+        """Return the stimulus of this name; its level is 1 for the signal, else 0."""
         if level not in self.stimuli:
             raise UnknownName(
                 f"OneInterval {self.condition!r}: no stimulus {level!r}; there are"
@@ -197,8 +201,10 @@ class OneInterval:
 @public
 @dc.dataclass(frozen=True)
 class Rate:
-    """A stimulus and questions about it: ratings (the touch-screen thesis), nodules to
-    find and to rank (Li et al. 2016).
+    """A stimulus and questions about it.
+
+    Examples are ratings (the touch-screen thesis), nodules to find and to rank (Li et
+    al. 2016).
 
     Parameters
     ----------
@@ -223,6 +229,6 @@ class Rate:
     correct: Mapping[str, Any] = dc.field(default_factory=dict)
 
     def trial(self, level: Any, seed: int, n: int) -> Trial:
-        """The stimulus, with noise of its own."""
+        """Return the stimulus, with noise of its own."""
         shown = dc.replace(self.stimulus, seed=seed_of(seed, "noise", self.condition, n))
         return Trial(self.condition, (shown,), self.questions, correct=self.correct)

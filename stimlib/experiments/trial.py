@@ -1,5 +1,4 @@
-"""What a trial is, as plain data: stimuli in their order, what is asked, and what was
-answered.
+"""Trials as plain data: stimuli in their order, what is asked, what was answered.
 
 A *design* decides what comes next.  It is a value with three pure functions over plain
 JSON data, so that the answers in a log, put through ``update`` one after the other,
@@ -153,15 +152,16 @@ class Trial:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """A trial from ``to_dict`` data; TypeError or KeyError where they are none."""
+        """Make a trial from ``to_dict`` data, or raise TypeError or KeyError."""
         stimuli = tuple(Stimulus(**s) for s in data["stimuli"])
         return cls(**{**data, "stimuli": stimuli, "questions": tuple(data["questions"])})
 
 
 @dc.dataclass(frozen=True)
 class Record:
-    """A trial that was answered: one line of a session's log, and what the analysis is
-    made from.
+    """A trial that was answered: one line of a session's log.
+
+    Analyses are made from these.
 
     Attributes
     ----------
@@ -204,11 +204,14 @@ class Record:
 class Design(Protocol):
     """What comes next; see the top of this page."""
 
-    def init(self, seed: int) -> State: ...
+    def init(self, seed: int) -> State:
+        """Return the first state for a seed."""
 
-    def next(self, state: State) -> Trial | None: ...
+    def next(self, state: State) -> Trial | None:
+        """Return the trial that is due, or None at the end."""
 
-    def update(self, state: State, answer: Answer) -> State: ...
+    def update(self, state: State, answer: Answer) -> State:
+        """Return the state after an answer."""
 
 
 Observer = Callable[[Trial, np.random.Generator], Answer]
@@ -219,8 +222,9 @@ else.
 
 @public
 def outcome(trial: Trial, answer: Answer) -> Any:
-    """What an answer to the first question counts for: its score where the trial has
-    scores, else the answer itself.
+    """Return what an answer to the first question counts for.
+
+    It is its score where the trial has scores, else the answer itself.
 
     Raises
     ------
@@ -239,7 +243,7 @@ def outcome(trial: Trial, answer: Answer) -> Any:
 
 
 def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answer:
-    """What an observer answers to a trial.
+    """Return what an observer answers to a trial.
 
     Raises
     ------
@@ -259,7 +263,7 @@ def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answ
 def observed(
     design: Design, seed: int, observer: Observer, rng: np.random.Generator
 ) -> Iterator[tuple[Trial, Answer]]:
-    """A whole session of a simulated observer, without any sample being rendered.
+    """Run a whole session of a simulated observer, without rendering samples.
 
     Parameters
     ----------

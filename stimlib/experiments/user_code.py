@@ -1,6 +1,4 @@
-"""Code of whoever wrote the experiment, called so that its errors are known for what
-they are.
-"""
+"""Calls of an experimenter's own code, whose errors are reported as such."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ from ..errors import BadValue, StimlibError
 
 
 def called(what: str, function: Callable[..., Any], *words: Any) -> Any:
-    """What a function of the user's gives.
+    """Return what a function of the user's gives.
 
     Parameters
     ----------

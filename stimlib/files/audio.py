@@ -70,8 +70,7 @@ def write(
     progress: bool | str = True,
     overwrite: bool = True,
 ) -> FileReport:
-    """Run a processor over a motion and write its outputs to an audio file with a
-    sidecar.
+    """Render a processor along a motion into an audio file with a sidecar.
 
     The processor goes on from the state it is in; time 0 of the motion is the first
     sample written. The file's samples are value / full_scale: rounded once to float32
@@ -194,8 +193,7 @@ def save(
     progress: bool | str = False,
     overwrite: bool = True,
 ) -> FileReport:
-    """Write the samples of a rendering as `write` would have written them;
-    ``Rendering.save`` is this.
+    """Write the samples of a rendering as `write` would have; see ``Rendering.save``.
 
     Parameters
     ----------
@@ -322,8 +320,9 @@ def _run(
     scales: Array,
     progress: bool | str,
 ) -> tuple[NDArray[np.int64], Array, str]:
-    """Write the samples beside their place; clips and peaks per output, and the hash of
-    the signal.
+    """Write the samples to a temporary file.
+
+    The result has clips and peaks per output, and the hash of the signal.
     """
     outputs, fs, first = proc.outputs, proc.fs, proc.index
     clips = np.zeros(len(outputs), dtype=np.int64)
@@ -360,8 +359,9 @@ def _run(
 
 
 def _beyond(report: FileReport, info: dict[str, Any]) -> str:
-    """Which outputs pass full scale, what becomes of them, and the remedy; empty where
-    none does.
+    """Return which outputs pass full scale, what becomes of them, and the remedy.
+
+    It is empty where none does.
     """
     peaks = {c["name"]: report.peak[c["name"]] for c in info["channels"]}
     passed = [c for c in info["channels"] if peaks[c["name"]] > c["full_scale"]]
@@ -390,8 +390,9 @@ def _beyond(report: FileReport, info: dict[str, Any]) -> str:
 def write_frames(
     path: str | os.PathLike[str], blocks: Iterable[NDArray[np.float32]], info: dict[str, Any]
 ) -> FileReport:
-    """Write frames as they are, such as those that a device was given, with the laws of
-    `write`.
+    """Write frames unchanged, such as those that a device was given.
+
+    The rules are those of `write`.
 
     Parameters
     ----------
@@ -458,8 +459,7 @@ def write_frames(
 
 @public
 def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
-    """Read a file that `write` wrote, in physical units, and check it against its
-    sidecar.
+    """Read a file that `write` wrote, in physical units, and check its sidecar.
 
     Parameters
     ----------
@@ -502,8 +502,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
 
 
 class Stored:
-    """A file that `write` wrote, checked against its sidecar, whose samples are read
-    where they are asked for.
+    """A file that `write` wrote, checked, whose samples are read on demand.
 
     Attributes
     ----------
@@ -555,7 +554,7 @@ class Stored:
             raise SinkError(_unreadable(path, e)) from e
 
     def __getitem__(self, key: tuple[slice, slice]) -> Array:
-        """Samples [:, at:stop] in physical units."""
+        """Return samples [:, at:stop] in physical units."""
         at, stop, _ = key[1].indices(self.shape[1])
         scales = np.array([c["full_scale"] for c in self.sidecar["channels"]])
         try:
@@ -571,8 +570,9 @@ def _unreadable(path: Path, e: Exception) -> str:
 
 @public
 def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], float]:
-    """Return a sound file as a scene that passes its channels on, what drives it, and
-    its sample rate.
+    """Return a sound file as a scene, what drives it, and its sample rate.
+
+    The scene passes the file's channels on.
 
     Parameters
     ----------
@@ -634,8 +634,9 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
 
 
 def _samples(path: Path, f: Any, scales: Array, first: int, stop: int) -> Array:
-    """Samples first .. stop - 1 of an open sound in physical units, (n_outputs, stop -
-    first).
+    """Return samples first .. stop - 1 of an open sound in physical units.
+
+    Their shape is (n_outputs, stop - first).
     """
     try:
         y = np.empty((len(scales), stop - first))

@@ -1,6 +1,4 @@
-"""Many scenes into many files: the stimuli of an experiment, with the order in which to
-present them.
-"""
+"""Many scenes into many files: the stimuli of an experiment and their order."""
 
 from __future__ import annotations
 
@@ -22,8 +20,9 @@ from . import audio as file
 
 
 def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
-    """For each repetition a random order of n stimuli, the same on every machine and in
-    every version.
+    """Return a random order of n stimuli for each repetition.
+
+    It is the same on every machine and in every version.
 
     Parameters
     ----------
@@ -59,8 +58,9 @@ def render_set(
     workers: int | None = None,
     progress: bool = True,
 ) -> Path:
-    """Render scenes into FOLDER/NAME.wav each, and write FOLDER/index.json with the
-    order of presentation.
+    """Render scenes into FOLDER/NAME.wav each, with an index of the presentation.
+
+    It is FOLDER/index.json.
 
     Files that are already there and whole, from the same scene, motion, length and
     seed, are kept: a set that was interrupted is resumed.  Each file appears whole or

@@ -1,6 +1,4 @@
-"""A file and its sidecar come to their places together, or not at all; and what a
-killed run left becomes a file.
-"""
+"""Moving a file and its sidecar into place together, and recovery after a kill."""
 
 from __future__ import annotations
 
@@ -29,6 +27,7 @@ signal.
 
 
 def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
+    """Raise SinkError where a file or its sidecar cannot be written."""
     if not path.name or os.path.isdir(path):
         raise SinkError(f"{path} is a folder; give the name of a file in it")
     if not os.path.isdir(path.parent):
@@ -45,8 +44,9 @@ def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
 
 
 def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> FileReport:
-    """Let run fill a file, and put it and its sidecar to their places, or nothing;
-    meanwhile NAME.part has the samples so far.
+    """Let run fill a file, and move it and its sidecar into place, or nothing.
+
+    Meanwhile NAME.part has the samples so far.
     """
     part, format = part_of(path), info["format"]
     try:
@@ -85,7 +85,7 @@ def _draft(path: Path, at: Path, info: dict[str, Any], format: str) -> Draft:
 
 
 def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> None:
-    """A file and its sidecar to their places, when it has been proven."""
+    """Move a file and its sidecar into place, when it has been verified."""
     sidecar, ready = sidecar_of(path), part_of(sidecar_of(path))
     info["versions"], info["file_sha256"] = versions(), draft.seal()
     complete = False
@@ -213,8 +213,9 @@ def _finish_move(path: Path) -> FileReport | None:
 
 
 def _frames_left(part: Path, raw: Any, info: dict[str, Any]) -> int:
-    """Frames of an open file that a run left, which must be of the kind that its
-    sidecar says.
+    """Return the frames of an open file that a run left.
+
+    The file must be of the kind that its sidecar says.
     """
     try:
         with reading(raw) as f:
@@ -244,9 +245,7 @@ def _frames_left(part: Path, raw: Any, info: dict[str, Any]) -> int:
 
 
 def check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
-    """Neither the bytes of a file nor those of its samples in memory may be more than
-    is meant.
-    """
+    """Raise where a file, or its samples in memory, would pass the limits."""
     limits.check(
         "audio_bytes", 8.0 * frames * channels, f"{path}: bytes of samples in memory", SinkError
     )
@@ -254,8 +253,9 @@ def check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
 
 
 def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
-    """Put the frames of an open file that info tells into a draft; the peak per
-    output.
+    """Copy the frames of an open file into a draft; return the peak per output.
+
+    info says how many.
     """
     frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
     peak = np.zeros(len(scales))
@@ -279,9 +279,7 @@ def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
 
 
 def _new(path: Path) -> Path:
-    """A file on its way to its place that is not NAME.part: FLAC, or one being
-    recovered.
-    """
+    """Make a new file that is not NAME.part: FLAC, or one being recovered."""
     return path.with_name(path.name + ".new.part")
 
 
@@ -292,9 +290,7 @@ def _remove(*paths: Path) -> None:
 
 
 def _clean(path: Path) -> None:
-    """Remove what a run that failed left beside its place, if it is not another
-    run's.
-    """
+    """Remove what a failed run left, if it is not another run's."""
     begun = sidecar_of(part_of(path))
     with suppress(OSError), open(safe_files.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
         if safe_files.held(f.fileno()) and os.path.samestat(os.fstat(f.fileno()), os.lstat(begun)):
@@ -303,8 +299,9 @@ def _clean(path: Path) -> None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[Any]:
-    """NAME.part.json, open and held by us alone as long as we are at it; the system
-    lets go of it when we are killed.
+    """Open NAME.part.json for us alone as long as we are at it.
+
+    The system lets go of it when we are killed.
     """
     sidecar = sidecar_of(part_of(path))
     with ExitStack() as stack:

@@ -35,6 +35,7 @@ MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
 
 
 def format_of(path: Path, format: str | None, subtype: str | None) -> tuple[str, str]:
+    """Return the format and subtype of a file, from its name or as given."""
     name = (path.suffix[1:] if format is None else str(format).lstrip(".")).upper()
     if name not in FORMATS:
         known = ", ".join("." + f.lower() for f in FORMATS)
@@ -71,6 +72,7 @@ def check_format(format: str, subtype: str, fs: float, channels: int, frames: in
 
 
 def full_scales(full_scale: Any, proc: Processor, format: str) -> Array:
+    """Return the full scale of each output, checked."""
     outputs = proc.outputs
     units = {proc.units[name] for name in outputs}
     if full_scale is None and format == "FLAC":
@@ -110,8 +112,9 @@ def interleaved(y: NDArray[Any], type: Any) -> NDArray[Any]:
 def encode(
     y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Samples as they go to libsndfile, (n, n_outputs), and how many were limited per
-    output.
+    """Return samples as they go to libsndfile, and how many were limited.
+
+    The samples are (n, n_outputs), the counts per output.
     """
     with np.errstate(over="ignore"):
         v = y / scales[:, None]
@@ -130,7 +133,7 @@ def encode(
 
 
 def physical(samples: NDArray[Any], scales: Array) -> Array:
-    """Samples (n, n_outputs) of a file in physical units, (n_outputs, n)."""
+    """Convert samples (n, n_outputs) of a file to physical units, (n_outputs, n)."""
     with np.errstate(over="ignore", invalid="ignore"):  # of files that stimlib did not write
         values = (
             samples * 2.0**-31
@@ -141,8 +144,9 @@ def physical(samples: NDArray[Any], scales: Array) -> Array:
 
 
 def stored(y: Array, sidecar: dict[str, Any]) -> Array:
-    """What `stimlib.files.audio.read` gives back of a signal in this sidecar's format:
-    its rounding, nothing else.
+    """Return a signal as a file in this sidecar's format keeps it.
+
+    It is rounded as `stimlib.files.read` returns it.
 
     Parameters
     ----------

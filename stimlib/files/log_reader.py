@@ -1,5 +1,4 @@
-"""The log of a session: everything that shaped what a device was given, by sample
-index.
+"""Session logs: everything that shaped what a device was given, by sample index.
 
 A log is a folder:
 
@@ -89,8 +88,9 @@ class Event(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Frames at .. to - 1 and their sha256 (little-endian, all channels of a frame,
-    then the next).
+    """Frames at .. to - 1 and their sha256.
+
+    The hash is over little-endian words, all channels of a frame, then the next.
     """
 
     at: int
@@ -99,6 +99,8 @@ class Span(NamedTuple):
 
 
 class Header(NamedTuple):
+    """What a log says first."""
+
     scene: Scene
     safety: Safety
     fs: float
@@ -230,9 +232,7 @@ class SessionLog:
 
     @property
     def changes(self) -> list[Change]:
-        """The ``set`` events, in order of sample index, as `Processor.set` takes
-        them.
-        """
+        """The ``set`` events in order of sample index, for `Processor.set`."""
         sets = [
             Change(e.at, e.data["name"], e.data["value"], e.data["ramp"] / self.fs)
             for e in self.events
@@ -351,7 +351,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Header:
-    """What session.json says, if it is what a log has there; else raises error."""
+    """Return what session.json says, or raise an error if it is no log's."""
 
     def need(good: bool, what: str) -> None:
         if not good:
@@ -400,8 +400,9 @@ def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Head
 
 
 def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
-    """events.jsonl, checked line by line. Frames are accounted for from 0 on, without a
-    hole, each once.
+    """Read events.jsonl and check it line by line.
+
+    Frames are accounted for from 0 on, without a hole, each once.
     """
     params = set(head.scene.params) | {GAIN}
     found: list[Event] = []
@@ -453,9 +454,7 @@ def _event(line: bytes, fs: float, params: set[str]) -> Event:
 
 
 def _account(e: Event, end: dict[str, int]) -> None:
-    """Count the samples that this event accounts for; ValueError if it does not go on
-    where the last ended.
-    """
+    """Count the samples of an event; raise ValueError where there is a gap."""
     if e.kind in ("hash", "lost", "gap", "motion"):
         what = "motion" if e.kind == "motion" else "delivered"
         if e.at != end[what]:

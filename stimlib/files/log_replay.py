@@ -1,6 +1,4 @@
-"""The samples of a session made again from its log, and compared with the hashes that
-it has.
-"""
+"""The samples of a session computed again from its log, and their comparison."""
 
 from __future__ import annotations
 
@@ -53,9 +51,7 @@ class Replay:
 
     @property
     def matches(self) -> bool:
-        """Whether every hash of the log was compared and is that of the replayed
-        samples, or of the motion.
-        """
+        """Whether every hash of the log is that of the replayed data."""
         return not (self.wrong or self.missing or self.changed)
 
     def __str__(self) -> str:
@@ -78,8 +74,9 @@ class Replay:
 
 
 def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba") -> Processor:
-    """The processor as the session had it before its first sample; by default with the
-    safety stage.
+    """Return the processor as the session had it before its first sample.
+
+    By default it has the safety stage.
 
     Raises
     ------
@@ -100,7 +97,7 @@ def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba"
 
 
 def motion_of(log: SessionLog, proc: Processor) -> Rows:
-    """The logged motion, rows as the processor has them, read where they are asked for.
+    """Return the logged motion in the processor's order, read on demand.
 
     Raises
     ------
@@ -116,15 +113,16 @@ def motion_of(log: SessionLog, proc: Processor) -> Rows:
 
 
 def changes_of(log: SessionLog, proc: Processor) -> list[Change]:
-    """The logged changes of parameters that the processor has."""
+    """Return the logged changes of parameters that the processor has."""
     return [c for c in log.changes if c.name in proc.params]
 
 
 def delivered(
     log: SessionLog, block: int = 8192, proc: Processor | None = None
 ) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
-    """Replayed frames (at, frames (n, channels), whether they were delivered or lost),
-    in order and without a hole.
+    """Yield replayed frames in order and without a hole.
+
+    Each item is (at, frames (n, channels), whether they were delivered or lost).
 
     A processor, if given, must be one of ``processor(log)``; it then tells what
     happened, as its faults.
@@ -228,8 +226,9 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
 
 
 def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
-    """Spans (at, to) of the motion whose hash is not the one that was written with it;
-    of the rows that are there.
+    """Return spans (at, to) of the motion whose hash has changed.
+
+    Only rows that are there count.
     """
     rows = len(log.motion)
 
@@ -240,8 +239,9 @@ def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
 
 
 class Hashes:
-    """Compares frames, given in order, with spans; ``done`` spans were compared,
-    ``wrong`` lists those that differ.
+    """A comparison of frames, given in order, with spans of a log.
+
+    ``done`` spans were compared, ``wrong`` lists those that differ.
     """
 
     def __init__(self, spans: list[Span]):

@@ -1,6 +1,4 @@
-"""Writing the log of a session while it plays; `stimlib.files.log_reader` says what it
-has, and reads it.
-"""
+"""Writing the log of a session while it plays; `log_reader` describes and reads it."""
 
 from __future__ import annotations
 
@@ -29,8 +27,7 @@ SPAN = 0.25  # s of delivered samples under one hash
 
 
 class LogWriter:
-    """Writes a session's log while it plays; all methods are called from one ordinary
-    thread.
+    """Writes a session's log while it plays; all calls come from one ordinary thread.
 
     Every call is on its way to the disk when it returns. After an error every further
     call raises it again, except ``close``.
@@ -136,8 +133,9 @@ class LogWriter:
         self.close()
 
     def motion(self, x: NDArray[np.float64]) -> None:
-        """Append motion, shape (n_inputs, n), of the samples that were produced next,
-        delivered or lost.
+        """Append motion, shape (n_inputs, n), of the samples that were produced next.
+
+        They were delivered or lost.
         """
         if self._motion is None:
             return
@@ -207,8 +205,9 @@ class LogWriter:
             self._line(event)
 
     def close(self, report: Mapping[str, Any] | None = None) -> None:
-        """End the log; with a report (JSON data with the number of samples
-        ``produced``), as a clean end.
+        """End the log; with a report, as a clean end.
+
+        The report is JSON data with the number of samples ``produced``.
         """
         try:
             if self._error is None and not self._events.closed:
@@ -305,7 +304,7 @@ def header(
     block: int = 0,
     started: str = "",
 ) -> dict[str, Any]:
-    """What a log says first, for sessions that are not played by a sink.
+    """Return what a log says first, for sessions that are not played by a sink.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""A sound file on its way to its place: written through a descriptor of its own, and
-compared with what was put in it.
+"""A sound file while it is being written, and the comparison with what was put in it.
 
 Libsndfile gets the descriptor and no name, so nobody can put a link or a pipe in its
 way; what is read back is what has been written, whatever has that name by then.
@@ -31,8 +30,9 @@ PIECE = 1 << 16  # frames that are read at once
 
 
 class Draft:
-    """A new sound file, open for writing; its header is right after every write, so
-    that a killed run leaves a file.
+    """A new sound file, open for writing.
+
+    Its header is right after every write, so that a killed run leaves a file.
 
     Parameters
     ----------
@@ -82,14 +82,15 @@ class Draft:
         self.raw.close()
 
     def put(self, samples: NDArray[Any]) -> None:
-        """Append samples, shape (n, channels), of the type of the subtype; ``seal``
-        proves that they are there.
+        """Append samples, shape (n, channels), of the type of the subtype.
+
+        ``seal`` verifies that they are there.
         """
         self._put.update(np.ascontiguousarray(samples).data)
         self.append(samples)
 
     def append(self, samples: NDArray[Any]) -> None:
-        """The same for a file that is not sealed."""
+        """Append samples to a file that is not sealed."""
         self.frames += len(samples)
         with self._busy, disk(self.path, self.raw):
             self._sound.write(samples)
@@ -98,9 +99,7 @@ class Draft:
                 raise AssertionError("short write")
 
     def seal(self) -> str:
-        """Complete the file, have it on the disk and prove that it holds what was put;
-        its sha256.
-        """
+        """Complete the file on the disk, verify its contents, and return its sha256."""
         with disk(self.path, self.raw):
             self._sound.close()
             _undate(self.raw.fileno())
@@ -151,8 +150,10 @@ class Draft:
 
 
 def move(source: Path, path: Path, overwrite: bool) -> None:
-    """Give a file its name; without overwrite, SinkError where something has this name,
-    from whenever it may be.
+    """Give a file its name.
+
+    Without overwrite, SinkError is raised where something has this name, from whenever
+    it may be.
     """
     if overwrite:
         os.replace(source, path)
@@ -190,20 +191,21 @@ def sha256(f: Any) -> str:
 
 
 def reading(f: Any) -> Any:
-    """The sound of an open file, from its beginning."""
+    """Return the sound of an open file, from its beginning."""
     f.seek(0)
     return soundfile().SoundFile(f.fileno(), closefd=False)
 
 
 def reason(error: Exception) -> str:
-    """The error of libsndfile, without the number that it has for a file."""
+    """Return the error of libsndfile, without the number that it has for a file."""
     return getattr(error, "error_string", None) or str(error)
 
 
 @contextmanager
 def disk(path: Path, raw: Any = None) -> Iterator[None]:
-    """What goes wrong inside is an error of the disk or of libsndfile, not of the
-    processor or the motion.
+    """Convert errors inside to those of the disk or of libsndfile.
+
+    They are not errors of the processor or the motion.
     """
     try:
         yield
@@ -216,8 +218,9 @@ def disk(path: Path, raw: Any = None) -> Iterator[None]:
 
 
 def _reason(raw: Any) -> str | None:
-    """Why the system does not let us write; libsndfile keeps it to itself, so try again
-    without it.
+    """Return why the system does not let us write.
+
+    libsndfile keeps it to itself, so try again without it.
     """
     try:
         if raw is not None:
@@ -246,5 +249,8 @@ def _undate(fd: int) -> None:
 
 
 def soundfile() -> Any:
-    """The package; imported here and not above, because it loads a shared library."""
+    """Import the package.
+
+    It is imported here and not above, because it loads a shared library.
+    """
     return import_module("soundfile")

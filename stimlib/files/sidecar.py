@@ -99,6 +99,7 @@ class FileReport:
 
 
 def report_of(path: Path, info: dict[str, Any]) -> FileReport:
+    """Return the report of a file from its sidecar's data."""
     clips, peak = ({c["name"]: c[what] for c in info["channels"]} for what in ("clips", "peak"))
     return FileReport(
         path, info["frames"], info["frames"] / info["fs"], clips, peak, sidecar_of(path)
@@ -106,16 +107,19 @@ def report_of(path: Path, info: dict[str, Any]) -> FileReport:
 
 
 def sidecar_of(path: Path) -> Path:
+    """Return the path of a file's sidecar."""
     return path.with_name(path.name + ".json")
 
 
 def part_of(path: Path) -> Path:
+    """Return the path of a file while it is being written."""
     return path.with_name(path.name + ".part")
 
 
 def told(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The sidecar of a file alone, checked; see `stimlib.files.audio.read`, which
-    compares it with the file too.
+    """Read and check the sidecar of a file alone.
+
+    `stimlib.files.read` compares it with the file too.
 
     Raises
     ------
@@ -126,7 +130,7 @@ def told(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dict[str, Any]:
-    """What a sidecar says, checked."""
+    """Read and check a sidecar."""
     if not os.path.lexists(sidecar):
         raise SinkError(
             f"{path} has no sidecar {sidecar.name}; without it units and full scale are not"
@@ -147,16 +151,18 @@ def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dic
 
 
 def hint(path: Path) -> str:
-    """What to do where a run that was killed left something."""
+    """Return what to do where a run that was killed left something."""
     left = next((p for p in (part_of(path), part_of(sidecar_of(path))) if os.path.isfile(p)), None)
     return f"; a run that was killed left {left.name}: try stimlib recover {path}" if left else ""
 
 
 def text_of(info: dict[str, Any]) -> bytes:
+    """Return the text of a sidecar."""
     return (json.dumps(info, indent=1, allow_nan=False) + "\n").encode()
 
 
 def describe(source: Any) -> str:
+    """Return a motion as a text."""
     if isinstance(source, np.ndarray):
         return f"array({len(source)})"
     # the address in the repr of a function would make two equal runs differ
@@ -164,6 +170,7 @@ def describe(source: Any) -> str:
 
 
 def versions() -> dict[str, str | None]:
+    """Return the versions of the packages that shape a file."""
     sf = soundfile()
     return {
         "numpy": np.__version__,

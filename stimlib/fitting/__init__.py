@@ -1,6 +1,4 @@
-"""Numbers from measurements: materials from tests, parameters of scenes from
-recordings.
-"""
+"""Numbers from measurements: materials from tests, parameters of scenes."""
 
 import lazy_loader
 

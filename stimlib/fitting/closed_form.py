@@ -1,5 +1,4 @@
-"""What a springpot and Maxwell arms answer to a recorded motion, at whatever times it
-was sampled.
+"""The answers of a springpot and of Maxwell arms to a motion sampled at any times.
 
 Between its samples the displacement is taken as straight, and what a model answers to
 that is known in closed form.  So a fit has no integration step, and gaps and log-spaced
@@ -25,7 +24,7 @@ PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot h
 def springpot_force(
     t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, onset: str = "steady"
 ) -> np.ndarray:
-    """What chi D^alpha y is at the times t, exactly, when y is straight between them.
+    """Return chi D^alpha y at the times t, exactly for straight lines between them.
 
     f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 -
     alpha)), without cancellation.
@@ -85,8 +84,9 @@ def maxwell_force(
     *,
     onset: str = "steady",
 ) -> np.ndarray:
-    """What a spring and Maxwell arms answer at the times t, exactly, when y is straight
-    between them.
+    """Return the force of a spring and Maxwell arms at the times t.
+
+    It is exact when y is straight between them.
 
     Parameters
     ----------
@@ -132,9 +132,7 @@ def maxwell_force(
 
 
 class Pairs:
-    """The springpot's answer, for chi = 1, at some of the times, and its derivative by
-    alpha.
-    """
+    """The springpot's answer for chi = 1 at some times, and its derivative by alpha."""
 
     def __init__(self, t: np.ndarray, y: np.ndarray, some: np.ndarray, onset: str):
         slope = np.diff(y) / np.diff(t)
@@ -152,6 +150,7 @@ class Pairs:
         self.jump = y[0] if onset == "step" else 0.0
 
     def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return answer and derivative at an order."""
         from scipy.special import digamma
 
         b, size = 1 - alpha, math.gamma(2 - alpha)
@@ -183,9 +182,7 @@ class Pairs:
 def arm_forces(
     t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Answers of unit arms, shape (t.size, tau.size), and their derivatives by
-    log(tau).
-    """
+    """Return answers of unit arms, (t.size, tau.size), and derivatives by log(tau)."""
     a = np.diff(t)[:, None] / tau
     e = -np.expm1(-a)
     p, g, dy = 1 - e, np.where(a > 0, e / np.where(a > 0, a, 1.0), 1.0), np.diff(y)[:, None]
@@ -200,6 +197,7 @@ def arm_forces(
 
 # Input --------------------------------------------------------------------------------
 def signals_at(t, *signals) -> list[np.ndarray]:
+    """Return signals as float64 arrays over ascending times, checked."""
     out: list[np.ndarray] = []
     names = (
         ("t", "y", "f")
@@ -231,6 +229,7 @@ def signals_at(t, *signals) -> list[np.ndarray]:
 
 
 def check_material(chi: float, alpha: float, onset: str) -> None:
+    """Raise BadValue unless a material's numbers make sense."""
     if not (math.isfinite(chi) and chi >= 0):
         raise BadValue(f"springpot: chi = {chi} must not be below 0")
     if not 0 <= alpha <= 1:

@@ -1,5 +1,6 @@
-"""Material models from recorded relaxation: displacement and force at whatever times
-they were sampled, see ``exact``.
+"""Material models from recorded relaxation, sampled at any times.
+
+``closed_form`` has the models.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class MaterialFit:
 
     @property
     def residual(self) -> np.ndarray:
-        """fitted - f, at all samples."""
+        """The residual fitted - f, at all samples."""
         return self.fitted - self.f
 
     @property
@@ -89,8 +90,9 @@ class MaterialFit:
         )
 
     def plot(self, path: str | os.PathLike) -> None:
-        """Draw force and model over the time since the motion began, and the relative
-        error.
+        """Draw force and model over the time since the motion began, and the error.
+
+        The error is relative.
 
         Parameters
         ----------
@@ -153,7 +155,7 @@ class SpringpotFit(MaterialFit):
         return self.values["alpha"]
 
     def block(self, y: Block, **options) -> Block:
-        """The springpot of a scene, when y was in m and f in N.
+        """Return the springpot for a scene, when y was in m and f in N.
 
         Parameters
         ----------
@@ -174,8 +176,9 @@ class SpringpotFit(MaterialFit):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MaxwellFit(MaterialFit):
-    """Spring and Maxwell arms; see ``MaterialFit``.  ``values`` has k0, k1, tau1, k2,
-    .. with rising time constants.
+    """Spring and Maxwell arms; see ``MaterialFit``.
+
+    ``values`` has k0, k1, tau1, k2, .. with rising time constants.
     """
 
     @property
@@ -190,7 +193,7 @@ class MaxwellFit(MaterialFit):
         return [(self.values[f"k{i}"], self.values[f"tau{i}"]) for i in range(1, n + 1)]
 
     def block(self, y: Block, **options) -> Block:
-        """The model in a scene, when y was in m and f in N.
+        """Return the model for a scene, when y was in m and f in N.
 
         Parameters
         ----------
@@ -213,8 +216,7 @@ class MaxwellFit(MaterialFit):
 def fit_springpot(
     t: ArrayLike, y: ArrayLike, f: ArrayLike, *, where=None, sigma="relative", onset: str = "steady"
 ) -> SpringpotFit:
-    """Order and coefficient of the springpot that answers the recorded motion most like
-    the recorded force.
+    """Fit the order and coefficient of a springpot to a recorded motion and force.
 
     Parameters
     ----------
@@ -336,8 +338,9 @@ def fit_generalized_maxwell(
     sigma="relative",
     onset: str = "steady",
 ) -> MaxwellFit:
-    """Stiffnesses and time constants of a generalized Maxwell model from a recorded
-    motion and force.
+    """Fit a generalized Maxwell model to a recorded motion and force.
+
+    Its numbers are stiffnesses and time constants.
 
     Parameters
     ----------
@@ -464,7 +467,7 @@ def _first_motion(y: np.ndarray, onset: str) -> int:
 
 
 def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.ndarray]:
-    """Samples to fit, and the weights of their errors."""
+    """Return the samples to fit, and the weights of their errors."""
     first = _first_motion(y, onset)
     if first == y.size:
         raise BadValue("the position y never moves: there is nothing that a force could answer")
@@ -511,8 +514,9 @@ def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.
 def _intervals(
     x: np.ndarray, jacobian: np.ndarray, miss: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """95 % confidence: x -+ t s, s^2 the diagonal of (J' J)^-1 times the variance of
-    the errors.
+    """Return 95 % confidence intervals x -+ t s.
+
+    s^2 is the diagonal of (J' J)^-1 times the variance of the errors.
     """
     from scipy.stats import t as student
 

@@ -1,5 +1,4 @@
-"""System identification: the parameters of a scene that bring its signals nearest to a
-target, by gradients.
+"""System identification: the parameters of a scene that fit a target, by gradients.
 
 A number is searched in relative units: p = start exp(u), or its like between bounds, so
 that one step of u means as much for 1e-9 as for 1e9, and no step can leave the bounds.
@@ -36,8 +35,9 @@ class Range(NamedTuple):
     high: float
 
     def value(self, u: Any, xp: Any = np) -> Any:
-        """The number at the coordinate u; start at 0, rising, within low .. high for
-        all u.
+        """Return the number at the coordinate u.
+
+        It is start at 0, rising, within low .. high for all u.
         """
         start, low, high = self
         if math.isinf(low) and math.isinf(high):
@@ -367,8 +367,9 @@ def fit(
     optimiser: Any = None,
     progress: bool = False,
 ) -> Fit:
-    """The parameters of a scene that bring its signals nearest to a target, along a
-    motion.
+    """Fit the parameters of a scene so that its signals come nearest to a target.
+
+    The scene is driven along a motion.
 
     Parameters
     ----------
@@ -605,7 +606,7 @@ def _length(
     seconds: float | None,
     fs: float,
 ) -> int:
-    """Samples of the run."""
+    """Return the samples of the run."""
     lengths = {name: np.size(target) for name, target in signals.items()}
     if len(set(lengths.values())) > 1:
         raise BadValue(
@@ -658,8 +659,10 @@ def _check_start(value: Any, grad: Any, ranges: Mapping[str, Range]) -> None:
 def _confidence(
     u: np.ndarray, slopes: Mapping[str, Any], misses: Mapping[str, Any], ranges: Mapping[str, Range]
 ) -> dict:
-    """95 % intervals by name; nothing where there are no more samples than numbers.
-    Samples without weight do not count.
+    """Return 95 % intervals by name.
+
+    There are none where there are no more samples than numbers. Samples without weight
+    do not count.
     """
     J = np.concatenate([np.asarray(slopes[name]) for name in misses])
     r = np.concatenate([np.asarray(v) for v in misses.values()])
@@ -675,7 +678,7 @@ def _confidence(
 
 
 def _with(scene: Scene, params: Mapping[str, float]) -> Scene:
-    """The scene with other initial values."""
+    """Return the scene with other initial values."""
     data = scene.to_dict()
     for b in data["blocks"]:
         if b["class"] == "Param" and b["fields"]["name"] in params:

@@ -1,5 +1,6 @@
-"""Textures from recordings: an accelerometer on a tool that strokes a surface, at
-speeds and forces as they come.
+"""Textures from recordings: an accelerometer on a tool that strokes a surface.
+
+Speeds and forces may vary freely.
 
 Sources: Culbertson, Unwin and Kuchenbecker, "Modeling and rendering realistic textures
 from unconstrained tool-surface interactions", IEEE Trans. Haptics 7 (2014); de Waele
@@ -58,8 +59,9 @@ class TextureFit:
 
     @property
     def left_out(self) -> list[Bin]:
-        """Bins without a model, because there was too little in them; their neighbours
-        stand in.
+        """Bins without a model, because there was too little data in them.
+
+        Their neighbours stand in.
         """
         return [b for b in self.bins if b.left_out]
 
@@ -78,8 +80,9 @@ class TextureFit:
 
 
 def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float]:
-    """The autoregressive model of several stretches of one process, by Burg's method
-    for segments.
+    """Fit the autoregressive model of several stretches, by Burg's method for segments.
+
+    The stretches are of one process.
 
     Each reflection coefficient k makes the forward and backward errors of all stretches
     together least, so abs(k) < 1 and the model is stable, whatever the data; and unlike
@@ -140,8 +143,10 @@ def fit_texture(
     seconds: float = 1.0,
     name: str = "",
 ) -> TextureFit:
-    """A texture from a recording: one autoregressive model for each range of speeds and
-    forces that has enough in it.
+    """Fit a texture to a recording.
+
+    There is one autoregressive model for each range of speeds and forces that has
+    enough data.
 
     A model stands at the mean speed and force of its bin.  At speed 0 and at force 0
     there is no vibration; at the largest speed and force the border of the rectangle
@@ -261,7 +266,7 @@ def fit_texture(
 
 
 def _point(a: np.ndarray, v: np.ndarray, f: np.ndarray, runs: list[slice], order: int) -> Point:
-    """The model of some stretches; BadValue where there is no noise in them."""
+    """Return the model of some stretches; raise BadValue where they have no noise."""
     speed, force, mean = (float(np.concatenate([x[r] for r in runs]).mean()) for x in (v, f, a))
     stretches = [a[r] - mean for r in runs]
     if not any(x.any() for x in stretches):
@@ -271,8 +276,9 @@ def _point(a: np.ndarray, v: np.ndarray, f: np.ndarray, runs: list[slice], order
 
 
 def _joined(found: dict[tuple[int, int], Point], fs: float, name: str) -> TextureModel:
-    """Models at their places, and those on the border of the rectangle that they span
-    from 0 on.
+    """Return models at their places, and those on the border of their rectangle.
+
+    The rectangle goes from 0 on.
     """
     from scipy.spatial import Delaunay
 

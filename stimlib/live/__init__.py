@@ -1,3 +1,4 @@
-"""A scene live on a page of a browser: ``protocol`` (what is said), ``inputs`` (what
-drives it), ``stream``, ``server``.
+"""A scene live on a page of a browser.
+
+``protocol`` (messages), ``inputs`` (what drives it), ``stream``, ``server``.
 """

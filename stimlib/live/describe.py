@@ -1,6 +1,4 @@
-"""What a page is told of a scene: ranges for hand and sliders, full scale, and the
-surface of a scene for the eye.
-"""
+"""What a page gets to know of a scene: ranges, full scales, and its visual surface."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ MAP = 128
 
 
 def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[str, Range]:
-    """A range for every input, for the hand, and for every parameter, for a slider.
+    """Return a range for every input, for the pointer, and for every parameter.
 
     Parameters
     ----------
@@ -84,15 +82,16 @@ def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[st
 
 
 def _around(value: float, unit: str) -> Range:
-    """A slider's range around the value that a parameter has."""
+    """Return a slider's range around the value that a parameter has."""
     if value == 0 or (unit == "1" and 0 < value <= 1):
         return 0.0, 1.0
     return (0.0, 2.5 * value) if value > 0 else (2.5 * value, 0.0)
 
 
 def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[str, float]:
-    """Full scale of each output where nobody says it: twice the peak of a second in
-    which every input sweeps its range, or more.
+    """Return the full scale of each output where nobody sets it.
+
+    It is at least twice the peak of a second in which every input sweeps its range.
 
     Parameters
     ----------
@@ -143,8 +142,9 @@ def _round_up(v: float) -> float:
 def description(
     scene: Scene, ranges: Mapping[str, Range], full: Mapping[str, float], given: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The parts of hello that are the scene's: inputs, params, outputs, view; see
-    ``protocol``.
+    """Return the parts of hello that are the scene's.
+
+    They are inputs, params, outputs, view; see ``protocol``.
 
     Parameters
     ----------
@@ -178,9 +178,7 @@ def description(
 
 
 def _surface(scene: Scene) -> dict[str, Any] | None:
-    """What a page draws of a soft object: its map, and the names of the avatars on
-    it.
-    """
+    """Return what a page draws of a soft object: its map, and its avatars' names."""
     maps = [
         b for b in reach(scene.outputs.values()) if isinstance(b, (CubicGrid, Cursor, CursorFrames))
     ]

@@ -1,5 +1,6 @@
-"""The front end of an experiment on a page: what a participant may see, and the answers
-that come back.
+"""The front end of an experiment on a page of the browser.
+
+It decides what a participant may see, and takes the answers.
 
 Page and server talk over the WebSocket of `stimlib.live.protocol`: the same ``hello``,
 limits and codes of closing. After it
@@ -70,8 +71,9 @@ GOODBYE = 2.0
 
 
 class ExperimentPage(Keyed):
-    """A session's front end for `stimlib.experiments.runner.run`, and the site of a
-    `stimlib.live.server.Server`.
+    """A session's front end on a page, for `stimlib.experiments.run`.
+
+    It is also the site of a `stimlib.live.server.Server`.
 
     The session runs in a thread that waits here for answers; pages are of the server's
     event loop. The newest page counts: one that is opened later, as after a lost
@@ -109,8 +111,9 @@ class ExperimentPage(Keyed):
 
     @contextmanager
     def _held(self) -> Iterator[None]:
-        """The lock for the session's thread: Ctrl-C between its taking and the ``with``
-        would leave it taken for ever.
+        """Hold the lock for the session's thread.
+
+        Ctrl-C between its taking and the ``with`` would leave it taken for ever.
         """
         with signals_wait(), self._changed:
             yield
@@ -135,7 +138,7 @@ class ExperimentPage(Keyed):
         super().ready(text)
 
     def read(self, prompt: Prompt) -> str:
-        """The first answer to this prompt.
+        """Return the first answer to this prompt.
 
         Raises
         ------
@@ -152,7 +155,7 @@ class ExperimentPage(Keyed):
         return said.strip()
 
     def _waited(self) -> str | None:
-        """The answer, if it comes soon; so that Ctrl-C is soon heard, too."""
+        """Return the answer, if it comes soon, so that Ctrl-C is heard, too."""
         with self._held():
             if self._said is None and not self._over:
                 self._changed.wait(0.2)
@@ -161,8 +164,10 @@ class ExperimentPage(Keyed):
     def display(
         self, experiment: Experiment, sink: str, **options: Any
     ) -> Callable[[Trial, Path], dict[str, Any]]:
-        """What ``run`` takes as a sink: the page shows when there is something to feel,
-        and a stimulus without a page fades out.
+        """Return what ``run`` takes as a sink.
+
+        The page shows when there is something to feel, and a stimulus without a page
+        fades out.
 
         Parameters
         ----------
@@ -199,11 +204,11 @@ class ExperimentPage(Keyed):
 
     # The site: the server's event loop ------------------------------------------------
     def message(self, text: str | bytes) -> dict[str, Any]:
-        """What a page says, checked."""
+        """Return what a page says, checked."""
         return protocol.message(text, FIELDS)
 
     def join(self, page: Page) -> None:
-        """The page is told where the session is."""
+        """Tell a page where the session is."""
         for other in self.pages:
             other.close(4409, "this session was opened on another page")
         self.pages.append(page)
@@ -225,7 +230,7 @@ class ExperimentPage(Keyed):
             self._loop.run_in_executor(None, sink.stop)
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
-        """Takes an answer, once."""
+        """Take an answer, once."""
         with self._changed:
             why = self._refusal(page, message)
             if not why:
@@ -291,7 +296,7 @@ class ExperimentPage(Keyed):
         return self
 
     def __exit__(self, kind: Any, *_: object) -> None:
-        """The page's last words."""
+        """Send the page its last words."""
         if kind is not None:
             self.tell(
                 "The session has stopped. All answers are kept. Please tell the experimenter."

@@ -1,6 +1,4 @@
-"""What drives the inputs of a scene while it is live: pointers of a page, a sine, a
-held value, a motion of the caller's.
-"""
+"""What drives a live scene: pointers, a sine, a held value, a motion."""
 
 from __future__ import annotations
 
@@ -112,8 +110,9 @@ class Inputs:
     def _first(
         self, scene: Scene, ranges: Mapping[str, tuple[float, float]]
     ) -> dict[str, dict[str, Any]]:
-        """A source for every input: x1, x2, .. share an axis, and what is no place is
-        held.
+        """Return a source for every input.
+
+        x1, x2, .. share an axis, and what is no place is held.
         """
         found: dict[str, dict[str, Any]] = {}
         axes: dict[str, str] = {}
@@ -145,7 +144,7 @@ class Inputs:
         self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
 
     def move(self, finger: int, u: float, v: float, p: float, on: float, t: float = 0.0) -> None:
-        """A finger is somewhere; the next block has it."""
+        """Move a finger; the next block has its place."""
         if not (on or not self.touches):
             u, v = self.fingers[finger][:2]
         self.fingers[finger] = (u, v, p if on else 0.0, float(on))
@@ -181,7 +180,7 @@ class Inputs:
         self._see_touch()
 
     def columns(self, at: int, n: int) -> Array:
-        """The motion of samples at .. at + n - 1, shape (n_inputs, n).
+        """Return the motion of samples at .. at + n - 1, shape (n_inputs, n).
 
         Raises
         ------
@@ -227,9 +226,7 @@ class Inputs:
         return sinusoid((high - low) / 2, source["freq"], (high + low) / 2, -math.pi / 2)
 
     def _go_over(self, k: int, name: str, row: Array, at: int) -> None:
-        """From what the old source had to what the new one has, along a straight
-        line.
-        """
+        """Move from the old source to the new one along a straight line."""
         since = self._changed[name]
         if since is None:
             since = self._changed[name] = at

@@ -22,7 +22,7 @@ def show(
     port: int = 0,
     **options: Any,
 ) -> Server:
-    """A server of this scene, in a thread: what ``Scene.live`` gives.
+    """Serve a scene in a thread, as ``Scene.live`` does.
 
     Parameters
     ----------

@@ -154,7 +154,9 @@ OPTIONS: dict[str, fields.Test] = {
 def message(
     text: str | bytes, table: Mapping[str, Mapping[str, fields.Test]] = FIELDS
 ) -> dict[str, Any]:
-    """What a page says, checked; its field ``do`` names a row of the table.
+    """Return what a page says, checked.
+
+    Its field ``do`` names a row of the table.
 
     Raises
     ------
@@ -189,7 +191,7 @@ def message(
 
 
 def samples(head: tuple[float, ...], x: NDArray[np.float64], y: NDArray[np.float32]) -> bytes:
-    """A binary message.
+    """Return a binary message.
 
     Parameters
     ----------

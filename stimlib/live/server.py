@@ -80,8 +80,9 @@ class Connection(H11Protocol):
 
 
 def page_files(index: str) -> dict[str, tuple[str, bytes]]:
-    """What is served: path, media type and content of every file of
-    ``stimlib/live/page``, read once; ``index`` is the page.
+    """Return path, media type and content of every file of ``stimlib/live/page``.
+
+    They are read once; ``index`` is the page.
     """
     found = {}
     for f in Path(__file__).with_name("page").iterdir():
@@ -152,8 +153,9 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the token behind ``#``, which a browser keeps to
-        itself.
+        """Address of the page.
+
+        Its token is behind ``#``, which a browser keeps to itself.
         """
         return f"http://{_netloc(_name(self.host), self.port)}/#{self.token}"
 
@@ -185,9 +187,7 @@ class Server:
             self._uvicorn.run(sockets=[self._socket])
 
     def start(self) -> Server:
-        """Serve in a thread, until ``close``; one that is served in a thread already
-        goes on.
-        """
+        """Serve in a thread, until ``close``; one that is served already goes on."""
         if self._thread is not None and self._thread.is_alive():
             return self
         self._begin()
@@ -260,8 +260,9 @@ class Server:
         return guarded
 
     def _known(self, host: str) -> bool:
-        """Whether a Host is this machine's: under a name of somebody else's, a
-        stranger's page would be of our origin.
+        """Return whether a Host is this machine's.
+
+        Under another name, a stranger's page would be of our origin.
         """
         if self.port == 80 and not host.endswith(":80"):  # which browsers leave out
             host += ":80"
@@ -315,7 +316,7 @@ class Server:
         return None
 
     async def _listen(self, ws: Any, page: Page) -> None:
-        """What the page says, as long as it is not too much and can be understood."""
+        """Handle what the page says, while it is not too much and well formed."""
         budget, then, wrong = BURST, time.monotonic(), 0
         while (got := await ws.receive())["type"] == "websocket.receive":
             now = time.monotonic()
@@ -333,7 +334,7 @@ class Server:
             self.stream.do(page, said)
 
     async def _speak(self, ws: Any, page: Page) -> None:
-        """What waits for the page: texts first, since they say what the samples are."""
+        """Send what waits for the page: texts first, which describe the samples."""
         while True:
             await page.wake.wait()
             page.wake.clear()
@@ -360,8 +361,9 @@ def _listen(host: str, port: int) -> socket.socket:
 
 @contextmanager
 def _closed_terminal_ends() -> Iterator[None]:
-    """SIGHUP ends the server as SIGTERM does, which it takes: faded out, and the log
-    whole.  ``nohup`` still ignores it.
+    """Let SIGHUP end the server as SIGTERM does, with a fade and a whole log.
+
+    ``nohup`` still ignores it.
     """
     hup: Any = getattr(signal, "SIGHUP", None)
     ours = (
@@ -391,5 +393,5 @@ def _netloc(host: str, port: int) -> str:
 
 
 def _name(host: str) -> str:
-    """What others call this machine; where it listens everywhere, by its name."""
+    """Return what others call this machine; where it listens everywhere, its name."""
     return socket.gethostname() if host in ("0.0.0.0", "::") else host

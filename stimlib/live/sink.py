@@ -1,6 +1,4 @@
-"""The sink whose device is a page: it makes blocks at the pace of the clock and hands
-them on.
-"""
+"""The sink whose device is a page: it makes blocks in real time and hands them on."""
 
 from __future__ import annotations
 

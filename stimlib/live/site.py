@@ -28,8 +28,9 @@ class Page:
         self.end = 1000, ""  # the code and the reason with which it is closed
 
     def tell(self, message: Mapping[str, Any]) -> None:
-        """A text; of states, the newest counts.  Who reads nothing is closed, so that
-        nothing heaps up.
+        """Send a text; of states, the newest counts.
+
+        A page that reads nothing is closed, so that nothing heaps up.
         """
         if self.texts and message["is"] == "state" == self.texts[-1][0]:
             self.texts.pop()
@@ -45,6 +46,7 @@ class Page:
             self.ended.set()
 
     def put(self, data: bytes) -> None:
+        """Send samples, or count them as skipped where the page is behind."""
         self.skipped += len(self.blocks) == WAITING
         self.blocks.append(data)
         self.wake.set()
@@ -72,16 +74,16 @@ class Site(Protocol):
     pages: list[Page]
 
     def message(self, text: str | bytes) -> dict[str, Any]:
-        """What a page says, checked; BadValue where it makes no sense."""
+        """Return what a page says, checked; raise BadValue where it makes no sense."""
 
     def join(self, page: Page) -> None:
-        """A page has said hello."""
+        """Greet a page that has said hello."""
 
     def leave(self, page: Page) -> None:
-        """A page has gone."""
+        """Forget a page that has gone."""
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
-        """What a page has said."""
+        """Do what a page has said."""
 
     async def run(self) -> None:
         """From the server's begin to its end, by which it is cancelled."""

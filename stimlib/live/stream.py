@@ -125,7 +125,7 @@ class Stream:
 
     # Pages ----------------------------------------------------------------------------
     def join(self, page: Page) -> None:
-        """A page that has said hello; the first has control."""
+        """Take in a page that has said hello; the first has control."""
         self.pages.append(page)
         self.control = self.control or page
         values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
@@ -133,7 +133,7 @@ class Stream:
         self._tell_state()
 
     def leave(self, page: Page) -> None:
-        """A page has gone; if it had control, the session fades out."""
+        """Forget a page that has gone; if it had control, the session fades out."""
         self.pages.remove(page)
         if self.control is page:
             self.control, self._left = None, True
@@ -141,7 +141,7 @@ class Stream:
         self._tell_state()
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
-        """What a page says, of ``protocol.message``; what is refused it is told."""
+        """Do what a page says, of ``protocol.message``, and report refusals to it."""
         about = message.pop("do")
         try:
             if about == "seen":
@@ -193,7 +193,7 @@ class Stream:
 
     # Course ---------------------------------------------------------------------------
     def _ask(self, what: str, why: str) -> None:
-        """The newest wish counts."""
+        """Keep the newest wish."""
         self._asked = what, why
         self._wake.set()
 
@@ -341,7 +341,7 @@ class Stream:
 
 
 def _why(e: Exception) -> str:
-    """What the page says of an error; a defect is logged too."""
+    """Return what the page says of an error; a defect is logged too."""
     if isinstance(e, StimlibError):
         return str(e)
     logger.exception("the session could not be started or ended")

@@ -1,5 +1,6 @@
-"""Linear conversions of a column to an input's unit, such as ``force_N*5e-4`` or
-``(x_raw - 1472)*2e-5``.
+"""Linear conversions of a column to an input's unit, as text.
+
+Examples are ``force_N*5e-4`` and ``(x_raw - 1472)*2e-5``.
 """
 
 import ast
@@ -22,8 +23,9 @@ class Linear:
 
 
 def expression(what: str, text: str, names: Iterable[str]) -> Linear:
-    """The linear conversion that a text means; a text that is one of the names is that
-    column.
+    """Parse a linear conversion.
+
+    A text that is one of the names is that column.
 
     Raises
     ------
@@ -60,8 +62,9 @@ def expression(what: str, text: str, names: Iterable[str]) -> Linear:
 
 
 def _linear(node: ast.expr) -> Linear:
-    """Value of one node of the syntax tree; ValueError if it is not linear in one
-    column.
+    """Return the value of one node of the syntax tree.
+
+    ValueError is raised if it is not linear in one column.
     """
     if isinstance(node, ast.Name):
         return Linear(node.id, 1.0, 0.0)

@@ -58,8 +58,9 @@ Function = Annotated[
 
 
 class Motion:
-    """A position in metres as a function of the time in seconds; the base of all
-    generators.
+    """A position in metres as a function of the time in seconds.
+
+    It is the base of all generators.
 
     A generator defines ``_position(t)`` for a one-dimensional float64 array, element by
     element, and annotates its fields with what they take.
@@ -95,8 +96,9 @@ class Motion:
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        """Replace each field by what its annotation asks for: plain numbers, as a numpy
-        scalar has another repr.
+        """Convert each field to what its annotation asks for.
+
+        Numbers become plain, as a numpy scalar has another repr.
         """
         for f in fields(self):  # type: ignore[arg-type]
             given = getattr(self, f.name)
@@ -201,8 +203,9 @@ class sinusoid(Motion):
 
 @dataclass(frozen=True)
 class ramp_and_hold(Motion):
-    """From 0 to ``depth`` at constant speed, a hold, and back at constant speed if
-    asked.
+    """A ramp from 0 to ``depth``, a hold, and the way back if asked.
+
+    The speed is constant.
 
     Parameters
     ----------
@@ -292,8 +295,9 @@ class constant_speed(Motion):
 
 @dataclass(frozen=True)
 class staircase_hold(Motion):
-    """A staircase of held positions: ``start``, then one ``step`` further after each
-    ``dwell``, ``n_steps`` times.
+    """A staircase of held positions.
+
+    It is ``start``, then one ``step`` further after each ``dwell``, ``n_steps`` times.
 
     A dwell of a whole number of samples changes on exactly that sample. The last
     position is held for ever.
@@ -474,8 +478,9 @@ def _horner(coefficients: list[float], x: Array) -> Array:
 
 
 def _splitmix64(start: NDArray[np.uint64], index: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Number ``index`` of the SplitMix64 generator whose state is ``start``; arithmetic
-    modulo 2**64.
+    """Return number ``index`` of the SplitMix64 generator with this state.
+
+    Arithmetic is modulo 2**64.
     """
     z: NDArray[np.uint64] = start + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

@@ -1,6 +1,4 @@
-"""Arrays in an npz file, which is looked at as a whole before any memory is taken for
-what is packed in it.
-"""
+"""Arrays in an npz file, which is inspected before any memory is taken."""
 
 import ast
 import io
@@ -94,7 +92,7 @@ def _odd(file: str, name: str | None, error: BaseException) -> RecordingError:
 
 
 def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Member:
-    """The header of an array, checked against the limits and the directory."""
+    """Read the header of an array, checked against the limits and the directory."""
     if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError("packed in another way than numpy does")
     with z.open(info) as f:
@@ -166,6 +164,7 @@ class ArrayBatch:
     rows: Rows
 
     def numbers(self, columns: Sequence[str]) -> Array:
+        """Return columns as numbers, shape (columns, rows)."""
         values = [self.column(name)[self.part] for name in columns]
         if any(v.dtype.kind == "U" for v in values):
             raise ValueError
@@ -173,4 +172,5 @@ class ArrayBatch:
             return np.array([v.astype(np.float64) for v in values])
 
     def texts(self, column: str) -> Sequence[str]:
+        """Return a column as texts."""
         return [str(v) for v in self.column(column)[self.part]]

@@ -1,5 +1,6 @@
-"""The cubic from report to report that neither overshoots nor reverses (PCHIP), for all
-stretches of a recording at once.
+"""Monotone cubic interpolation (PCHIP) of reports, without overshoot.
+
+All stretches of a recording are done at once.
 """
 
 import numpy as np
@@ -64,8 +65,9 @@ def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:
 
 
 def _slopes(h: Array, m: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Slopes at the two ends of each interval, from lengths and secants; those of two
-    stretches do not meet.
+    """Return slopes at both ends of each interval, from lengths and secants.
+
+    Those of two stretches do not meet.
     """
     start, end = m.copy(), m.copy()  # a stretch of one interval is a line
     h0, h1, m0, m1 = h[:-1], h[1:], m[:-1], m[1:]

@@ -1,5 +1,4 @@
-"""Recorded motion: CSV and npz files, and tables in memory, with their own time stamps,
-as positions at any time.
+"""Recorded motion: files and tables with time stamps, as positions at any time.
 
 Reports of touchpads, pens, load cells and encoders come at 10-1000 Hz with jitter,
 gaps, repeats and lifts. Holding them and taking differences at 8 kHz gives spikes a
@@ -57,9 +56,7 @@ class _Recorded(Motion):
 
 
 class RecordedInput(_Recorded):
-    """A recorded position as a function of time: a cubic from knot to knot, constant
-    outside.
-    """
+    """A recorded position over time: a cubic from knot to knot, constant outside."""
 
     def _position(self, t: Array) -> Array:
         t = np.clip(t, self._knots[0], self._knots[-1])
@@ -79,8 +76,10 @@ class Contact(_Recorded):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """What `recording` gives. Its repr is the call that makes it again, with the file's
-    SHA-256; its str states what was found.
+    """A recorded motion, made by `recording`.
+
+    Its repr is the call that makes it again, with the file's SHA-256; its str states
+    what was found.
 
     Attributes
     ----------
@@ -127,7 +126,7 @@ class Recording:
         )
 
     def motion_for(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
-        """The motion of a scene.
+        r"""Return the motion of a scene.
 
         Parameters
         ----------
@@ -156,7 +155,7 @@ class Recording:
         >>> import tempfile, pathlib
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "press.csv")
-        ...     _ = path.write_text("t_s,force_N\\n0,1\\n0.01,2\\n0.02,4\\n")
+        ...     _ = path.write_text("t_s,force_N\n0,1\n0.01,2\n0.02,4\n")
         ...     press = recording(path, {"x": "force_N*5e-4"})
         >>> list(press.motion_for(["x1", "x2"]))
         ['x1', 'x2']
@@ -209,7 +208,7 @@ def recording(
     max_gap: float | None = None,
     sha256: str | None = None,
 ) -> Recording:
-    """A recorded motion, of a file or of a table in memory.
+    r"""Read a recorded motion from a file or a table in memory.
 
     Between two reports in contact the position is a PCHIP cubic; before the first and
     after the last it is held. Off contact it is held where contact was lost, and before
@@ -364,7 +363,9 @@ def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, M
 
 @public
 def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
-    """A motion or a recording from its text, as a sidecar has it.  Nothing is executed.
+    """Parse a motion or a recording as a sidecar writes it.
+
+    Nothing is executed.
 
     Parameters
     ----------
@@ -436,8 +437,9 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
 
 
 def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> str | None:
-    """The recorded name that an input gets: its own, or without its number where the
-    scene has no input of that name.
+    """Return the recorded name that an input gets.
+
+    It is its own, or without its number where the scene has no input of that name.
 
     Examples
     --------
@@ -508,7 +510,7 @@ def _is_positive(value: Any) -> bool:
 
 
 def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
-    """The call that makes this recording again, on one line."""
+    """Return the call that makes this recording again, on one line."""
     usual = inspect.signature(recording).parameters
     words = [repr(table.file), repr(dict(columns))]
     words += [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
@@ -516,7 +518,7 @@ def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """The same with numbers of Python, whose repr any program can read."""
+    """Return the same with numbers of Python, whose repr any program can read."""
     if isinstance(value, Mapping):
         return {name: _plain(v) for name, v in value.items()}
     return value.item() if isinstance(value, np.generic) else value

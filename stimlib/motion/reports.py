@@ -1,5 +1,6 @@
-"""From the rows of a table to reports in order of time: selection, conversion, repeats,
-silence and jumps.
+"""From the rows of a table to reports in order of time.
+
+The steps are selection, conversion, repeats, silence and jumps.
 """
 
 import re
@@ -54,7 +55,7 @@ def series(
     contact: str | bool | None,
     repeats: str | None,
 ) -> Reports:
-    """The reports that the arguments of `recording` mean, checked."""
+    """Return the reports that the arguments of `recording` mean, checked."""
     clock = column_of(table, "time", time)
     if clock.scale < 0:
         raise BadValue(f"time: {time!r} runs backwards")
@@ -87,17 +88,16 @@ def series(
 
 
 def column_of(table: TableFile, what: str, text: str) -> Linear:
-    """A column that is there, and what makes the wanted unit of it, from a text such as
-    ``t_ms*1e-3``.
-    """
+    """Return a column, and its conversion, from a text such as ``t_ms*1e-3``."""
     linear = expression(what, text, table.names)
     assert linear.column is not None
     return replace(linear, column=_find(table, linear.column, what))
 
 
 def _find(table: TableFile, column: str, what: str) -> str:
-    """The table's column of that name. Python reads a name in its NFKC form, in which
-    the two signs for micro are one.
+    """Return the table's column of that name.
+
+    Python reads a name in its NFKC form, in which the two signs for micro are one.
     """
     names = table.names
     for name in names:
@@ -146,8 +146,10 @@ def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
 
 
 def _equal(table: TableFile, column: str, value: Any) -> Mask:
-    """Numbers are compared as numbers where the whole column is numbers, anything else
-    as text.
+    """Return which cells equal a text.
+
+    Numbers are compared as numbers where the whole column is numbers, anything else as
+    text.
     """
     wanted = table.number(str(value))
     try:
@@ -164,7 +166,7 @@ def _equal(table: TableFile, column: str, value: Any) -> Mask:
 
 
 def _values(batches: Iterable[Batch], column: str) -> list[str]:
-    """The different values, in order of appearance."""
+    """Return the different values, in order of appearance."""
     found: dict[str, None] = {}
     for batch in batches:
         found.update(dict.fromkeys(text.strip() for text in batch.texts(column)))
@@ -176,7 +178,7 @@ def _values(batches: Iterable[Batch], column: str) -> list[str]:
 def _converted(
     table: TableFile, linear: Sequence[Linear], flag: str | None, chosen: Mask | None
 ) -> tuple[Array, Array, Mask, Rows]:
-    """Times, positions, contact and row numbers of the chosen rows."""
+    """Return times, positions, contact and row numbers of the chosen rows."""
     most = table.most if chosen is None else int(chosen.sum())
     values, touch, rows = (
         np.empty((len(linear), most)),
@@ -216,7 +218,7 @@ def _converted(
 
 
 def _numbers(table: TableFile, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
-    """The chosen cells of a batch as finite numbers, shape (columns, chosen)."""
+    """Return the chosen cells of a batch as finite numbers, (columns, chosen)."""
     try:
         values = batch.numbers(columns)
         values = values if len(which) == values.shape[1] else values[:, which]
@@ -278,9 +280,7 @@ def _check_rising(
 def _several(
     table: TableFile, chosen: Mask | None, used: set[str | None]
 ) -> list[tuple[str, list[str]]]:
-    """Columns by which recordings differ: 2 to 20 different values in the chosen
-    rows.
-    """
+    """Return columns by which recordings differ: they have 2 to 20 values."""
     found: dict[str, dict[str, None]] = {name: {} for name in table.names if name not in used}
     read = 0
     for batch in table.batches():
@@ -334,8 +334,9 @@ def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
 
 
 def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
-    """Times of reports that share a stamp, evenly up to the next one; after the last,
-    and before a silence, as usual.
+    """Spread the times of reports that share a stamp evenly up to the next one.
+
+    After the last, and before a silence, the usual period is taken.
     """
     first = np.flatnonzero(~again)
     each = np.diff(np.append(first, len(s.t)))
@@ -354,8 +355,9 @@ def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
 
 
 def check_period(table: TableFile, s: Reports, period: float, time: str) -> None:
-    """Raise where the median time between reports is not that of a hand's recording: a
-    unit that is taken for seconds.
+    """Raise where the median time between reports is not that of a recording.
+
+    A unit is then taken for seconds.
     """
     if FASTEST <= period <= SLOWEST:
         return
@@ -384,15 +386,16 @@ def check_period(table: TableFile, s: Reports, period: float, time: str) -> None
 
 
 def _enough(s: Reports) -> str:
-    """A max_gap that joins everything."""
+    """Return a max_gap that joins everything."""
     return f"{ceil(100 * float(np.diff(s.t).max()) - 1e-6) / 100 + 0.01:g}"
 
 
 def check_gaps(
     table: TableFile, s: Reports, max_gap: float
 ) -> tuple[Reports, list[tuple[int, float]]]:
-    """The same reports, if no silence in contact is longer than max_gap; off contact
-    there is nothing to miss.
+    """Return the reports, if no silence in contact is longer than max_gap.
+
+    Off contact there is nothing to miss.
     """
     dt = np.diff(s.t)
     for i in np.flatnonzero((dt > max_gap) & s.contact[:-1] & s.contact[1:]):
@@ -412,8 +415,9 @@ def check_gaps(
 def hold_silences(
     s: Reports, period: float, max_gap: float
 ) -> tuple[Reports, list[tuple[int, float]]]:
-    """With each silence ended by a copy of the report before it, one median period
-    before the next; the long ones.
+    """End each silence by a copy of the report before it.
+
+    It is one median period before the next report. The long silences are returned too.
     """
     dt = np.diff(s.t)
     i = np.flatnonzero(dt > SILENCE * period)

@@ -21,8 +21,9 @@ class Batch(Protocol):
         ...
 
     def numbers(self, columns: Sequence[str]) -> Array:
-        """All cells of these columns, shape (columns, rows); ValueError where one is
-        not a number.
+        """Return all cells of columns; ValueError where one is no number.
+
+        The shape is (columns, rows).
         """
         ...
 
@@ -34,6 +35,7 @@ class Batch(Protocol):
 def table_error(
     file: str, problem: str, remedy: str, row: Any = None, column: str | None = None
 ) -> RecordingError:
+    """Return an error of a table with file, row, column and remedy."""
     place = (
         file
         + ("" if row is None else f", row {row}")

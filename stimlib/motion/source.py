@@ -26,8 +26,9 @@ HAND = 1.0
 
 
 def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:
-    """Warn where a generator or an array of metres moves faster than a hand, from 10 ms
-    to 10 ms within its first 100 s.
+    """Warn where a motion is faster than a hand.
+
+    Generators and arrays of metres are looked at every 10 ms within their first 100 s.
 
     Arrays are looked at where ``fs`` is given; recordings have their own ``max_speed``.
     """
@@ -58,8 +59,9 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
 
 
 def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
-    """Raise UnknownName, listing what is wrong and what was expected, unless the names
-    are the same.
+    """Raise UnknownName unless the names are the same.
+
+    The error lists what is wrong and what was expected.
     """
     wrong = [f"{n} is missing" for n in expected if n not in given]
     wrong += [f"there is no {kind} {n}" for n in given if n not in expected]
@@ -88,8 +90,9 @@ def frames_of(seconds: float | None, fs: float) -> int:
 def sources_of(
     motion: Mapping[str, Any] | None, inputs: tuple[str, ...], frames: int
 ) -> dict[str, Any]:
-    """Functions and float64 arrays, one per input, in the processor's order; None
-    serves a scene without inputs.
+    """Return functions and float64 arrays, one per input, in the processor's order.
+
+    None serves a scene without inputs.
     """
     motion = {} if motion is None else motion
     if not isinstance(motion, Mapping):
@@ -157,7 +160,7 @@ def _shaped(given: Array) -> str:
 
 
 def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
-    """The motion of samples start .. stop - 1, shape (n_inputs, stop - start)."""
+    """Return the motion of samples start .. stop - 1, (n_inputs, stop - start)."""
     x = np.empty((len(sources), stop - start))
     t = np.arange(start, stop) / fs
     first: dict[int, Array] = {}  # what several inputs share is asked for once

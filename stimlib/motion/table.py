@@ -1,5 +1,6 @@
-"""Tables of others, CSV, npz or in memory, a batch of rows at a time: of a file nothing
-is kept but what is asked for.
+"""Foreign tables, CSV, npz or in memory, read a batch of rows at a time.
+
+Of a file nothing is kept but what is asked for.
 
 A table of millions of rows has most of them plain: as many fields as names, no quotes.
 numpy's own reader takes those. From the first piece that is not plain, Python's csv
@@ -57,19 +58,22 @@ class TableFile:
     def error(
         self, problem: str, remedy: str, row: Any = None, column: str | None = None
     ) -> RecordingError:
+        """Return an error of this table."""
         return table_error(self.file, problem, remedy, row, column)
 
     def closed(self) -> "TableFile":
-        """The same without the rows, which leave the memory."""
+        """Return the same without the rows, which leave the memory."""
         return replace(self, batches=lambda: iter(()))
 
     def number(self, text: str) -> float | None:
+        """Return a cell as a number, or None."""
         return number(text.replace(self.decimal, "."))
 
 
 def number(text: str) -> float | None:
-    """A cell as a number, None if it is not one. float() alone takes underscores and
-    the digits of other scripts too.
+    """Return a cell as a number, None if it is not one.
+
+    float() alone takes underscores and the digits of other scripts too.
     """
     if not text.isascii() or "_" in text:
         return None
@@ -80,17 +84,19 @@ def number(text: str) -> float | None:
 
 
 class Columns(Protocol):
-    """A table in memory: names of columns, and each as an array; a DataFrame of pandas
-    and a dict are such.
+    """A table in memory: names of columns, and each as an array.
+
+    Examples are a DataFrame of pandas and a dict.
     """
 
-    def keys(self) -> Iterable[Any]: ...
+    def keys(self) -> Iterable[Any]:
+        """Return the names of the columns."""
 
     def __getitem__(self, name: Any, /) -> Any: ...
 
 
 def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = None) -> TableFile:
-    """The table in a CSV or npz file, or in memory.
+    r"""Open the table in a CSV or npz file, or in memory.
 
     Parameters
     ----------
@@ -113,7 +119,7 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
     --------
     >>> import tempfile, pathlib
     >>> path = pathlib.Path(tempfile.mkdtemp(), "press.csv")
-    >>> _ = path.write_text("t_s,force_N\\n0,1\\n0.01,2\\n")
+    >>> _ = path.write_text("t_s,force_N\n0,1\n0.01,2\n")
     >>> table = read_table(path)
     >>> [batch.numbers(["force_N"]).tolist() for batch in table.batches()]
     [[[1.0, 2.0]]]
@@ -177,7 +183,7 @@ def _in_memory(source: Columns, sha256: str | None) -> TableFile:
 
 
 def _column(file: str, name: str, given: Any) -> np.ndarray:
-    """A column as numbers, or as texts where a cell is none."""
+    """Return a column as numbers, or as texts where a cell is none."""
     try:
         values = np.asarray(given)
     except ValueError:  # rows of several lengths
@@ -270,8 +276,9 @@ def _check_text(file: str, data: bytes) -> None:
 def _records(
     file: str, data: bytes, at: int, row: int, separator: str
 ) -> Iterator[tuple[list[str], int]]:
-    """Fields and line number of every record from a byte on, which is the start of that
-    line.
+    """Yield fields and line number of every record from a byte on.
+
+    The byte is the start of that line.
     """
     with io.BytesIO(data) as raw:
         raw.seek(at)
@@ -300,8 +307,10 @@ def _lines(file: str, raw: io.BytesIO, row: int) -> Iterator[str]:
 
 
 def _leading(file: str, data: bytes, at: int) -> tuple[int, int, str]:
-    """Where the names begin, after a hint of Excel's and comments: byte and number of
-    the line; and what separates columns.
+    """Return where the names begin, and what separates columns.
+
+    They come after a hint of Excel's and comments; byte and number of the line are
+    given.
     """
     hint, row, above = "", 1, ""
     with io.BytesIO(data) as raw:
@@ -331,7 +340,7 @@ def _separator(line: str) -> str:
 def _header(
     file: str, data: bytes, start: int, first: int, separator: str
 ) -> tuple[tuple[str, ...], int]:
-    """The names, and the number of the last line they take."""
+    """Return the names, and the number of the last line they take."""
     blank = 0
     for fields, row in _records(file, data, start, first, separator):
         if _is_blank(fields):
@@ -355,9 +364,7 @@ def _is_blank(fields: list[str]) -> bool:
 
 
 def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
-    """Whole lines, if each has as many fields as there are names, and nothing is
-    quoted.
-    """
+    """Return whole lines, if all have as many fields as names and no quotes."""
     if (
         b'"' in piece
         or len(form.names) < 2
@@ -401,7 +408,7 @@ class _Plain:
 
 
 def _exact(data: bytes, at: int, row: int, form: _Form) -> Iterator["_Exact"]:
-    """The rows from a byte on, checked one by one; the names are skipped."""
+    """Yield the rows from a byte on, checked one by one; the names are skipped."""
     cells: list[list[str]] = []
     rows: list[int] = []
     blank = 0  # the first blank line since the last row; at the end they do no harm

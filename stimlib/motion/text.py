@@ -1,5 +1,6 @@
-"""Motions and selections as text, as a command line and a sidecar have them.  Nothing
-in a text is executed.
+"""Motions and selections as text, on a command line or in a sidecar.
+
+Nothing in a text is executed.
 """
 
 from __future__ import annotations
@@ -103,8 +104,7 @@ def _usage() -> str:
 
 @public
 def parse_map(items: Iterable[str]) -> dict[str, str]:
-    """Column mappings written as INPUT=EXPRESSION, such as those typed on a command
-    line.
+    """Parse column mappings written as INPUT=EXPRESSION.
 
     Parameters
     ----------
@@ -131,8 +131,7 @@ def parse_map(items: Iterable[str]) -> dict[str, str]:
 
 @public
 def parse_where(text: str) -> dict[str, str]:
-    """A selection of rows written as COLUMN=VALUE,COLUMN=VALUE, such as one typed on a
-    command line.
+    """Parse a selection of rows written as COLUMN=VALUE,COLUMN=VALUE.
 
     Parameters
     ----------
@@ -158,8 +157,9 @@ def parse_where(text: str) -> dict[str, str]:
 
 
 def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
-    """NAME=VALUE texts as a table; ``BadValue`` where one is not of this form, or a
-    name comes twice.
+    """Return NAME=VALUE texts as a table.
+
+    BadValue is raised where one is not of this form, or a name comes twice.
     """
     if isinstance(items, str):
         raise BadValue(f"{what}: give a list of texts, not one text")

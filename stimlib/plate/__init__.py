@@ -1,6 +1,4 @@
-"""Plates that a finger touches: their modes, the patches that drive them, and what of
-it can be measured.
-"""
+"""Plates that a finger touches: their modes, drive patches and measurements."""
 
 from .envelope import Answer, best_gain, envelope_behind, half_sine
 from .fit import FrameFit, fit_frame

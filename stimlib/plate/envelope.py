@@ -28,7 +28,7 @@ class Answer(NamedTuple):
 
 @public
 def half_sine(u: ArrayLike, duty: float = 0.5) -> np.ndarray:
-    """The ridge of ``bump(u, "half_sine", duty)``, at 0 <= u < 1.
+    """Return the ridge of ``bump(u, "half_sine", duty)``, at 0 <= u < 1.
 
     Examples
     --------
@@ -45,8 +45,9 @@ def half_sine(u: ArrayLike, duty: float = 0.5) -> np.ndarray:
 def envelope_behind(
     freq: float, q: float, rate: float, gain: float = 1.0, envelope: Callable = half_sine
 ) -> Answer:
-    """The envelope of a mode's vibration at its resonance, for bumps at a rate, with
-    ``pole_swap`` of a gain or without.
+    """Return the vibration's envelope at a resonance, for bumps at a rate.
+
+    A ``pole_swap`` of a gain may come before.
 
     The envelope's lines lie beside the carrier, at freq + k rate; the mode and the swap
     pass each of them as they do.
@@ -123,8 +124,9 @@ def envelope_behind(
 def best_gain(
     freq: float, q: float, rate: float, drive: float, envelope: Callable = half_sine
 ) -> float:
-    """The largest gain of a pole swap whose voltage stays within ``drive`` times that
-    without it.
+    """Return the largest gain of a pole swap whose voltage stays within ``drive``.
+
+    The voltage is relative to that without it.
 
     Raises
     ------

@@ -1,5 +1,6 @@
-"""What cannot be seen of a plate's frame, from the frequencies that were measured: by
-gradients through the model.
+"""Unknown properties of a plate's frame, fitted to measured frequencies.
+
+Gradients go through the model.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
 
 @dataclass(frozen=True)
 class FrameFit:
-    """``plate`` with the fitted numbers; ``freq`` of the measured modes in Hz;
-    ``residual``, how far each is off, in parts.
+    """``plate`` with the fitted numbers, and how well its modes match.
+
+    ``freq`` of the measured modes is in Hz; ``residual``, how far each is off, in
+    parts.
     """
 
     plate: Plate
@@ -34,8 +37,9 @@ def fit_frame(
     measured: Mapping[int, float],
     vary: Sequence[str] = ("clamp_stiffness", "in_plane_load"),
 ) -> FrameFit:
-    """Numbers of a plate that bring its modes next to measured frequencies, in the
-    sense of least squares of their ratios.
+    """Fit numbers of a plate so that its modes match measured frequencies.
+
+    The ratios are fitted in the sense of least squares.
 
     Parameters
     ----------
@@ -104,7 +108,7 @@ def fit_frame(
     modes = model.frequencies(order[-1] + 1)
 
     def numbers(v):
-        """A load moves by kN/m, all others by logarithms."""
+        """Return a plate's numbers: a load in kN/m, all others by logarithms."""
         start = {n: (getattr(model, n), x) for n, x in zip(vary, v, strict=True)}
         return {
             n: a + 1e3 * x if n == "in_plane_load" else a * jax.numpy.exp(x)

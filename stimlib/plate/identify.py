@@ -1,6 +1,4 @@
-"""Resonances from recorded sweeps: frequency, quality and shape, each with how well it
-is known.
-"""
+"""Resonances from recorded sweeps: frequency, quality and shape with uncertainties."""
 
 from __future__ import annotations
 
@@ -43,7 +41,7 @@ class Sweep(NamedTuple):
 def read_sweep(
     source, drive: str | Sequence[str], response: str | Sequence[str], time: str = "t"
 ) -> Sweep:
-    """A sweep from columns of a CSV or npz file, a DataFrame or a dict of arrays.
+    """Read a sweep from columns of a CSV or npz file, a DataFrame or a dict.
 
     What is no such table needs no reading: ``identify`` takes arrays and a sample rate.
 
@@ -173,7 +171,7 @@ def identify(
     band: tuple[float, float] | None = None,
     quantity: str = "displacement",
 ) -> Resonance:
-    """A resonance from a recorded sweep, at one point or at many.
+    """Identify a resonance from a recorded sweep, at one point or at many.
 
     Near a mode, each spectrum is Y = U (R/(i w - p) + a smooth rest), with one pole p
     for all points.  R and the rest are found by linear least squares for each p, and p
@@ -345,8 +343,10 @@ def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_taken(u: np.ndarray, y: np.ndarray) -> None:
-    """Raise RecordingError where a row is silent, or a response clipped; BadValue where
-    a sample is no number.
+    """Raise where a recorded sweep cannot be used.
+
+    RecordingError where a row is silent, or a response clipped; BadValue where a sample
+    is no number.
     """
     for name, v in (("drive", u), ("response", y)):
         if not np.isfinite(v).all():
@@ -381,8 +381,9 @@ def _check_in_phase(across: np.ndarray, most: float) -> None:
 
 
 def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
-    """What rings at the resonance in the last part of a recording, two time constants
-    long, against its largest sample.
+    """Check what still rings at the resonance at the end of a recording.
+
+    The last part is two time constants long; it is compared with the largest sample.
     """
     from scipy.signal import detrend
 
@@ -401,9 +402,7 @@ def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
 
 
 def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tuple[float, float]:
-    """Frequency of the largest response, and half the width at which its square is
-    half.
-    """
+    """Return the frequency of the largest response, and its half-width."""
     if inside.sum() < 4 * BINS:
         raise RecordingError(
             "identify: the sweep misses the band: hardly a line of its spectrum lies there; sweep"
@@ -424,8 +423,9 @@ def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tu
 
 
 def _late(U: np.ndarray, Y: np.ndarray, even: np.ndarray, n: int) -> int:
-    """Samples by which the responses are late: where their answer to an impulse of the
-    driven band is largest, about.
+    """Return how many samples the responses are late, about.
+
+    Their answer to an impulse of the driven band is largest there.
     """
     spectrum = np.zeros((len(Y), n), complex)
     spectrum[:, np.flatnonzero(even)] = Y[:, even] / U[:, even]
@@ -444,8 +444,9 @@ class _Fit(NamedTuple):
 
 
 def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
-    """A pole for all points, residues and a rest for each; ``free``: and a delay for
-    all.
+    """Fit a pole for all points, and residues and a rest for each.
+
+    ``free`` adds a delay for all.
 
     Varied are the logarithm of the width, the pole's place in half widths, and the
     delay in 1/(2 pi half width).
@@ -506,14 +507,15 @@ class Drift(NamedTuple):
     slope_sd: float
 
     def __call__(self, temperature: float) -> float:
-        """The frequency in Hz at a temperature."""
+        """Return the frequency in Hz at a temperature."""
         return self.freq + self.slope * (temperature - self.at)
 
 
 @public
 def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
-    """How a resonance moves with temperature: a straight line through sweeps, each as
-    heavy as it is well known.
+    """Fit how a resonance moves with temperature.
+
+    A straight line goes through sweeps, each as heavy as it is well known.
 
     Parameters
     ----------

@@ -1,6 +1,4 @@
-"""A plate under a finger: its modes, their shapes, and how far a voltage or a force
-moves it.
-"""
+"""A plate under a finger: its modes, and how far a voltage or a force moves it."""
 
 from __future__ import annotations
 
@@ -29,8 +27,9 @@ PAPER_EDGES = {"all": "CCCC", "long": "FCFC", "short": "CFCF"}
 @public
 @dataclass(frozen=True)
 class Plate:
-    """A thin rectangular plate (Kirchhoff), by Rayleigh and Ritz's method with Jacobi
-    polynomials.
+    """A thin rectangular plate (Kirchhoff).
+
+    Its modes are found by Rayleigh and Ritz's method with Jacobi polynomials.
 
     D (w_xxxx + 2 w_xxyy + w_yyyy) - N w_xx + rho h w_tt = pressure, with
     D = E h^3/(12 (1 - nu^2)).
@@ -150,7 +149,7 @@ class Plate:
 
     @staticmethod
     def paper(edges: str = "short", measured: bool = False, patches: bool = False) -> Plate:
-        """The touch-screen thesis' glass plate.
+        """Return the touch-screen thesis' glass plate.
 
         Parameters
         ----------
@@ -190,8 +189,9 @@ class Plate:
 
     @cached_property
     def axes(self) -> tuple[Axis, Axis]:
-        """The functions along x and y; an edge that gives way is a support with a
-        spring.
+        """Return the functions along x and y.
+
+        An edge that gives way is a support with a spring.
         """
         held = self.edges if self.clamp_stiffness is None else self.edges.replace("C", "S")
         n = self.terms or (TERMS_PATCHED if self.patches else TERMS)
@@ -199,8 +199,10 @@ class Plate:
 
     @cached_property
     def matrices(self) -> dict[str, np.ndarray]:
-        """What stiffness and mass are made of: of D = 1, a load of 1, springs of 1 on
-        the clamped edges, each patch's D = 1, and the patches' mass.
+        """Return what stiffness and mass are made of.
+
+        They are those of D = 1, a load of 1, springs of 1 on the clamped edges, each
+        patch's D = 1, and the patches' mass.
         """
         X, Y = self.axes
         px, py, one = X.products(), Y.products(), np.eye(X.terms)
@@ -242,8 +244,9 @@ class Plate:
         return {}
 
     def solved(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """Squared angular frequencies (n,) and coefficients (n, terms of x, terms of y)
-        of the lowest modes; modal mass 1.
+        """Return squared angular frequencies and coefficients of the lowest modes.
+
+        The shapes are (n,) and (n, terms of x, terms of y); the modal mass is 1.
         """
         from scipy.linalg import eigh
 
@@ -295,8 +298,9 @@ class Plate:
         return np.sqrt(self.solved(n)[0]) / (2 * math.pi)
 
     def shape(self, mode: int, x, y) -> np.ndarray:
-        """Shape of a mode at places in m, in 1/sqrt(kg): the integral of rho h phi^2 is
-        1.
+        """Return the shape of a mode at places in m, in 1/sqrt(kg).
+
+        The integral of rho h phi^2 is 1.
 
         Parameters
         ----------
@@ -331,8 +335,9 @@ class Plate:
         return np.einsum("pi,ij,pj->p", X.at(x.ravel()), c, Y.at(y.ravel())).reshape(x.shape)
 
     def forces(self, n: int, weights: Sequence[float] | None = None) -> np.ndarray:
-        """Modal force of 1 V on all patches, in N/(V sqrt(kg)), shape (n,); ``weights``
-        give each patch a factor of its own.
+        """Return the modal force of 1 V on all patches, in N/(V sqrt(kg)), (n,).
+
+        ``weights`` give each patch a factor of its own.
         """
         if not self.patches:
             raise BadValue(
@@ -355,8 +360,9 @@ class Plate:
     def frf(
         self, drive, at, f, modes: int = 12, weights: Sequence[float] | None = None
     ) -> np.ndarray:
-        """Displacement for a drive, over frequency: sum of phi(at) F/(w_k^2 - w^2 + i w
-        w_k damping).
+        """Return the displacement for a drive, over frequency.
+
+        It is the sum of phi(at) F/(w_k^2 - w^2 + i w w_k damping).
 
         Parameters
         ----------
@@ -408,8 +414,9 @@ class Plate:
         return np.sum(gain / (wk**2 - w**2 + 1j * w * wk * self.damping), axis=-1)
 
     def carrier(self, at: tuple[float, float] | None = None) -> float:
-        """The frequency in Hz that moves a place most, its centre by default: of the
-        mode with the largest resonance there.
+        """Return the frequency in Hz that moves a place most, by default its centre.
+
+        It is that of the mode with the largest resonance there.
 
         With patches it is driven by them, else at that place.
         """
@@ -419,8 +426,9 @@ class Plate:
         return float(f[np.argmax([abs(self.frf(drive, at, v)) for v in f])])
 
     def frequencies(self, n: int = 6) -> Callable[[dict[str, Any]], Any]:
-        """The modes as a function of live numbers, for JAX: it can be differentiated
-        and mapped.
+        """Return the modes as a function of live numbers, for JAX.
+
+        It can be differentiated and mapped.
 
         Parameters
         ----------
@@ -524,8 +532,9 @@ def check_places(plate: Plate) -> None:
 
 @cache
 def _paper(edges: str, measured: bool, patches: bool) -> Plate:
-    """One for all who ask: its modes, half a second of linear algebra, are then found
-    once.
+    """Return the plate that all share.
+
+    Its modes, half a second of linear algebra, are then found once.
     """
     plate = Plate(0.206, 0.147, 1.4e-3, 70e9, 0.24, 2500.0, edges, damping=0.1)
     if measured:

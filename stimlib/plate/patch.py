@@ -15,16 +15,20 @@ class Host(Protocol):
     """What a patch is glued on: a ``Plate``."""
 
     @property
-    def thickness(self) -> float: ...
+    def thickness(self) -> float:
+        """Thickness in m."""
 
     @property
-    def E(self) -> float: ...
+    def E(self) -> float:
+        """Young's modulus in Pa."""
 
     @property
-    def nu(self) -> float: ...
+    def nu(self) -> float:
+        """Poisson's ratio."""
 
     @property
-    def stiffness(self) -> float: ...
+    def stiffness(self) -> float:
+        """Bending stiffness in N m."""
 
 
 @public
@@ -131,7 +135,7 @@ class Patch:
 
     @classmethod
     def duraact(cls, x: float, y: float, turned: bool = False, side: int = 1) -> Patch:
-        """The touch-screen thesis' patch, P-876.SP1; ``turned`` by 90 degrees.
+        """Return the touch-screen thesis' patch, P-876.SP1; ``turned`` by 90 degrees.
 
         16 x 13 x 0.5 mm outside, d31 = -180 pm/V and 62 GPa of the soft ceramic PIC255,
         and -100 .. 400 V are the manufacturer's. Assumed are what no public source
@@ -153,8 +157,9 @@ class Patch:
         return self.x - dx, self.x + dx, self.y - dy, self.y + dy
 
     def laminate(self, plate: Host) -> tuple[float, float]:
-        """Distance of the ceramic from the neutral plane (m), and bending stiffness
-        that it adds to the plate's (N m).
+        """Return the ceramic's distance from the neutral plane, and its stiffness.
+
+        The distance is in m, the bending stiffness that it adds to the plate's in N m.
         """
         biaxial = self.cover_E / (1 - self.cover_nu)
         q = plate.E / (1 - plate.nu), biaxial, self.E / (1 - self.nu), biaxial
@@ -169,8 +174,9 @@ class Patch:
         return z[2] - neutral, (stiff - 1) * plate.stiffness
 
     def moment(self, plate: Host) -> float:
-        """Moment per length of edge and volt, in N m/(m V), that bends the plate's
-        upper side hollow.
+        """Return the moment per length of edge and volt, in N m/(m V).
+
+        It bends the plate's upper side hollow.
         """
         # N/(m V): times thickness, and the field is V/thickness
         stress = -self.d31 * self.E / (1 - self.nu)

@@ -28,8 +28,9 @@ class Placement(NamedTuple):
 def best_patches(
     model: Plate, patch: Patch | None = None, mode: int = 0, points: int = 9, gap: float = 3e-3
 ) -> list[Placement]:
-    """All places of four patches on a grid, best first, by how far they move the middle
-    of the plate in one mode.
+    """Return all places of four patches on a grid, best first.
+
+    They are ordered by how far they move the middle of the plate in one mode.
 
     Patches are mirrored, driven in phase, and taken as light and soft: modes are those
     of the bare plate.

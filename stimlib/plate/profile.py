@@ -1,6 +1,4 @@
-"""A whole profile of displacement from a few measured points, because the shape of the
-mode is known.
-"""
+"""A whole profile of displacement from a few points, by the known shape of the mode."""
 
 from __future__ import annotations
 
@@ -23,8 +21,9 @@ Fit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 @public
 def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: str = "fit") -> Fit:
-    """The shape of the lowest mode through measured displacements, for ``equalize(x,
-    measured, kind=mode_fit(plate))``.
+    """Fit the shape of the lowest mode to measured displacements.
+
+    It is made for ``equalize(x, measured, kind=mode_fit(plate))``.
 
     Fitted are the amplitude, where the middle is (within 20 mm), and how far the
     clamped edges give way (kappa from 2 to 200); errors of the measurements count in

@@ -1,5 +1,6 @@
-"""Rayleigh and Ritz's method for a thin rectangular plate: products of Jacobi
-polynomials that keep the edges by themselves.
+"""Rayleigh and Ritz's method for a thin rectangular plate.
+
+Products of Jacobi polynomials keep the conditions of the edges by themselves.
 
 A function of one axis is (1 - s)^p (1 + s)^q P_k^(2p, 2q)(s), s from -1 to 1, with p
 and q = 0, 1, 2 for an edge that is free, simply supported or clamped.  They are
@@ -23,8 +24,9 @@ clamped.
 
 @cache
 def basis(terms: int, low: int, high: int) -> tuple[np.ndarray, ...]:
-    """Legendre series of the functions of one axis on -1 .. 1, orthonormal there, and
-    of their first two derivatives.
+    """Return Legendre series of the functions of one axis on -1 .. 1.
+
+    They are orthonormal there; the first two derivatives are given as well.
 
     Shape (degree + 1, terms) each.
     """
@@ -50,9 +52,7 @@ nodes = cache(legendre.leggauss)
 
 @dataclass(frozen=True)
 class Axis:
-    """The functions f_i of one axis, 0 .. length in m, and integrals of their
-    products.
-    """
+    """The functions f_i of one axis, 0 .. length in m, and their integrals."""
 
     length: float
     terms: int
@@ -86,9 +86,7 @@ class Axis:
         return low + (high - low) * (s + 1) / 2, w * (high - low) / 2
 
     def products(self, low: float = 0.0, high: float | None = None) -> tuple[np.ndarray, ...]:
-        """Integrals of f_i f_j, f_i' f_j', f_i'' f_j'' and f_i'' f_j from low to
-        high.
-        """
+        """Return integrals of f_i f_j, f_i' f_j', f_i'' f_j'' and f_i'' f_j."""
         x, w = self._gauss(low, self.length if high is None else high)
         powers = self._powers(x)
         f, g, h = (powers @ c for c in self.series)

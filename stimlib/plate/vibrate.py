@@ -1,6 +1,4 @@
-"""The plate in a scene: displacement under a moving finger for a voltage on the
-patches.
-"""
+"""The plate in a scene: displacement under a finger for a voltage on the patches."""
 
 from __future__ import annotations
 
@@ -26,8 +24,9 @@ UNMOVED = 1e-6  # of the largest static answer
 @public
 @dataclass(frozen=True)
 class Finger:
-    """What a finger adds to the plate where it touches; a finger pad is about 0.1 g, 1
-    N s/m and 500 N/m, and differs much.
+    """What a finger adds to the plate where it touches.
+
+    A finger pad is about 0.1 g, 1 N s/m and 500 N/m, and differs much.
 
     Parameters
     ----------
@@ -56,8 +55,9 @@ class Finger:
 
 
 def series_of(model: Plate, k: int) -> tuple[np.ndarray, float]:
-    """Legendre series of a mode's shape, 1 where it is largest, and that largest value
-    in 1/sqrt(kg).
+    """Return the Legendre series of a mode's shape, scaled to 1, and its largest value.
+
+    The latter is in 1/sqrt(kg).
     """
     X, Y = model.axes
     c = X.series[0] @ model.solved(k + 1)[1][k] @ Y.series[0].T
@@ -69,7 +69,7 @@ def series_of(model: Plate, k: int) -> tuple[np.ndarray, float]:
 def driven(
     model: Plate, modes: int, weights: Sequence[float] | None
 ) -> tuple[list[int], np.ndarray]:
-    """The lowest modes that the patches move, and the modal forces of all."""
+    """Return the lowest modes that the patches move, and the modal forces of all."""
     force = model.forces(LOOKED_AT, weights)
     size = np.abs(force) / model.solved(LOOKED_AT)[0]
     found = [int(k) for k in np.flatnonzero(size > UNMOVED * size.max())]
@@ -81,7 +81,7 @@ def driven(
 
 
 def loaded(voltage: Block, freq: float, q: float, phi2: Block, finger: Finger) -> Block:
-    """A mode with a finger on it, phi2 = phi^2 in 1/kg where it is.
+    """Return a mode with a finger on it, phi2 = phi^2 in 1/kg where it is.
 
     (1 + m phi2) q'' + (w0/Q + c phi2) q' + (w0^2 + k phi2) q = w0^2 V, its numbers
     those of this sample, by the trapezoidal rule.
@@ -106,8 +106,9 @@ def plate(
     weights: Sequence[float] | None = None,
     finger: Finger | None = None,
 ) -> Block:
-    """Displacement of a plate under a finger, from the voltage on its patches: a sum
-    over modes of shape(x, y) times ``mode``.
+    """Make the displacement of a plate under a finger from the patches' voltage.
+
+    It is a sum over modes of shape(x, y) times ``mode``.
 
     Each mode is exact for a voltage that is straight between samples.  With a finger it
     is ``svf``, whose numbers follow the finger: a load couples the modes, which is left

@@ -1,5 +1,6 @@
-"""Haptic bumps on a touch screen that vibrates at its resonance: the touch-screen
-thesis, chapters 3 and 4.
+"""Haptic bumps on a touch screen that vibrates at its resonance.
+
+Source: the touch-screen thesis, chapters 3 and 4.
 
 "Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen";
 see docs/reference/papers.rst.
@@ -46,8 +47,9 @@ def bumps(
     sampling: str = "area",
     rectify: str | None = "half",
 ) -> Scene:
-    """Voltage of the piezo patches under a finger that explores bumps: V = gain A
-    e(x/wavelength) c(t).
+    """Compose the voltage of piezo patches under a finger that explores bumps.
+
+    V = gain A e(x/wavelength) c(t).
 
     e is the unipolar envelope of ``bump``, wavelength = length/bumps; c is the positive
     half wave of the carrier at the plate's first resonance.
@@ -145,8 +147,7 @@ class Stimulus(NamedTuple):
 
 @public
 def bumps_set() -> list[Stimulus]:
-    """The 81 stimuli of the experiment, in the order in which the paper names its
-    parameters.
+    """Return the 81 stimuli of the experiment, in the order of the paper's parameters.
 
     Returns
     -------

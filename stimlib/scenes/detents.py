@@ -25,8 +25,9 @@ def detents(
     presliding: float = 0.01,
     contact: bool = False,
 ) -> Scene:
-    """Torque of a knob with regular detents and dry friction: depth sin(count angle) +
-    Coulomb's friction of a spring.
+    """Compose the torque of a knob with regular detents and dry friction.
+
+    It is depth sin(count angle) + Coulomb's friction of a spring.
 
     Parameters
     ----------

@@ -22,8 +22,9 @@ def friction(
     stiffness: float = 1000.0,
     contact: bool = False,
 ) -> Scene:
-    """Force of a finger that sticks like a spring, slips at static normal, and sticks
-    again at kinetic normal.
+    """Compose the force of a finger that sticks like a spring, and slips.
+
+    It slips at static normal, and sticks again at kinetic normal.
 
     Parameters
     ----------

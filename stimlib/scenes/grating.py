@@ -1,6 +1,4 @@
-"""A grooved and rough surface under a finger that strokes it: what is felt is tied to
-the place.
-"""
+"""A grooved and rough surface under a stroking finger, tied to the place."""
 
 from __future__ import annotations
 
@@ -31,8 +29,10 @@ def grating(
     longest: float = 0.05,
     contact: bool = False,
 ) -> Scene:
-    """Force along the skin of a surface: two gratings, and roughness of spectrum
-    1/f^slope, the same on every way there.
+    """Compose the force along the skin of a surface with gratings and roughness.
+
+    There are two gratings; roughness has the spectrum 1/f^slope and is the same on
+    every way there.
 
     F(x) = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x).
     Each sample is the mean over the movement of one sample period.

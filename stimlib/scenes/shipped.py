@@ -1,6 +1,4 @@
-"""The table of the shipped scenes, which ``shipped`` fills: a scene is a function with
-one decorator.
-"""
+"""The table of the shipped scenes, which the decorator ``shipped`` fills."""
 
 from __future__ import annotations
 
@@ -49,6 +47,7 @@ class shipped(NamedTuple):
     ranges: Mapping[str, tuple[float, float]] = {}
 
     def __call__(self, make: F) -> F:
+        """Enter a scene's function into the table."""
         ROWS[make.__name__] = self
         SHIPPED[make.__name__] = made = public(make)
         return made

@@ -41,8 +41,9 @@ def soft_surface(
     frames: bool = False,
     contact: bool = False,
 ) -> Scene:
-    """A soft surface over hard nodules: an avatar that is held back, and goes less
-    deep, where it is harder.
+    """Compose a soft surface over hard nodules.
+
+    Where it is harder, an avatar is held back and goes less deep.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""Squeezing a virtual object with thumb and index finger: the UGrip paper, sections 1.1
-and 2.1.
+"""A virtual object between thumb and index finger: the UGrip paper, 1.1 and 2.1.
 
 "A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see
 docs/reference/papers.rst.
@@ -52,7 +51,7 @@ def squeeze(
     limits: bool = False,
     motor_constant: float | None = None,
 ) -> Scene:
-    """Forces of a squeezed object: a spring, and vibration while it is being loaded.
+    """Compose the forces of a squeezed object: a spring, and vibration while loading.
 
     For each finger, with its own noise, F = k x + dF and, eq. (2), dF = A r dp/dt with
     r = Z_n v.  In the experiment Z_n = k/s is used on the increment dx per sample of

@@ -1,5 +1,6 @@
-"""A measured surface under a tool: Culbertson, Unwin and Kuchenbecker, IEEE Trans.
-Haptics 7 (2014).
+"""A measured surface under a tool.
+
+Source: Culbertson, Unwin and Kuchenbecker, IEEE Trans. Haptics 7 (2014).
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ def texture(
     cutoff: float = 20.0,
     contact: bool = False,
 ) -> Scene:
-    """Acceleration of a tool that strokes a measured surface: noise through a model
-    that follows speed and normal force.
+    """Compose the acceleration of a tool that strokes a measured surface.
+
+    Noise passes a model that follows speed and normal force.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""Bumps on a touch screen down to the finger: voltage on the patches, and the plate's
-displacement under the finger.
+"""Bumps on a touch screen down to the plate's displacement under the finger.
 
 The touch-screen thesis, chapters 2 to 4, with a model in the place of its plate; see
 docs/reference/scenes/touch_screen.rst.
@@ -49,8 +48,9 @@ def touch_screen(
     rectify: str | None = None,
     model: Plate | None = None,
 ) -> Scene:
-    """Displacement under a finger that explores bumps: bumps, equal displacement,
-    faster resonance, amplifier, plate.
+    """Compose the displacement under a finger that explores bumps.
+
+    Stages: bumps, equal displacement, faster resonance, amplifier, plate.
 
     The carrier's frequency, the profile that is equalised, the mode that is made faster
     and the voltages that the patches take all come from the plate's model.

@@ -1,5 +1,4 @@
-"""Viscoelastic materials along the spectrum from spring to dashpot: Çaldıran's thesis,
-chapters 3 and 4.
+"""Viscoelastic materials from spring to dashpot: Çaldıran's thesis, chapters 3, 4.
 
 Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see
 docs/reference/papers.rst.
@@ -35,8 +34,9 @@ def viscoelastic(
     tol: float = 1e-10,
     contact: bool = False,
 ) -> Scene:
-    """Force of a springpot that answers as strongly, at the frequency w, as a spring of
-    stiffness chi_0.
+    """Compose the force of a springpot that is chi_0 strong at the frequency w.
+
+    It then answers as strongly as a spring of stiffness chi_0.
 
     f = chi D^alpha y with chi = firmness chi_0 / w^alpha, eq. (4.1).  ``alpha`` sets
     what the thesis calls bounciness (the phase alpha pi/2), ``firmness`` the strength.

@@ -1,6 +1,4 @@
-"""Soft objects on a screen: stiffness maps, and pictures of a surface that gives
-way.
-"""
+"""Soft objects on a screen: stiffness maps, and pictures of the deformed surface."""
 
 from ..blocks.soft import Levels
 from .maps import BLOCK, SIDES, THIRTEEN, array, block, buried, image, nodules, sides

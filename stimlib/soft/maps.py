@@ -46,7 +46,7 @@ are exchanged.
 
 @public
 def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Levels:
-    """A map from measured levels.
+    """Make a map from measured levels.
 
     Parameters
     ----------
@@ -74,8 +74,9 @@ def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Lev
 def image(
     path: str | os.PathLike[str], width: float = BLOCK, height: float | None = None
 ) -> Levels:
-    """A map from a PNG picture: white is hard (1), black as soft as the object (0), the
-    lowest row at y = 0.
+    """Make a map from a PNG picture.
+
+    White is hard (1), black as soft as the object (0), the lowest row is at y = 0.
 
     Parameters
     ----------
@@ -138,8 +139,7 @@ def nodules(
     spacing: float = 0.002,
     shape: str = "ball",
 ) -> Levels:
-    """A map of hard balls inside a soft block: S = 1 - product of (1 - s) over the
-    balls.
+    """Make a map of hard balls in a soft block: S = 1 - product of (1 - s).
 
     ``ball``: s = min(1, (b/6 mm)^3 (12.5 mm/z)^4) / (1 + (rho/z)^2)^3 for the radius b,
     the depth z of the centre and the distance rho from it.  The fall-off is that of a
@@ -191,8 +191,9 @@ def nodules(
 
 
 def nodes(name: str, width: float, height: float, spacing: float) -> tuple[int, int]:
-    """Rows and columns of a grid over a rectangle; BadValue unless its sizes make
-    sense.
+    """Return rows and columns of a grid over a rectangle.
+
+    BadValue is raised unless its sizes make sense.
     """
     for what, v in (("width", width), ("height", height), ("spacing", spacing)):
         if not design_value(f"{name}: {what}", "float", v) > 0:
@@ -225,7 +226,9 @@ def _ball(ball: Any) -> tuple[float, float, float, float]:
 
 @public
 def sides(left: str, right: str) -> Levels:
-    """The block of the experiment with a mouse: what is under the middle of each half.
+    """Make the block of the experiment with a mouse.
+
+    Its arguments say what is under the middle of each half.
 
     Parameters
     ----------
@@ -256,7 +259,7 @@ def sides(left: str, right: str) -> Levels:
 
 @public
 def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
-    """The silicone block with its nodules A, B and C, turned about its middle.
+    """Make the silicone block with its nodules A, B and C, turned about its middle.
 
     Parameters
     ----------

@@ -40,9 +40,7 @@ LIGHT = np.array([-0.5, -0.5, 0.7071])  # from the left and from before, 45 degr
 
 @cache
 def _dents(count: int, radius: float, join: str) -> Processor:
-    """What computes how far the surface is down, at as many places as it gets
-    samples.
-    """
+    """Return a function for how far the surface is down at given places."""
     rho, depth = ([Input(f"{name}{i}", "m") for i in range(count)] for name in ("rho", "depth"))
     return compile(Scene({"down": deformation(rho, depth, radius, join)}), fs=1)
 
@@ -133,8 +131,9 @@ def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
 def _draw(
     axes: Any, indenters: list, width: float, height: float, radius: float, join: str
 ) -> None:
-    """The surface with shades, seen from 45 degrees above, and a ball for each avatar;
-    lengths in mm.
+    """Draw the surface with shades and a ball for each avatar; lengths in mm.
+
+    It is seen from 45 degrees above.
     """
     axes.clear()
     h = 1000 * surface(indenters, width, height, radius, None, join)
@@ -194,8 +193,9 @@ def picture(
     radius: float = RADIUS,
     join: str = "mean",
 ) -> Figure:
-    """The surface and its avatars at one time of a rendering: in perspective, at 45
-    degrees towards the viewer, with shades.
+    """Draw the surface and its avatars at one time of a rendering.
+
+    It is in perspective, at 45 degrees towards the viewer, with shades.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def picture(
 
 
 def _sample(result: Rendering, name: str, seconds: float) -> int:
-    """The sample of a rendering at a time."""
+    """Return the sample of a rendering at a time."""
     last = (result.y.shape[1] - 1) / result.fs
     if not 0 <= design_value(name, "float", seconds) <= last + 0.5 / result.fs:
         raise BadValue(f"{name} = {seconds!r} s is outside the rendering, which is 0 to {last:g} s")
@@ -267,8 +267,7 @@ def film(
     join: str = "mean",
     progress_bar: bool = True,
 ) -> int:
-    """The pictures of ``picture``, one after the other: a GIF, or PNG files in a
-    folder.
+    """Draw the pictures of ``picture`` in sequence: a GIF, or PNG files in a folder.
 
     Parameters
     ----------
@@ -355,7 +354,7 @@ def film(
 
 
 def _samples(result: Rendering, fps: float, start: float, stop: float | None) -> list[int]:
-    """The samples that a film shows."""
+    """Return the samples that a film shows."""
     if not design_value("film: fps", "float", fps) > 0:
         raise BadValue(f"film: fps = {fps!r} must be above 0")
     first = _sample(result, "start", start)
@@ -370,8 +369,9 @@ def _samples(result: Rendering, fps: float, start: float, stop: float | None) ->
 
 
 def _gif(pictures: Iterable[NDArray[np.uint8]], fps: float) -> bytes:
-    """A film of RGB pictures that keeps time: a GIF counts in 1/100 s, so what one
-    picture lacks the next one gets.
+    """Write RGB pictures as a GIF that keeps time.
+
+    A GIF counts in 1/100 s, so what one picture lacks the next one gets.
     """
     shown = [*pictures]
     ticks = np.rint(np.arange(len(shown) + 1) * 100 / fps).astype(int)

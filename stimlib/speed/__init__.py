@@ -1,3 +1,1 @@
-"""How fast it is on this machine: times of what takes turns, the noise chain beside
-numpy + scipy, and what the core allows.
-"""
+"""Speed on this machine: the noise chain, numpy + scipy, and the core's limit."""

@@ -24,9 +24,7 @@ HOUR = 3_600_000  # samples at 1 kHz
 
 
 class Speed(NamedTuple):
-    """How long something takes; where there is one, beside a peer and the limit of the
-    core.
-    """
+    """The time of a job, and where known its peer's and the core's limit."""
 
     what: str
     ns: float
@@ -42,8 +40,7 @@ class Speed(NamedTuple):
 
 
 def measure(samples: int = SAMPLES, hour: int = HOUR, rounds: int = 9) -> list[Speed]:
-    """The noise chain and its stages, a springpot, the shipped scenes, and single
-    calls, on this machine.
+    """Measure the noise chain, a springpot, the shipped scenes and single calls.
 
     Parameters
     ----------
@@ -114,7 +111,7 @@ def _beside(
 
 
 def _springpot(n: int, alpha: float = 0.4) -> tuple[Job, dict[str, Job]]:
-    """A springpot, and the full Gruenwald-Letnikov sum over the differences by FFT."""
+    """Return a springpot, and the full Gruenwald-Letnikov sum by FFT."""
     from scipy.signal import oaconvolve
 
     y = 0.01 * np.sin(2 * np.pi * np.arange(n) / 1000)
@@ -125,7 +122,7 @@ def _springpot(n: int, alpha: float = 0.4) -> tuple[Job, dict[str, Job]]:
 
 
 def table(speeds: list[Speed]) -> Table:
-    """The figures for a terminal.
+    """Return the figures as a table for a terminal.
 
     Examples
     --------

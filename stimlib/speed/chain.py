@@ -1,5 +1,4 @@
-"""The noise chain of the squeeze (white, pink, differentiator), whole and its stages,
-beside numpy + scipy and its limit.
+"""The noise chain of the squeeze and its stages, and numpy + scipy as a peer.
 
 Both sides do the same work for each sample, from the same design.  The peer runs in
 chunks that stay in the cache, carries its states on, and keeps its memory.
@@ -50,8 +49,9 @@ class Stage(NamedTuple):
 
 
 def design() -> tuple[np.ndarray, np.ndarray]:
-    """Second-order sections of the pink filter, (n, 6), and the differentiator's taps,
-    (129,): what all peers are given.
+    """Return the sections (n, 6) and taps (129,) that all peers are given.
+
+    They are those of the pink filter and the differentiator.
 
     Examples
     --------
@@ -69,8 +69,7 @@ def design() -> tuple[np.ndarray, np.ndarray]:
 
 
 class Peer:
-    """numpy + scipy in chunks: PCG64, ``sosfilt`` with its state carried on, and one of
-    three ways to run the taps.
+    """numpy + scipy in chunks: PCG64, stateful ``sosfilt``, taps in 3 ways.
 
     Parameters
     ----------
@@ -118,16 +117,16 @@ class Peer:
         return np.matmul(self.parts, self.matrix, out=self.y).ravel()
 
     def white(self) -> np.ndarray:
-        """The next chunk of white noise."""
+        """Return the next chunk of white noise."""
         return self.rng.standard_normal(out=self.w)
 
     def pink(self, w: np.ndarray) -> np.ndarray:
-        """The next chunk, filtered to 3 dB/octave."""
+        """Return the next chunk, filtered to 3 dB/octave."""
         y, self.zi = signal.sosfilt(self.sos, w, zi=self.zi)
         return y
 
     def fir(self, x: np.ndarray) -> np.ndarray:
-        """The next chunk, differentiated."""
+        """Return the next chunk, differentiated."""
         h = self.taps.size - 1
         self.line[h:] = x
         y = self.run_taps()
@@ -139,7 +138,7 @@ WAYS = {"convolve": "np.convolve", "oaconvolve": "oaconvolve", "matrix": "matrix
 
 
 def stages(samples: int = SAMPLES) -> dict[str, Stage]:
-    """The stages and the whole chain, with what numpy + scipy have for each.
+    """Return the stages and the whole chain, with the peers of each.
 
     Parameters
     ----------
@@ -212,7 +211,7 @@ def stages(samples: int = SAMPLES) -> dict[str, Stage]:
 
 
 def fastest_peer(stage: Stage, rounds: int = 3) -> dict[str, Job]:
-    """The peer of a stage that is fastest here, under its name.
+    """Return the peer of a stage that is fastest here, under its name.
 
     Examples
     --------
@@ -236,7 +235,7 @@ def fastest_peer(stage: Stage, rounds: int = 3) -> dict[str, Job]:
 def puller(
     scene: Scene, x: np.ndarray | None = None, samples: int = SAMPLES, fs: float = FS
 ) -> Job:
-    """A job that streams a scene in blocks of 8192 from sample 0 on.
+    """Return a job that streams a scene in blocks of 8192 from sample 0 on.
 
     Parameters
     ----------
@@ -272,8 +271,7 @@ def puller(
 
 
 def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
-    """Positions in m, shape (samples,), by what the gate of the squeeze does: always
-    open, in bursts, closed.
+    """Return positions in m, shape (samples,), for a gate open, in bursts, or closed.
 
     Examples
     --------
@@ -291,7 +289,7 @@ def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
 
 # Single calls -------------------------------------------------------------------------
 def caller(proc: Processor, x: np.ndarray, n: int) -> Job:
-    """A job of many calls of ``process(x, out)``: all of x, n samples a call.
+    """Return a job of many calls of ``process(x, out)`` with n samples each.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""The most that a core can do: fused multiply-adds (FMA) that do not wait for each
-other, in float64.
+"""The most that a core can do: independent fused multiply-adds (FMA) in float64.
 
 The time of this loop for as many operations as a chain has is the chain's limit; what a
 chain takes longer is for loads, stores, latency and loops.
@@ -20,8 +19,9 @@ LANES = (2, 4, 8)  # float64 in a vector of 128, 256 and 512 bits
 
 
 def peak(count: float) -> Callable[[], float]:
-    """A job that does so many independent FMAs in float64 on one core, in vectors of
-    the width that is fastest here.
+    """Return a job of so many independent FMAs in float64 on one core.
+
+    The vectors have the width that is fastest here.
 
     Parameters
     ----------
@@ -56,9 +56,7 @@ def _job(lanes: int, count: float) -> Callable[[], float]:
 
 @cache
 def _loop(lanes: int) -> Callable[[int], float]:
-    """Compiled: turn after turn, each of SUMS vectors becomes itself times a number
-    plus a number.
-    """
+    """Multiply and add in turns, each of SUMS vectors for itself (compiled)."""
     from llvmlite import ir
     from numba import njit, types
     from numba.core import cgutils

@@ -1,5 +1,6 @@
-"""Times of jobs that take turns in one process, so that a machine whose speed drifts
-disturbs all of them alike.
+"""Times of jobs that take turns in one process.
+
+So a machine whose speed drifts disturbs all of them alike.
 """
 
 from __future__ import annotations
@@ -75,8 +76,9 @@ def medians(times: Times) -> dict[str, float]:
 
 
 def ratio(times: Times, slow: str, fast: str) -> float:
-    """How many times as long ``slow`` took as ``fast``: the median of the ratios within
-    a round.
+    """Return how many times as long ``slow`` took as ``fast``.
+
+    It is the median of the ratios within a round.
 
     Examples
     --------
@@ -88,8 +90,9 @@ def ratio(times: Times, slow: str, fast: str) -> float:
 
 
 def fastest(jobs: Jobs, rounds: int = 3) -> str:
-    """Name of the job with the shortest time: which form of a peer to compare with,
-    found before it is compared.
+    """Return the name of the job with the shortest time.
+
+    It finds which form of a peer to compare with.
 
     Examples
     --------

@@ -1,5 +1,6 @@
-"""Sweeps: one scene, many rows of numbers, a few figures of each rendering; on this
-machine or on a Dask cluster.
+"""Sweeps: one scene, many rows of numbers, a few figures of each rendering.
+
+They run on this machine or on a Dask cluster.
 """
 
 from .measures import measure, measured

@@ -26,8 +26,11 @@ SWEEPS = 4
 
 
 class Here:
-    """This process itself, where a debugger can follow; nothing protects it from what a
-    row does.
+    """The driver's own process, where a debugger can follow.
+
+    Nothing protects it from what a row does.
+
+    Nothing protects it from what a row does.
     """
 
     def __init__(self, plan: Plan, motions: Motions):
@@ -41,20 +44,25 @@ class Here:
         pass
 
     def widen(self, workers: int) -> None:
+        """Ignore the number of workers."""
         pass
 
     def room(self) -> int:
+        """Return how many jobs can be submitted."""
         return 1 - len(self._done)
 
     def workers(self) -> int:
+        """Return the number of workers."""
         return 1
 
     def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
+        """Run a job now."""
         began = time.perf_counter()
         table = self._runner.run(from_bytes(data).to_pylist(), look, seconds)
         self._done.append((what, (as_bytes(table), time.perf_counter() - began)))
 
     def take(self) -> tuple[Any, tuple[bytes, float]]:
+        """Return a job that is done."""
         return self._done.pop()
 
 
@@ -79,17 +87,21 @@ class Local:
         self._pool.widen(workers)
 
     def room(self) -> int:
+        """Return how many jobs can be submitted."""
         return self._pool.room
 
     def workers(self) -> int:
+        """Return the number of workers."""
         return self._pool.workers
 
     def submit(
         self, what: Any, data: bytes, look: bool, seconds: float, motions: bytes = b""
     ) -> None:
+        """Give a job to a worker."""
         self._pool.submit(what, run_kept, data, look, seconds, motions, seconds=self._seconds)
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
+        """Return a job that is done, or the death of its worker."""
         what, result, error = self._pool.take()
         if isinstance(error, WorkerDied):
             return what, Death(str(error), error.at, error.data, isinstance(error, TimedOut))
@@ -99,7 +111,7 @@ class Local:
 
 
 def packed(what: Any) -> bytes:
-    """A pickle that also carries functions of a script or a notebook."""
+    """Return a pickle that also carries functions of a script or a notebook."""
     try:
         return package("cloudpickle", "a sweep in several processes", "'stimlib[sweep]'").dumps(
             what
@@ -111,8 +123,9 @@ def packed(what: Any) -> bytes:
 
 
 class Cluster:
-    """A Dask cluster: the same jobs as futures, some for each thread, so that a million
-    rows are never a million futures.
+    """A Dask cluster: the same jobs as futures, some for each thread.
+
+    So a million rows are never a million futures.
 
     Plan and motions are tasks and not scattered: data that was scattered dies with the
     worker that holds it.
@@ -178,6 +191,7 @@ class Cluster:
                 )
 
     def workers(self) -> int:
+        """Return the number of threads of all workers."""
         if time.monotonic() > self._asked + 2.0:
             self._threads, self._asked = (
                 max(1, sum(self._client.nthreads().values())),
@@ -186,12 +200,14 @@ class Cluster:
         return self._threads
 
     def room(self) -> int:
+        """Return how many jobs can be submitted."""
         return max(0, max(BESIDE * self.workers(), FEWEST) - len(self._flying))
 
     def widen(self, workers: int) -> None:
         """Leave it to the cluster."""
 
     def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
+        """Submit a job as a future."""
         table = from_bytes(data)
         names = table["motion"].unique().to_pylist() if "motion" in table.column_names else [""]
         hands = [(name, *self._hands[name]) for name in names]
@@ -203,6 +219,7 @@ class Cluster:
         self._done.add(future)
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
+        """Return a job that is done, or the death of its worker."""
         self._wait()
         future = next(self._done)
         what = self._flying.pop(future)
@@ -219,8 +236,10 @@ class Cluster:
             future.release()
 
     def _wait(self) -> None:
-        """Until a job is done; that a cluster has no workers is said, and they are
-        waited for: a queue may take its time.
+        """Wait until a job is done.
+
+        A cluster without workers is reported, and waited for: a queue may take its
+        time.
         """
         said, look = False, time.monotonic() + LONELY
         while not self._done.has_ready():
@@ -244,7 +263,7 @@ def _distributed() -> Any:
 
 
 def connected(address: str) -> Any:
-    """A client of the scheduler at an address.
+    """Return a client of the scheduler at an address.
 
     Raises
     ------
@@ -260,7 +279,7 @@ def connected(address: str) -> Any:
 
 
 def same(what: Any) -> Any:
-    """A task that holds something."""
+    """Return the argument: a task that holds something."""
     return what
 
 
@@ -279,8 +298,9 @@ def run_beside(
     look: bool,
     seconds: float,
 ) -> tuple[bytes, float] | Death:
-    """Run a job in a process beside a worker of Dask: what ends that is one row, and
-    the worker goes on.
+    """Run a job in a process next to a worker of Dask.
+
+    What ends that process is one row, and the worker goes on.
     """
     if (here := versions()) != plan.versions:
         raise BadValue(f"this worker has other versions: {differing(here, plan.versions)}")

@@ -1,6 +1,4 @@
-"""What the code and data behind a user's function are, as a hash of what is in
-memory.
-"""
+"""The hash of the code and data behind a user's function, as they are in memory."""
 
 from __future__ import annotations
 
@@ -108,8 +106,9 @@ def identity(what: Any, called: str) -> str:
 
 
 def own_classes(scene: Scene) -> list[type[Block]]:
-    """Return the classes of a scene's blocks that are not stimlib's, in the order of
-    first use.
+    """Return the classes of a scene's own blocks, in the order of first use.
+
+    They are those that are not stimlib's.
     """
     kinds = dict.fromkeys(type(b) for b in reach(scene.outputs.values()))
     return [k for k in kinds if _is_own(k.__module__)]
@@ -125,9 +124,7 @@ def _hidden(path: str, what: Any) -> BadValue:
 
 
 class _Walk:
-    """One pass over a function and what it reaches; what was met before is not walked
-    again.
-    """
+    """One pass over a function and what it reaches, each object once."""
 
     def __init__(self) -> None:
         # the object is kept, so that its id stays its own
@@ -346,8 +343,9 @@ class _Walk:
         ]
 
     def _compiled(self, f: Any, path: str) -> list[str]:
-        """Return the parts of a function that is not Python's: its name, and what it is
-        bound to.
+        """Return the parts of a function that is not Python's.
+
+        They are its name, and what it is bound to.
         """
         bound = getattr(f, "__self__", None)
         name = f.__name__
@@ -365,9 +363,7 @@ class _Walk:
 
     # Objects --------------------------------------------------------------------------
     def _instance(self, what: Any, path: str) -> list[str]:
-        """Return the parts of an object: class and content; of what wraps a function,
-        that too.
-        """
+        """Return the parts of an object: class and content, and what it wraps."""
         kind = type(what)
         name, holder = getattr(what, "__qualname__", None), getattr(what, "__module__", None)
         if isinstance(name, str) and isinstance(holder, str):  # compiled by Cython, say
@@ -458,8 +454,9 @@ def _words(code: types.CodeType) -> set[str]:
 
 
 def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator[types.ModuleType]:
-    """Yield the own modules that code uses otherwise than by one of their attributes;
-    value is what it calls name.
+    """Yield the own modules that code uses as a whole.
+
+    value is what it calls name; uses of one attribute do not count.
     """
     for c in _codes(code):
         steps = [i for i in dis.get_instructions(c) if i.opname != "EXTENDED_ARG"]
@@ -488,9 +485,7 @@ def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator
 
 
 def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set[str]]]:
-    """Yield the modules that a function imports when it runs, and the names that it
-    takes from each.
-    """
+    """Yield the modules that a function imports when it runs, with their names."""
     package = f.__globals__.get("__package__") or ""
     for code in _codes(f.__code__):
         steps = [i for i in dis.get_instructions(code) if i.opname != "EXTENDED_ARG"]
@@ -528,8 +523,9 @@ def _installed(file: str) -> bool:
 
 
 def _is_own(name: str) -> bool:
-    """Whether a module is the user's: a file outside of installed packages, a script,
-    or a notebook.
+    """Return whether a module is the user's.
+
+    It is a file outside of installed packages, a script, or a notebook.
     """
     if name in sys.builtin_module_names or name in sys.stdlib_module_names:
         return False
@@ -540,17 +536,13 @@ def _is_own(name: str) -> bool:
 
 
 def _extension(name: str) -> str:
-    """Return the file of the user's module with this name, if it is a compiled
-    extension, or an empty text.
-    """
+    """Return the file of a user's compiled extension, or an empty text."""
     file = getattr(sys.modules.get(name), "__file__", None) or ""
     return "" if file.endswith(".py") or not _is_own(name) else file
 
 
 def _is_named(what: Any) -> bool:
-    """Whether an installed package has exactly this function or class under its
-    name.
-    """
+    """Return whether an installed package has this very object under its name."""
     if _is_own(getattr(what, "__module__", None) or ""):
         return False
     found: Any = sys.modules.get(what.__module__)

@@ -1,6 +1,4 @@
-"""What a rendering is reduced to: figures with units, by name or by functions of your
-own.
-"""
+"""Measures: figures of a rendering with units, by name or by your own functions."""
 
 from __future__ import annotations
 
@@ -43,9 +41,7 @@ class Measure:
     """Stated by the author, where it stands for the content of the functions."""
 
     def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
-        """The figures of a rendering; BadValue that names the measure where it gives
-        something else.
-        """
+        """Return the figures of a rendering; raise BadValue for anything else."""
         try:
             given = np.ravel(self.function(rendering, ready))
             if given.dtype.kind in "cUS":
@@ -146,7 +142,7 @@ def _alone(function: Callable[[Rendering], Any], rendering: Rendering, _: None) 
 
 
 def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) -> list[Measure]:
-    """The measures that are meant, of this scene.
+    """Return the measures that are meant, of this scene.
 
     Parameters
     ----------
@@ -182,7 +178,7 @@ def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) ->
 def measured(
     rendering: Rendering, measures: Sequence[str | Measure] | str | Measure
 ) -> dict[str, float]:
-    """The figures of one rendering, as a sweep has them.
+    """Return the figures of one rendering, as a sweep has them.
 
     Parameters
     ----------
@@ -228,15 +224,19 @@ def measured(
 
 
 def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: float) -> list[Any]:
-    """What each measure makes of the inputs' samples, shape (inputs, n), which none of
-    them can change.
+    """Return what each measure makes of the inputs' samples, (inputs, n).
+
+    None of them can change the samples.
     """
     given = dict(zip(inputs, unwritable(x), strict=True)) or {"": np.empty(x.shape[1])}
     return [m.prepare(given, fs) if m.prepare else None for m in found]
 
 
 def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[Any]) -> list[float]:
-    """The figures of all measures, none of which can change what the next one sees."""
+    """Return the figures of all measures.
+
+    None can change what the next one sees.
+    """
     motion = {
         name: unwritable(s) if isinstance(s, np.ndarray) else s
         for name, s in rendering.motion.items()
@@ -246,7 +246,7 @@ def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[A
 
 
 def unwritable(a: Array) -> Array:
-    """The same samples, for reading."""
+    """Return the samples, for reading only."""
     view = a.view()
     view.flags.writeable = False
     return view
@@ -274,8 +274,9 @@ def _measure(asked: Any, scene: Scene) -> Measure:
 
 
 def _call(text: str) -> tuple[str, list[float | str]]:
-    """The name of a measure and its arguments, numbers or names; nothing is
-    evaluated.
+    """Parse the name of a measure and its arguments.
+
+    They are numbers or names; nothing is evaluated.
     """
     try:
         match ast.parse(text.strip(), mode="eval").body:
@@ -300,7 +301,7 @@ def _number(node: ast.expr) -> float:
 
 # Those with names ---------------------------------------------------------------------
 def _outputs(scene: Scene, names: Sequence[Any], what: str) -> list[str]:
-    """The outputs that are named, or all."""
+    """Return the outputs that are named, or all."""
     if wrong := [n for n in names if n not in scene.outputs]:
         raise UnknownName(
             f"measures: {what}: the scene has no output {wrong[0]!r}; it has"
@@ -344,8 +345,9 @@ def _peak(y: Array, _: Any) -> float:
 
 
 def band(scene: Scene, low: Any, high: Any, *outputs: Any) -> Measure:
-    """Rms in a band: the root of the integral of the power spectral density from low
-    (Hz) to below high.
+    """Return the RMS in a band.
+
+    It is the root of the integral of the PSD from low (Hz) to below high.
 
     Of the whole record without its mean, under a Hann window:
     ``scipy.signal.periodogram(y, fs, "hann")``.  A band above fs/2, or between two
@@ -365,8 +367,9 @@ def _band(y: Array, ready: Any) -> float:
 
 
 def psd(scene: Scene, low: Any = 10.0, high: Any = 1000.0, *outputs: Any) -> Measure:
-    """Mean one-sided power spectral density in each third octave whose middle is from
-    low to high (Hz), unit^2/Hz.
+    """Return the mean one-sided PSD in each third octave, in unit^2/Hz.
+
+    Their middles are from low to high (Hz).
 
     The same spectrum as ``band``; middles 10^(k/10) Hz, the names of IEC 61260-1.  A
     third octave between two lines of the spectrum (of a short record) is nan.
@@ -401,8 +404,9 @@ def _edges(low: Any, high: Any, what: str) -> tuple[float, float]:
 def _bins(
     edges: Sequence[tuple[float, float]], x: dict[str, Array], fs: float
 ) -> tuple[Array, list[slice], float]:
-    """Window (with the scale of a density), lines of the spectrum in each band, and
-    their distance in Hz.
+    """Return the window, the lines of the spectrum in each band, and their distance.
+
+    The window has the scale of a density; the distance is in Hz.
     """
     n = next(iter(x.values())).size
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n)
@@ -419,8 +423,9 @@ def _density(y: Array, window: Array, part: slice) -> Array:
 
 
 def cues(scene: Scene, *names: Any) -> Measure:
-    """The physical cues of an interaction (``stimlib.analysis.physical_cues``), of a
-    displacement and a force: ``cues(x1, force1)``.
+    """Return the physical cues of a displacement and a force: ``cues(x1, force1)``.
+
+    See `stimlib.analysis.cues`.
 
     By default of the only input in m and the only output in N.
     """

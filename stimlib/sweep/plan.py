@@ -1,5 +1,6 @@
-"""What all rows of a sweep share, and by what a row is known again: content, never
-order, place or name.
+"""What all rows of a sweep share, and the keys by which rows are recognised.
+
+A key is from content, never from order, place or name.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class Plan:
     """
 
     def scene(self, row: Mapping[str, Any]) -> Scene:
-        """The scene of a row."""
+        """Return the scene of a row."""
         if isinstance(self.make, Scene):
             return self.make
         made = self.make(**{name: row[name] for name in self.roles.arguments})
@@ -90,8 +91,10 @@ class Plan:
 
 # Motions ------------------------------------------------------------------------------
 def motion_of(given: Any, scene: Scene) -> dict[str, Any]:
-    """The motion of every input of a scene: by name as ``render`` takes it; one
-    function, array or recording is of all inputs.
+    """Return the motion of every input of a scene.
+
+    It is by name as ``render`` takes it; one function, array or recording is of all
+    inputs.
     """
     if isinstance(given, Recording):
         return given.motion_for(scene.inputs)
@@ -99,7 +102,10 @@ def motion_of(given: Any, scene: Scene) -> dict[str, Any]:
 
 
 def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
-    """Samples of a run: of ``seconds``, else of the recording or the shortest array."""
+    """Return the samples of a run.
+
+    They are those of ``seconds``, else of the recording or the shortest array.
+    """
     if seconds is None:
         lengths = [len(s) / fs for s in motion.values() if not callable(s)]
         lengths += [s.info["duration"] for s in motion.values() if hasattr(s, "info")]
@@ -117,8 +123,7 @@ def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
 
 
 def motion_digest(given: Any, name: str, fs: float, seconds: float | None) -> bytes:
-    """Return 16 bytes that stand for a motion as it was given, and for how much of it
-    is used.
+    """Return 16 bytes that stand for a motion, and for how much of it is used.
 
     A function counts with its name: its samples are part of the content of each row.
     """
@@ -186,8 +191,9 @@ def measure_keys(measures: tuple[str | Measure, ...]) -> list[str]:
 
 
 def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
-    """Return what a factory and functions of motion count as: the hash of their
-    content, or nothing where that cannot be seen.
+    """Return the hashes of a factory and of functions of motion.
+
+    There is none where the content cannot be seen.
     """
     parts = {"scene": make}
     for name, motion in motions.items():
@@ -208,8 +214,7 @@ def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
 
 # Rows ---------------------------------------------------------------------------------
 def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Array:
-    """Return 16 bytes for each row: of the plan, the row's numbers and its motion as
-    given.
+    """Return 16 bytes for each row, of the plan, its numbers and its motion.
 
     Not of order, number or names of motions: a sweep may grow, and parts may have any
     size.
@@ -241,7 +246,7 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
 
 
 def _words(pa: Any, column: Any) -> np.ndarray:
-    """A column as bytes, shape (rows, 16): type and value, or the digest of a text."""
+    """Return a column as bytes, (rows, 16): type and value, or digest of a text."""
     kind = str(column.type)
     if kind == "string":
         return _digests(pa, column, None)
@@ -267,8 +272,9 @@ def _digests(pa: Any, column: Any, known: Mapping[str, bytes] | None) -> np.ndar
 
 
 def in_order(table: pa.Table, roles: Roles) -> np.ndarray:
-    """Indices of the rows by arguments, then motion, then seed: so that little is made
-    twice.
+    """Return row indices by arguments, then motion, then seed.
+
+    So little is made twice.
     """
     names = [n for n in (*roles.arguments, "motion", "seed") if n in table.column_names]
     codes = []

@@ -1,6 +1,4 @@
-"""The rows of a sweep: a grid, or a table from anywhere, as Arrow columns of a few
-types; and which column is what.
-"""
+"""The rows of a sweep: a grid or a table as Arrow columns, and the role of each."""
 
 from __future__ import annotations
 
@@ -105,8 +103,9 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
 
 
 def whole_numbers(name: str, column: Any) -> Any:
-    """A column; as uint64 where its numbers are whole and need the 64th bit, as seeds
-    may; BadValue where that is not enough.
+    """Return a column, as uint64 where whole numbers need the 64th bit.
+
+    Seeds may. BadValue is raised where that is not enough.
     """
     whole = [int(v) for v in column if isinstance(v, int | np.integer) and not isinstance(v, bool)]
     least, most = min(whole, default=0), max(whole, default=0)
@@ -123,8 +122,9 @@ def whole_numbers(name: str, column: Any) -> Any:
 
 
 def table_of(rows: Any) -> pa.Table:
-    """Rows as an Arrow table with columns of int64, uint64, float64, bool and string,
-    without a gap.
+    """Return rows as an Arrow table without a gap.
+
+    The columns are of int64, uint64, float64, bool and string.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def _read(pa: Any, rows: Any) -> pa.Table:
 
 
 def _plain(pa: Any, field: Any, column: Any) -> Any:
-    """A column as one array of one of the types that there are."""
+    """Return a column as one array of one of the allowed types."""
     kind, types = field.type, pa.types
     if types.is_dictionary(kind):
         kind = kind.value_type
@@ -247,7 +247,7 @@ def roles_of(
     names: Collection[str],
     live: Collection[str] | None,
 ) -> Roles:
-    """What each column is.
+    """Return what each column is.
 
     A parameter that shapes what runs before sample 0, such as the level of a filtered
     noise, is not the same as live number and as argument: the lead ran with the other
@@ -308,12 +308,12 @@ def roles_of(
 
 
 def name_of(make: Any) -> str:
-    """What a factory is called."""
+    """Return what a factory is called."""
     return getattr(make, "__name__", "the function")
 
 
 def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:
-    """The arguments that a factory takes by name; none of a scene."""
+    """Return the arguments that a factory takes by name; none of a scene."""
     if isinstance(make, Scene):
         return []
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
@@ -321,8 +321,10 @@ def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:
 
 
 def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str]) -> pa.Table:
-    """The table with live columns as finite float64, seeds as uint64 and a column
-    ``motion`` of known names.
+    """Return the table with checked columns.
+
+    Live columns are finite float64, seeds uint64, and the column ``motion`` has known
+    names.
 
     Raises
     ------

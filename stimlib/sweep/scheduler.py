@@ -1,6 +1,4 @@
-"""From rows to jobs and back: jobs of about a second, and what becomes of those whose
-process dies.
-"""
+"""From rows to jobs of about a second and back, and what happens when workers die."""
 
 from __future__ import annotations
 
@@ -66,8 +64,9 @@ def drive(
     advance: Callable[..., None],
     look: bool = False,
 ) -> None:
-    """Run all rows, in jobs of about a second, no more of them at once than keep all
-    workers busy.
+    """Run all rows in jobs of about a second.
+
+    No more of them run at once than keep all workers busy.
 
     Parameters
     ----------
@@ -123,8 +122,9 @@ def drive(
 
 
 def job_seconds(workers: int) -> float:
-    """Return how long a job runs until it hands back what it has done; so long that no
-    worker waits for the client.
+    """Return how long a job runs until it hands back what it has done.
+
+    It is so long that no worker waits for the client.
     """
     return max(TASK, SENT * workers)
 

@@ -1,6 +1,4 @@
-"""The folder of a sweep: parts of Parquet, each there whole or not at all, and a
-sidecar that says what they are.
-"""
+"""The folder of a sweep: Parquet parts, each written atomically, and a sidecar."""
 
 from __future__ import annotations
 
@@ -189,12 +187,12 @@ class Store:
 
 
 def _name(data: bytes) -> str:
-    """A part is called by its content, so that damage is seen."""
+    """Return the name of a part: its content, so that damage is seen."""
     return f"part-{hashlib.sha256(data).hexdigest()[:32]}.parquet"
 
 
 def _part(path: Path, names: Collection[str]) -> pa.Table | None:
-    """A part with these columns; None where it is damaged, or something else."""
+    """Return a part with these columns; None where it is damaged or foreign."""
     data = safe_files.read(path, "audio_bytes")
     try:
         table = (

@@ -269,8 +269,9 @@ def rendering(
     seconds: float | None = None,
     live: Collection[str] | None = None,
 ) -> Rendering:
-    """One row of a sweep alone, to look at: the same samples, bit for bit, of which its
-    figures were made.
+    """Render one row of a sweep alone.
+
+    The samples are those of which its figures were made, bit for bit.
 
     Parameters
     ----------
@@ -351,15 +352,17 @@ class Seen(NamedTuple):
 
 
 def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
-    """Return all that can be known without a run, checked; the scene of some row is
-    made here.
+    """Return all that can be known without a run, checked.
+
+    The scene of some row is made here.
     """
     return _complete(make, words, seen(make, table, words, 0))
 
 
 def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
-    """Return what `planned` does; scenes are made in another process, which they may
-    end.
+    """Return what `planned` does, with scenes made in another process.
+
+    They may end that process.
     """
     given = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
     memory = int(min(limits.row_bytes, 2**62))
@@ -484,8 +487,7 @@ def _asked(words: Mapping[str, Any]) -> tuple[str | Measure, ...]:
 
 
 def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int = 0) -> Scene:
-    """Return the scene, or what the factory makes of the first of some rows of which it
-    makes one.
+    """Return the scene, or the first that the factory makes of some rows.
 
     Parameters
     ----------
@@ -544,8 +546,9 @@ def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
 def _confirmed(
     plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool
 ) -> pa.Table:
-    """Return the rows that are done, without those that failed with another scene or
-    motion than today's.
+    """Return the rows that are done.
+
+    Those that failed with another scene or motion than today's are left out.
 
     The scene of every row that is there is made again, once for each combination of
     arguments and motion, and compared with the one that was run.
@@ -588,9 +591,7 @@ def _confirmed(
 
 
 def _missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
-    """Return the rows that are not there yet, each once; with retry those that failed,
-    too.
-    """
+    """Return the rows that are not there yet, each once; with retry failed ones too."""
     pa, pc = arrow(), arrow("pyarrow.compute")
     places = _places(keyed, done)
     if retry:

@@ -1,5 +1,6 @@
-"""What a worker does with some rows: programs, motions and buffers are kept from row to
-row.
+"""What a worker does with some rows.
+
+Programs, motions and buffers are kept from row to row.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class Kept(OrderedDict[Any, T]):
     """The last few things that were made, by key."""
 
     def get_or(self, key: Any, most: int, make: Callable[[], T]) -> T:
-        """What is kept under a key, made where it is not."""
+        """Return what is kept under a key, made where it is not there."""
         if key not in self:
             self[key] = make()
             while len(self) > most:
@@ -94,9 +95,7 @@ class Runner:
         self._y = np.empty((0, 0))
 
     def content(self, row: Mapping[str, Any]) -> bytes:
-        """Return 16 bytes that stand for all that a row's samples are computed from:
-        scene and motion.
-        """
+        """Return 16 bytes that stand for a row's scene and motion."""
         if not self.plan.measure_keys:  # nothing is kept
             return NO_SCENE
         made = self._made(row)
@@ -107,7 +106,7 @@ class Runner:
         return hashlib.sha256(made.digest + self._digests[key]).digest()[:KEY]
 
     def rendering(self, row: Mapping[str, Any]) -> tuple[Rendering, Program, Moved]:
-        """A row's rendering, whose samples are valid until the next."""
+        """Return a row's rendering, whose samples are valid until the next."""
         plan = self.plan
         program = self._programs.get_or(self._arguments(row), PROGRAMS, lambda: self._compiled(row))
         proc = program.proc
@@ -134,7 +133,7 @@ class Runner:
         return made, program, moved
 
     def figures(self, row: Mapping[str, Any]) -> tuple[list[float], str | None]:
-        """A row's figures, and its fault."""
+        """Return a row's figures, and its fault."""
         rendering, program, moved = self.rendering(row)
         values = figures_of(program.measures, rendering, moved.ready or [])
         return values, (
@@ -142,8 +141,9 @@ class Runner:
         )
 
     def run(self, rows: list[dict[str, Any]], look: bool = False, seconds: float = math.inf) -> Any:
-        """Return figures, fault, error and content of the first rows, of as many as the
-        time allows.
+        """Return figures, fault, error and content of the first rows.
+
+        There are as many as the time allows.
 
         An error is what that row says, not the end of the others.
 
@@ -268,7 +268,7 @@ def run_kept(data: bytes, look: bool, seconds: float, motions: bytes) -> tuple[b
 
 
 def differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """The packages of which two processes have different versions."""
+    """Return the packages of which two processes have different versions."""
     return ", ".join(
         f"{p} {here.get(p)}, and not {v}" for p, v in there.items() if here.get(p) != v
     )
@@ -285,7 +285,7 @@ def figures_table(plan: Plan, rows: list[dict[str, Any]]) -> Any:
 
 
 def as_bytes(table: Any) -> bytes:
-    """A table as a stream of Arrow."""
+    """Return a table as a stream of Arrow."""
     sink = arrow().BufferOutputStream()
     with arrow("pyarrow.ipc").new_stream(sink, table.schema) as writer:
         writer.write_table(table)
@@ -293,5 +293,5 @@ def as_bytes(table: Any) -> bytes:
 
 
 def from_bytes(data: bytes) -> Any:
-    """The table that `as_bytes` wrote."""
+    """Return the table that `as_bytes` wrote."""
     return arrow("pyarrow.ipc").open_stream(data).read_all()

@@ -1,3 +1,1 @@
-"""How a scene runs: the reference interpreter (python), the streaming compiler (numba),
-functions of whole signals (jax).
-"""
+"""How a scene runs: interpreter (python), compiler (numba), whole signals (jax)."""

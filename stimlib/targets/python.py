@@ -1,5 +1,6 @@
-"""The reference: the program sample by sample, no compiler.  What this prints is what a
-scene means.
+"""The reference interpreter: the program sample by sample, without a compiler.
+
+What it computes is what a scene means.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from ..core.steps import sample
 
 
 class Engine:
-    """Runs a program; ``words`` is its whole state.  See ``stimlib.run.processor`` for
-    the public face.
+    """An interpreter of a program; ``words`` is its whole state.
+
+    See ``stimlib.run.processor`` for the public interface.
     """
 
     address = None
@@ -43,8 +45,9 @@ class Engine:
     def together(
         engines: Sequence[Engine],
     ) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
-        """run(turn, x, out): one copy after the other, in one thread.  See
-        ``stimlib.targets.numba.engine``.
+        """Return run(turn, x, out): one copy after the other, in one thread.
+
+        See ``stimlib.targets.numba.engine``.
         """
 
         def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
@@ -54,8 +57,9 @@ class Engine:
         return run
 
     def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, Any]:
-        """Values of all instances at one sample of a clock, and of whatever that
-        enables.
+        """Return values of all instances at one sample of a clock.
+
+        Whatever the clock enables is run too.
         """
         on = [False] * len(self.program.parents)
         on[PARAMS] = on[clock] = True
@@ -88,9 +92,7 @@ class Engine:
         return y
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:
-        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero when the shapes do not
-        fit.
-        """
+        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero if shapes differ."""
         inputs, outputs = list(self.program.inputs.values()), list(self.program.outputs.values())
         if x.shape != (len(inputs), x.shape[1]) or out.shape != (len(outputs), x.shape[1]):
             return 1
@@ -116,9 +118,7 @@ class Engine:
                 self.sample({}, clock, warm=True)
 
     def set(self, i: int, target: float, left: float) -> None:
-        """Send Param instance i towards target over so many samples, from the next
-        sample on.
-        """
+        """Send Param instance i towards target over samples, from the next one on."""
         assert isinstance(self.program.instances[i].block, Param)
         self.s[i] = self.s[i]._replace(target=np.float64(target), left=np.float64(left))
 
@@ -142,5 +142,5 @@ class Engine:
                 at += n
 
     def peek(self) -> np.ndarray:
-        """The states as they are."""
+        """Return the states."""
         return self.words

@@ -47,7 +47,7 @@ HAND = {"y": sinusoid(0.01, 1.0)}
 
 @public
 def bounciness() -> Experiment:
-    """The experiment: one interval, which of the two known materials was it?
+    """Make the experiment: one interval, identified as one of two materials.
 
     Twelve sessions of 120 trials, one for each reference and comparison, in the order
     of a Graeco-Latin square.  The first ten trials of each half are for training.
@@ -104,8 +104,9 @@ def bounciness() -> Experiment:
 
 @public
 def pair_of(participant: str, session: int) -> str:
-    """The condition of a session: table 3.1 has the reference, the Latin letter the
-    order of its comparisons.
+    """Return the condition of a session.
+
+    Table 3.1 has the reference, the Latin letter the order of its comparisons.
 
     Raises
     ------
@@ -128,14 +129,15 @@ def pair_of(participant: str, session: int) -> str:
 
 
 def known(participant: str, session: int) -> Mapping[str, Stimulus]:
-    """The two stimuli of a session, by the colour that stands for them."""
+    """Return the two stimuli of a session, by the colour that stands for them."""
     reference, comparison = PAIRS[pair_of(participant, session)]
     return {"green": Stimulus(f"{comparison:g}"), "red": Stimulus(f"{reference:g}")}
 
 
 def session(participant: str, session: int) -> Sequential:
-    """Two halves with a break, of ten trials for training and 50 that count; half of
-    each are the reference.
+    """Return two halves with a break: ten trials for training and 50 that count.
+
+    Half of each are the reference.
     """
     task = OneInterval(pair_of(participant, session), "bouncier", known(participant, session))
     both = (task, "red"), (task, "green")
@@ -157,8 +159,9 @@ JNDS = {
 @public
 @cache
 def phase(alpha: float) -> float:
-    """By how much the rendered force of a material leads displacement, in rad; alpha
-    pi/2 once it has forgotten its beginning.
+    """Return the phase by which the rendered force leads displacement, in rad.
+
+    It is alpha pi/2 once the material has forgotten its beginning.
 
     Examples
     --------
@@ -173,8 +176,9 @@ def phase(alpha: float) -> float:
 
 @public
 def person(felt: Callable[[float], float] = phase) -> Observer:
-    """Somebody who knows both materials of a session, and feels the phase with an error
-    of the JND that the thesis found.
+    """Return a simulated participant who knows both materials and feels the phase.
+
+    The error is the JND that the thesis found.
 
     Parameters
     ----------
@@ -224,7 +228,7 @@ class Jnds:
 
 @public
 def jnds(answers: Columns) -> Jnds:
-    """d' of each pair, the just-noticeable difference of each reference, and its line.
+    """Return d' of each pair, the JND of each reference, and its line.
 
     Parameters
     ----------
@@ -269,7 +273,7 @@ def jnds(answers: Columns) -> Jnds:
 
 
 def _sensitivity(rows: Columns) -> float:
-    """d' of one session."""
+    """Return d' of one session."""
     counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
     for level, outcome in zip(rows["level"], rows["outcome"], strict=True):
         counts[level][0] += int(outcome)
@@ -279,7 +283,7 @@ def _sensitivity(rows: Columns) -> float:
 
 
 def text(found: Jnds) -> str:
-    """The result as lines for a terminal, beside what the thesis prints.
+    """Return the result as lines for a terminal, next to what the thesis prints.
 
     Examples
     --------
@@ -323,8 +327,10 @@ class Explained:
 
 @public
 def explained(trials: Columns) -> Explained:
-    """Which physical cue explains the answers: for each session and cue a probit model,
-    and its distance over the session's d'.
+    """Return which physical cue explains the answers.
+
+    For each session and cue there is a probit model, and its distance over the
+    session's d'.
 
     Parameters
     ----------
@@ -378,8 +384,9 @@ def _mean(values: list[float]) -> tuple[float, float, int]:
 
 @public
 def cues_text(found: Explained) -> str:
-    """A row for each cue, a column for each reference; an asterisk at the three largest
-    of each, as the thesis shows them.
+    """Return a row for each cue and a column for each reference.
+
+    Asterisks mark the three largest of each, as in the thesis.
 
     Examples
     --------
@@ -408,8 +415,9 @@ def _cell(found: Explained, reference: float, name: str) -> str:
 
 @public
 def analysis(sessions: Sequence[Saved]) -> str:
-    """Just-noticeable differences, and below them the cues beside d' where all trials
-    have logs of what was displayed.
+    """Analyse just-noticeable differences, and the cues next to d'.
+
+    The cues need logs of what was displayed in all trials.
     """
     told = text(jnds(columns(sessions)))
     if not all(r.displayed and "log" in r.displayed[-1] for s in sessions for r in s.data):

@@ -1,5 +1,6 @@
-"""Where are the nodules?  Localisation with one avatar, three avatars or a vibration,
-of Li et al. (2016), with a pen.
+"""Localisation of nodules with a pen: one avatar, three avatars or a vibration.
+
+Source: Li et al. (2016).
 
 "Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
 see docs/reference/papers.rst.
@@ -51,8 +52,7 @@ mm apart.
 
 @public
 def nodule_places() -> Experiment:
-    """The experiment: mark the three nodules; with one avatar, with three of them, with
-    a vibration.
+    """Make the experiment: mark the three nodules, with three kinds of feedback.
 
     Returns
     -------
@@ -107,8 +107,9 @@ def nodule_places() -> Experiment:
 
 
 def one_after_another(participant: str, session: int) -> Sequential:
-    """One kind of feedback after another, each over a block that is turned otherwise;
-    of nine people each has another order.
+    """Return one kind of feedback after another, over blocks turned differently.
+
+    Each of nine people has another order.
     """
     n, names = turn_of(participant, 9), tuple(FEEDBACK)
     tests = [(names[(n + k) % 3], TURNS[(n // 3 + k) % 3]) for k in range(3)]
@@ -129,8 +130,9 @@ def _buried(condition: str) -> dict[str, tuple[float, float]]:
 # Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Somebody who finds nodules as often as the paper's participants, and marks them
-    to 2 mm; looks at no rendering.
+    """Return a simulated participant who finds nodules as often as the paper's.
+
+    Marks are within 2 mm; no rendering is looked at.
     """
     chance = FOUND[SURFACES[trial.condition][0]] / 60
     return Answer(

@@ -1,5 +1,6 @@
-"""Which of three nodules is the hardest?  The size discrimination of Li et al. (2016),
-with a pen.
+"""Size discrimination of three nodules with a pen.
+
+Source: Li et al. (2016).
 
 "Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
 see docs/reference/papers.rst.
@@ -47,7 +48,7 @@ ORDERS = {"ABC": 11, "ACB": 5, "BAC": 2, "BCA": 1, "CAB": 1}
 
 
 def held(t):
-    """A force level of half of all that a pen can tell, 0.83 N; ours."""
+    """Return half of the force level that a pen can report, 0.83 N; ours."""
     return 0.5 + 0.0 * t
 
 
@@ -56,8 +57,9 @@ PEN = HAND | {"press": held}  # of a simulated pen; ours
 
 @public
 def nodule_sizes() -> Experiment:
-    """The experiment: three marked places, the hardest first; one trial of each
-    participant.
+    """Make the experiment: sort three marked places, the hardest first.
+
+    There is one trial for each participant.
 
     Returns
     -------
@@ -103,9 +105,7 @@ def nodule_sizes() -> Experiment:
 
 
 def surface_of(participant: str, session: int) -> ConstantStimuli:
-    """One surface; which mark has the largest nodule depends on the participant's
-    number.
-    """
+    """Return one surface; the participant's number decides which nodule is largest."""
     name = tuple(UNDER)[turn_of(participant, 3)]
     mark_of = {nodule: mark for mark, nodule in UNDER[name].items()}
     return ConstantStimuli(
@@ -116,8 +116,9 @@ def surface_of(participant: str, session: int) -> ConstantStimuli:
 # Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Somebody who sorts as the paper's participants may have done, see `ORDERS`; looks
-    at no rendering.
+    """Return a simulated participant who sorts as the paper's may have done.
+
+    See `ORDERS`; no rendering is looked at.
     """
     order = rng.choice(list(ORDERS), p=np.array(list(ORDERS.values())) / sum(ORDERS.values()))
     mark_of = {nodule: mark for mark, nodule in UNDER[trial.condition].items()}
@@ -147,8 +148,9 @@ class Sorted:
 
 @public
 def sorted_rightly(answers: Columns) -> Sorted:
-    """How often each pair of nodules was put in the right order, and the mean place of
-    each.
+    """Return how often each pair of nodules was sorted correctly.
+
+    The mean place of each is there as well.
 
     Parameters
     ----------

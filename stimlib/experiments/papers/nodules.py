@@ -1,5 +1,6 @@
-"""Are hard nodules found by the eye?  The experiment with a mouse of Li et al. (2016),
-"Single-point interaction study".
+"""Detection of nodules with a mouse: "Single-point interaction study".
+
+Source: Li et al. (2016).
 
 "Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
 see docs/reference/papers.rst.
@@ -50,7 +51,7 @@ HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}
 
 @public
 def nodules() -> Experiment:
-    """The experiment: is there a nodule under the left side, and under the right one?
+    """Make the experiment: report whether a nodule is under each of two sides.
 
     Thirteen surfaces with each of three techniques: the depth of the cursor, its speed,
     both.  Each participant begins with another technique.
@@ -100,15 +101,16 @@ def nodules() -> Experiment:
 
 
 def _scene(mode: str, left: str, right: str) -> Scene:
-    """What the screen shows; where a technique shows no depth it is 0."""
+    """Return what the screen shows; where a technique shows no depth it is 0."""
     shown = soft_surface(mode, device="mouse", S=sides(left, right)).outputs
     depth = shown["depth1"] if "depth1" in shown else 0.0 * shown["x1"]
     return Scene({"x": shown["x1"], "y": shown["y1"], "depth": depth})
 
 
 def techniques(participant: str, session: int) -> Sequential:
-    """One technique after another, the first by the participant's number; surfaces in
-    random order.
+    """Return one technique after another, in an order by the participant's number.
+
+    Surfaces are in random order.
     """
     first = turn_of(participant, 3)
     return Sequential({mode: _surfaces(mode) for mode in MODES[first:] + MODES[:first]})
@@ -122,7 +124,7 @@ def _surfaces(mode: str) -> ConstantStimuli:
 
 
 def right_answers(condition: str) -> dict[str, str]:
-    """What is under the sides of a surface.
+    """Return what is under the sides of a surface.
 
     Examples
     --------
@@ -139,8 +141,9 @@ def right_answers(condition: str) -> dict[str, str]:
 # Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Somebody who finds as many nodules, and sees as many empty sides to be empty, as
-    the paper's participants.
+    """Return a simulated participant who detects nodules as often as the paper's.
+
+    As many empty sides are seen to be empty.
     """
     hits, rejections = COUNTS[SURFACES[trial.condition][0]]
     values = {}

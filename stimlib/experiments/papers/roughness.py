@@ -1,5 +1,4 @@
-"""How rough are bumps on a touch screen?  The touch-screen thesis' experiment, chapters
-4 to 6.
+"""Roughness of bumps on a touch screen: the touch-screen thesis, chapters 4 to 6.
 
 "Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen";
 see docs/reference/papers.rst.
@@ -105,8 +104,9 @@ FS, SECONDS, GAIN = 8000.0, 15.0, 50.0
 
 @public
 def roughness() -> Experiment:
-    """The experiment: 81 stimuli, four times each, rated from smooth to rough and from
-    flat to bumpy.
+    """Make the experiment: 81 stimuli, four times each, rated in two ways.
+
+    The scales are from smooth to rough and from flat to bumpy.
 
     Two days with two sets each, the first after 48 trials for training; one replay of
     each trial; white noise meanwhile.
@@ -179,8 +179,9 @@ def day(participant: str, session: int) -> Sequential:
 @public
 @cache
 def rms(name: str) -> float:
-    """RMS of a stimulus in V before the amplifier, eq. (18), of the voltage as it is
-    rendered for the moving finger.
+    """Return the RMS of a stimulus in V before the amplifier, eq. (18).
+
+    The voltage is as rendered for the moving finger.
 
     Parameters
     ----------
@@ -203,8 +204,10 @@ def rms(name: str) -> float:
 
 @public
 def person(rng: np.random.Generator | None = None) -> Observer:
-    """Somebody who goes by the RMS: roughness 3.92 + 2.25 log10(RMS/V), bumpiness by
-    the amplitude alone, both with errors.
+    """Return a simulated participant who goes by the RMS.
+
+    Roughness is 3.92 + 2.25 log10(RMS/V), bumpiness depends on the amplitude alone,
+    both with errors.
 
     Parameters
     ----------
@@ -266,7 +269,7 @@ class Ratings:
 
 @public
 def ratings(answers: Columns, question: str = "outcome") -> Ratings:
-    """The thesis' tables and tests of one question.
+    """Return the thesis' tables and tests of one question.
 
     Parameters
     ----------
@@ -309,9 +312,7 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
 
 
 def _means(answers: Columns, question: str) -> np.ndarray:
-    """Mean rating of each participant and stimulus: shape (participants, waveform,
-    bumps, duty, amplitude).
-    """
+    """Return mean ratings, shape (participants, waveform, bumps, duty, amplitude)."""
     found = grouped(answers, ("participant", "condition", question))
     sums: dict[tuple[str, str], list[float]] = {}
     for (who, name, value), same in found.items():

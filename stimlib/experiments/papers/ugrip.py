@@ -43,8 +43,9 @@ TIMING = Timing(interval=3.0, gap=0.5)
 
 @public
 def ugrip(reversals: int = 20) -> Experiment:
-    """The experiment: four pairs of interleaved staircases, which of two objects is
-    softer?
+    """Make the experiment: say which of two objects is softer.
+
+    There are four pairs of interleaved staircases.
 
     One pair for each of one or two fingers, with and without vibration of the
     comparison: 64 staircases of 8 participants, and 32 fits.
@@ -111,7 +112,7 @@ def ugrip(reversals: int = 20) -> Experiment:
 
 
 def _pair(scene: str, name: str, reversals: int) -> Interleaved:
-    """A staircase from above and one from below, of one condition."""
+    """Return a staircase from above and one from below, of one condition."""
     standard, comparison = (
         Stimulus(scene, {"k": K0, "A": 0.0}),
         Stimulus(scene, {"A": VIBRATION[name]}),
@@ -137,8 +138,9 @@ SOFTER = {"one finger": 316.0, "two fingers": 0.0}
 
 @public
 def feels(softer: float) -> Measure:
-    """Stiffness as somebody feels it who takes vibration for displacement, as the
-    paper's discussion has it.
+    """Return the stiffness felt by a participant who takes vibration for displacement.
+
+    Source: the paper's discussion.
 
     k = sum(F x)/sum(x x), less by the factor 1 + softer rms(F - k x)/rms(k x).
 
@@ -262,8 +264,9 @@ class Comparison:
 
 @public
 def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], Fit]:
-    """The 32 psychometric functions, probit over log10 of the comparison's stiffness in
-    N/mm, by participant and condition.
+    """Fit the 32 psychometric functions, by participant and condition.
+
+    They are probit over log10 of the comparison's stiffness in N/mm.
 
     Parameters
     ----------
@@ -285,7 +288,7 @@ def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], F
 
 @public
 def comparisons(answers: Columns) -> tuple[Comparison, ...]:
-    """The comparisons of section 2.3, in its order.
+    """Return the comparisons of section 2.3, in its order.
 
     Parameters
     ----------
@@ -328,7 +331,7 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
 
 @public
 def text(rows: Iterable[Comparison]) -> str:
-    """The comparisons as lines for a terminal.
+    """Return the comparisons as lines for a terminal.
 
     Examples
     --------

@@ -1,5 +1,6 @@
-"""How the primitives run over whole signals under JAX: banks of modes and taps as
-products with small matrices.
+"""The primitives over whole signals under JAX.
+
+Banks of modes and taps are products with small matrices.
 
 ``LOWERINGS`` maps a block class to a function (block, p, s, x, run) -> y, where p, s
 come from ``design``, x are arrays (n,) or scalars (the same at all samples), contact
@@ -55,6 +56,7 @@ def rows(x: Any, size: int) -> Any:
 
 
 def spread(x: Any, n: int) -> Any:
+    """Return a number as a row of n samples."""
     return jnp.broadcast_to(x, (n,))
 
 
@@ -65,8 +67,9 @@ def later(x: Any, by: int, before: Any = 0.0) -> Any:
 
 
 def decay(a: np.ndarray, v: Any, first: Any) -> Any:
-    """States before each update of s' = a s + v; a (k,) numbers below or at 1, v (n,
-    k), first (k,).
+    """Return states before each update of s' = a s + v.
+
+    a (k,) are numbers below or at 1, v (n, k), first (k,).
     """
     n, k = v.shape
     factor = jnp.asarray(a, v.dtype)
@@ -88,8 +91,9 @@ def toeplitz(h: Any, xp: Any) -> Any:
 
 
 def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: Any = None) -> Any:
-    """q_k += x - e_k q_k;  y = direct x + sum_k r_k q_k.  In tiles: y = T x + R a^i
-    q(start), q(end) = a^64 q(start) + E x.
+    """Run q_k += x - e_k q_k; y = direct x + sum_k r_k q_k in tiles.
+
+    y = T x + R a^i q(start), q(end) = a^64 q(start) + E x.
     """
     xp: Any = jnp
     if isinstance(r, np.ndarray):
@@ -112,8 +116,9 @@ def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: 
 
 
 def taps_tiles(taps: np.ndarray, x: Any) -> Any:
-    """y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles and those
-    before.
+    """Run y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles.
+
+    Each tile needs those before.
 
     In the type of x: taps may take small differences, which noise has in float32 and a
     position has not.
@@ -129,8 +134,9 @@ def taps_tiles(taps: np.ndarray, x: Any) -> Any:
 
 
 def running(x: Any) -> Any:
-    """Sum of all samples before each one; whole numbers stay exact, those of a gate by
-    a product with a matrix of ones.
+    """Return the sum of all samples before each one.
+
+    Whole numbers stay exact, those of a gate by a product with a matrix of ones.
     """
     u = rows(x, TILE)
     if x.dtype == jnp.bool_:
@@ -161,15 +167,18 @@ def latest(mark: Any) -> Any:
 
 
 def fir(b, p, s, x, run):
+    """Run ``Fir``."""
     taps = p.taps[::-1][: int(p.order) + 1]
     return taps_tiles(taps, spread(x[0], run.n))
 
 
 def grain(b, p, s, x, run):
+    """Run ``Grain``."""
     return taps_tiles(p.shape, spread(x[0], run.n))
 
 
 def modes(b, p, s, x, run):
+    """Run ``Modes``."""
     return bank(1 - p.p, p.r, spread(x[0], run.n), run.dtype, p.d)
 
 
@@ -202,7 +211,7 @@ def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
 
 
 def integers(key: Any, m: Any) -> tuple[Any, Any]:
-    """The two words of each pair m of a stream: the same as on any target."""
+    """Return the two words of each pair m of a stream, as on any target."""
     return traced.bind(noise.pair_of_words)(key, m)
 
 
@@ -220,8 +229,9 @@ def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
 
 
 def short_radius(a: Any) -> Any:
-    """``noise.radius`` in float32: log(1 - v) where u is near 1, so that small radii
-    keep their digits.
+    """Return ``noise.radius`` in float32.
+
+    It is log(1 - v) where u is near 1, so that small radii keep their digits.
     """
     u, v = a.astype(jnp.float32), (~a).astype(jnp.float32)
     near = jnp.log1p(-(v + 0.5) * np.float32(2.0**-64))
@@ -245,12 +255,13 @@ SHORT_FORMS = (short_radius, noise.radius), (short_turn, noise.turn)
 
 
 def white(b, p, s, x, run):
+    """Run ``White``."""
     return deviates(stream_key(run.key, b.seed, b.stream, 0), -lead(run.fs), run.n, run.dtype)
 
 
 # Gates --------------------------------------------------------------------------------
 def smoothed(exact: Any, distance: Any, width: Any) -> Any:
-    """The gate as it is, with the derivative of 1/(1 + exp(-distance/width))."""
+    """Return the gate, with the derivative of 1/(1 + exp(-distance/width))."""
     soft = jax.nn.sigmoid(distance / lax.stop_gradient(width))
     return lax.stop_gradient(exact) + (soft - lax.stop_gradient(soft))
 
@@ -267,6 +278,7 @@ def gate(b, p, s, x, run):
 
 
 def comparison(b, p, s, x, run):
+    """Run a comparison, which may have a smoothed derivative."""
     y = traced.bind(type(b).step)(p, (), *x)[0]
     if run.surrogate is None or not (jnp.ndim(x[0]) or jnp.ndim(x[1])):
         return y
@@ -275,7 +287,7 @@ def comparison(b, p, s, x, run):
 
 
 def guard(b, p, s, x, run):
-    """The last finite value, faded out, from the first that is not finite on."""
+    """Return the last finite value, faded out, from the first non-finite sample on."""
     v = spread(x[0], run.n)
     i = jnp.arange(run.n)
     bad = v - v != 0
@@ -286,12 +298,13 @@ def guard(b, p, s, x, run):
 
 
 def delay(b, p, s, x, run):
+    """Run ``Delay``."""
     return later(spread(x[0], run.n), min(int(p.n), run.n)) if p.n < run.n else jnp.zeros(run.n)
 
 
 # Contact: where a history begins ------------------------------------------------------
 def steady(contact: Any) -> bool:
-    """A plain number above 0: contact from the first sample on, for ever."""
+    """Return whether contact is a plain number above 0, so it lasts for ever."""
     return isinstance(contact, (float, np.floating)) and bool(contact > 0)
 
 
@@ -305,8 +318,10 @@ class History(NamedTuple):
 
 
 def history(x: Any, contact: Any, cold: float, n: int) -> History:
-    """Movements since contact; a step from 0 at the very first contact where ``cold``,
-    before it, is above 1.
+    """Return movements since contact.
+
+    There is a step from 0 at the very first contact where ``cold``, before it, is above
+    1.
     """
     x = spread(x, n)
     if steady(contact):
@@ -321,6 +336,7 @@ def history(x: Any, contact: Any, cold: float, n: int) -> History:
 
 
 def maxwell_arms(b, p, s, x, run):
+    """Run ``MaxwellArms``."""
     h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
         return bank(p.e, p.r, h.d, run.dtype)
@@ -334,8 +350,9 @@ def maxwell_arms(b, p, s, x, run):
 
 
 def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
-    """A loop over samples, ``state, y = body(state, *row)``: the state is ``start`` and
-    y is 0 off contact.
+    """Run a loop over samples, ``state, y = body(state, *row)``.
+
+    Off contact the state is ``start`` and y is 0.
     """
 
     def sample(s, row):
@@ -347,6 +364,7 @@ def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
 
 
 def kelvin_chain(b, p, s, x, run):
+    """Run ``KelvinChain``."""
     f = spread(x[0], run.n)
     return bank(p.e, p.r, later(f, 1), run.dtype) + p.d * f
 
@@ -362,6 +380,7 @@ class HistoryWeights(NamedTuple):
 
 
 def springpot(b, p, s, x, run):
+    """Run ``Springpot``."""
     h = history(x[0], x[1], s.cold, run.n)
     if p.alpha in (0.0, 1.0):
         return h.d * p.fs if p.alpha else h.way
@@ -378,7 +397,7 @@ def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any
 
 
 def springpot_live(b, p, s, x, run):
-    """The modes do not depend on the order; their weights do."""
+    """Run ``SpringpotLive``: modes do not depend on the order, their weights do."""
     alpha = jnp.asarray(x[1])
     alpha = jnp.where(alpha >= 0, jnp.where(alpha <= 1, alpha, 1.0), 0.0)
     h = history(x[0], x[2], s.cold, run.n)
@@ -410,8 +429,9 @@ def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
 
 
 def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: Run) -> Any:
-    """``whole_history`` from rest at each contact, for an order that may change: a loop
-    over samples.
+    """Run ``whole_history`` from rest at each contact, for a live order.
+
+    It is a loop over samples.
     """
     a = jnp.asarray(1 - e)
     moving = jnp.ndim(alpha) > 0
@@ -430,7 +450,7 @@ def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: R
 
 
 def series(b, p, s, x, run):
-    """A loop over samples: the inner displacement is found at each."""
+    """Run ``Series`` as a loop, which finds the inner displacement at each sample."""
     h = history(x[0], x[1], s.cold, run.n)
     a = jnp.asarray(1 - p.e)
 
@@ -450,6 +470,7 @@ def series(b, p, s, x, run):
 
 
 def short_memory(b, p, s, x, run):
+    """Run ``ShortMemory``."""
     h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
         return taps_tiles(p.taps[::-1], h.way)
@@ -486,8 +507,9 @@ TOP_BITS = U(0xFFFFFFFFF8000000)
 
 
 def lost(a: Any, b: Any) -> Any:
-    """What rounding takes from the product a b, exactly: halves of 26 bits, whose
-    products round no more.
+    """Return what rounding takes from the product a b, exactly.
+
+    Halves of 26 bits have products that round no more.
     """
     split = traced.bits
     high = [traced.unbits(split(jnp.asarray(v, jnp.float64)) & TOP_BITS) for v in (a, b)]
@@ -504,8 +526,9 @@ def increment(p: Any, g: Any) -> Any:
 
 
 def carrier(b, p, s, x, run):
-    """Whole-number phases as on any target; the derivative is that of the sum of the
-    frequencies.
+    """Run ``Carrier`` with whole-number phases as on any target.
+
+    The derivative is that of the sum of the frequencies.
     """
     f, contact = x
     count = jnp.maximum(jnp.arange(run.n) - int(s.wait), 0)  # samples that have moved the phase

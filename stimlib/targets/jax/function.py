@@ -1,5 +1,4 @@
-"""Whole signals at once, for batches and gradients: a scene as one pure function of
-JAX.
+"""A scene as one pure function of whole signals, for batches and gradients.
 
 The program is the one that all targets run.  Each instance becomes an array over the
 samples of its clock (or a scalar where it is the same at all of them): what is
@@ -44,8 +43,9 @@ OPTIONS = ("dtype", "surrogate")
 
 
 class Function:
-    """signals = f(params, motion, key): pure, jitted; made by ``stimlib.compile(scene,
-    fs, target="jax")``.
+    """A pure, jitted function signals = f(params, motion, key).
+
+    ``stimlib.compile(scene, fs, target="jax")`` makes it.
 
     Every transformation of JAX applies: ``jax.vmap`` over parameters, motions and keys,
     ``jax.grad`` with respect to parameters and motions.  Inside them JAX must be in
@@ -121,7 +121,7 @@ class Function:
     def __call__(
         self, params=None, motion=None, key=None, *, n: int | None = None, gates=None
     ) -> dict[str, Any]:
-        """The signals of a whole run.
+        """Return the signals of a whole run.
 
         Parameters
         ----------
@@ -173,8 +173,9 @@ class Function:
     def decisions(
         self, params=None, motion=None, key=None, *, n: int | None = None
     ) -> dict[str, Any]:
-        """As a call, with the results of gates and comparisons besides: rows of 0 and 1
-        by the names of ``gates``.
+        """Return what a call does, and the results of gates and comparisons.
+
+        These are rows of 0 and 1 by the names of ``gates``.
         """
         return self._call(params, motion, key, n, None, self.outputs + self.gates)
 
@@ -248,7 +249,7 @@ class _Signals:
         self.silent: set[int] = set()  # clocks that have no sample in this run
 
     def row(self, param: Any, clock: int) -> Any:
-        """A parameter given per sample, on a clock."""
+        """Return a parameter given per sample, on a clock."""
         if clock == ROOT:
             here = param
         elif clock in self.span:
@@ -263,7 +264,7 @@ class _Signals:
         return jnp.concatenate([jnp.broadcast_to(param[0], (self.early,)), here])
 
     def signal(self, a: int, clock: int) -> Any:
-        """What an instance gives on a clock."""
+        """Return what an instance gives on a clock."""
         v = self.value[a]
         if jnp.ndim(v) and self.instances[a].clock == PARAMS:
             return self.row(v, clock)
@@ -300,7 +301,7 @@ class _Signals:
             self.value[i] = self.computed(i, clock, size)
 
     def closed(self, q: Instance, size: int) -> Any:
-        """What is inside of a child clock, and 0 elsewhere."""
+        """Return what is inside of a child clock, and 0 elsewhere."""
         if q.child in self.silent:
             return jnp.zeros(size)
         if isinstance(q.block, Segment):
@@ -312,7 +313,10 @@ class _Signals:
         return jnp.where(by, inside, 0.0)
 
     def computed(self, i: int, clock: int, size: int) -> Any:
-        """What a block gives, or the gate of a child clock; a decision may be given."""
+        """Return what a block gives, or the gate of a child clock.
+
+        A decision may be given.
+        """
         q, n, x = self.instances[i], self.n, []
         for a in q.args:
             v = self.signal(a, clock)
@@ -344,7 +348,7 @@ def _traced(values: Any) -> bool:
 
 
 def _named(what: str, one: str, given: Any, known: Collection[str]) -> dict[str, Any]:
-    """A dict by known names."""
+    """Return a dict by known names."""
     if given is not None and not isinstance(given, Mapping):
         raise BadValue(f"{what} must be a dict by name, got {type(given).__name__}")
     for name in given or ():
@@ -368,7 +372,10 @@ def _array(what: str, v: Any) -> np.ndarray:
 
 
 def _real(what: str, v: Any) -> Any:
-    """A number or a row of them, as float64: other types would have f compiled anew."""
+    """Return a number or a row of them as float64.
+
+    Other types would have f compiled anew.
+    """
     if not isinstance(v, jax.Array):
         v = _array(what, v)
     elif not (
@@ -395,7 +402,7 @@ def _finite(what: str, v: Any) -> Any:
 
 
 def _key(what: str, key: Any) -> Any:
-    """A run's key, as uint64."""
+    """Return a run's key as uint64."""
     if isinstance(key, jax.core.Tracer):
         if key.ndim or not jnp.issubdtype(key.dtype, jnp.integer):
             raise BadValue(
@@ -415,7 +422,7 @@ def _key(what: str, key: Any) -> Any:
 
 
 def _length(rows: Mapping[str, Any], n: Any) -> int:
-    """Samples of a run."""
+    """Return the samples of a run."""
     if n is not None and (isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0):
         raise BadValue(f"n = {n!r} must be a whole number of samples, at least 0")
     lengths = {name: v.shape[0] for name, v in rows.items() if v.ndim} | (
@@ -435,7 +442,7 @@ def _tail(v: Any, n: int) -> Any:
 
 
 def _lowering(b: Block) -> Any:
-    """A class's own function, or None where its step serves."""
+    """Return a class's own function, or None where its step serves."""
     if isinstance(b, Cycle):
         for m in b.members:
             if m.definition.step is None or type(m).start is not Block.start:

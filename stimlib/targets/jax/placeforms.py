@@ -1,6 +1,4 @@
-"""How noise over place runs over whole signals under JAX: octave by octave, all samples
-at once.
-"""
+"""Noise over place over whole signals under JAX: octave by octave, all at once."""
 
 from __future__ import annotations
 
@@ -13,8 +11,9 @@ from . import traced
 
 
 def cells_of(key, lo):
-    """Seven lattice values from the cell of lo on; made in a loop, or XLA would make
-    them anew for every use.
+    """Return seven lattice values from the cell of lo on.
+
+    They are made in a loop, or XLA would make them anew for every use.
     """
     lattice, half = traced.bind(surfaces.lattice), jnp.floor(0.5 * jnp.floor(lo))
     first = half.astype(jnp.int64).astype(jnp.uint64)
@@ -25,8 +24,9 @@ def cells_of(key, lo):
 
 
 def mean(z, lo, hi):
-    """Mean of an octave from lo to hi, in its cells; of no use where they are four or
-    more apart.
+    """Return the mean of an octave from lo to hi, in its cells.
+
+    It is of no use where they are four or more apart.
     """
     spline, f, g = traced.bind(surfaces.spline_mean), jnp.floor(lo), jnp.floor(hi)
     cells = f + jnp.arange(5.0)[:, None]  # a movement of less than four touches no more
@@ -38,6 +38,7 @@ def mean(z, lo, hi):
 
 
 def spatial_noise(b, p, s, x, run):
+    """Run ``SpatialNoise``."""
     on = jnp.broadcast_to(jnp.asarray(x[1]) > 0, (run.n,))
     u = jnp.where(on, jnp.broadcast_to(x[0], (run.n,)), 0.0)
     v = traced.bind(surfaces.held_place)(u * p.scale)

@@ -1,5 +1,4 @@
-"""Recursions over whole signals: which part of a step's state is a delay, which is
-linear, and which must be scanned.
+"""Recursions over whole signals: delays, linear states and scanned states.
 
 ``run_step`` looks at a step once.  State that the old state does not enter is the
 input, one sample later.  State whose update is affine, s' = M s + v with M and v known
@@ -67,7 +66,8 @@ def degrees(jaxpr: Any, given: list[int]) -> list[int]:
 
 
 def groups(depends: np.ndarray) -> list[list[int]]:
-    """States that depend on each other, together; each group after those it depends on.
+    """Return states that depend on each other, in running order.
+
     depends[i, j]: i needs j.
     """
     n = len(depends)
@@ -83,8 +83,9 @@ def groups(depends: np.ndarray) -> list[list[int]]:
 
 
 def _resettable(f: Callable, first: Any) -> Callable:
-    """A step that rests where the last but one of its signals is not True; the last one
-    is what ``cold`` then is.
+    """Return a step that rests where the last but one of its signals is not True.
+
+    The last signal is what ``cold`` then is.
     """
 
     def step(p, s, *x):
@@ -101,8 +102,10 @@ def _resettable(f: Callable, first: Any) -> Callable:
 
 
 def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: tuple = ()) -> Any:
-    """Outputs of a step over n samples: an array (n,), or a scalar where it is the same
-    at all of them; a tuple of several.
+    """Return outputs of a step over n samples.
+
+    They are an array (n,), or a scalar where it is the same at all of them; a tuple of
+    several.
 
     first is a NamedTuple of scalars; x are arrays (n,) or scalars.  contact, of a
     resettable block: where it runs, and ``cold`` where it does not.
@@ -123,7 +126,7 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
 
 
 def _by_groups(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
-    """Outputs of a step, one group of states after the other."""
+    """Return outputs of a step, one group of states after the other."""
     make, k = type(first), len(first)
     s0 = [*map(jnp.asarray, first)]
 
@@ -176,7 +179,7 @@ class Line:
 
 
 def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
-    """A step whose state has arrays, sample by sample: a loop with a delay in it."""
+    """Run a step whose state has arrays, sample by sample, as a loop."""
     s0 = [*map(jnp.asarray, first)]
 
     def one(s: list[Any], x: list[Any]) -> Any:
@@ -189,8 +192,9 @@ def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
 
 
 def _scanned(body: Callable, start: list, given: Any, n: int) -> Any:
-    """A loop over samples, ``state, y = body(state, given)``: the arrays in ``given``
-    have one number for each.
+    """Run a loop over samples, ``state, y = body(state, given)``.
+
+    The arrays in ``given`` have one number for each.
     """
     flat, tree = jax.tree.flatten(given)
     moving = [i for i, v in enumerate(flat) if jnp.ndim(v)]
@@ -205,7 +209,7 @@ def _scanned(body: Callable, start: list, given: Any, n: int) -> Any:
 
 
 def _free_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
-    """The state before each sample, from the state after each."""
+    """Return the state before each sample, from the state after each."""
     new = [jnp.broadcast_to(v, (n,))[: n - 1] for v in part(start, others, x)]
     return [jnp.concatenate([first[None], v]) for first, v in zip(start, new, strict=True)]
 
@@ -216,7 +220,10 @@ def _scan_part(part: Callable, start: list, others: list, x: list, n: int) -> li
 
 
 def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
-    """s' = M s + v: M column by column as derivatives, which are exact; v at s = 0."""
+    """Return M and v of s' = M s + v.
+
+    M is found column by column as derivatives, which are exact; v at s = 0.
+    """
     k = len(start)
     zero = [*map(jnp.zeros_like, start)]
 
@@ -300,8 +307,9 @@ def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
 
 
 def _apply(M: Any, s: Any) -> Any:
-    """M s over the last axes, as sums of products: for one or two states a matrix
-    product costs more.
+    """Return M s over the last axes, as sums of products.
+
+    For one or two states a matrix product costs more.
     """
     return sum(M[..., :, j] * s[..., j : j + 1] for j in range(s.shape[-1]))
 

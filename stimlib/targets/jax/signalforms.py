@@ -1,6 +1,4 @@
-"""How some families run over whole signals under JAX: filters and rings as recursions
-that are linear in their states.
-"""
+"""Filters and rings over whole signals under JAX, as linear recursions."""
 
 from __future__ import annotations
 
@@ -16,8 +14,9 @@ from .recurrence import affine, run_step, scan_arrays
 
 
 def cascade(b, p, s, x, run):
-    """One section after the other, each two states with an affine update; in float64,
-    which a low cutoff needs.
+    """Run one section after the other, each two states with an affine update.
+
+    It is in float64, which a low cutoff needs.
     """
     v = jnp.broadcast_to(x[0], (run.n,))
     M = np.stack([np.stack([1 - p.c, -p.a], -1), np.stack([p.b, 1 - p.d], -1)], -2)
@@ -33,11 +32,12 @@ def cascade(b, p, s, x, run):
 
 
 def turning(p, s, event, freq, decay):
-    """A ring that never rests, so that its state is linear."""
+    """Run a ring that never rests, so that its state is linear."""
     return turned(p, turn(p, freq, decay), s, event)
 
 
 def ring(b, p, s, x, run):
+    """Run ``Ring``."""
     return run_step(turning, p, s, x, run.n)
 
 
@@ -47,8 +47,10 @@ def avatar(b, p, s, x, run):
 
 
 def cursor(b, p, s, x, run):
-    """Sample by sample; the ratio's derivative is that of Newton's last step, which is
-    the implicit function's.
+    """Run ``Cursor`` sample by sample.
+
+    The ratio's derivative is that of Newton's last step, which is the implicit
+    function's.
     """
     table, one = jnp.asarray(p.c).reshape(-1, int(p.width)), np.eye(4)
 

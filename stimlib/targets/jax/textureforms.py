@@ -1,5 +1,6 @@
-"""How measured textures run over whole signals under JAX: all models at once, then one
-loop over the samples of their clock.
+"""Measured textures over whole signals under JAX.
+
+All models are computed at once, then one loop goes over the samples of their clock.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from . import traced
 
 
 def texture(b, p, s, x, run):
+    """Run ``Texture``."""
     every, poles = int(p.every), int(p.poles)
     white, speed, force = (jnp.broadcast_to(v, (run.n,))[::every] for v in x)
     held, lowest, one, all_three = (traced.bind(f) for f in (part, least, weight, inside))
@@ -47,12 +49,14 @@ def texture(b, p, s, x, run):
 
 
 def later(row, new):
+    """Shift a row by one sample."""
     return jnp.concatenate([new[None], row])[: row.size]
 
 
 def predictor(c):
-    """a_1 .. a_p of each row of cosines of p line spectral frequencies, (n, p): (P +
-    Q)/2, multiplied out.
+    """Return a_1 .. a_p of each row of cosines of p line spectral frequencies.
+
+    The rows are (n, p); (P + Q)/2 is multiplied out.
     """
     n, p = c.shape
     halves = []
@@ -70,4 +74,5 @@ def predictor(c):
 
 
 def later_by(rows, by):
+    """Shift rows by some samples."""
     return jnp.pad(rows, ((0, 0), (by, 0)))

@@ -28,11 +28,13 @@ SILENT, TINY, F = maths.SILENT, maths.TINY, maths.F
 
 
 def fma(a, b, c):
+    """Return a b + c."""
     return a * b + c
 
 
 @jax.custom_jvp
 def sqrt(x):
+    """Return the square root."""
     return jnp.sqrt(x)
 
 
@@ -44,6 +46,7 @@ def _sqrt(primals, tangents):
 
 @jax.custom_jvp
 def log(x):
+    """Return the logarithm."""
     return jnp.log(x)
 
 
@@ -55,7 +58,7 @@ def _log(primals, tangents):
 
 @jax.custom_jvp
 def divide(a, b):
-    """a / b; where b is 0 its derivative counts as 0."""
+    """Return a / b; where b is 0 its derivative counts as 0."""
     return a / b
 
 
@@ -75,27 +78,32 @@ def flush(x):
 
 
 def settle(x):
-    """x itself, or no loop would be linear."""
+    """Return x itself, or no loop would be linear."""
     return x
 
 
 def as_float(u):
+    """Return whole numbers as float64."""
     return lax.convert_element_type(u, jnp.float64)
 
 
 def bits(x):
+    """Return the bits of float64 numbers."""
     return lax.bitcast_convert_type(x, jnp.uint64)
 
 
 def unbits(u):
+    """Return the float64 numbers with these bits."""
     return lax.bitcast_convert_type(u, jnp.float64)
 
 
 def search(knots, x):
+    """Return the piece of each place."""
     return jnp.sum(jnp.asarray(x)[..., None] >= knots[1:-1], axis=-1)
 
 
 def tree(s):
+    """Return the sum of eight numbers in the order of the definition."""
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 
 
@@ -116,7 +124,7 @@ _bound: dict[types.FunctionType, Callable] = {}
 
 
 def bind(f: Callable) -> Callable:
-    """The same function over JAX's mathematics."""
+    """Return the same function over JAX's mathematics."""
     assert isinstance(f, types.FunctionType)
     if f in _bound:
         return _bound[f]
@@ -193,5 +201,5 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
 
 
 def body_of(e: Any) -> Any:
-    """What a call of a plain jitted function runs, or None."""
+    """Return what a call of a plain jitted function runs, or None."""
     return e.params["jaxpr"] if e.primitive.name in ("pjit", "jit") else None

@@ -1,5 +1,4 @@
-"""Compiled segments on the disk: what takes time is compiled once per machine, for all
-processes.
+"""Compiled segments on the disk: compiled once per machine, for all processes.
 
 An entry is a folder, named by its content: the text, the runtime, the versions, the
 processor.  It is compiled in a folder of its own, put on the disk with the SHA-256 of
@@ -70,8 +69,9 @@ _folder: Path | None = None
 
 # The folder ---------------------------------------------------------------------------
 def folder() -> Path:
-    """Where compiled segments are kept: $STIMLIB_CACHE, else the user's cache folder;
-    nobody else can write there.
+    """Return the folder of compiled segments: $STIMLIB_CACHE or the user's cache.
+
+    Nobody else can write there.
     """
     global _folder
     wanted = Path(
@@ -94,8 +94,10 @@ def folder() -> Path:
 
 
 def _check_private(place: Path) -> None:
-    """Raise OSError unless a folder is ours, nobody else can write to it, and nobody
-    can put another in its place.
+    """Raise OSError unless a folder is private.
+
+    It must be ours, nobody else may write to it, and nobody may put another in its
+    place.
     """
     if problem := _open_to_others(os.stat(place)):
         raise PermissionError(
@@ -110,7 +112,7 @@ def _check_private(place: Path) -> None:
 
 
 def _open_to_others(info: os.stat_result) -> str:
-    """What keeps a folder from being private, if anything."""
+    """Return what keeps a folder from being private, if anything."""
     if not hasattr(os, "geteuid"):
         return ""  # no modes and owners on this system
     if info.st_uid not in (os.geteuid(), 0):
@@ -154,8 +156,9 @@ def _salt() -> str:
 
 
 def load(text: str, stem: str) -> types.ModuleType:
-    """Import generated text, compiled now or before; from any number of threads and
-    processes at once.
+    """Import generated text, compiled now or before.
+
+    Any number of threads and processes may call it at once.
 
     Raises
     ------
@@ -210,8 +213,9 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
 
 @contextmanager
 def _turn(place: Path, text: str) -> Iterator[None]:
-    """Keep other processes from an entry, once none of them compiles it; where one did,
-    the entry is sound then.
+    """Keep other processes from an entry, once none of them compiles it.
+
+    Where one did, the entry is sound then.
 
     The system frees the lock of a process that ends, however it ends.  Where the file
     system has no locks, or the other process takes longer than WAIT, both compile, and
@@ -229,8 +233,9 @@ def _turn(place: Path, text: str) -> Iterator[None]:
 
 
 def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
-    """Run a text whose file lies in a folder: numba keeps what it compiles beside
-    it.
+    """Run a text whose file lies in a folder.
+
+    numba keeps what it compiles beside it.
     """
     name = name or place.name
     path = str(place / f"{name}.py")
@@ -251,8 +256,9 @@ def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
 
 @contextmanager
 def _no_compiler() -> Iterator[None]:
-    """What is only loaded does not need what numba knows of Python, numpy and scipy;
-    that takes longer than all else of a start.
+    """Leave out what numba knows of Python, numpy and scipy.
+
+    What is only loaded does not need it, and it takes longer than all else of a start.
 
     Whoever compiles later lets numba load it, as ever.
     """
@@ -267,9 +273,7 @@ def _no_compiler() -> Iterator[None]:
 
 
 def _publish(part: Path, place: Path) -> None:
-    """Put an entry on the disk and then into its place, unless another process was
-    faster.
-    """
+    """Move an entry into its place, unless another process was faster."""
     sums = {
         str(path.relative_to(part)): _sum(path.read_bytes())
         for path in sorted(part.rglob("*"))
@@ -291,8 +295,9 @@ def _publish(part: Path, place: Path) -> None:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what processes that were killed left: folders of ours where nobody has
-    written for a day.
+    """Remove what processes that were killed left.
+
+    These are folders of ours where nobody has written for a day.
     """
     for part in folder.glob("*.tmp"):
         with suppress(OSError):  # another process was faster
@@ -328,8 +333,9 @@ def _sound(place: Path, text: str) -> bool:
 
 
 def _remove(place: Path) -> None:
-    """Take an entry away, all of it at once: another process may be about to read
-    it.
+    """Take an entry away, all of it at once.
+
+    Another process may be about to read it.
     """
     if os.path.lexists(place):
         aside = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))

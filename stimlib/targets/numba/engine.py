@@ -33,8 +33,9 @@ KERNELS = "fir", "modes", "memory"
 
 @cache
 def runtime() -> types.ModuleType:
-    """The compiled runtime; segments find its kernels by name, so none can be loaded
-    before.
+    """Return the compiled runtime.
+
+    Segments find its kernels by name, so none can be loaded before.
     """
     module = load(Path(__file__).with_name("runtime.py").read_text(), "runtime")
     for name in KERNELS:
@@ -86,8 +87,9 @@ class _Table:
         return self.slot.setdefault(key, len(self.slot) * TILE)
 
     def arg(self, i: int, clock: int) -> int:
-        """Slot of an argument; a parameter or an input is first gathered onto a child
-        clock.
+        """Return the slot of an argument.
+
+        A parameter or an input is first gathered onto a child clock.
         """
         q = self.program.instances[i]
         if q.kind == "pick":
@@ -110,7 +112,7 @@ class _Table:
         self.A.extend(words)
 
     def add(self, group: tuple[int, ...]) -> None:
-        """The row of an instance, or of two side by side."""
+        """Add the row of an instance, or of two side by side."""
         i, machine, p = group[0], self.machine, 0
         q = self.program.instances[i]
         cls = q.block.definition
@@ -129,9 +131,7 @@ class _Table:
         self.row(address, i, words, p, q.clock, self.still[i])
 
     def call(self, group: tuple[int, ...]) -> tuple[int, list[int], int]:
-        """Address, words and parameters of the segment of one block, or of two side by
-        side.
-        """
+        """Return address, words and parameters of a segment of one block, or of two."""
         i, instances = group[0], self.program.instances
         q, cls = instances[i], instances[i].block.definition
         count = len(q.args) - cls.resettable
@@ -191,8 +191,9 @@ class Engine:
         self._allot()
 
     def _allot(self) -> None:
-        """Memory of one run, in whole lines of the cache: threads that run copies write
-        into no line of each other.
+        """Allot the memory of one run, in whole lines of the cache.
+
+        Threads that run copies then write into no line of each other.
         """
         machine, params, clocks = runtime(), len(self._param), self._clocks
         words = max(self.size, 1), self._buffers, clocks, clocks * 2 * TILE, 4 * max(1, params), 20
@@ -222,8 +223,9 @@ class Engine:
         """
 
     def copy(self) -> Engine:
-        """Another run of the same program: with memory of its own, all tables
-        shared.
+        """Return another run of the same program.
+
+        Its memory is its own, all tables are shared.
         """
         other = copy.copy(self)
         other._allot()
@@ -233,27 +235,25 @@ class Engine:
     def together(
         engines: Sequence[Engine],
     ) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
-        """run(turn, x, out), for each of several threads: what of copies of one program
-        no other thread has taken, without Python's lock.  turn is one number, 0 at the
-        start; x (1 or copies, n_inputs, n) and out (copies, n_outputs, n) fit.
+        """Return run(turn, x, out), for each of several threads.
+
+        It runs what of copies of one program no other thread has taken, without
+        Python's lock. turn is one number, 0 at the start; x (1 or copies, n_inputs, n)
+        and out (copies, n_outputs, n) fit.
         """
         contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _threads().process
 
         def run(
             turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)
         ) -> None:
-            """A thread whose caller was interrupted goes on for a while: what it runs
-            lives as long.
-            """
+            """Run copies; what a thread runs lives as long as the thread."""
             process(contexts, turn, x, out)
 
         return run
 
     @staticmethod
     def start(block: Block, p: Any, s: Any, seed: int) -> Any:
-        """The first state of a block in a run with this seed: that of the block, drawn
-        from compiled noise.
-        """
+        """Return the first state of a block, drawn from compiled noise."""
         return (
             block.start(p, s, seed, normals)
             if isinstance(block, PinkNoise)
@@ -267,9 +267,7 @@ class Engine:
         self.ctx[12] = -1
 
     def set(self, i: int, target: float, left: float) -> None:
-        """Send Param instance i towards target over so many samples, from the next
-        sample on.
-        """
+        """Send Param instance i towards target over samples, from the next one on."""
         q = self.pending[self._param[i]]
         q[2:4] = np.array([target, left]).view(np.int64)
         q[0] = 1
@@ -284,8 +282,9 @@ class Engine:
         self.ctx[15] = n
 
     def peek(self) -> np.ndarray:
-        """The states as they are, without touching anything; safe while another thread
-        runs the program.
+        """Return the states without touching anything.
+
+        It is safe while another thread runs the program.
         """
         return self.S[: self.size].copy()
 
@@ -315,7 +314,7 @@ def _white() -> Engine:
 
 
 def normals(key: np.uint64, n: int) -> np.ndarray:
-    """The first n deviates of a stream, as ``stimlib.blocks.noise.normals``.
+    """Return the first n deviates of a stream, as ``stimlib.blocks.noise.normals``.
 
     Examples
     --------
@@ -339,7 +338,10 @@ def _always(q: Instance) -> bool:
 
 
 def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
-    """What is one number as long as no parameter moves: those, and maps of them."""
+    """Return what is one number as long as no parameter moves.
+
+    These are parameters, and maps of them.
+    """
     still: list[bool] = []
     for q, (_, s) in zip(program.instances, design, strict=True):
         maps = q.kind in ("block", "pick") and isinstance(q.block, Map | Pick) and not s
@@ -355,8 +357,10 @@ side.
 
 
 def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, ...]]:
-    """Instances in running order; two of one class that step along one clock run in one
-    loop, each in the other's latency.
+    """Return instances in running order.
+
+    Two of one class that step along one clock run in one loop, each in the other's
+    latency.
     """
     instances = program.instances
     opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
@@ -389,7 +393,7 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
 def _before(
     instances: list[Instance], opened: dict[int, int], done: list[bool], j: int
 ) -> list[int] | None:
-    """What must run before an instance and has not; None if that is much."""
+    """Return what must run before an instance and has not; None if that is much."""
     found: set[int] = set()
     todo = [j]
     while todo and len(found) <= NEAR:
@@ -402,8 +406,9 @@ def _before(
 
 
 def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
-    """What two instances have in common that can step side by side; None where one
-    cannot.
+    """Return what two instances have in common that can step side by side.
+
+    None where one cannot.
     """
     q, (p, s) = program.instances[i], design[i]
     cls = q.block.definition
@@ -420,8 +425,10 @@ def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
 
 
 def _parameter_words(p: Any, sizes: list[int]) -> np.ndarray:
-    """Words of one row: numbers, (offset, size) of arrays, sizes of state arrays and
-    scratch; then the arrays.
+    """Return the words of one row.
+
+    They are numbers, (offset, size) of arrays, sizes of state arrays and scratch; then
+    the arrays.
     """
     arrays = [pack((v,)) for v in p if isinstance(v, np.ndarray)]
     end = len(p) + len(arrays) + len(sizes)

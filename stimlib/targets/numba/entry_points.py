@@ -1,5 +1,6 @@
-"""Compiled code as a function of Python, without numba's dispatcher, which takes longer
-than a squeeze takes for a sample.
+"""Compiled code as functions of Python, without numba's dispatcher.
+
+The dispatcher takes longer than a squeeze takes for a sample.
 
 The code looks at its arguments itself (``runtime.process``), where numpy's binary
 interface has the words of an array.  That numpy and Python are laid out so is held
@@ -39,13 +40,14 @@ _new = ctypes.PYFUNCTYPE(
 
 @cache
 def _method(address: int) -> Any:
-    """It must outlive its functions, so it lives for good."""
+    """Return a method definition, which must outlive its functions."""
     return _Method(b"process", address, METH_FASTCALL, None)
 
 
 def function(address: int, me: int) -> Callable[..., int]:
-    """A builtin function whose machine code stands at an address and gets a number
-    beside its arguments.
+    """Return a builtin function for machine code at an address.
+
+    It gets a number beside its arguments.
     """
     return _new(ctypes.byref(_method(address)), me, None)
 
@@ -56,7 +58,7 @@ def _word(address: int, k: int) -> int:
 
 @cache
 def array_words() -> tuple[int, int]:
-    """What tells an array of float64: its type, and what tells its type of numbers.
+    """Return what identifies an array of float64: its type, and that of its numbers.
 
     Raises
     ------

@@ -1,5 +1,6 @@
-"""What compiled code does for each name of ``stimlib.core.maths``, and the few memory
-operations segments need.
+"""What compiled code does for each name of ``stimlib.core.maths``.
+
+There are also the few memory operations that segments need.
 
 The long sums are compiled once, in the runtime, and called by name: see ``kernels``.
 """
@@ -35,11 +36,13 @@ NUMBERS = -1 ^ (0xFF << 24)
 # one value ----------------------------------------------------------------------------
 @intrinsic
 def fma(ctx, a, b, c):
+    """Return a b + c with one rounding."""
     return f8(f8, f8, f8), lambda c, b, s, v: b.fma(*v)
 
 
 @intrinsic
 def where(ctx, c, a, b):
+    """Return a if c else b."""
     t = u8 if a == u8 and b == u8 else f8
 
     def code(c, b, s, v):
@@ -53,16 +56,19 @@ def where(ctx, c, a, b):
 
 @intrinsic
 def bits(ctx, x):
+    """Return the bits of a float64."""
     return u8(f8), lambda c, b, s, v: b.bitcast(v[0], I64)
 
 
 @intrinsic
 def unbits(ctx, u):
+    """Return the float64 with these bits."""
     return f8(u8), lambda c, b, s, v: b.bitcast(v[0], DOUBLE)
 
 
 @intrinsic
 def as_float(ctx, u):
+    """Return a whole number as float64."""
     return f8(u8), lambda c, b, s, v: b.uitofp(v[0], DOUBLE)
 
 
@@ -72,12 +78,16 @@ sqrt, floor = np.sqrt, np.floor
 
 @plain
 def flush(x):
+    """Return x, or 0 where it is too small to matter."""
     return where(abs(x) <= SILENT, 0.0, x)
 
 
 @intrinsic
 def settle(ctx, x):
-    """flush as a branch: a comparison and a choice would lengthen the recursion."""
+    """Flush by a branch.
+
+    A comparison and a choice would lengthen the recursion.
+    """
 
     def code(c, b, s, v):
         size = b.call(b.module.declare_intrinsic("llvm.fabs", [DOUBLE]), [v[0]])
@@ -165,16 +175,19 @@ def run(ctx, address, c, x, y, n):
 
 @plain
 def words(a):
+    """Return the words of an array of float64."""
     return carray(as_u8(data(a)), a.size)
 
 
 @plain
 def copy(a, b):
+    """Copy b into a."""
     move(data(b), data(a), a.size)
 
 
 @plain
 def search(knots, x):
+    """Return the piece of a place."""
     low, high = 0, knots.size - 2
     while low < high:
         k = (low + high + 1) >> 1
@@ -198,16 +211,19 @@ _fir, _modes, _memory = (
 
 @plain
 def fir(taps, w, y):
+    """Run a sum of taps."""
     _fir(data(taps), taps.size, data(w), data(y), y.size)
 
 
 @plain
 def modes(p, r, q, d, x, y, w):
+    """Run a bank of modes."""
     _modes(data(p), data(r), data(q), p.size, d, data(x), data(w), data(y), y.size)
 
 
 @plain
 def memory(e, r, q, low, x, y, w):
+    """Run a bank of slow modes with second words."""
     _memory(
         data(e), data(r), data(q), data(low), e.size, low.size, data(x), data(w), data(y), y.size
     )

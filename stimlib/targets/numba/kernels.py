@@ -1,5 +1,6 @@
-"""The long sums, vector by vector: taps, banks of modes.  Compiled once, in the
-runtime; segments call them by name.
+"""The long sums, vector by vector: taps, banks of modes.
+
+They are compiled once, in the runtime; segments call them by name.
 
 Vectors of eight are spelled out, so the speed does not hang on the optimiser's mood;
 where a processor has shorter ones, LLVM takes several.  Every partial sum is kept apart
@@ -34,8 +35,9 @@ vector do without.
 
 
 def features() -> str:
-    """What programs are built for: what the processor has, less what
-    STIMLIB_VECTOR_BITS = 256 or 128 leaves out.
+    """Return what programs are built for.
+
+    It is what the processor has, less what STIMLIB_VECTOR_BITS = 256 or 128 leaves out.
     """
     config: Any = numba.config
     if config.DISABLE_JIT:
@@ -61,6 +63,7 @@ if os.environ.get("STIMLIB_VECTOR_BITS"):
 
 # Eight numbers ------------------------------------------------------------------------
 def zeros(t):
+    """Return a vector of zeros."""
     return ir.Constant(t, [0.0] * t.count)
 
 
@@ -73,6 +76,7 @@ def load(b, p, k=0):
 
 
 def store(b, v, p, k=0):
+    """Store a vector at a place."""
     place = b.gep(p, [k if isinstance(k, ir.Value) else I64(k)])
     b.store(v, b.bitcast(place, v.type.as_pointer())).align = 8
 
@@ -86,6 +90,7 @@ def splat(b, x, count=8):
 
 
 def shuffle(b, x, y, lanes):
+    """Return lanes of two vectors."""
     return b.shuffle_vector(x, y, ir.Constant(ir.VectorType(I32, len(lanes)), lanes))
 
 
@@ -139,11 +144,12 @@ def fold(b, v):
 
 
 def variable(b, v):
-    """A value that a loop changes; LLVM keeps it in a register."""
+    """Return a value that a loop changes; LLVM keeps it in a register."""
     return cgutils.alloca_once_value(b, v)
 
 
 def loop(b, start, stop, step):
+    """Return a loop over whole numbers."""
     return cgutils.for_range_slice(b, start, stop, I64(step), I64)
 
 
@@ -180,9 +186,12 @@ the taps.
 
 
 def _fir_at(b, R, taps, size, w, y, sums):
-    """8 R outputs.  Taps j, j + 8, .. make partial sum j, and output r under tap m
-    needs the samples r + m: so for each j the samples slide through the registers, and
-    one load serves R products."""
+    """Compute 8 R outputs of a sum of taps.
+
+    Taps j, j + 8, .. make partial sum j, and output r under tap m needs the samples r +
+    m: so for each j the samples slide through the registers, and one load serves R
+    products.
+    """
     with loop(b, I64(0), I64(8), 1) as (j, _):
         base, tap_0, out = b.gep(w, [j]), b.gep(taps, [j]), b.gep(sums, [b.mul(j, I64(8 * R))])
         window = [variable(b, load(b, base, 8 * r)) for r in range(R - 1)]
@@ -226,8 +235,11 @@ def fir(ctx, taps, size, w, y, n):
 
 # Modes --------------------------------------------------------------------------------
 def _pass(b, x, w, n, first, update, groups, r, states):
-    """Groups of eight modes along n samples: w[8 i] += sum r q.  Their states stay in
-    registers; the groups are independent, so that one's latency is another's time."""
+    """Run groups of eight modes along n samples: w[8 i] += sum r q.
+
+    Their states stay in registers; the groups are independent, so that one's latency is
+    another's time.
+    """
     held = [[variable(b, load(b, p, 8 * g)) for p in states(g)] for g in range(groups)]
     weights = [load(b, r, 8 * g) for g in range(groups)]
     nothing = variable(b, zeros(V8))
@@ -276,8 +288,9 @@ def poles(ctx, p, r, q, x, w, n, groups, first):
 
 @intrinsic
 def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
-    """Up to MOST groups of q += (x + TINY) - e q with a second word, then as many
-    without.
+    """Run up to MOST groups of q += (x + TINY) - e q.
+
+    As many have a second word, and as many have none.
     """
 
     def code(c, b, sig, v):
@@ -307,9 +320,7 @@ def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
 def _total(direct):
     @intrinsic
     def total(ctx, d, x, w, y, n):
-        """y = flush(d x + tree(w)), or without d, for eight samples at once where there
-        are as many.
-        """
+        """Compute y = flush(d x + tree(w)), or without d, eight samples at once."""
 
         def code(c, b, sig, v):
             d, x, w, y, n = v

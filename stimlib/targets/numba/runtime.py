@@ -1,5 +1,4 @@
-"""The one fixed loop that walks a program's table, and the long sums that segments call
-by name.
+"""The one fixed loop that walks a program's table, and the long sums of segments.
 
 Its text is compiled from the cache, named by content, like a segment's.
 """
@@ -45,11 +44,13 @@ _fir, _poles, _leaks, _total, _total_of_modes = (
 
 @cfunc(FIR, cache=True, error_model="numpy")
 def fir(taps, size, w, y, n):
+    """Run a sum of taps."""
     _fir(taps, size, w, y, n)
 
 
 @cfunc(MODES, cache=True, error_model="numpy")
 def modes(p, r, q, size, d, x, w, y, n):
+    """Run a bank of modes."""
     for k in range(0, size, 32):
         _poles(at(p, k), at(r, k), at(q, k), x, w, n, min(4, (size - k) >> 3), k == 0)
     _total(d, x, w, y, n)
@@ -57,6 +58,7 @@ def modes(p, r, q, size, d, x, w, y, n):
 
 @cfunc(MEMORY, cache=True, error_model="numpy")
 def memory(e, r, q, low, size, lows, x, w, y, n):
+    """Run a bank of slow modes with second words."""
     k = 0
     if size == 0:
         for i in range(8 * n):
@@ -75,6 +77,7 @@ def memory(e, r, q, low, size, lows, x, w, y, n):
 
 @njit(error_model="numpy", inline="always")
 def open_clock(W, w, up, root, down, N, k):  # w = (slot of by, child)
+    """Gather the samples at which a gate is open."""
     by = at(W, w[0])
     n = 0
     for i in range(k):
@@ -104,6 +107,7 @@ def stretches(
     # w = (contact, first output, outputs, state at rest in P, its words, segment, the
     # segment's own ..)
 ):
+    """Run the segment of a subsystem stretch by stretch."""
     by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[4] - 1)
     start, n = 0, 0
     for i in range(k):
@@ -124,6 +128,7 @@ def stretches(
 
 @njit(error_model="numpy", inline="always")
 def move_tile(to, source, n):
+    """Copy a tile."""
     if n == 64:
         _whole_tile(to, source)
     else:
@@ -141,6 +146,7 @@ def standing(S, pending, params):
 
 @cfunc(types.void(I8, F8, F8, types.int64), cache=True, error_model="numpy")
 def entry(ctx, x, y, n):
+    """Walk the table of a program for n samples."""
     rows, table, P, S, W, A = (
         ctx[0],
         i8_at(ctx[1]),
@@ -244,8 +250,9 @@ def fits(a, flags, ctx):
 
 @cfunc(types.int64(types.int64, I8, types.int64), cache=True, error_model="numpy")
 def process(me, args, count):
-    """A function of Python, as METH_FASTCALL has it: of (x, out), made for the context
-    at the number ``me``.
+    """Run as a METH_FASTCALL function of (x, out).
+
+    It is made for the context at the number ``me``.
     """
     ctx = i8_at(value(me))
     if count != 2:

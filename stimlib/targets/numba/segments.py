@@ -1,5 +1,6 @@
-"""The text of a segment: what a block class computes for a stretch of samples, as a
-compiled function of a table's row.
+"""Segments: a block class along a stretch of samples, as a compiled function.
+
+The function is called from a table's row.
 
 A segment's text holds the text of the step and of every helper and constant that it
 uses: an edit in any of them makes another segment.
@@ -31,8 +32,9 @@ from stimlib.targets.numba import vectors as _sl_vectors, intrinsics as _sl
 
 
 def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str]) -> None:
-    """Text of a function under a name, after that of every helper, constant and
-    NamedTuple it uses.
+    """Return the text of a function under a name, after all that it uses.
+
+    These are helpers, constants and NamedTuples.
     """
     renamed: dict[str, str] = {}
     for n, v in steps.names(f).items():
@@ -83,7 +85,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _with_names(text: str, names: dict[str, str]) -> str:
-    """A function's text with other names for some globals."""
+    """Return a function's text with other names for some globals."""
     if not names:
         return text
     tree = ast.parse(text)
@@ -98,8 +100,9 @@ def _tuple_text(name: str, t: Any) -> str:
 
 
 class Form(NamedTuple):
-    """What a segment is made for: a block class whose parameters and states have these
-    kinds of fields, or two blocks side by side.
+    """What a segment is made for: a block class with these kinds of fields.
+
+    It may also be two blocks side by side.
     """
 
     cls: Any
@@ -129,7 +132,7 @@ class Form(NamedTuple):
 
 @memo
 def segment(form: Form) -> types.ModuleType:
-    """The segment of a form, compiled now or before."""
+    """Return the segment of a form, compiled now or before."""
     cls = form.cls
     f = cls.tile or cls.step
     steps.source(f)  # an error here names the step, not the first of its helpers
@@ -172,8 +175,7 @@ C and Z the same as uint64.  A small letter is a number, a capital an array.
 
 
 def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
-    """Add lines that take a block's numbers from the tables, and those that keep its
-    state.
+    """Add lines that take a block's numbers from the tables, and keep its state.
 
     A second block's words and state lie some words further on, as A tells; its names
     end with 1.
@@ -216,8 +218,9 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
 
 
 def _run(form: Form, f: Any, out: list[str]) -> list[str]:
-    """Lines that run a step or tile, in the quickest of the ways that it allows; out:
-    what stands before the segment.
+    """Return lines that run a step or tile in the quickest way that it allows.
+
+    out: what stands before the segment.
     """
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
     slots = codegen.each("_sl.at(W, A[%d])", range(form.copies * len(form.signals)))
@@ -254,7 +257,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
 
 
 def _said(e: Exception) -> str:
-    """What the compiler says, in one line and without the passes that it was in."""
+    """Return what the compiler says, in one line and without its passes."""
     passes = "Failed in", "During:", "File ", "def "
     said = [
         line for line in map(str.strip, str(e).splitlines()) if line and not line.startswith(passes)
@@ -266,8 +269,9 @@ def _said(e: Exception) -> str:
 
 
 def _line(e: Exception, text: str, f: types.FunctionType) -> str:
-    """File and line as an error begins: those that the compiler blames, where they are
-    in f itself, or those of f.
+    """Return file and line as an error begins.
+
+    They are those that the compiler blames, where they are in f itself, or those of f.
     """
     blamed = getattr(getattr(e, "loc", None), "line", 0)
     written = text.partition("\ndef _sl_segment")[0].splitlines()
@@ -281,4 +285,5 @@ def _line(e: Exception, text: str, f: types.FunctionType) -> str:
 
 
 def kinds(t: Any) -> str:
+    """Return the kinds of fields as letters."""
     return "".join(kind(v) for v in t)

@@ -1,5 +1,6 @@
-"""The loop over copies of a program that each of several threads runs.  Its text is
-compiled from the cache, as ``runtime``.
+"""The loop over copies of a program that each of several threads runs.
+
+Its text is compiled from the cache, as ``runtime``.
 """
 
 from llvmlite import ir
@@ -11,7 +12,7 @@ from stimlib.targets.numba.intrinsics import at, data, i8_at, run
 
 @intrinsic
 def take(ctx, p):
-    """The number at p, then one more: no two threads get the same."""
+    """Return the number at p and add one: no two threads get the same."""
     return types.int64(p), lambda c, b, s, v: b.atomic_rmw(
         "add", v[0], ir.Constant(ir.IntType(64), 1), "monotonic"
     )
@@ -24,6 +25,7 @@ I8S = types.int64[::1]
 
 @njit([types.void(I8S, I8S, a, WRITE) for a in ARRAYS], cache=True, error_model="numpy", nogil=True)
 def process(contexts, turn, x, y):
+    """Run copies until none is left."""
     k = take(data(turn))
     while k < contexts.size:
         ctx = i8_at(contexts[k])

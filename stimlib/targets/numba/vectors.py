@@ -1,5 +1,6 @@
-"""A straight-line function on several numbers at once: it is run on stand-ins, each
-operation of which writes its vector instruction.
+"""Straight-line functions on several numbers at once.
+
+A function is run on stand-ins, each operation of which writes its vector instruction.
 
 So a loop over a helper is vectors by construction.  numba leaves that to LLVM, which
 takes shorter vectors or none.
@@ -54,6 +55,7 @@ class Lanes:
 
     @property
     def kind(self) -> ir.Type:
+        """Return the type of a lane."""
         return self.v.type.element
 
     def __bool__(self):
@@ -61,7 +63,8 @@ class Lanes:
         raise TypeError("each lane has a truth value of its own: use where(c, a, b)")
 
     def like(self, x: Any) -> ir.Value:
-        """Lanes or a number of the same kind, in every lane; TypeError for others:
+        """Return a value of the same kind in every lane; TypeError for others.
+
         numpy would turn one into the other.
         """
         if isinstance(x, Lanes):
@@ -73,7 +76,7 @@ class Lanes:
         return splat(self.b, ir.Constant(I64, int(x)), self.v.type.count)
 
     def are(self, kind: ir.Type) -> ir.Value:
-        """The vector; TypeError where it is of another kind."""
+        """Return the vector; TypeError where it is of another kind."""
         if self.kind != kind:
             raise TypeError(f"lanes of {self.kind}, not {kind}")
         return self.v
@@ -159,7 +162,7 @@ def _known(name: str) -> Callable:
 
 
 def _of(kind: ir.Type, code: Callable) -> Callable:
-    """What a function of one value of a kind does to stand-ins."""
+    """Return what a function of one value of a kind does to stand-ins."""
     return lambda x: Lanes(_one_of(x).b, code(x.b, x.are(kind), x))
 
 
@@ -176,8 +179,9 @@ NAMESPACE = python.SimpleNamespace(**TWINS, SILENT=maths.SILENT, TINY=maths.TINY
 
 
 def twin(v: Any) -> Any:
-    """What a global of a helper becomes, a helper's own or that of its compiled text;
-    None where there is nothing.
+    """Return what a global of a helper becomes, or None.
+
+    It is a helper's own, or that of its compiled text.
     """
     if (
         isinstance(v, (float, np.uint64))
@@ -201,8 +205,9 @@ def twin(v: Any) -> Any:
 
 
 def bind(f: python.FunctionType) -> Callable | None:
-    """A step or helper as a function of stand-ins; None where it uses what has no
-    twin.
+    """Return a step or helper as a function of stand-ins.
+
+    None where it uses what has no twin.
     """
     scope = {
         name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__
@@ -222,15 +227,16 @@ def bind(f: python.FunctionType) -> Callable | None:
 
 
 def number(b: ir.IRBuilder, v: Any) -> ir.Value:
-    """What a helper has returned, numbers side by side or one number."""
+    """Return what a helper has returned, numbers side by side or one number."""
     if isinstance(v, Lanes) and v.v.type.element != DOUBLE:
         raise TypeError("it returns no number: write where(c, 1.0, 0.0)")
     return v.v if isinstance(v, Lanes) else Lanes(b, kernels.zeros(kernels.V8)).like(v)
 
 
 def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str:
-    """Why a helper(p, *x) cannot run in vectors, or nothing; f: a float, u: np.uint64.
-    It is tried.
+    """Return why a helper(p, *x) cannot run in vectors, or nothing.
+
+    f: a float, u: np.uint64. It is tried.
     """
     if helper is None:
         return "it uses what they do not have"
@@ -256,8 +262,9 @@ def in_vectors(step: Any, p_type: Any, p_kinds: str, inputs: int) -> bool:
 def go_abreast(
     step: Any, p_type: Any, p_kinds: str, s_type: Any, s_kinds: str, inputs: int
 ) -> bool:
-    """Whether a step with a state of floats can run in vectors, a block in each
-    lane.
+    """Return whether a step with a state of floats can run in vectors.
+
+    There is a block in each lane.
     """
     run, k = twin(step), len(s_kinds)
 
@@ -269,8 +276,9 @@ def go_abreast(
 
 
 def _steps(b, step, p, x, y, n):
-    """y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples, and for those that
-    fill the last vector up.
+    """Run y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples.
+
+    Those that fill the last vector up are run as well.
     """
 
     def at(i):
@@ -286,7 +294,7 @@ def _steps(b, step, p, x, y, n):
 
 
 def _numbers(b, t, p):
-    """A NamedTuple of numbers, or ()."""
+    """Return a NamedTuple of numbers, or ()."""
     return (
         t.instance_class(*(Lanes(b, splat(b, b.extract_value(p, k))) for k in range(len(t))))
         if len(t)
@@ -296,8 +304,9 @@ def _numbers(b, t, p):
 
 @intrinsic
 def steps(ctx, f, p, x, y, n):
-    """A step without state along slots: p a NamedTuple of numbers or (), x a tuple of
-    pointers.
+    """Run a step without state along slots.
+
+    p is a NamedTuple of numbers or (), x a tuple of pointers.
     """
 
     def code(c, b, sig, v):
@@ -318,8 +327,11 @@ def steps(ctx, f, p, x, y, n):
 
 @intrinsic
 def abreast(ctx, f, p, s, x, y, n):
-    """A step along the slots of two blocks, one in each lane; p, s, x, y have what is
-    of the one and of the other.  The states after n samples come back."""
+    """Run a step along the slots of two blocks, one in each lane.
+
+    p, s, x, y have what is of the one and of the other. The states after n samples come
+    back.
+    """
 
     def code(c, b, sig, v):
         p, s, x, y, n = v[1:]
@@ -360,7 +372,7 @@ def abreast(ctx, f, p, s, x, y, n):
 
 
 def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str) -> Callable:
-    """What each and pairs run; an error for the author where it cannot be."""
+    """Return what each and pairs run, or raise an error for the author."""
     helper = twin(f.dispatcher)
     call = helper if "f" in kinds else helper and (lambda p, *x: helper(*x))
     if why := fault(call, p_type, p_kinds, kinds):
