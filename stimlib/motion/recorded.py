@@ -277,7 +277,7 @@ def recording(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "press.csv")
     ...     _ = path.write_text(
-    ...         "t_s,force_N,contact\\n0,1,1\\n0.01,2,1\\n0.03,4,1\\n0.04,0,0\\n"
+    ...         "t_s,force_N,contact\n0,1,1\n0.01,2,1\n0.03,4,1\n0.04,0,0\n"
     ...     )
     ...     press = recording(path, {"x": "force_N*5e-4"})
     >>> press.motion["x"]([0.0, 0.005, 0.02, 0.03, 0.1]).round(6).tolist()
