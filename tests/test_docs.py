@@ -6,6 +6,7 @@ import csv
 import doctest
 import inspect
 import logging
+import pkgutil
 import re
 import shlex
 import shutil
@@ -176,6 +177,11 @@ def test_every_block_function_has_its_place():
         assert not names or heading in index, (
             f"docs/reference/blocks/index.rst: add the heading and the functions of {page.stem}"
         )
+        for name in names:
+            module = getattr(blocks, name).__module__.split(".")[-1]
+            assert {"loops": "graph"}.get(module, module) == page.stem, (
+                f"docs/reference/blocks/{page.name}: {name} belongs on the page of {module}"
+            )
         told += names
     for name in blocks.__all__:
         assert told.count(name) == 1, (
@@ -183,6 +189,16 @@ def test_every_block_function_has_its_place():
             f" its family, once (it is there {told.count(name)} times)"
         )
     assert set(told) == set(blocks.__all__)
+    families = [getattr(blocks, m.name) for m in pkgutil.iter_modules(blocks.__path__)]
+    made = {
+        n
+        for family in families
+        for n, f in vars(family).items()
+        if hasattr(f, "__wrapped__") and "Block" in str(f.__annotations__.get("return"))
+    }
+    assert made <= set(blocks.__all__), (
+        f"stimlib/blocks/__init__.py: import {made - set(blocks.__all__)}, or remove @public"
+    )
     offered = {
         n for n, f in vars(blocks).items() if inspect.isfunction(f) and not n.startswith("_")
     }

@@ -366,3 +366,41 @@ def test_tables_are_limited(monkeypatch):
 def test_what_does_not_fit_the_sample_rate_is_told_when_it_is_compiled(block, text):
     with pytest.raises(BadValue, match=text):
         stimlib.compile(Scene({"y": block}), 1000)
+
+
+# Sums and levels ----------------------------------------------------------------------
+def test_an_integral_is_exact_for_straight_lines_and_after_hours():
+    assert stimlib.compile(Scene({"y": b.integrate(1.0)}), 4).process(np.empty((0, 2)))[
+        0
+    ].tolist() == [0.125, 0.375]
+    proc = stimlib.compile(Scene({"y": b.integrate(X)}), 1000)
+    y = proc.process(np.full((1, 1_000_000), 0.1))[0]
+    proc.state = proc.state  # goes on where it was
+    y = np.append(y, proc.process(np.full((1, 1_000_000), 0.1))[0])
+    assert abs(y[-1] - (2e6 - 0.5) * 1e-4) < 1e-13 * y[-1]
+    t, leak = np.arange(3000) / 1000, 5.0
+    leaky = stimlib.compile(Scene({"y": b.integrate(X, leak)}), 1000).process(t[None])[0]
+    wanted = t / leak - -np.expm1(-leak * t) / leak**2  # of y' = t - leak y
+    np.testing.assert_allclose(leaky, wanted, rtol=1e-12, atol=1e-15)
+    for fs in (2, 6):  # leak/fs above 1, and nearly 1
+        t = np.arange(8) / fs
+        coarse = stimlib.compile(Scene({"y": b.integrate(X, leak)}), fs).process(t[None])[0]
+        np.testing.assert_allclose(coarse, t / leak - -np.expm1(-leak * t) / leak**2, rtol=1e-12)
+
+
+def test_a_mean_is_of_the_nearest_number_of_samples():
+    for seconds, n in ((0.0026, 3), (0.0024, 2)):
+        y = stimlib.compile(Scene({"y": b.moving_average(X, seconds)}), 1000, "python").process(
+            np.eye(1, 4)
+        )[0]
+        np.testing.assert_allclose(y, np.where(np.arange(4) < n, 1 / n, 0.0), rtol=1e-15)
+
+
+def test_a_level_rises_and_falls_with_its_time_constants():
+    proc = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.01, 0.1)}), 1000)
+    y = proc.process(np.repeat([-2.0, 0.0], [50, 100])[None])[0]
+    np.testing.assert_allclose(
+        y[[9, 49, 149]], [-2 * np.expm1(-1), -2 * np.expm1(-5), y[49] * np.exp(-1)], rtol=1e-12
+    )
+    short = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.0005)}), 1000)  # of half a sample
+    assert short.process(np.array([[2.0]]))[0, 0] == pytest.approx(-2 * np.expm1(-2), rel=1e-12)
