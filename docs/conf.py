@@ -24,9 +24,12 @@ extensions = [
     "sphinx.ext.autosummary",
     "numpydoc",
     "sphinx_gallery.gen_gallery",
+    "sphinx_copybutton",
 ]
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
 exclude_patterns = ["_build"]
-nitpicky = False
+nitpicky = True
 
 autosummary_generate = False
 autodoc_member_order = "bysource"
