@@ -25,7 +25,7 @@ from stimlib import cli, demo
 from stimlib.analysis import overview
 from stimlib.analysis.listening import vibration
 from stimlib.cli import app
-from stimlib.cli.scene import scene_of
+from stimlib.cli.scene import _ours, scene_of
 from stimlib.core.definitions import definitions
 from stimlib.core.graph import registry
 from stimlib.devices import available, loopback_test
@@ -1021,6 +1021,13 @@ def clicks(tmp_path_factory):
     return folder
 
 
+def forget(module):
+    """As in a process of its own, that has not run the file of this module."""
+    registry.pop(f"{module}.Click", None)
+    sys.modules.pop(module, None)
+    _ours.pop(module, None)
+
+
 @pytest.mark.parametrize(
     "words",
     ["replay click.stimlog", "verify --log click.stimlog", "verify click.json --log click.stimlog",
@@ -1031,7 +1038,7 @@ def clicks(tmp_path_factory):
 def test_own_blocks_are_known_by_import(clicks, monkeypatch, words):
     monkeypatch.chdir(clicks)
     for more, code in ([], 2), (["--import", "click_block.py"], 0):
-        registry.pop("click_block.Click", None)  # as in a process of its own
+        forget("click_block")
         done = ran([*words.split(), *more], code)
         assert (
             code == 0
@@ -1041,7 +1048,7 @@ def test_own_blocks_are_known_by_import(clicks, monkeypatch, words):
 
 
 def test_a_scene_of_own_code_is_loaded_before_the_log(clicks):
-    registry.pop("click_block.Click", None)
+    forget("click_block")
     ran(["verify", f"{clicks}/click_block.py:scene", "--log", f"{clicks}/click.stimlog"])
 
 
@@ -1589,3 +1596,18 @@ def test_outputs_in_different_units_are_told_the_option_that_has_both(
     name, *words = command.split()
     words += ["--motion", "sinusoid(0.001, 1)", "--seconds", "0.1", "--full-scale", "2"]
     ran([name, "own.py:two", *words], 2, "on the command line --full-scale force=..,place=..")
+
+
+def test_a_file_that_two_options_name_is_run_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (
+        "import stimlib\nprint('ran')\n\ndef tone():\n    return stimlib.Scene({'y':"
+        " stimlib.Input('x', 'm')})\n\n@stimlib.sweep.measure(unit='m')\ndef peak(r):\n    return"
+        " float(r['y'].max())\n"
+    )
+    (tmp_path / "run_once.py").write_text(text)
+    words = "sweep run_once.py:tone --measure run_once.py:peak --motion minimum_jerk()"
+    done = ran([*words.split(), "--seconds", "0.1", "--axis", "seed=1,2", "--dry"])
+    assert done.stdout.count("ran") == 1
+    (tmp_path / "run_once.py").write_text(text.replace("'ran'", "'ran again'"))
+    assert ran(["show", "run_once.py:tone"]).stdout.count("ran again") == 1

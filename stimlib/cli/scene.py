@@ -113,7 +113,7 @@ def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
     return _own(path, name, called=False, kind=kind)
 
 
-_ours: set[str] = set()  # names of the modules that _own has made
+_ours: dict[str, bytes] = {}  # modules that _own has made, and the text that each has run
 
 
 def _own(
@@ -121,25 +121,29 @@ def _own(
 ) -> Any:
     """Run a user's file as the module by whose name scene files know its blocks.
 
-    The result is what a function in it gives.
+    The result is what a function in it gives. A file that has run is not run again.
 
     Where the file or the function raises, the error names their line.
     """
     from ..core.scene import Scene
 
-    safe_files.read(path, "scene_bytes", SceneError)  # a regular file
+    text = safe_files.read(path, "scene_bytes", SceneError)  # a regular file
     spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
     if spec is None or spec.loader is None:
         raise SceneError(f"{path} is no file of Python: name one such as click_block.py")
-    if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours:
+    if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours.keys():
         raise SceneError(
             f"{path}: there is another module {name}, which stimlib may need: give the file another"
             " name"
         )
-    sys.modules[name] = module = importlib.util.module_from_spec(spec)
-    _ours.add(name)
+    if _ours.get(name) != text or sys.modules[name].__file__ != spec.origin:
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        _ours[name] = b""
+    module = sys.modules[name]
     try:
-        spec.loader.exec_module(module)
+        if not _ours[name]:
+            spec.loader.exec_module(module)
+            _ours[name] = text
         if function is None:
             return None
         found: Any = getattr(module, function, None)
