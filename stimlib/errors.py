@@ -1,6 +1,10 @@
 """The exceptions that stimlib raises, and the check of public arguments.
 
-Each exception is also the built-in one that a caller would expect.
+Each exception is also the built-in one that a caller would expect.  A message is one
+line: the name that the caller used, what was given, what is wrong with it, and what to
+do, such as ``bumps: duty = 1.5 must be above 0 and at most 1``.  Text from a file or a
+caller goes through `shown` or `shortened`, and a missing name through `need`, which
+lists what there is.
 """
 
 import functools
@@ -105,6 +109,16 @@ class UnknownName(StimlibError, KeyError):
         # KeyError shows the repr of its argument, which would put quotes around a whole
         # sentence
         return said(Exception.__str__(self))
+
+
+def need(where: str, names: Iterable[str], given: Iterable[Any], what: str = "column") -> None:
+    """Raise UnknownName, listing what there is, unless all names are given."""
+    there = list(given)
+    for name in names:
+        if name not in there:
+            raise UnknownName(
+                f"{where}: there is no {what} {name!r}; there are {', '.join(map(str, there))}"
+            )
 
 
 def outside() -> int:

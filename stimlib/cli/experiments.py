@@ -189,7 +189,7 @@ def on_page(host: str, port: int) -> Iterator[ExperimentPage]:
     with Server(asking, host, port) as server, asking:
         if not server.private:
             note(
-                f"{host}: whoever has the address below can answer: use it in a network of your"
+                f"{host}: anybody who has the address below can answer: use it in a network of your"
                 " own, and end it when you are done"
             )
         print(f"the participant answers at {server.url}", flush=True)

@@ -153,9 +153,9 @@ def live(
     stream.warm_up()
     if not server.private:
         note(
-            f"{host}: whoever has the address below can drive the scene, and whoever can read the"
-            " network can read what is sent: use it in a network of your own, and end it when you"
-            " are done"
+            f"{host}: anybody who has the address below can drive the scene, and anybody who can"
+            " read the network can read what is sent: use it in a network of your own, and end it"
+            " when you are done"
         )
     try:
         print(server.url, flush=True)

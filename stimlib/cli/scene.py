@@ -130,7 +130,7 @@ def _own(
     text = safe_files.read(path, "scene_bytes", SceneError)  # a regular file
     spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
     if spec is None or spec.loader is None:
-        raise SceneError(f"{path} is no file of Python: name one such as click_block.py")
+        raise SceneError(f"{path} is not a Python file: name one such as click_block.py")
     if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours.keys():
         raise SceneError(
             f"{path}: there is another module {name}, which stimlib may need: give the file another"

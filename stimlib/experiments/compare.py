@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, UnknownName, need, public
 from ..system.packages import package
 from .likelihood import numbers
 
@@ -519,10 +519,7 @@ def mixed(
         table = package("pandas", what, extra).DataFrame(columns)
     except ValueError as e:
         raise BadValue(f"mixed: {e}") from None
-    if participant not in table:
-        raise UnknownName(
-            f"mixed: there is no column {participant!r}; there are {', '.join(map(str, table))}"
-        )
+    need("mixed", [participant], table)
     if table[participant].nunique() < 2:
         raise BadValue(
             f"mixed: {participant} has one value: a variance between people needs at least two of"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, public, shortened
+from ..errors import BadValue, need, public, shortened
 from .likelihood import (
     LAPSES,
     PROBIT,
@@ -682,10 +682,7 @@ def _answers(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | None]
     """Return what was given as rows, and the chance level of a table of answers."""
     if not hasattr(given, "keys"):  # a DataFrame has some, too
         return given, None
-    if missing := [name for name in ("level", "outcome") if name not in given]:
-        raise UnknownName(
-            f"{where}: there is no column {missing[0]!r}; there are {', '.join(map(str, given))}"
-        )
+    need(where, ("level", "outcome"), given)
     chances = {
         None if c is None or c != c else c
         for c in (given["chance"] if "chance" in given else [None])

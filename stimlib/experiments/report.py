@@ -12,7 +12,7 @@ import numpy as np
 
 from ..checks.figures import svg
 from ..checks.page import STYLE, facts, items
-from ..errors import UnknownName, public, shown
+from ..errors import UnknownName, need, public, shown
 from ..system import safe_files
 from .fits import Fit, logarithmic
 from .tables import Columns, grouped, plain
@@ -114,10 +114,7 @@ def write_report(
     True
     """
     fits = fits or {}
-    if missing := [name for name in NEEDED if name not in columns]:
-        raise UnknownName(
-            f"report: there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}"
-        )
+    need("report", NEEDED, columns)
     paragraphs = "".join(f"<p>{_q(text)}</p>" for text in method.split("\n\n"))
     flagged = [
         f"{' '.join(map(str, key))}: {text}" for key, fit in fits.items() for text in fit.advice()

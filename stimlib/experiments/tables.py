@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, need, public
 from ..system.packages import package
 from .fits import Fit, psychometrics
 
@@ -42,10 +42,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     """
     if isinstance(by, str):
         raise BadValue(f"by = {by!r} must be a list of columns: [{by!r}]")
-    if missing := [name for name in by if name not in columns]:
-        raise UnknownName(
-            f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}"
-        )
+    need("grouped", by, columns)
     rows = {str(name): list(columns[name]) for name in columns}
     if len({len(column) for column in rows.values()}) > 1:
         raise BadValue(
@@ -91,10 +88,7 @@ def fitted(
     >>> fitted(answers, ["who"])[("a",)].trials
     6
     """
-    if missing := [name for name in ("level", "outcome") if name not in columns]:
-        raise UnknownName(
-            f"there is no column {missing[0]!r}; there are {', '.join(map(str, columns))}"
-        )
+    need("fitted", ("level", "outcome"), columns)
     groups = grouped(columns, by)
     return psychometrics(groups, **how)
 

@@ -68,7 +68,7 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
             clips, peak, info["sha256"] = run(put)
             if draft.frames != info["frames"]:
                 raise SinkError(
-                    f"cannot write {path}: {draft.frames} frames came, {info['frames']} were told"
+                    f"cannot write {path}: {draft.frames} frames came, not {info['frames']}"
                 )
             for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
                 c |= {"clips": int(clipped), "peak": float(largest)}

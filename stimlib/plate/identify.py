@@ -376,7 +376,7 @@ def _check_in_phase(across: np.ndarray, most: float) -> None:
         raise RecordingError(
             f"identify: point {k} answers out of phase with the others, by"
             f" {100 * abs(across[k]):.0f} % of the largest: a mode moves all points together, so"
-            " the recordings are not equally late; record the drive beside each response"
+            " the recordings are not equally late; record the drive together with each response"
         )
 
 
@@ -405,7 +405,7 @@ def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tu
     """Return the frequency of the largest response, and its half-width."""
     if inside.sum() < 4 * BINS:
         raise RecordingError(
-            "identify: the sweep misses the band: hardly a line of its spectrum lies there; sweep"
+            "identify: the sweep misses the band: hardly a line of its spectrum is in it; sweep"
             " through it"
         )
     at = np.flatnonzero(inside)

@@ -327,7 +327,7 @@ class Plate:
             x.min() >= 0 and x.max() <= self.length and y.min() >= 0 and y.max() <= self.width
         ):
             raise BadValue(
-                f"Plate: a place beside the plate; x is 0 .. {self.length:g} m, y is 0 .."
+                f"Plate: a place outside the plate; x is 0 .. {self.length:g} m, y is 0 .."
                 f" {self.width:g} m"
             )
         X, Y = self.axes

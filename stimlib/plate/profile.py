@@ -76,7 +76,7 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
         raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")
     if not 0 <= y <= model.width:
         raise BadValue(
-            f"mode_fit: y = {y!r} m lies beside the plate, which is {model.width:g} m wide"
+            f"mode_fit: y = {y!r} m is outside the plate, which is {model.width:g} m wide"
         )
     if abs(model.shape(0, model.length / 2, y)) < LEAST * abs(
         model.shape(0, model.length / 2, model.width / 2)

@@ -92,7 +92,8 @@ def test_an_open_host_warns(live):
     done = run("--host", "0.0.0.0", "--full-scale", "50")
     assert (
         done.exit_code == 0
-        and "whoever has the address below can drive the scene" in done.stderr.replace("\n", " ")
+        and "anybody who has the address below can drive the scene"
+        in done.stderr.replace("\n", " ")
     )
     assert not served[0].private and served[0]._known(f"192.168.1.7:{served[0].port}")
     assert not served[0]._known(f"evil.example:{served[0].port}") and not served[0]._known(

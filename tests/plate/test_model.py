@@ -232,7 +232,7 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
         (lambda: plate.modes(1.5), "ask for 1 to 36"),
         (lambda: best_patches(plate, gap=-1e-3), "gap"),
         (lambda: best_patches(plate, patch="duraact"), "must be a Patch"),
-        (lambda: plate.shape(0, 0.3, 0.1), "beside the plate"),
+        (lambda: plate.shape(0, 0.3, 0.1), "outside the plate"),
         (lambda: plate.forces(2), "no patches"),
         (lambda: plate.carrier(0.1), "at = 0.1 must be a place"),
         (lambda: plate.frf((0.1, 0.07), (0.1, 0.07, 0.0), 1.0), "at = .* must be a place"),

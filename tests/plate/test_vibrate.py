@@ -173,7 +173,7 @@ def test_knots_that_are_too_few_or_another_shape_are_told(soft):
             "nothing moves",
         ),
         (lambda: mode_fit(model, clamp="free"), "fit or known"),
-        (lambda: mode_fit(model, y=1.0), "beside the plate"),
+        (lambda: mode_fit(model, y=1.0), "outside the plate"),
     ):
         with pytest.raises(BadValue, match=match):
             ask()

@@ -14,7 +14,7 @@ from math import dist, radians
 
 import numpy as np
 
-from ...errors import UnknownName, public
+from ...errors import UnknownName, need, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block, buried
@@ -198,11 +198,7 @@ def located(answers: Columns) -> Located:
     --------
     See :doc:`/reference/experiments_nodules`.
     """
-    if missing := [name for name in ("participant", "condition", "nodules") if name not in answers]:
-        raise UnknownName(
-            f"nodule_places: there is no column {missing[0]!r}; there are"
-            f" {', '.join(map(str, answers))}"
-        )
+    need("nodule_places", ("participant", "condition", "nodules"), answers)
     feedback = [SURFACES[name][0] for name in answers["condition"]]
     rates: dict[str, Proportion] = {}
     each: dict[tuple[str, str], Proportion] = {}

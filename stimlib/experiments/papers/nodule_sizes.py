@@ -15,7 +15,7 @@ from math import pi
 
 import numpy as np
 
-from ...errors import UnknownName, public
+from ...errors import need, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block
@@ -185,11 +185,7 @@ def sorted_rightly(answers: Columns) -> Sorted:
     >>> found.every.k, found.every.n, found.rank
     (5, 6, {'A': 1.0, 'B': 2.5, 'C': 2.5})
     """
-    if missing := [name for name in ("condition", "order") if name not in answers]:
-        raise UnknownName(
-            f"nodule_sizes: there is no column {missing[0]!r}; there are"
-            f" {', '.join(map(str, answers))}"
-        )
+    need("nodule_sizes", ("condition", "order"), answers)
     asked = zip(answers["condition"], answers["order"], strict=True)
     orders = [[UNDER[name][mark] for mark in order] for name, order in asked]
     right = {

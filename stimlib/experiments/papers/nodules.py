@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.scene import Scene
-from ...errors import UnknownName, public
+from ...errors import need, public
 from ...motion.generators import constant_speed
 from ...run.safety import Safety
 from ...scenes import soft_surface
@@ -199,10 +199,7 @@ def found(answers: Columns) -> Found:
     ----------
     Li et al. (2016), "Data processing methods".
     """
-    if missing := [name for name in SIDES if name not in answers]:
-        raise UnknownName(
-            f"nodules: there is no column {missing[0]!r}; there are {', '.join(map(str, answers))}"
-        )
+    need("nodules", SIDES, answers)
     people: dict[str, list[Counts]] = {mode: [] for mode in MODES}
     technique = [SURFACES[name][0] for name in answers["condition"]]
     for (_, mode), rows in grouped(
