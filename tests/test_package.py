@@ -26,7 +26,7 @@ def test_version_and_licence_are_said_once():
     )
     assert (
         cited["version"]
-        == re.search(r"^## (\S+?),? ", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1]
+        == re.search(r"^## \[(\S+)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1]
     )
     assert cited["version"] == stimlib.__version__
     assert cited["license"] == PROJECT["license"] == "BSD-3-Clause"
