@@ -186,9 +186,7 @@ def garbage(proc, rng, singles=12):
 
 
 def lawful(block, fs, **x):
-    """Hold a block, and what is below it, against their laws in ``checks.rows`` and
-    ``checks.linear``, on these inputs.
-    """
+    """Hold a block, and what is below it, against their laws, on these inputs."""
     n, scene = len(next(iter(x.values()))), Scene({"y": block})
     params = {name: p.value for name, p in scene.params.items()}
     rows_of = {name: np.asarray(row, float) for name, row in x.items()}

@@ -14,7 +14,7 @@ from scipy import interpolate, ndimage, signal
 
 from stimlib.blocks import grating, lut2, spatial_noise, texture
 from stimlib.checks import laws
-from stimlib.checks.surfaces import gratings, roughness
+from stimlib.checks.families.surfaces import gratings, roughness
 from stimlib.core.graph import Input
 from stimlib.design.texture import made_up
 

@@ -42,7 +42,6 @@ class Modes(NamedTuple):
         return np.r_[self.direct, ((far * self.r) @ near.T).real.ravel()][:n]
 
 
-# Poles and zeros of the four families -------------------------------------------------
 def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row, Row, Any]:
     """Zeros, poles and gain of the low-pass whose edge is 1."""
     e = np.sqrt(np.expm1(LONG(ripple) * np.log(LONG(10)) / 10))
@@ -139,7 +138,6 @@ def digital(zeros: Row, poles: Row, gain: Any) -> Modes:
     return Modes(direct.real, r, 2 * np.arctanh(poles))
 
 
-# The response of each class -----------------------------------------------------------
 RESPONSES: dict[str, Callable[[Any, float], Modes | Callable[[int], Row]]] = {}
 """By the name of a class: its modes, or a function that gives the first n samples of
 its response.
@@ -151,6 +149,7 @@ def response(*names: str) -> Callable:
 
     def enter(f: Callable) -> Callable:
         RESPONSES.update(dict.fromkeys(names, f))
+        law(*names, since=settled)(_linear)
         return f
 
     return enter
@@ -176,161 +175,6 @@ def straight(L: Any, size: Any) -> tuple[Any, Row, Row]:
     return np.sum(size * first).real, size * kernel, L
 
 
-@response("Taps")
-def _taps(b, fs):
-    return taps(b.taps)
-
-
-@response("Differentiator")
-def _differentiator(b, fs):  # its taps are a best fit, which (a2) holds
-    p = b.design(fs)[0]
-    return taps(p.taps[::-1][: int(p.order) + 1])
-
-
-@response("MovingAverage")
-def _moving_average(b, fs):
-    n = round(b.seconds * fs)
-    return taps(np.full(n, 1 / n))
-
-
-@response("Grain")
-def _grain(b, fs):
-    from ..design.filters import resampled  # as of ``Playback``
-
-    return taps(resampled(b.samples, b.rate, fs))
-
-
-@response("ShortMemory")
-def _short_memory(b, fs):
-    j = np.arange(1, max(1, round(b.seconds * fs)), dtype=LONG)
-    return taps(LONG(fs) ** b.order * np.cumprod(np.r_[LONG(1), (j - 1 - b.order) / j]))
-
-
-@response("FirstOrder")
-def _first_order(b, fs):
-    a = 1 / (LONG(b.tau) * LONG(fs))
-    return Modes(*straight([-a], a))
-
-
-@response("Integrate")
-def _integrate(b, fs):
-    if b.held:
-        return Modes(1 / fs, np.array([1 / LONG(fs)]), np.zeros(1, LONG))
-    return Modes(*straight([-b.leak / LONG(fs)], 1 / LONG(fs)))
-
-
-@response("Mode")
-def _mode(b, fs):
-    a, c = 2 * PI * b.freq / LONG(fs), 0.5 / LONG(b.q)
-    h = np.sqrt(1 - c * c)
-    L = a * np.array([-c + 1j * h, -c - 1j * h])
-    return Modes(*straight(L, a / (2j * h) * np.array([1, -1])))
-
-
-@response("MaxwellArms")
-def _arms(b, fs):
-    a = 1 / (np.asarray(b.tau, LONG) * LONG(fs))
-    g = b.k * -np.expm1(-a) / a
-    return Modes(np.sum(g), g * np.expm1(-a), -a)
-
-
-@response("KelvinChain")
-def _chain(b, fs):
-    a = np.r_[1 / (np.asarray(b.tau, LONG) * LONG(fs)), [0.0] * (b.fluidity > 0)]
-    direct, r, L = straight(
-        -a, np.r_[b.j * a[: b.j.size], [b.fluidity / LONG(fs)] * (b.fluidity > 0)]
-    )
-    return Modes(b.j0 + direct, r, L)
-
-
-@response("Pinking", "PinkNoise")
-def _pink(b, fs):  # poles and weights are a best fit, which (a2) holds
-    p = b.design(fs)[0]
-    some = p.r != 0
-    return Modes(
-        p.d + p.r.sum(),
-        p.r[some] * p.p[some],
-        np.log(np.where(p.p[some] == 0, 1e-300, p.p[some]).astype(COMPLEX)),
-    )
-
-
-@response("Filter")
-def _filter(b, fs):
-    edges = tuple(f / LONG(fs) for f in (b.low, b.high) if f is not None)
-    return digital(*analogue(b.band, edges, b.kind, b.order, b.ripple, b.attenuation))
-
-
-@response("BandNoise")
-def _band_noise(b, fs):
-    zeros, poles, gain = analogue(
-        "bandpass", (b.low / LONG(fs), b.high / LONG(fs)), "butterworth", b.order, 1.0, 60.0
-    )
-    return digital(zeros, poles, gain * np.sqrt(b.psd * LONG(fs) / 2))
-
-
-@response("Resonator")
-def _resonator(b, fs):
-    w = 2 * PI * b.freq / LONG(fs)
-    t = np.tan(w / 2)
-    c = (1 + t * t) * np.tan(w / b.q / 2)
-    zeros = np.array([1j * t, -1j * t]) if b.notched else np.zeros(1, COMPLEX)
-    return digital(zeros, _two(np.array([-c], COMPLEX), t * t), LONG(1) if b.notched else c)
-
-
-@response("PoleSwap")
-def _pole_swap(b, fs):
-    r = b.freq / LONG(fs)
-    narrow, wide = LONG(b.q), b.q / LONG(b.gain)
-    turns = [
-        2 * PI * r * (-0.5 / q + np.array([1j, -1j]) * np.sqrt(COMPLEX(1 - 0.25 / q**2)))
-        for q in (narrow, wide)
-    ]
-    zeros, poles = (np.tanh(turn / 2) for turn in turns)
-    s = 1j * np.tan(PI * r)
-    size = np.abs(np.prod(s - poles) / np.prod(s - zeros))
-    return digital(zeros, poles, size)
-
-
-@response("Sos")
-def _sos(b, fs):
-    return lambda n: scipy.signal.sosfilt(
-        (b.rows / b.rows[:, 3:4]).astype(LONG), np.r_[LONG(1), np.zeros(n - 1, LONG)]
-    )
-
-
-@response("Series")
-def _series(b, fs):
-    """Return f = g (y - z), f = S z, both as power series of 1/z: g S/(g + S).
-
-    The reciprocal is by Newton's method.
-    """
-
-    def first(n: int) -> Row:
-        S = np.diff(
-            laws.springpot_weights(b.scheme, b.order, n) * b.chi * LONG(fs) ** LONG(b.order),
-            prepend=LONG(0),
-        )
-        g = np.zeros(n, LONG)
-        g[:2] = (b.other * fs, -b.other * fs)[:n] if b.dashpot else (b.other, 0.0)[:n]
-        size = g[0] + S[0]
-        whole, v = (g + S) / size, np.ones(1, LONG)
-        while v.size < n:
-            m = min(2 * v.size, n)
-            v = np.pad(v, (0, m - v.size))
-            v = (
-                v
-                + scipy.signal.fftconvolve(
-                    v, np.eye(1, m)[0] - scipy.signal.fftconvolve(v, whole[:m])[:m]
-                )[:m]
-            )
-        return scipy.signal.fftconvolve(scipy.signal.fftconvolve(S, g / size)[:n], v)[:n].astype(
-            float
-        )
-
-    return first
-
-
-# The laws -----------------------------------------------------------------------------
 FREE = 1e-12  # of the largest row: what is left beside a state that is not known
 SHORT = 512  # samples of a response that are summed one by one
 START = 1e-5  # of a state that is drawn: what its factor may lose
@@ -361,7 +205,6 @@ def settled(b: Any, fs: float, x: Rows) -> float:
     return int(np.flatnonzero(h > 1e-20 * h.max())[-1])
 
 
-@law(*RESPONSES, since=settled)
 def _linear(b, fs, x, y):
     made, want, tol = _made(b, fs), np.zeros(y.size), np.full(y.size, 1e-300)
     step = getattr(b, "onset", "steady") == "step" and x.rest
@@ -433,46 +276,4 @@ def rounding(b: Any, least: float) -> float:
     narrow = b.high / (b.high - b.low) if getattr(b, "high", None) else 0.0
     return least * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (
         type(b).__name__ == "Series"
-    )
-
-
-def late(b: Any, fs: float) -> int:
-    """Return the samples of a delay."""
-    return round(b.seconds * fs) if b.samples is None else b.samples
-
-
-@law("Delay", since=lambda b, fs, x: late(b, fs))
-def _delay(b, fs, x, y):
-    return np.r_[np.zeros(late(b, fs)), x[0]][: y.size], 0.0
-
-
-@law("Track", "TrackVelocity", since=lambda b, fs, x: 65 * fs / (2 * math.pi * b.bandwidth))
-def _track(b, fs, x, y):
-    """Return steps of a held input through 1 - (1 + w t) exp(-w t).
-
-    They begin where it was caught last.
-    """
-    place, touching = x[0], x[1] > 0
-    most = math.inf if b.max_jump is None else b.max_jump
-    q = 2 * PI * b.bandwidth / LONG(fs)
-    t = np.arange(1, y.size + 1) * q
-    if type(b).__name__ == "Track":
-        h = -np.expm1(-t) - t * np.exp(-t)
-    else:
-        h = fs * np.exp(-t + q) * ((1 + t - q) * -np.expm1(-q) - q * np.exp(-q))
-    rate = type(b).__name__ != "Track"
-    h, want = h.astype(float), np.full(y.size, 0.0 if x.rest or rate else y[0])
-    jump = np.abs(np.diff(place, prepend=place[:1])) > most
-    starts = np.flatnonzero(touching & (np.r_[True, ~touching[:-1]] | jump))
-    ends = np.flatnonzero(~touching & np.r_[False, touching[:-1]])
-    edges = np.r_[starts, y.size]
-    for k, a in enumerate(starts):
-        after = np.searchsorted(ends, a)
-        e = min(edges[k + 1], ends[after] if after < ends.size else y.size)
-        way = place[a:e] - place[a]
-        want[a:e] = summed(h, np.diff(way, prepend=0.0)) + (0.0 if rate else place[a])
-        if not rate:
-            want[e : edges[k + 1]] = want[e - 1] if x.rest or a else y[e - 1]
-    return want, 1e-12 * (fs if rate else 1.0) * max(
-        float(np.abs(place[touching]).max(initial=0.0)), 1e-300
     )

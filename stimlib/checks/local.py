@@ -34,8 +34,8 @@ from ..core.scene import Scene
 from ..errors import BadValue
 from ..run.driver import walk
 from ..run.processor import Change, compile
+from . import families as families  # it enters the laws
 from . import laws, rows
-from . import linear as linear  # it enters its laws into those of rows
 from .evidence import Check, Evidence, lost_by_ramps, ramped
 from .rows import Rows
 

@@ -22,10 +22,10 @@ from ..analysis import spectra
 from ..core.graph import Const, Input
 from ..core.parts import OWN, Part, known
 from ..errors import BadValue, SceneError
-from . import laws, plates, soft, surfaces, touch
+from . import families as families  # it enters laws of scenes into ``SCENES``
+from . import laws
 from .evidence import SCENES, Asked, Check, Evidence, SceneLaw, asked, law_of, noise_model
 
-MODULES = plates, soft, surfaces, touch  # each enters laws of scenes into ``SCENES``
 # relative: at speed 0 and force 0 the variance is a rounding, of which the square root
 # is taken
 TEXTURE = 1e-7

@@ -1,4 +1,4 @@
-"""Functions of the present sample: against numpy they are held by ``checks.rows``."""
+"""Functions of the present sample; ``checks.families`` compares them with numpy."""
 
 import numpy as np
 import pytest

@@ -33,7 +33,7 @@ def run_of(entry, n=N, changes=(), fs=FS):
 
 def test_every_class_has_a_law():
     assert ours().keys() - set(rows.LAWS) - WIRED == set(), (
-        "stimlib/checks/rows.py, or linear.py beside it: write what each of these classes makes of"
+        "stimlib/checks/families, in its family: write what each of these classes makes of"
         ' its inputs in plain numpy, below @law("CLASS") (docs/howto/add_a_check.rst)'
     )
     assert set(rows.LAWS) - ours().keys() == set(), "stimlib/checks: laws of classes that are gone"

@@ -12,8 +12,9 @@ import pytest
 import stimlib
 from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.surfaces import Grating, LinearBump, SpatialNoise
-from stimlib.checks import laws, scenes, surfaces
+from stimlib.checks import laws, scenes
 from stimlib.checks.evidence import asked
+from stimlib.checks.families import surfaces
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import bumps, grating, viscoelastic

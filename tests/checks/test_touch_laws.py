@@ -12,8 +12,9 @@ from correct import hand
 import stimlib
 from stimlib.blocks import contact
 from stimlib.blocks.sources import Ring
-from stimlib.checks import local, touch
+from stimlib.checks import local
 from stimlib.checks.evidence import asked
+from stimlib.checks.families import contact as touch
 from stimlib.motion.generators import sinusoid
 from stimlib.scenes import click, detents, friction, impact, wall
 

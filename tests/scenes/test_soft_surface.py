@@ -12,8 +12,8 @@ from laws import played
 import stimlib
 from stimlib import BadValue
 from stimlib.blocks.soft import Cursor, CursorFrames, DelayAvatar, FrameAvatar, Vibration
-from stimlib.checks import soft as law
 from stimlib.checks.evidence import asked
+from stimlib.checks.families import soft as law
 from stimlib.motion.recorded import recording
 from stimlib.scenes import soft_surface
 from stimlib.soft import block, nodules

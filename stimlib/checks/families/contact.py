@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from . import laws
-from .evidence import Asked, Check, law_of
-from .laws import ways
+from .. import laws
+from ..evidence import Asked, Check, law_of
+from ..laws import ways
+from ..rows import FADED, Row, before, law, near
 from .surfaces import gratings
 
 MANY = 10_000  # slips within one sample: their mean is taken at once
@@ -355,3 +356,118 @@ def impact_law(a: Asked) -> list[Check]:
         f"{int(events.sum())} impacts of up to {speed[events].max(initial=0.0):.3g} m/s; {numbers}"
     )
     return _held(a, "force", "wall and vibration", [force, _vibration(a, events * speed)], words)
+
+
+@law("StaticLimit", since=lambda b, fs, x: FADED * b.tau * fs)
+def _static_limit(b, fs, x, y):
+    from scipy.signal import lfilter
+
+    a, most = -np.expm1(-1 / (b.tau * fs)), b.limit**2
+    mean = np.r_[0.0, lfilter([a], [1, a - 1], y**2)[:-1]]
+    cap = math.sqrt(most * (0.81 + 0.19 / a))
+    want = np.minimum(1.0, (most - mean) / (0.19 * most)) * np.clip(x[0], -cap, cap)
+    return want, (1e-12 + 2.0**-50 * b.tau * fs) * max(float(np.abs(x[0]).max()), 1e-300)
+
+
+@law("SlewLimit", since=1)
+def _slew_limit(b, fs, x, y):
+    last = np.r_[0.0, y[:-1]]
+    return near(np.clip(x[0], last - b.rate / fs, last + b.rate / fs), 1e-15)
+
+
+@law("Detents", since=1)
+def _detents(b, fs, x, y):
+    size = np.abs(x[1]) * (1e-9 + 2.0**-44 * np.abs(x[0]) / b.spacing)
+    return detents(x[0], x[2], b.spacing, x[1]), size
+
+
+@law("Wall", since=1)
+def _wall(b, fs, x, y):
+    place, k, damping, at, c, contact = x
+    speed = (place - before(place, contact)) * fs
+    grown = np.maximum(k, 0) * np.maximum(1 + np.maximum(c, 0) * speed, 0)
+    return near(wall(place, contact, fs, grown, np.maximum(damping, 0), at), 1e-9)
+
+
+@law("Button", since=1)
+def _button(b, fs, x, y):
+    force, pressed = button(x[0], x[2], x[1], b.drop, b.at, b.back, None if x.rest else y[1, 0])
+    return np.array([force, pressed]), np.array([[near(force, 1e-9)[1]], [0.0]])
+
+
+def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
+    """Return a force that begins at rest, or from where its past is forgotten.
+
+    Where it began before, both ends of what is possible must lead to the same.
+    """
+    if rest:
+        return near(force(0.0), 1e-13)  # of which (1 - exp(-a))/a loses 4e-14 where a is 0.01
+    want, tol = near(force(1e200))
+    return want, np.where(np.abs(want - force(-1e200)) < 0.1 * tol, tol, np.inf)
+
+
+@law("Coulomb", since=1)
+def _coulomb(b, fs, x, y):
+    return forgotten(lambda z: dragged(x[0], x[2], x[3], x[1], coulomb, z), x.rest)
+
+
+def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, float]:
+    """Of dz = (c - z)/over da along a way a: the end and the mean."""
+    if over <= 0 or a == 0:
+        return (z, z) if a == 0 else (c, c)
+    return c - (c - z) * math.exp(-a / over), c + (c - z) * math.expm1(-a / over) * over / a
+
+
+@law("Dahl", since=1)
+def _dahl(b, fs, x, y):
+    return forgotten(
+        lambda z: dragged(x[0], x[2], x[3], x[1], lambda n, z, a, c: _exponential(z, c, c, a), z),
+        x.rest,
+    )
+
+
+@law("ElastoPlastic", since=1)
+def _elasto_plastic(b, fs, x, y):
+    def slide(n: int, z: float, a: float, c: float) -> tuple[float, float]:
+        free = min(a, max(b.elastic * c - z, 0.0))
+        rest = a - free
+        end, mean = _exponential(z + free, c, c - b.elastic * c, rest)
+        return end, (free * (z + free / 2) + rest * mean) / a if a else z
+
+    return forgotten(lambda z: dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
+
+
+@law("LuGre", since=1)
+def _lugre(b, fs, x, y):
+    place, limit, static, k, contact = x
+    moved = np.zeros(y.size)
+
+    def slide(n: int, z: float, a: float, c: float) -> tuple[float, float]:
+        g = min(max(limit[n], 0.0) / k[n], 1e150) if k[n] > 0 else 0.0
+        end, mean = _exponential(z, g, g, a) if g > 0 else (0.0, 0.0)
+        moved[n] = end - z
+        return end, mean
+
+    way = np.where(contact > 0, place - before(place, contact), 0)
+
+    def force(z: float) -> Row:
+        return dragged(place, k, contact, static, slide, z) + fs * (
+            b.damping * np.where(way < 0, -1, 1) * moved + b.viscosity * way
+        )
+
+    return forgotten(force, x.rest)
+
+
+@law("Stribeck", since=1)
+def _stribeck(b, fs, x, y):
+    v = (x[0] - before(x[0], x[2])) * fs / b.speed
+    return near(
+        np.where(x[2] > 0, x[1] * (1 + b.rise * np.exp(-(np.minimum(np.abs(v), 1e150) ** 2))), 0)
+    )
+
+
+@law("StickSlip", since=1)
+def _stick_slip(b, fs, x, y):
+    want, begin = stick_slip(x[0], x[3], x[2], x[1], b.left, y, x.rest)
+    tol = TOL * max(float(np.abs(want).max()), LEAST)
+    return want, np.where(np.arange(y.size) < begin, np.inf, tol)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.polynomial import legendre
 
-from . import laws
-from .evidence import Asked, Check, law_of
+from .. import laws
+from ..evidence import Asked, Check, law_of
+from ..linear import COMPLEX, LONG, PI, Modes, _two, digital, response, straight
+from ..rows import FADED, ULP, Rows, law, near
 
 TOL = 1e-6
 
@@ -55,10 +60,10 @@ def touch_screen(a: Asked) -> list[Check]:
     """
     from scipy.signal import fftconvolve
 
-    from ..plate.model import Plate
-    from ..plate.patch import Patch
-    from ..plate.profile import mode_fit
-    from ..plate.vibrate import LOOKED_AT, driven, series_of
+    from ...plate.model import Plate
+    from ...plate.patch import Patch
+    from ...plate.profile import mode_fit
+    from ...plate.vibrate import LOOKED_AT, driven, series_of
 
     g, x, fs, A = a.given, a.x["x"], a.fs, a.live("A")
     if not isinstance(g["waveform"], str):
@@ -131,3 +136,76 @@ def touch_screen(a: Asked) -> list[Check]:
             "displacement", d, TOL, "sum over the plate's modes, written again", max(still, 1e-300)
         ),
     ]
+
+
+@law("Shape", since=0)
+def _shape(b, fs, x, y):
+    from numpy.polynomial import legendre
+    from scipy.interpolate import CubicHermiteSpline
+
+    places = np.clip(2 * x[0] / b.length - 1, -1, 1), np.clip(2 * x[1] / b.width - 1, -1, 1)
+    knots, parts = np.linspace(-1, 1, 257), []
+    for at, terms in zip(places, b.c.shape, strict=True):
+        slopes = legendre.legval(knots, legendre.legder(np.eye(terms)))
+        parts.append(CubicHermiteSpline(knots, legendre.legvander(knots, terms - 1), slopes.T)(at))
+    whole, size = legendre.legval2d(*places, b.c), float(np.abs(b.c).sum())
+    want = np.einsum("ki,ij,kj->k", parts[0], b.c, parts[1])
+    steep = max(b.c.shape) ** 2  # of the last term, by which a rounding of the place counts
+    return np.where(np.abs(want - whole) < 1e-6 * size, want, whole), (1e-13 + ULP * steep) * size
+
+
+def _svf_rings(b: Any, fs: float, x: Rows) -> float:
+    slowest = float(np.minimum(x[1], fs / 2 - x[1]).min())
+    wide = max(0.5, float(x[2].max()), 1 / max(float(x[2].min()), 1e-3))
+    return FADED * fs * wide / (math.pi * slowest) if slowest > 0 else math.inf
+
+
+@law("Svf", since=_svf_rings)
+def _svf(b, fs, x, y):
+    high, band, low = {
+        "lowpass": (0, 0, 1),
+        "bandpass": (0, 1, 0),
+        "highpass": (1, 0, 0),
+        "notch": (1, 0, 1),
+    }[b.mode]
+    g = np.tan(np.pi * np.clip(x[1] / fs, 0, 0.5)).tolist()
+    k = (1 / np.maximum(x[2], 1e-3)).tolist()
+    want, s1, s2 = np.zeros(y.size), 0.0, 0.0
+    for n, v in enumerate(x[0].tolist()):
+        bp = (g[n] * (v - s2) + s1) / (1 + g[n] * (g[n] + k[n]))
+        lp = s2 + g[n] * bp
+        hp = v - k[n] * bp - lp
+        s1, s2 = 2 * bp - s1, 2 * lp - s2
+        want[n] = high * hp + band * k[n] * bp + low * lp
+    return near(want, 1e-9)
+
+
+@response("Mode")
+def _mode(b, fs):
+    a, c = 2 * PI * b.freq / LONG(fs), 0.5 / LONG(b.q)
+    h = np.sqrt(1 - c * c)
+    L = a * np.array([-c + 1j * h, -c - 1j * h])
+    return Modes(*straight(L, a / (2j * h) * np.array([1, -1])))
+
+
+@response("Resonator")
+def _resonator(b, fs):
+    w = 2 * PI * b.freq / LONG(fs)
+    t = np.tan(w / 2)
+    c = (1 + t * t) * np.tan(w / b.q / 2)
+    zeros = np.array([1j * t, -1j * t]) if b.notched else np.zeros(1, COMPLEX)
+    return digital(zeros, _two(np.array([-c], COMPLEX), t * t), LONG(1) if b.notched else c)
+
+
+@response("PoleSwap")
+def _pole_swap(b, fs):
+    r = b.freq / LONG(fs)
+    narrow, wide = LONG(b.q), b.q / LONG(b.gain)
+    turns = [
+        2 * PI * r * (-0.5 / q + np.array([1j, -1j]) * np.sqrt(COMPLEX(1 - 0.25 / q**2)))
+        for q in (narrow, wide)
+    ]
+    zeros, poles = (np.tanh(turn / 2) for turn in turns)
+    s = 1j * np.tan(PI * r)
+    size = np.abs(np.prod(s - poles) / np.prod(s - zeros))
+    return digital(zeros, poles, size)

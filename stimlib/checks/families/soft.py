@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.tables import CubicGrid
-from ..core.graph import Input, constant
-from .evidence import Asked, Check, law_of
+from ...blocks.tables import CubicGrid
+from ...core.graph import Input, constant
+from ..evidence import Asked, Check, law_of
+from ..rows import ULP, begun, law, near
 
 Row = NDArray[np.float64]
 
@@ -288,8 +289,8 @@ def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row
     A rounding in a wait grows from one to the next, so the waits are those of the block
     that the law makes of what was asked for.
     """
-    from ..blocks import delay_avatar, stiffness_map
-    from ..blocks.soft import Levels
+    from ...blocks import delay_avatar, stiffness_map
+    from ...blocks.soft import Levels
 
     g, tangent = a.given, a.given["tangent"]
     a.say(f"{tangent:g} N tangential at S = 1")
@@ -315,3 +316,55 @@ def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row
             )
         )
     return places, checks
+
+
+@law("Dent", since=0)
+def _dent(b, fs, x, y):
+    rho, d, r = np.abs(x[0]), x[1], b.radius
+    foot = np.maximum(2 * r, d)  # where the skirt of a ball that is deeper than its radius ends
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ball = np.maximum(d - r + np.sqrt(np.maximum(r * r - rho * rho, 0)), 0)
+        skirt = np.where(d > r, np.maximum((d - r) * (foot - rho) / (foot - r), 0), 0)
+    want = np.where(rho <= r, ball, skirt)
+    want = np.where(d <= (1 - math.sqrt(0.75)) * r, 0, want)  # nobody else's place is so near
+    return near(np.where(d > 0, np.where(rho == 0, d, want), 0))
+
+
+@law("Vibration", since=0)
+def _vibration(b, fs, x, y):
+    want = motor(x[0], fs, b.factor)
+    # where it is off, nothing is left
+    return want, np.where(x.rest | (want > 0) | (np.cumsum(y == 0) > 0), 0.0, np.inf)
+
+
+@law("Cursor", since=1)
+def _cursor(b, fs, x, y):
+    S, on, hand = levels(*table_of(b)), x[2] > 0, np.array(x[:2])
+    last = np.c_[np.zeros((2, 1)), y[:, :-1]]
+    way = np.diff(hand, prepend=0.0)
+    first = starts(on)
+    ratio = speed_ratio(S(*((last + y) / 2)))
+    want = np.where(first, hand, np.where(on, last + ratio * way, last))
+    scale = max(float(np.abs(way[:, on & ~first]).max(initial=0.0)), 1e-6)
+    table, width, height = table_of(b)
+    piece = min(v / max(n - 1, 1) for v, n in zip((height, width), table.shape, strict=True))
+    far = np.hypot(*way)  # beyond a piece of the map five steps of Newton's method may be too few
+    tol = 1e-12 * scale + 8 * ULP * float(np.abs(y).max())  # otherwise they reach the last digits
+    return want, np.where(on & ((far > piece) | (far * steepest(S, last, way) > 0.5)), np.inf, tol)
+
+
+@law("CursorFrames", since=1)
+def _cursor_frames(b, fs, x, y):
+    S = levels(*table_of(b))
+    want = by_frames(S, y, np.array(x[:2]), x[2] > 0, b.frame * fs, (b.slowest, b.fastest))
+    return want, begun(x, near(want, 1e-9)[1])
+
+
+@law("DelayAvatar", "FrameAvatar", since=1)
+def _avatars(b, fs, x, y):
+    if type(b).__name__ == "DelayAvatar":
+        places, due, lag = delayed(x[:3], y[3], x[3] > 0, fs, b)
+    else:
+        places, due, lag = delayed_by_frames(x[:3], y[3], x[3] > 0, fs, b, y[2])
+    size = max(float(np.abs(places).max(initial=0.0)), 1e-300)
+    return np.array([*places, lag, due]), begun(x, 1e-9 * np.array([[size], [size], [1.0], [1.0]]))

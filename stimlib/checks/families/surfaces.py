@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..design.noise import octaves
-from .evidence import Asked, Check, law_of
-from .laws import LOW, philox, ways
+from ...design.noise import octaves
+from .. import laws
+from ..evidence import Asked, Check, law_of
+from ..laws import LOW, philox, ways
+from ..rows import Row, before, law, near
 
 MOST = 20_000  # samples at which the scene's law is computed, evenly over the run
 LAW_DB = 0.5
@@ -176,3 +178,62 @@ def _from_law(b: Any) -> float:
         2 * a * d * np.sinc(f * d) ** 6 for a, d in zip(found.power, found.cells, strict=True)
     )
     return float(np.abs(10 * np.log10(made * power * f**b.slope)).max())
+
+
+@law("LinearBump", "SineBump", since=1)
+def _bump(b, fs, x, y):
+    last = before(x[0], x[2]) if b.sampling == "area" else x[0]
+    want, lost = laws.bump_envelope(last, x[0], b.waveform, np.clip(x[1], 1e-6, 1))
+    return np.where(x[2] > 0, want, 0), 1e-13 + lost
+
+
+@law("TableBump", since=1)
+def _table_bump(b, fs, x, y):
+    u, d, contact = x[0].astype(np.longdouble), np.clip(x[1], 1e-6, 1), x[2]
+    v = np.array(b.values)
+    knots, sums = (
+        np.linspace(0, 1, v.size),
+        np.r_[0.0, np.cumsum((v[1:] + v[:-1]) / 2)] / (v.size - 1),
+    )
+
+    def integral(u: Row) -> Row:
+        z = np.minimum((u - np.floor(u)) / d, 1)
+        k = np.minimum((z * (v.size - 1)).astype(int), v.size - 2)
+        r = z - knots[k]
+        return d * (
+            np.floor(u) * sums[-1] + sums[k] + r * (v[k] + r * (v[k + 1] - v[k]) * (v.size - 1) / 2)
+        )
+
+    last = before(u, contact) if b.sampling == "area" else u
+    way = u - last
+    z = (u - np.floor(u)) / d
+    point = np.where(z < 1, np.interp(z.astype(float), knots, v), 0)
+    still = np.abs(way) < 1e-9
+    edge = still & (np.minimum(np.abs(z - 1), np.abs(u - np.rint(u))) < 1e-8)
+    want = np.where(still, point, (integral(u) - integral(last)) / np.where(still, 1, way)).astype(
+        float
+    )
+    size = max(float(np.abs(v).max()), 1e-300)
+    return np.where(contact > 0, want, 0), np.where(edge, np.inf, 1e-7 * size / np.minimum(d, 1))
+
+
+@law("Grating", since=1)
+def _grating(b, fs, x, y):
+    u, contact = x
+    wavelength, depth, _ = b.parts.T
+    tol = np.abs(depth) @ (1e-12 + 2.0**-44 * np.abs(u) / wavelength[:, None])
+    return np.where(contact > 0, gratings(before(u, contact), u, b.parts), 0), tol
+
+
+@law("SpatialNoise", since=1)
+def _spatial_noise(b, fs, x, y):
+    u, contact = x
+    return (
+        np.where(contact > 0, roughness(before(u, contact), u, b), 0),
+        3e-11 + 2.0**-40 * np.abs(u) / b.shortest,
+    )
+
+
+@law("Midpoint", since=1)
+def _midpoint(b, fs, x, y):
+    return near(np.where(x[1] > 0, (before(x[0], x[1]) + x[0]) / 2, 0), 1e-15)
