@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import stimlib
+from stimlib import devices
 from stimlib.devices import available
 from stimlib.devices.available import SINKS
 from stimlib.devices.sink import Sink
@@ -45,8 +46,11 @@ def test_a_sink_is_made_by_its_name_and_shown(name):
     assert type(available.make(name, scene, 1.0)) is cls
     assert {d.sink for d in available.devices("none_of_this_name")} == SINKS.keys()
     page = (ROOT / "docs" / "howto" / "hardware.rst").read_text()
-    assert f".. autoclass:: {cls.__module__}.{cls.__name__}\n" in page, (
-        f"docs/howto/hardware.rst: add `.. autoclass:: {cls.__module__}.{cls.__name__}`"
+    assert getattr(devices, cls.__name__, None) is cls, (
+        f"stimlib/devices/__init__.pyi: add {cls.__name__}"
+    )
+    assert f".. autoclass:: stimlib.devices.{cls.__name__}\n" in page, (
+        f"docs/howto/hardware.rst: add `.. autoclass:: stimlib.devices.{cls.__name__}`"
     )
 
 
