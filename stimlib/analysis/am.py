@@ -101,7 +101,7 @@ def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> 
 
 
 def envelope_mean_square(waveform: str, duty: float) -> float:
-    """Mean of e^2 over a period.
+    """Return the mean of e^2 over a period.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def line_spectrum(
     u0: float = 0.0,
     phase: float = 0.0,
 ) -> Lines:
-    """Lines of the stimulus at constant speed, from 0 to ``top`` Hz.
+    """Return the lines of the stimulus at constant speed, from 0 to ``top`` Hz.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class Layout:
 
     # Columns --------------------------------------------------------------------------
     def level(self, clock: int) -> Level:
-        """Boxes of a clock with their sizes, inner ones first."""
+        """Return boxes of a clock with their sizes, inner ones first."""
         out = Level(clock)
         for i, q in enumerate(self.program.instances):
             if (
@@ -116,7 +116,7 @@ class Layout:
         return out
 
     def columns(self, level: Level, start: int) -> None:
-        """Place each instance by its longest path from the left.
+        """Return place each instance by its longest path from the left.
 
         What no Input reaches moves right, next to its user.
         """
@@ -216,7 +216,7 @@ class Layout:
 
     # Places ---------------------------------------------------------------------------
     def place(self) -> None:
-        """Columns to x, rows to y."""
+        """Return columns to x, rows to y."""
         wide, crossed = [0.3] * self.top.columns, [GAP] * (self.top.columns + 1)
         for b in self.box.values():
             if not b.inner:
@@ -241,7 +241,7 @@ class Layout:
                 self._rows(b.inner, start + b.y + STRIP + PAD)
 
     def out(self, box: Box) -> tuple[float, float]:
-        """Where a box's signal leaves it."""
+        """Return where a box's signal leaves it."""
         if box.inner:
             return self.right(box) + PAD, self.port(box)
         middle = self.x[box.first] + self.wide[box.first] / 2
@@ -266,7 +266,7 @@ class Layout:
         return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
 
     def text(self, i: int) -> list[str]:
-        """Lines in a box: what it is, and its numbers."""
+        """Return the lines in a box: what it is, and its numbers."""
         q = self.program.instances[i]
         b = q.block
         args = [
@@ -300,7 +300,7 @@ class Layout:
         return [type(b).__name__, *lines[:4], *(["\u2026"] if len(lines) > 4 else [])]
 
     def ordered(self, i: int) -> bool:
-        """Whether it matters which signal comes in where."""
+        """Return whether it matters which signal comes in where."""
         return len(self.sources(i)) > 1 and not isinstance(
             self.program.instances[i].block, Add | Mul
         )
@@ -312,7 +312,7 @@ def names_of(b: Block) -> tuple[str, ...]:
 
 
 def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:
-    """Pairs of connections over the same gap that change sides."""
+    """Return pairs of connections over the same gap that change sides."""
     gaps: dict[int, list[tuple[float, float]]] = {}
     for a, b in links:
         gaps.setdefault(a.last, []).append((y[a] + a.height / 2, y[b] + b.height / 2))
@@ -354,7 +354,7 @@ def _field(name: str, v: Any) -> str:
 
 @cache
 def width_of(text: str, size: float) -> float:
-    """Inches of a text in the one font that comes with matplotlib."""
+    """Return inches of a text in the one font that comes with matplotlib."""
     FontProperties = package("matplotlib.font_manager", "a picture of a graph").FontProperties
     from matplotlib.textpath import TextPath
 

@@ -50,7 +50,7 @@ def cues(
     prominence: float = 0.1,
     window: str = "hann",
 ) -> Cues:
-    """Physical interaction cues from a recording.
+    """Return physical interaction cues from a recording.
 
     Parameters
     ----------
@@ -246,13 +246,13 @@ def _record(name: str, a: ArrayLike) -> np.ndarray:
 
 
 def _over(a: float, b: float) -> float:
-    """a/b, inf or nan where b is 0."""
+    """Return a/b, inf or nan where b is 0."""
     with np.errstate(all="ignore"):
         return float(np.float64(a) / np.float64(b))
 
 
 def _window(n: int) -> np.ndarray:
-    """Hann, nowhere 0."""
+    """Return Hann, nowhere 0."""
     return np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
 
 
@@ -278,7 +278,7 @@ def _fit(angle: float, window: np.ndarray) -> np.ndarray:
 
 
 def _amplitude(fit: np.ndarray, record: np.ndarray) -> complex:
-    """Complex amplitude A of the best fit Re(A exp(i phase)) + constant."""
+    """Return complex amplitude A of the best fit Re(A exp(i phase)) + constant."""
     c = np.sum(fit * record, axis=1)
     return complex(c[0], -c[1])
 
@@ -312,7 +312,7 @@ def _frequency(y: np.ndarray, fs: float, window: np.ndarray) -> float:
 
 
 def _mean_of(a: np.ndarray, prominence: float) -> tuple[float, float]:
-    """Largest and mean of the maxima; nan where there is none."""
+    """Return the largest and mean of the maxima; nan where there is none."""
     at = _peaks(a, prominence)
     return (float(a[at].max()), float(a[at].mean())) if at.size else (math.nan, math.nan)
 

@@ -139,7 +139,7 @@ def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
 
 
 def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
-    """Both tests of a whitened periodogram.
+    """Return both tests of a whitened periodogram.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ test_spectrum.__test__ = False  # type: ignore[attr-defined]  # a function of ou
 
 
 def _at_least(parts: list[np.ndarray], size: int) -> list[np.ndarray]:
-    """Neighbouring parts joined until each has so many bins."""
+    """Return neighbouring parts joined until each has so many bins."""
     joined: list[np.ndarray] = []
     for part in parts:
         if joined and joined[-1].size < size:

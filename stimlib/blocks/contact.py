@@ -114,7 +114,7 @@ def over(a, b):
 
 
 def relax(a):
-    """exp(-a) and its mean (1 - exp(-a))/a over the way, a >= 0."""
+    """Return exp(-a) and its mean (1 - exp(-a))/a over the way, a >= 0."""
     e = exp(-a)
     near = 1.0 - a * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a * (1 / 120 - a / 720))))
     return e, where(a < 0.01, near, over(1.0 - e, a))
@@ -156,7 +156,7 @@ class Friction(Block, abstract=True):
         return 0.5
 
     def steepest(self, fs, z, H, value):
-        """Where it sticks; and what a limit that depends on the speed adds."""
+        """Return where it sticks; and what a limit that depends on the speed adds."""
         if H[0] is None or value[2] is None:
             return None
         return averaging(fs, z, value[2]) * H[0] + (0.0 if H[1] is None else H[1])
@@ -289,7 +289,7 @@ class LuGre(Block):
         return 0.5
 
     def steepest(self, fs, z, H, value):
-        """Where it sticks; and what a limit that depends on the speed adds."""
+        """Return where it sticks; and what a limit that depends on the speed adds."""
         if H[0] is None or value[3] is None:
             return None
         return averaging(fs, z, value[3], self.damping + self.viscosity) * H[0] + (
@@ -557,7 +557,7 @@ def friction(
 
 
 def _ratio(mu: Block, static: float) -> float:
-    """static/mu."""
+    """Return static/mu."""
     if not isinstance(mu, Const):
         raise BadValue(
             "friction: static stands beside a mu that is a number; multiply normal by a signal"
@@ -827,13 +827,13 @@ class DetentParams(NamedTuple):
 
 
 def sine_of_half_turns(h):
-    """sin(pi h)."""
+    """Return sin(pi h)."""
     r = h - 2.0 * floor(0.5 * h + 0.5)  # -1 .. 1
     return sinpi(where(r > 0.5, 1.0 - r, where(r < -0.5, -1.0 - r, r)))
 
 
 def averaged(d):
-    """sin(pi d)/(pi d)."""
+    """Return sin(pi d)/(pi d)."""
     near = abs(d) < 1.0
     return where(
         near, 1.0 - gap(where(near, d, 0.0)), sine_of_half_turns(d) / (PI * where(near, 1.0, d))

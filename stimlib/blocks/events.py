@@ -380,7 +380,7 @@ class Count(Block):
 
 @public
 def count(event: Block | float) -> Block:
-    """How often something has happened: the sum of the heights of all events.
+    """Return how often something has happened: the sum of the heights of all events.
 
     Parameters
     ----------
@@ -664,7 +664,7 @@ class MovingAverage(Fir):
 
 @public
 def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
-    """Average over the last seconds, rounded to whole samples.
+    """Return the average over the last seconds, rounded to whole samples.
 
     It is a FIR filter with equal taps: nothing adds up over time, and its cost grows
     with the number of samples (30 ns for 800). ``integrate`` with a leak or ``lowpass``

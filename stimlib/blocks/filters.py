@@ -208,7 +208,7 @@ def delay(
     seconds: float | None = None,
     onset: str = "step",
 ) -> Block:
-    """Delay a signal by a whole number of samples.
+    """Return the delay a signal by a whole number of samples.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ class Fir(Block, abstract=True):
 
 
 def line(taps: np.ndarray) -> tuple[FirParams, FirState]:
-    """Parameters and rest state for taps h[0..order]."""
+    """Return the parameters and rest state for taps h[0..order]."""
     n = -(-taps.size // 8) * 8
     p = FirParams(np.concatenate([np.zeros(n - taps.size), taps[::-1]]), float(taps.size - 1))
     return p, FirState(np.zeros(n - 1 + max(n - 1, SPAN)), np.uint64(0))
@@ -573,12 +573,12 @@ def quadratics(p, z):
 
 
 def cascade(rows: Sections, at: float) -> tuple[CascadeParams, CascadeState]:
-    """Parameters and rest state."""
+    """Return the parameters and rest state."""
     return CascadeParams(*rows, at), CascadeState(*np.zeros((4, rows.a.size)))
 
 
 def below_half(name: str, fs: float, **edges: float) -> list[float]:
-    """Edges in cycles per sample, each below half the sample rate."""
+    """Return the edges in cycles per sample, each below half the sample rate."""
     for what, f in edges.items():
         if f >= fs / 2:
             raise BadValue(
@@ -1105,7 +1105,7 @@ class TrackVelocity(Tracker):
 def track(
     x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05
 ) -> Block:
-    """Position that follows slow, jittered reports smoothly and causally.
+    """Return the position that follows slow, jittered reports smoothly and causally.
 
     A critically damped second order, H(s) = w^2/(s + w)^2 with w = 2 pi bandwidth,
     discretised exactly for an input that is held between samples: y[n] is what the
@@ -1184,7 +1184,7 @@ def track(
 def track_velocity(
     x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05
 ) -> Block:
-    """Rate of change of ``track`` with the same arguments.
+    """Return the rate of change of ``track`` with the same arguments.
 
     v[n] = (y[n] - y[n-1]) fs, computed without that difference: the sum of v/fs is the
     tracked position, so a stimulus that takes position and rate from one tracker sees

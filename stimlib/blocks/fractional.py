@@ -65,7 +65,7 @@ def difference(line, x, w):
 
 
 def remember(e, r, taps, constant, scale, q, low, first, y, w):
-    """Sum over the whole history of the differences in the scratch."""
+    """Return the sum over the whole history of the differences in the scratch."""
     n = y.size
     part = w[SUMS : SUMS + n]
     memory(e, r, q, low, w[DIFFERENCES : DIFFERENCES + n], part, w[WORK:])
@@ -110,7 +110,7 @@ def first_state(onset: str, modes: int = 0, fine: int = 0) -> SpringpotState:
 
 
 def leaks(r: soe.Rates) -> np.ndarray:
-    """1 - exp(-s): the slow modes live on its last digits."""
+    """Return 1 - exp(-s): the slow modes live on its last digits."""
     return padded(-np.expm1(-r.s), 1.0)
 
 
@@ -254,14 +254,14 @@ class LiveState(NamedTuple):
 
 
 def power(alpha, high, rest):
-    """exp(alpha (high + rest)), the product in two words."""
+    """Return exp(alpha (high + rest)), the product in two words."""
     t = alpha * high
     e = exp(t)
     return fma(e, fma(alpha, high, -t) + alpha * rest, e)
 
 
 def chebyshev(c, start, n, t):
-    """sum_{k<n} c[start + k] T_k(t), Clenshaw's recurrence."""
+    """Return sum_{k<n} c[start + k] T_k(t), Clenshaw's recurrence."""
     a, b = 0.0, 0.0
     for k in range(1, n):
         now = fma(2.0 * t, a, c[start + n - k] - b)
@@ -397,7 +397,7 @@ class PathLength(Block):
 
 @cache  # 123 bounds take longer than all else of a springpot
 def bounds_of_orders(tol: float, samples: float) -> tuple[np.ndarray, np.ndarray]:
-    """Orders, and ``soe.bound`` of each."""
+    """Return orders, and ``soe.bound`` of each."""
     knots = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 24), np.linspace(0.02, 1.0, 99)])
     return knots, np.array([soe.bound(soe.rates(tol, samples), float(a)) for a in knots])
 
@@ -439,7 +439,7 @@ LONGEST = 1 << 24  # samples of history that gl-downsampled keeps at most
 
 
 def binomials(alpha: float, n: int) -> np.ndarray:
-    """w_j = (-1)^j binom(alpha, j), j < n."""
+    """Return w_j = (-1)^j binom(alpha, j), j < n."""
     return np.cumprod([1.0, *((j - 1 - alpha) / j for j in range(1, n))])
 
 
@@ -747,7 +747,7 @@ class Stiffness(NamedTuple):
 
 @public
 def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
-    """k_C = chi (i w)^alpha: storage and loss, magnitude and phase.
+    """Return k_C = chi (i w)^alpha: storage and loss, magnitude and phase.
 
     Parameters
     ----------
@@ -837,7 +837,7 @@ def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.p
 
 @public
 def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
-    """Complex stiffness k_C = i w tau k/(1 + i w tau) of a Maxwell arm.
+    """Return complex stiffness k_C = i w tau k/(1 + i w tau) of a Maxwell arm.
 
     Parameters
     ----------

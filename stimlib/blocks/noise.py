@@ -44,7 +44,7 @@ def philox(c0, c1, c2, c3, k0, k1):
 
 
 def pair_of_words(key, m):
-    """Two 64-bit words for pair m of a stream."""
+    """Return two 64-bit words for pair m of a stream."""
     c0, c1, c2, c3 = philox(m & LOW, m >> HALF_WORD, NONE, NONE, key & LOW, key >> HALF_WORD)
     return c0 | (c1 << HALF_WORD), c2 | (c3 << HALF_WORD)
 
@@ -69,7 +69,7 @@ SHIFT_11, SHIFT_62, BITS_51 = U(11), U(62), U(0x7FFFFFFFFFFFF)
 
 
 def radius(a):
-    """sqrt(-2 log u), u = (a + 1/2) 2^-64: up to 9.49 sigma."""
+    """Return sqrt(-2 log u), u = (a + 1/2) 2^-64: up to 9.49 sigma."""
     z = bits((as_float(a) + 0.5) * 5.421010862427522e-20)
     mantissa = unbits((z & MANTISSA) | UNIT_FLOAT)
     above = mantissa > SQRT_2
@@ -101,7 +101,7 @@ def turn(b):
 
 
 def deviates(key, m):
-    """Deviates 2m and 2m + 1 of a stream."""
+    """Return deviates 2m and 2m + 1 of a stream."""
     a, b = pair_of_words(key, m)
     r = radius(a)
     c, s = turn(b)

@@ -296,7 +296,7 @@ def check_freq(name: str, f: Block) -> None:
 
 
 def part(start, inc, d):
-    """Part of the turns from start on, inc long, that lies below d."""
+    """Return the part of the turns from start on, inc long, that lies below d."""
     end, rest = start + inc, d - start
     first = where(start < d, where(rest < inc, rest, inc), NONE)
     again = where(end < start, where(end < d, end, d), NONE)

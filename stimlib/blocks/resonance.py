@@ -204,7 +204,7 @@ class Turn(NamedTuple):
 
 
 def turn(p, cutoff, q):
-    """Numbers of one sample."""
+    """Return the numbers of one sample."""
     r = cutoff * p.per
     r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
     k = 1.0 / where(q > LEAST, q, LEAST)
@@ -537,7 +537,7 @@ def in_pieces(v, size, per):
 
 
 def along(p, x):
-    """Pieces from the corner along x."""
+    """Return pieces from the corner along x."""
     return in_pieces(x, p.length, p.along)
 
 
@@ -557,7 +557,7 @@ def cell(p, a, b):
 
 
 def bicubic(p, a, b):
-    """Value of a piece at a place in pieces."""
+    """Return the value of a piece at a place in pieces."""
     a, b = a - p.row, b - p.column
     one, two = (
         fma(fma(fma(p.c, b, p.d), b, p.e), b, p.f),
@@ -571,7 +571,7 @@ def bicubic(p, a, b):
 
 
 def piece(c, cell):
-    """Factors of a piece."""
+    """Return the factors of a piece."""
     k, row = INT(cell) * 16, floor(cell / CELLS)
     return Piece(
         c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5], c[k + 6], c[k + 7],

@@ -64,7 +64,7 @@ def level(p, x, y):
 
 
 def table_of(name: str, levels: Any, width: float, height: float) -> Levels:
-    """Levels that make sense, as float64; BadValue if they do not."""
+    """Return the levels that make sense, as float64; BadValue if they do not."""
     table = design_value(f"{name}: levels", "np.ndarray", levels)
     for what, v in (("width", width), ("height", height)):
         if not design_value(f"{name}: {what}", "float", v) > 0:
@@ -706,7 +706,7 @@ WIDER = 1e-9  # a rise that is the smallest but for its rounding counts
 
 
 def avatar_units(u: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Units of x, y, lag and wait, from those of places and force."""
+    """Return the units of x, y, lag and wait, from those of places and force."""
     check_places("delay_avatar", *u[:2])
     if u[2] != NEWTON:
         raise UnitError(f"delay_avatar takes a tangential force in N, not [{u[2]}]")

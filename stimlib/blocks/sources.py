@@ -391,7 +391,7 @@ def band_noise(
     order: int = 4,
     shared: bool = False,
 ) -> Block:
-    """Noise between two frequencies, with a level that no sample rate changes.
+    """Return noise between two frequencies, with a level that no sample rate changes.
 
     Parameters
     ----------
@@ -459,7 +459,7 @@ class Turn(NamedTuple):
 
 
 def turn(p, freq, decay):
-    """Numbers of one sample."""
+    """Return the numbers of one sample."""
     r = freq * p.per
     r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
     rho = exp(-p.per / where(decay > p.per, decay, p.per))

@@ -57,7 +57,7 @@ G8, G9, G10 = 7.303807539233181e-09, -1.709751764178703e-10, 3.058160916927997e-
 
 
 def sinpi(x):
-    """sin(pi x) for |x| <= 1/2."""
+    """Return sin(pi x) for |x| <= 1/2."""
     z = x * x
     return x * fma(
         fma(fma(fma(fma(fma(fma(fma(P8, z, P7), z, P6), z, P5), z, P4), z, P3), z, P2), z, P1),
@@ -81,7 +81,7 @@ def gap(x):
 # b is written without a division by b - a and without a difference of nearly equal
 # numbers; the mean over any movement follows from it.
 def cell(u):
-    """(whole number, rest in 0..1 and below 1) of a spatial phase."""
+    """Return (whole number, rest in 0..1 and below 1) of a spatial phase."""
     k = floor(u)
     w = u - k  # may round up to 1
     return where(w >= 1.0, k + 1.0, k), where(w >= 1.0, 0.0, w)
@@ -208,7 +208,7 @@ class LinearShape(NamedTuple):
 
 
 def linear_shape(p, duty):
-    """Numbers that depend on the duty alone."""
+    """Return the numbers that depend on the duty alone."""
     d = held_duty(duty)
     return LinearShape(d, 1.0 / d, p.start, p.slope, p.whole)
 
@@ -225,7 +225,7 @@ def linear(q, k0, w0, k1, w1, u0, u):
 
 
 def linear_sample(p, last, cold, u, duty):
-    """One sample, whatever happens."""
+    """Return one sample, whatever happens."""
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
@@ -304,7 +304,7 @@ class SineShape(NamedTuple):
 
 
 def sine_shape(p, duty):
-    """Numbers that depend on the duty alone."""
+    """Return the numbers that depend on the duty alone."""
     d = held_duty(duty)
     k = where(p.half > 0.0, 0.5, d)
     s = sinpi(0.5 * k)
@@ -342,7 +342,7 @@ def sine_inside(q, w0, w1):
 
 
 def sine_sample(p, last, cold, u, duty):
-    """One sample, whatever happens."""
+    """Return one sample, whatever happens."""
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
@@ -412,7 +412,7 @@ def piece(p, z):
 
 
 def on_piece(p, i, q):
-    """Value of piece i at its part q."""
+    """Return the value of piece i at its part q."""
     a, b = p.values[U(i)], p.values[U(i) + ONE]
     return fma(b - a, q, a)
 
@@ -581,7 +581,7 @@ def sum_of_fields(v):
 
 
 def lattice(key, m):
-    """Lattice values 2m and 2m + 1 of an octave."""
+    """Return lattice values 2m and 2m + 1 of an octave."""
     a, b = pair_of_words(key, m)
     return sum_of_fields(a), sum_of_fields(b)
 
@@ -886,7 +886,7 @@ PI = math.pi
 
 
 def sine_of_turns(t):
-    """sin(2 pi t)."""
+    """Return sin(2 pi t)."""
     x = 2.0 * (t - floor(t + 0.5))
     return sinpi(where(x > 0.5, 1.0 - x, where(x < -0.5, -1.0 - x, x)))
 
@@ -1097,7 +1097,7 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
 
 
 def points(displacement) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and displacements of a profile, checked."""
+    """Return knots and displacements of a profile, checked."""
     if isinstance(displacement, (str, os.PathLike)):
         displacement = read_profile(displacement)
     if not isinstance(displacement, (Sequence, np.ndarray)) or len(displacement) != 2:

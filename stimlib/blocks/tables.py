@@ -269,7 +269,7 @@ def piece(v, origin, per, n):
 
 
 def spoiled(x, y):
-    """0, or nan where one of them is nan."""
+    """Return 0, or nan where one of them is nan."""
     return where(x == x, where(y == y, 0.0, y), x)
 
 
@@ -308,7 +308,7 @@ class Grid(Block, abstract=True):
         return v, v / u[0], v / u[1]
 
     def params(self, c: np.ndarray) -> GridParams:
-        """Numbers for a step, from the coefficients."""
+        """Return the numbers for a step, from the coefficients."""
         with np.errstate(all="ignore"):
             per = 1 / self.spacing
             steepest = 4 * np.abs(c).max() * max(1.0, *per)
@@ -356,7 +356,7 @@ def spline(a, b, c, d, t):
 
 
 def spline_slope(a, b, c, d, t):
-    """Its derivative."""
+    """Return its derivative."""
     q = 1.0 - t
     return 0.5 * ((b - a) * q * q + (c - b) * (1.0 + 2.0 * t * q) + (d - c) * t * t)
 
@@ -367,7 +367,7 @@ def along(p, k, t):
 
 
 def slope_along(p, k, t):
-    """Its derivative."""
+    """Return its derivative."""
     return spline_slope(p.c[U(k)], p.c[U(k + 1.0)], p.c[U(k + 2.0)], p.c[U(k + 3.0)], t)
 
 

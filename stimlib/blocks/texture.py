@@ -72,7 +72,7 @@ class Weights(NamedTuple):
 
 
 def part(v, per_largest):
-    """v/largest, held within 0 to 1; nan is 0."""
+    """Return v/largest, held within 0 to 1; nan is 0."""
     x = v * per_largest
     return where(x > 0.0, where(x < 1.0, x, 1.0), 0.0)
 
@@ -107,7 +107,7 @@ def mean(w, a, b, c):
 
 
 def cosine(w, a, b, c):
-    """Cosine of a frequency between three models, each in half turns."""
+    """Return the cosine of a frequency between three models, each in half turns."""
     return sinpi(0.5 - mean(w, a, b, c))
 
 

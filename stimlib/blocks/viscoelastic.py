@@ -94,7 +94,7 @@ def plain(name: str, field: str, v) -> float:
 
 
 def time_constant(name: str, k, b, tau) -> float:
-    """tau, or b/k, from arguments of which one must be there."""
+    """Return tau, or b/k, from arguments of which one must be there."""
     if (b is None) == (tau is None):
         raise BadValue(
             f"{name}: give one of b (N s/m) and tau (s), the other follows from tau = b/k"

@@ -525,7 +525,7 @@ class Asked:
         return f"{self.output(name)}{f' from {self.part.span.start:g} s' if self.part.span else ''}"
 
     def apart(self, name: str, want: np.ndarray) -> float:
-        """How far an output is from what it should be, as it was displayed."""
+        """Return how far an output is from what it should be, as it was displayed."""
         return self.far(self.y[name] - want)
 
     def far(self, difference: np.ndarray) -> float:

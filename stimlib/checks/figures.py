@@ -19,7 +19,7 @@ OUTPUTS = 6  # of so many there are pictures: a layout's time grows with the squ
 
 
 def figures(e: Evidence) -> Iterator[tuple[str, str]]:
-    """Title and SVG of each."""
+    """Return the title and SVG of each."""
     s = Signals(
         e.scene,
         e.fs,
@@ -118,7 +118,7 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
 
 
 def _of_noise(tap: Tap) -> Against:
-    """Third octaves of a gated noise."""
+    """Return third octaves of a gated noise."""
     from scipy import stats
 
     s: Any = tap.spectrum

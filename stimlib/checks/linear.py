@@ -43,7 +43,7 @@ class Modes(NamedTuple):
 
 
 def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row, Row, Any]:
-    """Zeros, poles and gain of the low-pass whose edge is 1."""
+    """Return the zeros, poles and gain of the low-pass whose edge is 1."""
     e = np.sqrt(np.expm1(LONG(ripple) * np.log(LONG(10)) / 10))
     zeros, level, turns = np.zeros(0, COMPLEX), LONG(1), PI * (2 * np.arange(n) + 1) / (2 * n)
     if kind == "butterworth":
@@ -116,7 +116,7 @@ def analogue(band: str, edges: tuple[float, ...], *family: Any) -> tuple[Row, Ro
 
 
 def _two(b: Row, c: Any) -> Row:
-    """Roots of s^2 - b s + c; the smaller by their product."""
+    """Return the roots of s^2 - b s + c; the smaller by their product."""
     root = np.sqrt(b * b - 4 * c)
     large = np.where(np.abs(b + root) > np.abs(b - root), b + root, b - root) / 2
     return np.r_[large, c / large]

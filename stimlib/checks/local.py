@@ -98,7 +98,7 @@ class Part(NamedTuple):
         )
 
     def early(self, b: Block, fs: float) -> int:
-        """How many samples of a block's row are before sample 0."""
+        """Return how many samples of a block's row are before sample 0."""
         return lead(fs) if b.autonomous and not self.at else 0
 
 
@@ -136,11 +136,11 @@ class Clock(NamedTuple):
         return int(np.sum(self.closes - self.opens))
 
     def until(self, n: int) -> int:
-        """How many of them are before sample n."""
+        """Return how many of them are before sample n."""
         return int(np.sum(np.clip(n, self.opens, self.closes) - self.opens))
 
     def samples(self, first: int, stop: int) -> np.ndarray:
-        """Those with these numbers."""
+        """Return those with these numbers."""
         k = np.arange(first, stop)
         at = np.searchsorted(self.before, k, "right") - 1
         return self.opens[at] + k - self.before[at]
@@ -292,7 +292,7 @@ def _fed_back(b: Any, run: Run, seen: list[Part]) -> Held:
 
 
 def outside(roots: Iterable[Block]) -> list[Block]:
-    """All blocks that are in no subsystem, children first."""
+    """Return all blocks that are in no subsystem, children first."""
     found: dict[int, Block] = {}
     todo = list(roots)
     while todo:
@@ -512,7 +512,7 @@ def _read_only(row: np.ndarray) -> np.ndarray:
 
 
 def _error(y: np.ndarray, want: Any, tol: Any) -> float:
-    """Largest distance over its tolerance; nan is itself."""
+    """Return the largest distance over its tolerance; nan is itself."""
     want, tol = np.asarray(want, float), np.broadcast_to(tol, y.shape)
     with np.errstate(all="ignore"):
         ratio = np.abs(y - want) / tol

@@ -69,7 +69,7 @@ class Mutations:
         return not any(m.outcome in (WITHIN, NO_LAW) for m in self.mutants)
 
     def count(self) -> dict[str, int]:
-        """How many mutants there are of each outcome."""
+        """Return how many mutants there are of each outcome."""
         return {
             what: sum(m.outcome == what for m in self.mutants)
             for what in (REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE)

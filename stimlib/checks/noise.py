@@ -171,7 +171,7 @@ def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
 
 
 def noise(e: Evidence) -> list[Check]:
-    """Spectrum of every tap, and independence of every pair."""
+    """Return the spectrum of every tap, and independence of every pair."""
     checks, share = [], e.share
     for k, t in enumerate(e.taps):
         if t.model is None:
@@ -216,5 +216,5 @@ def noise(e: Evidence) -> list[Check]:
 
 
 def _surprise(p: float) -> float:
-    """-log10 p, at least 0."""
+    """Return -log10 p, at least 0."""
     return float(max(0.0, -np.log10(max(p, 1e-300))))

@@ -65,7 +65,7 @@ def page(
 
 
 def verdict(passed: bool, unknown: list[str]) -> str:
-    """Whether all checks held, and which laws of the scene were none of them."""
+    """Return whether all checks held, and which laws of the scene were none of them."""
     word = "passed" if passed else "FAILED"
     return (
         f"{word}, but its law {', '.join(map(repr, unknown))} is not known here and was not checked"
@@ -90,7 +90,7 @@ def items(texts: Iterable[str]) -> str:
 
 
 def table_of(checks: list[Check]) -> str:
-    """Every check, group by group."""
+    """Return every check, group by group."""
     rows = []
     for group, title in GROUPS.items():
         here = [c for c in checks if c.group == group]
@@ -261,7 +261,7 @@ def _reproduced(e: Evidence, command: str | None) -> str:
 
 
 def _installed(used: Mapping[str, str]) -> str:
-    """Commands for an environment with these versions."""
+    """Return commands for an environment with these versions."""
     python = ".".join(platform.python_version_tuple()[:2])
     pins = " ".join(f"{p}=={v}" for p, v in used.items())
     lines = f"python -m venv proof\n. proof/bin/activate\npip install {pins}"
@@ -273,7 +273,7 @@ def _installed(used: Mapping[str, str]) -> str:
 
 
 def _beside(e: Evidence) -> str:
-    """Which files a reader needs, beyond this page."""
+    """Return which files a reader needs, beyond this page."""
     if e.session:
         return (
             f"<p>Keep the folder of the log, <code>{_q(e.source)}</code>, whole: each of its files"

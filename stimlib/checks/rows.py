@@ -74,7 +74,7 @@ def near(want: Row, tol: float = 1e-12) -> tuple[Row, float]:
 
 
 def touched(contact: Row) -> Iterator[slice]:
-    """Each stretch of contact."""
+    """Return each stretch of contact."""
     on = np.r_[False, contact > 0, False]
     for a, b in zip(
         np.flatnonzero(on[1:] & ~on[:-1]), np.flatnonzero(on[:-1] & ~on[1:]), strict=True

@@ -90,7 +90,7 @@ def scene_law(e: Evidence) -> list[Check]:
 
 
 def _begins(part: Part, e: Evidence) -> bool:
-    """Whether a part begins in this stretch."""
+    """Return whether a part begins in this stretch."""
     first = min(round(part.span.start * e.fs), e.frames) if part.span else 0
     return e.at <= first < e.end or first == e.frames == e.end
 

@@ -73,7 +73,7 @@ Command = Callable[..., Any]
 
 
 def group(name: str, text: str) -> typer.Typer:
-    """Commands under one name, such as ``experiment run``."""
+    """Return commands under one name, such as ``experiment run``."""
     made = typer.Typer(no_args_is_help=True, rich_markup_mode="rich", help=text)
     app.add_typer(made, name=name)
     return made

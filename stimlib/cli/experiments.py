@@ -223,7 +223,7 @@ def resume(defined: Defined, play: Any):
 
 @command("status", experiment)
 def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False):
-    """How far each participant is, pilots apart; conditions are blinded.
+    """Return how far each participant is, pilots apart; conditions are blinded.
 
     [bold]stimlib experiment status pair.py:pair[/]
     """

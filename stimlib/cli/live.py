@@ -52,7 +52,7 @@ def page_safety_of(
 
 
 def _ranges(items: list[str]) -> dict[str, tuple[float, float]]:
-    """Ranges of --range."""
+    """Return ranges of --range."""
     found = {}
     for item in items:
         name, is_, text = item.partition("=")

@@ -224,13 +224,13 @@ def _shipped(name: str, words: str) -> Scene:
 
 
 def touching(text: str) -> str:
-    """How the scene that is SCENE on the command line gets an input contact."""
+    """Return how the scene that is SCENE on the command line gets an input contact."""
     name = text.partition("(")[0]
     return f"use {name}(contact=True)" if name in shipped() else ""
 
 
 def params_of(items: list[str]) -> dict[str, float]:
-    """Parameters of --set."""
+    """Return the parameters of --set."""
     from ..motion.text import pairs
 
     return {

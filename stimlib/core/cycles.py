@@ -239,7 +239,7 @@ class Cycle(Block, abstract=True):
         return type(s)(*values)
 
     def parts(self, p: Any, s: Any) -> list[tuple[Any, Any]]:
-        """Parameters and state of each member, from those of the whole."""
+        """Return the parameters and state of each member, from those of the whole."""
         found, of_p, of_s = [], iter(p[len(self.constants) :]), iter(s[len(self.ends) :])
         for m in self.made.members:
             own = islice(of_p, len(fields(m.p))), islice(of_s, len(fields(m.s)))
@@ -360,7 +360,7 @@ class _Writer:
         return codegen.call(self.names(t), *values) if values else "()"
 
     def _call_tile(self, m: Member, p: str, s: str, args: list[str]) -> None:
-        """Its signals are slices of the scratch, one sample long."""
+        """Return its signals are slices of the scratch, one sample long."""
         start, first = self.words, self.words + len(args)
         self.words = first + len(m.values)
         places = codegen.each(
@@ -380,7 +380,7 @@ class _Writer:
         return [*self._or_at_rest(m, state[:-1]), cold]
 
     def _leave(self, m: Member) -> None:
-        """Its outputs and new state: off contact 0 and that at rest."""
+        """Return its outputs and new state: off contact 0 and that at rest."""
         k = m.number
         new = self._or_at_rest(m, codegen.each(f"t{k}.%s", fields(m.s)[:-1]))
         self.lines += codegen.each(f"%s = _where(on{k}, %s, 0.0)", m.values, m.values)

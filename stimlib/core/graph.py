@@ -154,7 +154,7 @@ class Block(Refusals):
         return u[0] if u else un.ONE
 
     def design(self, fs: float) -> tuple[Any, Any]:
-        """Parameters p and first state s at sample rate fs (Hz)."""
+        """Return the parameters p and first state s at sample rate fs (Hz)."""
         return (), ()
 
     def start(self, p: Any, s: Any, seed: int) -> Any:
@@ -162,7 +162,7 @@ class Block(Refusals):
         return s
 
     def delay(self, p: Any) -> float:
-        """Latency of the block in samples."""
+        """Return the latency of the block in samples."""
         return 0.0
 
     def fixed(self, *values: float) -> Block | None:
@@ -273,7 +273,7 @@ class Block(Refusals):
 
 @memo
 def signals(cls: type[Block]) -> tuple[str, ...]:
-    """Names of the fields that are input signals."""
+    """Return the names of the fields that are input signals."""
     named = {Block, "Block", "stimlib.Block", "graph.Block", "stimlib.core.graph.Block"}
     return tuple(f.name for f in dc.fields(cls) if f.type in named)  # type: ignore[arg-type]
 
@@ -979,7 +979,7 @@ class Guard(Block):
         return H[0]
 
     def samples(self, fs):
-        """Length of the fade."""
+        """Return the length of the fade."""
         return max(round(0.02 * fs), min(int(self.steps or 1), math.ceil(0.5 * fs)))
 
     def design(self, fs):

@@ -42,17 +42,17 @@ else:
 
 
 def fma(a, b, c):
-    """a*b + c with one rounding."""
+    """Return a*b + c with one rounding."""
     return F(_fma(float(a), float(b), float(c)))
 
 
 def sqrt(x):
-    """Square root; nan below zero."""
+    """Return the square root; nan below zero."""
     return np.sqrt(F(x))
 
 
 def floor(x):
-    """Largest whole number not above x, as a float."""
+    """Return the largest whole number not above x, as a float."""
     return np.floor(F(x))
 
 
@@ -92,7 +92,7 @@ def where(c, a, b):
 
 
 def flush(x):
-    """x, or 0 when |x| <= 1e-190: what TINY leaves behind."""
+    """Return x, or 0 when |x| <= 1e-190: what TINY leaves behind."""
     return F(0.0) if abs(x) <= SILENT else F(x)
 
 
@@ -106,7 +106,7 @@ def settle(x):
 
 
 def as_float(u):
-    """uint64 to the nearest float64."""
+    """Return uint64 to the nearest float64."""
     return F(u)
 
 
@@ -145,7 +145,7 @@ def pairs(f, key, first, z):
 
 
 def copy(a, b):
-    """b[: a.size] = a, for arrays that do not overlap."""
+    """Return b[: a.size] = a, for arrays that do not overlap."""
     b[: a.size] = a
 
 
@@ -158,7 +158,7 @@ def search(knots, x):
 
 
 def tree(s):
-    """Sum of eight partial sums in the one order everything here uses."""
+    """Return the sum of eight partial sums in the one order everything here uses."""
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 
 

@@ -198,7 +198,7 @@ def known(law: str) -> bool:
 
 
 def plain(v: Any) -> Any:
-    """Numbers, texts, arrays, tuples, tables and dataclasses as JSON data.
+    """Return the numbers, texts, arrays, tuples, tables and dataclasses as JSON data.
 
     Raises
     ------

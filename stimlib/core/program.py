@@ -291,7 +291,7 @@ def _instances(graph: _Graph, roots: list[int]) -> float:
 
 
 def _layout(graph: _Graph, roots: list[int]):
-    """Instances keyed by (kind, structure, clock), children first."""
+    """Return instances keyed by (kind, structure, clock), children first."""
     made: dict[tuple[str, int, int], int] = {}
     instances: list[Instance] = []
     parents, names, runs = [-1, -1], ["params", "root"], ["", ""]

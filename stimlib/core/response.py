@@ -13,7 +13,7 @@ from .program import Instance, Program
 
 
 def backward(z: np.ndarray) -> np.ndarray:
-    """1 - 1/z: at a low frequency 1/z is too near 1 to be subtracted.
+    """Return 1 - 1/z: at a low frequency 1/z is too near 1 to be subtracted.
 
     Parameters
     ----------

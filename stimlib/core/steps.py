@@ -79,7 +79,7 @@ def source(f: Callable) -> str:
 
 @cache
 def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
-    """Text of a function, and lines of its file before it."""
+    """Return text of a function, and lines of its file before it."""
     try:
         text = textwrap.dedent(inspect.getsource(f))
     except (OSError, TypeError) as e:
@@ -424,7 +424,7 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
 
 
 def ours(cls: type) -> bool:
-    """Whether a class is the library's."""
+    """Return whether a class is the library's."""
     return cls.__module__.partition(".")[0] == "stimlib"
 
 
@@ -485,7 +485,7 @@ def _faults_of_form(cls: Any, name: str, f: Any, s_type: type) -> Iterator[str]:
 
 
 def _faults_of_fields(body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...]]]) -> Faults:
-    """Fields of parameters and state that are set, or not there."""
+    """Return the fields of parameters and state that are set, or not there."""
     nodes = list(ast.walk(body))
     stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     for node in nodes:
@@ -643,12 +643,12 @@ def _target(g: ast.expr, known: dict[str, Any]) -> Any:
 
 
 def fields(t: Any) -> tuple[str, ...]:
-    """Names in a NamedTuple, or in its type."""
+    """Return the names in a NamedTuple, or in its type."""
     return getattr(t, "_fields", ())
 
 
 def _empty(v: ast.expr, s_type: type) -> bool:
-    """Whether a state with fields would be lost."""
+    """Return whether a state with fields would be lost."""
     return bool(fields(s_type)) and isinstance(v, ast.Tuple | ast.Constant)
 
 

@@ -182,7 +182,7 @@ def differentiator_taps(
 
 @lru_cache(maxsize=64)
 def differentiator_order(fs: float, passband: float, stopband: float | None, tol: float) -> int:
-    """Smallest even order for which `differentiator_taps` meets a tolerance.
+    """Return the smallest even order for which `differentiator_taps` meets a tolerance.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ class _Interpolant(NamedTuple):
     values: FloatArray
 
     def at(self, w: FloatArray) -> FloatArray:
-        """Values at w, in blocks that stay in the cache."""
+        """Return values at w, in blocks that stay in the cache."""
         values, block = np.empty(len(w)), 1 + 65536 // len(self.y)
         for i in range(0, len(w), block):
             gaps = np.sin(w[i : i + block, None] / 2) ** 2 - self.y
@@ -380,7 +380,7 @@ def _half_order_estimate(w_pass: float, w_stop: float | None, tol: float) -> int
 
 
 def _error(even: _Interpolant, w: FloatArray, w_pass: float, w_stop: float | None) -> FloatArray:
-    """Weighted error of P at w."""
+    """Return weighted error of P at w."""
     wanted, weight = _wanted(w, w_pass, w_stop)
     return weight * (even.at(w) - wanted)
 
@@ -450,17 +450,17 @@ def _minimax_sines(
 #
 # The edge of the pass band is x = 1.
 def squared(decibels: float) -> float:
-    """e^2 of a gain 1/sqrt(1 + e^2)."""
+    """Return e^2 of a gain 1/sqrt(1 + e^2)."""
     return math.expm1(decibels * math.log(10) / 10)
 
 
 def butterworth(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """1/sqrt(1 + x^(2n))."""
+    """Return 1/sqrt(1 + x^(2n))."""
     return 1 / np.sqrt(1 + x ** (2 * n))
 
 
 def chebyshev1(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """1/sqrt(1 + e^2 T_n(x)^2)."""
+    """Return 1/sqrt(1 + e^2 T_n(x)^2)."""
     t = np.cos(n * np.arccos(x + 0j)).real
     return 1 / np.sqrt(1 + squared(ripple) * t * t)
 

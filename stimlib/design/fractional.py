@@ -158,7 +158,7 @@ def _phi(scheme: str, alpha: float, s: np.ndarray) -> np.ndarray:
 
 
 def _sin(alpha: float) -> float:
-    """sin(pi alpha)/pi without loss next to 1."""
+    """Return sin(pi alpha)/pi without loss next to 1."""
     return math.sin(math.pi * min(alpha, 1 - alpha)) / math.pi
 
 
@@ -348,7 +348,7 @@ def _lump(r: Rates, scheme: str, alpha: float) -> list[float]:
 
 
 def _series(scheme: str, alpha: float, n: int = 8) -> list[float]:
-    """Power series of phi(s) s^(1 - alpha)."""
+    """Return the power series of phi(s) s^(1 - alpha)."""
     if scheme == "l1":
         return [(-1) ** k / math.factorial(k + 1) for k in range(n)]
     if scheme == STRAIGHT:
@@ -485,7 +485,7 @@ def live(r: Rates, scheme: str) -> LiveOrders:
 
 
 def two_words(v: float) -> tuple[float, float]:
-    """log(v) as a sum of two floats."""
+    """Return log(v) as a sum of two floats."""
     exact = Context(prec=40).ln(Decimal(v))
     high = float(exact)
     return high, float(exact - Decimal(high))

@@ -42,7 +42,7 @@ class Octaves(NamedTuple):
 
 
 def band_power(slope: float, low: float, high: float) -> float:
-    """Integral of f^-slope from low to high.
+    """Return the integral of f^-slope from low to high.
 
     Examples
     --------
@@ -239,7 +239,7 @@ def _sections_estimate(w_low: float, tol_db: float) -> int:
 
 
 def _agm(a: float, b: float) -> float:
-    """Arithmetic-geometric mean."""
+    """Return arithmetic-geometric mean."""
     while abs(a - b) > 1e-15 * a:
         a, b = (a + b) / 2, math.sqrt(a * b)
     return a

@@ -40,7 +40,7 @@ class Law(NamedTuple):
 
 
 def band(low: float, high: Callable[[float], float]) -> Callable[[float], np.ndarray]:
-    """Frequencies from low to high(fs)."""
+    """Return frequencies from low to high(fs)."""
     return lambda fs: np.geomspace(min(low, high(fs) / 2), high(fs), POINTS)
 
 
@@ -69,13 +69,13 @@ def _size(H: np.ndarray, f: np.ndarray, fs: float) -> np.ndarray:
 
 
 def largest(h: np.ndarray) -> np.ndarray:
-    """Its largest value, as the size of all."""
+    """Return its largest value, as the size of all."""
     return np.full(h.shape, np.abs(h).max())
 
 
 # Noise --------------------------------------------------------------------------------
 def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
-    """White noise of unit variance, one-sided PSD 2/fs, becomes psd_1hz/f."""
+    """Return white noise of unit variance, one-sided PSD 2/fs, becomes psd_1hz/f."""
     text = f"S(f) = {psd_1hz:.4g}/f within {tol_db:g} dB"
     top = band(f_low, lambda fs: 0.45 * fs)
     return Law(
@@ -84,7 +84,7 @@ def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
 
 
 def pinking(f_low: float, tol_db: float) -> Law:
-    """|H|^2 = 1/w, w = 2 pi f/fs."""
+    """Return |H|^2 = 1/w, w = 2 pi f/fs."""
     top = band(f_low, lambda fs: 0.45 * fs)
     return Law(
         top,
@@ -169,7 +169,7 @@ def mean_of(n: int) -> Law:
 
 
 def biquads(rows: np.ndarray) -> Law:
-    """Polynomials in 1/z, relative to the largest value they have."""
+    """Return polynomials in 1/z, relative to the largest value they have."""
 
     def law(f, fs):
         z = np.exp(2j * np.pi * f / fs)
@@ -352,7 +352,7 @@ def ramp_invariant(tau: float) -> Law:
 
 
 def lag(tau: float) -> Law:
-    """1/(1 + i w tau), far below the sample rate."""
+    """Return 1/(1 + i w tau), far below the sample rate."""
     low = band(0.1, lambda fs: fs / 400)
     return Law(
         low, lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5, f"1/(1 + s {tau:g})", shapes=True
@@ -423,7 +423,7 @@ def integral(leak: float) -> Law:
 
 
 def running_sum() -> Law:
-    """1/(i w) by the sum of samples times their period."""
+    """Return 1/(i w) by the sum of samples times their period."""
     return Law(
         whole_band(200), lambda f, fs: 1 / (fs * difference(f, fs)), 1e-12, "sum over samples / fs"
     )
@@ -452,7 +452,7 @@ periods in it: no law is known then.
 
 
 def springpot(alpha: float, scheme: str, tol: float, horizon: float, fs: float) -> Law:
-    """Orders from 0 to 1, from the horizon up to fs/1000."""
+    """Return orders from 0 to 1, from the horizon up to fs/1000."""
     text = {
         "gl": f"(fs (1 - 1/z))^{alpha:g}",
         "straight": f"(i w)^{alpha - 1:.6g} of a sum's differences",

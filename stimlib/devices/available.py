@@ -33,7 +33,7 @@ class Device:
 
 @public
 def devices(server: str | None = None) -> list[Device]:
-    """All devices, ready or not.
+    """Return all devices, ready or not.
 
     Parameters
     ----------

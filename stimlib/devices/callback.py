@@ -68,7 +68,7 @@ F4 = types.CPointer(f4)
 # memory and calls ---------------------------------------------------------------------
 @intrinsic
 def load(ctx, p, o):
-    """Word o, with everything that its writer wrote before it."""
+    """Return the word o, with everything that its writer wrote before it."""
     return types.int64(p, types.int64), lambda c, b, s, v: b.load_atomic(
         b.gep(v[0], [v[1]]), "acquire", 8
     )
@@ -132,7 +132,7 @@ clock_gettime, get_buffer, frame_time, sleep_us = (
 
 @plain
 def now(c):
-    """Nanoseconds of the monotonic clock."""
+    """Return nanoseconds of the monotonic clock."""
     t = i8_at(c[TIME])
     clock_gettime(c[CLOCK], c[CLOCK_ID], c[TIME])
     return load(t, 0) * 1000000000 + load(t, 1)
@@ -255,7 +255,7 @@ def judge(c, i, m, held):
 
 @plain
 def room(c, m):
-    """1 if the log's rings take m samples more."""
+    """Return 1 if the log's rings take m samples more."""
     full = (
         c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE]
         or c[F_STAGED] + m - load(c, F_READ) > c[L_SIZE]
@@ -642,7 +642,7 @@ def from_python(*args, **options):
 
 @from_python(types.int64, types.int64, nogil=True)
 def block(c, n, lost):
-    """``pump`` for callers in Python: the fallback, tests, warm-up."""
+    """Return ``pump`` for callers in Python: the fallback, tests, warm-up."""
     pump(data(c), n, lost)
     return 0
 
@@ -692,7 +692,7 @@ def null(c_, n, fs, clocked):
 # the other ends of the rings ----------------------------------------------------------
 @from_python(types.int64, types.int64, types.int64, types.int64)
 def put_command(c_, kind, a, b, d):
-    """0 when the ring is full."""
+    """Return 0 when the ring is full."""
     c = data(c_)
     w = c[C_WRITE]
     fade = kind == STOP or a == c[GAIN_SLOT]
@@ -706,7 +706,7 @@ def put_command(c_, kind, a, b, d):
 
 @from_python(COLUMNS)
 def put_motion(c_, x):
-    """Columns of x (n_in, n) into the ring; returns how many had room."""
+    """Return columns of x (n_in, n) into the ring; returns how many had room."""
     c = data(c_)
     w, ring, inputs = c[M_WRITE], f8_at(c[M_RING]), c[N_IN]
     n = min(x.shape[1], c[M_SIZE] - (w - load(c, M_READ)))
@@ -755,14 +755,14 @@ def get_events(c_, out):
 
 @from_python(types.Array(types.float64, 2, "C"))
 def get_motion(c_, out):
-    """Columns of the motion as processed."""
+    """Return columns of the motion as processed."""
     c = data(c_)
     return take(c, f8_at(c[X_RING]), c[N_IN], c[L_SIZE], X_READ, X_WRITE, out)
 
 
 @from_python(types.Array(types.float32, 2, "C"))
 def get_frames(c_, out):
-    """Delivered frames."""
+    """Return delivered frames."""
     c = data(c_)
     return take(c, f4_at(c[F_RING]), c[CHANNELS], c[L_SIZE], F_READ, F_WRITE, out)
 

@@ -148,7 +148,7 @@ class Pump:
             self.words[getattr(self.native, name)] = v
 
     def address_of(self, a: np.ndarray) -> int:
-        """Address of an array, which lives as long as the pump."""
+        """Return the address of an array, which lives as long as the pump."""
         self.arrays.append(a)
         return a.ctypes.data
 
@@ -180,7 +180,7 @@ class Pump:
         return int(getattr(self.native, device).address)
 
     def block(self, n: int, lost: int = 0) -> None:
-        """One block, called from Python: buffers are those in OUTS."""
+        """Return one block, called from Python: buffers are those in OUTS."""
         self.native.block(self.words, n, lost)
 
     # Course ---------------------------------------------------------------------------
@@ -233,15 +233,15 @@ class Pump:
 
     # Rings ----------------------------------------------------------------------------
     def put_motion(self, x: np.ndarray) -> int:
-        """Columns (n_inputs, n) into the ring; how many had room."""
+        """Return columns (n_inputs, n) into the ring; how many had room."""
         return self.native.put_motion(self.words, x)
 
     def next_motion(self) -> int:
-        """Index of the column that comes next."""
+        """Return the index of the column that comes next."""
         return self.native.next_motion(self.words)
 
     def motion_room(self) -> int:
-        """Columns that may be put now."""
+        """Return columns that may be put now."""
         ahead = self.read("M_WRITE") - self.read("M_READ")
         return min(
             self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * self.native.CHUNK) - ahead

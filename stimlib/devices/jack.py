@@ -181,7 +181,7 @@ class JackSink(Sink):
         self._targets(client)
 
     def _targets(self, client: Any) -> list[Any]:
-        """Ports that the channels are connected to."""
+        """Return the ports that the channels are connected to."""
         if self.connect is None:
             return []
         if self.connect == "system":

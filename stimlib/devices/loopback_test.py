@@ -353,7 +353,7 @@ def through(
     played *= sent[:, None]
 
     def at_every_lag(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
-        """Sum over n of a[n] b[n - lag]."""
+        """Return the sum over n of a[n] b[n - lag]."""
         size = 2 * n
         return np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)[
             : longest + 1

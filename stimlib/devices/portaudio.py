@@ -41,7 +41,7 @@ _library = threading.Lock()
 
 @contextmanager
 def _alone(seconds: float = -1) -> Iterator[None]:
-    """PortAudio's calls are not made for several threads at once."""
+    """Return PortAudio's calls are not made for several threads at once."""
     if not _library.acquire(timeout=seconds):
         raise SinkError(
             f"portaudio: another sink's device has kept PortAudio busy for {seconds:g} s: close"
@@ -183,7 +183,7 @@ class PortAudioSink(Sink):
         self.block = self._stream.blocksize or None
 
     def _fits(self, sd: ModuleType, inputs: int) -> None:
-        """Errors that have a remedy, before PortAudio's own."""
+        """Return errors that have a remedy, before PortAudio's own."""
         try:
             info = sd.query_devices(self.name, "output")
             source = sd.query_devices(self.name, "input") if inputs else None

@@ -43,7 +43,7 @@ class _Kept:
         self.frames.append(frames)
 
     def event(self, at: int, kind: str, **more: Any) -> None:
-        """Losses are in the report."""
+        """Return losses are in the report."""
 
     def close(self, report: dict[str, Any]) -> None:
         """Do nothing: it stays."""

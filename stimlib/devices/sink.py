@@ -526,7 +526,7 @@ class Sink:
             )
 
     def push(self, x: np.ndarray) -> int:
-        """Columns of a live motion, one per sample.
+        """Return columns of a live motion, one per sample.
 
         Parameters
         ----------
@@ -696,7 +696,7 @@ class Sink:
         raise NotImplementedError
 
     def _latency(self) -> float:
-        """Seconds from the callback to the device."""
+        """Return the seconds from the callback to the device."""
         return 0.0
 
 

@@ -63,7 +63,7 @@ class Distance:
 def distances(
     cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math.nan
 ) -> tuple[Distance, ...]:
-    """Normalised distances of physical cues, the largest first.
+    """Return normalised distances of physical cues, the largest first.
 
     For each cue a probit z = a + b cue is fitted to the answers; a trial with z > 0 is
     taken for a signal, and the distance is mean(z of signals) - mean(z of the others).

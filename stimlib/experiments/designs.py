@@ -73,7 +73,7 @@ def turn_of(participant: str, turns: int) -> int:
 
 
 def _counts(v: Any) -> bool:
-    """Whether a value is a whole number from 1 on."""
+    """Return whether a value is a whole number from 1 on."""
     return isinstance(v, Integral) and not isinstance(v, bool) and int(v) >= 1
 
 
@@ -371,7 +371,7 @@ class ConstantStimuli:
         return dc.replace(task.trial(level, state["seed"], n), training=self.training)
 
     def update(self, state: State, answer: Answer) -> State:
-        """One further."""
+        """Return one further."""
         trial = self.next(state)
         if trial is None:
             raise BadValue(f"all {state['n']} trials are done: there are no more answers to take")
@@ -410,7 +410,7 @@ class Interleaved:
         _check_designs("Interleaved: tracks", self.tracks)
 
     def init(self, seed: int) -> State:
-        """Each track has a seed of its own."""
+        """Return each track has a seed of its own."""
         return {
             "seed": seed,
             "n": 0,
@@ -492,7 +492,7 @@ class Sequential:
         _check_designs("Sequential: parts", self.parts)
 
     def init(self, seed: int) -> State:
-        """Each part has a seed of its own."""
+        """Return each part has a seed of its own."""
         order = shuffled(seed, "parts", list(self.parts)) if self.shuffle else list(self.parts)
         return {
             "order": order,

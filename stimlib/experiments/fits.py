@@ -545,7 +545,7 @@ def _padded(part: Sequence[Sets]) -> Sets:
 
 @public
 def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Array:
-    """Profile-likelihood intervals, of many sets at once.
+    """Return profile-likelihood intervals, of many sets at once.
 
     Parameters
     ----------
@@ -797,7 +797,7 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
 
 
 def _best_possible(sets: Sets) -> float:
-    """Log-likelihood of every level's own proportion."""
+    """Return the log-likelihood of every level's own proportion."""
     from scipy.special import xlogy
 
     return float(

@@ -42,7 +42,7 @@ class Sets(NamedTuple):
 
 
 def total(each: ArrayLike) -> Array:
-    """Sum over levels, one after another.
+    """Return the sum over levels, one after another.
 
     Levels without trials, which pad a set, change no bit of it.
 

@@ -86,7 +86,7 @@ class Psychometric:
     link: str = "probit"
 
     def chance(self, trial: Trial) -> float:
-        """Probability of "more"."""
+        """Return the probability of "more"."""
         if trial.level is None:
             raise BadValue(
                 f"condition {trial.condition!r}: the trial has no level, so an observer of"
@@ -259,7 +259,7 @@ def _compiled(scene: Scene, fs: float) -> Processor:
 
 
 def _again(scene: Scene, motion: Any, fs: float, seconds: float, stimulus: Stimulus) -> Rendering:
-    """``render`` of a stimulus, its scene compiled at the first time only."""
+    """Return ``render`` of a stimulus, its scene compiled at the first time only."""
     proc = _compiled(scene, fs)
     proc.reset(stimulus.seed)
     for name, value in stimulus.params.items():

@@ -44,7 +44,7 @@ MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 # The program --------------------------------------------------------------------------
 @public
 def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
-    """First sample of each interval, and the one after its last.
+    """Return first sample of each interval, and the one after its last.
 
     Before the first there are ``timing.before`` s and the sink's fade, so that no
     stimulus is faded by anything else.

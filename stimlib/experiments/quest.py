@@ -121,7 +121,7 @@ class Quest:
         return trial
 
     def update(self, state: State, answer: Answer) -> State:
-        """One level and outcome more."""
+        """Return one level and outcome more."""
         trial = self.next(state)
         if trial is None:
             raise BadValue(f"all {self.trials} trials are done: there are no more answers to take")
@@ -133,7 +133,7 @@ class Quest:
         }
 
     def estimate(self, state: State) -> dict[str, float]:
-        """Posterior means of the parameters: mean, sd, lapse_rate."""
+        """Return the posterior means of the parameters: mean, sd, lapse_rate."""
         return {k: float(v) for k, v in _posterior(*_facts(self, state)).param_estimate.items()}
 
 

@@ -128,7 +128,7 @@ def _place(v: Any) -> bool:
 
 @public
 def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
-    """One of several words.
+    """Return one of several words.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def folder_of(
     session: int = 1,
     pilot: bool = False,
 ) -> Path:
-    """Where a session is kept.
+    """Return where a session is kept.
 
     Raises
     ------

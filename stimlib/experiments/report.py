@@ -239,7 +239,7 @@ def _curves(figure: Any, fits: Mapping[tuple, Fit], label: str) -> None:
 
 
 def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
-    """Levels over trials, a line for each staircase."""
+    """Return the levels over trials, a line for each staircase."""
     for ax, (key, rows) in zip(_axes(figure, len(tracks)), tracks.items(), strict=True):
         for one in grouped(rows, ("track",)).values():
             ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7)

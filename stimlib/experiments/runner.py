@@ -41,7 +41,7 @@ class FrontEnd(Protocol):
         """Wait until the participant wants to go on."""
 
     def pick(self, names: list[str]) -> str | None:
-        """One of the stimuli to get familiar with, or None to begin."""
+        """Return one of the stimuli to get familiar with, or None to begin."""
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
         """Return the answer, or None to have the stimuli once more.
@@ -54,7 +54,7 @@ class FrontEnd(Protocol):
 def run(
     session: Session, front_end: FrontEnd, sink: str | Display = "offline", **options: Any
 ) -> None:
-    """All trials that are left of a session that is open.
+    """Return all trials that are left of a session that is open.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ def fitted(
 def plain(
     rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()
 ) -> list[dict[str, Any]]:
-    """Results as rows of names and values.
+    """Return results as rows of names and values.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _fields(row: Any) -> dict[str, Any]:
 
 @public
 def frame(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> Any:
-    """Results as a pandas table.
+    """Return results as a pandas table.
 
     Parameters
     ----------

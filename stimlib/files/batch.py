@@ -175,7 +175,7 @@ def _is_there(
     seed: int,
     full_scale: float | None,
 ) -> bool:
-    """Whether a whole file of exactly this job is there already."""
+    """Return whether a whole file of exactly this job is there already."""
     try:
         _, sidecar = file.read(path)
     except SinkError:

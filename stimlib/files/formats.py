@@ -50,7 +50,7 @@ def format_of(path: Path, format: str | None, subtype: str | None) -> tuple[str,
 
 
 def check_format(format: str, subtype: str, fs: float, channels: int, frames: int) -> None:
-    """Rate, channels and duration fit the format."""
+    """Return the rate, channels and duration fit the format."""
     if not (fs.is_integer() and 1 <= fs < 2**31):
         raise SinkError(
             f"an audio file needs a whole number of samples per second, not fs = {fs!r} Hz"
@@ -102,7 +102,7 @@ def full_scales(full_scale: Any, proc: Processor, format: str) -> Array:
 
 
 def interleaved(y: NDArray[Any], type: Any) -> NDArray[Any]:
-    """Rows (n_outputs, n) as frames (n, n_outputs) of a type."""
+    """Return rows (n_outputs, n) as frames (n, n_outputs) of a type."""
     frames = np.empty(y.shape[::-1], type)
     for c, row in enumerate(y):  # four times as fast as frames.T[:] = y
         frames[:, c] = row

@@ -132,7 +132,7 @@ class MotionFile:
         return self.shape[0]
 
     def beyond(self, row: int) -> int:
-        """Bytes from a row on; negative where rows are missing."""
+        """Return bytes from a row on; negative where rows are missing."""
         return 8 * self.shape[1] * (len(self) - row) + self.rest
 
     @property
@@ -141,7 +141,7 @@ class MotionFile:
         return self[:].T
 
     def __getitem__(self, key: Any) -> NDArray[np.float64]:
-        """Rows [at:to], or [at:to, columns]."""
+        """Return rows [at:to], or [at:to, columns]."""
         rows, *columns = key if isinstance(key, tuple) else (key,)
         at, to, step = rows.indices(len(self))
         if step != 1:
@@ -430,7 +430,7 @@ def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
 
 
 def _event(line: bytes, fs: float, params: set[str]) -> Event:
-    """One line; ValueError tells what is wrong with it."""
+    """Return one line; ValueError tells what is wrong with it."""
 
     def need(good: bool, what: str) -> None:
         if not good:

@@ -136,7 +136,7 @@ class Draft:
         return SinkError(f"cannot write {self.path}: {_reason(self.raw) or changed}")
 
     def is_at(self, path: Path) -> bool:
-        """Whether this file has that name."""
+        """Return whether this file has that name."""
         try:
             return os.path.samestat(os.lstat(path), os.fstat(self.raw.fileno()))
         except OSError:

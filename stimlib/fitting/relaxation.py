@@ -459,7 +459,7 @@ def fit_generalized_maxwell(
 
 
 def _first_motion(y: np.ndarray, onset: str) -> int:
-    """Index of the first sample at which the model can have answered."""
+    """Return the index of the first sample at which the model can have answered."""
     moved = np.flatnonzero(np.diff(y))
     if onset == "step" and y[0] != 0:
         return 1

@@ -93,7 +93,7 @@ def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
 
 # What is compared ---------------------------------------------------------------------
 def welch(x: Any, fs: float, segment: int) -> Any:
-    """One-sided PSD under JAX: Hann windows, half overlapping, means removed.
+    """Return one-sided PSD under JAX: Hann windows, half overlapping, means removed.
 
     Parameters
     ----------

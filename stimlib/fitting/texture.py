@@ -379,6 +379,6 @@ def _edges(what: str, given, x: np.ndarray) -> np.ndarray:
 
 
 def _runs(where: np.ndarray) -> list[slice]:
-    """Stretches of neighbouring samples."""
+    """Return stretches of neighbouring samples."""
     change = np.flatnonzero(np.diff(np.r_[0, where.astype(np.int8), 0]))
     return [slice(a, b) for a, b in zip(change[::2], change[1::2], strict=True)]

@@ -240,7 +240,7 @@ class ExperimentPage(Keyed):
             page.tell({"is": "error", "about": message["do"], "text": why})
 
     def _refusal(self, page: Page, message: dict[str, Any]) -> str:
-        """Why what a page says changes nothing."""
+        """Return why what a page says changes nothing."""
         if message["do"] == "hello":
             return "hello is said once, as the first word"
         if page is not self.pages[-1]:

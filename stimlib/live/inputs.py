@@ -151,11 +151,11 @@ class Inputs:
         self.newest = (t, time.perf_counter())
 
     def lift(self) -> None:
-        """All fingers leave."""
+        """Return all fingers leave."""
         self.fingers = [(u, v, 0.0, 0.0) for u, v, _, _ in self.fingers]
 
     def choose(self, name: str, **source: Any) -> None:
-        """Another source of an input, or other numbers of it.
+        """Return another source of an input, or other numbers of it.
 
         Raises
         ------
@@ -207,7 +207,7 @@ class Inputs:
         return x
 
     def _held(self, source: Mapping[str, Any]) -> tuple[float, float]:
-        """Where the follower is to go, and whether it is in contact."""
+        """Return where the follower is to go, and whether it is in contact."""
         kind = source["from"]
         if kind not in POINTERS:
             return source["value"], 1.0

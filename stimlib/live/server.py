@@ -277,7 +277,7 @@ class Server:
         return name in ("localhost", socket.gethostname())
 
     async def _talk(self, ws: Any) -> None:
-        """One page, from its first word to its last."""
+        """Return one page, from its first word to its last."""
         host = ws.headers.get("host", "")
         if not self._known(host) or ws.headers.get("origin") != f"http://{host}":
             return await _bye(ws, 1000, "")  # before it is accepted: HTTP 403
@@ -300,7 +300,7 @@ class Server:
             await _bye(ws, *page.end)
 
     async def _greet(self, ws: Any) -> tuple[int, str] | None:
-        """Why a page is refused."""
+        """Return why a page is refused."""
         try:
             first = await asyncio.wait_for(ws.receive(), HELLO)
             hello = self.stream.message(first.get("text") or first.get("bytes") or b"")

@@ -73,7 +73,7 @@ class Motion:
     """
 
     def __call__(self, t: ArrayLike) -> Array:
-        """Position at the times t.
+        """Return the position at the times t.
 
         Parameters
         ----------
@@ -459,7 +459,7 @@ COS = [
 
 
 def _sin_turns(turns: Array) -> Array:
-    """sin(2 pi turns), from + - * and rint only."""
+    """Return sin(2 pi turns), from + - * and rint only."""
     r = turns - np.rint(turns)  # exact, as is the next difference
     quarter = np.rint(4.0 * r)  # -2 .. 2
     x = 2 * pi * (r - 0.25 * quarter)

@@ -47,7 +47,7 @@ class _Member:
 
 
 def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]]]:
-    """Names, number of rows, and the rows."""
+    """Return the names, number of rows, and the rows."""
     # one for each member
     limits.check("recording_columns", data.count(b"PK\1\2"), f"{file}: arrays", RecordingError)
     members: dict[str, _Member] = {}

@@ -12,7 +12,7 @@ BLOCK = 1 << 16  # intervals that are worked on at once
 
 
 def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:
-    """Coefficients of the cubics in t - t[i], highest power first.
+    """Return the coefficients of the cubics in t - t[i], highest power first.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _slopes(h: Array, m: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]
 
 
 def _edge(h0: Array, h1: Array, m0: Array, m1: Array) -> Array:
-    """Slope at the end of a stretch, beside interval 0."""
+    """Return the slope at the end of a stretch, beside interval 0."""
     d = ((2 * h0 + h1) * m0 - h0 * m1) / (h0 + h1)
     steep = (np.sign(m0) != np.sign(m1)) & (np.abs(d) > 3.0 * np.abs(m0))
     return np.where(np.sign(d) != np.sign(m0), 0.0, np.where(steep, 3.0 * m0, d))

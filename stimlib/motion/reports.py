@@ -132,7 +132,7 @@ def _list(words: Sequence[str], most: int = 12) -> str:
 
 
 def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
-    """Which rows have all the values."""
+    """Return which rows have all the values."""
     keep = np.zeros(0, dtype=bool)
     for i, (column, value) in enumerate(where.items()):
         equal = _equal(table, _find(table, str(column), "where"), value)
@@ -438,7 +438,7 @@ def hold_silences(
 def joined(
     table: TableFile, s: Reports, max_speed: float | Mapping[str, float | None] | None
 ) -> tuple[Mask, list[tuple[int, float]]]:
-    """Which intervals are a motion in contact; the jumps, as row and speed."""
+    """Return which intervals are a motion in contact; the jumps, as row and speed."""
     touching = s.contact[:-1] & s.contact[1:]
     given = max_speed if isinstance(max_speed, Mapping) else dict.fromkeys(s.inputs, max_speed)
     most = [np.inf if (speed := given.get(name)) is None else float(speed) for name in s.inputs]
@@ -468,7 +468,7 @@ def _speed(x: Array, t: Array) -> Array:
 
 
 def _speeds(s: Reports, i: int) -> list[float]:
-    """Speed of each input in one interval."""
+    """Return the speed of each input in one interval."""
     return [float(_speed(row[i : i + 2], s.t[i : i + 2])[0]) for row in s.x]
 
 
@@ -486,7 +486,7 @@ def _refuse_jumps(
 
 
 def lifts(s: Reports) -> list[tuple[int, float]]:
-    """Where contact is lost, or missing from the start: row and time."""
+    """Return where contact is lost, or missing from the start: row and time."""
     off = ~s.contact
     off[1:] &= s.contact[:-1]
     return [(int(s.rows[i]), float(s.t[i])) for i in np.flatnonzero(off)]

@@ -28,7 +28,7 @@ class Batch(Protocol):
         ...
 
     def texts(self, column: str) -> Sequence[str]:
-        """All cells of a column."""
+        """Return all cells of a column."""
         ...
 
 

@@ -72,7 +72,7 @@ def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], 
 
 
 def frames_of(seconds: float | None, fs: float) -> int:
-    """Whole samples of a duration; BadValue unless finite and at least one."""
+    """Return whole samples of a duration; BadValue unless finite and at least one."""
     if not isinstance(seconds, NUMBERS):
         raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
     try:
@@ -144,12 +144,12 @@ def _hint(given: Any) -> str:
 
 
 def _still(given: Array) -> str:
-    """How one number becomes the motion of an input."""
+    """Return how one number becomes the motion of an input."""
     return "" if given.ndim else "; for one that stands still give lambda t: np.full_like(t, 1.0)"
 
 
 def _shaped(given: Array) -> str:
-    """How a column, or times with positions, becomes the motion of an input."""
+    """Return how a column, or times with positions, becomes the motion of an input."""
     if given.ndim != 2:
         return _still(given)
     return (

@@ -247,7 +247,7 @@ def _read_csv(file: str, digest: str, data: bytes) -> TableFile:
 
 
 def _ends(piece: bytes) -> int:
-    """How many ends of lines there are at most."""
+    """Return how many ends of lines there are at most."""
     text = np.frombuffer(piece, np.uint8)
     return int(np.count_nonzero(text == 10)) + (piece.count(b"\r") if b"\r" in piece else 0)
 

@@ -18,7 +18,7 @@ MAX_SPEC = 10_000  # characters of a text that is looked at
 
 @public
 def parse_motion(text: str) -> Motion:
-    """Motion written as a call, such as one typed on a command line.
+    """Return the motion written as a call, such as one typed on a command line.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def parse_motion(text: str) -> Motion:
 
 
 def _value(node: ast.expr) -> Any:
-    """Value of one node of the syntax tree of a motion."""
+    """Return the value of one node of the syntax tree of a motion."""
     if isinstance(node, ast.Constant) and (
         node.value is None or isinstance(node.value, bool | int | float)
     ):

@@ -288,7 +288,7 @@ class Plate:
 
     # What it does ---------------------------------------------------------------------
     def modes(self, n: int = 6) -> np.ndarray:
-        """Natural frequencies of the lowest modes in Hz, rising, shape (n,).
+        """Return natural frequencies of the lowest modes in Hz, rising, shape (n,).
 
         Raises
         ------

@@ -152,7 +152,7 @@ class Patch:
         return cls(x, y, length, width, -180e-12, 0.2e-3, side, **more)
 
     def rectangle(self, margin: float = 0.0) -> tuple[float, float, float, float]:
-        """Its edges x0, x1, y0, y1 in m."""
+        """Return its edges x0, x1, y0, y1 in m."""
         dx, dy = self.length / 2 - margin, self.width / 2 - margin
         return self.x - dx, self.x + dx, self.y - dy, self.y + dy
 

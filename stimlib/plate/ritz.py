@@ -72,13 +72,13 @@ class Axis:
         return found
 
     def _powers(self, x) -> np.ndarray:
-        """Legendre's polynomials at places, shape (places, degree + 1)."""
+        """Return Legendre's polynomials at places, shape (places, degree + 1)."""
         return legendre.legvander(
             2 * np.asarray(x, float) / self.length - 1, len(self.series[0]) - 1
         )
 
     def at(self, x, derivative: int = 0) -> np.ndarray:
-        """Values at places, shape (places, terms)."""
+        """Return values at places, shape (places, terms)."""
         return self._powers(x) @ self.series[derivative]
 
     def _gauss(self, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
@@ -93,12 +93,12 @@ class Axis:
         return (f.T * w) @ f, (g.T * w) @ g, (h.T * w) @ h, (h.T * w) @ f
 
     def integral(self, low: float, high: float, derivative: int = 0) -> np.ndarray:
-        """Integral of f_i, or of a derivative, from low to high."""
+        """Return the integral of f_i, or of a derivative, from low to high."""
         x, w = self._gauss(low, high)
         return w @ self.at(x, derivative)
 
     def turning(self, x: float) -> np.ndarray:
-        """f_i' f_j' at a place: what a rotational spring there does."""
+        """Return f_i' f_j' at a place: what a rotational spring there does."""
         g = self.at([x], 1)[0]
         return np.outer(g, g)
 

@@ -26,7 +26,7 @@ def length(values: Any) -> int | None:
 
 
 def columns(n: Any, inputs: tuple[str, ...]) -> np.ndarray:
-    """Motion for so many samples of a scene without inputs, shape (0, n)."""
+    """Return the motion for so many samples of a scene without inputs, shape (0, n)."""
     if inputs:
         explain("x", n, inputs, (len(inputs), None))
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:

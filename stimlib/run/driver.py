@@ -94,7 +94,7 @@ def samples(
     start: int = 0,
     block: int | Callable[[], int] = 8192,
 ) -> Array:
-    """All that ``walk`` gives, shape (n_outputs, stop - start)."""
+    """Return all that ``walk`` gives, shape (n_outputs, stop - start)."""
     y = np.empty((len(proc.outputs), stop - start))
     for at, part in walk(proc, motion, stop, changes, start, block):
         y[:, at - start : at - start + part.shape[1]] = part

@@ -386,7 +386,7 @@ class Processor:
             self.log.append(Change(self.index, name, value, ramp))
 
     def _setting(self, name: Any, value: Any, ramp: Any) -> tuple[float, float]:
-        """Value and ramp as numbers, if they can be meant."""
+        """Return the value and ramp as numbers, if they can be meant."""
         if not isinstance(name, str) or name not in self.program.params:
             raise UnknownName(
                 f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}"

@@ -97,11 +97,11 @@ class Safety:
         }
 
     def samples(self, fs: float) -> int:
-        """Length of a fade at a sample rate."""
+        """Return the length of a fade at a sample rate."""
         return max(math.ceil(self.fade * fs - 1e-9), min(STEPS, math.ceil(0.5 * fs)))
 
     def scales(self, outputs: Sequence[str]) -> np.ndarray:
-        """Full scale of each output, shape (n_outputs,), in its unit.
+        """Return the full scale of each output, shape (n_outputs,), in its unit.
 
         Raises
         ------
@@ -281,7 +281,7 @@ class Watch:
 
     @staticmethod
     def _above(instances, at: int) -> list[int]:
-        """Instances from an output's guard up to the scene's own guard."""
+        """Return instances from an output's guard up to the scene's own guard."""
         found, i = [], at
         while True:
             found.append(i)

@@ -291,7 +291,7 @@ def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
 
 @public
 def buried(turn: float = 0.0) -> dict[str, tuple[float, float]]:
-    """Where the nodules A, B and C of `block` are, (x, y) in m.
+    """Return where the nodules A, B and C of `block` are, (x, y) in m.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def surface(
     spacing: float | None = None,
     join: str = "mean",
 ) -> NDArray[np.float64]:
-    """Heights of a soft surface under indenters, at the nodes of a grid.
+    """Return heights of a soft surface under indenters, at the nodes of a grid.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def surface(
 
 
 def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
-    """x, y, depth of the avatars of a rendering at a sample."""
+    """Return x, y, depth of the avatars of a rendering at a sample."""
     names = [i for i in "123" if f"x{i}" in result.outputs and f"y{i}" in result.outputs]
     if not names:
         raise BadValue(

@@ -19,7 +19,7 @@ Times = Mapping[str, list[float]]
 def interleaved(
     jobs: Jobs, rounds: int = 15, warm_up: int = 2, clock: Callable[[], float] = time.perf_counter
 ) -> dict[str, list[float]]:
-    """Seconds of every job in every round, A B C A B C ..
+    """Return the seconds of every job in every round, A B C A B C ..
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def interleaved(
 
 
 def medians(times: Times) -> dict[str, float]:
-    """Median seconds of each job.
+    """Return the median seconds of each job.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def fastest(jobs: Jobs, rounds: int = 3) -> str:
 
 
 def machine() -> str:
-    """One line: processor, Python and the versions that matter.
+    """Return one line: processor, Python and the versions that matter.
 
     Examples
     --------

@@ -321,7 +321,7 @@ def _of_each(
 
 
 def rms(scene: Scene, *outputs: Any) -> Measure:
-    """Root of the mean square, sqrt(mean(y^2))."""
+    """Return the root of the mean square, sqrt(mean(y^2))."""
     names = _outputs(scene, outputs, "rms")
     return Measure(
         "rms", {f"rms_{n}": _dim(scene, n) for n in names}, partial(_of_each, _rms, names)
@@ -333,7 +333,7 @@ def _rms(y: Array, _: Any) -> float:
 
 
 def peak(scene: Scene, *outputs: Any) -> Measure:
-    """Largest magnitude, max |y|."""
+    """Return the largest magnitude, max |y|."""
     names = _outputs(scene, outputs, "peak")
     return Measure(
         "peak", {f"peak_{n}": _dim(scene, n) for n in names}, partial(_of_each, _peak, names)
@@ -416,7 +416,7 @@ def _bins(
 
 
 def _density(y: Array, window: Array, part: slice) -> Array:
-    """One-sided power spectral density at some lines, in unit^2/Hz."""
+    """Return one-sided power spectral density at some lines, in unit^2/Hz."""
     power = np.square(np.abs(np.fft.rfft((y - np.mean(y)) * window)))
     power[1 : None if y.size % 2 else -1] *= 2
     return power[part]
@@ -452,7 +452,7 @@ def _cues(force: str, rendering: Rendering, ready: Any) -> Sequence[float]:
 
 
 def verified(scene: Scene) -> Measure:
-    """1 where ``stimlib.verify`` proves the rendering, else 0."""
+    """Return 1 where ``stimlib.verify`` proves the rendering, else 0."""
     return Measure("verify", {"verified": "1"}, _verified)
 
 

@@ -136,7 +136,7 @@ def job_rows(left: int, workers: int, row_seconds: float) -> int:
 
 
 def joined(plan: Plan, rows: pa.Table, figures: pa.Table) -> pa.Table:
-    """Rows with their figures, in the columns of a part."""
+    """Return rows with their figures, in the columns of a part."""
     for name in figures.column_names:
         field = figures.field(name)
         rows = rows.append_column(

@@ -275,7 +275,7 @@ def differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
 
 
 def figures_table(plan: Plan, rows: list[dict[str, Any]]) -> Any:
-    """Results of some rows as columns."""
+    """Return results of some rows as columns."""
     pa = arrow()
     kinds = dict.fromkeys(plan.units, pa.float64())
     kinds |= {"fault": pa.string(), "error": pa.string(), "content": pa.binary(KEY)}

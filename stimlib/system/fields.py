@@ -89,7 +89,7 @@ def whole(most: int) -> Test:
 
 
 def one_of(*values: str) -> Test:
-    """One of these texts."""
+    """Return one of these texts."""
     return Test(f"one of {', '.join(values)}", lambda v: isinstance(v, str) and v in values)
 
 

@@ -17,7 +17,7 @@ from .limits import limits
 
 
 def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = SinkError) -> bytes:
-    """All bytes of a regular file.
+    """Return all bytes of a regular file.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Engine:
         self.nbytes = sum(a.nbytes for a in (self.words, *self.work))
 
     def copy(self) -> Engine:
-        """Another run of the same program."""
+        """Return another run of the same program."""
         return Engine(self.program, self.design, 0.0)
 
     @staticmethod
@@ -80,7 +80,7 @@ class Engine:
         return v
 
     def step(self, i: int, x: list[float]) -> Any:
-        """One sample of one block, or one of each of its outputs."""
+        """Return one sample of one block, or one of each of its outputs."""
         block = self.program.instances[i].block
         if block.resettable and not x.pop() > 0.0:
             if self.s[i].cold == 0.0:

@@ -118,7 +118,7 @@ def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndar
 
 
 def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> np.ndarray:
-    """Mean of depth sin(2 pi x/spacing)."""
+    """Return the mean of depth sin(2 pi x/spacing)."""
     last, touching = ways(x, contact)
     return np.where(touching, depth * gratings(last, x, np.array([[spacing, 1.0, 0.0]])), 0)
 

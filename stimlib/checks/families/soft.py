@@ -197,7 +197,7 @@ def delayed_by_frames(
 
 
 def motor(waits: Row, fs: float, factor: float) -> Row:
-    """1 for as many whole ms as each wait asks for, one after the other."""
+    """Return 1 for as many whole ms as each wait asks for, one after the other."""
     out, left = np.zeros(waits.size), 0.0
     for k, wait in enumerate(waits):
         left += math.floor(1000 * factor * wait + 0.5) * fs / 1000
@@ -232,7 +232,7 @@ def soft_surface(a: Asked) -> list[Check]:
 
 
 def _triangle(a: Asked, hand: Row) -> list[Check]:
-    """Three places around the hand."""
+    """Return three places around the hand."""
     arm = a.given["side"] / math.sqrt(3)
     a.say(f"triangle of {1e3 * a.given['side']:.4g} mm")
     checks = []

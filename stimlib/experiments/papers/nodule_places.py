@@ -172,7 +172,7 @@ class Located:
 
 @public
 def located(answers: Columns) -> Located:
-    """How many nodules were found with each feedback.
+    """Return how many nodules were found with each feedback.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def located(answers: Columns) -> Located:
 
 @public
 def hit(condition: str, marks: Sequence[tuple[float, float]]) -> dict[str, bool]:
-    """Which nodules of a surface have a mark within `NEAR`.
+    """Return which nodules of a surface have a mark within `NEAR`.
 
     Examples
     --------

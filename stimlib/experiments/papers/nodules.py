@@ -175,7 +175,7 @@ class Found:
 
 @public
 def found(answers: Columns) -> Found:
-    """Rates and tests of each technique.
+    """Return the rates and tests of each technique.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ def roughness() -> Experiment:
 
 
 def day(participant: str, session: int) -> Sequential:
-    """Two sets of all stimuli, on the first day after training."""
+    """Return two sets of all stimuli, on the first day after training."""
     items = tuple(
         (
             Rate(

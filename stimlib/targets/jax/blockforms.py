@@ -51,7 +51,7 @@ class Run(NamedTuple):
 
 # Linear time-invariant parts ----------------------------------------------------------
 def rows(x: Any, size: int) -> Any:
-    """(n,) as (tiles, size), zeros behind."""
+    """Return (n,) as (tiles, size), zeros behind."""
     return jnp.pad(x, (0, -x.shape[0] % size)).reshape(-1, size)
 
 
@@ -61,7 +61,7 @@ def spread(x: Any, n: int) -> Any:
 
 
 def later(x: Any, by: int, before: Any = 0.0) -> Any:
-    """x[n - by]; ``before`` at the first samples."""
+    """Return x[n - by]; ``before`` at the first samples."""
     n = x.shape[0]
     return jnp.concatenate([jnp.broadcast_to(jnp.asarray(before, x.dtype), (by,)), x])[:n]
 
@@ -158,7 +158,7 @@ def running(x: Any) -> Any:
 
 
 def latest(mark: Any) -> Any:
-    """Index of the last marked sample up to each one, or -1."""
+    """Return the index of the last marked sample up to each one, or -1."""
     at = jnp.where(mark, jnp.arange(mark.shape[0], dtype=jnp.int32), -1)
     u = jnp.pad(at, (0, -at.shape[0] % TILE), constant_values=-1).reshape(-1, TILE)
     inside = lax.cummax(u, axis=1)
@@ -203,7 +203,7 @@ PAIRS = 4096
 
 
 def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
-    """``noise.noise_key`` of a traced run key."""
+    """Return ``noise.noise_key`` of a traced run key."""
     own = seed & 0xFFFFFFFF, seed >> 32, stream, use
     words = *map(U, own), run_key & noise.LOW, run_key >> noise.HALF_WORD
     c = noise.philox(*(jnp.asarray(w, jnp.uint64) for w in words))
@@ -241,7 +241,7 @@ def short_radius(a: Any) -> Any:
 
 
 def short_turn(b: Any) -> tuple[Any, Any]:
-    """``noise.turn`` in float32, from the same integers."""
+    """Return ``noise.turn`` in float32, from the same integers."""
     v = ((b >> noise.SHIFT_11) & noise.BITS_51).astype(jnp.int64) - (1 << 50)
     angle = v.astype(jnp.float32) * np.float32(2.0**-53 * 2 * math.pi)
     quarter = b >> noise.SHIFT_62
@@ -413,7 +413,7 @@ def springpot_live(b, p, s, x, run):
 
 
 def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
-    """``fractional.reweigh``, all modes at once."""
+    """Return ``fractional.reweigh``, all modes at once."""
     n, m = pot.COEFFICIENTS, int(p.nodes)
     t, left = 2.0 * alpha - 1.0, 1.0 - alpha
     chebyshev, power, poly = traced.bind(pot.chebyshev), traced.bind(pot.power), jnp.asarray(p.poly)
@@ -484,7 +484,7 @@ def short_memory(b, p, s, x, run):
 
 
 def downsampled(b, p, s, x, run):
-    """Every m-th sample back to contact, one weight at a time."""
+    """Return every m-th sample back to contact, one weight at a time."""
     h = history(x[0], x[1], s.cold, run.n)
     i = jnp.arange(run.n)
     k = i - h.start
@@ -518,7 +518,7 @@ def lost(a: Any, b: Any) -> Any:
 
 
 def increment(p: Any, g: Any) -> Any:
-    """``carrier.increment`` of a frequency within 0 .. fs/2."""
+    """Return ``carrier.increment`` of a frequency within 0 .. fs/2."""
     main = g * p.high
     whole = jnp.floor(main)
     rest = jnp.floor((main - whole) + (g * p.low + lost(g, p.high)) + 0.5)

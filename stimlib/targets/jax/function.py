@@ -273,7 +273,7 @@ class _Signals:
         return v
 
     def add(self, i: int) -> None:
-        """Value of an instance; of a clock that it opens, the samples."""
+        """Return the value of an instance; of a clock that it opens, the samples."""
         q = self.instances[i]
         clock = max(q.clock, ROOT)
         if clock in self.silent:

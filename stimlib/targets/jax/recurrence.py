@@ -257,7 +257,7 @@ def _beside(values: list, shape: tuple[int, ...]) -> Any:
 
 # Solving ------------------------------------------------------------------------------
 def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
-    """States s[0..n-1] before each update of s' = M s + v.
+    """Return states s[0..n-1] before each update of s' = M s + v.
 
     v (n, k), first (k,); M (n, k, k), or (k, k) where it is the same throughout.  anew
     (n,): s' = v, whatever s, even NaN.

@@ -168,7 +168,7 @@ def on_arrays(p: Any) -> Any:
 
 # Evaluating with finite derivatives ---------------------------------------------------
 def run(f: Callable, *args: Any) -> Any:
-    """f(*args) with every quotient by ``divide``."""
+    """Return f(*args) with every quotient by ``divide``."""
     flat, tree_in = jax.tree.flatten(args)
     closed, shape = jax.make_jaxpr(
         lambda *a: f(*jax.tree.unflatten(tree_in, a)), return_shape=True

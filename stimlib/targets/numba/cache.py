@@ -312,7 +312,7 @@ def _sweep(folder: Path) -> None:
 
 
 def _sound(place: Path, text: str) -> bool:
-    """Whether an entry is what was compiled from this text."""
+    """Return whether an entry is what was compiled from this text."""
     try:
         info = os.lstat(place)
         if not stat.S_ISDIR(info.st_mode) or _open_to_others(info):

@@ -83,7 +83,7 @@ class _Table:
             self.A[j] = len(self.slot) * TILE
 
     def place(self, key: Any) -> int:
-        """Slot of a signal."""
+        """Return slot of a signal."""
         return self.slot.setdefault(key, len(self.slot) * TILE)
 
     def arg(self, i: int, clock: int) -> int:
@@ -102,7 +102,7 @@ class _Table:
         return self.slot[i, clock]
 
     def places(self, i: int) -> list[int]:
-        """Slots of a block's outputs, one after the other."""
+        """Return the slots of a block's outputs, one after the other."""
         count = len(self.program.instances[i].block.outputs)
         return [self.place(("output", i, j)) for j in range(count)] or [self.place(i)]
 
@@ -333,7 +333,7 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
 
 
 def _always(q: Instance) -> bool:
-    """Whether a contact is a number above 0."""
+    """Return whether a contact is a number above 0."""
     return q.kind == "const" and q.block.value > 0.0  # type: ignore[attr-defined]
 
 

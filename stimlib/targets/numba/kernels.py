@@ -68,7 +68,7 @@ def zeros(t):
 
 
 def load(b, p, k=0):
-    """Eight numbers from place k on."""
+    """Return eight numbers from place k on."""
     place = b.gep(p, [k if isinstance(k, ir.Value) else I64(k)])
     v = b.load(b.bitcast(place, V8.as_pointer()))
     v.align = 8
@@ -82,7 +82,7 @@ def store(b, v, p, k=0):
 
 
 def splat(b, x, count=8):
-    """One number eight times."""
+    """Return one number eight times."""
     none = ir.Constant(ir.VectorType(x.type, count), ir.Undefined)
     return b.shuffle_vector(
         b.insert_element(none, x, I32(0)), none, ir.Constant(ir.VectorType(I32, count), [0] * count)
@@ -95,7 +95,7 @@ def shuffle(b, x, y, lanes):
 
 
 def known(b, name, *v):
-    """LLVM's own function of one or more numbers or vectors."""
+    """Return LLVM's own function of one or more numbers or vectors."""
     t = v[0].type
     kind = "f64" if t == DOUBLE else f"v{t.count}f64"
     return b.call(
@@ -107,7 +107,7 @@ def known(b, name, *v):
 
 
 def flush(b, s):
-    """maths.flush."""
+    """Return maths.flush."""
     limit, zero = (
         ir.Constant(s.type, v if s.type == DOUBLE else [v] * s.type.count) for v in (SILENT, 0.0)
     )
@@ -115,13 +115,13 @@ def flush(b, s):
 
 
 def tree(b, s):
-    """maths.tree of eight values, numbers or vectors."""
+    """Return maths.tree of eight values, numbers or vectors."""
     a = b.fadd
     return a(a(a(s[0], s[4]), a(s[2], s[6])), a(a(s[1], s[5]), a(s[3], s[7])))
 
 
 def across(b, v):
-    """maths.tree across the eight lanes of one vector."""
+    """Return maths.tree across the eight lanes of one vector."""
     while v.type.count > 1:
         n = v.type.count // 2
         v = b.fadd(shuffle(b, v, v, list(range(n))), shuffle(b, v, v, list(range(n, 2 * n))))
@@ -211,7 +211,7 @@ def _fir_at(b, R, taps, size, w, y, sums):
 
 @intrinsic
 def fir(ctx, taps, size, w, y, n):
-    """maths.fir."""
+    """Return maths.fir."""
 
     def code(c, b, sig, v):
         taps, size, w, y, n = v
@@ -261,7 +261,7 @@ def _pass(b, x, w, n, first, update, groups, r, states):
 
 @intrinsic
 def poles(ctx, p, r, q, x, w, n, groups, first):
-    """1 to 4 groups of q = fma(p, q, x + TINY)."""
+    """Return 1 to 4 groups of q = fma(p, q, x + TINY)."""
 
     def code(c, b, sig, v):
         p, r, q, x, w, n, groups, first = v

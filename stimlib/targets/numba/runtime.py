@@ -137,7 +137,7 @@ def move_tile(to, source, n):
 
 @njit(error_model="numpy", inline="always")
 def standing(S, pending, params):
-    """Whether no parameter moves."""
+    """Return whether no parameter moves."""
     for j in range(params):
         if at(S, at(pending, 4 * j)[1])[2] > 0.0:  # see graph.ParamState
             return False
@@ -239,7 +239,7 @@ value = types.ExternalFunction("PyLong_AsLongLong", types.int64(types.int64))
 
 @njit(error_model="numpy", inline="always")
 def fits(a, flags, ctx):
-    """Whether an object is an array of float64 with two axes and these flags."""
+    """Return whether an object is an array of float64 with two axes and these flags."""
     return (
         a[1] == ctx[18]
         and a[3] & 0xFFFFFFFF == 2

@@ -55,7 +55,7 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
 
 
 def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
-    """Line that gives a name what it stands for in a function."""
+    """Return line that gives a name what it stands for in a function."""
     if v is np:
         return f"import numpy as {n}"
     if v is maths:
@@ -125,7 +125,7 @@ class Form(NamedTuple):
         return codegen.each("x%d", range(self.inputs)) + outputs
 
     def warm(self, s: str) -> list[str]:
-        """Lines after a step or tile, with the name of its state."""
+        """Return the lines after a step or tile, with the name of its state."""
         reset = f"{s} = {codegen.warm('_sl_S', fields(self.s_type), s)}"
         return [reset] if self.cls.resettable else []
 

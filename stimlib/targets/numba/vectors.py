@@ -254,7 +254,7 @@ def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str
 
 
 def in_vectors(step: Any, p_type: Any, p_kinds: str, inputs: int) -> bool:
-    """Whether a step without state can run in vectors."""
+    """Return whether a step without state can run in vectors."""
     run = twin(step)
     return not fault(run and (lambda p, *x: run(p, (), *x)[0]), p_type, p_kinds, "f" * inputs)
 
@@ -433,7 +433,7 @@ def _each(ctx, f, p, x, y):
 
 @intrinsics.plain
 def each(f, p, x, y):
-    """maths.each."""
+    """Return maths.each."""
     _each(f, p, x, y)  # type: ignore[call-arg]
 
 
@@ -496,5 +496,5 @@ def _pairs(ctx, f, key, first, z, n):
 
 @intrinsics.plain
 def pairs(f, key, first, z):
-    """maths.pairs."""
+    """Return maths.pairs."""
     _pairs(f, key, first, intrinsics.data(z), z.size)  # type: ignore[call-arg]
