@@ -130,7 +130,7 @@ def outside() -> int:
 
 
 def place(f: object) -> str:
-    """File and line of a function, as an error begins."""
+    """Return file and line of a function, as an error begins."""
     code = getattr(f, "__code__", None)
     return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""
 

@@ -19,7 +19,9 @@ from ..errors import BadValue, public
 
 
 def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
-    """Fourier coefficients E_n of an envelope: e(u) = sum of E_n exp(2 pi i n u).
+    """Return Fourier coefficients E_n of an envelope.
+
+    e(u) = sum of E_n exp(2 pi i n u).
 
     Parameters
     ----------
@@ -64,7 +66,9 @@ def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
 
 
 def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> np.ndarray:
-    """Fourier coefficients C_m of a carrier: c(phase) = sum of C_m exp(i m phase).
+    """Return Fourier coefficients C_m of a carrier.
+
+    c(phase) = sum of C_m exp(i m phase).
 
     Parameters
     ----------

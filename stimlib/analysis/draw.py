@@ -277,7 +277,10 @@ class Ink:
                 self.word(x - 0.09, y - 0.045, names[j], SMALL - 1, PALE, "right", halo=ground)
 
     def start(self, a: int, column: int) -> tuple[float, float]:
-        """Where the last curve to a column begins: at the source, or on its wire."""
+        """Return where the last curve to a column begins.
+
+        It is at the source, or on its wire.
+        """
         p = self.layout
         wire = self.wire(a, column)
         return (

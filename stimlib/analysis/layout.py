@@ -252,7 +252,10 @@ class Layout:
         return self.x[box.last] + self.wide[box.last]
 
     def port(self, box: Box) -> float:
-        """Height at which an enabled gives its signal out: that of the block inside."""
+        """Return the height at which an enabled gives its signal out.
+
+        It is that of the block inside.
+        """
         assert box.inner
         inner = self.box.get(self.sources(box.number)[0]) if self.sources(box.number) else None
         if inner is not None and inner in box.inner.boxes:
@@ -307,7 +310,7 @@ class Layout:
 
 
 def names_of(b: Block) -> tuple[str, ...]:
-    """Of the signals that come in."""
+    """Return the names of the signals that come in."""
     return tuple(f"x{j}" for j in range(b.inputs)) if isinstance(b, Cycle) else signals(type(b))
 
 

@@ -252,7 +252,7 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
 
 
 def heights(s: Signals) -> tuple[float, float]:
-    """Of ``over_time`` and ``close_by``, in inches."""
+    """Return the heights of ``over_time`` and ``close_by`` in inches."""
     return 0.6 + 1.1 * len(rows_of(s)), 3.0 * min(MOST, len(s.outputs))
 
 
@@ -309,7 +309,10 @@ def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
 
 
 def _axes(ax: Any, name: str, unit: str, most: int = 4, position: bool = False) -> None:
-    """Ticks with prefixes, as 20 mm or 5 mN; numbers without a unit as they are."""
+    """Return ticks with prefixes, as 20 mm or 5 mN.
+
+    Numbers without a unit stay as they are.
+    """
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
     for axis, u in ((ax.yaxis, unit), (ax.xaxis, "m" if position else "1")):
@@ -352,7 +355,7 @@ def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
 
 
 def _legend(ax: Any) -> None:
-    """Between panel and title: it hides nothing."""
+    """Draw a legend between panel and title, where it hides nothing."""
     ax.legend(
         loc="lower center",
         bbox_to_anchor=(0.5, 0.98),

@@ -862,7 +862,7 @@ class Detents(Over):
         return DetentParams(1 / self.spacing), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """At rest."""
+        """Return the response at rest."""
         return (
             None
             if H[0] is None or value[1] is None
@@ -987,7 +987,7 @@ class Button(Over):
         return ButtonParams(self.at, self.back, self.drop), ButtonState(0.0, 0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """Along its lines; the snap only takes energy."""
+        """Return the response along its lines; the snap only takes energy."""
         return (
             None
             if H[0] is None or value[1] is None
@@ -1127,7 +1127,9 @@ def _signal(who: str, name: str, v: Block | float, text: str) -> Block:
 
 @public
 def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
-    """Force of a motor that lets the skin feel the force p: dF = -(m/B) dp/dt.
+    """Compute the force of a motor that lets the skin feel the force p.
+
+    dF = -(m/B) dp/dt.
 
     Above 100 Hz the finger pad is a damper, p = -B dx/dt, and the device an inertia
     much greater than the pad's, F = m d2x/dt2.

@@ -511,7 +511,7 @@ class OnceWithin(Event):
 
 @public
 def once_within(event: Block | float, refractory: float) -> Block:
-    """Events at a distance: after each, none passes for a while.
+    """Pass events at a distance: after each, none passes for a while.
 
     Parameters
     ----------
@@ -945,7 +945,7 @@ class At(Event):
 
 @public
 def at(times) -> Block:
-    """Events at given times.
+    """Make events at given times.
 
     Parameters
     ----------

@@ -291,7 +291,7 @@ class Fir(Block, abstract=True):
         return np.polyval(p.taps, 1 / z)  # oldest first: highest power of 1/z first
 
     def delay(self, p):
-        """Half the order for linear phase, else the centre of the taps' energy."""
+        """Return half the order for linear phase, else the centre of the energy."""
         h = p.taps[::-1][: int(p.order) + 1]
         if np.array_equal(h, h[::-1]) or np.array_equal(h, -h[::-1]):
             return p.order / 2
@@ -1045,7 +1045,10 @@ class Tracker(Block, abstract=True):
 
 
 def response(p, z):
-    """H of the position: (1 - (1-g)(1+q) + (1-g)(q-g)/z) / (1 - (1-g)/z)^2."""
+    """Return H of the position.
+
+    (1 - (1-g)(1+q) + (1-g)(q-g)/z) / (1 - (1-g)/z)^2.
+    """
     c = p.q - p.g
     return (p.q * p.g - c + (1 - p.g) * c / z) / (backward(z) + p.g / z) ** 2
 

@@ -42,12 +42,18 @@ DIFFERENCES, SUMS, WORK = 80, 160, 224
 
 # Shared by all ------------------------------------------------------------------------
 def origin(cold, last, x):
-    """Position before x: at the first sample x itself, or 0 if the onset is a step."""
+    """Return the position before x.
+
+    At the first sample it is x itself, or 0 if the onset is a step.
+    """
     return where(cold > 0.0, where(cold > 1.0, 0.0, x), last)
 
 
 def begin(s, x):
-    """Position before contact; at the first sample the last nine are set to it."""
+    """Return the position before contact.
+
+    At the first sample the last nine are set to it.
+    """
     first = origin(s.cold, s.first, x)
     for i in range(s.line.size):
         s.line[i] = where(s.cold > 0.0, first, s.line[i])
@@ -55,7 +61,10 @@ def begin(s, x):
 
 
 def difference(line, x, w):
-    """Positions from nine samples ago on, and their differences, into the scratch."""
+    """Return positions from nine samples ago on, and their differences.
+
+    They are in the scratch.
+    """
     z, d = w[: x.size + 9], w[DIFFERENCES : DIFFERENCES + x.size + 8]
     copy(line, z)
     copy(x, z[9:])
@@ -130,7 +139,7 @@ def transfer(p, alpha, scale, taps, constant, r, z):
 
 
 def force_unit(name: str, y: un.Unit) -> un.Unit:
-    """N from a position in m; no unit from a number without one."""
+    """Return N from a position in m; no unit from a number without one."""
     if y == un.ONE:
         return un.ONE
     if y != unit("m"):
@@ -271,7 +280,10 @@ def chebyshev(c, start, n, t):
 
 
 def reweigh(p, alpha, r, taps):
-    """Weights of the modes and taps at an order; the constant mode's comes back."""
+    """Compute the weights of the modes and taps at an order.
+
+    That of the constant mode comes back.
+    """
     n = COEFFICIENTS
     t = 2.0 * alpha - 1.0
     left = 1.0 - alpha
@@ -607,7 +619,9 @@ def springpot(
     certificate: bool = False,
     memory: float = 0.1,
 ):
-    """Force of a springpot, f = chi D^alpha y, over the whole history of y.
+    """Compute the force of a springpot, f = chi D^alpha y.
+
+    It is over the whole history of y.
 
     Parameters
     ----------

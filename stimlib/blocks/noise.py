@@ -181,7 +181,7 @@ class White(Block):
 
 @public
 def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
-    """Gaussian white noise of unit variance, N(0, 1) per sample, at any sample rate.
+    """Make Gaussian white noise of unit variance, N(0, 1) per sample, at any rate.
 
     One-sided PSD 2/fs.  Sample n depends on (run seed, seed, stream, n) alone.
 
@@ -257,7 +257,10 @@ class Modes(Block, abstract=True):
 
 
 def bank(e: np.ndarray, r: np.ndarray, d: float) -> tuple[ModesParams, ModesState]:
-    """Parameters and rest state of a bank, padded to whole groups of eight."""
+    """Return the parameters and rest state of a bank.
+
+    They are padded to whole groups of eight.
+    """
     p = padded(1.0 - e)
     return ModesParams(p, padded(r), float(d)), ModesState(np.zeros(p.size))
 

@@ -490,7 +490,7 @@ class PulseTrain(Event):
 
 @public
 def pulse_train(rate: Block | float, jitter: Block | float = 0.0) -> Block:
-    """Events at a rate that may move, each perhaps early or late.
+    """Make events at a rate that may move, each perhaps early or late.
 
     Parameters
     ----------

@@ -547,7 +547,7 @@ def across(p, y):
 
 
 def number(a):
-    """Of the piece; the last one has its end."""
+    """Return the number of the piece; the last one has its end."""
     return floor(where(a < CELLS, a, CELLS - 1.0))
 
 

@@ -41,7 +41,7 @@ class Levels(NamedTuple):
 
 
 def spacing(S: Levels) -> tuple[float, float]:
-    """From column to column and from row to row, in m."""
+    """Return the distances of columns and of rows in m."""
     rows, columns = S.levels.shape
     return S.width / (columns - 1), S.height / (rows - 1)
 
@@ -549,7 +549,10 @@ class FramesState(NamedTuple):
 
 
 def next_speed(speed, last, S):
-    """Eq. (1) to the letter; levels that differ by their rounding are equal."""
+    """Return eq. (1) to the letter.
+
+    Levels that differ by their rounding are equal.
+    """
     Ds = abs(S - last)
     changed = where(S > last, speed * (1.1 - S) / (1.0 + Ds), speed / (1.1 - Ds))
     return where(Ds > EQUAL, changed, speed)
@@ -747,7 +750,7 @@ class StreamState(NamedTuple):
 
 
 def earlier(line, a, b, w):
-    """Between the samples at a and b, the share w towards b."""
+    """Return a place between the samples at a and b, with the share w towards b."""
     return line[np.int64(a)] + w * (line[np.int64(b)] - line[np.int64(a)])
 
 

@@ -93,12 +93,15 @@ def held_duty(d):
 
 
 def on_ridge(w, d, r):
-    """Part of the ridge, of width d = 1/r, that lies behind a place in its cell."""
+    """Return the part of the ridge that is behind a place in its cell.
+
+    The ridge has the width d = 1/r.
+    """
     return where(w < d, w * r, 1.0)
 
 
 def bounded(y):
-    """Held in 0 .. 1 against rounding; nan stays."""
+    """Return a value held in 0 .. 1 against rounding; nan stays."""
     return where(y <= 0.0, 0.0, where(y > 1.0, 1.0, y))
 
 
@@ -113,7 +116,10 @@ def average(k0, w0, k1, w1, du, d, a, b, mean, whole):
 
 
 def began(p, last, cold, u):
-    """Where this sample's movement began: here, after a start or for point sampling."""
+    """Return where this sample's movement began.
+
+    It is here, after a start or for point sampling.
+    """
     return where(p.area > 0.0, where(cold > 0.0, u, last), u)
 
 
@@ -319,7 +325,10 @@ def sine_top(q, z):
 
 
 def sine_mean(q, a, b):
-    """e(m) - g (e(m) + h/2 - 1), m = (a+b)/2, g = 1 - sin(x)/x, x = pi k (b-a)."""
+    """Return the mean of the envelope from a to b.
+
+    e(m) - g (e(m) + h/2 - 1), m = (a+b)/2, g = 1 - sin(x)/x, x = pi k (b-a).
+    """
     e = sine_top(q, 0.5 * (a + b))
     return fma(-gap(q.k * (b - a)), fma(0.5, q.h, e - 1.0), e)
 
@@ -478,7 +487,9 @@ def bump(
     sampling: str = "area",
     contact: Block | float = 1.0,
 ) -> Block:
-    """Bumps on a surface: a unipolar envelope, 0 .. 1, tied to the place of the finger.
+    """Make bumps on a surface: an envelope tied to the place of the finger.
+
+    It is unipolar, 0 .. 1.
 
     With w = frac(u) the envelope e(u) is, on the ridge w < duty,
 
@@ -611,12 +622,15 @@ def heard(r):
 
 
 def gain(r, own, finer):
-    """Amplitude of an octave: what finer ones lose, white at this speed, is its own."""
+    """Return the amplitude of an octave.
+
+    What finer octaves lose, which is white at this speed, is added to it.
+    """
     return sqrt(heard(r) * (own + (1.0 - heard(2.0 * r)) * finer))
 
 
 def held_place(v):
-    """Within the cells that are counted; nan becomes one of their ends."""
+    """Return a place within the cells that are counted; nan becomes an end."""
     return where(v > -FAR, where(v < FAR, v, FAR), -FAR)
 
 

@@ -372,7 +372,10 @@ def slope_along(p, k, t):
 
 
 def bicubic(p, x, y):
-    """Value, slope along x and along y of the spline with these GridParams."""
+    """Return the value and the slopes along x and along y of the spline.
+
+    It has these GridParams.
+    """
     i, a, dx = piece(x, p.x0, p.px, p.nx)
     j, b, dy = piece(y, p.y0, p.py, p.ny)
     k, m, bad = i * p.width + j, p.width, spoiled(x, y)

@@ -78,7 +78,7 @@ def part(v, per_largest):
 
 
 def weight(q, ax, ay, a):
-    """Of one corner."""
+    """Return the weight of one corner."""
     return fma(ax, q.x, fma(ay, q.z, a))
 
 
@@ -309,7 +309,9 @@ def texture(
     stream: int = 0,
     shared: bool = False,
 ) -> Block:
-    """Vibration of a measured surface, as an accelerometer on the tool felt it.
+    """Compute the vibration of a measured surface.
+
+    It is what an accelerometer on the tool felt.
 
     At each sample of the model's own clock, of 1 ms as a rule, the triangle that holds
     speed and force is found, the line spectral frequencies, gain and variance of its

@@ -317,7 +317,7 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
 
 
 def last_of(changes: Iterable[Change]) -> list[Change]:
-    """Of several changes of a parameter at one sample the last holds."""
+    """Return the changes of parameters, the last of several at one sample."""
     return list({(c.at, c.name): c for c in changes}.values())
 
 
@@ -379,7 +379,10 @@ def within(b: Block, around: Iterable[Segment]) -> Block:
 
 
 def free_noises(scene: Scene) -> dict[str, tuple[Block, Block]]:
-    """White noises outside of gates, as a program names them, and 1 where they run."""
+    """Return white noises outside of gates, as a program names them.
+
+    There is a 1 where they run.
+    """
     return {
         "white({}, {})".format(*b.noise_key) + run_of(around): (
             within(b, around),

@@ -87,7 +87,7 @@ def _curves(fig, s, e):
 
 
 def spectra_of(e: Evidence) -> dict[str, Against]:
-    """By output, as ``Report.spectra`` gives them."""
+    """Return spectra by output, as ``Report.spectra`` gives them."""
     from scipy.signal import welch
 
     found = {}

@@ -34,7 +34,10 @@ class Modes(NamedTuple):
     L: np.ndarray
 
     def response(self, n: int) -> Row:
-        """h[0] .. h[n - 1]; powers as products of those of 64 samples and of one."""
+        """Return h[0] .. h[n - 1].
+
+        Powers are products of those of 64 samples and of one.
+        """
         n = min(n, int(min(n, GONE / max(-float(self.L.real.max(initial=-LONG(1e9))), 1e-9))) + 2)
         far, near = (
             np.exp(np.multiply.outer(k, self.L)) for k in (np.arange(0, n, 64), np.arange(64))
@@ -96,7 +99,10 @@ def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row
 
 
 def analogue(band: str, edges: tuple[float, ...], *family: Any) -> tuple[Row, Row, Any]:
-    """Zeros, poles and gain in s = (z - 1)/(z + 1), edges in cycles per sample."""
+    """Return the zeros, poles and gain in s = (z - 1)/(z + 1).
+
+    Edges are in cycles per sample.
+    """
     zeros, poles, gain = prototype(*family)
     w, more = [np.tan(PI * LONG(e)) for e in edges], np.zeros(poles.size - zeros.size, COMPLEX)
     if band == "lowpass":

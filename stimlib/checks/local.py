@@ -125,7 +125,7 @@ class Clock(NamedTuple):
 
     @staticmethod
     def of(edges: np.ndarray, n: int) -> Clock:
-        """Of n samples, the gate being turned at these, and closed before."""
+        """Return the clock of n samples whose gate is turned at these samples."""
         edges = np.minimum(np.append(edges, n) if edges.size % 2 else edges, n)
         opens, closes = edges[::2], edges[1::2]
         return Clock(opens, closes, np.cumsum(closes - opens) - (closes - opens))
@@ -259,7 +259,10 @@ def _group(b: Block) -> str:
 
 
 def held(run: Run) -> list[Held]:
-    """Every block of a scene, also those in its subsystems, each on its own clock."""
+    """Check every block of a scene, also those in its subsystems.
+
+    Each is on its own clock.
+    """
     return _held(run)[0]
 
 

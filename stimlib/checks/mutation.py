@@ -76,7 +76,7 @@ class Mutations:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain JSON data."""
+        """Return plain JSON data."""
         return {
             "passed": self.passed,
             "count": self.count(),
@@ -180,7 +180,10 @@ def mutate(
 
 
 def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]]:
-    """Name, value and change of each number, and what makes the scene with it."""
+    """Return the name, value and change of each number.
+
+    What makes the scene with it is returned too.
+    """
     from ..scenes import SHIPPED
 
     if (

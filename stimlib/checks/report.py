@@ -136,7 +136,7 @@ class Report:
         return f"{shown(e.source)}, {e.frames / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain JSON data; a number that is not finite is None.
+        """Return plain JSON data; a number that is not finite is None.
 
         Examples
         --------

@@ -89,7 +89,10 @@ def begun(x: Rows, tol: Any) -> Any:
 
 
 def before(x: Row, contact: Row) -> Row:
-    """Where each sample's way began; at the first sample of a contact where it is."""
+    """Return where each sample's way began.
+
+    At the first sample of a contact it is where the sample is.
+    """
     return laws.ways(x, contact)[0]
 
 

@@ -154,7 +154,7 @@ class _MadeSafe:
         self.changes = changes_of(log, self.proc)
 
     def frames(self, e: Evidence, faults: dict[str, int]) -> np.ndarray:
-        """Of the next stretch, shape (n, channels)."""
+        """Return the frames of the next stretch, shape (n, channels)."""
         y = e.y[[int(name[1:]) for name in self.proc.inputs]]
         for name, at in faults.items():
             if (row := f"y{self.log.outputs.index(name)}") in self.proc.inputs:

@@ -223,7 +223,9 @@ def resume(defined: Defined, play: Any):
 
 @command("status", experiment)
 def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False):
-    """Return how far each participant is, pilots apart; conditions are blinded.
+    """Report how far each participant is; conditions are blinded.
+
+    Pilots are listed apart.
 
     [bold]stimlib experiment status pair.py:pair[/]
     """

@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # --help and --version need no numpy
 
 
 def shipped() -> dict[str, Callable[..., Scene]]:
-    """Scenes by name."""
+    """Return scenes by name."""
     from ..scenes import SHIPPED
 
     return SHIPPED

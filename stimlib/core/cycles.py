@@ -84,7 +84,10 @@ def _below(nodes: Sequence[Any], bodies: dict[int, int], roots: Iterable[int]) -
 
 
 def _groups(nodes: Sequence[Any], bodies: dict[int, int], reached: set[int]) -> list[int]:
-    """Of each node the number of its group: nodes of one group depend on each other."""
+    """Return the number of the group of each node.
+
+    Nodes of one group depend on each other.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -201,7 +204,7 @@ class Cycle(Block, abstract=True):
         return self._parameters(designs), s
 
     def _parameters(self, designs: list[tuple[Any, Any]]) -> Any:
-        """Of the whole, from those of its members."""
+        """Return the parameters of the whole, from those of its members."""
         values, rests, words = list(self.constants), [], [self.made.words]
         for m, (p, s) in zip(self.made.members, designs, strict=True):
             values += p
@@ -283,7 +286,10 @@ class Member(NamedTuple):
     contact: str | None  # None: not resettable; "": always; else a name as in args
 
     def named(self, what: str, t: type) -> list[str]:
-        """Names that the fields of its parameters or state have in the whole."""
+        """Return the names that the fields of its parameters or state have.
+
+        They are those in the whole.
+        """
         return codegen.each(f"{what}{self.number}_%s", fields(t))
 
     @property

@@ -67,7 +67,7 @@ def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dic
 
 
 def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
-    """One line for each module whose text is another than the one that was recorded."""
+    """Return one line for each module whose text was not the recorded one."""
     return [
         f"own blocks of {module}: the file is not the one that was recorded (sha256"
         f" {now['sha256'][:12]}, and not {recorded[module]['sha256'][:12]}); its text is kept under"

@@ -30,7 +30,10 @@ NONE, ONE = np.uint64(0), np.uint64(1)  # of counters in a state
 
 
 def memo(f: F) -> F:
-    """functools.cache that keeps the signature (and takes classes as arguments)."""
+    """Return functools.cache that keeps the signature.
+
+    It takes classes as arguments as well.
+    """
     return cache(f)  # type: ignore[return-value]
 
 
@@ -407,7 +410,7 @@ def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
 
 
 def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
-    """UnitError, with the factor that is missing, unless a signal has a unit."""
+    """Raise UnitError, with the factor that is missing, unless a signal has a unit."""
     if u != unit(wanted):
         factor = wanted if u == un.ONE else f"{wanted}/({u})"
         raise UnitError(
@@ -1004,7 +1007,10 @@ class Guard(Block):
 
 # Flat memory --------------------------------------------------------------------------
 def kind(v: Any) -> str:
-    """F, U: array of float64, uint64;  f, u: one of them."""
+    """Return the kind of a field.
+
+    F, U: array of float64, uint64; f, u: one of them.
+    """
     if isinstance(v, np.ndarray):
         return "U" if v.dtype == np.uint64 else "F"
     return "u" if isinstance(v, np.uint64) else "f"

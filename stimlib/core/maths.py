@@ -150,7 +150,10 @@ def copy(a, b):
 
 
 def search(knots, x):
-    """Index i with knots[i] <= x < knots[i+1], held inside 0 .. size-2 (0 for nan)."""
+    """Return the index i with knots[i] <= x < knots[i+1].
+
+    It is held inside 0 .. size-2 (0 for nan).
+    """
     i = 0
     for k in range(1, knots.size - 1):
         i = k if x >= knots[k] else i

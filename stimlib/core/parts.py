@@ -63,7 +63,7 @@ class Part:
     span: Span | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON data, which is the caller's to change."""
+        """Return JSON data, which is the caller's to change."""
         return {f.name: plain(getattr(self, f.name)) for f in dc.fields(self)}
 
     @classmethod

@@ -48,7 +48,9 @@ def _sources(program: Program) -> dict[str, int]:
 def latency(
     program: Program, design: list[tuple[Any, Any]]
 ) -> dict[tuple[str, str], tuple[float, float]]:
-    """(min, max) delay in samples over all paths from each source to each output.
+    """Return (min, max) delay in samples from each source to each output.
+
+    It is over all paths.
 
     Along a path the delays of the blocks add up; inside ``enabled`` they count samples
     of its own clock.  Around a loop there is no longest path: what counts are those

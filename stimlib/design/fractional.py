@@ -279,7 +279,7 @@ def _nodes(m: int) -> tuple[float, ...]:
 
 
 def _lump_error(alpha: float, delta: float, x: tuple[float, ...]) -> float:
-    """Of the part below s0 at the horizon, relative to v there."""
+    """Return the error of the part below s0 at the horizon, relative to v there."""
     k = np.exp(-delta * np.arange(1, 400))
     omega = np.abs(np.prod(k[:, None] - np.array(x), axis=1))
     gain = 1.0 if alpha == 1 else _sin(alpha) * math.gamma(1 - alpha)

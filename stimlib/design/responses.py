@@ -33,7 +33,10 @@ class Law(NamedTuple):
     shapes: bool = False  # whether it is what the block makes of the spectrum of a noise
 
     def error(self, H: Callable[[np.ndarray], np.ndarray], fs: float) -> float:
-        """How far a response, a function of frequencies in Hz, is from the law."""
+        """Return how far a response is from the law.
+
+        The response is a function of frequencies in Hz.
+        """
         f = self.f(fs)
         want = self.law(f, fs)
         return float(np.max(np.abs(self.of(H(f), f, fs) - want) / self.size(want)))
@@ -45,17 +48,20 @@ def band(low: float, high: Callable[[float], float]) -> Callable[[float], np.nda
 
 
 def whole_band(points: int) -> Callable[[float], np.ndarray]:
-    """From near 0 to 0.45 fs."""
+    """Return frequencies from near 0 to 0.45 fs."""
     return lambda fs: np.linspace(0, 0.45 * fs, points + 1)[1:]
 
 
 def below_nyquist(fs: float) -> np.ndarray:
-    """From 0 to fs/2."""
+    """Return frequencies from 0 to fs/2."""
     return np.linspace(0, fs / 2, 201)
 
 
 def difference(f: np.ndarray, fs: float) -> np.ndarray:
-    """1 - 1/z = 2i sin(w/2) exp(-iw/2), which keeps its digits at low frequencies."""
+    """Return 1 - 1/z = 2i sin(w/2) exp(-iw/2).
+
+    It keeps its digits at low frequencies.
+    """
     half = np.pi * f / fs
     return 2j * np.sin(half) * np.exp(-1j * half)
 
@@ -118,7 +124,7 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
 
 
 def stop_band(passband: float, stopband: float, tol: float) -> Law:
-    """Nothing from the stop edge on, against the response at the pass edge."""
+    """Return nothing from the stop edge on, against the response at the pass edge."""
 
     def edge(f, fs):
         return np.full(f.shape, 2 * np.pi * passband)
@@ -133,7 +139,10 @@ def stop_band(passband: float, stopband: float, tol: float) -> Law:
 
 
 def delay(samples: int) -> Law:
-    """exp(-s T); the phase of a power has the rounding of a turn for each sample."""
+    """Return exp(-s T).
+
+    The phase of a power has the rounding of a turn for each sample.
+    """
 
     def law(f, fs):
         return np.exp(-2j * np.pi * (f * samples / fs % 1))
@@ -496,7 +505,7 @@ def series(
 
 
 def short_memory(alpha: float, memory: float, fs: float) -> Law:
-    """Gruenwald and Letnikov's sum over the last seconds."""
+    """Return Gruenwald and Letnikov's sum over the last seconds."""
     from scipy.special import binom
 
     j = np.arange(max(1, round(memory * fs)))

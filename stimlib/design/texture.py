@@ -266,7 +266,7 @@ class TextureModel:
 
 
 def _numbers(name: str, v: object, dimensions: int) -> np.ndarray:
-    """Finite numbers that nobody can change."""
+    """Return finite numbers that nobody can change."""
     try:
         a = np.array(v, np.float64)
     except (TypeError, ValueError):
@@ -313,7 +313,9 @@ def polynomial(lsf: np.ndarray) -> np.ndarray:
 
 
 def frequencies(a: np.ndarray) -> np.ndarray:
-    """Line spectral frequencies, in rad per sample, of a polynomial 1 + sum a_k z^-k.
+    """Return line spectral frequencies of a polynomial 1 + sum a_k z^-k.
+
+    They are in rad per sample.
 
     Raises
     ------

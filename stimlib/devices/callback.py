@@ -265,7 +265,10 @@ def room(c, m):
 
 @plain
 def ready(c, i, m):
-    """1 unless a ring would hold up what a device without a clock can wait for."""
+    """Return 1 unless a ring would hold up the device.
+
+    A device without a clock can wait.
+    """
     if c[MOTION] == TIMED and load(c, M_WRITE) < i + m:
         return 0
     return room(c, m)

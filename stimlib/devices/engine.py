@@ -176,7 +176,10 @@ class Pump:
         return self.words.ctypes.data
 
     def callback(self, device: str) -> int:
-        """Address of the compiled callback of a device: "jack" or "portaudio"."""
+        """Return the address of a device's compiled callback.
+
+        The device is "jack" or "portaudio".
+        """
         return int(getattr(self.native, device).address)
 
     def block(self, n: int, lost: int = 0) -> None:
@@ -200,7 +203,7 @@ class Pump:
         return self.read("WAIT") > 0
 
     def start(self, frames: int | None, first: np.ndarray | None = None) -> None:
-        """From the next block on, for so many samples.
+        """Start with the next block, for so many samples.
 
         The device rises to the outputs of sample 0, ``first``, before it; without them,
         the gain rises along the samples.
@@ -248,7 +251,10 @@ class Pump:
         )
 
     def frames(self) -> np.ndarray:
-        """Delivered frames since the last call, up to 4096; valid until the next."""
+        """Return delivered frames since the last call, up to 4096.
+
+        They are valid until the next call.
+        """
         return self._frames[: self.native.get_frames(self.words, self._frames)]
 
     def motion(self) -> np.ndarray:
@@ -259,7 +265,7 @@ class Pump:
         return self._columns[: self.native.get_motion(self.words, self._columns)]
 
     def events(self) -> list[tuple[int, str, dict[str, Any]]]:
-        """(sample index, kind, data) of what has happened since the last call."""
+        """Return (sample index, kind, data) of events since the last call."""
         n, names, found = self.native, list(self.slots), []
         while count := n.get_events(self.words, self._records):
             for at, kind, a, b, c in self._records[:count].tolist():
@@ -281,7 +287,7 @@ class Pump:
         return found
 
     def percentiles(self, *q: float) -> list[float]:
-        """Of the time of a block in s, at most 12.5 % too high."""
+        """Return percentiles of the time of a block in s, at most 12.5 % too high."""
         counts = np.cumsum(self.histogram)
         if not counts[-1]:
             return [0.0 for _ in q]

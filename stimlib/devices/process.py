@@ -64,7 +64,7 @@ def account(e: BaseException) -> str:
 
 
 def fifo(priority: int = 60) -> bool:
-    """SCHED_FIFO for the calling thread; False where that is not permitted."""
+    """Give the calling thread SCHED_FIFO; return False where that is not permitted."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except (OSError, AttributeError):

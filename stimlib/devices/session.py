@@ -66,7 +66,7 @@ class SessionReport:
     fall: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain JSON data."""
+        """Return plain JSON data."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -171,7 +171,7 @@ class Recorder:
             self._put(self.pump.index, "clip", counts=counts)
 
     def _put_events(self, until: int) -> None:
-        """Events at or before a sample."""
+        """Log the events at or before a sample."""
         while self._pending and self._pending[0][0] <= until:
             at, kind, more = self._pending.pop(0)
             self.stales += kind == "stale"

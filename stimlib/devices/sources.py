@@ -248,7 +248,7 @@ class Feeder(threading.Thread):
         self._over = threading.Event()
 
     def fill(self) -> None:
-        """As many columns as the ring takes now."""
+        """Write as many columns as the ring takes now."""
         pump = self._pump
         while not self._over.is_set():
             at = pump.next_motion()

@@ -99,7 +99,7 @@ class Keyed:
         raise NotImplementedError
 
     def ready(self, text: str) -> None:
-        """Goes on with any key."""
+        """Go on with any key."""
         self.read(Prompt(text, {"": "any key begins"}))
 
     def pick(self, names: list[str]) -> str | None:
@@ -114,7 +114,7 @@ class Keyed:
         return None
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """Until it is an answer; None for a replay."""
+        """Ask until there is an answer; None for a replay."""
         prompt = prompted(question, replays)
         while True:
             text = self.read(prompt)

@@ -41,7 +41,7 @@ class Statistic:
 # Between groups -----------------------------------------------------------------------
 @public
 def shapiro(values: ArrayLike) -> Statistic:
-    """Shapiro and Wilk's test: p is small where the values are NOT normal.
+    """Run Shapiro and Wilk's test: p is small where the values are NOT normal.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class Pair:
 def dunn(
     groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: str = "bonferroni"
 ) -> tuple[Pair, ...]:
-    """Dunn's test of every pair of groups, by their mean ranks among all values.
+    """Run Dunn's test of every pair of groups, by their mean ranks among all values.
 
     z = (Ra - Rb)/sqrt((N(N + 1)/12 - sum(t^3 - t)/(12(N - 1))) (1/na + 1/nb)), t the
     sizes of ties.
@@ -209,7 +209,7 @@ def dunn(
 
 @public
 def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
-    """One-way analysis of variance between independent groups.
+    """Run a one-way analysis of variance between independent groups.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
 # Within participants ------------------------------------------------------------------
 @public
 def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
-    """Student's t test of differences: the same people in two conditions.
+    """Run Student's t test of differences: the same people in two conditions.
 
     Parameters
     ----------

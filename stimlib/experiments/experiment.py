@@ -255,7 +255,7 @@ class Experiment:
         return tuple({name: None for s in self.scenes.values() for name in s.inputs})
 
     def question(self, name: str) -> Question:
-        """By its name; UnknownName where there is none."""
+        """Return a question by its name; UnknownName where there is none."""
         for q in self.questions:
             if q.name == name:
                 return q
@@ -365,7 +365,7 @@ class Experiment:
 
 
 def _plain(v: Any) -> Any:
-    """JSON data that says what a value is."""
+    """Return JSON data that says what a value is."""
     if isinstance(v, Scene):
         return v.hash
     if dc.is_dataclass(v) and not isinstance(v, type):

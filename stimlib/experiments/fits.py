@@ -214,7 +214,10 @@ class Fit:
         figure = Figure(figsize=(5, 3.5), layout="constrained")
         ax = figure.subplots()
         self.draw(ax)
-        ax.set(xlabel=f"level / {self.unit}" if self.unit else "level", ylabel="proportion of yes")
+        ax.set(
+            xlabel=f"level / {self.unit}" if self.unit else "level",
+            ylabel="proportion correct" if self.guess else "proportion of yes",
+        )
         return figure
 
     def draw(self, ax: Any) -> None:
@@ -585,7 +588,7 @@ def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Arra
     width = np.sqrt(total(sets.n * (sets.x - middle[:, None]) ** 2) / total(sets.n)) / 8
 
     def fallen(k: Array, c: Array, **held: Array) -> Array:
-        """Nearly straight in what is held."""
+        """Return how far the profile has fallen, which is nearly straight."""
         peak = Found(*(v[k] for v in best))
         least = maximum(_some(sets, k), c, model, start=peak, **held)
         return np.sqrt(2 * np.maximum(peak.loglik - least.loglik, 0.0)) - z
@@ -762,7 +765,10 @@ def _gap(sets: Sets, log: bool, guess: float | None) -> Interval:
 
 
 def undetermined(sets: Sets) -> tuple[str, ...]:
-    """Answers that no finite slope above 0 fits best, as their order alone shows."""
+    """Return why no finite slope above 0 fits answers best, if that is so.
+
+    Their order alone shows it.
+    """
     some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
     if not some_no.size or not some_yes.size or sets.x.size < 2:
         return ("few",)

@@ -103,7 +103,7 @@ def numbers(what: str, values: ArrayLike) -> Array:
 
 
 def curve(link: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Callable[[Any], Any]]:
-    """F, its density and its inverse.
+    """Return F, its density and its inverse.
 
     Examples
     --------

@@ -218,7 +218,9 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
 
 @public
 def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False) -> list[Saved]:
-    """All sessions of an experiment, data or pilots, by the names of their folders.
+    """Read all sessions of an experiment, data or pilots.
+
+    They are in the order of their folders' names.
 
     Parameters
     ----------

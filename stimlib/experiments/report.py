@@ -160,7 +160,7 @@ def _q(text: object) -> str:
 
 
 def _label(text: str) -> str:
-    """In a picture, where $ would begin a formula."""
+    """Return a label of a picture, where $ would begin a formula."""
     return shown(text).replace("$", r"\$")
 
 

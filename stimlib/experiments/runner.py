@@ -181,16 +181,16 @@ class Simulated:
         self._session, self._observer = session, observer
 
     def tell(self, text: str) -> None:
-        """Nobody reads it."""
+        """Ignore the text."""
 
     def rest(self, seconds: float) -> None:
-        """No time passes."""
+        """Go on at once."""
 
     def ready(self, text: str) -> None:
         """Go on at once."""
 
     def pick(self, names: list[str]) -> str | None:
-        """Knows all of them."""
+        """Begin at once: all stimuli are known."""
         return None
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:

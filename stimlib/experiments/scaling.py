@@ -121,7 +121,7 @@ class Law:
 
 @public
 def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
-    """Fechner's law, R = a + b log10(I).
+    """Fit Fechner's law, R = a + b log10(I).
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
 
 @public
 def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
-    """Stevens' law, R = c I^n, as a line in logarithms.
+    """Fit Stevens' law, R = c I^n, as a line in logarithms.
 
     Parameters
     ----------

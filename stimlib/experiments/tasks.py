@@ -107,7 +107,10 @@ class TwoInterval:
         return 0.5 if (silent if self.detection is None else self.detection) else None
 
     def trial(self, level: float, seed: int, n: int) -> Trial:
-        """Both stimuli, each with noise of its own, and what each choice counts for."""
+        """Return both stimuli, and what each choice counts for.
+
+        Each has noise of its own.
+        """
         comparison = dc.replace(
             self.comparison,
             params={**self.comparison.params, self.varies: level},

@@ -75,7 +75,7 @@ class Answer:
     replays: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain JSON data; ``Answer(**data)`` makes it again."""
+        """Return plain JSON data; ``Answer(**data)`` makes it again."""
         return dc.asdict(self)
 
 
@@ -144,7 +144,7 @@ class Trial:
     chance: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain JSON data."""
+        """Return plain JSON data."""
         return dc.asdict(self) | {
             "stimuli": [dc.asdict(s) for s in self.stimuli],
             "questions": list(self.questions),

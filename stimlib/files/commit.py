@@ -192,7 +192,7 @@ def recover(
 
 
 def _finish_move(path: Path) -> FileReport | None:
-    """Of a run that was killed between the two moves, do the second."""
+    """Do the second move of a run that was killed between the two."""
     ready = part_of(sidecar_of(path))
     if not (os.path.isfile(path) and os.path.isfile(ready)):
         return None

@@ -250,7 +250,7 @@ class Hashes:
         self._digest, self._bad = hashlib.sha256(), False
 
     def add(self, at: int, frames: NDArray[np.float32]) -> None:
-        """Frames from sample ``at`` on, all of them delivered."""
+        """Add frames from sample ``at`` on, all of them delivered."""
         while len(frames) and self.done < len(self.spans):
             span = self.spans[self.done]
             frames, at = frames[max(0, span.at - at) :], max(at, span.at)  # a gap has no hash

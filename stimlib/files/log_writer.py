@@ -224,7 +224,7 @@ class LogWriter:
             self._end()
 
     def _jump(self) -> None:
-        """Over what is lost, where it begins."""
+        """Jump over what is lost, where it begins."""
         while self._jumps and self._jumps[0]["at"] == self._at:
             self._hash()
             self._line(self._jumps[0])

@@ -182,7 +182,7 @@ def fill(f: Any, data: bytes) -> None:
 
 
 def sha256(f: Any) -> str:
-    """Of the bytes of an open file."""
+    """Return the SHA-256 of the bytes of an open file."""
     digest, at = hashlib.sha256(), 0
     while part := os.pread(f.fileno(), 1 << 20, at):
         digest.update(part)

@@ -242,7 +242,9 @@ def check_material(chi: float, alpha: float, onset: str) -> None:
 def thin(
     t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, before: int = 200
 ) -> list[np.ndarray]:
-    """Averages over bins: equal bins before a time, and bins of equal ratio after it.
+    """Return averages over bins.
+
+    The bins are equal before a time, and of equal ratio after it.
 
     A relaxation sampled evenly has nearly all of its samples where nothing happens any
     more.  Averages over bins weigh every decade of time alike, and have less noise.

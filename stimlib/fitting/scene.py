@@ -581,7 +581,7 @@ def fit(
 
 
 def _targets(target: Any, outputs: tuple[str, ...]) -> dict[str, Any]:
-    """By output."""
+    """Return the targets by output."""
     if isinstance(target, Mapping):
         for name in target:
             if name not in outputs:
@@ -632,7 +632,7 @@ def _length(
 
 
 def _check_start(value: Any, grad: Any, ranges: Mapping[str, Range]) -> None:
-    """BadValue where a search cannot begin."""
+    """Raise BadValue where a search cannot begin."""
     starts = ", ".join(f"{name} = {r.start:g}" for name, r in ranges.items())
     if not math.isfinite(value):
         raise BadValue(

@@ -347,7 +347,10 @@ def _signals(**signals) -> list[np.ndarray]:
 
 
 def _edges(what: str, given, x: np.ndarray) -> np.ndarray:
-    """Of the ranges: as given, or so that each has as many samples."""
+    """Return the edges of the ranges.
+
+    They are as given, or so that each range has as many samples.
+    """
     if not x.size:
         raise BadValue(
             "fit_texture: speed and force are never above 0 at the same time: nothing was stroked"

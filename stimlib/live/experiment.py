@@ -120,11 +120,11 @@ class ExperimentPage(Keyed):
 
     # The front end: the session's thread ----------------------------------------------
     def tell(self, text: str) -> None:
-        """Shown until the next answer."""
+        """Show a text until the next answer."""
         self._told = [*self._told, text]
 
     def rest(self, seconds: float) -> None:
-        """Whatever the page does meanwhile."""
+        """Wait, whatever the page does meanwhile."""
         self._note(f"rest of {round(seconds)} s")
         self._become("rest", seconds=seconds)
         end = time.monotonic() + seconds
@@ -132,7 +132,7 @@ class ExperimentPage(Keyed):
             time.sleep(left)
 
     def ready(self, text: str) -> None:
-        """Goes on with any key; the experimenter sees which trial it is."""
+        """Go on with any key; the experimenter sees which trial it is."""
         self._trial = text
         self._note(text)
         super().ready(text)
@@ -217,7 +217,7 @@ class ExperimentPage(Keyed):
         self._note("the page is open")
 
     def leave(self, page: Page) -> None:
-        """Without any page the session waits, and a stimulus fades out."""
+        """Let the session wait, and a stimulus fade out, while there is no page."""
         self.pages.remove(page)
         with self._changed:
             sink = self._sink
@@ -255,7 +255,7 @@ class ExperimentPage(Keyed):
         return "" if self._state["line"] or message["text"] in keys else "there is no such key"
 
     async def run(self) -> None:
-        """Until the server ends."""
+        """Serve until the server ends."""
         self._loop = asyncio.get_running_loop()
         try:
             await asyncio.Event().wait()

@@ -175,7 +175,7 @@ class Server:
         self._serve()
 
     def _begin(self) -> None:
-        """Once only: two loops over one stream would end the process."""
+        """Begin once only: two loops over one stream would end the process."""
         if self._begun:
             raise SinkError(
                 f"the live page at {self.host}:{self.port} runs already, or has ended: make another"
@@ -241,7 +241,7 @@ class Server:
         headers = [(name.lower().encode(), value.encode()) for name, value in self._headers.items()]
 
         async def guarded(scope: Any, receive: Any, send: Any) -> None:
-            """Whatever is answered has our headers, and is for a host of our name."""
+            """Answer with our headers, and only a host of our name."""
 
             async def answer(part: Any) -> None:
                 await send(

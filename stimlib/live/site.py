@@ -86,4 +86,4 @@ class Site(Protocol):
         """Do what a page has said."""
 
     async def run(self) -> None:
-        """From the server's begin to its end, by which it is cancelled."""
+        """Run from the server's begin to its end, by which it is cancelled."""

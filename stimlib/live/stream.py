@@ -198,7 +198,7 @@ class Stream:
         self._wake.set()
 
     async def run(self) -> None:
-        """Until it is cancelled: sessions as they are asked for, and reports."""
+        """Run sessions as they are asked for, with reports, until it is cancelled."""
         self._loop = asyncio.get_running_loop()
         reports = asyncio.create_task(self._report())
         try:

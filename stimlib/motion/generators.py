@@ -425,7 +425,7 @@ GENERATORS: dict[str, type[Motion]] = {
 
 
 def _floor(q: Array) -> Array:
-    """Floor of a quotient q of two rounded numbers, as if q were exact.
+    """Return the floor of a quotient q of two rounded numbers, as if q were exact.
 
     q may be up to 1.5 ulp below a whole number that it should be, which would put an
     edge one sample late.

@@ -340,7 +340,7 @@ def recording(
 
 
 def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, Motion]:
-    """Per input, cubics between its reports in contact."""
+    """Return cubics between the reports in contact, for each input."""
     t, x, rows = s.t, s.x, s.rows
     if not s.contact.all():
         at = np.flatnonzero(s.contact)

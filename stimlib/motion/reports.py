@@ -297,7 +297,10 @@ def _several(
 
 
 def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
-    """One report for each time: equal ones once, others as ``repeats`` asks for."""
+    """Return one report for each time.
+
+    Equal ones are taken once, others as ``repeats`` asks for.
+    """
     again = np.append(False, s.t[1:] == s.t[:-1])
     count = int(again.sum())
     if not count:

@@ -132,7 +132,10 @@ def sources_of(
 
 
 def _hint(given: Any) -> str:
-    """How a recording, or a table that is none yet, becomes the motion of a scene."""
+    """Return how a recording or a table becomes the motion of a scene.
+
+    The table is none yet.
+    """
     if hasattr(given, "motion_for"):
         return ": give rec.motion_for(scene.inputs) of a recording rec"
     if hasattr(given, "columns"):

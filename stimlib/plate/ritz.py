@@ -104,7 +104,9 @@ class Axis:
 
 
 def bending(x: tuple[np.ndarray, ...], y: tuple[np.ndarray, ...], nu: float) -> np.ndarray:
-    """Twice the bending energy of products of functions, for a stiffness of 1 N m.
+    """Return twice the bending energy of products of functions.
+
+    The stiffness is 1 N m.
 
     The integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + 2 (1 - nu) w_xy^2.
     """

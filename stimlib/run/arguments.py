@@ -18,7 +18,7 @@ def key(seed: Any) -> int:
 
 
 def length(values: Any) -> int | None:
-    """Of a sequence; None for anything else."""
+    """Return the length of a sequence; None for anything else."""
     try:
         return len(values)
     except TypeError:

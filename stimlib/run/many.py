@@ -187,7 +187,7 @@ class Copies(Sequence[Any]):
         return [p.fault for p in self]
 
     def _each(self, values: Any, what: str) -> list[Any]:
-        """As many as there are copies."""
+        """Return as many values as there are copies."""
         given = length(values)
         if given != len(self):
             raise BadValue(

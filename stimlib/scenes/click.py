@@ -30,7 +30,9 @@ def click(
     decay: float = 0.004,
     contact: bool = False,
 ) -> Scene:
-    """Force of a button over its travel, and a decaying vibration at each snap.
+    """Compose the force of a button, and a decaying vibration at each snap.
+
+    The force is over its travel.
 
     F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi
     freq t); q is 1 from x >= at until x < back, t the time since q rose.

@@ -45,7 +45,7 @@ def peak(count: float) -> Callable[[], float]:
 
 @cache
 def _width() -> int:
-    """Lanes of the vectors that do most."""
+    """Return the lanes of the vectors that do most."""
     return int(fastest({str(lanes): _job(lanes, 2e7) for lanes in LANES}))
 
 

@@ -177,7 +177,7 @@ class Cluster:
             self._client.close(timeout=5)
 
     def _check(self) -> None:
-        """Every worker has the packages that this process has."""
+        """Raise unless every worker has the packages that this process has."""
         for worker, found in self._client.run(versions, on_error="return").items():
             if isinstance(found, BaseException):
                 raise MissingPackage(

@@ -39,7 +39,7 @@ CHUNK = 100_000  # rows that are Python objects at once
 
 
 def versions() -> dict[str, str]:
-    """Of everything that the bits of a figure may depend on."""
+    """Return the versions of everything that a figure's bits may depend on."""
     return {
         "python": platform.python_version(),
         **{p: version(p) for p in PACKAGES},

@@ -25,13 +25,15 @@ MADE = ("content", "error", "fault", "key")  # columns that a sweep adds
 
 
 def arrow(module: str = "pyarrow") -> Any:
-    """Apache Arrow, which keeps the tables of sweeps."""
+    """Import Apache Arrow, which keeps the tables of sweeps."""
     return package(module, "a sweep", "'stimlib[sweep]'")
 
 
 @public
 def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
-    """Every combination of the values of some columns; the last column changes fastest.
+    """Return every combination of the values of some columns.
+
+    The last column changes fastest.
 
     Parameters
     ----------

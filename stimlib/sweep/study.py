@@ -62,7 +62,7 @@ class Forecast(NamedTuple):
     """Bytes of all figures."""
 
     def hours(self, workers: int) -> float:
-        """For so many cores of this kind, where they have nothing else to do."""
+        """Return the hours on so many cores of this kind that are otherwise idle."""
         return (self.rows - self.there) * self.row_seconds / workers / 3600
 
     def __str__(self) -> str:

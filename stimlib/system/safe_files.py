@@ -144,7 +144,7 @@ def alone(
 def taken(
     stack: ExitStack, at: str | os.PathLike[str], error: type[StimlibError] = SinkError
 ) -> FileIO | None:
-    """As ``alone``, or None where another run has the file."""
+    """Do as ``alone``, or return None where another run has the file."""
     while True:
         check(at, error)
         f = stack.enter_context(open(opened(at, os.O_RDWR | os.O_CREAT, error), "r+b", buffering=0))
@@ -273,5 +273,8 @@ def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = 
 
 
 def _reason(e: Exception) -> str:
-    """Of the system; of a ValueError, a NUL or half a character in the name."""
+    """Return the system's reason.
+
+    Of a ValueError it is a NUL or half a character in the name.
+    """
     return getattr(e, "strerror", None) or str(e)

@@ -412,7 +412,7 @@ def _coulomb(b, fs, x, y):
 
 
 def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, float]:
-    """Of dz = (c - z)/over da along a way a: the end and the mean."""
+    """Return the end and the mean of dz = (c - z)/over da along a way a."""
     if over <= 0 or a == 0:
         return (z, z) if a == 0 else (c, c)
     return c - (c - z) * math.exp(-a / over), c + (c - z) * math.expm1(-a / over) * over / a

@@ -27,7 +27,10 @@ TIE = 1e-6  # samples: so near to a frame's beginning, what was seen says whethe
 
 
 def table_of(b: Any) -> tuple[Row, float, float]:
-    """Levels, one row for each y, width and height of the map that a block has."""
+    """Return the levels, and width and height, of the map that a block has.
+
+    There is one row for each y.
+    """
     if isinstance(b, CubicGrid):
         width, height = b.spacing * (np.array(b.table.shape) - 1)
         return b.table.T, float(width), float(height)
@@ -35,7 +38,7 @@ def table_of(b: Any) -> tuple[Row, float, float]:
 
 
 def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]:
-    """S(x, y) of a table; it is held at the edges and between 0 and 1."""
+    """Return S(x, y) of a table, held at the edges and between 0 and 1."""
     from scipy.interpolate import RectBivariateSpline
 
     rows, columns = table.shape
@@ -45,7 +48,7 @@ def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]
 
 
 def speed_ratio(S: Any) -> Any:
-    """Eq. (1)'s step from 0 to S over that from 0 to 0."""
+    """Return eq. (1)'s step from 0 to S over that from 0 to 0."""
     return (1.1 - S) / (1 + S) / 1.1
 
 

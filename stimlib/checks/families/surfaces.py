@@ -168,7 +168,10 @@ def grating(a: Asked) -> list[Check]:
 
 
 def _from_law(b: Any) -> float:
-    """Largest distance of the octaves' spectrum from C f^-slope of power 1, in dB."""
+    """Return the largest distance of the octaves' spectrum from C f^-slope, in dB.
+
+    The spectrum has the power 1.
+    """
     found, f = (
         octaves(b.slope, 1 / b.longest, 1 / b.shortest),
         np.geomspace(1 / b.longest, 1 / b.shortest, 2001),

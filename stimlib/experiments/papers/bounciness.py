@@ -377,7 +377,10 @@ def explained(trials: Columns) -> Explained:
 
 
 def _mean(values: list[float]) -> tuple[float, float, int]:
-    """Mean, standard error, and of how many: of those that are determined."""
+    """Return the mean, its standard error, and of how many.
+
+    Only those that are determined count.
+    """
     v = [value for value in values if isfinite(value)]
     return fmean(v) if v else nan, stdev(v) / len(v) ** 0.5 if len(v) > 1 else nan, len(v)
 

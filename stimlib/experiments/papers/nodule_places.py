@@ -237,7 +237,10 @@ def hit(condition: str, marks: Sequence[tuple[float, float]]) -> dict[str, bool]
 
 
 def text(found: Located) -> str:
-    """Rates and tests as lines for a terminal, beside what the paper prints."""
+    """Return rates and tests as lines for a terminal.
+
+    The paper's numbers are next to them.
+    """
     lines = []
     for how, p in found.rates.items():
         value, low, high = PRINTED[how]

@@ -197,7 +197,10 @@ def sorted_rightly(answers: Columns) -> Sorted:
 
 
 def text(found: Sorted) -> str:
-    """Rates and places as lines for a terminal, beside what the paper prints."""
+    """Return rates and places as lines for a terminal.
+
+    The paper's numbers are next to them.
+    """
     named = [(f"{a} before {b}", p, PRINTED[a, b]) for (a, b), p in found.pairs.items()] + [
         ("all pairs", found.every, 81.7)
     ]

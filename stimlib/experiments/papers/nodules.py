@@ -237,7 +237,10 @@ def _counts(rows: Columns) -> Counts:
 
 
 def text(result: Found) -> str:
-    """Rates and tests as lines for a terminal, beside what the paper prints."""
+    """Return rates and tests as lines for a terminal.
+
+    The paper's numbers are next to them.
+    """
     lines = []
     for mode, rates in result.rates.items():
         three = (rates.sensitivity, rates.specificity, rates.accuracy)

@@ -328,7 +328,10 @@ def _means(answers: Columns, question: str) -> np.ndarray:
 
 
 def text(found: Ratings) -> str:
-    """Tables and tests as lines for a terminal, beside what the thesis prints."""
+    """Return tables and tests as lines for a terminal.
+
+    The thesis' numbers are next to them.
+    """
     lines = ["A, V  duty  waveform  RMS, V (printed)  roughness (printed)"]
     for a, d, w in CELLS:
         printed, cell = PRINTED[d, a, w], (a, d, w)

@@ -181,7 +181,9 @@ def feels(softer: float) -> Measure:
 
 @public
 def person(rng: np.random.Generator | None = None) -> Observer:
-    """Somebody who compares felt stiffness, log10, with an error of each interval.
+    """Return a simulated participant who compares felt stiffness.
+
+    It is log10, with an error of each interval.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def decay(a: np.ndarray, v: Any, first: Any) -> Any:
 
 
 def toeplitz(h: Any, xp: Any) -> Any:
-    """T[i, j] = h[i - j], 0 above the diagonal."""
+    """Return T[i, j] = h[i - j], 0 above the diagonal."""
     d = np.arange(h.shape[0])[:, None] - np.arange(h.shape[0])
     return xp.where(d >= 0, h[np.maximum(d, 0)], 0.0)
 
@@ -183,7 +183,7 @@ def modes(b, p, s, x, run):
 
 
 def pink(b, p, s, x, run):
-    """As modes, from the stationary state."""
+    """Run pink noise as modes, from the stationary state."""
     if not isinstance(b.white, noise.White):
         return modes(b, p, s, x, run)
     from ...design.noise import cholesky, stationary_covariance
@@ -216,7 +216,7 @@ def integers(key: Any, m: Any) -> tuple[Any, Any]:
 
 
 def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
-    """Deviates start .. start + n - 1 of a stream, where start may lie before 0."""
+    """Return deviates start .. start + n - 1 of a stream; start may be below 0."""
     odd = start % 2
     pairs = (n + odd + 1) // 2
     m = jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64)
@@ -391,7 +391,10 @@ def springpot(b, p, s, x, run):
 
 
 def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any:
-    """Sum over all movements: eight taps, and the modes eight samples later."""
+    """Return the sum over all movements: eight taps, and the later modes.
+
+    The modes begin eight samples later.
+    """
     near = sum(w.taps[7 - j] * later(h.d, j) for j in range(8))
     return w.scale * (near + w.constant * later(h.way, 8) + bank(e, w.r, later(h.d, 8), run.dtype))
 

@@ -393,7 +393,7 @@ def _real(what: str, v: Any) -> Any:
 
 
 def _finite(what: str, v: Any) -> Any:
-    """As ``_real``; BadValue where a number is known not to be finite."""
+    """Return ``_real``; raise BadValue where a number is known not to be finite."""
     v = _real(what, v)
     if isinstance(v, np.ndarray) and not np.isfinite(v).all():
         at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""

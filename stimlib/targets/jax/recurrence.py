@@ -40,7 +40,7 @@ _PASSIVE = {
 
 # Looking at a step --------------------------------------------------------------------
 def degrees(jaxpr: Any, given: list[int]) -> list[int]:
-    """FREE, LINEAR or CURVED for each output, from that of each input."""
+    """Return FREE, LINEAR or CURVED for each output, from that of each input."""
     env = dict(zip(jaxpr.invars, given, strict=True))
 
     def read(v):

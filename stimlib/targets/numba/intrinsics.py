@@ -113,7 +113,7 @@ def settle(ctx, x):
 # memory -------------------------------------------------------------------------------
 @intrinsic
 def at(ctx, p, o):
-    """Pointer o words on."""
+    """Return a pointer o words on."""
     return p(p, i8), lambda c, b, s, v: b.gep(v[0], [v[1]])
 
 
@@ -139,7 +139,7 @@ f8_at, i8_at = _pointer(F8), _pointer(I8)
 
 @intrinsic
 def data(ctx, a):
-    """Pointer to an array's first word."""
+    """Return a pointer to an array's first word."""
     return types.CPointer(a.dtype)(a), lambda c, b, s, v: c.make_array(s.args[0])(c, b, v[0]).data
 
 

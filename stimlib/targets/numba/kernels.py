@@ -129,7 +129,10 @@ def across(b, v):
 
 
 def fold(b, v):
-    """``across`` of eight vectors at once: lane k of the result is that of vector k."""
+    """Return ``across`` of eight vectors at once.
+
+    Lane k of the result is that of vector k.
+    """
     for apart, lanes in (
         (4, [0, 1, 2, 3, 8, 9, 10, 11]),
         (2, [0, 1, 8, 9, 4, 5, 12, 13]),

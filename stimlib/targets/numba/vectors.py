@@ -82,7 +82,7 @@ class Lanes:
         return self.v
 
     def of(self, kind: ir.Type) -> ir.VectorType:
-        """As many of another kind."""
+        """Return as many lanes of another kind."""
         return ir.VectorType(kind, self.v.type.count)
 
     def __neg__(self):
@@ -459,7 +459,10 @@ OPERATIONS: tuple[type[Block], ...] = (
 
 @intrinsic
 def operation(ctx, number, W, A, n):
-    """Row of an operation: A has the slots of its inputs and that of its output."""
+    """Return the row of an operation.
+
+    A has the slots of its inputs and that of its output.
+    """
 
     def code(c, b, sig, v):
         number, W, A, n = v
