@@ -48,7 +48,7 @@ def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any)
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.checks.touch import wall
+    >>> from stimlib.checks.families.contact import wall
     >>> wall(np.array([-1e-3, 1e-3, 2e-3]), np.ones(3), 1000.0, 1000.0, 2.0, 0.0).round(
     ...     6
     ... )
