@@ -230,50 +230,55 @@ def _checked(f: Any, name: str) -> Any:
         except TypeError:
             return f(*given, **named)  # which says what is wrong with the call
         try:
-            live = None
-            for where, value in bound.items():
-                hint, endless = hints()[where]
-                if not _fits(value, hint):
-                    wrong = BadValue(f"{name}: {where} = {shortened(value)} must be {_words(hint)}")
-                    if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
-                        raise wrong
-                    live = wrong  # the block that gets it as a design number says more
-                if (
-                    isinstance(value, int if endless else int | float)
-                    and not abs(value) <= sys.float_info.max
-                ):
-                    what = (
-                        "is not finite"
-                        if isinstance(value, float)
-                        else "is beyond what a float can hold"
-                    )
-                    raise BadValue(
-                        f"{name}: {where} = {shortened(value)} {what}; give a finite number"
-                    )
+            wrong = [_wrong(name, where, v, *hints()[where]) for where, v in bound.items()]
             y = f(*given, **named)
-            if live:
+            for live in filter(None, wrong):
                 raise live
             return y
         except (RecordingError, SceneFileError):  # which name the file; SinkError the device
             raise
         except (BadValue, SceneError, UnknownName) as e:
-            first, _, rest = str(e.args[0]).partition(": ")
-            makers = first.split(" or ")  # of a block that several functions make
-            passed_on = first in PUBLIC and rest.split(" ")[0].rstrip(":") in signature.parameters
-            if passed_on or (makers[1:] and name in makers):
-                e.args = (f"{name}: {rest}", *e.args[1:])
-            elif not (
-                first.lower().startswith(name.lower())
-                or ("scene" in signature.parameters and "blocks" in PUBLIC.get(makers[0], ""))
-                or ".py:" in str(e.args[0])  # it begins with the place of an author's code
-            ):
-                # which call each other
-                said = rest if ".run." in PUBLIC.get(first, "") else e.args[0]
-                # of a block in a scene the function that made it is named
-                e.args = (f"{name}: {said}", *e.args[1:])
+            _name(e, name, signature.parameters)
             raise
 
     return call
+
+
+def _wrong(name: str, where: str, value: Any, hint: Any, endless: bool) -> BadValue | None:
+    """Raise BadValue unless an argument is what its annotation asks for.
+
+    Of a block that is given for a design number the error is returned, because the
+    block that gets it says more.
+    """
+    wrong = None
+    if not _fits(value, hint):
+        wrong = BadValue(f"{name}: {where} = {shortened(value)} must be {_words(hint)}")
+        if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
+            raise wrong
+    if isinstance(value, int if endless else int | float):
+        if not abs(value) <= sys.float_info.max:
+            finite = isinstance(value, float)
+            what = "is not finite" if finite else "is beyond what a float can hold"
+            raise BadValue(f"{name}: {where} = {shortened(value)} {what}; give a finite number")
+    return wrong
+
+
+def _name(e: Exception, name: str, parameters: Mapping[str, Any]) -> None:
+    """Let an error begin with the name of the function that the caller used."""
+    first, _, rest = str(e.args[0]).partition(": ")
+    makers = first.split(" or ")  # of a block that several functions make
+    passed_on = first in PUBLIC and rest.split(" ")[0].rstrip(":") in parameters
+    if passed_on or (makers[1:] and name in makers):
+        e.args = (f"{name}: {rest}", *e.args[1:])
+    elif not (
+        first.lower().startswith(name.lower())
+        or ("scene" in parameters and "blocks" in PUBLIC.get(makers[0], ""))
+        or ".py:" in str(e.args[0])  # it begins with the place of an author's code
+    ):
+        # which call each other
+        said = rest if ".run." in PUBLIC.get(first, "") else e.args[0]
+        # of a block in a scene the function that made it is named
+        e.args = (f"{name}: {said}", *e.args[1:])
 
 
 def _hint(p: inspect.Parameter, names: dict[str, Any]) -> tuple[Any, bool]:
@@ -305,42 +310,56 @@ def _fits(v: Any, hint: Any) -> bool:
     of, parts = get_origin(hint) or hint, get_args(hint)
     if hint is Any:
         return True
-    if _is(v, "Block") and of not in (Union, UnionType):
-        return getattr(of, "__name__", "") == "Block"
-    if of in KINDS:
-        return KINDS[of][1](v)
     if of in (Union, UnionType):
         return any(_fits(v, part) for part in parts)
-    if of is Literal:
-        return isinstance(v, str) and v in parts
-    if getattr(of, "__name__", "") == "Block":
-        return KINDS[float][1](v) or (getattr(v, "ndim", 1) == 0 and _numbers(v))
-    if getattr(of, "__name__", "") == "ndarray":
-        return _numbers(v, "biufc") and hasattr(v, "__len__")
-    if of in (dict, Mapping):
-        # of a number that is none others say more
-        each = v.values() if isinstance(v, dict) and parts[1] not in KINDS else ()
-        return hasattr(v, "keys") and all(_fits(w, parts[1]) for w in each)
-    if of in LISTS:
-        if isinstance(v, str | bytes) or not hasattr(
-            v, "__len__" if of is not Iterable else "__iter__"
-        ):
-            return False
-        if isinstance(v, Mapping) and of not in (Collection, Iterable):
-            return False
-        if not hasattr(v, "__getitem__"):
-            return of in (Collection, Iterable) and (
-                not hasattr(v, "__len__") or all(_fits(w, parts[0]) for w in v)
-            )
-        if of is tuple and parts and parts[-1] is not ...:
-            return len(v) == len(parts) and all(map(_fits, v, parts))
-        return getattr(v, "ndim", 1) > 0 and (not parts or all(_fits(w, parts[0]) for w in v))
+    if _is(v, "Block"):
+        return getattr(of, "__name__", "") == "Block"
+    rule = RULES.get(of) or RULES.get(getattr(of, "__name__", "")) or _is_of
+    return KINDS[of][1](v) if of in KINDS else rule(v, of, parts)
+
+
+def _is_table(v: Any, of: Any, parts: tuple) -> bool:
+    # of a number that is none others say more
+    each = v.values() if isinstance(v, dict) and parts[1] not in KINDS else ()
+    return hasattr(v, "keys") and all(_fits(w, parts[1]) for w in each)
+
+
+def _is_list(v: Any, of: Any, parts: tuple) -> bool:
+    """Return whether a value is a list, or what can be taken for one."""
+    any_order = of in (Collection, Iterable)
+    wanted = "__iter__" if of is Iterable else "__len__"
+    if isinstance(v, str | bytes) or not hasattr(v, wanted):
+        return False
+    if isinstance(v, Mapping) and not any_order:
+        return False
+    if not hasattr(v, "__getitem__"):
+        return any_order and (not hasattr(v, "__len__") or all(_fits(w, parts[0]) for w in v))
+    if of is tuple and parts and parts[-1] is not ...:
+        return len(v) == len(parts) and all(map(_fits, v, parts))
+    return getattr(v, "ndim", 1) > 0 and (not parts or all(_fits(w, parts[0]) for w in v))
+
+
+def _is_of(v: Any, of: Any, parts: tuple) -> bool:
+    """Return whether a value is of a class, or has the fields of a NamedTuple."""
     if not isinstance(of, type) or (
         getattr(of, "_is_protocol", False) and not getattr(of, "_is_runtime_protocol", False)
     ):
         return True
-    plain = issubclass(of, tuple) and isinstance(v, tuple) and len(v) == len(of._fields)  # type: ignore[attr-defined]
-    return plain or isinstance(v, of) or (issubclass(of, Unseen) and _is(v, of.__name__))
+    if issubclass(of, tuple) and isinstance(v, tuple):
+        return len(v) == len(of._fields)  # type: ignore[attr-defined]
+    return isinstance(v, of) or (issubclass(of, Unseen) and _is(v, of.__name__))
+
+
+RULES: dict[Any, Callable[[Any, Any, tuple], bool]] = {
+    Literal: lambda v, of, parts: isinstance(v, str) and v in parts,
+    "Block": lambda v, of, parts: (
+        KINDS[float][1](v) or (getattr(v, "ndim", 1) == 0 and _numbers(v))
+    ),
+    "ndarray": lambda v, of, parts: _numbers(v, "biufc") and hasattr(v, "__len__"),
+    **dict.fromkeys((dict, Mapping), _is_table),
+    **dict.fromkeys(LISTS, _is_list),
+}
+"""By a type or its name, whether a value is of it; `_is_of` for all others."""
 
 
 def _words(hint: Any) -> str:
