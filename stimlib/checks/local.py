@@ -5,7 +5,7 @@ The composition does not matter.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, NamedTuple
@@ -319,13 +319,81 @@ def _seen(
         id(b): [p for p in reach([b.block]) if isinstance(p, Param) and p.name in live]
         for b in gated
     }
-    params = [p for its in moved.values() for p in its]
     driven = [b for b in gated if moved[id(b)] or not isinstance(b.by, Const)]
     whole = {id(b): Gated() for b in driven}
+    shown, names, early = _shown(blocks, [p for its in moved.values() for p in its])
+    proc = compile(Scene(shown), run.fs, seed=run.seed)
+    place, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
+    stop = max(lag, run.n if driven else run.spans[-1][1])
+    moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
+    ends = [z if k else max(z, lag) for k, (_, z) in enumerate(run.spans)]
+    kept = [np.empty((len(place), z - a)) for (a, _), z in zip(run.spans, ends, strict=True)]
+    summed = {id(b): 0 for b in blocks if type_name(type(b)) in rows.SUMS}
+    past: list[dict[int, int]] = [{} for _ in run.spans]
+    moving = [c for c in moves if c.name in proc.params]
+    for at, y in walk(proc, _motion_of(run, proc.inputs), stop, moving):
+        end = at + y.shape[1]
+
+        def row_of(b: Block, y: Row = y) -> Row:
+            if isinstance(b, Const):
+                return np.full(y.shape[1], b.value)
+            return y[place[names[id(b)][0]]]
+
+        _keep(kept, run.spans, at, y)
+        for b in driven if at < run.n else ():
+            values = {p.name: row_of(p)[: run.n - at] for p in moved[id(b)]}
+            whole[id(b)].add(at, (row_of(b.by) > 0)[: run.n - at], values)
+        for b in (b for b in blocks if id(b) in summed):
+            step = rows.SUMS[type_name(type(b))](row_of(b.children[0]), run.fs)
+            for (a, _), sums in zip(run.spans, past, strict=True):
+                if at <= a < end:
+                    sums[id(b)] = summed[id(b)] + int(step[: a - at].sum())
+            summed[id(b)] += int(step.sum())
+    # a row that is not finite closes the guard of its output
+    known = proc.fault[1] if proc.fault else stop
+    seen = []
+    for (a, z), out, sums in zip(run.spans, kept, past, strict=True):
+        n, row = max(0, min(z, known) - a), {name: out[k] for name, k in place.items()}
+        seen.append(Part(a, n, _rows(row, names, {} if a else early, n, lag), sums))
+    n = min(known, run.n)
+    return seen, {key: (its, its.until(n)) for key, its in whole.items()}
+
+
+def _keep(kept: list[Row], spans: Sequence[tuple[int, int]], at: int, y: Row) -> None:
+    """Keep of samples from ``at`` on what lies in each span."""
+    for (a, _), out in zip(spans, kept, strict=True):
+        low, high = max(a, at), min(a + out.shape[1], at + y.shape[1])
+        out[:, max(low - a, 0) : max(high - a, 0)] = y[:, low - at : max(high, low) - at]
+
+
+def _rows(
+    row: Mapping[str, Row],
+    names: Mapping[int, list[str]],
+    early: Mapping[int, list[str]],
+    n: int,
+    lag: int,
+) -> dict[int, Row]:
+    """Return the rows of each block, with those before sample 0 where there are any."""
+    found = {}
+    for key, its in names.items():
+        rows_of = np.array([row[name][:n] for name in its])
+        if early.get(key):
+            rows_of = np.hstack([np.array([row[name][:lag] for name in early[key]]), rows_of])
+        found[key] = rows_of[0] if len(rows_of) == 1 else rows_of
+    return found
+
+
+def _shown(
+    blocks: list[Block], params: list[Param]
+) -> tuple[dict[str, Block], dict[int, list[str]], dict[int, list[str]]]:
+    """Return outputs that show all blocks, and the names of each block's rows.
+
+    Of what begins before sample 0 there are names of the rows that begin there, too.
+    """
     around = _loops(blocks)
     shown: dict[str, Block] = {}
-    names: dict[int, list[str]] = {}  # of the rows of each block
-    early: dict[int, list[str]] = {}  # the same, ``Early``
+    names: dict[int, list[str]] = {}
+    early: dict[int, list[str]] = {}
     for b in (*blocks, *params):
         if isinstance(b, Const):
             continue
@@ -335,61 +403,20 @@ def _seen(
         for found, those in ((names, parts), (early, before)):
             found[id(b)] = [f"row{len(shown) + k}" for k in range(len(those))]
             shown |= dict(zip(found[id(b)], those, strict=True))
-    proc = compile(Scene(shown), run.fs, seed=run.seed)
-    place, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
-    stop = max(lag, run.n if driven else run.spans[-1][1])
+    return shown, names, early
+
+
+def _motion_of(run: Run, inputs: Sequence[str]) -> Callable[[int, int], Row]:
+    """Return the motion of a run, which stays as it is after the last sample."""
 
     def motion(a: int, b: int) -> Row:
-        x = np.empty((len(proc.inputs), b - a))
-        for row, name in zip(x, proc.inputs, strict=True):
+        x = np.empty((len(inputs), b - a))
+        for row, name in zip(x, inputs, strict=True):
             row[: max(run.n - a, 0)] = run.x[name][a : max(min(b, run.n), a)]
             row[max(run.n - a, 0) :] = run.x[name][run.n - 1 : run.n] if b > run.n else 0.0
         return x
 
-    moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
-    kept = [
-        np.empty((len(place), (z if k else max(z, lag)) - a)) for k, (a, z) in enumerate(run.spans)
-    ]
-    summed = {id(b): 0 for b in blocks if type_name(type(b)) in rows.SUMS}
-    past: list[dict[int, int]] = [{} for _ in run.spans]
-    for at, y in walk(proc, motion, stop, [c for c in moves if c.name in proc.params]):
-        end = at + y.shape[1]
-        for (a, _), out in zip(run.spans, kept, strict=True):
-            low, high = max(a, at), min(a + out.shape[1], end)
-            out[:, max(low - a, 0) : max(high - a, 0)] = y[:, low - at : max(high, low) - at]
-        for b in driven if at < run.n else ():
-            on = (
-                np.full(end - at, b.by.value > 0)
-                if isinstance(b.by, Const)
-                else y[place[names[id(b.by)][0]]] > 0
-            )
-            moving = {p.name: y[place[names[id(p)][0]]][: run.n - at] for p in moved[id(b)]}
-            whole[id(b)].add(at, on[: run.n - at], moving)
-        for b in (b for b in blocks if id(b) in summed):
-            first = b.children[0]
-            row = (
-                np.full(end - at, first.value)
-                if isinstance(first, Const)
-                else y[place[names[id(first)][0]]]
-            )
-            step = rows.SUMS[type_name(type(b))](row, run.fs)
-            for (a, _), sums in zip(run.spans, past, strict=True):
-                if at <= a < end:
-                    sums[id(b)] = summed[id(b)] + int(step[: a - at].sum())
-            summed[id(b)] += int(step.sum())
-    # a row that is not finite closes the guard of its output
-    known = proc.fault[1] if proc.fault else stop
-    seen = []
-    for (a, z), out, sums in zip(run.spans, kept, past, strict=True):
-        n, row_of = max(0, min(z, known) - a), {}
-        for key, its in names.items():
-            row = np.array([out[place[name], :n] for name in its])
-            if early[key] and not a:
-                row = np.hstack([np.array([out[place[name], :lag] for name in early[key]]), row])
-            row_of[key] = row[0] if len(row) == 1 else row
-        seen.append(Part(a, n, row_of, sums))
-    n = min(known, run.n)
-    return seen, {key: (its, its.until(n)) for key, its in whole.items()}
+    return motion
 
 
 def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
