@@ -52,6 +52,8 @@ sphinx_gallery_conf = {  # written beside the pages; -D plot_gallery=0 runs none
 }
 
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
 html_title = f"stimlib {version}"
 html_copy_source = False
 html_show_sourcelink = False
