@@ -77,7 +77,7 @@ STIMULI = (
 
 
 class Shown(NamedTuple):
-    """What ``demo`` made of one stimulus."""
+    """The files that ``demo`` made of one stimulus."""
 
     name: str
     passed: bool

@@ -137,7 +137,7 @@ def place(f: object) -> str:
 
 # Arguments of public functions --------------------------------------------------------
 class Numbers:
-    """What numpy makes an array of real numbers of."""
+    """Anything that numpy makes an array of real numbers of."""
 
 
 class Unseen:

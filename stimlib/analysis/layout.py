@@ -54,7 +54,7 @@ class Level:
 
 
 class Layout:
-    """Where everything goes, in inches from the top left."""
+    """The layout of a graph's picture, in inches from the top left."""
 
     def __init__(self, program: Program):
         self.program = program
@@ -116,7 +116,7 @@ class Layout:
         return out
 
     def columns(self, level: Level, start: int) -> None:
-        """Return place each instance by its longest path from the left.
+        """Place each instance by its longest path from the left.
 
         What no Input reaches moves right, next to its user.
         """
@@ -216,7 +216,7 @@ class Layout:
 
     # Places ---------------------------------------------------------------------------
     def place(self) -> None:
-        """Return columns to x, rows to y."""
+        """Turn columns into x and rows into y."""
         wide, crossed = [0.3] * self.top.columns, [GAP] * (self.top.columns + 1)
         for b in self.box.values():
             if not b.inner:

@@ -61,7 +61,7 @@ class Row(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """What is drawn: the scene, its sample rate in Hz, and samples by name."""
+    """The signals to draw: the scene, its sample rate in Hz, and samples by name."""
 
     scene: Scene
     fs: float

@@ -33,7 +33,7 @@ class Band(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """What the tests of one stream found."""
+    """The result of the tests of one stream."""
 
     bands: list[Band]
     trend_p: float  # of the smallest weighted sum
@@ -139,7 +139,7 @@ def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
 
 
 def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
-    """Return both tests of a whitened periodogram.
+    """Run both tests of a whitened periodogram.
 
     Parameters
     ----------

@@ -156,7 +156,7 @@ class Friction(Block, abstract=True):
         return 0.5
 
     def steepest(self, fs, z, H, value):
-        """Return where it sticks; and what a limit that depends on the speed adds."""
+        """Return the response where it sticks, and what a moving limit adds."""
         if H[0] is None or value[2] is None:
             return None
         return averaging(fs, z, value[2]) * H[0] + (0.0 if H[1] is None else H[1])
@@ -289,7 +289,7 @@ class LuGre(Block):
         return 0.5
 
     def steepest(self, fs, z, H, value):
-        """Return where it sticks; and what a limit that depends on the speed adds."""
+        """Return the response where it sticks, and what a moving limit adds."""
         if H[0] is None or value[3] is None:
             return None
         return averaging(fs, z, value[3], self.damping + self.viscosity) * H[0] + (

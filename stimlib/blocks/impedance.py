@@ -133,7 +133,7 @@ def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> B
 
 
 class Sampled(NamedTuple):
-    """What one time constant becomes at a sample rate, all to rounding."""
+    """The numbers of one time constant at a sample rate, all to rounding."""
 
     e: float  # 1 - exp(-a)
     g: float  # e/a

@@ -194,7 +194,7 @@ LEAST = 1e-3
 
 
 class Turn(NamedTuple):
-    """Of a cutoff and a quality: halves of what the states get, and 1/q."""
+    """Numbers for a cutoff and a quality: halves of what the states get, and 1/q."""
 
     a: float
     c: float

@@ -332,7 +332,7 @@ class DentParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dent(Map):
-    """How far a surface is down at a distance from a ball of radius r, depth deep."""
+    """The depth of a surface at a distance from a ball of radius r, depth deep."""
 
     distance: Block
     depth: Block

@@ -231,7 +231,7 @@ def linear(q, k0, w0, k1, w1, u0, u):
 
 
 def linear_sample(p, last, cold, u, duty):
-    """Return one sample, whatever happens."""
+    """Return the mean of one sample, whatever happens in it."""
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
@@ -351,7 +351,7 @@ def sine_inside(q, w0, w1):
 
 
 def sine_sample(p, last, cold, u, duty):
-    """Return one sample, whatever happens."""
+    """Return the mean of one sample, whatever happens in it."""
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)

@@ -356,7 +356,7 @@ def spline(a, b, c, d, t):
 
 
 def spline_slope(a, b, c, d, t):
-    """Return its derivative."""
+    """Return the derivative of ``spline``."""
     q = 1.0 - t
     return 0.5 * ((b - a) * q * q + (c - b) * (1.0 + 2.0 * t * q) + (d - c) * t * t)
 
@@ -367,7 +367,7 @@ def along(p, k, t):
 
 
 def slope_along(p, k, t):
-    """Return its derivative."""
+    """Return the derivative of ``along``."""
     return spline_slope(p.c[U(k)], p.c[U(k + 1.0)], p.c[U(k + 2.0)], p.c[U(k + 3.0)], t)
 
 

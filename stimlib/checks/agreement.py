@@ -20,7 +20,7 @@ from ..run.processor import Processor, compile
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far JAX is from the processor over one run; its str is one line.
+    """The distance of JAX from the processor over one run; its str is one line.
 
     Attributes
     ----------

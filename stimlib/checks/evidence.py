@@ -75,7 +75,7 @@ class Tap:
 
 @dataclass
 class Evidence:
-    """What the checks look at; the report draws from it.
+    """The data of one verification, for its checks and its report.
 
     It has the rows of one stretch: all of a recording of up to ``AT_ONCE`` samples, or
     its first stretch.  ``stretches`` gives this and those after it, of which the checks

@@ -66,7 +66,7 @@ class Held(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What runs on one clock."""
+    """The blocks that run on one clock, with their inputs and parameters."""
 
     scene: Scene
     fs: float
@@ -80,7 +80,7 @@ class Run(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What was seen of one span."""
+    """The rows of all blocks in one span."""
 
     at: int  # its first sample
     n: int
@@ -161,7 +161,7 @@ class Inside(NamedTuple):
 
 
 class Gated:
-    """What drives a subsystem: when it runs, and parameters that move.
+    """The times at which a subsystem runs, and its parameters that move.
 
     The parameters are given at its first sample and after.
     """

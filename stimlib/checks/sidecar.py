@@ -129,7 +129,7 @@ def _tell(e: Evidence, told: dict[str, Any]) -> None:
 
 
 class Sums(NamedTuple):
-    """What one pass over all samples of a file leaves, for each output."""
+    """The results of one pass over all samples of a file, for each output."""
 
     peaks: np.ndarray  # of a run that was killed, of what is stored
     clips: np.ndarray  # samples that the file's format cannot hold

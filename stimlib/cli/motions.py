@@ -186,7 +186,7 @@ def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, s
 def _check_map(
     columns: Mapping[str, str], texts: Mapping[str, str], served: Mapping[str, str | None]
 ) -> None:
-    """Return each --map serves an input that takes a recording."""
+    """Check that each --map serves an input that takes a recording."""
     for column in columns:
         names = [name for name, by in served.items() if by == column]
         if not names:

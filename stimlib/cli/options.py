@@ -63,7 +63,7 @@ Import = Annotated[
 
 
 def of_each(text: str | None, option: str) -> Any:
-    """Return one number for all outputs, or one for each: ``a=50,b=0.1``."""
+    """Return the value for all outputs, or one for each: ``a=50,b=0.1``."""
     from ..motion.text import pairs
 
     return (

@@ -366,7 +366,10 @@ class _Writer:
         return codegen.call(self.names(t), *values) if values else "()"
 
     def _call_tile(self, m: Member, p: str, s: str, args: list[str]) -> None:
-        """Return its signals are slices of the scratch, one sample long."""
+        """Write the call of a tile.
+
+        Its signals are slices of the scratch, one sample long.
+        """
         start, first = self.words, self.words + len(args)
         self.words = first + len(m.values)
         places = codegen.each(
@@ -386,7 +389,10 @@ class _Writer:
         return [*self._or_at_rest(m, state[:-1]), cold]
 
     def _leave(self, m: Member) -> None:
-        """Return its outputs and new state: off contact 0 and that at rest."""
+        """Write a member's outputs and new state.
+
+        Off contact they are 0 and the state at rest.
+        """
         k = m.number
         new = self._or_at_rest(m, codegen.each(f"t{k}.%s", fields(m.s)[:-1]))
         self.lines += codegen.each(f"%s = _where(on{k}, %s, 0.0)", m.values, m.values)

@@ -32,7 +32,7 @@ class Last(Block):
 
 @dataclass(frozen=True, eq=False)
 class Loop(Block):
-    """What a body makes of its last value; see ``loop``."""
+    """The signal that a body makes of its last value; see ``loop``."""
 
     body: Block
     last: Block

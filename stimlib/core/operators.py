@@ -48,7 +48,7 @@ _PARTS = "it has no length and no parts; the sample before this one is delay(x, 
 
 
 class Refusals:
-    """What no block can do, each as an error with its remedy."""
+    """Operations that no block can do, each as an error with its remedy."""
 
     def __rpow__(self, base: Any) -> Any:
         raise BadValue(

@@ -145,7 +145,7 @@ def _on_portaudio(server: str | None) -> Found:
 
 
 class Kind(NamedTuple):
-    """What is said of a kind of sink, and nowhere else."""
+    """The facts about a kind of sink, in one place."""
 
     place: str  # module and class
     found: Callable[[str | None], Found]

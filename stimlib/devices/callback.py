@@ -709,7 +709,7 @@ def put_command(c_, kind, a, b, d):
 
 @from_python(COLUMNS)
 def put_motion(c_, x):
-    """Return columns of x (n_in, n) into the ring; returns how many had room."""
+    """Put columns of x (n_in, n) into the ring; return how many had room."""
     c = data(c_)
     w, ring, inputs = c[M_WRITE], f8_at(c[M_RING]), c[N_IN]
     n = min(x.shape[1], c[M_SIZE] - (w - load(c, M_READ)))
@@ -758,14 +758,14 @@ def get_events(c_, out):
 
 @from_python(types.Array(types.float64, 2, "C"))
 def get_motion(c_, out):
-    """Return columns of the motion as processed."""
+    """Copy columns of the motion as processed."""
     c = data(c_)
     return take(c, f8_at(c[X_RING]), c[N_IN], c[L_SIZE], X_READ, X_WRITE, out)
 
 
 @from_python(types.Array(types.float32, 2, "C"))
 def get_frames(c_, out):
-    """Return delivered frames."""
+    """Copy delivered frames."""
     c = data(c_)
     return take(c, f4_at(c[F_RING]), c[CHANNELS], c[L_SIZE], F_READ, F_WRITE, out)
 

@@ -183,7 +183,7 @@ class Pump:
         return int(getattr(self.native, device).address)
 
     def block(self, n: int, lost: int = 0) -> None:
-        """Return one block, called from Python: buffers are those in OUTS."""
+        """Make one block from Python, with the buffers in OUTS."""
         self.native.block(self.words, n, lost)
 
     # Course ---------------------------------------------------------------------------
@@ -236,7 +236,7 @@ class Pump:
 
     # Rings ----------------------------------------------------------------------------
     def put_motion(self, x: np.ndarray) -> int:
-        """Return columns (n_inputs, n) into the ring; how many had room."""
+        """Put columns (n_inputs, n) into the ring; return how many had room."""
         return self.native.put_motion(self.words, x)
 
     def next_motion(self) -> int:
@@ -244,7 +244,7 @@ class Pump:
         return self.native.next_motion(self.words)
 
     def motion_room(self) -> int:
-        """Return columns that may be put now."""
+        """Return how many columns may be put now."""
         ahead = self.read("M_WRITE") - self.read("M_READ")
         return min(
             self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * self.native.CHUNK) - ahead

@@ -29,7 +29,7 @@ ROUND_TRIP = 1.0
 
 @dataclass(frozen=True)
 class Loopback:
-    """What was recorded of a session, against what its log renders offline.
+    """The result of a loopback: the recording compared with the rendered log.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ from .engine import Pump
 
 @dataclass(frozen=True)
 class SessionReport:
-    """What a session did.
+    """The report of a session.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ MOST_KEYS = 9
 
 @dc.dataclass(frozen=True)
 class Prompt:
-    """What is shown, and what may be hit or typed.
+    """A text to show, and what may be hit or typed.
 
     Parameters
     ----------

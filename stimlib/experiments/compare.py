@@ -425,7 +425,7 @@ def _contrasts(levels: Sequence[int], some: Sequence[int]) -> Array:
 
 @dataclass(frozen=True)
 class Coefficient:
-    """Of a mixed model: estimate, standard error, z, p and interval."""
+    """A coefficient of a mixed model: estimate, standard error, z, p and interval."""
 
     name: str
     value: float

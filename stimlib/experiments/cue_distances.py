@@ -32,7 +32,7 @@ million trials.
 
 @dataclass(frozen=True)
 class Distance:
-    """How far a physical cue parts the answers.
+    """The distance by which a physical cue separates the answers.
 
     Attributes
     ----------

@@ -371,7 +371,7 @@ class ConstantStimuli:
         return dc.replace(task.trial(level, state["seed"], n), training=self.training)
 
     def update(self, state: State, answer: Answer) -> State:
-        """Return one further."""
+        """Return the state one trial further."""
         trial = self.next(state)
         if trial is None:
             raise BadValue(f"all {state['n']} trials are done: there are no more answers to take")
@@ -410,7 +410,7 @@ class Interleaved:
         _check_designs("Interleaved: tracks", self.tracks)
 
     def init(self, seed: int) -> State:
-        """Return each track has a seed of its own."""
+        """Give each track a seed of its own."""
         return {
             "seed": seed,
             "n": 0,
@@ -492,7 +492,7 @@ class Sequential:
         _check_designs("Sequential: parts", self.parts)
 
     def init(self, seed: int) -> State:
-        """Return each part has a seed of its own."""
+        """Give each part a seed of its own."""
         order = shuffled(seed, "parts", list(self.parts)) if self.shuffle else list(self.parts)
         return {
             "order": order,

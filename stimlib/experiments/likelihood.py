@@ -56,7 +56,9 @@ def total(each: ArrayLike) -> Array:
 
 
 class Model(NamedTuple):
-    """What is fitted: the link, the rates of guesses and of lapses.
+    """The model to fit: the link, the rates of guesses and of lapses.
+
+    guesses None: as many as lapses; lapses None: fitted.
 
     guesses None: as many as lapses; lapses None: fitted.
     """

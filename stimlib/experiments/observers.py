@@ -444,7 +444,7 @@ def _participant(
 
 @dataclass(frozen=True)
 class Power:
-    """What an experiment of so many participants would find.
+    """The power of an experiment with so many participants.
 
     Attributes
     ----------

@@ -121,7 +121,7 @@ class Quest:
         return trial
 
     def update(self, state: State, answer: Answer) -> State:
-        """Return one level and outcome more."""
+        """Add one level and its outcome."""
         trial = self.next(state)
         if trial is None:
             raise BadValue(f"all {self.trials} trials are done: there are no more answers to take")

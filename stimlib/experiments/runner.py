@@ -29,7 +29,7 @@ both are kept."""
 
 
 class FrontEnd(Protocol):
-    """What a participant sees and does."""
+    """The part of a session that a participant sees and uses."""
 
     def tell(self, text: str) -> None:
         """Show a text."""
@@ -54,7 +54,7 @@ class FrontEnd(Protocol):
 def run(
     session: Session, front_end: FrontEnd, sink: str | Display = "offline", **options: Any
 ) -> None:
-    """Return all trials that are left of a session that is open.
+    """Run all trials that are left of a session that is open.
 
     Parameters
     ----------

@@ -363,7 +363,7 @@ class Session:
             safe_files.publish(self.folder / "answered", f"{record.number}\n")
 
     def _write(self, data: bytes) -> None:
-        """Return all of it, and on the disk, or nothing."""
+        """Write all of a text to the disk, or nothing."""
         try:
             done = 0
             while done < len(data):

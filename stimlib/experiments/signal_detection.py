@@ -26,7 +26,7 @@ from Hautus (1995)."""
 
 @dataclass(frozen=True)
 class Detection:
-    """How well signal and noise were told apart.
+    """The sensitivity and criterion of a detection task.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Of a detection task, as of a diagnostic test."""
+    """The sensitivity, specificity and accuracy of a detection task."""
 
     sensitivity: Proportion
     specificity: Proportion

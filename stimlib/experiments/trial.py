@@ -56,7 +56,7 @@ class Stimulus:
 @public
 @dc.dataclass(frozen=True)
 class Answer:
-    """What somebody answered to a trial.
+    """The answer to a trial.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Answer:
 @public
 @dc.dataclass(frozen=True)
 class Trial:
-    """What is shown and asked once.
+    """The stimuli and questions of one trial.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ class Record:
 
 @runtime_checkable
 class Design(Protocol):
-    """What comes next; see the top of this page."""
+    """The rule that decides which trial comes next; see the top of this page."""
 
     def init(self, seed: int) -> State:
         """Return the first state for a seed."""

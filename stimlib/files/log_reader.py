@@ -99,7 +99,7 @@ class Span(NamedTuple):
 
 
 class Header(NamedTuple):
-    """What a log says first."""
+    """The first record of a log."""
 
     scene: Scene
     safety: Safety
@@ -171,7 +171,9 @@ class MotionFile:
 
 @dataclass(frozen=True, eq=False)
 class SessionLog:
-    """What ``read_log`` found. Sample indices count from the start of the session.
+    """The contents of a log, as ``read_log`` found them.
+
+    Sample indices count from the start of the session.
 
     Attributes
     ----------

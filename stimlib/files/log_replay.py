@@ -22,7 +22,7 @@ from .log_reader import SessionLog, Span
 
 @dataclass(frozen=True)
 class Replay:
-    """What ``replay`` found; its str is one line, ``matches`` the verdict.
+    """The result of ``replay``; its str is one line, ``matches`` the verdict.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ DONE: dict[str, fields.Test] = BEGUN | {  # and of one that is complete
 
 @dataclass(frozen=True)
 class FileReport:
-    """What `stimlib.files.audio.write` wrote; its str is one line.
+    """The report of a written file; its str is one line.
 
     Attributes
     ----------

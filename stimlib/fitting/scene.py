@@ -28,7 +28,7 @@ FAR = 300.0  # where the coordinate of a number with a bound ends: exp(FAR) is a
 
 # Coordinates --------------------------------------------------------------------------
 class Range(NamedTuple):
-    """Where a number may lie, and where its search starts."""
+    """The range of a number, and where its search starts."""
 
     start: float
     low: float
@@ -132,7 +132,10 @@ def welch(x: Any, fs: float, segment: int) -> Any:
 
 
 class View(NamedTuple):
-    """What of a signal counts; the loss is the mean square of view(signal) - wanted."""
+    """The part of a signal that counts in a fit.
+
+    The loss is the mean square of view(signal) - wanted.
+    """
 
     wanted: dict[str, Any]
     see: Callable[[str, Any], Any]
@@ -282,7 +285,7 @@ def _view(loss: str, targets: Mapping[str, Any], n: int, fs: float, weight: Any,
 # The result ---------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What ``stimlib.fit`` found; ``print`` shows it as a table."""
+    """The result of ``stimlib.fit``; ``print`` shows it as a table."""
 
     params: dict[str, float]
     """The numbers found, in their units."""

@@ -151,11 +151,11 @@ class Inputs:
         self.newest = (t, time.perf_counter())
 
     def lift(self) -> None:
-        """Return all fingers leave."""
+        """Lift all fingers."""
         self.fingers = [(u, v, 0.0, 0.0) for u, v, _, _ in self.fingers]
 
     def choose(self, name: str, **source: Any) -> None:
-        """Return another source of an input, or other numbers of it.
+        """Choose another source of an input, or other numbers of it.
 
         Raises
         ------

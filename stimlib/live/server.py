@@ -183,6 +183,7 @@ class Server:
         self._begun = True
 
     def _serve(self) -> None:
+        """Serve one page, from its first word to its last."""
         with self._socket, _closed_terminal_ends():
             self._uvicorn.run(sockets=[self._socket])
 

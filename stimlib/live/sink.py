@@ -120,7 +120,7 @@ class PageSink(Sink):
                 self.pump.block(self.block or 1)  # silence: the device is still there
 
     def _make(self, lost: int) -> None:
-        """Return one block, after ``lost`` samples that nobody gets."""
+        """Make one block, after ``lost`` samples that nobody gets."""
         pump, n, begun = self.pump, self.block or 1, self.pump.read("DELIVERED")
         x = np.repeat(self._x, lost + n, axis=1)
         if not self._stands:

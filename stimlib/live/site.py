@@ -16,7 +16,7 @@ are skipped.
 
 
 class Page:
-    """What waits for one connection, and what is known of it."""
+    """A connection of one page, with what waits for it."""
 
     def __init__(self) -> None:
         self.texts: deque[tuple[str, str]] = deque(maxlen=WAITING + 1)  # what each is, and itself

@@ -44,7 +44,7 @@ GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods
 
 
 class _Recorded(Motion):
-    """What is recorded from knot to knot; its repr makes it again."""
+    """A recorded motion from knot to knot; its repr makes it again."""
 
     info: Mapping[str, Any]
 

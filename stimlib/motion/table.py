@@ -210,7 +210,7 @@ def _check_digest(file: str, digest: str, sha256: str) -> None:
 
 @dataclass(frozen=True)
 class _Form:
-    """How a CSV file is written."""
+    """The form of a CSV file: separator, decimal sign and header."""
 
     file: str
     names: tuple[str, ...]

@@ -15,7 +15,10 @@ POINTS = 2048  # of a period
 
 
 class Answer(NamedTuple):
-    """Of bumps at a rate; all but the curves in parts of what the drive asks for."""
+    """The steady-state envelope of a mode's response to bumps at a given rate.
+
+    All values but the curves are fractions of what the drive asks for.
+    """
 
     depth: float  # of modulation, highest less lowest
     highest: float

@@ -12,7 +12,7 @@ STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
 
 
 class Host(Protocol):
-    """What a patch is glued on: a ``Plate``."""
+    """A plate on which a patch is glued."""
 
     @property
     def thickness(self) -> float:

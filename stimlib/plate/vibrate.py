@@ -24,7 +24,7 @@ UNMOVED = 1e-6  # of the largest static answer
 @public
 @dataclass(frozen=True)
 class Finger:
-    """What a finger adds to the plate where it touches.
+    """The mass, damping and stiffness that a finger adds where it touches.
 
     A finger pad is about 0.1 g, 1 N s/m and 500 N/m, and differs much.
 

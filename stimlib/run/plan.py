@@ -21,7 +21,7 @@ class PlanRow(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What a processor runs, in order, and what rewriting removed."""
+    """The blocks that a processor runs, in order, and what rewriting removed."""
 
     rows: list[PlanRow]
     removed: list[str]

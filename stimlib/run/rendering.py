@@ -160,7 +160,7 @@ def _plan(
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """What ``render`` gives: the samples and everything needed to make them again."""
+    """The samples of a scene, with everything needed to make them again."""
 
     scene: Scene
     fs: float

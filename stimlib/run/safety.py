@@ -35,7 +35,7 @@ STEPS = 128
 @public
 @dc.dataclass(frozen=True)
 class Safety:
-    """What a sink holds every output to; it cannot be taken off.
+    """The limits that a sink holds every output to; they cannot be removed.
 
     Parameters
     ----------

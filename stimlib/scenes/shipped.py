@@ -15,7 +15,7 @@ ROWS: dict[str, shipped] = {}
 
 
 class shipped(NamedTuple):
-    """What is known of a shipped scene besides its graph.
+    """The facts about a shipped scene besides its graph.
 
     As the decorator of the function that makes it, a row enters the function into
     ``SHIPPED`` and itself into ``ROWS``, under the function's name.  The arguments are

@@ -21,7 +21,7 @@ DEATHS = 3  # of a process by one row alone, until the row is what is wrong
 
 
 class Death(NamedTuple):
-    """How a process ended in the middle of a job."""
+    """The way in which a process ended in the middle of a job."""
 
     why: str
     at: int
@@ -33,7 +33,7 @@ class Death(NamedTuple):
 
 
 class Engine(Protocol):
-    """Where jobs run."""
+    """A place where jobs run."""
 
     def room(self) -> int:
         """Return how many jobs it takes now."""

@@ -29,7 +29,9 @@ LARGEST = 200_000  # rows of a part
 
 
 class Store:
-    """What is there already, and where the rest goes; without a folder, memory.
+    """The parts of a sweep that are there, and where the rest goes.
+
+    Without a folder they are in memory.
 
     Parameters
     ----------

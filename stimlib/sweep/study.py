@@ -49,7 +49,7 @@ QUICK = 4.0  # s of work for which one process is enough
 
 
 class Forecast(NamedTuple):
-    """What a sweep will take, from a few of its rows."""
+    """An estimate of what a sweep will take, from a few of its rows."""
 
     rows: int
     there: int
@@ -336,7 +336,7 @@ class Planned(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is found with the scene of some row, as plain data."""
+    """Facts found with the scene of some row, as plain data."""
 
     table: bytes
     units: dict[str, str]

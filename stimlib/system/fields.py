@@ -15,7 +15,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Test:
-    """What a value must be: in words for a message, and as a function."""
+    """A test of a value: in words for a message, and as a function."""
 
     wanted: str
     good: Callable[[Any], bool]

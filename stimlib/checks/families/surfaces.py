@@ -39,7 +39,7 @@ def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray
 
 
 class Roughness(NamedTuple):
-    """What noise over place is asked for, as ``spatial_noise`` takes it."""
+    """The arguments of noise over place, as ``spatial_noise`` takes them."""
 
     slope: float
     longest: float  # m

@@ -40,7 +40,7 @@ TILE = 64  # samples per row of a matrix product
 
 
 class Run(NamedTuple):
-    """What a lowering may need to know besides its block."""
+    """The data that a lowering may need besides its block."""
 
     n: int  # samples on this clock
     fs: float
@@ -371,7 +371,7 @@ def kelvin_chain(b, p, s, x, run):
 
 # Springpots ---------------------------------------------------------------------------
 class HistoryWeights(NamedTuple):
-    """Of a springpot of one order."""
+    """The history weights of a springpot of fixed order."""
 
     r: Any  # of the modes
     taps: Any  # v_7 .. v_0

@@ -232,7 +232,7 @@ class Function:
 
 # The program --------------------------------------------------------------------------
 class _Signals:
-    """What the instances of a program give in one run, in running order."""
+    """The signals of all instances of a program in one run, in running order."""
 
     def __init__(self, f: Function, params: Any, motion: Any, key: Any, gates: Any, n: int):
         self.f, self.params, self.motion, self.key, self.gates = f, params, motion, key, gates

@@ -100,7 +100,9 @@ def _tuple_text(name: str, t: Any) -> str:
 
 
 class Form(NamedTuple):
-    """What a segment is made for: a block class with these kinds of fields.
+    """A segment's form: a block class with these kinds of fields.
+
+    It may also be two blocks side by side.
 
     It may also be two blocks side by side.
     """
