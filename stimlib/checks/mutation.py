@@ -1,8 +1,6 @@
 """Mutation of scenes: which wrong numbers the laws of a scene would refuse.
 
 Each number is changed, one at a time.
-
-Each number is changed, one at a time.
 """
 
 from __future__ import annotations

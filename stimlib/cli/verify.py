@@ -1,8 +1,6 @@
 """``verify``, ``replay`` and ``mutate``: checks of what was displayed.
 
 ``mutate`` says which wrong numbers verification would notice.
-
-``mutate`` says which wrong numbers verification would notice.
 """
 
 from __future__ import annotations

@@ -59,8 +59,6 @@ class Model(NamedTuple):
     """The model to fit: the link, the rates of guesses and of lapses.
 
     guesses None: as many as lapses; lapses None: fitted.
-
-    guesses None: as many as lapses; lapses None: fitted.
     """
 
     link: str = "probit"

@@ -29,8 +29,6 @@ class Here:
     """The driver's own process, where a debugger can follow.
 
     Nothing protects it from what a row does.
-
-    Nothing protects it from what a row does.
     """
 
     def __init__(self, plan: Plan, motions: Motions):

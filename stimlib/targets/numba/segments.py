@@ -103,8 +103,6 @@ class Form(NamedTuple):
     """A segment's form: a block class with these kinds of fields.
 
     It may also be two blocks side by side.
-
-    It may also be two blocks side by side.
     """
 
     cls: Any
