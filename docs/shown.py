@@ -1,5 +1,7 @@
-"""What the gallery shows of a program: its ``figure``, and the sound files that it
-wrote.  Everything is in the page itself.
+"""What the gallery shows of a program: its ``figure`` and the sounds that it wrote.
+
+Everything is in the page itself.  The thumbnail is one panel of the figure alone, so
+that it can be read.
 """
 
 import base64
@@ -16,9 +18,11 @@ SOUND = """
 
 
 def shown(block, block_vars, gallery_conf):
-    """An image scraper, as sphinx-gallery calls them."""
+    """Save the pictures of a program, and return its page to sphinx-gallery."""
+    figure = block_vars["example_globals"]["figure"]
+    panel(figure, next(block_vars["image_path_iterator"]))  # the first one is the thumbnail
     path = next(block_vars["image_path_iterator"])
-    block_vars["example_globals"]["figure"].savefig(path, dpi=80)
+    figure.savefig(path, dpi=80)
     rst = figure_rst([path], gallery_conf["src_dir"])
     for sound in sorted(Path(block_vars["src_file"]).parent.glob("*.wav")):
         rst += SOUND.format(
@@ -27,3 +31,13 @@ def shown(block, block_vars, gallery_conf):
         sound.unlink()
         sound.with_name(sound.name + ".json").unlink()
     return rst
+
+
+def panel(figure, path):
+    """Save the panel of a figure that fills a thumbnail of 400 x 280 pixels best."""
+    figure.draw_without_rendering()
+    sizes = [axes.get_window_extent() for axes in figure.axes]
+    fill = [round(min(size.width, size.height * 400 / 280), -1) for size in sizes]
+    best = figure.axes[fill.index(max(fill))]
+    box = best.get_tightbbox().padded(6)
+    figure.savefig(path, dpi=120, bbox_inches=box.transformed(figure.dpi_scale_trans.inverted()))

@@ -49,15 +49,21 @@ def test_a_sound_stands_in_the_page_itself(tmp_path, monkeypatch):
     pytest.importorskip("sphinx_gallery")
     monkeypatch.syspath_prepend(ROOT / "docs")
     from matplotlib.figure import Figure
+    from matplotlib.image import imread
     from shown import shown
 
+    figure = Figure()
+    flat, square = figure.subplots(2, 1, height_ratios=(1, 8))
+    flat.plot([0, 1]), square.plot([0, 1])
     for name in ("hiss.wav", "hiss.wav.json"):
         (tmp_path / name).write_bytes(b"RIFF")
     given = {
-        "image_path_iterator": iter([str(tmp_path / "it.png")]),
-        "example_globals": {"figure": Figure()},
+        "image_path_iterator": iter([str(tmp_path / "thumb.png"), str(tmp_path / "it.png")]),
+        "example_globals": {"figure": figure},
         "src_file": tmp_path / "plot_it.py",
     }
     rst = shown(None, given, {"src_dir": str(tmp_path)})
     assert '<audio controls src="data:audio/wav;base64,UklGRg==">' in rst and "it.png" in rst
-    assert {p.name for p in tmp_path.iterdir()} == {"it.png"}
+    assert {p.name for p in tmp_path.iterdir()} == {"it.png", "thumb.png"}
+    wide, high = imread(tmp_path / "thumb.png").shape[1::-1]
+    assert "thumb" not in rst and wide < 2 * high, "the thumbnail is the panel that fills it"
