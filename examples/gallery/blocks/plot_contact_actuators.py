@@ -2,8 +2,8 @@
 Actuators and their limits
 ==========================
 
-A clip at the peak force, a rate that a transmission bears, and the current that a voice
-coil needs. See
+A force passes a clip at its peak, a limit on its rate of change, and the current of a
+voice coil. Look at where each curve leaves the one before it. See
 :doc:`/reference/blocks/contact`.
 """
 

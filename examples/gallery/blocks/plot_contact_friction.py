@@ -2,9 +2,9 @@
 Friction
 ========
 
-A finger goes to and fro over a way that grows. Little ways are those of a spring; then
-it slips, smoothly or tooth by tooth. See
-:doc:`/reference/blocks/contact`.
+A finger moves to and fro over a growing distance. Look at the small loops, where the
+surface acts as a spring, and at the edges of the large ones, where it slips: smoothly,
+or tooth by tooth. Listen for the slips. See :doc:`/reference/blocks/contact`.
 """
 
 import numpy as np

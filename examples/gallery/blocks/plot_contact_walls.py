@@ -2,7 +2,8 @@
 Walls, detents and buttons
 ==========================
 
-A finger goes forth and back over each of them: forces over place. See
+A finger moves into a wall, over detents and through a button, and back. Look at the
+force over the position: where both ways differ, the finger loses energy. See
 :doc:`/reference/blocks/contact`.
 """
 

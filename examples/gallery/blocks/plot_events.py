@@ -2,8 +2,8 @@
 Events
 ======
 
-A finger strokes lines 5 mm apart; each passage is an event, negative on the way back.
-See :doc:`/reference/blocks/events`.
+A finger strokes lines that are 5 mm apart. Look at the spikes: each passage of a line
+is one event, and its sign is the direction. See :doc:`/reference/blocks/events`.
 """
 
 import stimlib

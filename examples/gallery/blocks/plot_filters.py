@@ -2,8 +2,8 @@
 Filters
 =======
 
-A noise between 100 and 300 Hz, and one whose band sweeps. See
-:doc:`/reference/blocks/filters`.
+One noise stays between 100 and 300 Hz; the band of the other one moves. Look at the two
+spectra, and listen for the sweep. See :doc:`/reference/blocks/filters`.
 """
 
 import stimlib

@@ -2,8 +2,8 @@
 Delay
 =====
 
-The force comes 50 ms after the press: what a slow loop would feel like. See
-:doc:`/reference/blocks/filters`.
+A force that comes 50 ms after the press, as in a slow control loop. Look at the
+distance between both curves. See :doc:`/reference/blocks/filters`.
 """
 
 from matplotlib.figure import Figure

@@ -2,8 +2,8 @@
 FIR filters: the differentiator
 ===============================
 
-The rate of pink noise, dp/dt, up to a pass edge and nothing beyond. See
-:doc:`/reference/blocks/filters`.
+The rate of change of pink noise, dp/dt, up to a pass edge. Look at the spectrum: it
+rises to the edge and falls steeply behind it. See :doc:`/reference/blocks/filters`.
 """
 
 from math import pi

@@ -2,9 +2,8 @@
 Tracking slow reports
 =====================
 
-A touch screen reports 60 times a second; ``track`` makes a smooth movement of the
-staircase. See
-:doc:`/reference/blocks/filters`.
+A touch screen reports 60 times a second, which is a staircase. Look at how ``track``
+turns it into a smooth movement, a little later. See :doc:`/reference/blocks/filters`.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 Springpot
 =========
 
-From spring (order 0) to dashpot (order 1): what is pressed and held relaxes the faster,
-the higher the order. See
+Springpots from a spring (order 0) to a dashpot (order 1) are pressed and held. Look at
+how fast each force relaxes: faster for a higher order. See
 :doc:`/reference/blocks/fractional`.
 """
 

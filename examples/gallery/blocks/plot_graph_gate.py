@@ -2,8 +2,9 @@
 Gates
 =====
 
-``loading`` is 1 while something is compressed; ``enabled`` runs a noise only then. See
-:doc:`/reference/blocks/impedance`.
+``loading`` is 1 while something is compressed, and ``enabled`` runs a noise only then.
+Look at the bursts of noise: they end when the compression does. See
+:doc:`/reference/blocks/graph`.
 """
 
 import stimlib

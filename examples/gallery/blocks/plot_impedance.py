@@ -2,8 +2,8 @@
 Velocity and impedances
 =======================
 
-A spring answers the position, a damper the velocity; both together are a Kelvin-Voigt
-element. See
+A spring answers the position and a damper the velocity; both together are a Kelvin-
+Voigt element. Look at the width of the loops, which is the lost energy. See
 :doc:`/reference/blocks/impedance`.
 """
 

@@ -2,8 +2,8 @@
 White noise
 ===========
 
-The same samples on every machine; a seed names the noise, a stream each of its
-independent copies. See
+White noise has the same samples on every machine. A seed names the noise, and a stream
+names each of its independent copies. Look at the flat spectrum. See
 :doc:`/reference/blocks/noise`.
 """
 

@@ -2,7 +2,8 @@
 Pink noise
 ==========
 
-Its power falls like 1/f, 3 dB an octave, from the first sample on. See
+The power of pink noise falls like 1/f, by 3 dB an octave. Look at the straight slope of
+its spectrum, and listen to how much darker it is than white noise. See
 :doc:`/reference/blocks/noise`.
 """
 

@@ -2,8 +2,8 @@
 Bumps and carriers
 ==================
 
-An envelope that is tied to the place of the finger, times a vibration that is tied to
-time. See
+The envelope is tied to the place of the finger, the vibration to time. Look at the
+close-up: the bumps get shorter when the finger is faster, the waves do not. See
 :doc:`/reference/blocks/oscillators`.
 """
 

@@ -2,8 +2,8 @@
 Maps: a wall
 ============
 
-Arithmetic, comparisons and ``where`` make a force of any position: nothing outside, a
-stiff spring inside. See
+Arithmetic, comparisons and ``where`` make a force of any position. Look at the corner:
+there is nothing outside, and a stiff spring inside. See
 :doc:`/reference/blocks/pointwise`.
 """
 

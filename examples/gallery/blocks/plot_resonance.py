@@ -2,8 +2,9 @@
 Modes, and a faster resonance
 =============================
 
-A burst at a mode's frequency, and what the mode makes of it, without and with
-``pole_swap``. See :doc:`/reference/blocks/resonance`.
+A burst at a mode's frequency, and the answer of the mode without and with
+``pole_swap``. Look at how much sooner the second answer follows the burst. See
+:doc:`/reference/blocks/resonance`.
 """
 
 import stimlib

@@ -2,9 +2,8 @@
 Soft objects: a cursor over a nodule
 ====================================
 
-The hand moves evenly; the cursor is held back where the object is hard, and comes back
-by the way it went. See
-:doc:`/reference/blocks/soft`.
+The hand moves evenly. Look at the cursor: it is held back where the object is hard, and
+returns along the way it went. See :doc:`/reference/blocks/soft`.
 """
 
 from matplotlib.figure import Figure

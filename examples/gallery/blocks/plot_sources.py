@@ -2,7 +2,8 @@
 Sources
 =======
 
-A sweep, waves, and the course of a trial. See :doc:`/reference/blocks/sources`.
+A sweep, waves and the course of a trial. Look at how the sweep gets denser, and listen
+to it. See :doc:`/reference/blocks/sources`.
 """
 
 import stimlib

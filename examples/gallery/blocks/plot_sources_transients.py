@@ -2,8 +2,8 @@
 What events make
 ================
 
-Every 0.25 s a ring, a grain and a burst of noise. See
-:doc:`/reference/blocks/sources`.
+A ring, a grain and a burst of noise every 0.25 s. Look at their different decays, and
+listen for three kinds of taps. See :doc:`/reference/blocks/sources`.
 """
 
 import stimlib

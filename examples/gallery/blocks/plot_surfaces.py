@@ -2,8 +2,8 @@
 Surfaces: noise tied to place
 =============================
 
-Roughness over 20 mm, stroked slowly and fast: the same places, in a quarter of the
-time. See :doc:`/reference/blocks/surfaces`.
+Roughness over 20 mm, stroked slowly and fast. Look at the same hills at the same
+places, in a quarter of the time. See :doc:`/reference/blocks/surfaces`.
 """
 
 from matplotlib.figure import Figure

@@ -2,8 +2,8 @@
 Equal displacement
 ==================
 
-A plate moves more in its middle; ``equalize`` raises the voltage where it moves less.
-See :doc:`/reference/blocks/surfaces`.
+A plate moves more in its middle. Look at how ``equalize`` raises the voltage towards
+the edges, where the plate moves less. See :doc:`/reference/blocks/surfaces`.
 """
 
 import stimlib

@@ -2,9 +2,8 @@
 Tables: a detent
 ================
 
-A measured curve, or one that you make up: the force of a notch that holds the finger in
-its middle. See
-:doc:`/reference/blocks/tables`.
+A force that is given by points, here a notch. Look at its sign: on both sides it pulls
+the finger towards the middle. See :doc:`/reference/blocks/tables`.
 """
 
 import numpy as np

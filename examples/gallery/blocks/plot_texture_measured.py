@@ -2,9 +2,9 @@
 A measured texture
 ==================
 
-Noise whose spectrum follows speed and normal force, after measurements; this surface is
-invented. See
-:doc:`/reference/blocks/texture`.
+Noise whose spectrum follows speed and normal force, as it was measured; this surface is
+invented. Look at how strength and spectrum change with the stroke, and listen to it.
+See :doc:`/reference/blocks/texture`.
 """
 
 import stimlib

@@ -2,8 +2,8 @@
 Relaxation and creep
 ====================
 
-A spring beside two Maxwell arms: the force of a held position falls with two time
-constants. See
+A spring in parallel with two Maxwell arms is pressed and held. Look at the force: it
+falls fast at first and slowly later, with two time constants. See
 :doc:`/reference/blocks/viscoelastic`.
 """
 

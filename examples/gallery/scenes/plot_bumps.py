@@ -2,7 +2,8 @@
 Bumps on a touch screen
 =======================
 
-A vibration of 158 Hz whose strength follows the place of the finger. See
+A vibration of 158 Hz whose strength follows the place of the finger. Look at the
+voltage over the position: it is large on each bump and zero between them. See
 :doc:`/reference/scenes/bumps`.
 """
 

@@ -2,7 +2,8 @@
 A button that clicks
 ====================
 
-It is pressed and let go twice: the force falls at the snap, and a vibration rings. See
+A button is pressed and released twice. Look at the force over the travel: it falls at
+the snap, and a vibration rings there. Listen for the clicks. See
 :doc:`/reference/scenes/click`.
 """
 

@@ -2,9 +2,9 @@
 Ribbed cloth
 ============
 
-A texture: ribs that are tied to the place, and a rustle that is tied to the speed. The
-tutorial writes it:
-:doc:`/tutorial/own_stimulus`.
+A texture of ribs that are tied to the place, and a rustle that is tied to the speed.
+Look at the force: the rustle grows with the speed, and the ribs come more often. Listen
+to it. The tutorial writes it: :doc:`/tutorial/own_stimulus`.
 """
 
 from math import pi

@@ -2,8 +2,8 @@
 A knob with detents
 ===================
 
-It is turned forth and back over six detents; the friction is the difference between
-both ways. See
+A knob is turned forth and back over six detents. Look at the torque: friction shifts it
+to one side on the way forth, and to the other on the way back. See
 :doc:`/reference/scenes/detents`.
 """
 

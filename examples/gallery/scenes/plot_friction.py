@@ -2,8 +2,8 @@
 Stick-slip
 ==========
 
-A finger that strokes sticks like a spring and slips, every 0.3 mm: at 100 mm/s that is
-330 Hz. See
+A stroking finger sticks like a spring and slips every 0.3 mm. Look at the sawtooth of
+the force, and listen: at 100 mm/s it is a tone of 330 Hz. See
 :doc:`/reference/scenes/friction`.
 """
 

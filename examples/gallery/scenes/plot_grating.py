@@ -2,9 +2,8 @@
 Gratings and roughness
 ======================
 
-A grooved, rough surface: on the way back the finger feels what it felt on the way
-there. See
-:doc:`/reference/scenes/grating`.
+A grooved, rough surface. Look at the force over the position: the way back is the way
+there. See :doc:`/reference/scenes/grating`.
 """
 
 import stimlib

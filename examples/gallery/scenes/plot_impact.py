@@ -2,9 +2,8 @@
 Impacts
 =======
 
-A finger taps on a hard surface, faster each time, and each tap rings by its velocity.
-See
-:doc:`/reference/scenes/impact`.
+A finger taps on a hard surface, faster each time. Look at the vibration of each tap,
+which grows with the velocity, and listen to it. See :doc:`/reference/scenes/impact`.
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 A soft surface with a nodule
 ============================
 
-A pen goes over a hard nodule: the avatar waits, and goes less deep. See
-:doc:`/reference/scenes/soft_surface`.
+A pen goes over a hard nodule. Look at the avatar: it waits there, and goes less deep.
+See :doc:`/reference/scenes/soft_surface`.
 """
 
 import stimlib

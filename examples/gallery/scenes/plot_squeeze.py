@@ -2,8 +2,8 @@
 Squeeze
 =======
 
-A spring between thumb and index finger that vibrates while it is compressed, and only
-then. See :doc:`/reference/scenes/squeeze`.
+A spring between thumb and index finger. Look at the vibration: it is there while the
+spring is compressed, and only then. See :doc:`/reference/scenes/squeeze`.
 """
 
 import stimlib

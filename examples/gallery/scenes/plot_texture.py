@@ -2,9 +2,8 @@
 A measured surface
 ==================
 
-Strokes that become harder, over a surface that was invented in the place of one that
-was measured. See
-:doc:`/reference/scenes/texture`.
+Strokes that become harder, over an invented surface. Look at the acceleration, which
+grows with the force, and listen to it. See :doc:`/reference/scenes/texture`.
 """
 
 import stimlib

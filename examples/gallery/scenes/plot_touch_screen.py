@@ -2,7 +2,8 @@
 Touch screen, down to the finger
 ================================
 
-Voltage on the patches of a glass plate, and how the plate moves under the finger. See
+The voltage on the patches of a glass plate, and the displacement of the plate under the
+finger. Look at the envelopes of both, bump by bump. See
 :doc:`/reference/scenes/touch_screen`.
 """
 

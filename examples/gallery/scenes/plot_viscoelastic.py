@@ -2,7 +2,8 @@
 A material between spring and dashpot
 =====================================
 
-Pressed and held, its force runs down; the loop over position is the work lost. See
+A viscoelastic material is pressed and held. Look at the force, which relaxes, and at
+the loop over the position, whose area is the lost work. See
 :doc:`/reference/scenes/viscoelastic`.
 """
 

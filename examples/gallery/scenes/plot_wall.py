@@ -2,8 +2,8 @@
 A wall
 ======
 
-A finger taps on it, harder each time: nothing pulls when it leaves. See
-:doc:`/reference/scenes/wall`.
+A finger taps on a wall, harder each time. Look at the force over the position: it
+pushes on the way in, and never pulls on the way out. See :doc:`/reference/scenes/wall`.
 """
 
 import numpy as np
