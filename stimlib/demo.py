@@ -160,10 +160,10 @@ def show(folder: Path, s: Stimulus) -> Shown:
         ),
         (
             ears,
-            f"{label}, {heard:.2g} {unit} of {report.peak[s.output]:.3g} {unit}, for ears",
+            f"{label}, {heard:.2g} {unit} of {report.peak[s.output]:.3g} {unit}, to listen to",
             s.hear,
         ),
         (png, "its picture", s.look),
-        (page, "its proof", f"{checks}; each line names what it compared"),
+        (page, "its report", f"{checks}; each line names what it compared"),
     ]
     return Shown(name, proof.passed, files)

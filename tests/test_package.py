@@ -98,3 +98,11 @@ def test_a_wheel_of_the_source_distribution_works_alone(tmp_path):
     )
     used = said("-c", USE, cwd=tmp_path, PYTHONPATH=str(site))
     assert used == [str(site / "stimlib" / "__init__.py"), "[0.0, 2.0, 4.0]", "force1 force2", ""]
+
+
+def test_links_of_the_project_files_are_there():
+    """Relative links to files that are in the repository, not to what is built."""
+    for name in ("README", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT"):
+        links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", (ROOT / f"{name}.md").read_text())
+        for link in [t for t in links if not t.startswith("http")]:
+            assert (ROOT / link).exists() and "docs/gallery" not in link, (name, link)

@@ -41,7 +41,7 @@ def demo_(
         table.add_column(column, overflow="fold")
     passed = True
     errors.print(
-        "rendering, proving and drawing three stimuli; the first time also compiling, which takes a"
+        "rendering, verifying and drawing three stimuli; the first time also compiling, which takes a"
         " minute",
         soft_wrap=True,
     )
