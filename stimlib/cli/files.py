@@ -41,8 +41,8 @@ def demo_(
         table.add_column(column, overflow="fold")
     passed = True
     errors.print(
-        "rendering, verifying and drawing three stimuli; the first time also compiling, which takes a"
-        " minute",
+        "rendering, verifying and drawing three stimuli; the first time also compiling, which takes"
+        " a minute",
         soft_wrap=True,
     )
     with progress("demo", len(STIMULI)) as advance:

@@ -1,4 +1,4 @@
-"""Copies for ears: the vibration alone, loud enough, without clicks, and never taken
+"""Listening copies: the vibration alone, loud enough, without clicks, and never taken
 for the stimulus.
 """
 
