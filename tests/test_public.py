@@ -417,7 +417,7 @@ ELSEWHERE = {
     "law_of": "enters what it is given into the table of laws",
     "FrontEnd": "a protocol",
     "Keyed": "no arguments",
-    "Limits": "tests/test_bounds.py",
+    "Limits": "tests/test_system_limits.py",
     "Input": "tests/test_graph.py",
     "Param": "tests/test_graph.py",
     "LogWriter": "made by sinks",
