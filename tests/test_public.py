@@ -351,7 +351,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
             "experiments": 1,
         },
         "grouped": {"by": ["condition"]},
-        "frame": {"rows": [Answer({})], "names": ()},
+        "to_pandas": {"rows": [Answer({})], "names": ()},
         "plain": {"rows": [Answer({})], "names": ()},
         "write_report": {"path": folder / "a.html", "title": "A", "method": "B"},
         "pair_of": {"session": 1},

@@ -71,9 +71,9 @@ from .signal_detection import detection as detection
 from .signal_detection import diagnosis as diagnosis
 from .signal_detection import wilson as wilson
 from .tables import fitted as fitted
-from .tables import frame as frame
 from .tables import grouped as grouped
 from .tables import plain as plain
+from .tables import to_pandas as to_pandas
 from .tasks import OneInterval as OneInterval
 from .tasks import Rate as Rate
 from .tasks import TwoInterval as TwoInterval

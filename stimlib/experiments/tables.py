@@ -140,7 +140,7 @@ def _fields(row: Any) -> dict[str, Any]:
 
 
 @public
-def frame(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> Any:
+def to_pandas(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) -> Any:
     """Return results as a pandas table.
 
     Parameters
@@ -160,8 +160,8 @@ def frame(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()) ->
 
     Examples
     --------
-    >>> from stimlib.experiments import dunn, frame
-    >>> frame(dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]}))[
+    >>> from stimlib.experiments import dunn, to_pandas
+    >>> to_pandas(dunn({"a": [1, 3, 5], "b": [2, 4, 6], "c": [7, 8, 9]}))[
     ...     ["a", "b", "p"]
     ... ].round(4)
        a  b       p

@@ -16,7 +16,7 @@ from stimlib.experiments.fits import psychometric
 from stimlib.experiments.observers import Psychometric, simulate
 from stimlib.experiments.report import write_report
 from stimlib.experiments.signal_detection import wilson
-from stimlib.experiments.tables import fitted, frame, grouped, plain
+from stimlib.experiments.tables import fitted, grouped, plain, to_pandas
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
 
 
 def test_results_are_tables():
-    one = frame({("P1", "a"): wilson(1, 4), ("P1", "b"): wilson(3, 4)}, ["who", "condition"])
+    one = to_pandas({("P1", "a"): wilson(1, 4), ("P1", "b"): wilson(3, 4)}, ["who", "condition"])
     assert list(one.columns) == ["who", "condition", "value", "low", "high", "k", "n"] and list(
         one["k"]
     ) == [1, 3]
@@ -205,4 +205,4 @@ def test_without_pandas_a_table_says_what_to_install(monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "pandas", None)
-    refused(ImportError, r"stimlib\[experiments\]", frame, [wilson(1, 2)])
+    refused(ImportError, r"stimlib\[experiments\]", to_pandas, [wilson(1, 2)])
