@@ -22,7 +22,7 @@ def motions_of(
         list[str],
         typer.Option(
             help="A recording ([bold].csv[/], [bold].npz[/]; needs --map) or a motion such as "
-            "[bold]'minimum_jerk(depth=0.02)'[/], of all inputs; or of one:"
+            "[bold]'minimum_jerk(depth=0.02)'[/] for all inputs; or for one input:"
             " [bold]'press=sinusoid(0.5, 1)'[/], "
             "[bold]x=my.csv[/]. Repeatable: an input with a motion of its own does not take the one"
             " of all. "
@@ -41,7 +41,7 @@ def motions_of(
     ] = [],
     where: Annotated[
         str | None,
-        typer.Option(help="Which rows of the recording: [bold]grasp=pinch,level=easy,trial=1[/]."),
+        typer.Option(help="Rows of the recording to use: [bold]grasp=pinch,level=easy,trial=1[/]."),
     ] = None,
     time: Annotated[
         str,
@@ -56,8 +56,8 @@ def motions_of(
         Literal["always", "on_change"],
         typer.Option(
             help=(
-                "What silence of the recording device means: [bold]always[/] (a gap) or"
-                " [bold]on_change[/] (still)."
+                "Meaning of silence in the recording: [bold]always[/] (a gap: the device reports"
+                " all the time) or [bold]on_change[/] (it reports changes only: no movement)."
             )
         ),
     ] = "always",
@@ -65,7 +65,7 @@ def motions_of(
         Literal["spread", "last", "mean"] | None,
         typer.Option(
             help=(
-                "What several reports with one time stamp mean: [bold]spread[/] (the clock is"
+                "Meaning of several reports with one time stamp: [bold]spread[/] (the clock is"
                 " coarse: evenly up to the next "
                 "stamp), [bold]last[/] or [bold]mean[/]; by default they must be equal."
             ),
@@ -76,8 +76,8 @@ def motions_of(
         str,
         typer.Option(
             help=(
-                "Faster than this (m/s) is a fault of the device, not movement; only inputs in"
-                " metres are held to it. For other "
+                "Movement faster than this (m/s) counts as a fault of the device; only inputs in"
+                " metres are checked. For other "
                 "limits, or units: [bold]x=2,press=100[/] (of each per second; the others have"
                 " none)."
             )
@@ -87,9 +87,8 @@ def motions_of(
         float | None,
         typer.Option(
             help=(
-                "Longest silence of the recording that is joined, in s; needed where it has more"
-                " than 0.5 s from report to "
-                "report."
+                "Longest silence in the recording, in s, over which it is interpolated; needed"
+                " where it has more than 0.5 s from report to report."
             ),
             show_default=False,
         ),

@@ -9,8 +9,10 @@ import typer
 
 Rate = Annotated[float, typer.Option(help="Sample rate in Hz.")]
 DeviceRate = Annotated[float, typer.Option(help="Sample rate in Hz; it must be the device's.")]
-Length = Annotated[float | None, typer.Option(help="Length; by default the recording's, else 5 s.")]
-Seed = Annotated[int, typer.Option(help="Key of all noise.")]
+Length = Annotated[
+    float | None, typer.Option(help="Length in s; by default that of the recording, else 5.")
+]
+Seed = Annotated[int, typer.Option(help="Seed of all noise.")]
 FileParams = Annotated[
     list[str],
     typer.Option(
@@ -27,8 +29,8 @@ Channels = Annotated[
     int | None,
     typer.Option(
         help=(
-            "Number of the device's channels; the first carry the outputs. By default one for each"
-            " output."
+            "Number of channels of the device; the first ones carry the outputs. By default one for"
+            " each output."
         )
     ),
 ]
@@ -47,15 +49,15 @@ Log = Annotated[
         help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify."
     ),
 ]
-Quiet = Annotated[bool, typer.Option(help="No progress bar, no report.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead, for programs.")]
+Quiet = Annotated[bool, typer.Option(help="Show no progress bar and no report.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text.")]
 Import = Annotated[
     list[str],
     typer.Option(
         "--import",
         metavar="FILE.py",
         help=(
-            "Your own file, with blocks that the scene has; it is run before anything is read."
+            "A Python file of yours with blocks of the scene; it is run before anything is read."
             " Repeatable."
         ),
     ),
