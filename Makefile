@@ -1,12 +1,13 @@
 # The whole set-up on a fresh machine: `make demo` and `make test` make their own environment in .venv.
 PYTHON ?= python3
 LOWEST ?= python3.11
+NEWEST ?= python3.13
 BIN := .venv/bin
 ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Tests start hundreds of interpreters: where this is set, each of them compiles 2600 modules anew, three seconds of it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test tests test-lowest stress stress-real-time stress-rest soak randomness lint style types docs bench lock clean
+.PHONY: demo test tests test-lowest test-newest stress stress-real-time stress-rest soak randomness lint style types docs bench lock clean
 
 # An environment of exactly the releases in a file, all of them checked by hash, and stimlib itself built in it by one of them.
 define environment
@@ -28,10 +29,15 @@ endef
 .venv-lowest/ready: pyproject.toml requirements-lowest.txt
 	$(call environment,.venv-lowest,$(LOWEST),requirements-lowest.txt)
 
+.venv-newest/ready: pyproject.toml requirements-newest.txt
+	$(call environment,.venv-newest,$(NEWEST),requirements-newest.txt)
+
 demo: .venv/ready
 	$(BIN)/stimlib demo demo
 
 lint: style types
+	$(BIN)/mypy --platform win32
+	$(BIN)/mypy --platform darwin
 
 style: .venv/ready
 	$(BIN)/ruff check .
@@ -58,6 +64,11 @@ tests: .venv/compiled
 test-lowest: .venv-lowest/ready
 	@sh tests/devices/install.sh
 	$(ENV) .venv-lowest/bin/python -m pytest -q $(WORKERS)
+
+# The same tests on the newest releases, on the newest Python that all of them support.
+test-newest: .venv-newest/ready
+	@sh tests/devices/install.sh
+	$(ENV) .venv-newest/bin/python -m pytest -q $(WORKERS)
 
 LONGER = -m 'stress or longer or hypothesis'
 REAL_TIME = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
@@ -89,21 +100,23 @@ docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
 # A quarter of an hour on an idle machine; `make bench RECORD=--record` keeps the figures, else no tracked file changes.
-BENCHMARKS := short chain latency channels compile springpot bumps path streaming page work_precision power sweep cluster vocabulary vocabulary_blocks plate jax_target psychometric experiments
+BENCHMARKS := short chain latency channels compile springpot bumps path streaming page work_precision power sweep cluster vocabulary vocabulary_blocks elementary plate jax_target psychometric experiments
 
 bench: .venv/ready
 	@set -e; for name in $(BENCHMARKS); do echo "# $$name"; PYTHONPATH=tests $(BIN)/python benchmarks/$$name.py $(RECORD); done
 
-# Writes both requirements files anew after a change in pyproject.toml, keeping every release that still fits; to take a newer
+# Writes the requirements files anew after a change in pyproject.toml, keeping every release that still fits; to take a newer
 # one, delete its lines first.  Hashes of all files of a release: one file serves every Python and platform.
 LOCK := .venv-lock/bin/uv pip compile -q pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --custom-compile-command "make lock"
+LOCK_NEWEST := $(subst --universal --python-version 3.11,--python-version 3.13,$(LOCK))
 
 lock:
 	$(PYTHON) -m venv .venv-lock
 	.venv-lock/bin/python -m pip install -q --disable-pip-version-check uv
 	$(LOCK) -o requirements.txt
 	$(LOCK) --resolution lowest-direct -o requirements-lowest.txt
+	$(LOCK_NEWEST) --upgrade -o requirements-newest.txt
 
 clean:
-	rm -rf .venv .venv-lowest .venv-lock demo docs/_build docs/gallery
+	rm -rf .venv .venv-lowest .venv-newest .venv-lock demo docs/_build docs/gallery

@@ -11,8 +11,7 @@ import numpy as np
 from bench import Row, compared, main, row, under
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib import blocks as b
+from stimlib import Input, Scene, blocks as b
 from stimlib.plate import Finger, Plate, plate
 from stimlib.speed.timing import interleaved, medians
 

@@ -31,8 +31,7 @@ from faults import scaled
 from matplotlib.figure import Figure
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib import blocks as b
+from stimlib import Input, Scene, blocks as b
 from stimlib.analysis import spectra
 from stimlib.blocks.filters import Differentiator, Track
 from stimlib.blocks.fractional import Springpot

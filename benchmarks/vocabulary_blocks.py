@@ -16,8 +16,7 @@ from bench import Row, compared, main, row, under
 from scipy import signal
 
 import stimlib
-from stimlib import Block, Input, Scene, constant
-from stimlib import blocks as b
+from stimlib import Block, Input, Scene, blocks as b, constant
 from stimlib.design.texture import made_up
 from stimlib.speed.timing import interleaved, medians
 

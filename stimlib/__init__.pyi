@@ -1,45 +1,49 @@
-from . import analysis as analysis
-from . import blocks as blocks
-from . import checks as checks
-from . import core as core
-from . import design as design
-from . import devices as devices
-from . import experiments as experiments
-from . import files as files
-from . import fitting as fitting
-from . import motion as motion
-from . import plate as plate
-from . import run as run
-from . import scenes as scenes
-from . import soft as soft
-from . import sweep as sweep
+from . import (
+    analysis as analysis,
+    blocks as blocks,
+    checks as checks,
+    core as core,
+    design as design,
+    devices as devices,
+    experiments as experiments,
+    files as files,
+    fitting as fitting,
+    motion as motion,
+    plate as plate,
+    run as run,
+    scenes as scenes,
+    soft as soft,
+    sweep as sweep,
+)
 from .analysis.draw import draw as draw
 from .checks.verification import verify as verify
-from .core.graph import Block as Block
-from .core.graph import Input as Input
-from .core.graph import Param as Param
-from .core.graph import constant as constant
-from .core.graph import enabled as enabled
-from .core.scene import Scene as Scene
-from .core.scene import load as load
-from .errors import BadValue as BadValue
-from .errors import FaultError as FaultError
-from .errors import MissingPackage as MissingPackage
-from .errors import RecordingError as RecordingError
-from .errors import SceneError as SceneError
-from .errors import SceneFileError as SceneFileError
-from .errors import SinkError as SinkError
-from .errors import StimlibError as StimlibError
-from .errors import UnitError as UnitError
-from .errors import UnknownName as UnknownName
-from .fitting.relaxation import fit_generalized_maxwell as fit_generalized_maxwell
-from .fitting.relaxation import fit_springpot as fit_springpot
+from .core.graph import (
+    Block as Block,
+    Input as Input,
+    Param as Param,
+    constant as constant,
+    enabled as enabled,
+)
+from .core.scene import Scene as Scene, load as load
+from .errors import (
+    BadValue as BadValue,
+    FaultError as FaultError,
+    MissingPackage as MissingPackage,
+    RecordingError as RecordingError,
+    SceneError as SceneError,
+    SceneFileError as SceneFileError,
+    SinkError as SinkError,
+    StimlibError as StimlibError,
+    UnitError as UnitError,
+    UnknownName as UnknownName,
+)
+from .fitting.relaxation import (
+    fit_generalized_maxwell as fit_generalized_maxwell,
+    fit_springpot as fit_springpot,
+)
 from .fitting.scene import fit as fit
-from .run.processor import Processor as Processor
-from .run.processor import compile as compile
-from .run.rendering import Rendering as Rendering
-from .run.rendering import render as render
-from .run.rendering import stream as stream
+from .run.processor import Processor as Processor, compile as compile
+from .run.rendering import Rendering as Rendering, render as render, stream as stream
 from .system.limits import limits as limits
 
 __version__: str

@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 
-CTRL_C, PIPE = 128 + signal.SIGINT, 128 + signal.SIGPIPE
+CTRL_C, PIPE = 128 + signal.SIGINT, 128 + getattr(signal, "SIGPIPE", 13)
 
 
 def main() -> None:

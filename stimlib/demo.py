@@ -19,6 +19,7 @@ from .run.processor import compile
 from .run.rendering import render
 from .scenes import bumps, squeeze, viscoelastic
 from .system import safe_files
+from .system.packages import package
 from .system.pool import spread
 
 FS, SECONDS = 8000.0, 4.8
@@ -30,7 +31,7 @@ def _encoder(motion: Motion, resolution: float, seed: int = 0) -> Motion:
 
 
 class Stimulus(NamedTuple):
-    """A shipped scene, what drives it, and what is to be seen and heard."""
+    """A shipped scene, its motion, and what to look at and listen to."""
 
     make: Callable[..., Scene]
     motion: dict[str, Motion]
@@ -107,6 +108,8 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
 
     Raises
     ------
+    MissingPackage
+        matplotlib is not there.
     SinkError
         The folder, or a file in it, cannot be written.
     KeyboardInterrupt
@@ -122,6 +125,7 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
     ('squeeze', True,
      ['squeeze.wav', 'squeeze-listen.wav', 'squeeze.png', 'squeeze.html'])
     """
+    package("matplotlib", "the demo")
     folder = safe_files.make_folder(folder)
     with spread(show, [(folder, s) for s in STIMULI], workers) as made:
         yield from made

@@ -46,7 +46,7 @@ def shortened(value: object) -> str:
 
 
 def said(text: str) -> str:
-    """Return the text of an error as it can be shown.
+    """Return an error's message as printable text.
 
     Of a long one: the beginning, and the end with the remedy.
     """
@@ -65,11 +65,11 @@ class StimlibError(Exception):
 
 
 class BadValue(StimlibError, ValueError):
-    """An argument has a value that cannot be used."""
+    """Error of an argument's value."""
 
 
 class UnitError(BadValue):
-    """Two quantities with different units meet."""
+    """Error of quantities whose units do not fit."""
 
 
 class RecordingError(BadValue):
@@ -80,19 +80,19 @@ class RecordingError(BadValue):
 
 
 class SceneError(StimlibError, ValueError):
-    """The graph of a scene is wrong."""
+    """Error of a scene's graph."""
 
 
 class SceneFileError(SceneError):
-    """A scene file cannot be read as a scene."""
+    """Error of a file that cannot be read as a scene."""
 
 
 class SinkError(StimlibError, OSError):
-    """A device or a file cannot take, or give back, a stimulus."""
+    """An error of writing or reading a device or file."""
 
 
 class FaultError(StimlibError, RuntimeError):
-    """A processor stopped giving finite samples."""
+    """Error of a processor whose output is no longer finite."""
 
 
 class MissingPackage(StimlibError, ImportError):
@@ -103,7 +103,7 @@ class MissingPackage(StimlibError, ImportError):
 
 
 class UnknownName(StimlibError, KeyError):
-    """A name is missing, or is not one of those that exist."""
+    """Error of a name that is missing, or is not one of those that exist."""
 
     def __str__(self) -> str:
         # KeyError shows the repr of its argument, which would put quotes around a whole
@@ -119,6 +119,12 @@ def need(where: str, names: Iterable[str], given: Iterable[Any], what: str = "co
             raise UnknownName(
                 f"{where}: there is no {what} {name!r}; there are {', '.join(map(str, there))}"
             )
+
+
+def one_of(what: str, given: Any, known: Collection[Any]) -> None:
+    """Raise BadValue, listing what there is, unless a value is one of those."""
+    if given not in known:
+        raise BadValue(f"{what} = {given!r}; choose one of {', '.join(known)}")
 
 
 def outside() -> int:
@@ -152,15 +158,15 @@ def _numbers(v: Any, kinds: str = "biuf") -> bool:
         return False
 
 
-KINDS: dict[Any, tuple[str, Callable[[Any], bool]]] = {
-    float: ("a number", lambda v: isinstance(v, numbers.Real) and not isinstance(v, bool)),
-    int: ("a whole number", lambda v: isinstance(v, numbers.Integral) and not isinstance(v, bool)),
-    bool: ("True or False", lambda v: type(v).__name__ in ("bool", "bool_")),
-    str: ("a text", lambda v: isinstance(v, str)),
-    NoneType: ("None", lambda v: v is None),
-    os.PathLike: ("a path", lambda v: isinstance(v, os.PathLike)),
-    Callable: ("a function", callable),
-    Numbers: ("a list of numbers", _numbers),
+KINDS: dict[Any, str] = {
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    str: "a text",
+    NoneType: "None",
+    os.PathLike: "a path",
+    Callable: "a function",
+    Numbers: "a list of numbers",
 }
 CLASSES = {
     "Any": "any value",
@@ -315,7 +321,7 @@ def _fits(v: Any, hint: Any) -> bool:
     if _is(v, "Block"):
         return getattr(of, "__name__", "") == "Block"
     rule = RULES.get(of) or RULES.get(getattr(of, "__name__", "")) or _is_of
-    return KINDS[of][1](v) if of in KINDS else rule(v, of, parts)
+    return rule(v, of, parts)
 
 
 def _is_table(v: Any, of: Any, parts: tuple) -> bool:
@@ -350,23 +356,37 @@ def _is_of(v: Any, of: Any, parts: tuple) -> bool:
     return isinstance(v, of) or (issubclass(of, Unseen) and _is(v, of.__name__))
 
 
+def _is_number(v: Any, of: Any, parts: tuple) -> bool:
+    kind = numbers.Integral if of is int else numbers.Real
+    return isinstance(v, kind) and not isinstance(v, bool)
+
+
+def _is_array(v: Any, of: Any, parts: tuple) -> bool:
+    return _numbers(v, "biufc") and hasattr(v, "__len__")
+
+
+def _is_signal(v: Any, of: Any, parts: tuple) -> bool:
+    """Return whether a value that is no block is a number, also one of numpy."""
+    return _is_number(v, float, ()) or (getattr(v, "ndim", 1) == 0 and _numbers(v))
+
+
 RULES: dict[Any, Callable[[Any, Any, tuple], bool]] = {
+    Numbers: lambda v, of, parts: _numbers(v),
     Literal: lambda v, of, parts: isinstance(v, str) and v in parts,
-    "Block": lambda v, of, parts: (
-        KINDS[float][1](v) or (getattr(v, "ndim", 1) == 0 and _numbers(v))
-    ),
-    "ndarray": lambda v, of, parts: _numbers(v, "biufc") and hasattr(v, "__len__"),
-    **dict.fromkeys((dict, Mapping), _is_table),
-    **dict.fromkeys(LISTS, _is_list),
+    "Block": _is_signal,
+    "ndarray": _is_array,
 }
 """By a type or its name, whether a value is of it; `_is_of` for all others."""
+RULES[bool] = lambda v, of, parts: type(v).__name__ in ("bool", "bool_")
+RULES |= dict.fromkeys((float, int), _is_number)
+RULES |= dict.fromkeys((dict, Mapping), _is_table) | dict.fromkeys(LISTS, _is_list)
 
 
 def _words(hint: Any) -> str:
     """Return in words what a type asks for."""
     of, parts = get_origin(hint) or hint, get_args(hint)
     if of in KINDS:
-        return KINDS[of][0]
+        return KINDS[of]
     if of in (Union, UnionType):
         return " or ".join(dict.fromkeys(map(_words, parts)))
     if of is Literal:

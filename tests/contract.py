@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
-from stimlib import blocks as b
+from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks.contact import (
     ForceLimit,
     Tally,

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 import stimlib
-from stimlib import Block, Input, Param, Scene, constant
-from stimlib import blocks as b
+from stimlib import Block, Input, Param, Scene, blocks as b, constant
 from stimlib.blocks.filters import track
 from stimlib.blocks.viscoelastic import maxwell
 from stimlib.motion.generators import (

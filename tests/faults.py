@@ -17,8 +17,7 @@ from unittest.mock import patch
 import numpy as np
 
 import stimlib
-from stimlib import Input, Scene, StimlibError, constant
-from stimlib import blocks as b
+from stimlib import Input, Scene, StimlibError, blocks as b, constant
 from stimlib.blocks.contact import StaticLimit
 from stimlib.blocks.events import Integrate
 from stimlib.blocks.filters import (
@@ -57,8 +56,7 @@ from stimlib.blocks.viscoelastic import (
     compliance_kelvin_voigt,
     maxwell,
 )
-from stimlib.core.maths import copy, pairs, where
-from stimlib.core.maths import modes as modes_sum
+from stimlib.core.maths import copy, modes as modes_sum, pairs, where
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import bumps, squeeze, viscoelastic

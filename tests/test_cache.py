@@ -17,8 +17,7 @@ import pytest
 
 from stimlib.core import maths
 from stimlib.core.steps import source
-from stimlib.targets.numba import cache as caches
-from stimlib.targets.numba import engine, intrinsics, kernels, vectors
+from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, vectors
 from stimlib.targets.numba.cache import _salt as salt
 
 ROOT = Path(__file__).parent.parent

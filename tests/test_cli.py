@@ -190,12 +190,12 @@ def test_mistakes_get_one_line_and_leave_nothing(own, tmp_path, words, says):
     [
         ("render squeeze", "Missing option '--out'; see stimlib render --help"),
         ("show", "Missing argument 'SCENE'; see"),
-        ("render squeeze --ou a.wav", "No such option: --ou"),
+        ("render squeeze --ou a.wav", "No such option"),
         ("rendr", "No such command 'rendr'"),
         ("--verson", "--verson"),
         (
             "play squeeze --full-scale 1 --sink x",
-            "'x' is not one of 'null', 'jack', 'portaudio'; see stimlib play --help",
+            "'x' is not one of 'null', 'jack', 'portaudio', 'nidaq'; see stimlib play --help",
         ),
         ("show squeeze --fs a", "Invalid value for '--fs': "),
         ("verify --log", "'--log' requires an argument; see stimlib"),
@@ -314,7 +314,7 @@ def test_every_command_ends_so():
     assert {
         name: text.count(".command(") for name, text in texts.items() if ".command(" in text
     } == {"app.py": 1}
-    assert "of.command(name)(sharing(friendly()(function), shared))" in texts["app.py"]
+    assert "of.command(name)(sharing(friendly(options)(function), shared))" in texts["app.py"]
     groups = [app, *(g.typer_instance for g in app.registered_groups)]
     assert sum(len(g.registered_commands) for g in groups) == sum(
         text.count("\n@command(") for text in texts.values()
@@ -464,7 +464,8 @@ def test_a_file_without_the_name_of_a_scene_lists_them(tmp_path, scene, says):
     done = ran(["show", f"{path}{scene}"], 2)
     assert (
         done.stderr
-        == f"error: {path}: {says}: write {path}:NAME; there is soft, two, broken, number, ready\n"
+        == f"error: {path}: {says}: write {path}:NAME; it defines soft, two, broken, number,"
+        " ready\n"
     )
     ran(["show", f"{path}:ready"])
 
@@ -476,7 +477,7 @@ def test_a_file_without_the_name_of_a_scene_lists_them(tmp_path, scene, says):
         ("def hand(t):\n    return t\n", "error: {path}:hand: TypeError: "),
         (
             OWN + "hand = {'k': 1.0}\n",
-            "error: {path}: hand is a dict, no Scene: write {path}:NAME; there is soft, two,"
+            "error: {path}: hand is a dict, no Scene: write {path}:NAME; it defines soft, two,"
             " broken, number\n",
         ),
     ],
@@ -532,8 +533,9 @@ def test_json_says_what_the_words_say(tmp_path):
     assert data_of("devices", "--server", "none_of_this_name")[0] == {
         "sink": "null",
         "ready": True,
-        "what": "no device, at the pace of the clock",
+        "what": "no device: nothing is heard or felt",
         "how": "--sink null",
+        "fs": None,
     }
 
 
@@ -709,7 +711,7 @@ def test_a_file_tells_how_to_verify_it(tmp_path, monkeypatch, name, motion):
     words = ["--seconds", "0.1", "--full-scale", "64", "--set", "k=1500", "--seed", "4", "--quiet"]
     ran(["render", "squeeze(fingers=1)", "--motion", *motion, *words, "--out", name])
     done = ran(["verify", name])
-    assert "the scene is the sidecar's own" in done.stdout, done.output
+    assert "--scene" not in done.stdout and "mine.py:scene" in done.stdout, done.output
     ran(["verify", "squeeze(fingers=2)", "--wav", name], 2, "was rendered from another scene")
     if motion[0] == "grip.csv":
         (tmp_path / "grip.csv").write_text(GRIP + "0.048,20,4\n")
@@ -1243,6 +1245,8 @@ def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, wanted):
     words = [
         "play",
         "squeeze",
+        "--sink",
+        "null",
         "--motion",
         "sinusoid(0.005, 1, mean=0.01)",
         "--full-scale",
@@ -1402,7 +1406,7 @@ def test_play_says_that_an_output_failed(own):
         (["squeeze", *HAND, "--channels", "1"], "fewer than the 2 outputs"),
         (
             ["squeeze", *HAND, "--device", "a"],
-            "--device: is for --sink jack or portaudio, not for null",
+            "--device: is for --sink jack or portaudio or nidaq, not for null",
         ),
         (["squeeze", *HAND, "--connect", "a"], "--connect: is for --sink jack, not for null"),
         (["squeeze", *HAND, "--client", "a"], "--client: is for --sink jack"),
@@ -1424,7 +1428,16 @@ def test_play_says_that_an_output_failed(own):
             ["OWN:broken", *HAND, "--peak", "1"],
             "peak and static limit outputs in N, and this scene has none: y [meter**-1]",
         ),
-        (["squeeze", "--motion", "minimum_jerk()", "--full-scale", "-1"], "full_scale"),
+        (["tone", "--full-scale", "-1"], "--full-scale = -1 must be a finite number above 0"),
+        (["tone", "--set", "freq=-3"], "--set freq=-3: a frequency or rate is 0 or above"),
+        (["tone", "--set", "freq=nan"], "--set freq=nan: the value must be finite"),
+        (["tone", "--full-scale", "forc=1"], "--full-scale does not fit the outputs at forc"),
+        (["tone", *HAND], "the scene has no input: leave it out"),
+        (
+            ["squeeze", *HAND, "--motion", "x3=still()"],
+            "--motion x3=still(): the scene has no input of that name; its inputs are x1, x2",
+        ),
+        (["squeeze", "--motion", "minimum_jerk(depht=1)"], "there is no argument 'depht'"),
     ],
 )
 def test_mistakes_in_playing_get_one_line(own, words, says):
@@ -1435,7 +1448,7 @@ def test_mistakes_in_playing_get_one_line(own, words, says):
 def test_devices_says_what_there_is_and_how_to_get_the_rest():
     done = ran(["devices", "--server", "stimlib_none"])
     lines = done.stdout.splitlines()
-    assert lines[0].split() == "ready null no device, at the pace of the clock: --sink null".split()
+    assert lines[0].split() == "ready null no device: nothing is heard or felt: --sink null".split()
     (jack,) = [line for line in lines if line.split()[1] == "jack"]
     assert jack.startswith("missing") and (
         "start one, such as jackd" in jack or "apt-get install jackd2" in jack
@@ -1476,7 +1489,7 @@ def test_what_is_asked_of_a_server_reaches_it(monkeypatch):
 
 
 @needs_jack
-def test_play_and_loopback_on_a_server():
+def test_play_and_loopback_on_a_server(monkeypatch):
     from stimlib.devices.jack import JackSink
 
     with Jackd(8000, 64) as server:
@@ -1488,6 +1501,13 @@ def test_play_and_loopback_on_a_server():
         words = ["squeeze", *HAND, "--sink", "jack", "--device", server.name, "--seconds", "1"]
         done = ran(["play", *words, "--connect", "none"])
         assert "8000 samples" in done.stdout, done.output
+        monkeypatch.setenv("JACK_DEFAULT_SERVER", server.name)
+        first = ["play", "tone", "--seconds", "0.2", "--connect", "none"]
+        done = ran(first)  # without --sink and --fs: the server's
+        assert "1600 samples" in done.stdout, done.output
+        assert done.stderr.startswith("jack: a server at 8000 Hz"), done.stderr
+        assert "20 dB below full scale: --full-scale 1" in " ".join(done.stderr.split())
+        assert "20 dB" not in ran([*first, "--full-scale", "2"]).stderr
         with JackSink(
             stimlib.Scene({"y": stimlib.constant(1.0)}), 1.0, server=server.name, realtime=False
         ) as other:

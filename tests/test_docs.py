@@ -135,6 +135,8 @@ def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr("stimlib.devices.JackSink", quiet)
     monkeypatch.setattr("stimlib.devices.PortAudioSink", quiet)
+    for transport in ("lsl_motion", "lsl_markers", "osc_markers", "serial_markers"):
+        monkeypatch.setattr(f"stimlib.devices.{transport}", lambda *where: lambda given: ([], []))
     level = logging.getLogger("stimlib").level
     exec(compile(python_blocks()[name], name, "exec"), {"__name__": "pasted"})
     logging.getLogger("stimlib").setLevel(level)
@@ -165,6 +167,13 @@ def test_programs_that_pages_show_have_their_imports(tmp_path):
         text=True,
     )
     assert done.returncode == 0 and len(list(tmp_path.iterdir())) >= 9, done.stdout + done.stderr
+
+
+def test_no_page_says_a_paragraph_twice():
+    """A merge once left four sections of a page twice, one of them out of date."""
+    for page in PAGES:
+        said = [" ".join(p.split()) for p in page.read_text().split("\n\n")]
+        assert [p for p in set(said) if len(p) > 80 and said.count(p) > 1] == [], page
 
 
 def test_every_block_function_has_its_place():

@@ -37,6 +37,12 @@ PRINTED = {
         "LuGre: 0.694 N at most, 0.600 N while fast; the loop is within 0.001 N\n"
     ),
     "serial_tracker.py": "many reports; the hand ended at 10.00 mm\nreplay: equal, bit for bit\n",
+    "control_loop.py --watchdog 5": (
+        "a wall at 10 mm, and a hand that went to 24 mm: held\nreplay: equal, bit for bit\n"
+    ),
+    "control_loop.py --watchdog 5 --device serial": (
+        "a wall at 10 mm, and a hand that went to 24 mm: held\nreplay: equal, bit for bit\n"
+    ),
     "psychopy_trial.py --made-up-hand": (
         "interval 1: 360 N/m, 20.0 mm, 7.20 N\ninterval 2: 300 N/m, 20.0 mm, 6.00 N\nanswer: 2\n"
     ),
@@ -155,6 +161,7 @@ def test_example_prints_its_result_and_draws_only_when_asked(name, tmp_path, mon
     recorded(name)
     monkeypatch.chdir(tmp_path)
     warnings.simplefilter("error")  # pytest restores it
+    warnings.filterwarnings("ignore", category=DeprecationWarning, module="matplotlib|pyparsing")
     example, *words = name.split()
     for call in ([], ["--plot", "picture.png"]) if name in PLAIN else (["--plot", "picture.png"],):
         monkeypatch.setattr(sys, "argv", [str(EXAMPLES / example), *call, *words])

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pint
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
@@ -490,7 +489,7 @@ def test_registered_names():
         (Param("k", 3.0, "N/m"), "Param('k', 3.0, 'N/m')"),
         (2 * x, "Mul(Const(2.0), Input('x'))"),
         (blocks.velocity(2 * x, 30.0), None),
-        (blocks.fir(x, [1, 2, 3]), "taps=[3]"),
+        (blocks.fir(x, [1, 2, 3]), "taps=[1.0, 2.0, 3.0]"),
         (blocks.enabled(blocks.white_noise(1), by=n > 0.5), "Enabled(White(..), Greater(..))"),
         (blocks.delay(x, 4), "samples=4"),
     ],

@@ -7,13 +7,11 @@ from collections import Counter
 import numpy as np
 import pytest
 from contract import TABLE
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import Phase, given, settings, strategies as st
 from laws import STRESS, Set, assert_same, guarded, mostly, pair, raw, rows, run
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
-from stimlib import blocks as b
+from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks.noise import PinkNoise, White
 from stimlib.core.cycles import Cycle
 from stimlib.core.graph import Block, Enabled, Guard, reach

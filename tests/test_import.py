@@ -1,10 +1,15 @@
 """What is loaded when: heavy libraries only where they are used."""
 
 import builtins
+import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import pytest
+
+from stimlib.system.packages import EXTRAS, PROJECTS
 
 SWEEP = ("pyarrow", "dask", "distributed", "cloudpickle")
 HEAVY = (
@@ -130,27 +135,78 @@ def test_an_unknown_name_is_an_attribute_error():
         _ = stimlib.squeze
 
 
-def test_a_package_that_is_missing_is_named_with_what_installs_it():
-    calls = {
-        "stimlib.render(scene, fs=1000, seconds=0.01, motion={}).plot()": (
-            "a picture needs the package matplotlib"
-        ),
-        "stimlib.draw(scene, sys.argv[1])": "a picture of a graph needs the package matplotlib",
+MISSING = {
+    "plot": {
+        "result.plot()": "a picture needs the package matplotlib",
+        "stimlib.draw(scene, 'graph.png')": "a picture of a graph needs the package matplotlib",
+        "stimlib.verify(scene, {}, result).to_html('a.html')": "a page",
+        "next(stimlib.demo.demo('demo'))": "the demo",
+        "soft.picture(result)": "a picture",
+        "soft.film(result, 'a.gif')": "a film",
+        "soft.image('a.png', width=0.01)": "a map from a picture",
+        "psychometric([1, 2, 3], [1, 5, 9], [10] * 3).plot()": "a picture",
+        "bench.picture([], 'a.png')": "a picture",
+        "relaxed().plot('a.png')": "a picture",
+    },
+    "fit": {
         "stimlib.compile(scene, 1000, 'jax')": "target='jax' needs the package jax",
         "stimlib.fit(scene, {}, [0.0], {'k': 1.0}, fs=1000)": "fit needs the package jax",
         "plate.fit_frame(plate.Plate.paper(), {0: 158.0})": "fit_frame needs the package jax",
-    }
-    code = """import sys
-sys.modules["matplotlib"] = sys.modules["jax"] = None
-import stimlib
-from stimlib import plate
-scene = stimlib.Scene({"y": stimlib.Param("k", 1.0) * stimlib.blocks.elapsed()})
+    },
+    "sweep": {
+        "stimlib.sweep.sweep(scene, {'seed': [1]}, motion={}, measures='rms', fs=1000)": "a sweep",
+    },
+    "live": {"scene.live()": "the live page"},
+    "experiments": {
+        "mixed({'participant': [1, 2], 'y': [1.0, 2.0]}, 'y ~ 1')": "mixed needs the package",
+        "to_pandas([psychometric([1, 2, 3], [1, 5, 9], [10] * 3)])": "a table of results",
+    },
+    "lab": {
+        "stimlib.devices.lsl_markers()": "lsl_markers needs the package pylsl",
+        "stimlib.devices.lsl_motion('hand')": "lsl_motion needs the package pylsl",
+        "stimlib.devices.lsl_streams()": "lsl_streams needs the package pylsl",
+        "stimlib.devices.osc_markers('127.0.0.1', 9)": "osc_markers needs the package python-osc",
+        "stimlib.devices.osc_motion(0, '/hand')": "osc_motion needs the package python-osc",
+        "stimlib.devices.serial_markers('/dev/null', {})": "serial_markers needs the package pyser",
+        "stimlib.devices.serial_motion('/dev/null')": "serial_motion needs the package pyserial",
+    },
+}
+
+
+@pytest.mark.parametrize("extra", MISSING)
+def test_a_package_that_is_missing_is_named_with_what_installs_it(extra, tmp_path):
+    """Each public way to it ends in one typed error with the command, in no other."""
+    calls = MISSING[extra]
+    code = f"""import numpy as np, sys
+from stimlib.system.packages import EXTRAS
+sys.modules |= dict.fromkeys(EXTRAS[{extra!r}])
+import stimlib, stimlib.demo, stimlib.sweep
+from stimlib import plate, soft
+from stimlib.experiments import mixed, psychometric, to_pandas
+from stimlib.speed import bench
+def relaxed():
+    from stimlib.fitting import fit_generalized_maxwell
+    t = np.linspace(0.0, 1.0, 60)
+    y = np.minimum(t, 0.1)
+    return fit_generalized_maxwell(t, y, y * (1 + np.exp(-t)), arms=1)
+scene = stimlib.Scene({{"y": stimlib.Param("k", 1.0) * stimlib.blocks.elapsed()}})
+result = stimlib.render(scene, fs=1000, seconds=0.01, motion={{}})
 """
     code += "".join(
-        f"try: {call}\nexcept stimlib.MissingPackage as e: print(e)\n" for call in calls
+        f"try: {call}\nexcept stimlib.MissingPackage as e: print(e)\n"
+        f"except BaseException as e: print({call!r}, repr(e))\nelse: print({call!r}, 'passes')\n"
+        for call in calls
     )
-    run = subprocess.run([sys.executable, "-c", code, "graph.png"], capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
     lines = run.stdout.splitlines()
-    assert len(lines) == len(calls), run.stderr
+    assert len(lines) == len(calls), run.stderr + run.stdout
     for line, words in zip(lines, calls.values(), strict=True):
-        assert line.startswith(words) and line.endswith(f": pip install {words.split()[-1]}")
+        assert line.startswith(words), line
+        assert line.endswith(f": pip install 'stimlib[{extra}]'"), line
+
+
+def test_the_extras_bring_what_their_errors_say():
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    for extra, names in EXTRAS.items():
+        brought = {re.split(r"[<>=]", r)[0] for r in project["optional-dependencies"][extra]}
+        assert {PROJECTS.get(name, name) for name in names} <= brought, extra

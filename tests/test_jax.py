@@ -11,22 +11,18 @@ import jax
 import numpy as np
 import pytest
 from hands import RECORDINGS, hand
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import Phase, given, settings, strategies as st
 from laws import STRESS, mostly
 from refusals import refused
-from test_graphs import LENGTH, motion
-from test_graphs import scenes as generated
+from test_graphs import LENGTH, motion, scenes as generated
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, scenes
-from stimlib import blocks as b
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, blocks as b, scenes
 from stimlib.checks.agreement import agreement
 from stimlib.core import maths
 from stimlib.core.graph import Map, registry
 from stimlib.core.maths import where
-from stimlib.targets.jax import blockforms, recurrence, traced
-from stimlib.targets.jax import function as jax_target
+from stimlib.targets.jax import blockforms, function as jax_target, recurrence, traced
 
 TABLE = {e.name: e for e in contract.TABLE}
 FIRST = set({e.cls: e.name for e in reversed(contract.TABLE)}.values())  # of each class one

@@ -29,8 +29,7 @@ from laws import (
 from scipy.interpolate import CubicSpline
 
 import stimlib
-from stimlib import Input, Param, Scene
-from stimlib import blocks as b
+from stimlib import Input, Param, Scene, blocks as b
 from stimlib.core.graph import Enabled, Guard, reach, registry, signals
 from stimlib.design import responses
 from stimlib.errors import BadValue

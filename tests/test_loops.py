@@ -12,8 +12,7 @@ import pytest
 from laws import STRESS, assert_same, impulse_response, pair, rows, run
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
-from stimlib import blocks as b
+from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks import loop
 from stimlib.core.cycles import Cycle
 from stimlib.core.graph import Block, reach

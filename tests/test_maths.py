@@ -2,6 +2,7 @@
 the numbers against exact arithmetic.
 """
 
+import itertools
 import math
 from fractions import Fraction
 from typing import NamedTuple
@@ -308,7 +309,7 @@ def test_pairs():
 def test_each_says_what_it_takes():
     @njit(error_model="numpy", inline="always")
     def decay(q, x):
-        return intrinsics.exp(x)
+        return intrinsics.settle(x)
 
     @njit(error_model="numpy")
     def compiled(x, y):
@@ -693,3 +694,20 @@ def test_moments_and_distribution():
     assert 4.2 < np.abs(y).max() < 6
     other = stimlib.compile(Scene({"n": white_noise(12)}), 1000).process(np.empty((0, n)))[0]
     assert abs(np.mean(y * other)) < 4.5 / math.sqrt(n)
+
+
+def test_fma_without_a_c_library_has_the_same_bits():
+    """On Windows below Python 3.13: `math.fma` and the C library are missing there."""
+    rng = np.random.default_rng(1)
+    a, b, c = rng.integers(0, 2**64, (3, 20_000), dtype=np.uint64).view(np.float64)
+    near = rng.standard_normal((2, 20_000))
+    hard = [0.0, -0.0, 5e-324, -5e-324, 1e308, -1e308, 1 + 2**-52, 1 - 2**-53, np.inf, np.nan]
+    triples = [
+        *zip(a, b, c, strict=True),  # of all sizes, nan and infinite among them
+        *((x, y, -(x * y)) for x, y in near.T),  # where one rounding is all that is left
+        *itertools.product(hard, repeat=3),
+    ]
+    for x, y, z in triples:
+        want, got = maths.fma(x, y, z), maths._exact_fma(float(x), float(y), float(z))
+        if not (np.isnan(want) and np.isnan(got)):
+            assert_same(np.array([want]), np.array([got]))

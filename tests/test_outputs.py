@@ -12,8 +12,7 @@ from laws import assert_same, pair, run
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene
-from stimlib import blocks as b
+from stimlib import Input, Param, Scene, blocks as b
 from stimlib.core import units as un
 from stimlib.core.graph import Block, Map
 from stimlib.core.maths import cos, sin, where

@@ -17,8 +17,7 @@ import pytest
 from experiments.some import QUESTION, SPRING, TASK, experiment, observer, simulate
 
 import stimlib
-from stimlib import Input, constant
-from stimlib import blocks as b
+from stimlib import Input, blocks as b, constant
 from stimlib.core.graph import Block
 from stimlib.design.texture import made_up
 from stimlib.errors import RecordingError, SceneFileError, SinkError, StimlibError

@@ -8,8 +8,7 @@ from contract import TABLE
 from laws import assert_same, mostly, random_cuts, rows, run
 
 import stimlib
-from stimlib import Input, Param, Scene, constant, draw
-from stimlib import blocks as b
+from stimlib import Input, Param, Scene, blocks as b, constant, draw
 from stimlib.analysis.layout import Layout
 from stimlib.core.graph import Segment
 from stimlib.core.program import first_states

@@ -5,6 +5,7 @@ stimlib ships passes.
 import importlib
 import itertools
 import re
+import sys
 import textwrap
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from contract import TABLE as TABLE_OF_BLOCKS
-from contract import ours
+from contract import TABLE as TABLE_OF_BLOCKS, ours
 from laws import assert_same, cut_at, pair, rows, run
 
 import stimlib
@@ -299,7 +299,12 @@ def test_a_step_that_fails_while_it_runs_says_where(mine):
     [
         ("2.0 * x", "3.0 * x"),
         ("class State", "\nclass State"),
-        ("@static", "x = 0\n\n    @static"),
+        pytest.param(
+            ("@static", "x = 0\n\n    @static"),
+            marks=pytest.mark.skipif(
+                sys.version_info >= (3, 13), reason="Python finds the text there, and it is equal"
+            ),
+        ),
         ("2.0 * x", "(2.0 * x"),
     ],
 )

@@ -10,8 +10,7 @@ import pytest
 from numba import config
 
 import stimlib
-from stimlib import Input, Param, Scene
-from stimlib import blocks as b
+from stimlib import Input, Param, Scene, blocks as b
 
 TEXT = """
 import sys

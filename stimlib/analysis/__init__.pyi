@@ -1,12 +1,6 @@
 from .draw import Drawing as Drawing
-from .listening import listen as listen
-from .listening import vibration as vibration
-from .overview import Against as Against
-from .overview import picture as picture
-from .passivity import damping_of as damping_of
-from .passivity import needed_damping as needed_damping
-from .physical_cues import Cues as Cues
-from .physical_cues import cues as cues
-from .physical_cues import cues_of as cues_of
-from .spectra import judged as judged
-from .spectra import tail as tail
+from .listening import listen as listen, vibration as vibration
+from .overview import Against as Against, picture as picture
+from .passivity import damping_of as damping_of, needed_damping as needed_damping
+from .physical_cues import Cues as Cues, cues as cues, cues_of as cues_of
+from .spectra import judged as judged, tail as tail

@@ -186,7 +186,7 @@ def sampled_rms(
     fs: float,
     rectify: str | None = "half",
 ) -> float:
-    """Return the RMS over one bump of what is rendered at a sample rate.
+    """Return the RMS over one bump of a rendering at a sample rate.
 
     Both factors are means over one sample period.
 
@@ -228,7 +228,7 @@ def sampled_rms(
 def meeting(
     waveform: str, duty: float, rate: float, freq: float, fs: float, seconds: float
 ) -> float:
-    """Return the largest relative error of ``rms`` over so many whole bumps.
+    """Return the largest relative error of ``rms`` over a whole number of bumps.
 
     It comes from lines of envelope and carrier that are near each other.
 

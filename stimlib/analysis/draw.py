@@ -66,7 +66,7 @@ def draw(scene: Scene | Processor) -> Drawing: ...
 def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None: ...
 @public
 def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -> Drawing | None:
-    """Draw a scene, or what a processor runs, as SVG, PNG or PDF or for a notebook.
+    """Draw a scene or a processor's graph as SVG, PNG or PDF, or for a notebook.
 
     The picture shows the program after rewriting: equal parts once, numbers folded, one
     shaded box per ``enabled`` or ``segment``.  A number stands inside the block that
@@ -130,7 +130,7 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
 
 
 def html_of(scene: Scene) -> str:
-    """Return what a notebook shows of a scene: its text, and its graph if possible.
+    """Return the HTML of a scene for a notebook: its text, and its graph if possible.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ class Ink:
             x += 0.55 + width_of(word, SMALL)
 
     def level(self, level: Level, ground: str = "white", given: tuple[int, ...] = ()) -> None:
-        """Draw everything on a clock, over a colour.
+        """Draw everything that runs on one clock, on a background colour.
 
         What is given out has its unit outside.
         """

@@ -9,6 +9,7 @@ runs across a block, and the curves need only the gaps between columns.
 from __future__ import annotations
 
 import dataclasses as dc
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -79,7 +80,7 @@ class Layout:
         )
 
     def gate(self, box: Box) -> tuple[int, ...]:
-        """Return what decides whether an ``enabled`` runs."""
+        """Return the signal that decides whether an ``enabled`` runs."""
         return self.signals(self.opened(box).args)
 
     def opened(self, box: Box) -> Instance:
@@ -116,7 +117,7 @@ class Layout:
         return out
 
     def columns(self, level: Level, start: int) -> None:
-        """Place each instance by its longest path from the left.
+        """Place each instance in a column by its longest path from the left.
 
         What no Input reaches moves right, next to its user.
         """
@@ -139,13 +140,13 @@ class Layout:
             self.shift(box, start - box.first + (level.columns - 1 if last else at[box]))
 
     def shift(self, box: Box, by: int) -> None:
-        """Move a box by columns."""
+        """Shift a box and its contents by a number of columns."""
         box.first, box.last = box.first + by, box.last + by
         for b in [*box.inner.boxes, *box.inner.wires.values()] if box.inner else []:
             self.shift(b, by)
 
     def needs(self, box: Box) -> list[tuple[int, int]]:
-        """Return (instance, column) of everything that comes into a box.
+        """Return (instance, column) of every signal that enters a box.
 
         Parameters of what is inside are included.
         """
@@ -164,6 +165,19 @@ class Layout:
 
         The best of some rounds is taken.
         """
+        links = self._links(level)
+        boxes = [*level.boxes, *level.wires.values()]
+        best, kept = np.inf, {b: 0.0 for b in boxes}
+        for y, cost in self._rounds(boxes, links):
+            if cost < best - 1e-9:
+                best, kept = cost, y
+        low = min(kept.values(), default=0.0)
+        for b in boxes:
+            b.y = kept[b] - low
+        level.height = max((b.y + b.height for b in boxes), default=0.15)
+
+    def _links(self, level: Level) -> list[tuple[Box, Box]]:
+        """Give a level its wires, and return the pairs of boxes that are joined."""
         owner = {b.number: b for b in level.boxes}
         ends = [
             (owner[a], box, column)
@@ -181,13 +195,17 @@ class Layout:
         self.wires |= level.wires
         links = [(a, level.wires[a.number]) for a in far]
         links += [(level.wires[a.number] if column > a.last + 1 else a, b) for a, b, column in ends]
-        boxes = [*level.boxes, *level.wires.values()]
+        return links
+
+    def _rounds(
+        self, boxes: list[Box], links: list[tuple[Box, Box]]
+    ) -> Iterator[tuple[dict[Box, float], float]]:
+        """Yield heights and their cost: length, crossings, and height of all."""
         near: dict[Box, list[Box]] = {b: [] for b in boxes}
         for a, b in links:
             near[a].append(b)
             near[b].append(a)
         rank = {b: float(b.number) for b in boxes}
-        best, kept = np.inf, {b: 0.0 for b in boxes}
         wish: dict[Box, float] = {}
         for turn in range(60):
             order = sorted(
@@ -201,22 +219,17 @@ class Layout:
             cost += 0.3 * (
                 max((y[b] + b.height for b in boxes), default=0.0) - min(y.values(), default=0.0)
             )
-            if cost < best - 1e-9:
-                best, kept = cost, y
+            yield y, cost
             middle = {b: y[b] + b.height / 2 for b in boxes}
             side = turn % 3  # both, sources, users
             wish = {}
             for b in boxes:
                 n = [o for o in near[b] if side == 0 or (o.last < b.first) == (side == 1)] or [b]
                 wish[b] = sum(middle[o] for o in n) / len(n)
-        low = min(kept.values(), default=0.0)
-        for b in boxes:
-            b.y = kept[b] - low
-        level.height = max((b.y + b.height for b in boxes), default=0.15)
 
     # Places ---------------------------------------------------------------------------
     def place(self) -> None:
-        """Turn columns into x and rows into y."""
+        """Turn the columns and rows of boxes into positions x and y."""
         wide, crossed = [0.3] * self.top.columns, [GAP] * (self.top.columns + 1)
         for b in self.box.values():
             if not b.inner:
@@ -241,7 +254,7 @@ class Layout:
                 self._rows(b.inner, start + b.y + STRIP + PAD)
 
     def out(self, box: Box) -> tuple[float, float]:
-        """Return where a box's signal leaves it."""
+        """Return the point at which a box's signal leaves it."""
         if box.inner:
             return self.right(box) + PAD, self.port(box)
         middle = self.x[box.first] + self.wide[box.first] / 2
@@ -264,12 +277,12 @@ class Layout:
 
     # Words ----------------------------------------------------------------------------
     def unit(self, i: int) -> str:
-        """Return the unit of an instance as it is written."""
+        """Return the unit of an instance as text."""
         b = self.program.instances[i].block
         return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
 
     def text(self, i: int) -> list[str]:
-        """Return the lines in a box: what it is, and its numbers."""
+        """Return the lines in a box: its name, and its numbers."""
         q = self.program.instances[i]
         b = q.block
         args = [
@@ -303,14 +316,14 @@ class Layout:
         return [type(b).__name__, *lines[:4], *(["\u2026"] if len(lines) > 4 else [])]
 
     def ordered(self, i: int) -> bool:
-        """Return whether it matters which signal comes in where."""
+        """Return whether the order of a block's inputs matters."""
         return len(self.sources(i)) > 1 and not isinstance(
             self.program.instances[i].block, Add | Mul
         )
 
 
 def names_of(b: Block) -> tuple[str, ...]:
-    """Return the names of the signals that come in."""
+    """Return the names of a block's input signals."""
     return tuple(f"x{j}" for j in range(b.inputs)) if isinstance(b, Cycle) else signals(type(b))
 
 
@@ -357,7 +370,7 @@ def _field(name: str, v: Any) -> str:
 
 @cache
 def width_of(text: str, size: float) -> float:
-    """Return inches of a text in the one font that comes with matplotlib."""
+    """Return the width in inches of a text in matplotlib's own font."""
     FontProperties = package("matplotlib.font_manager", "a picture of a graph").FontProperties
     from matplotlib.textpath import TextPath
 

@@ -21,7 +21,7 @@ FADE = 0.01  # s at both ends, or they would click
 
 @public
 def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
-    """Return what a signal has above a frequency, without delay.
+    """Return the part of a signal above a frequency, without delay.
 
     It is the signal less a penalised spline through it.
 

@@ -38,7 +38,7 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 class Against(NamedTuple):
-    """A spectrum and a law's prediction, shape (n,), PSDs in unit^2/Hz."""
+    """A measured spectrum and the PSD of its law, shape (n,), in unit^2/Hz."""
 
     title: str
     unit: str
@@ -129,7 +129,7 @@ def picture(
 
 
 def save(drawn: Figure, path: str | os.PathLike) -> None:
-    """Write a figure whole, at a place that ``check_place`` has found good."""
+    """Write a figure atomically, at a place that ``check_place`` accepts."""
     data = io.BytesIO()
     drawn.savefig(data, dpi=110, format=Path(path).suffix[1:].lower())
     safe_files.publish(path, data.getvalue())
@@ -138,7 +138,7 @@ def save(drawn: Figure, path: str | os.PathLike) -> None:
 def check_place(
     path: str | os.PathLike, what: str = "picture", formats: Sequence[str] = FORMATS
 ) -> None:
-    """Raise what ``picture`` would of a path, before there is anything to draw.
+    """Raise the error that ``picture`` would raise for a path, before drawing.
 
     Parameters
     ----------
@@ -150,6 +150,8 @@ def check_place(
 
     Raises
     ------
+    MissingPackage
+        matplotlib is not there, which draws it.
     SinkError
         Another suffix; a folder is there, or none to write into.
 
@@ -160,6 +162,7 @@ def check_place(
     Traceback (most recent call last):
     stimlib.errors.SinkError: cannot write the picture squeeze.xyz: its name must ...
     """
+    package("matplotlib", f"a {what}")
     if os.path.isdir(path):
         raise SinkError(f"cannot write the {what} {path}: it is a folder")
     if Path(path).suffix.lower() not in formats:
@@ -217,7 +220,7 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
 
 
 def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
-    """Return what a notebook shows of a rendering: its text and a picture.
+    """Return the HTML of a rendering for a notebook: its text and a picture.
 
     The picture shows its first seconds.
 

@@ -22,7 +22,7 @@ ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  #
 def needed_damping(
     response: Callable[[np.ndarray], np.ndarray], fs: float, delay: float = 0.0
 ) -> float:
-    r"""Return the damping with which a device is passive under a rendered stiffness.
+    r"""Return the damping that makes a device passive under a rendered stiffness.
 
     The force over position is held between samples.
 

@@ -42,7 +42,7 @@ class Spectrum(NamedTuple):
 
 
 def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
-    """Return every third bin of f_low .. f_high (Hz) of n samples, from the fourth on.
+    """Return every third DFT bin from f_low to f_high (Hz), from the fourth bin on.
 
     The periodogram is independent at these.
 
@@ -60,7 +60,7 @@ def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
 def whitened(
     x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray], f_low: float, f_high: float
 ):
-    """Return frequencies (Hz) and W = periodogram / its expectation.
+    """Return frequencies (Hz) and the periodogram divided by its expectation, W.
 
     Every third bin of f_low .. f_high is taken.
 
@@ -139,7 +139,7 @@ def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
 
 
 def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
-    """Run both tests of a whitened periodogram.
+    """Run both spectral tests on a whitened periodogram.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def _at_least(parts: list[np.ndarray], size: int) -> list[np.ndarray]:
 def correlation(
     x: np.ndarray, y: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float
 ) -> tuple[float, float]:
-    """Return the correlation of two streams, and its two-sided p.
+    """Return the correlation of two signals and its two-sided p-value.
 
     The streams are whitened by the model; p is that under independence.
     """

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core import units as un
 from ..core.graph import (
     NONE,
     ONE,
@@ -18,16 +17,15 @@ from ..core.graph import (
     Map,
     Param,
     as_block,
-    constant,
     positive,
     same_unit,
 )
 from ..core.maths import TINY, exp, floor, fma, where
 from ..core.response import backward
 from ..core.units import unit
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, one_of, public
 from .impedance import with_unit
-from .surfaces import gap, sinpi
+from .surfaces import Over, PlaceState, gap, sinpi
 from .tables import lut
 
 # Dry friction -----------------------------------------------------------------------
@@ -69,27 +67,27 @@ class FrictionState(NamedTuple):
 
 
 def held(v):
-    """Return a live value, 0 where it is below; nan stays."""
+    """Return a live value limited to 0 and above; NaN is kept."""
     return where(v > 0.0, v, where(v == v, 0.0, v))
 
 
 def between(v, low, high):
-    """Return v between low and high; nan where one of them is."""
+    """Return v limited to low .. high; NaN where one of the three is NaN."""
     return where(v > high, high, where(v < low, low, where(high == high, v, high)))
 
 
 def within(z, c):
-    """Return z held between -c and c; nan where c is."""
+    """Return z limited to -c .. c; NaN where c is NaN."""
     return between(z, -c, c)
 
 
 def sign(x):
-    """Return the way's direction."""
+    """Return the direction of a movement."""
     return where(x < 0.0, -1.0, 1.0)
 
 
 def deflection(limit, k):
-    """Return c, where a spring of stiffness k has the force limit.
+    """Return the deflection at which a spring of stiffness k has the limit force.
 
     It is finite, however soft the spring is.
     """
@@ -114,7 +112,7 @@ def over(a, b):
 
 
 def relax(a):
-    """Return exp(-a) and its mean (1 - exp(-a))/a over the way, a >= 0."""
+    """Return exp(-a) and its mean (1 - exp(-a))/a over the path, a >= 0."""
     e = exp(-a)
     near = 1.0 - a * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a * (1 / 120 - a / 720))))
     return e, where(a < 0.01, near, over(1.0 - e, a))
@@ -130,14 +128,13 @@ def averaging(fs, z, k, b=0.0):
 
 
 @dataclass(frozen=True, eq=False)
-class Friction(Block, abstract=True):
-    """A spring that slips: where it slips, and how stiff it is, are signals."""
+class Friction(Over, abstract=True):
+    """Friction as a spring that slips; limit force and stiffness are signals."""
 
     x: Block
     limit: Block  # of the force
     stiffness: Block
     contact: Block
-    resettable = True
 
     def units(self, *u):
         if u[0] * u[2] != u[1]:
@@ -151,12 +148,8 @@ class Friction(Block, abstract=True):
     def design(self, fs):
         return (), FrictionState(0.0, 0.0, 0.0, 1.0)
 
-    def delay(self, p):
-        """Return half a sample: a mean over the last sample period."""
-        return 0.5
-
     def steepest(self, fs, z, H, value):
-        """Return the response where it sticks, and what a moving limit adds."""
+        """Return the response while it sticks, plus the share of a moving limit."""
         if H[0] is None or value[2] is None:
             return None
         return averaging(fs, z, value[2]) * H[0] + (0.0 if H[1] is None else H[1])
@@ -223,7 +216,7 @@ class ElastoPlastic(Friction):
 
 
 def drawn(z, c, dx):
-    """Return z of dz = (1 - s z/c) dx at the end of the way, and in the mean."""
+    """Return z at the end of a path by dz = (1 - s z/c) dx, and its mean."""
     to = sign(dx) * c
     left, mean = relax(where(c > 0.0, over(abs(dx), c), 0.0))
     return to + (z - to) * left, to + (z - to) * mean
@@ -251,7 +244,7 @@ class LuGreParams(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LuGre(Block):
+class LuGre(Over):
     """LuGre friction: Dahl's law with a limit g(v), a damper and a viscosity.
 
     F = k z + damping dz/dt + viscosity v; z is held within the static limit.
@@ -264,7 +257,6 @@ class LuGre(Block):
     contact: Block
     damping: float
     viscosity: float
-    resettable = True
 
     def check(self):
         for name in ("damping", "viscosity"):
@@ -284,12 +276,8 @@ class LuGre(Block):
             0.0, 0.0, 0.0, 1.0
         )
 
-    def delay(self, p):
-        """Return half a sample: a mean over the last sample period."""
-        return 0.5
-
     def steepest(self, fs, z, H, value):
-        """Return the response where it sticks, and what a moving limit adds."""
+        """Return the response while it sticks, plus the share of a moving limit."""
         if H[0] is None or value[3] is None:
             return None
         return averaging(fs, z, value[3], self.damping + self.viscosity) * H[0] + (
@@ -315,13 +303,6 @@ class StribeckParams(NamedTuple):
 
     rise: float
     per: float  # fs/speed
-
-
-class PlaceState(NamedTuple):
-    """State of place blocks between samples."""
-
-    last: float
-    cold: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,7 +350,7 @@ class StickSlipParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StickSlip(Friction):
-    """A spring that falls to left c where it reaches c: a sawtooth over the way.
+    """A spring that drops to left c when it reaches c: a sawtooth over the path.
 
     dz = dx up to |z| = c; any number of slips may be in a sample.
 
@@ -426,7 +407,7 @@ def friction(
     passive: bool = True,
     contact: Block | float = 1.0,
 ) -> Block:
-    r"""Compute dry friction that sticks, from the position alone.
+    r"""Compute dry friction with sticking, from the position alone.
 
     It is the mean force over the straight way since the last sample.
 
@@ -526,8 +507,7 @@ def friction(
     ... )  # 0.5 mm stick
     array([[0.   , 0.1  , 0.3  , 0.492, 0.5  , 0.45 ]])
     """
-    if law not in LAWS:
-        raise BadValue(f"friction: law = {law!r}; choose one of {', '.join(LAWS)}")
+    one_of("friction: law", law, LAWS)
     if law != "lugre" and (damping or viscosity):
         raise BadValue(
             "friction: damping and viscosity belong to law='lugre'; for another, add constant(b,"
@@ -579,7 +559,7 @@ def stick_slip(
     stiffness: Block | float = 1000.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Stick like a spring up to static normal, then slip, again and again.
+    """Stick like a spring up to static * normal, then slip, again and again.
 
     The force is a sawtooth over place, which falls to a part of static normal.
 
@@ -663,16 +643,6 @@ def stick_slip(
 PI = 3.141592653589793
 
 
-class Over(Block, abstract=True):
-    """The mean over a sample's way: half a sample late."""
-
-    resettable = True
-
-    def delay(self, p):
-        """Return half a sample: a mean over the last sample period."""
-        return 0.5
-
-
 def not_too_small(owner: Block, *names: str) -> None:
     """Raise BadValue unless lengths, and 1 over them, are numbers above 0."""
     positive(owner, *names)
@@ -692,7 +662,7 @@ class WallParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Wall(Over):
-    """A wall: the mean of a spring and a damper over the way in it.
+    """A wall: the mean of a spring and a damper over the path inside it.
 
     F(p) = max(0, K p + b v) for p = x - at > 0, K = k max(0, 1 + c v), v the mean
     speed: the mean over the way of p.
@@ -751,7 +721,7 @@ def wall(
     hunt_crossley: Block | float = 0.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Compute a wall beyond a place: a spring and a damper that push, never pull.
+    """Compute a wall beyond a position: a spring and a damper that push, never pull.
 
     With p = x - at and v its speed, F = max(0, k p (1 + c v) + b v) where p > 0, else
     0; each sample is the exact mean over its way, also where contact begins or ends
@@ -879,7 +849,7 @@ class Detents(Over):
 def detents(
     x: Block, spacing: float, depth: Block | float = 1.0, contact: Block | float = 1.0
 ) -> Block:
-    """Compute detents, regular places into which a hand is drawn.
+    """Compute detents: regular positions that attract the hand.
 
     F = depth sin(2 pi x/spacing).
 
@@ -953,7 +923,7 @@ class ButtonState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Button(Over):
-    """A button: the mean force over the way, with a snap.
+    """A button: the mean force over the path, with a snap.
 
     F = peak (max(0, x)/at - drop q): q is 1 from the snap at x >= at until x < back,
     and 0 else.
@@ -1111,11 +1081,7 @@ def _quantity(who: str, name: str, v: Block | float, text: str) -> Block:
     if isinstance(b, Const):
         if not (math.isfinite(b.value) and b.value > 0):
             raise BadValue(f"{who}: {name} = {b.value:g} must be a finite number above 0")
-        if b.dim == un.ONE:
-            return constant(b.value, text)
-    if b.dim != unit(text):
-        raise UnitError(f"{who}: {name} {b!r} is in [{b.dim}], not in [{text}]")
-    return b
+    return _signal(who, name, with_unit(b, text), text)
 
 
 def _signal(who: str, name: str, v: Block | float, text: str) -> Block:
@@ -1127,7 +1093,7 @@ def _signal(who: str, name: str, v: Block | float, text: str) -> Block:
 
 @public
 def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
-    """Compute the force of a motor that lets the skin feel the force p.
+    """Compute the motor force that makes the skin feel the force p.
 
     dF = -(m/B) dp/dt.
 
@@ -1174,7 +1140,7 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class ForceLimit(Map):
-    """x held between -peak and peak.
+    """x limited to -peak .. peak.
 
     What is not finite passes, for the output's guard to see.
     """
@@ -1245,7 +1211,7 @@ KNEE = 0.81  # of the mean square: 0.9 of the limit
 
 
 class StaticParams(NamedTuple):
-    """Parameters of static blocks at a sample rate."""
+    """Parameters of `StaticLimit` at a sample rate."""
 
     a: float
     most: float  # limit^2
@@ -1255,7 +1221,7 @@ class StaticParams(NamedTuple):
 
 
 class StaticState(NamedTuple):
-    """State of static blocks between samples."""
+    """State of `StaticLimit` between samples."""
 
     m: float  # mean square of the output
 
@@ -1293,7 +1259,7 @@ class StaticLimit(Block):
 
 @public
 def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
-    """Limit the mean square of a force to the static force that a motor can bear.
+    """Limit the mean square of a force to the static force that a motor can sustain.
 
     A gain moves slowly.
 
@@ -1359,13 +1325,13 @@ def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
 
 
 class SlewParams(NamedTuple):
-    """Parameters of slew blocks at a sample rate."""
+    """Parameters of `SlewLimit` at a sample rate."""
 
     step: float  # most that y moves in one sample
 
 
 class SlewState(NamedTuple):
-    """State of slew blocks between samples."""
+    """State of `SlewLimit` between samples."""
 
     y: float
 
@@ -1396,7 +1362,7 @@ class SlewLimit(Block):
 
 @public
 def slew_limit(x: Block, rate: float) -> Block:
-    """Follow a signal no faster than a rate.
+    """Limit the rate of change of a signal.
 
     An example is the fastest change of force that a transmission bears.
 

@@ -24,12 +24,13 @@ from ..core.graph import (
     as_block,
     positive,
     same_unit,
+    unitless,
 )
 from ..core.maths import TINY, as_float, floor, flush, fma, search, where
 from ..core.program import lead
 from ..core.units import unit
 from ..design import responses
-from ..errors import BadValue, public
+from ..errors import BadValue, one_of, public
 from ..system.limits import limits
 from .filters import Fir, begun, line
 from .impedance import Gate, Lag, LagParams, LagState, sampled, with_unit
@@ -74,7 +75,7 @@ def as_event(name: str, v) -> Block:
 
 
 def as_signal(name: str, v, remedy: str) -> Block:
-    """Return a signal that lasts.
+    """Return a signal that is no event.
 
     BadValue, with a remedy, where it is known to be an event.
     """
@@ -90,7 +91,7 @@ def in_unit_of(x: Block, v) -> Block:
 
 
 def happens(event):
-    """Return at how many samples something happens.
+    """Return at how many samples an event occurs.
 
     A tile that finds none may leave its state as it is.
     """
@@ -124,7 +125,7 @@ def edge(p, s, x, threshold):
 
 @dataclass(frozen=True, eq=False)
 class Edge(Event):
-    """1 at the sample where x passes a threshold one way; nan is where x was."""
+    """1 at the sample where x crosses a threshold in one direction, else 0."""
 
     x: Block
     threshold: Block
@@ -156,7 +157,7 @@ class Edge(Event):
 
 @public
 def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
-    """Make an event where a signal comes above a threshold.
+    """Make an event where a signal rises above a threshold.
 
     Parameters
     ----------
@@ -196,7 +197,7 @@ def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
 
 @public
 def falling(x: Block | float, threshold: Block | float = 0.0) -> Block:
-    """Make an event where a signal comes down to a threshold; see ``rising``.
+    """Make an event where a signal falls to a threshold; see ``rising``.
 
     It may go below it at once.
 
@@ -277,8 +278,7 @@ class Crossing(Event):
         if not self.hysteresis >= 0:
             raise BadValue(f"crossing: hysteresis = {self.hysteresis:g} must be 0 or above")
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     def design(self, fs):
         p = CrossingParams(self.spacing, 0.5 * self.hysteresis / self.spacing, float(self.split))
@@ -311,7 +311,7 @@ class Crossing(Event):
 def crossing(
     x: Block | float, spacing: float, hysteresis: float = 0.0, split: bool = False
 ) -> Block:
-    """Make an event at every line that a position passes.
+    """Make an event at every line that a position crosses.
 
     The lines are at the multiples of a spacing.
 
@@ -358,7 +358,7 @@ def crossing(
 
 # What is done with them ---------------------------------------------------------------
 class Total(NamedTuple):
-    """Sum and its error."""
+    """State of blocks that keep their last output."""
 
     y: float
 
@@ -380,7 +380,7 @@ class Count(Block):
 
 @public
 def count(event: Block | float) -> Block:
-    """Return how often something has happened: the sum of the heights of all events.
+    """Return the sum of the heights of all events so far.
 
     Parameters
     ----------
@@ -427,7 +427,7 @@ class SampleAndHold(Block):
 
 @public
 def sample_and_hold(x: Block | float, event: Block | float) -> Block:
-    """Hold what a signal was when something happened last.
+    """Hold the value that a signal had at the last event.
 
     Parameters
     ----------
@@ -460,19 +460,19 @@ def sample_and_hold(x: Block | float, event: Block | float) -> Block:
 
 
 class Wait(NamedTuple):
-    """Samples until the next event may pass."""
+    """The samples until the next event may pass."""
 
     samples: float
 
 
 class Left(NamedTuple):
-    """Samples that are left."""
+    """The samples that are left."""
 
     left: np.uint64  # samples in which nothing passes
 
 
 def passed(p, s, event):
-    """Return what passes of one sample and the new state."""
+    """Return whether an event passes at this sample, and the new state."""
     goes = where(event == 0.0, 0.0, where(s.left == NONE, 1.0, 0.0))
     left = where(goes > 0.0, U(p.samples), s.left)
     return where(goes > 0.0, event, 0.0), Left(where(left > NONE, left - ONE, NONE))
@@ -511,7 +511,7 @@ class OnceWithin(Event):
 
 @public
 def once_within(event: Block | float, refractory: float) -> Block:
-    """Pass events at a distance: after each, none passes for a while.
+    """Pass an event, then block events for a while.
 
     Parameters
     ----------
@@ -640,7 +640,7 @@ def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block
 
 @dataclass(frozen=True, eq=False)
 class MovingAverage(Fir):
-    """Equal taps."""
+    """An FIR filter of equal taps: the mean of the last samples."""
 
     x: Block
     seconds: float
@@ -664,7 +664,7 @@ class MovingAverage(Fir):
 
 @public
 def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
-    """Return the average over the last seconds, rounded to whole samples.
+    """Return the average over the last seconds.
 
     It is a FIR filter with equal taps: nothing adds up over time, and its cost grows
     with the number of samples (30 ns for 800). ``integrate`` with a leak or ``lowpass``
@@ -707,12 +707,6 @@ class FollowerParams(NamedTuple):
     down: float
 
 
-class FollowerState(NamedTuple):
-    """State of `Follower` between samples."""
-
-    y: float
-
-
 @dataclass(frozen=True, eq=False)
 class Follower(Block):
     """The level of a signal with an attack and a release.
@@ -737,13 +731,13 @@ class Follower(Block):
             -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
             for t in (self.attack, self.release)
         )
-        return FollowerParams(up, down), FollowerState(0.0)
+        return FollowerParams(up, down), Total(0.0)
 
     @staticmethod
     def step(p, s, x):
         d = abs(x) - s.y
         y = s.y + fma(where(d > 0.0, p.up, p.down), d, TINY)
-        return flush(y), FollowerState(y)
+        return flush(y), Total(y)
 
 
 @public
@@ -857,8 +851,7 @@ class Every(Event):
     def check(self):
         positive(self, "period")
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     def design(self, fs):
         if self.period * fs < 1:
@@ -876,7 +869,7 @@ class Every(Event):
 
 @public
 def every(period: float) -> Block:
-    """Make an event again and again, from sample 0 on.
+    """Make a periodic event, starting at sample 0.
 
     Each is at the sample nearest to its time.
 
@@ -929,8 +922,7 @@ class At(Event):
             )
         limits.check("table_knots", self.times.size, "at: times")
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     def design(self, fs):
         samples, heights = np.unique(np.floor(self.times * fs + 0.5), return_counts=True)
@@ -999,8 +991,7 @@ class Timeline(Block):
     unit: str
 
     def check(self):
-        if self.kind not in TIMELINES:
-            raise BadValue(f"timeline: kind = {self.kind!r}; choose one of {', '.join(TIMELINES)}")
+        one_of("timeline: kind", self.kind, TIMELINES)
         for a, b in pairwise(self.times.tolist()):
             if b < a:
                 raise BadValue(f"timeline: the times must rise; {b:g} s comes after {a:g} s")
@@ -1027,7 +1018,7 @@ class Timeline(Block):
 
 @public
 def timeline(points, kind: str = "linear", unit: str = "") -> Block:
-    """Make a signal given by times and values, such as the course of a trial.
+    """Make a signal from times and values, such as the course of a trial.
 
     Parameters
     ----------
@@ -1143,7 +1134,7 @@ class Burst(Block):
 
 @public
 def burst(start: Block | float, duration: float, ramp: float = 0.0) -> Block:
-    """Make an envelope that is open for a while after each event.
+    """Make an envelope that opens for a while after each event.
 
     Its ramps are raised cosines: times a signal, it is a burst of it.
 
@@ -1232,7 +1223,7 @@ def followed(p, s, gate):
 
 @dataclass(frozen=True, eq=False)
 class Envelope(Block):
-    """y += g (target - y) with the g and target of its stage.
+    """Attack-decay-sustain-release envelope: y += g (target - y), by stage.
 
     A gate that opens starts the attack from where y is.
     """
@@ -1248,8 +1239,7 @@ class Envelope(Block):
             if not getattr(self, name) >= 0:
                 raise BadValue(f"envelope: {name} = {getattr(self, name):g} must be 0 or above")
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     def design(self, fs):
         rise, fall, release = (

@@ -12,8 +12,7 @@ import numpy as np
 
 from ..core import units as un
 from ..core.graph import NONE, ONE, Block, as_block, constant, positive
-from ..core.maths import TINY, copy, flush, fma, where
-from ..core.maths import fir as fir_sum
+from ..core.maths import TINY, copy, fir as fir_sum, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
@@ -29,7 +28,7 @@ from ..design.filters import (
     from_polynomials,
     sections,
 )
-from ..errors import BadValue, public
+from ..errors import BadValue, one_of, public
 from ..system.limits import limits
 
 # Before the first sample ------------------------------------------------------------
@@ -73,8 +72,7 @@ class First(Block):
 
 def check_onset(name: str, onset: str) -> None:
     """Raise BadValue unless there is such an onset."""
-    if onset not in ONSETS:
-        raise BadValue(f"{name}: onset = {onset!r}; choose one of {', '.join(ONSETS)}")
+    one_of(f"{name}: onset", onset, ONSETS)
 
 
 def begun(
@@ -84,7 +82,7 @@ def begun(
     make: Callable[[Block], Block],
     gain: Callable[[Any], float] = lambda y: 0.0,
 ) -> Block:
-    """Return make(x), a linear block, as its onset says.
+    """Return make(x), a linear block, with the initial state that its onset asks for.
 
     Parameters
     ----------
@@ -144,7 +142,7 @@ class DelayParams(NamedTuple):
 
 
 class DelayState(NamedTuple):
-    """State of `Delay` between samples."""
+    """State of `Delay`, and of an FIR filter, between samples."""
 
     line: np.ndarray
     at: np.uint64  # place of the oldest sample: samples seen, modulo the line's size
@@ -208,7 +206,7 @@ def delay(
     seconds: float | None = None,
     onset: str = "step",
 ) -> Block:
-    """Return the delay a signal by a whole number of samples.
+    """Delay a signal by a whole number of samples.
 
     Parameters
     ----------
@@ -252,13 +250,6 @@ class FirParams(NamedTuple):
     order: float
 
 
-class FirState(NamedTuple):
-    """State of `Fir` between samples."""
-
-    line: np.ndarray  # inputs, oldest first: the last taps.size - 1 end at the place of the next
-    at: np.uint64  # how far that place has moved
-
-
 SPAN = 448
 """So many samples, at least, are taken in before the last ones are moved back to the
 beginning.
@@ -284,7 +275,7 @@ class Fir(Block, abstract=True):
                 if at == span:
                     copy(s.line[span:], s.line[:h])
                     at = np.int64(0)
-        return FirState(s.line, np.uint64(at))
+        return DelayState(s.line, np.uint64(at))
 
     @staticmethod
     def transfer(p, z):
@@ -301,11 +292,11 @@ class Fir(Block, abstract=True):
         return int(p.order)
 
 
-def line(taps: np.ndarray) -> tuple[FirParams, FirState]:
-    """Return the parameters and rest state for taps h[0..order]."""
+def line(taps: np.ndarray) -> tuple[FirParams, DelayState]:
+    """Return the parameters and rest state of an FIR filter with taps h[0..order]."""
     n = -(-taps.size // 8) * 8
     p = FirParams(np.concatenate([np.zeros(n - taps.size), taps[::-1]]), float(taps.size - 1))
-    return p, FirState(np.zeros(n - 1 + max(n - 1, SPAN)), np.uint64(0))
+    return p, DelayState(np.zeros(n - 1 + max(n - 1, SPAN)), np.uint64(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,7 +496,7 @@ def differentiator(
 # Recursive filters: low-pass, high-pass, band-pass and band-stop of four families, and
 # sections given by their numbers.
 class CascadeParams(NamedTuple):
-    """Those of ``Sections``; and where the latency is told, in cycles per sample."""
+    """Parameters of `Cascade`: its sections, and the frequency of its latency."""
 
     a: np.ndarray
     c: np.ndarray
@@ -573,12 +564,12 @@ def quadratics(p, z):
 
 
 def cascade(rows: Sections, at: float) -> tuple[CascadeParams, CascadeState]:
-    """Return the parameters and rest state."""
+    """Return the parameters and the rest state of a cascade of sections."""
     return CascadeParams(*rows, at), CascadeState(*np.zeros((4, rows.a.size)))
 
 
 def below_half(name: str, fs: float, **edges: float) -> list[float]:
-    """Return the edges in cycles per sample, each below half the sample rate."""
+    """Return band edges in cycles per sample; raise BadValue at or above fs/2."""
     for what, f in edges.items():
         if f >= fs / 2:
             raise BadValue(
@@ -611,8 +602,7 @@ class Filter(Cascade):
                 f"filter: band = {self.band!r} with high = {self.high!r}; use one of"
                 f" {', '.join(BANDS)}"
             )
-        if self.kind not in KINDS:
-            raise BadValue(f"{self.band}: kind = {self.kind!r}; choose one of {', '.join(KINDS)}")
+        one_of(f"{self.band}: kind", self.kind, KINDS)
         if self.order not in ORDERS:
             raise BadValue(
                 f"{self.band}: order = {self.order} must be from {ORDERS[0]} to {ORDERS[-1]}; for a"
@@ -635,7 +625,7 @@ class Filter(Cascade):
 
     @property
     def edges(self) -> dict[str, float]:
-        """By their names."""
+        """The band edges in Hz, by name."""
         return {"cutoff": self.low} if self.high is None else {"low": self.low, "high": self.high}
 
     def design(self, fs):
@@ -851,7 +841,7 @@ def bandstop(
     attenuation: float = 60.0,
     onset: str = "step",
 ) -> Block:
-    """Take away what lies between two frequencies; see ``bandpass`` for the rest.
+    """Remove what lies between two frequencies; see ``bandpass`` for the rest.
 
     Parameters and errors are the same.
 
@@ -1000,14 +990,10 @@ def follow(p, s, x, contact):
     u = fma(p.q, e, -h)
     a, b = e + u, fma(p.q, u, h)
     after, move = fma(-p.g, a, a), fma(p.g, a, -u)
-    return TrackState(
-        where(contact > 0.0, flush(x - after), s.y),
-        where(contact > 0.0, flush(move), 0.0),
-        where(contact > 0.0, after, 0.0),
-        where(contact > 0.0, fma(-p.g, b, b), 0.0),
-        where(contact > 0.0, x, s.last),
-        where(contact > 0.0, 0.0, 1.0),
-    )
+    on = contact > 0.0
+    y, v = where(on, flush(x - after), s.y), where(on, flush(move), 0.0)
+    e, h = where(on, after, 0.0), where(on, fma(-p.g, b, b), 0.0)
+    return TrackState(y, v, e, h, where(on, x, s.last), where(on, 0.0, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -1045,7 +1031,7 @@ class Tracker(Block, abstract=True):
 
 
 def response(p, z):
-    """Return H of the position.
+    """Return the frequency response from the input to the position.
 
     (1 - (1-g)(1+q) + (1-g)(q-g)/z) / (1 - (1-g)/z)^2.
     """

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import units as un
-from ..core.graph import Block, Const, Map, as_block, positive
+from ..core.graph import Block, Const, Map, as_block, positive, unitless
 from ..core.maths import copy, exp, fir, floor, fma, log, memory, sin, where
 from ..core.response import backward
 from ..core.units import unit
-from ..design import fractional as soe
-from ..design import responses
+from ..design import fractional as soe, responses
 from ..design.padding import eights, padded
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, one_of, public
 from ..system.limits import limits
 from .filters import ONSETS, check_onset
 from .tables import Table, TableParams
@@ -42,7 +41,7 @@ DIFFERENCES, SUMS, WORK = 80, 160, 224
 
 # Shared by all ------------------------------------------------------------------------
 def origin(cold, last, x):
-    """Return the position before x.
+    """Return the position before the first sample x.
 
     At the first sample it is x itself, or 0 if the onset is a step.
     """
@@ -84,7 +83,7 @@ def remember(e, r, taps, constant, scale, q, low, first, y, w):
 
 
 def plain(alpha, fs, first, y, w):
-    """Return the orders 0 and 1: displacement, and difference times fs."""
+    """Return the springpots of order 0 and 1: displacement, and difference times fs."""
     for i in range(y.size):
         y[i] = where(alpha > 0.5, w[DIFFERENCES + 8 + i] * fs, w[9 + i] - first)
 
@@ -232,7 +231,7 @@ class Springpot(Block):
 
 # A live order -------------------------------------------------------------------------
 class LiveParams(NamedTuple):
-    """Parameters of live blocks at a sample rate."""
+    """Parameters of `SpringpotLive` at a sample rate."""
 
     e: np.ndarray
     # weight of mode k: g a exp(alpha L); the first is the mode that never decays, then
@@ -248,7 +247,7 @@ class LiveParams(NamedTuple):
 
 
 class LiveState(NamedTuple):
-    """State of live blocks between samples."""
+    """State of `SpringpotLive` between samples."""
 
     line: np.ndarray
     q: np.ndarray
@@ -263,7 +262,7 @@ class LiveState(NamedTuple):
 
 
 def power(alpha, high, rest):
-    """Return exp(alpha (high + rest)), the product in two words."""
+    """Return exp(alpha (high + rest)), the logarithm being a sum of two floats."""
     t = alpha * high
     e = exp(t)
     return fma(e, fma(alpha, high, -t) + alpha * rest, e)
@@ -379,7 +378,7 @@ class SpringpotLive(Block):
 
 # The certificate ----------------------------------------------------------------------
 class PathState(NamedTuple):
-    """State of path blocks between samples."""
+    """State of `PathLength` between samples."""
 
     length: float
     last: float
@@ -430,8 +429,7 @@ class Accuracy(Table):
         positive(self, "horizon")
         soe.rates(self.tol, 1e6)
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     def design(self, fs):
         knots, bounds = bounds_of_orders(self.tol, self.horizon * fs)
@@ -699,8 +697,7 @@ def springpot(
     y, alpha = as_block(y), as_block(alpha)
     touch = as_block(1.0 if contact is None else contact)
     fixed = alpha.value if isinstance(alpha, Const) and alpha.dim == un.ONE else None
-    if scheme not in METHODS:
-        raise BadValue(f"springpot: scheme = {scheme!r}; choose one of {', '.join(METHODS)}")
+    one_of("springpot: scheme", scheme, METHODS)
     gain = coefficient(chi)
     if scheme in soe.SCHEMES:
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, as_block, constant, positive
+from ..core.graph import NONE, ONE, Block, Const, as_block, constant, positive, unitless
 from ..core.maths import TINY, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
@@ -327,7 +327,7 @@ def spring(x: Block, k: Block | float) -> Block:
 def kelvin_voigt(
     x: Block, k: Block | float, b: Block | float, cutoff: float | None = None
 ) -> Block:
-    """Return the force of a spring and a damper side by side, F = k x + b v.
+    """Return the force of a spring and a damper in parallel, F = k x + b v.
 
     It is the mean force over the last sample, exact for motion that is straight between
     samples: k + i w b, half a sample late, of which k is less by (w/fs)^2/8 of itself
@@ -425,8 +425,7 @@ class GateState(NamedTuple):
 class Gate(Block, abstract=True):
     """1 from where x rises above ``on`` until it falls to ``off`` or below, else 0."""
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     @staticmethod
     def tile(p, s, x, y):

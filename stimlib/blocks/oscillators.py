@@ -42,7 +42,7 @@ class CarrierParams(NamedTuple):
 
 
 class CarrierState(NamedTuple):
-    """State of `Carrier` between samples."""
+    """State of `Carrier` and `Oscillator` between samples."""
 
     phase: np.uint64  # in 2^-64 turns, of the next sample
     wait: np.uint64  # samples before sample 0, which do not count
@@ -60,7 +60,7 @@ def phase_word(phase: float) -> np.uint64:
 
 
 def increment(p, f):
-    """Return turns per sample in 2^-64, to the nearest whole number.
+    """Return the phase increment of a sample in units of 2^-64 turn, rounded.
 
     f is held in 0 .. fs/2 (0 for nan).
     """
@@ -81,7 +81,7 @@ def fold(phase):
 
 
 def lobe(t, q, r):
-    """Return the positive half wave.
+    """Return the positive half of a sine, and 0 elsewhere.
 
     A sample of half width q over a zero crossing gets its part of the area; r =
     1/sin(pi q).
@@ -267,7 +267,7 @@ WAVEFORMS = ("triangle", "sawtooth", "square", "pulse")
 
 
 def word(turns):
-    """Return a part of a turn in 2^-64 turns, held from 0 to below 1."""
+    """Return a fraction of a turn in units of 2^-64 turn, from 0 to below 1."""
     x = turns * TURN
     return U(where(x > 0.0, where(x < MOST, x, MOST), 0.0))
 
@@ -281,13 +281,6 @@ class OscillatorParams(NamedTuple):
     waveform: float  # place in WAVEFORMS
 
 
-class OscillatorState(NamedTuple):
-    """State of `Oscillator` between samples."""
-
-    phase: np.uint64  # in 2^-64 turns, of the next sample
-    wait: np.uint64  # samples before sample 0, which do not count
-
-
 def check_freq(name: str, f: Block) -> None:
     """Raise BadValue unless a number is above 0, UnitError unless it is in Hz."""
     if isinstance(f, (Const, Param)) and not f.value >= 0:
@@ -296,7 +289,7 @@ def check_freq(name: str, f: Block) -> None:
 
 
 def part(start, inc, d):
-    """Return the part of the turns from start on, inc long, that lies below d."""
+    """Return the fraction of the phase step start .. start + inc that lies below d."""
     end, rest = start + inc, d - start
     first = where(start < d, where(rest < inc, rest, inc), NONE)
     again = where(end < start, where(end < d, end, d), NONE)
@@ -343,7 +336,7 @@ class Oscillator(Block):
             fs / 2,
             float(WAVEFORMS.index(self.waveform)),
         )
-        return p, OscillatorState(phase_word(self.phase), U(wait))
+        return p, CarrierState(phase_word(self.phase), U(wait))
 
     @staticmethod
     def step(p, s, f, duty):
@@ -366,9 +359,7 @@ class Oscillator(Block):
         )
         wrong = (f + duty) - (f + duty)
         early = s.wait > NONE
-        after = OscillatorState(
-            where(early, s.phase, s.phase + inc), where(early, s.wait - ONE, NONE)
-        )
+        after = CarrierState(where(early, s.phase, s.phase + inc), where(early, s.wait - ONE, NONE))
         return where(wrong == 0.0, y, wrong), after
 
 
@@ -434,7 +425,7 @@ def oscillator(
 
 
 class TrainParams(NamedTuple):
-    """Parameters of train blocks at a sample rate."""
+    """Parameters of `PulseTrain` at a sample rate."""
 
     high: float
     low: float
@@ -442,7 +433,7 @@ class TrainParams(NamedTuple):
 
 
 class TrainState(NamedTuple):
-    """State of train blocks between samples."""
+    """State of `PulseTrain` between samples."""
 
     phase: np.uint64  # from the middle between two pulses
     mark: np.uint64  # where the pulse of this period lies

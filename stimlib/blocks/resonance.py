@@ -19,7 +19,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.filters import Quadratic, sections
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, one_of, public
 from .filters import Cascade, CascadeParams, CascadeState, begun, below_half, cascade
 from .impedance import with_unit
 from .surfaces import regular, sinpi
@@ -34,7 +34,7 @@ MODES = {"lowpass": (0, 0, 1), "bandpass": (0, 1, 0), "highpass": (1, 0, 0), "no
 
 
 def section(g: float, b: float, mode: str) -> CascadeParams:
-    """Return the parameters of what passes over s^2 + s b + g^2.
+    """Return the parameters of a section with the denominator s^2 + s b + g^2.
 
     s = (z - 1)/(z + 1).
     """
@@ -74,7 +74,7 @@ class Resonator(Cascade):
 
 @public
 def resonator(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
-    """Pass what is near a frequency, with gain 1 there: a mode that rings.
+    """Pass a band around a frequency with gain 1 there: a mode that rings.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def resonator(x: Block | float, freq: float, q: float, onset: str = "step") -> B
 
 @public
 def notch(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
-    """Take away one frequency, such as a hum.
+    """Remove one frequency, such as mains hum.
 
     Parameters
     ----------
@@ -220,10 +220,8 @@ def turned(p, t, s, x):
     band = s.s1 + fma(t.a, h, -t.c * s.s1)
     high = fma(-t.k, band, x - low)
     y = flush(fma(p.high, high, fma(p.band * t.k, band, p.low * low)))
-    s1, s2 = (
-        s.s1 + fma(2.0 * t.a, h, fma(-2.0 * t.c, s.s1, TINY)),
-        s.s2 + fma(2.0 * t.d, h, 2.0 * t.a * s.s1),
-    )
+    s1 = s.s1 + fma(2.0 * t.a, h, fma(-2.0 * t.c, s.s1, TINY))
+    s2 = s.s2 + fma(2.0 * t.d, h, 2.0 * t.a * s.s1)
     return where(t.wrong == 0.0, y, t.wrong), SvfState(s1, s2)
 
 
@@ -245,8 +243,7 @@ class Svf(Block):
     mode: str
 
     def check(self):
-        if self.mode not in MODES:
-            raise BadValue(f"svf: mode = {self.mode!r}; choose one of {', '.join(MODES)}")
+        one_of("svf: mode", self.mode, MODES)
         for name, v in (("cutoff", self.cutoff), ("q", self.q)):
             if isinstance(v, (Const, Param)) and not v.value > 0:
                 raise BadValue(f"svf: {name} = {v.value!r} must be above 0")
@@ -542,7 +539,7 @@ def along(p, x):
 
 
 def across(p, y):
-    """Return the same along y."""
+    """Return pieces from the corner along y."""
     return in_pieces(y, p.width, p.across)
 
 
@@ -585,17 +582,13 @@ def pieces(terms: int) -> np.ndarray:
 
     They are at the ends of equal pieces; shape (CELLS, 4, terms).
     """
-    f = legendre.legvander(np.linspace(-1, 1, int(CELLS) + 1), terms - 1)
-    g = (
-        legendre.legval(np.linspace(-1, 1, int(CELLS) + 1), legendre.legder(np.eye(terms))).T
-        * (2 / CELLS)
-        if terms > 1
-        else 0 * f
-    )
-    rise = np.diff(f, axis=0)
-    return np.stack(
-        [g[:-1] + g[1:] - 2 * rise, 3 * rise - 2 * g[:-1] - g[1:], g[:-1], f[:-1]], axis=1
-    )
+    knots = np.linspace(-1, 1, int(CELLS) + 1)
+    f = legendre.legvander(knots, terms - 1)
+    g = 0 * f
+    if terms > 1:
+        g = legendre.legval(knots, legendre.legder(np.eye(terms))).T * (2 / CELLS)
+    rise, g0, g1 = np.diff(f, axis=0), g[:-1], g[1:]
+    return np.stack([g0 + g1 - 2 * rise, 3 * rise - 2 * g0 - g1, g0, f[:-1]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,11 +11,10 @@ import numpy as np
 
 from ..core import pointwise
 from ..core.graph import NONE, ONE, Block, Map, as_block, constant, design_value, positive
-from ..core.maths import as_float, floor, where
-from ..core.maths import sqrt as root
+from ..core.maths import as_float, floor, sqrt as root, where
 from ..core.pointwise import clip, exp, maximum, minimum
 from ..core.units import unit
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, one_of, public
 from ..system.limits import limits
 from .tables import CubicGrid, GridParams, bicubic, lut2
 
@@ -361,7 +360,7 @@ class Dent(Map):
 
 
 def above_zero(x):
-    """Return x where it is above 0, else 0; nan stays."""
+    """Return x where it is above 0, else 0; NaN is kept."""
     return where(x <= 0.0, 0.0, x)
 
 
@@ -424,8 +423,7 @@ def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "m
     several = isinstance(distance, Sequence), isinstance(depth, Sequence)
     if several[0] != several[1] or (several[0] and not 1 <= len(distance) == len(depth)):
         raise BadValue("deformation: give as many depths as distances, one indenter at least")
-    if join not in ("mean", "deepest"):
-        raise BadValue(f"deformation: join = {join!r}; choose one of mean, deepest")
+    one_of("deformation: join", join, ("mean", "deepest"))
     pairs = zip(distance, depth, strict=True) if several[0] else [(distance, depth)]
     dents = [Dent(as_block(rho), as_block(d), radius) for rho, d in pairs]
     total: Block = dents[0]
@@ -464,7 +462,7 @@ class CursorState(NamedTuple):
 
 
 def ratio(S):
-    """Return way of the cursor over way of the device: (1.1 - S)/(1.1 (1 + S)).
+    """Return cursor over device displacement: (1.1 - S)/(1.1 (1 + S)).
 
     S is the level.
     """
@@ -520,7 +518,7 @@ class Cursor(Block):
 
 
 class FramesParams(NamedTuple):
-    """Parameters of frames blocks at a sample rate."""
+    """Parameters of `CursorFrames` at a sample rate."""
 
     c: np.ndarray  # the first eight are the map's, see GridParams
     width: float
@@ -536,7 +534,7 @@ class FramesParams(NamedTuple):
 
 
 class FramesState(NamedTuple):
-    """State of frames blocks between samples."""
+    """State of `CursorFrames` between samples."""
 
     x: float
     y: float
@@ -606,16 +604,10 @@ class CursorFrames(Block):
         y = where(fresh > 0.0, py, where(moves, s.y + v * (py - s.py), s.y))
         kept = where(moves, 1.0, fresh) > 0.0
         left = where(s.left > -0.5, s.left, -0.5) + where(begins > 0.0, p.frame, 0.0) - 1.0
-        return (x, y), FramesState(
-            x,
-            y,
-            where(kept, px, s.px),
-            where(kept, py, s.py),
-            where(kept, S, s.S),
-            where(fresh > 0.0, 1.0, where(moves, v, s.speed)),
-            where(contact > 0.0, left, 0.0),
-            where(contact > 0.0, 0.0, 1.0),
-        )
+        S, speed = where(kept, S, s.S), where(fresh > 0.0, 1.0, where(moves, v, s.speed))
+        left, cold = where(contact > 0.0, left, 0.0), where(contact > 0.0, 0.0, 1.0)
+        px, py = where(kept, px, s.px), where(kept, py, s.py)
+        return (x, y), FramesState(x, y, px, py, S, speed, left, cold)
 
 
 @public
@@ -724,7 +716,7 @@ def check_avatar(b: Any) -> None:
 
 
 class StreamParams(NamedTuple):
-    """Parameters of stream blocks at a sample rate."""
+    """Parameters of `DelayAvatar` at a sample rate."""
 
     fs: float
     per_newton: float  # samples
@@ -735,7 +727,7 @@ class StreamParams(NamedTuple):
 
 
 class StreamState(NamedTuple):
-    """State of stream blocks between samples."""
+    """State of `DelayAvatar` between samples."""
 
     xs: np.ndarray
     ys: np.ndarray
@@ -750,18 +742,18 @@ class StreamState(NamedTuple):
 
 
 def earlier(line, a, b, w):
-    """Return a place between the samples at a and b, with the share w towards b."""
+    """Return a position interpolated between samples a and b, w being b's weight."""
     return line[np.int64(a)] + w * (line[np.int64(b)] - line[np.int64(a)])
 
 
 def before(i, n, size):
-    """Return the place n samples before i in a ring."""
+    """Return the position n samples before i from a ring buffer."""
     return where(i < n, i - n + size, i - n)
 
 
 @dataclass(frozen=True, eq=False)
 class DelayAvatar(Block):
-    """The device's place at a time u.
+    """The device's position at an earlier time u, a signal.
 
     A rise of the force at u stops u; then u runs faster until it has caught up.
     """
@@ -843,7 +835,7 @@ class DelayAvatar(Block):
 
 
 class FrameParams(NamedTuple):
-    """Parameters of frame blocks at a sample rate."""
+    """Parameters of `FrameAvatar` at a sample rate."""
 
     fs: float
     per_newton: float  # s/N
@@ -852,7 +844,7 @@ class FrameParams(NamedTuple):
 
 
 class FrameState(NamedTuple):
-    """State of frame blocks between samples."""
+    """State of `FrameAvatar` between samples."""
 
     x: float
     y: float

@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, in_unit, positive
+from ..core.graph import NONE, ONE, Block, Const, in_unit, positive, unitless
 from ..core.maths import SILENT, TINY, as_float, exp, floor, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.filters import HALF, resampled
-from ..errors import BadValue, public
+from ..errors import BadValue, one_of, public
 from ..system.limits import limits
 from .events import Time, as_event, as_signal, happens
 from .filters import Cascade, Filter, below_half
@@ -58,12 +57,10 @@ class Chirp(Block):
     live = "oscillator(freq) has a frequency that moves"
 
     def check(self):
-        if self.kind not in CHIRPS:
-            raise BadValue(f"chirp: kind = {self.kind!r}; choose one of {', '.join(CHIRPS)}")
+        one_of("chirp: kind", self.kind, CHIRPS)
         positive(self, "f0", "f1", "seconds")
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     def design(self, fs):
         below_half("chirp", fs, f0=self.f0, f1=self.f1)
@@ -93,7 +90,7 @@ class Chirp(Block):
 
 @public
 def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
-    """Make a sine whose frequency sweeps, from sample 0 on; then 0.
+    """Make a sine with a frequency sweep from sample 0 on, then 0.
 
     Parameters
     ----------
@@ -145,7 +142,7 @@ class PlaybackParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Playback(Block):
-    """The sample of the index."""
+    """The sample of a recording at a running index."""
 
     t: Block
     samples: np.ndarray
@@ -205,17 +202,14 @@ class ScannedParams(NamedTuple):
 def between(x, k, d):
     """Return the polynomial through x[k] .. x[k + 5], at k + 2 + d (Lagrange)."""
     a, b, e, f, g = d + 2.0, d + 1.0, d - 1.0, d - 2.0, d - 3.0
-    outer = (
-        d
-        * e
-        * (b * f * (a * x[k + 5] - g * x[k]) / 120.0 + a * g * (f * x[k + 1] - b * x[k + 4]) / 24.0)
-    )
+    ends = b * f * (a * x[k + 5] - g * x[k]) / 120.0
+    outer = d * e * (ends + a * g * (f * x[k + 1] - b * x[k + 4]) / 24.0)
     return outer + a * b * f * g * (d * x[k + 3] - e * x[k + 2]) / 12.0
 
 
 @dataclass(frozen=True, eq=False)
 class Scanned(Block):
-    """The recording at the time t, which is a signal.
+    """The recording at a time t that is a signal, interpolated.
 
     It is between the samples of a table at 8 times its rate.
     """
@@ -269,7 +263,7 @@ class Scanned(Block):
 def playback(
     samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None
 ) -> Block:
-    """Play a recording, from sample 0 on or as fast as you like.
+    """Play a recording from sample 0 on, or at any speed.
 
     At another sample rate it is interpolated with a band limit.
 
@@ -391,7 +385,7 @@ def band_noise(
     order: int = 4,
     shared: bool = False,
 ) -> Block:
-    """Return noise between two frequencies, with a level that no sample rate changes.
+    """Return noise between two frequencies, at a level that no sample rate changes.
 
     Parameters
     ----------
@@ -558,7 +552,7 @@ class Ring(Block):
 def ring(
     event: Block | float, freq: Block | float, decay: Block | float, onset: str = "sine"
 ) -> Block:
-    """Make a decaying sinusoid at each event, any number at once.
+    """Make a decaying sinusoid at each event; they may overlap.
 
     It is a click, a tap, a struck mode.
 
@@ -691,7 +685,7 @@ class Grain(Block):
 
 @public
 def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
-    """Play a recorded transient at each event, any number at once.
+    """Play a recorded transient at each event; they may overlap.
 
     Parameters
     ----------

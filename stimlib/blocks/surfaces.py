@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, Param, as_block, positive
+from ..core.graph import NONE, ONE, Block, Const, Param, as_block, positive, unitless
 from ..core.maths import as_float, each, floor, fma, pairs, sqrt, where
 from ..core.pointwise import clip, maximum
 from ..core.units import unit
 from ..design.noise import octaves
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, one_of, public
 from ..system import safe_files
 from ..system.limits import limits
 from .impedance import with_unit
@@ -35,6 +35,24 @@ WAVEFORMS = ("square", "sine", "sawtooth", "half_sine")
 SAMPLINGS = ("area", "point")
 LEAST = 1e-6
 """Smallest duty of a parameter."""
+
+
+class PlaceState(NamedTuple):
+    """State of blocks that average over position, between samples."""
+
+    last: float
+    cold: float
+
+
+class Over(Block, abstract=True):
+    """The mean of a function of position over a sample's path, half a sample late."""
+
+    resettable = True
+
+    def delay(self, p):
+        """Return half a sample: a mean over the last sample period."""
+        return 0.5
+
 
 # sin(pi x)/x in x^2 for |x| <= 1/2;  (1 - sin(pi x)/(pi x))/x^2 in x^2 for |x| <= 1:
 # relative errors below 1e-16
@@ -88,7 +106,7 @@ def cell(u):
 
 
 def held_duty(d):
-    """Return a live duty, held between 1e-6 and 1."""
+    """Return a live duty cycle limited to 1e-6 .. 1."""
     return where(d < LEAST, LEAST, where(d > 1.0, 1.0, d))
 
 
@@ -101,7 +119,7 @@ def on_ridge(w, d, r):
 
 
 def bounded(y):
-    """Return a value held in 0 .. 1 against rounding; nan stays."""
+    """Return a value limited to 0 .. 1 against rounding; NaN is kept."""
     return where(y <= 0.0, 0.0, where(y > 1.0, 1.0, y))
 
 
@@ -144,15 +162,8 @@ def cells(first, u, d, k, w):
     return together
 
 
-class BumpState(NamedTuple):
-    """State of `Bump` between samples."""
-
-    last: float
-    cold: float
-
-
 @dataclass(frozen=True, eq=False)
-class Bump(Block, abstract=True):
+class Bump(Over, abstract=True):
     """The mean of a unipolar envelope e(u) of period 1 over u[n-1] .. u[n].
 
     e is a function of z = frac(u)/duty on the ridge, frac(u) < duty, and 0 in the
@@ -164,13 +175,9 @@ class Bump(Block, abstract=True):
     duty: Block
     contact: Block
     sampling: str
-    resettable = True
 
     def check(self):
-        if self.sampling not in SAMPLINGS:
-            raise BadValue(
-                f"bump: sampling = {self.sampling!r}; choose one of {', '.join(SAMPLINGS)}"
-            )
+        one_of("bump: sampling", self.sampling, SAMPLINGS)
         d = self.duty
         if isinstance(d, (Const, Param)) and not 0 < d.value <= 1:
             raise BadValue(f"bump: duty = {d.value!r} must be above 0 and at most 1")
@@ -190,12 +197,12 @@ class Bump(Block, abstract=True):
 
     @property
     def area(self) -> float:
-        """1 or 0, for the parameters."""
+        """1 where each sample is the mean over its path, else 0."""
         return float(self.sampling == "area")
 
 
 class LinearParams(NamedTuple):
-    """Parameters of linear blocks at a sample rate."""
+    """Parameters of `LinearBump` at a sample rate."""
 
     area: float
     start: float
@@ -257,7 +264,7 @@ class LinearBump(Bump):
 
     def design(self, fs):
         start, slope = (1.0, 0.0) if self.waveform == "square" else (0.0, 1.0)
-        return LinearParams(self.area, start, slope, start + slope / 2), BumpState(0.0, 1.0)
+        return LinearParams(self.area, start, slope, start + slope / 2), PlaceState(0.0, 1.0)
 
     @staticmethod
     def work(p):
@@ -265,7 +272,7 @@ class LinearBump(Bump):
 
     @staticmethod
     def step(p, s, u, duty):
-        return linear_sample(p, s.last, s.cold, u, duty), BumpState(u, 0.0)
+        return linear_sample(p, s.last, s.cold, u, duty), PlaceState(u, 0.0)
 
     @staticmethod
     def tile(p, s, u, duty, y, w):
@@ -289,11 +296,11 @@ class LinearBump(Bump):
             else:
                 y[0] = linear(q, k[0], z[0], k[1], z[1], first, u[0])
                 each(linear, q, (k1, z1, k[2:], z[2:], before, v), out)
-        return BumpState(u[n], 0.0)
+        return PlaceState(u[n], 0.0)
 
 
 class SineParams(NamedTuple):
-    """Parameters of sine blocks at a sample rate."""
+    """Parameters of `SineBump` at a sample rate."""
 
     area: float
     half: float
@@ -369,7 +376,7 @@ class SineBump(Bump):
     waveform: str
 
     def design(self, fs):
-        return SineParams(self.area, float(self.waveform == "half_sine")), BumpState(0.0, 1.0)
+        return SineParams(self.area, float(self.waveform == "half_sine")), PlaceState(0.0, 1.0)
 
     @staticmethod
     def work(p):
@@ -377,7 +384,7 @@ class SineBump(Bump):
 
     @staticmethod
     def step(p, s, u, duty):
-        return sine_sample(p, s.last, s.cold, u, duty), BumpState(u, 0.0)
+        return sine_sample(p, s.last, s.cold, u, duty), PlaceState(u, 0.0)
 
     @staticmethod
     def tile(p, s, u, duty, y, w):
@@ -401,7 +408,7 @@ class SineBump(Bump):
             else:
                 y[0] = sine(q, k[0], z[0], k[1], z[1], first, u[0])
                 each(sine, q, (k1, z1, k[2:], z[2:], before, v), out)
-        return BumpState(u[n], 0.0)
+        return PlaceState(u[n], 0.0)
 
 
 class TableBumpParams(NamedTuple):
@@ -467,7 +474,7 @@ class TableBump(Bump):
         sums = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
         return TableBumpParams(
             self.area, v, sums, float(v.size - 1), sums[-1] / (v.size - 1)
-        ), BumpState(0.0, 1.0)
+        ), PlaceState(0.0, 1.0)
 
     @staticmethod
     def step(p, s, u, duty):
@@ -476,7 +483,7 @@ class TableBump(Bump):
         k1, w1 = cell(u)
         a, b = on_ridge(w0, d, 1.0 / d), on_ridge(w1, d, 1.0 / d)
         y = average(k0, w0, k1, w1, u - u0, d, a, b, table_mean(p, a, b), p.whole)
-        return y, BumpState(u, 0.0)
+        return y, PlaceState(u, 0.0)
 
 
 @public
@@ -487,7 +494,7 @@ def bump(
     sampling: str = "area",
     contact: Block | float = 1.0,
 ) -> Block:
-    """Make bumps on a surface: an envelope tied to the place of the finger.
+    """Make bumps on a surface: an envelope tied to the position of the finger.
 
     It is unipolar, 0 .. 1.
 
@@ -592,7 +599,7 @@ def sum_of_fields(v):
 
 
 def lattice(key, m):
-    """Return lattice values 2m and 2m + 1 of an octave."""
+    """Return the random heights at lattice points 2m and 2m + 1 of an octave."""
     a, b = pair_of_words(key, m)
     return sum_of_fields(a), sum_of_fields(b)
 
@@ -613,7 +620,7 @@ def spline_mean(n0, n1, n2, a, b):
 
 
 def heard(r):
-    """Return the part of its power that an octave keeps where r cells are passed.
+    """Return the share of power that an octave keeps if a sample passes r cells.
 
     It is all up to 2 cells a sample, none from 4 on.
     """
@@ -622,7 +629,7 @@ def heard(r):
 
 
 def gain(r, own, finer):
-    """Return the amplitude of an octave.
+    """Return the amplitude of one octave of the noise over position.
 
     What finer octaves lose, which is white at this speed, is added to it.
     """
@@ -654,7 +661,7 @@ def inside(q, before, v, y):
 
 
 class Octave(NamedTuple):
-    """One octave that is heard whole."""
+    """An octave whose cells are all wider than the path of a sample."""
 
     scale: float
     at: float
@@ -674,7 +681,7 @@ def near(q, before, v, n0, n1, n2, n3, y):
 
 
 class SpatialParams(NamedTuple):
-    """Parameters of spatial blocks at a sample rate."""
+    """Parameters of `SpatialNoise` at a sample rate."""
 
     scale: float  # finest cells in a unit of length
     keys: np.ndarray
@@ -683,15 +690,8 @@ class SpatialParams(NamedTuple):
     finer: np.ndarray  # what all finer octaves together have at low frequencies, as a^2
 
 
-class SpatialState(NamedTuple):
-    """State of spatial blocks between samples."""
-
-    last: float  # place, in finest cells
-    cold: float
-
-
 @dataclass(frozen=True, eq=False)
-class SpatialNoise(Block):
+class SpatialNoise(Over):
     """Octaves of random splines over place, averaged over each movement.
 
     sum_j a_j mean of sum_m n_j[m] B(place/D_j - m) over the movement, D_j = 2^j D_0;
@@ -704,7 +704,6 @@ class SpatialNoise(Block):
     seed: int
     shortest: float
     longest: float
-    resettable = True
 
     def check(self):
         if isinstance(self.seed, bool) or not 0 <= self.seed < 2**64:
@@ -722,8 +721,7 @@ class SpatialNoise(Block):
                 f" {self.shortest:g}, at most {MOST:g} times it"
             )
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     def design(self, fs):
         found = octaves(self.slope, 1 / self.longest, 1 / self.shortest)
@@ -736,11 +734,7 @@ class SpatialNoise(Block):
         )
         return SpatialParams(
             1 / float(found.cells[0]), keys, at, np.array(found.power), finer
-        ), SpatialState(0.0, 1.0)
-
-    def delay(self, p):
-        """Return half a sample: a mean over the last sample period."""
-        return 0.5
+        ), PlaceState(0.0, 1.0)
 
     @staticmethod
     def work(p):
@@ -812,7 +806,7 @@ class SpatialNoise(Block):
                         else:
                             y[i] = y[i] + whole * mean
             scale = 0.5 * scale
-        return SpatialState(last, 0.0)
+        return PlaceState(last, 0.0)
 
 
 @public
@@ -824,7 +818,7 @@ def spatial_noise(
     longest: float = 0.2,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Compute roughness: noise of spectrum 1/f^slope over place.
+    """Compute roughness: noise with spectrum 1/f^slope over position.
 
     It is the same at the same place however the finger comes there.
 
@@ -922,15 +916,8 @@ class GratingParams(NamedTuple):
     start: np.ndarray  # phase in turns
 
 
-class GratingState(NamedTuple):
-    """State of `Grating` between samples."""
-
-    last: float
-    cold: float
-
-
 @dataclass(frozen=True, eq=False)
-class Grating(Block):
+class Grating(Over):
     """Sinusoids over place, averaged over each movement.
 
     sum of depth sin(2 pi m/wavelength + phase) sinc(d/wavelength), m the middle of a
@@ -941,7 +928,6 @@ class Grating(Block):
     contact: Block
     parts: np.ndarray
     depth_unit: str
-    resettable = True
 
     def check(self):
         v = self.parts
@@ -967,11 +953,7 @@ class Grating(Block):
                 f"grating: wavelength = {wavelength.min():g} is too short for numbers; check the"
                 " unit"
             )
-        return p, GratingState(0.0, 1.0)
-
-    def delay(self, p):
-        """Return half a sample: a mean over the last sample period."""
-        return 0.5
+        return p, PlaceState(0.0, 1.0)
 
     @staticmethod
     def step(p, s, u):
@@ -981,12 +963,12 @@ class Grating(Block):
             y = y + p.depth[i] * sine_of_turns(middle * p.per[i] + p.start[i]) * sinc(
                 way * p.per[i]
             )
-        return y, GratingState(u, 0.0)
+        return y, PlaceState(u, 0.0)
 
 
 @public
 def grating(u: Block | float, parts, unit: str = "", contact: Block | float = 1.0) -> Block:
-    """Compute the ribs of a surface: sinusoids over place.
+    """Make a grating: a sum of sinusoids in position.
 
     They are the sum of depth sin(2 pi u/wavelength + phase).
 
@@ -1048,30 +1030,19 @@ def grating(u: Block | float, parts, unit: str = "", contact: Block | float = 1.
 HEADROOM = ("clip", "scale")
 
 
-class MidpointState(NamedTuple):
-    """State of `Midpoint` between samples."""
-
-    last: float
-    cold: float
-
-
 @dataclass(frozen=True, eq=False)
-class Midpoint(Block):
+class Midpoint(Over):
     """(x[n-1] + x[n])/2;  x[n] at the first sample."""
 
     x: Block
     contact: Block
-    resettable = True
 
     def design(self, fs):
-        return (), MidpointState(0.0, 1.0)
+        return (), PlaceState(0.0, 1.0)
 
     @staticmethod
     def step(p, s, x):
-        return where(s.cold > 0.0, x, 0.5 * (s.last + x)), MidpointState(x, 0.0)
-
-    def delay(self, p):
-        return 0.5
+        return where(s.cold > 0.0, x, 0.5 * (s.last + x)), PlaceState(x, 0.0)
 
 
 def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
@@ -1172,7 +1143,7 @@ def equalize(
     kind: str | Callable | None = None,
     outside: str = "hold",
 ) -> Block:
-    """Equalise a voltage so that all places move as the one that moves most.
+    """Equalise a voltage so that all positions move like the one that moves most.
 
     y = signal d_max/d(x): the measured displacements are interpolated and the result is
     inverted (interpolating the gains instead is an order of magnitude worse), in the
@@ -1242,8 +1213,7 @@ def equalize(
     array([[1.   , 1.   , 1.043, 1.1  ]])
     """
     knots, d = points(displacement)
-    if outside not in OUTSIDE:
-        raise BadValue(f"equalize: outside = {outside!r}; choose one of {', '.join(OUTSIDE)}")
+    one_of("equalize: outside", outside, OUTSIDE)
     if callable(kind):
         knots, d = points(kind(knots, d))
         kind = "cubic"
@@ -1291,8 +1261,7 @@ def within(y: Block, limit, headroom: str, peak=None) -> Block:
 
     It is clipped, or first scaled by limit/peak where the peak is larger.
     """
-    if headroom not in HEADROOM:
-        raise BadValue(f"headroom = {headroom!r}; choose one of {', '.join(HEADROOM)}")
+    one_of("headroom", headroom, HEADROOM)
     top = with_unit(limit, str(y.dim))
     if isinstance(top, Const) and not top.value > 0:
         raise BadValue(f"limit = {top.value:g} must be above 0")

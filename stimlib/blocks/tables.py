@@ -13,7 +13,7 @@ import numpy as np
 from ..core.graph import Block, Const, as_block
 from ..core.maths import floor, fma, search, where
 from ..core.units import unit
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, one_of, public
 from ..system.limits import limits
 
 # One variable -----------------------------------------------------------------------
@@ -176,8 +176,7 @@ def check_points(b: Lut | Polynomial) -> None:
         (getattr(b, "kind", KINDS[0]), KINDS, "kind"),
         (b.outside, OUTSIDE, "outside"),
     ):
-        if v not in known:
-            raise BadValue(f"lut: {name} = {v!r}; choose one of {', '.join(known)}")
+        one_of(f"lut: {name}", v, known)
     if isinstance(b, Polynomial) and len(knots) > MOST:
         raise BadValue(
             f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or"
@@ -189,7 +188,7 @@ def check_points(b: Lut | Polynomial) -> None:
 def lut(
     x: Block | float, knots, values, kind: str = "linear", outside: str = "hold", unit: str = ""
 ) -> Block:
-    """Compute a function of x given by points.
+    """Compute a function of x that is given by points.
 
     Parameters
     ----------
@@ -324,7 +323,7 @@ class Grid(Block, abstract=True):
 
 @dataclass(frozen=True, eq=False)
 class LinearGrid(Grid):
-    """Bilinear: straight lines along x and along y."""
+    """A table over two positions with bilinear interpolation."""
 
     def design(self, fs):
         return self.params(self.table), ()
@@ -347,12 +346,8 @@ class LinearGrid(Grid):
 def spline(a, b, c, d, t):
     """Return a uniform cubic B-spline with these coefficients at t of 0 .. 1."""
     q = 1.0 - t
-    return (
-        a * (q * q * q)
-        + b * (4.0 - 3.0 * t * t * (1.0 + q))
-        + c * (4.0 - 3.0 * q * q * (1.0 + t))
-        + d * (t * t * t)
-    ) * (1 / 6)
+    inner = a * (q * q * q) + b * (4.0 - 3.0 * t * t * (1.0 + q))
+    return (inner + c * (4.0 - 3.0 * q * q * (1.0 + t)) + d * (t * t * t)) * (1 / 6)
 
 
 def spline_slope(a, b, c, d, t):
@@ -450,7 +445,7 @@ def lut2(
     kind: str = "linear",
     unit: str = "",
 ) -> Grid:
-    """Compute a function of two places given by a regular grid, and its gradient.
+    """Compute a function of two positions given by a regular grid, and its gradient.
 
     Parameters
     ----------
@@ -517,8 +512,7 @@ def lut2(
     array([[  800.,   741.],
            [    0., 73567.]])
     """
-    if kind not in GRID_KINDS:
-        raise BadValue(f"lut2: kind = {kind!r}; choose one of {', '.join(GRID_KINDS)}")
+    one_of("lut2: kind", kind, GRID_KINDS)
     x, y = as_block(x), as_block(y)
     make = {"linear": LinearGrid, "cubic": CubicGrid}[kind]
     return make(x, y, table, plain("spacing", spacing, x, y), plain("origin", origin, x, y), unit)

@@ -57,7 +57,7 @@ class TextureState(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A place among the models."""
+    """A speed and a force among the measured models."""
 
     x: float
     z: float
@@ -72,7 +72,7 @@ class Weights(NamedTuple):
 
 
 def part(v, per_largest):
-    """Return v/largest, held within 0 to 1; nan is 0."""
+    """Return v/largest limited to 0 .. 1; NaN becomes 0."""
     x = v * per_largest
     return where(x > 0.0, where(x < 1.0, x, 1.0), 0.0)
 
@@ -102,7 +102,7 @@ def inside(one, two):
 
 
 def mean(w, a, b, c):
-    """Return what lies between three models."""
+    """Return the interpolation between three models."""
     return fma(w.a, a, fma(w.b, b, w.c * c))
 
 
@@ -206,13 +206,14 @@ class Texture(Block):
             )
         planes, corners = self.model.planes()
         (ax, ay, a), (bx, by, b) = np.ascontiguousarray(planes.transpose(1, 2, 0)[:2])
-        sizes = self.lsf.shape[1], self.ma.shape[1]
+        poles, zeros = self.lsf.shape[1], self.ma.shape[1]
+        per_speed, per_force = 1 / float(self.speeds.max()), 1 / float(self.forces.max())
         lsf = np.concatenate([self.lsf, self.ma], axis=1).ravel() / math.pi
         p = TextureParams(
             float(every),
             upsampler(every).ravel(),
-            1 / float(self.speeds.max()),
-            1 / float(self.forces.max()),
+            per_speed,
+            per_force,
             ax,
             ay,
             a,
@@ -221,12 +222,12 @@ class Texture(Block):
             b,
             corners.ravel().astype(float),
             lsf,
-            float(sizes[0]),
-            float(sizes[1]),
+            float(poles),
+            float(zeros),
             self.variance,
             self.gain,
         )
-        return p, TextureState(np.zeros(max(sizes[1], 1)), np.zeros(sizes[0]), np.zeros(TAPS), 0.0)
+        return p, TextureState(np.zeros(max(zeros, 1)), np.zeros(poles), np.zeros(TAPS), 0.0)
 
     def delay(self, p):
         return 0.5 * TAPS * p.every if p.every > 1 else 0.0

@@ -17,10 +17,9 @@ from ..core.maths import copy, fir, fma, memory, where
 from ..core.pointwise import Where
 from ..core.response import backward
 from ..core.units import unit
-from ..design import fractional as soe
-from ..design import responses
+from ..design import fractional as soe, responses
 from ..design.padding import padded
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, one_of, public
 from .events import Integrate
 from .filters import ONSETS, begun, check_onset
 from .fractional import (
@@ -94,7 +93,7 @@ def plain(name: str, field: str, v) -> float:
 
 
 def time_constant(name: str, k, b, tau) -> float:
-    """Return tau, or b/k, from arguments of which one must be there."""
+    """Return tau, or b/k, from arguments of which exactly one is given."""
     if (b is None) == (tau is None):
         raise BadValue(
             f"{name}: give one of b (N s/m) and tau (s), the other follows from tau = b/k"
@@ -109,14 +108,14 @@ def time_constant(name: str, k, b, tau) -> float:
 
 
 class ArmsParams(NamedTuple):
-    """Parameters of arms blocks at a sample rate."""
+    """Parameters of `MaxwellArms` at a sample rate."""
 
     e: np.ndarray  # leaks; padded with ones
     r: np.ndarray  # k g; padded with zeros
 
 
 class ArmsState(NamedTuple):
-    """State of arms blocks between samples."""
+    """State of `MaxwellArms` between samples."""
 
     q: np.ndarray
     low: np.ndarray  # second words of q
@@ -411,7 +410,7 @@ def standard_linear_solid(
 # near it as 1/fs.
 # Springs and dampers ------------------------------------------------------------------
 class ChainParams(NamedTuple):
-    """Parameters of chain blocks at a sample rate."""
+    """Parameters of `KelvinChain` at a sample rate."""
 
     e: np.ndarray  # leaks; padded with ones
     r: np.ndarray  # e g/k; padded with zeros
@@ -419,7 +418,7 @@ class ChainParams(NamedTuple):
 
 
 class ChainState(NamedTuple):
-    """State of chain blocks between samples."""
+    """State of `KelvinChain` between samples."""
 
     q: np.ndarray
     low: np.ndarray
@@ -771,8 +770,7 @@ def compliance(
     f = as_block(f)
     if f.dim != unit("N"):
         raise UnitError(f"compliance: the force {f!r} is in [{f.dim}], not in N")
-    if scheme not in soe.SCHEMES:
-        raise BadValue(f"compliance: scheme = {scheme!r}; choose one of {', '.join(soe.SCHEMES)}")
+    one_of("compliance: scheme", scheme, soe.SCHEMES)
     alpha = design_value("compliance: alpha", "float", alpha)
     if not 0 <= alpha <= 1:
         raise BadValue(f"compliance: alpha = {alpha:g} must be from 0 (spring) to 1 (dashpot)")

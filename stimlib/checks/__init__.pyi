@@ -1,12 +1,12 @@
-from .evidence import Asked as Asked
-from .evidence import Check as Check
-from .evidence import law_of as law_of
+from .evidence import Asked as Asked, Check as Check, law_of as law_of
 from .mutation import mutate as mutate
-from .power import Shows as Shows
-from .power import certainty as certainty
-from .power import of_parameters as of_parameters
-from .power import of_spectrum as of_spectrum
-from .power import smallest_share as smallest_share
+from .power import (
+    Shows as Shows,
+    certainty as certainty,
+    of_parameters as of_parameters,
+    of_spectrum as of_spectrum,
+    smallest_share as smallest_share,
+)
 from .report import Report as Report
 from .session import verify_log as verify_log
 from .verification import verify as verify

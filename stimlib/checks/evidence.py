@@ -1,4 +1,4 @@
-"""What the checks of one verification look at.
+"""The evidence that the checks of one verification use.
 
 It is the delivered samples, a re-render, and the noise seen inside it.
 """
@@ -36,7 +36,7 @@ AT_ONCE = 1 << 20  # samples that are held in memory at once
 
 @dataclass(frozen=True)
 class Check:
-    """One comparison: passed where measured <= limit."""
+    """One comparison, passed if measured <= limit."""
 
     group: str
     name: str
@@ -47,13 +47,13 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether it held; a measurement that is not a number does not."""
+        """Whether the check passed; nan does not pass."""
         return bool(self.measured <= self.limit)
 
 
 @dataclass(frozen=True, eq=False)
 class Tap:
-    """One gated noise of the scene, seen before gate and rate on its own clock."""
+    """A gated noise of the scene, before gate and rate, on its own clock."""
 
     block: Enabled
     output: str
@@ -69,7 +69,7 @@ class Tap:
 
     @property
     def name(self) -> str:
-        """The block as it is shown."""
+        """The block's name as displayed."""
         return repr(self.block)
 
 
@@ -123,7 +123,7 @@ class Evidence:
 
     @property
     def frames(self) -> int:
-        """Samples of the whole recording."""
+        """Number of samples of the whole recording."""
         return self.all or self.x.shape[1]
 
     @property
@@ -241,7 +241,7 @@ def gather(
 def seen_by(
     e: Evidence, watch: Processor, drive: Rows, found: list[tuple], frames: int, shown: Any = None
 ) -> Evidence:
-    """Return what an augmented scene makes of a motion.
+    """Return the outputs of an augmented scene for a motion.
 
     It is the first stretch, which makes the later ones.
 
@@ -304,7 +304,7 @@ def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
 
 
 def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
-    """Keep the noises among what an augmented scene gave."""
+    """Keep the noises among the outputs of an augmented scene."""
     n = len(e.scene.outputs)
     for k, (output, block, model, low, high, run, seed) in enumerate(found):
         # a copy, or all that was seen would be kept
@@ -374,7 +374,7 @@ def placed(scene: Scene) -> Iterator[tuple[str, Block, tuple[Segment, ...]]]:
 
 
 def within(b: Block, around: Iterable[Segment]) -> Block:
-    """Return a block in these segments."""
+    """Return a block placed in these segments."""
     return reduce(lambda inner, s: Segment(inner, s.by, s.seed), around, b)
 
 
@@ -441,7 +441,7 @@ def ramped(
 
 
 def lost_by_ramps(changes: Iterable[Change], fs: float) -> float:
-    """Return what the longest of these ramps may lose by rounding each step.
+    """Return the largest rounding error that these ramps can accumulate.
 
     It is a part of the largest value.
     """
@@ -451,7 +451,7 @@ def lost_by_ramps(changes: Iterable[Change], fs: float) -> float:
 # What a law sees ----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A part of a scene as its law sees it, in the law's own names.
+    """The arguments of a scene's law: motion, parameters, outputs and options.
 
     It has what was asked for, what went in, and what came out.
 
@@ -488,7 +488,7 @@ class Asked:
 
     @property
     def slack(self) -> float:
-        """Return what roundings that add up may change, as a part of a value.
+        """Return the relative error that accumulated rounding may cause.
 
         They come from each step of a parameter's ramp, and from a window's time.
         """
@@ -504,7 +504,7 @@ class Asked:
         return window + lost_by_ramps((c for c in self.e.changes if c.name in names), self.fs)
 
     def live(self, name: str) -> np.ndarray:
-        """Return a parameter at every sample, its ramps as straight lines."""
+        """Return a parameter's value at every sample, ramps included."""
         name = self.part.inputs.get(name, name)
         changes = [c for c in self.e.changes if c.name == name]
         return ramped(
@@ -516,29 +516,29 @@ class Asked:
         )
 
     def held(self, name: str, low: float, high: float) -> np.ndarray:
-        """Return a live parameter within the range of the scene's block."""
+        """Return a live parameter clamped to the range of the scene's block."""
         return np.clip(self.live(name), low, high)
 
     def output(self, name: str) -> str:
-        """Return what the scene calls an output."""
+        """Return the scene's name of an output."""
         return self.part.outputs.get(name, name)
 
     def title(self, name: str) -> str:
-        """Return how a check names an output."""
+        """Return the name of an output in a check."""
         return f"{self.output(name)}{f' from {self.part.span.start:g} s' if self.part.span else ''}"
 
     def apart(self, name: str, want: np.ndarray) -> float:
-        """Return how far an output is from what it should be, as it was displayed."""
+        """Return the largest difference between an output and its expected row."""
         return self.far(self.y[name] - want)
 
     def far(self, difference: np.ndarray) -> float:
-        """Return the largest of a difference, as displayed; nan where there is one."""
+        """Return the largest absolute value of a difference; nan if it contains nan."""
         return float(
             np.max(np.where(self.window > 0, np.abs(difference) * self.window, 0.0), initial=0.0)
         )
 
     def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: float) -> None:
-        """Keep what an output should be, a row or what makes it, for pictures."""
+        """Keep the expected row of an output, or what makes it, for pictures."""
         if self.part.span is None:
             self.e.wanted[self.output(name)] = lambda: (want() if callable(want) else want, tol)
 
@@ -551,7 +551,7 @@ class Asked:
         least: float = 1e-300,
         group: str = "d",
     ) -> Check:
-        """Check an output against what it should be.
+        """Check that an output equals its expected samples within a tolerance.
 
         The error is in parts of its largest value, or of ``least`` where that is
         larger.
@@ -572,7 +572,7 @@ class Asked:
         )
 
     def begins(self, values: Mapping[str, float]) -> Check:
-        """Check that parameters nobody sets have the values that were asked for."""
+        """Check that parameters that nobody sets have the requested values."""
         found = {n: self.e.scene.params[self.part.inputs.get(n, n)].value for n in values}
         wrong = [f"{n} = {found[n]:g} for {v:g}" for n, v in values.items() if found[n] != v]
         title = "parameters" + (f" of {self.part.name}" if self.part.name else "")
@@ -596,11 +596,11 @@ class Asked:
         )
 
     def say(self, text: str) -> None:
-        """Add a line about the numbers that were asked for."""
+        """Add a line about the requested numbers to the report."""
         self.e.numbers.append(f"{self.part.name}: {text}" if self.part.name else text)
 
     def render(self, block: Block, n: int | None = None, name: str = "") -> np.ndarray:
-        """Render a block that the law makes of what was asked for.
+        """Render a block that the law makes from the requested numbers.
 
         Its inputs have the law's names.
 
@@ -619,7 +619,7 @@ SCENES: dict[str, SceneLaw] = {}  # the law of each shipped scene, by the scene'
 
 
 def law_of(scene: str) -> Callable[[SceneLaw], SceneLaw]:
-    """Enter a function of `Asked` as the law of the shipped scene of this name.
+    """Register a function of `Asked` as the law of the shipped scene with this name.
 
     Examples
     --------
@@ -631,7 +631,7 @@ def law_of(scene: str) -> Callable[[SceneLaw], SceneLaw]:
 
 
 def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
-    """Return a part of a scene as its law sees it, in one stretch.
+    """Return a part of a scene for its law, in one stretch.
 
     Raises
     ------

@@ -19,7 +19,7 @@ OUTPUTS = 6  # of so many there are pictures: a layout's time grows with the squ
 
 
 def figures(e: Evidence) -> Iterator[tuple[str, str]]:
-    """Return the title and SVG of each."""
+    """Return the title and SVG of each figure."""
     s = Signals(
         e.scene,
         e.fs,
@@ -47,7 +47,7 @@ def figures(e: Evidence) -> Iterator[tuple[str, str]]:
 
 
 def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
-    """Draw a figure of so many inches as SVG, with the same text on every run.
+    """Draw a figure of a size in inches as SVG, with the same text on every run.
 
     ``draw`` gets the empty figure.
     """

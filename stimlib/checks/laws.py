@@ -239,7 +239,7 @@ def squeeze_finger(
 
 
 def vibrating(finger: Finger, noise: np.ndarray, k: Any, A: Any) -> Finger:
-    """Return the same finger with this noise, gain and stiffness."""
+    """Return the finger with this noise, gain and stiffness."""
     tau = 1 / 8000
     return finger._replace(force=finger.mean + A * (k * tau * finger.v) * (tau * noise))
 
@@ -316,7 +316,7 @@ def springpot_sum(
 def springpot_convolution(
     y: np.ndarray, fs: float, scheme: str, alpha: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same two sums at every sample, by Fourier transforms.
+    """Return both sums at every sample, by Fourier transforms.
 
     In double precision they are exact to some 1e-14 of the largest.
 
@@ -341,7 +341,7 @@ def springpot_convolution(
 
 # Bumps --------------------------------------------------------------------------------
 def ways(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each sample's way began, and where there is contact.
+    """Return the position before each sample, and where there is contact.
 
     The first sample of a contact has no way.
     """
@@ -430,7 +430,7 @@ def profile_gain(
 
 
 def turning(freq: np.ndarray, fs: float, phase: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return turns of a carrier at each sample, and those that each sample takes.
+    """Return a carrier's phase in turns at each sample, and its increments.
 
     It begins at a phase in rad.
     """
@@ -439,7 +439,7 @@ def turning(freq: np.ndarray, fs: float, phase: float = 0.0) -> tuple[np.ndarray
 
 
 def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
-    """Return a sinusoid at turns t, of step turns for each sample.
+    """Return a sinusoid at the phase t in turns, of so many turns for each sample.
 
     Rectified, it is its mean over the sample period around each sample.
     """

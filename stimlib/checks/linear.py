@@ -129,7 +129,7 @@ def _two(b: Row, c: Any) -> Row:
 
 
 def digital(zeros: Row, poles: Row, gain: Any) -> Modes:
-    """Return the modes of what has these zeros, poles and gain in s.
+    """Return the modes of a filter with these zeros, poles and gain in s.
 
     z - z' is 2 (s - s')/((1 - s)(1 - s')).
     """
@@ -151,7 +151,7 @@ its response.
 
 
 def response(*names: str) -> Callable:
-    """Enter the response of the classes of these names."""
+    """Register the response of the classes with these names."""
 
     def enter(f: Callable) -> Callable:
         RESPONSES.update(dict.fromkeys(names, f))
@@ -162,7 +162,7 @@ def response(*names: str) -> Callable:
 
 
 def taps(h: Any) -> Callable[[int], Row]:
-    """Return a response that ends."""
+    """Return a finite response."""
     return lambda n: np.asarray(h, float)[:n]
 
 
@@ -192,7 +192,7 @@ def _made(b: Any, fs: float) -> Modes | Callable[[int], Row]:
 
 
 def summed(h: Row, x: Row) -> Row:
-    """Return h * x, as long as x."""
+    """Return the convolution h * x, as long as x."""
     h = h[: x.size].astype(float)
     return (np.convolve(x, h) if min(h.size, x.size) <= SHORT else scipy.signal.fftconvolve(x, h))[
         : x.size
@@ -200,7 +200,7 @@ def summed(h: Row, x: Row) -> Row:
 
 
 def settled(b: Any, fs: float, x: Rows) -> float:
-    """Return after how many samples all of a response has been seen.
+    """Return after how many samples a response has decayed.
 
     Of modes, what went before is found.
     """
@@ -238,7 +238,7 @@ def _linear(b, fs, x, y):
 
 
 def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
-    """Return what pink noise has left of what was before.
+    """Return the part of pink noise that its past contributes.
 
     It is a state q of the covariance 1/(1 - p p'), drawn by the published generator.
     """
@@ -256,7 +256,7 @@ def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
 
 
 def free(L: Row, rest: Row) -> Row:
-    """Return the part of a row that decays by these modes from whatever there was.
+    """Return the free decay of these modes in a row.
 
     It is the nearest at some samples, most of them early.
     """
@@ -277,7 +277,7 @@ def free(L: Row, rest: Row) -> Row:
 
 
 def rounding(b: Any, least: float) -> float:
-    """Return what a step may lose, as a part of the largest possible sum."""
+    """Return the rounding error of a step, relative to the largest possible sum."""
     wide = b.high / b.low if getattr(b, "band", "") == "bandstop" else 0.0
     narrow = b.high / (b.high - b.low) if getattr(b, "high", None) else 0.0
     return least * (1 + narrow / 20 + wide) + 10 * getattr(b, "tol", 0.0) * (

@@ -1,4 +1,4 @@
-"""Each block of a scene against a law of its own, on the signals that it really got.
+"""Checks of each block of a scene against its own law, on its actual input signals.
 
 The composition does not matter.
 """
@@ -34,8 +34,11 @@ from ..core.scene import Scene
 from ..errors import BadValue
 from ..run.driver import walk
 from ..run.processor import Change, compile
-from . import families as families  # it enters the laws
-from . import laws, rows
+from . import (
+    families as families,  # it enters the laws
+    laws,
+    rows,
+)
 from .evidence import Check, Evidence, lost_by_ramps, ramped
 from .rows import Rows
 
@@ -50,7 +53,7 @@ Row = np.ndarray
 
 
 class Held(NamedTuple):
-    """One block against its law."""
+    """One block and its law."""
 
     block: Block
     where: str  # the subsystems that it is in
@@ -61,7 +64,7 @@ class Held(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The class of the block, as a scene file has it."""
+        """The class of the block, as named in a scene file."""
         return type_name(type(self.block))
 
 
@@ -103,7 +106,7 @@ class Part(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """An input of a recording, whose samples are made where they are asked for."""
+    """An input of a recording, whose samples are computed on demand."""
 
     e: Evidence
     input: int
@@ -125,22 +128,22 @@ class Clock(NamedTuple):
 
     @staticmethod
     def of(edges: np.ndarray, n: int) -> Clock:
-        """Return the clock of n samples whose gate is turned at these samples."""
+        """Return the clock of n samples whose gate switches at these samples."""
         edges = np.minimum(np.append(edges, n) if edges.size % 2 else edges, n)
         opens, closes = edges[::2], edges[1::2]
         return Clock(opens, closes, np.cumsum(closes - opens) - (closes - opens))
 
     @property
     def total(self) -> int:
-        """How many samples it is open at."""
+        """The number of samples at which it is open."""
         return int(np.sum(self.closes - self.opens))
 
     def until(self, n: int) -> int:
-        """Return how many of them are before sample n."""
+        """Return the number of its samples before sample n."""
         return int(np.sum(np.clip(n, self.opens, self.closes) - self.opens))
 
     def samples(self, first: int, stop: int) -> np.ndarray:
-        """Return those with these numbers."""
+        """Return the samples with the given indices."""
         k = np.arange(first, stop)
         at = np.searchsorted(self.before, k, "right") - 1
         return self.opens[at] + k - self.before[at]
@@ -161,7 +164,7 @@ class Inside(NamedTuple):
 
 
 class Gated:
-    """The times at which a subsystem runs, and its parameters that move.
+    """The times at which a subsystem runs, and its changing parameters.
 
     The parameters are given at its first sample and after.
     """
@@ -174,7 +177,7 @@ class Gated:
         self._last: dict[str, float] = {}
 
     def add(self, at: int, on: np.ndarray, moving: Mapping[str, Row]) -> None:
-        """Add the next samples: whether it runs, and what the parameters are."""
+        """Add the next samples: whether the subsystem runs, and its parameters."""
         self.edges.append(at + np.flatnonzero(np.diff(on, prepend=self._on)))
         for name, row in moving.items():
             row = row[on]
@@ -195,7 +198,7 @@ class Gated:
 
 @dataclass(frozen=True, eq=False)
 class Early(Block):
-    """A signal delayed by its lead: all that came before sample 0 comes first."""
+    """A signal delayed by its lead, so that everything before sample 0 comes first."""
 
     x: Block
     step = staticmethod(Delay.step)
@@ -206,7 +209,7 @@ class Early(Block):
 
 
 def blocks_held(e: Evidence) -> list[Check]:
-    """Check each class of block.
+    """Check each class of block against its law.
 
     What has no law, or could not be seen, goes to ``skipped``.
     """
@@ -231,7 +234,7 @@ def blocks_held(e: Evidence) -> list[Check]:
 
 
 def spans(n: int, seed: int) -> list[tuple[int, int]]:
-    """Return the stretches that are looked at.
+    """Return the stretches that are checked.
 
     They are all of a short run; of a long one its beginning, and others drawn by its
     seed.
@@ -259,7 +262,7 @@ def _group(b: Block) -> str:
 
 
 def held(run: Run) -> list[Held]:
-    """Check every block of a scene, also those in its subsystems.
+    """Check every block of a scene, including those in its subsystems.
 
     Each is on its own clock.
     """
@@ -314,11 +317,7 @@ def _seen(
 
     They end where one is not finite.
     """
-    live = {c.name for c in run.changes}
-    moved = {
-        id(b): [p for p in reach([b.block]) if isinstance(p, Param) and p.name in live]
-        for b in gated
-    }
+    moved = _moved(run, gated)
     driven = [b for b in gated if moved[id(b)] or not isinstance(b.by, Const)]
     whole = {id(b): Gated() for b in driven}
     shown, names, early = _shown(blocks, [p for its in moved.values() for p in its])
@@ -328,11 +327,10 @@ def _seen(
     moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
     ends = [z if k else max(z, lag) for k, (_, z) in enumerate(run.spans)]
     kept = [np.empty((len(place), z - a)) for (a, _), z in zip(run.spans, ends, strict=True)]
-    summed = {id(b): 0 for b in blocks if type_name(type(b)) in rows.SUMS}
-    past: list[dict[int, int]] = [{} for _ in run.spans]
+    summed = [b for b in blocks if type_name(type(b)) in rows.SUMS]
+    past, totals = [dict[int, int]() for _ in run.spans], dict.fromkeys(map(id, summed), 0)
     moving = [c for c in moves if c.name in proc.params]
     for at, y in walk(proc, _motion_of(run, proc.inputs), stop, moving):
-        end = at + y.shape[1]
 
         def row_of(b: Block, y: Row = y) -> Row:
             if isinstance(b, Const):
@@ -343,12 +341,9 @@ def _seen(
         for b in driven if at < run.n else ():
             values = {p.name: row_of(p)[: run.n - at] for p in moved[id(b)]}
             whole[id(b)].add(at, (row_of(b.by) > 0)[: run.n - at], values)
-        for b in (b for b in blocks if id(b) in summed):
+        for b in summed:
             step = rows.SUMS[type_name(type(b))](row_of(b.children[0]), run.fs)
-            for (a, _), sums in zip(run.spans, past, strict=True):
-                if at <= a < end:
-                    sums[id(b)] = summed[id(b)] + int(step[: a - at].sum())
-            summed[id(b)] += int(step.sum())
+            _sum(past, totals, id(b), step, [a - at for a, _ in run.spans])
     # a row that is not finite closes the guard of its output
     known = proc.fault[1] if proc.fault else stop
     seen = []
@@ -357,6 +352,25 @@ def _seen(
         seen.append(Part(a, n, _rows(row, names, {} if a else early, n, lag), sums))
     n = min(known, run.n)
     return seen, {key: (its, its.until(n)) for key, its in whole.items()}
+
+
+def _moved(run: Run, gated: list[Any]) -> dict[int, list[Param]]:
+    """Return the parameters of each subsystem that are changed in the run."""
+    live = {c.name for c in run.changes}
+    return {
+        id(b): [p for p in reach([b.block]) if isinstance(p, Param) and p.name in live]
+        for b in gated
+    }
+
+
+def _sum(
+    past: list[dict[int, int]], totals: dict[int, int], key: int, step: Row, starts: list[int]
+) -> None:
+    """Add the steps of a block's count, and note the sum at the start of each span."""
+    for start, sums in zip(starts, past, strict=True):
+        if 0 <= start < step.size:
+            sums[key] = totals[key] + int(step[:start].sum())
+    totals[key] += int(step.sum())
 
 
 def _keep(kept: list[Row], spans: Sequence[tuple[int, int]], at: int, y: Row) -> None:

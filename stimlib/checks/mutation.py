@@ -1,4 +1,4 @@
-"""Mutation of scenes: which wrong numbers the laws of a scene would refuse.
+"""Mutation of scenes: which wrong numbers the laws of a scene detect.
 
 Each number is changed, one at a time.
 """
@@ -43,7 +43,7 @@ REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE = (
 
 
 class Mutant(NamedTuple):
-    """A scene with one number changed, and what its laws say of it."""
+    """A scene with one changed number, and the verdict of its laws."""
 
     where: str  # a block with its field, a parameter, or an argument that was given
     value: str
@@ -63,7 +63,7 @@ class Mutations:
 
     @property
     def passed(self) -> bool:
-        """Whether every mutant that changes a sample was refused."""
+        """Whether every mutant that changes a sample was detected."""
         return not any(m.outcome in (WITHIN, NO_LAW) for m in self.mutants)
 
     def count(self) -> dict[str, int]:
@@ -110,7 +110,7 @@ def mutate(
     seed: int = 0,
     bar: bool = True,
 ) -> Mutations:
-    """Change every number of a scene in turn, and report which changes its laws refuse.
+    """Change every number of a scene in turn, and report which changes its laws detect.
 
     What is rendered then is verified.
 

@@ -171,7 +171,7 @@ def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
 
 
 def noise(e: Evidence) -> list[Check]:
-    """Return the spectrum of every tap, and independence of every pair."""
+    """Check the spectrum of every tap, and the independence of every pair."""
     checks, share = [], e.share
     for k, t in enumerate(e.taps):
         if t.model is None:

@@ -1,4 +1,4 @@
-"""The report page of a verification, for a reader who was not there.
+"""The report of a verification as an HTML page, for a reader who was not there.
 
 It is one file without code, and nothing else is needed for it.
 """
@@ -47,7 +47,7 @@ pre{white-space:pre-wrap;overflow-wrap:anywhere;font-size:12px}.small{color:#666
 def page(
     what: str, checks: list[Check], e: Evidence, certain: list[Shows], command: str | None
 ) -> str:
-    """Return the whole text; foreign texts are escaped."""
+    """Return the HTML of the report; texts from files are escaped."""
     good = sum(c.passed for c in checks)
     kind = "bad" if e.unknown or good < len(checks) else "ok"
     word = f'<span class="{kind}">{_q(verdict(good == len(checks), e.unknown))}</span>'
@@ -65,7 +65,7 @@ def page(
 
 
 def verdict(passed: bool, unknown: list[str]) -> str:
-    """Return whether all checks held, and which laws of the scene were none of them."""
+    """Return whether all checks passed, and which laws of the scene are unknown."""
     word = "passed" if passed else "FAILED"
     return (
         f"{word}, but its law {', '.join(map(repr, unknown))} is not known here and was not checked"
@@ -85,7 +85,7 @@ def facts(rows: Mapping[str, str]) -> str:
 
 
 def items(texts: Iterable[str]) -> str:
-    """Return a list of texts, or a sentence that there are none."""
+    """Return a list of texts, or a sentence that says that it is empty."""
     return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
 
 

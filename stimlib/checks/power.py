@@ -1,4 +1,4 @@
-"""The power of a verification's checks: the smallest errors that they would have seen.
+"""The power of a verification's checks: the smallest errors that they would detect.
 
 It is computed for the given recording.
 
@@ -24,7 +24,7 @@ OF_IT = "of it"  # the unit of a part of a parameter
 
 
 class Shows(NamedTuple):
-    """The smallest error of one kind that a check sees with this probability.
+    """The smallest error of one kind that a check detects, and how probably.
 
     A size of nan: none, however large.
 
@@ -40,7 +40,7 @@ class Shows(NamedTuple):
 
 
 def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
-    """Return the smallest errors that the checks would have seen in this recording.
+    """Return the smallest errors that the checks would detect in this recording.
 
     These are the checks of chance, and the law of the scene.
 
@@ -96,7 +96,7 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
 
 
 def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
-    """Return every two noises, their common band, and the correlation that is seen.
+    """Return every two noises, their common band, and the correlation detected.
 
     The band is in Hz; the correlation is nan where none is seen.
     """
@@ -138,7 +138,7 @@ KINDS: dict[str, tuple[str, Callable[[np.ndarray, float], np.ndarray]]] = {
 
 
 def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
-    """Return the smallest errors of a spectrum that its test sees with 95 %.
+    """Return the smallest spectral errors detected with 95 % probability.
 
     Each has kind, size and unit.
 
@@ -183,7 +183,7 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
 
 
 def critical(a: np.ndarray, p: float) -> float:
-    """Return the sum of a (E - 1) that is passed with probability p."""
+    """Return the value that a sum of a (E - 1) exceeds with probability p."""
     from scipy import optimize
 
     high = 4.0
@@ -214,7 +214,7 @@ def smallest(power: Callable[[float], float]) -> float:
 
 
 def smallest_share(bins: int, alarm: float) -> float:
-    """Return the correlation of two noises that the test of independence sees.
+    """Return the smallest correlation of two noises that the test detects.
 
     It is nan where not even equal ones are seen.
 
@@ -242,7 +242,7 @@ def smallest_share(bins: int, alarm: float) -> float:
 
 
 def smallest_shift(c: Check) -> float:
-    """Return what a normal measurement must be off by to pass its limit."""
+    """Return the error at which a normal measurement exceeds its limit."""
     from scipy import stats
 
     return float(c.limit + stats.norm.isf(1 - CHANCE) * c.deviation)
@@ -250,7 +250,7 @@ def smallest_shift(c: Check) -> float:
 
 # The law of a scene -------------------------------------------------------------------
 def of_parameters(e: Evidence) -> list[Shows]:
-    """Return for each parameter the smallest change that the law refuses.
+    """Return for each parameter the smallest change that the law detects.
 
     The law of the scene is told the other value, for these samples.
 

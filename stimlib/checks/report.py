@@ -1,4 +1,4 @@
-"""What a verification says: a table in the terminal, or one self-contained page."""
+"""The report of a verification: a table in the terminal, or one HTML page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAGES = (".html", ".htm")  # a page must not take the place of the sound file or
 
 @dataclass(frozen=True, repr=False)
 class Report:
-    """Every check of one verification, and what it was about.
+    """The checks of one verification, and the recording that they are about.
 
     ``passed`` is True when all checks held, ``unknown`` has the names of laws that the
     scene has and that are not known here. ``print`` gives a table, ``to_html`` a page.
@@ -33,12 +33,12 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether every check held."""
+        """Whether every check passed."""
         return all(c.passed for c in self.checks)
 
     @property
     def unknown(self) -> list[str]:
-        """The laws that the scene names and that are not known here."""
+        """The laws that the scene names but that are not known here."""
         return self.evidence.unknown
 
     @property
@@ -73,7 +73,7 @@ class Report:
         return spectra_of(self.evidence)
 
     def certainty(self) -> list[Shows]:
-        """Return the smallest errors that this verification would have seen.
+        """Return the smallest error that each check would have detected.
 
         Returns
         -------
@@ -131,7 +131,7 @@ class Report:
         return f"{title}{table_of(self.checks)}<p>Not checked</p>{items(self.evidence.skipped)}"
 
     def what(self) -> str:
-        """Return the recording in one line."""
+        """Return a one-line description of the recording."""
         e = self.evidence
         return f"{shown(e.source)}, {e.frames / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
 

@@ -1,4 +1,4 @@
-"""Laws of blocks on their input rows: how they are entered, and what they share.
+"""Registration of the laws of blocks on their input rows, and shared helpers.
 
 ``families`` has the laws, in plain numpy: nothing of a block's design or step is used.
 ``LAWS`` has a function for each class; ``linear`` enters those of linear blocks.  It
@@ -44,7 +44,7 @@ TIE = 1e-9  # of a place: so near to an edge either side is right
 def law(
     *names: str, since: Callable[[Any, float, Rows], float] | float = math.inf
 ) -> Callable[[Law], Law]:
-    """Enter a law for the classes of these names.
+    """Register a law for the classes with these names.
 
     It says how many samples it must have seen of a block that began before them.
     """
@@ -69,7 +69,7 @@ def since(b: Any, fs: float, x: Rows) -> int:
 
 
 def near(want: Row, tol: float = 1e-12) -> tuple[Row, float]:
-    """Return a row, and a part of its largest value."""
+    """Return a row, and a tolerance relative to its largest value."""
     return want, tol * float(np.abs(want[np.isfinite(want)]).max(initial=1e-300))
 
 
@@ -89,7 +89,7 @@ def begun(x: Rows, tol: Any) -> Any:
 
 
 def before(x: Row, contact: Row) -> Row:
-    """Return where each sample's way began.
+    """Return the position before each sample.
 
     At the first sample of a contact it is where the sample is.
     """
@@ -102,7 +102,7 @@ def sample_of(t: Row, fs: float) -> Row:
 
 
 def turning(freq: Row, fs: float) -> Row:
-    """Return turns that each sample takes, in 2^-64, to the nearest.
+    """Return the phase increment of each sample in units of 2^-64 turn.
 
     The remainders of two divisions are exact.
     """

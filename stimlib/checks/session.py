@@ -23,7 +23,7 @@ from .verification import limits_kept, linear_blocks, same_samples
 
 @public
 def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
-    """Prove the delivered samples of a session from its log.
+    """Verify the delivered samples of a session from its log.
 
     The scene is run again on the logged motion, with the parameters set where they
     were. Its samples are verified like those of a rendering: blocks, noise, limits, and

@@ -1,4 +1,4 @@
-"""Checks of what a file says of itself.
+"""The checks of a sidecar against its file.
 
 Every key of its sidecar is compared with the file, the scene and the samples made
 again.
@@ -14,7 +14,8 @@ import numpy as np
 
 from ..core import definitions
 from ..errors import shown
-from ..files.formats import stored
+from ..files.formats import BITS, dither_of, stored
+from ..files.partial import COMMENTED, comment_of
 from ..files.sidecar import describe
 from ..version import __version__
 from .evidence import Check, Evidence
@@ -23,6 +24,7 @@ from .evidence import Check, Evidence
 HELD = {
     "format",
     "subtype",
+    "dither",
     "fs",
     "frames",
     "channels",
@@ -54,7 +56,8 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
 
     told = e.sidecar
     assert told is not None and e.path is not None
-    found = sf.info(e.path)
+    with sf.SoundFile(e.path) as found:
+        comment = found.comment
     channels = told["channels"]
     recovered = "recovered" in told
     keys = {"name", "unit", "full_scale", "clips", "peak"}
@@ -69,9 +72,10 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
         "names of the motion": (sorted(told.get("motion", {})), sorted(e.motion)),
         "keys": (sorted(told.keys() - TOLD), sorted(HELD)),
         "keys of channels": ([sorted(c) for c in channels], [sorted(keys)] * len(channels)),
+        "comment": (comment, comment_of(told) if told["format"] in COMMENTED else ""),
         "clips": (
             [c["clips"] is None for c in channels],
-            [recovered and told.get("subtype") == "PCM_24"] * len(channels),
+            [recovered and told.get("subtype") in BITS] * len(channels),
         ),
         "frames": (
             min(told["frames"], told["recovered"]["frames"] if recovered else told["frames"]),
@@ -141,7 +145,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(e: Evidence) -> Sums:
-    """Return what all stretches of a file leave."""
+    """Return the results of all stretches of a file."""
     from scipy.ndimage import uniform_filter1d
 
     assert e.sidecar is not None
@@ -150,15 +154,17 @@ def sums_of(e: Evidence) -> Sums:
     peaks, tops, clips = np.zeros(len(e.y)), np.zeros(len(e.y)), np.zeros(len(e.y), int)
     parts = []  # of each stretch: its scale, mean squares over that, part of all samples
     for s in e.stretches():
-        signal = stored(s.y, e.sidecar) if "recovered" in e.sidecar else s.y
+        signal = stored(s.y, e.sidecar, s.at) if "recovered" in e.sidecar else s.y
         peaks, top = (
             np.fmax(peaks, np.abs(signal).max(axis=1, initial=0.0)),
             np.abs(s.y).max(axis=1, initial=0.0),
         )
         digest.update(np.ascontiguousarray(s.y.T, "<f8").data)
-        if e.sidecar["subtype"] == "PCM_24":
-            codes = np.rint(s.y / full * 2**23)
-            clips += np.sum((codes > 2**23 - 1) | (codes < -(2**23)), axis=1)
+        if bits := BITS.get(e.sidecar["subtype"]):
+            seed, most = e.sidecar["dither"], 2 ** (bits - 1)
+            noise = 0.0 if seed is None else dither_of(seed, len(s.y), s.at, s.y.shape[1])
+            codes = np.rint(s.y / full * most + noise)
+            clips += np.sum((codes > most - 1) | (codes < -most), axis=1)
         squares, scale = np.zeros((3, len(e.y))), np.where(top > 0, top, 1.0)
         for k, (y, got) in enumerate(zip(s.y, s.shown, strict=True)):
             error, y = (got - y) / scale[k], y / scale[k]  # squares of 1e200 would be too large
@@ -191,8 +197,8 @@ def storage(e: Evidence, sums: Sums | None = None) -> list[Check]:
             checks.append(Check("e", f"{name}: clipped", error, CLIPPED * whole, text))
             continue
         text = (
-            f"rms of rounding to {e.sidecar['subtype']}, of the peak {scale:.3g} {b.dim}; {NOISE:g}"
-            " of what is fast may be noise"
+            f"rms of rounding to {e.sidecar['subtype']}, for a peak of {scale:.3g} {b.dim}; it may"
+            f" be {NOISE:.0%} of the vibration"
         )
         if not error <= max(NOISE * fast, DEEP * whole):
             text += f"; write it with a full scale of about {1.01 * scale:.3g}"

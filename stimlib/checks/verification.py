@@ -117,14 +117,15 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
     e = gather(scene_told(rendering) if scene is None else scene, told, rendering)
     if scene is None:
         e.skipped.append(
-            "the scene is the sidecar's own: say which one you expect to have it compared"
+            "the samples were compared with the scene in the sidecar only; to compare them with"
+            " yours, give it: stimlib verify mine.py:scene --wav FILE"
         )
     groups = linear_blocks, same_samples, generator, noise, scene_law, limits_kept, blocks_held
     return Report([check for group in groups for check in group(e)], e)
 
 
 def scene_told(path: str | os.PathLike[str]) -> Scene:
-    """Return the scene that a file's sidecar has.
+    """Return the scene that a file's sidecar states.
 
     Raises
     ------
@@ -272,7 +273,7 @@ def same_samples(e: Evidence) -> list[Check]:
         else:
             cut = samples(e.proc, s.motion_at, s.end, e.changes, s.at, block)
         wrong += int(np.sum(cut.view(np.uint64) != s.y.view(np.uint64)))
-        want = cut if e.sidecar is None else stored(cut, e.sidecar)
+        want = cut if e.sidecar is None else stored(cut, e.sidecar, s.at)
         apart += int(np.sum(s.shown.view(np.uint64) != want.view(np.uint64)))
     checks = [
         Check("b", "random cuts, other outputs added", wrong, 0, "samples whose bits differ"),

@@ -13,7 +13,19 @@ from . import (  # noqa: I001  each adds its commands, in the order of --help
     verify,
     scenes,
     speed,
+    schemas,
 )
 from .app import app
 
-__all__ = ["app", "devices", "experiments", "files", "live", "verify", "scenes", "speed", "sweeps"]
+__all__ = [
+    "app",
+    "devices",
+    "experiments",
+    "files",
+    "live",
+    "verify",
+    "schemas",
+    "scenes",
+    "speed",
+    "sweeps",
+]

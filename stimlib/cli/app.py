@@ -5,10 +5,11 @@ from __future__ import annotations
 import errno
 import inspect
 import json
+import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import cache, partial, wraps
 from typing import Annotated, Any
@@ -17,7 +18,7 @@ import typer
 from rich.console import Console
 from typer.core import TyperGroup
 
-from ..errors import StimlibError, shown
+from ..errors import PUBLIC, StimlibError, shown
 from ..system.progress import announce
 from ..version import __version__
 
@@ -30,6 +31,12 @@ class _Group(TyperGroup):
     def make_context(self, *args: Any, **options: Any) -> Any:
         with _in_one_line():
             return super().make_context(*args, **options)
+
+    def get_command(self, ctx: Any, name: str) -> Any:
+        found = super().get_command(ctx, name)
+        for flag in (p for p in getattr(found, "params", ()) if getattr(p, "is_flag", False)):
+            flag.metavar = " "  # a flag takes no value, and typer would write <bool>
+        return found
 
     def invoke(self, ctx: Any) -> Any:
         with _in_one_line():
@@ -74,7 +81,7 @@ Command = Callable[..., Any]
 
 def group(name: str, text: str) -> typer.Typer:
     """Return commands under one name, such as ``experiment run``."""
-    made = typer.Typer(no_args_is_help=True, rich_markup_mode="rich", help=text)
+    made = typer.Typer(cls=_Group, no_args_is_help=True, rich_markup_mode="rich", help=text)
     app.add_typer(made, name=name)
     return made
 
@@ -86,7 +93,8 @@ def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Co
     """
 
     def made(function: Command) -> Command:
-        return of.command(name)(sharing(friendly()(function), shared))
+        options = {n for f in (function, *shared.values()) for n in inspect.signature(f).parameters}
+        return of.command(name)(sharing(friendly(options)(function), shared))
 
     return made
 
@@ -123,10 +131,12 @@ def _options(f: Command) -> dict[str, inspect.Parameter]:
 
 
 @contextmanager
-def friendly() -> Iterator[None]:
+def friendly(options: Collection[str] = ()) -> Iterator[None]:
     """Print warnings and errors of use in one line each, and set the exit status.
 
-    It is 2 for them, 130 for Ctrl-C, and 3, with a traceback, for a defect.
+    Errors name the command's options, where they begin with one of its arguments.
+
+    The status is 2 for them, 130 for Ctrl-C, and 3, with a traceback, for a defect.
 
     Where the reader of a pipe went away the status is 141, as of any command.
     """
@@ -149,7 +159,7 @@ def friendly() -> Iterator[None]:
     except BrokenPipeError:
         raise typer.Exit(141) from None
     except StimlibError as e:
-        failed(e)
+        failed(_of_options(str(e), options))
         raise typer.Exit(2) from None
     except KeyboardInterrupt as e:
         errors.print(
@@ -169,6 +179,26 @@ def friendly() -> Iterator[None]:
             f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it",
         )
         raise typer.Exit(3) from None
+
+
+def _of_options(text: str, options: Collection[str]) -> str:
+    """Return an error of a function in the words of the command line.
+
+    It begins with the option, in place of the names of functions and the argument.
+    """
+    while (found := re.match(r"(\w+): ", text)) and _inner(found[1]):
+        text = text[found.end() :]
+    text = re.sub(r"^set\('(\w+)', (.*?)\)", r"--set \1=\2", text)
+    name = re.match(r"\w*", text)[0]  # type: ignore[index]
+    if {name, f"{name}_"} & {*options}:
+        return f"--{name.replace('_', '-')}{text[len(name) :]}"
+    return text
+
+
+def _inner(name: str) -> bool:
+    """Return whether a function is unknown to who types commands; scenes are known."""
+    place = PUBLIC.get(name, "scenes")
+    return not any(room in place for room in ("scenes", "blocks"))
 
 
 # What is printed ----------------------------------------------------------------------
@@ -212,6 +242,6 @@ def print_wide(data: Any) -> None:
 
 
 def end(passed: bool) -> None:
-    """Exit status 1 where a check failed."""
+    """Exit with status 1 if a check failed."""
     if not passed:
         raise typer.Exit(1)

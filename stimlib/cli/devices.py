@@ -1,4 +1,4 @@
-"""``play``, ``devices`` and ``loopback``: what needs a device."""
+"""The commands ``play``, ``devices`` and ``loopback``."""
 
 from __future__ import annotations
 
@@ -19,37 +19,28 @@ SinkName: Any = Literal[tuple(available.SINKS)]
 
 
 def safety_of(
+    scene: Any,
     *,
     full_scale: Annotated[
-        str,
-        typer.Option(
-            help=(
-                "Physical value that 1.0 at the device makes, such as 50 (N); nothing goes beyond."
-                " For different units: "
-                "a=50,b=0.1."
-            ),
-            show_default=False,
-        ),
-    ],
-    peak: Annotated[float | None, typer.Option(help="Largest force in N, of outputs in N.")] = None,
-    static: Annotated[
-        float | None, typer.Option(help="Largest lasting force in N, of outputs in N.")
-    ] = None,
-    slew: Annotated[
         str | None,
         typer.Option(
             help=(
-                "Fastest change, in units of the outputs per second; of each output as in"
-                " --full-scale."
-            )
+                "Physical value at which the device reaches 1.0, such as 50 (N); outputs are "
+                "limited to it. If units differ: a=50,b=0.1. By default outputs without a unit "
+                "play 20 dB below full scale."
+            ),
+            show_default=False,
         ),
     ] = None,
+    peak: opt.Peak = None,
+    static: opt.Static = None,
+    slew: opt.Slew = None,
 ) -> Any:
     """Return the safety stage that the options ask for."""
-    from ..run.safety import Safety
+    from ..run.safety import Safety, quiet_scale
 
     return Safety(
-        opt.of_each(full_scale, "--full-scale"),
+        opt.of_each(full_scale, "--full-scale") or quiet_scale(scene),
         slew=opt.of_each(slew, "--slew"),
         peak=peak,
         static=static,
@@ -63,7 +54,7 @@ def _ports(connect: list[str]) -> list[str] | str | None:
 def _play(
     sink: Any,
     fs: float,
-    channels: int | None,
+    channels: int | list[str | None] | None,
     block: int | None,
     seconds: float | None,
     wanted: bool,
@@ -82,85 +73,106 @@ def _play(
         sink.check()
 
 
+def _sound(file: str, motions: Any, fs: float | None) -> tuple[Any, Any, float]:
+    """Return a sound file as a scene, what drives it, and its rate."""
+    from ..files.audio import as_scene
+
+    if any(motions.keywords[name] for name in ("motion", "map_", "where")):
+        raise BadValue(
+            f"{file} is a sound file and has no inputs: leave out --motion, --map and --where"
+        )
+    made, motion, rate = as_scene(file)
+    if fs not in (None, rate):
+        raise BadValue(
+            f"--fs {fs:g}: {file} was recorded at {rate:g} Hz and is played at that: leave out --fs"
+        )
+    return made, motion, rate
+
+
 @command("play", safety=safety_of, motions=motions_of)
 def play(
     scene: SceneText,
     safety: Any,
     motions: Any,
     sink: Annotated[
-        SinkName,
-        typer.Option(help="What plays: [bold]stimlib devices[/]."),
-    ] = "null",
+        SinkName | None,
+        typer.Option(
+            help=(
+                "Kind of device; by default the first that is ready, as [bold]stimlib devices[/] "
+                "lists them."
+            )
+        ),
+    ] = None,
     device: Annotated[
         str | None,
         typer.Option(help=" ".join(k.device for k in available.SINKS.values() if k.device)),
     ] = None,
     client: Annotated[
-        str | None, typer.Option(help="JACK: name of the client, [bold]stimlib[/] by default.")
+        str | None, typer.Option(help="JACK: name of the client; [bold]stimlib[/] by default.")
     ] = None,
     connect: opt.Connect = [],
     channels: opt.Channels = None,
     block: Annotated[
-        int | None, typer.Option(help="Frames per block, where the device lets one choose.")
+        int | None, typer.Option(help="Frames per block, if the device lets you choose.")
     ] = None,
     fast: Annotated[
         bool,
         typer.Option(
-            "--fast", help="For null, and devices of PortAudio without a clock: as fast as it goes."
+            "--fast",
+            help="Play as fast as possible, on null and on PortAudio devices without a clock.",
         ),
     ] = False,
     seconds: Annotated[
-        float | None, typer.Option(help="Length; by default the recording's, else until Ctrl-C.")
+        float | None,
+        typer.Option(help="Length in s; by default that of the recording, or until Ctrl-C."),
     ] = None,
     fs: Annotated[
         float | None,
         typer.Option(
             help=(
-                "Sample rate in Hz, which must be the device's; 8000 by default, of a sound file"
-                " its own."
+                "Sample rate in Hz, which must be the device's. By default that of the device "
+                "that is found or of the sound file, or 8000."
             )
         ),
     ] = None,
-    set_: opt.SessionParams = [],
+    calibration: opt.Calibrated = None,
+    marker: opt.Marker = [],
+    send: opt.Send = [],
+    set_: opt.Params = [],
     seed: opt.Seed = 0,
     log: opt.Log = None,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
 ):
-    """Play a scene or a sound file on a device, with the safety stage around it.
+    """Play a scene or a sound file on a device, with output limits and fades.
 
     Ctrl-C fades out.
 
-    Exit status 1 when an output failed or the device went away while it played.
+    Exit status 1 when an output failed or the device went away during playback.
 
     [bold]stimlib play squeeze --sink jack --motion "minimum_jerk(depth=0.02)"
-    --full-scale 50 --log monday.stimlog[/] [bold]stimlib play vib.wav --full-scale 1[/]
+    --full-scale 50 --log monday.stimlog[/]
+
+    [bold]stimlib play tone --set freq=80 --seconds 3[/]
+
+    [bold]stimlib play vib.wav --full-scale 1[/]
     """
     run_files(import_)
     recorded: float | None = None
+    chosen = sink or ("null" if fast else None)
+    found = available.first_ready() if chosen is None else None
+    kind = found.sink if found else str(chosen)
     if scene.lower().endswith((".wav", ".rf64", ".w64", ".caf", ".flac")):
-        from ..files.audio import as_scene
-
-        if any(
-            given for name, given in motions.keywords.items() if name in ("motion", "map_", "where")
-        ):
-            raise BadValue(
-                f"{scene} is a sound file and has no inputs: leave out --motion, --map and --where"
-            )
-        made, motion, rate = as_scene(scene)
-        if fs not in (None, rate):
-            raise BadValue(
-                f"--fs {fs:g}: {scene} was recorded at {rate:g} Hz and is played at that: leave out"
-                " --fs"
-            )
+        made, motion, rate = _sound(scene, motions, fs)
     else:
-        made, rate = scene_of(scene), 8000.0
+        made, rate = scene_of(scene), (found and found.fs) or 8000.0
         motion, recorded = motions(made, contact=touching(scene))
     options: dict[str, Any] = {
         "motion": motion,
         "seed": seed,
-        "params": params_of(set_),
+        "params": params_of(set_, made),
         "log": log,
+        **opt.calibration(calibration),
     }
     for name, given, value in (
         ("device", device is not None, device),
@@ -169,17 +181,33 @@ def play(
         ("fast", fast, False),
     ):
         if given:
-            options |= available.option(sink, name, value)
-    playing = available.make(sink, made, safety(), **options)
+            options |= available.option(kind, name, value)
+    own = calibration is not None and safety.keywords["full_scale"] is None
+    limits = options["calibration"].limits(made) if own else safety(made)
+    if found and not quiet:
+        quiet_by = "; 1.0 plays 20 dB below full scale: --full-scale 1 for the whole range"
+        told = "" if safety.keywords["full_scale"] else quiet_by
+        none = "; no sound card or JACK server is ready, as stimlib devices tells"
+        where = f"{found.what}{none if kind == 'null' else told}"
+        errors.print(f"{kind}: {where}", markup=False, highlight=False, soft_wrap=True)
+    with opt.senders(send) as senders:
+        options |= {"markers": marker, "send": senders}
+        playing = available.make(kind, made, limits, **options)
+        length = seconds if seconds is not None else recorded
+        place = (rate if fs is None else fs, opt.channel_map(channels), block)
+        _played(playing, place, length, quiet, log)
+
+
+def _played(
+    playing: Any,
+    place: tuple[float, int | list[str | None] | None, int | None],
+    length: float | None,
+    quiet: bool,
+    log: Any,
+) -> None:
+    """Play to the end, and print the report."""
     try:
-        _play(
-            playing,
-            rate if fs is None else fs,
-            channels,
-            block,
-            seconds if seconds is not None else recorded,
-            not quiet,
-        )
+        _play(playing, *place, length, not quiet)
     except (SinkError, FaultError) as e:
         if not playing._started:
             raise
@@ -200,15 +228,32 @@ def play(
 @command("devices")
 def devices(
     server: Annotated[
-        str | None, typer.Option(help="Name of the JACK server; JACK's own default otherwise.")
+        str | None, typer.Option(help="Name of the JACK server; by default JACK's own.")
     ] = None,
+    streams: Annotated[
+        bool, typer.Option("--streams", help="List the streams of LSL instead, for motion.")
+    ] = False,
     json_: opt.Json = False,
 ):
-    """List the devices that can play here, what the others lack, and how to get it.
+    """List the devices that can play here, and what to install for the others.
 
     [bold]stimlib devices[/]
+
+    [bold]stimlib devices --streams[/]
     """
-    found, out = available.devices(server), Output(emoji=False)
+    out = Output(emoji=False)
+    if streams:
+        from ..devices.transports import lsl_streams
+
+        seen = lsl_streams()
+        if json_:
+            return print_json(seen)
+        for s in seen:
+            what = f"{s['channels']} channels, {s['fs']:g} Hz"
+            text = f"{s['name']} ({s['type']}) of {s['host']}: {what}"
+            out.print(text, markup=False, highlight=False, soft_wrap=True)
+        return None
+    found = available.devices(server)
     if json_:
         return print_json([asdict(d) for d in found])
     for d in found:
@@ -224,34 +269,38 @@ def loopback(
     scene: SceneText,
     safety: Any,
     motions: Any,
-    sink: Annotated[Literal["jack"], typer.Option(help="What plays and records.")] = "jack",
+    sink: Annotated[
+        Literal["jack"], typer.Option(help="Kind of device that plays and records.")
+    ] = "jack",
     device: Annotated[str | None, typer.Option(help="Name of the JACK server.")] = None,
     connect: opt.Connect = [],
     capture: Annotated[
         list[str],
         typer.Option(
             help=(
-                "Port to record for a channel, such as [bold]system:capture_1[/] at the end of a"
-                " cable; by default what "
-                "leaves the sink. Repeatable."
+                "Port to record for a channel, such as [bold]system:capture_1[/] at the end of a "
+                "cable; by default the sink's own output. Repeatable."
             )
         ),
     ] = [],
     tolerance: Annotated[
         float,
         typer.Option(
-            help="Of a cable: largest difference after gain and delay, relative to the signal."
+            help=(
+                "With a cable: largest difference that passes, relative to the signal, after "
+                "correcting gain and delay."
+            )
         ),
     ] = 0.05,
     channels: opt.Channels = None,
     seconds: opt.Length = None,
     fs: opt.DeviceRate = 8000.0,
-    set_: opt.SessionParams = [],
+    set_: opt.Params = [],
     seed: opt.Seed = 0,
     log: opt.Log = None,
     import_: opt.Import = [],
 ):
-    """Play, record what arrives, compare it with the rendering, measure the delay.
+    """Play and record a scene, compare both, and measure the delay.
 
     Exit status 1 when it differs.
 
@@ -265,18 +314,18 @@ def loopback(
     motion, recorded = motions(made, contact=touching(scene))
     result = compare(
         made,
-        safety(),
+        safety(made),
         fs,
         seconds if seconds is not None else recorded or 5.0,
         motion=motion,
-        channels=channels,
+        channels=opt.channel_map(channels),
         server=device,
         connect=_ports(connect),
         capture=capture or None,
         log=log,
         tolerance=tolerance,
         seed=seed,
-        params=params_of(set_),
+        params=params_of(set_, made),
     )
     print(result)
     end(result.passed)

@@ -1,13 +1,11 @@
-"""``experiment``: run, resume, watch, simulate and analyse a user's experiment."""
+"""The command ``experiment``: run, resume, simulate and analyse a user's experiment."""
 
 from __future__ import annotations
 
-import csv
 import importlib
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,26 +28,24 @@ if TYPE_CHECKING:
 PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
 """Experiments of papers: a function of this name in stimlib.experiments.papers.NAME."""
 
-experiment = group(
-    "experiment", "Run an experiment, go on with it, simulate it, and get its answers."
-)
+experiment = group("experiment", "Run, resume, simulate and analyse an experiment.")
 
 Defined = Annotated[
     str,
     typer.Argument(
         metavar="FILE.py:NAME",
         help=(
-            "The experiment, or a function that makes it, in your own file, which is run; or a"
-            " paper's, such as [bold]ugrip[/]."
+            "An experiment, or a function that returns one, in a file of yours (the file is "
+            "run); or the experiment of a paper, such as [bold]ugrip[/]."
         ),
         show_default=False,
     ),
 ]
-Data = Annotated[Path, typer.Option(help="Folder of all data.")]
+Data = Annotated[Path, typer.Option(help="Folder with the data of all participants.")]
 Participant = Annotated[
     str,
     typer.Option(
-        help="A code such as [bold]P07[/]; names do not belong into data.", show_default=False
+        help="Code of the participant, such as [bold]P07[/]. Do not use names.", show_default=False
     ),
 ]
 SessionNumber = Annotated[
@@ -57,7 +53,10 @@ SessionNumber = Annotated[
 ]
 Pilot = Annotated[
     bool,
-    typer.Option("--pilot", help="None of the data: kept apart, and never analysed with them."),
+    typer.Option(
+        "--pilot",
+        help="A pilot session: it is kept apart from the data and never analysed with them.",
+    ),
 ]
 Sink = Annotated[
     str,
@@ -76,8 +75,8 @@ OnPage = Annotated[
     typer.Option(
         "--page",
         help=(
-            "Answers on a page of the browser, by keys, touch or mouse; its address is printed."
-            " Needs [bold]pip install 'stimlib\\[live]'[/]."
+            "Ask the questions on a page in the browser (keys, touch or mouse); the address "
+            "is printed. Needs [bold]pip install 'stimlib\\[live]'[/]."
         ),
     ),
 ]
@@ -85,16 +84,16 @@ Host = Annotated[
     str,
     typer.Option(
         help=(
-            "Address at which the page is served. Another than 127.0.0.1 lets in a tablet, and"
-            " whoever has the token."
+            "Address at which the page is served. With another address than 127.0.0.1 a "
+            "tablet can connect, and so can anybody who has the token."
         )
     ),
 ]
-Port = Annotated[int, typer.Option(help="Of the page; 0 takes a free one.", min=0, max=65535)]
+Port = Annotated[int, typer.Option(help="Port of the page; 0 takes a free one.", min=0, max=65535)]
 
 
 def experiment_of(text: str) -> Experiment:
-    """Return the experiment that FILE.py:NAME means, or that of a paper.
+    """Return the experiment for FILE.py:NAME, or that of a paper.
 
     Raises
     ------
@@ -126,6 +125,8 @@ def played(
     data: Data = Path("data"),
     sink: Sink = "null",
     device: Device = None,
+    calibration: opt.Calibrated = None,
+    send: opt.Send = [],
     pilot: Pilot = False,
     page: OnPage = False,
     host: Host = "127.0.0.1",
@@ -142,13 +143,16 @@ def played(
     given = {
         name: value
         for name, value in locals().items()
-        if name in ("participant", "session", "data", "sink", "device")
+        if name in ("participant", "session", "data", "sink", "device", "calibration")
     }
     made = experiment_of(defined)
     if sink not in presentation.SINKS:
         raise BadValue(f"--sink {sink}: choose one of {', '.join(presentation.SINKS)}")
     options = {} if device is None else option(sink, "device", device)
-    with Session(made, data, participant, session, pilot, resume) as running:
+    options |= opt.calibration(calibration)
+    sent = opt.senders(send)
+    with sent as senders, Session(made, data, participant, session, pilot, resume) as running:
+        options |= {"send": senders}
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
         if sink not in presentation.FAST:
@@ -157,7 +161,7 @@ def played(
             with terminable():
                 if page:
                     with on_page(host, port) as asking:
-                        presentation.prepare(running, sink)
+                        presentation.prepare(running, sink, options.get("calibration"))
                         run(running, asking, asking.display(made, sink, **options))
                 else:
                     with terminal() as front_end:
@@ -170,6 +174,7 @@ def played(
                 if value is not None
                 for word in (f"--{name}", str(value))
             ]
+            words += [word for text in send for word in ("--send", text)]
             flags = ["--pilot"] * pilot + ["--page"] * page
             again = shlex.join(["stimlib", "experiment", "resume", defined, *words, *flags])
             kept = f"{len(running.records)} answers are kept; go on with {again}"
@@ -203,7 +208,7 @@ def run_(defined: Defined, play: Any):
     Each answer is on the disk before the next stimulus.
 
     Ctrl-C, a power cut or a full disk lose no answer: [bold]stimlib experiment
-    resume[/] goes on.
+    resume[/] continues.
 
     [bold]stimlib experiment run pair.py:pair --participant P07 --sink jack[/]
     """
@@ -214,7 +219,7 @@ def run_(defined: Defined, play: Any):
 def resume(defined: Defined, play: Any):
     """Resume a session exactly where it was left.
 
-    A pause that is due is still due.
+    A rest that was due still takes place.
 
     [bold]stimlib experiment resume pair.py:pair --participant P07 --sink jack[/]
     """
@@ -223,7 +228,7 @@ def resume(defined: Defined, play: Any):
 
 @command("status", experiment)
 def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False):
-    """Report how far each participant is; conditions are blinded.
+    """List the progress of each participant; conditions are blinded.
 
     Pilots are listed apart.
 
@@ -256,7 +261,9 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
 @command("simulate", experiment)
 def simulate(
     defined: Defined,
-    participants: Annotated[int, typer.Option(help="Simulated participants, P1, P2, ..")] = 8,
+    participants: Annotated[
+        int, typer.Option(help="Number of simulated participants (P1, P2, ..).")
+    ] = 8,
     data: Data = Path("simulated"),
     rendered: Annotated[
         bool, typer.Option("--rendered", help="Render every stimulus too, with its log.")
@@ -294,11 +301,24 @@ def simulate(
         print(f"stimlib experiment analyse {defined} --data {data} --pilot")
 
 
+def _none_of(made: Experiment, data: Path, pilot: bool) -> str:
+    """Return what is wrong where there is no session, or no pilot, of an experiment."""
+    from ..experiments.reader import sessions
+
+    others = len(sessions(made.name, data, not pilot))
+    kinds = ("sessions", "pilots") if pilot else ("pilots", "sessions")
+    there = f"; it has {others} {kinds[0]}, which are never analysed with them" if others else ""
+    remedy = "" if pilot or not others else ": analyse them with --pilot"
+    return f"{data} has no {kinds[1]} of {made.name}{there}{remedy}"
+
+
 @command("analyse", experiment)
 def analyse(
     defined: Defined,
     data: Data = Path("data"),
-    pilot: Pilot = False,
+    pilot: Annotated[
+        bool, typer.Option("--pilot", help="Analyse the pilot sessions instead of the data.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Also write all trials as a table, .csv.")
     ] = None,
@@ -309,23 +329,59 @@ def analyse(
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """
-    from ..experiments.reader import columns, sessions
+    from ..experiments.reader import columns, csv_of, sessions
     from ..experiments.user_code import called
 
     made = experiment_of(defined)
     found = sessions(made.name, data, pilot)
     if not found:
-        raise BadValue(f"there is no {'pilot' if pilot else 'session'} of {made.name} in {data}")
+        raise BadValue(_none_of(made, data, pilot))
     table = columns(found, training=True)
     if not table["number"]:
         raise BadValue(f"the sessions of {made.name} in {data} have no answers yet")
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(zip(*table.values(), strict=True))
+    text = csv_of(table)
     if out is not None:
-        safe_files.publish(out, text.getvalue())
+        safe_files.publish(out, text)
     if made.analysis is not None:
         print(shown(called("the analysis", made.analysis, found)))
     elif out is None:
-        print(text.getvalue(), end="")
+        print(text, end="")
+
+
+@command("export", experiment)
+def export(
+    defined: Defined,
+    bids: Annotated[
+        Path | None,
+        typer.Option(help="New folder for a dataset of the Brain Imaging Data Structure."),
+    ] = None,
+    psych_ds: Annotated[
+        Path | None, typer.Option("--psych-ds", help="New folder for a dataset of Psych-DS.")
+    ] = None,
+    data: Data = Path("data"),
+    authors: Annotated[
+        list[str], typer.Option("--author", help="Author of the dataset. Repeatable.")
+    ] = [],
+    signals: Annotated[
+        bool,
+        typer.Option(
+            help="Whether trials with a log come with events, motion and stimulus, in BIDS."
+        ),
+    ] = True,
+):
+    """Write all sessions for other tools, as a BIDS or Psych-DS dataset.
+
+    [bold]stimlib experiment export pair.py:pair --bids pair_bids[/]
+    """
+    from ..experiments.bids import to_bids, to_psych_ds
+    from ..experiments.reader import sessions
+
+    if bids is None and psych_ds is None:
+        raise BadValue("say what to write: --bids FOLDER, --psych-ds FOLDER, or both")
+    made = experiment_of(defined)
+    if not (found := sessions(made.name, data)):
+        raise BadValue(_none_of(made, data, False))
+    if bids is not None:
+        print(f"{len(to_bids(made, found, bids, authors, signals))} files in {bids}")
+    if psych_ds is not None:
+        print(f"{len(to_psych_ds(made, found, psych_ds, authors))} files in {psych_ds}")

@@ -1,4 +1,4 @@
-"""``demo``, ``render``, ``render-set`` and ``recover``: what writes sound files."""
+"""The commands that write sound files: demo, render, render-set and recover."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .scene import SceneText, params_of, run_files, scene_of, touching
 
 @command("demo")
 def demo_(
-    folder: Annotated[Path, typer.Argument(help="Where to write it; made if missing.")] = Path(
+    folder: Annotated[Path, typer.Argument(help="Folder to write into; made if missing.")] = Path(
         "stimlib-demo"
     ),
 ):
@@ -75,20 +75,26 @@ def render_(
     motions: Any,
     seconds: opt.Length = None,
     fs: opt.Rate = 8000.0,
-    set_: opt.FileParams = [],
+    calibration: opt.Calibrated = None,
+    set_: opt.Params = [],
     seed: opt.Seed = 0,
     full_scale: Annotated[
         str | None,
         typer.Option(
             help=(
-                "Physical value that is stored as 1.0 (needed for FLAC; float formats store any)."
-                " For different units: "
-                "a=50,b=0.1."
+                "Physical value that is stored as 1.0. PCM and FLAC need one; floats store any "
+                "value. If units differ: a=50,b=0.1."
             )
         ),
     ] = None,
     subtype: Annotated[
-        str | None, typer.Option(help="FLOAT, DOUBLE or PCM_24; by default what suits the format.")
+        str | None,
+        typer.Option(
+            help="FLOAT, DOUBLE, PCM_16, PCM_24 or PCM_32; by default FLOAT, in FLAC PCM_24."
+        ),
+    ] = None,
+    dither: Annotated[
+        int | None, typer.Option(help="Seed of the dither of PCM; by default there is none.")
     ] = None,
     picture: Annotated[
         Path | None,
@@ -100,7 +106,7 @@ def render_(
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Render a scene into a sound file, with what it takes to repeat it in FILE.json.
+    """Render a scene into a sound file, and write FILE.json to repeat and verify it.
 
     [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5
     --full-scale 50 --out squeeze.wav[/]
@@ -110,13 +116,14 @@ def render_(
     from ..run.processor import compile
 
     if picture is not None:
-        from ..analysis.overview import check_place
-        from ..analysis.overview import picture as draw
+        from ..analysis.overview import check_place, picture as draw
         from ..run.rendering import render
 
         check_place(picture)
     made = scene_of(scene)
-    values = params_of(set_)
+    values = params_of(set_, made)
+    for actuator in opt.calibration(calibration).values():
+        made = actuator.drive(made, fs)
     motion, recorded = motions(made, contact=touching(scene))
     length = seconds if seconds is not None else recorded or 5.0
     proc = compile(made, fs, seed=seed)
@@ -124,13 +131,22 @@ def render_(
         proc.set(name, value, ramp=0.0)
     scale = opt.of_each(full_scale, "--full-scale")
     report = file.write(
-        out, proc, motion, length, subtype=subtype, full_scale=scale, progress=not quiet
+        out,
+        proc,
+        motion,
+        length,
+        subtype=subtype,
+        full_scale=scale,
+        dither=dither,
+        progress=not quiet,
     )
     if json_:
         print_json(asdict(report) | {"path": str(report.path), "sidecar": str(report.sidecar)})
     if not quiet:
         if not json_:
             print(report)
+        if silent := [name for name, peak in report.peak.items() if peak == 0.0]:
+            note(f"every sample of {', '.join(silent)} is 0")
         top = max(report.peak.values())
         one = float(scale) if isinstance(scale, str) else 0.0
         if out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * one:
@@ -149,7 +165,7 @@ def render_set_(
         Path,
         typer.Argument(
             help=(
-                "Folder to write the files and index.json into; a set that was interrupted goes on."
+                "Folder to write the files and index.json into; an interrupted set continues there."
             )
         ),
     ],
@@ -158,7 +174,7 @@ def render_set_(
         bool,
         typer.Option(
             "--contact",
-            help="The bumps rest while the finger is lifted; for recordings with lifts.",
+            help="Use for recordings with lifts: the bumps rest while the finger is lifted.",
         ),
     ] = False,
     seconds: opt.Length = None,
@@ -167,9 +183,9 @@ def render_set_(
         int,
         typer.Option(help="How often each stimulus is presented, in a new random order each time."),
     ] = 4,
-    seed: Annotated[int, typer.Option(help="Of the random order.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the random order.")] = 0,
     workers: Annotated[
-        int | None, typer.Option(help="Processes; by default one for each core.")
+        int | None, typer.Option(help="Number of processes; by default one for each core.")
     ] = None,
     quiet: opt.Quiet = False,
 ):
@@ -211,14 +227,18 @@ def render_set_(
 def recover(
     file: Annotated[
         Path,
-        typer.Argument(help="The file that was to be written, without .part.", show_default=False),
+        typer.Argument(
+            help="The file that the run was writing, without .part.", show_default=False
+        ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="Where to write it instead, with the same suffix.", show_default=False),
+        typer.Option(
+            help="Write to this file instead; it needs the same suffix.", show_default=False
+        ),
     ] = None,
 ):
-    """Make a file of what a run of [bold]stimlib render[/] left when it was killed.
+    """Recover the file of a [bold]stimlib render[/] that was killed.
 
     [bold]stimlib recover squeeze.wav[/]
     """

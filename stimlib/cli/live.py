@@ -1,4 +1,4 @@
-"""``live``: a scene on a page of the browser."""
+"""The command ``live``: a scene on a page in the browser."""
 
 from __future__ import annotations
 
@@ -25,30 +25,20 @@ def page_safety_of(
         str | None,
         typer.Option(
             help=(
-                "Physical value that is 1.0 in sound and recording, such as 50 (N); nothing goes"
-                " beyond. For different units: "
-                "a=50,b=0.1. By default twice the peak of a trial."
+                "Physical value that is 1.0 in sound and recording, such as 50 (N); outputs are "
+                "limited to it. If units differ: a=50,b=0.1. By default twice the peak of a trial"
+                " run."
             ),
             show_default=False,
         ),
     ] = None,
-    peak: Annotated[float | None, typer.Option(help="Largest force in N, of outputs in N.")] = None,
-    static: Annotated[
-        float | None, typer.Option(help="Largest lasting force in N, of outputs in N.")
-    ] = None,
-    slew: Annotated[
-        str | None,
-        typer.Option(
-            help=(
-                "Fastest change, in units of the outputs per second; of each output as in"
-                " --full-scale."
-            )
-        ),
-    ] = None,
+    peak: opt.Peak = None,
+    static: opt.Static = None,
+    slew: opt.Slew = None,
 ) -> Any:
     """Return the safety stage of a page, by default with its own full scales."""
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
-    return safety_of(full_scale=full_scale, peak=peak, static=static, slew=slew)
+    return safety_of(None, full_scale=full_scale, peak=peak, static=static, slew=slew)
 
 
 def _ranges(items: list[str]) -> dict[str, tuple[float, float]]:
@@ -72,54 +62,67 @@ def live(
         str,
         typer.Option(
             help=(
-                "Address to listen at. Another than 127.0.0.1 lets in whoever has the token and can"
-                " read the network."
+                "Address to listen at. With another address than 127.0.0.1, anybody on the "
+                "network who has the token can connect."
             )
         ),
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0 takes a free one.", min=0, max=65535)] = 0,
+    port: Annotated[
+        int, typer.Option(help="Port to listen at; 0 takes a free one.", min=0, max=65535)
+    ] = 0,
     no_browser: Annotated[
         bool,
-        typer.Option("--no-browser", help="Print the address only; by default a browser opens it."),
+        typer.Option(
+            "--no-browser", help="Print the address only; by default a browser opens the page."
+        ),
     ] = False,
     range_: Annotated[
         list[str],
         typer.Option(
             "--range",
-            help=(
-                "Of an input under the hand, or of a slider: [bold]x=0:0.05[/], in its unit."
-                " Repeatable."
-            ),
+            help=("Range of an input or of a slider, in its unit: [bold]x=0:0.05[/]. Repeatable."),
         ),
     ] = [],
     smooth: Annotated[
         float,
         typer.Option(
             help=(
-                "Bandwidth in Hz of what follows the pointer; less is smoother and later: 320 ms"
-                " / it."
+                "Bandwidth in Hz of the filter that follows the pointer. A lower one is smoother "
+                "but later, by 320 ms / bandwidth."
             )
         ),
     ] = 40.0,
     folder: Annotated[
-        Path, typer.Option(help="Where recordings are put, each the log of a session.")
+        Path, typer.Option(help="Folder for recordings; each is the log of a session.")
     ] = Path("."),
     block: Annotated[
-        int | None, typer.Option(help="Samples made at once; by default 4 ms.", show_default=False)
+        int | None, typer.Option(help="Samples per block; by default 4 ms.", show_default=False)
     ] = None,
+    stream: Annotated[
+        str | None,
+        typer.Option(
+            help=(
+                "Rows that another program or a device sends, a source to choose on the page: "
+                "[bold]lsl:NAME[/], [bold]osc:PORT/ADDRESS[/], [bold]udp:PORT[/] or "
+                "[bold]serial:PORT[/]."
+            )
+        ),
+    ] = None,
+    marker: opt.Marker = [],
+    send: opt.Send = [],
     fs: opt.Rate = 8000.0,
-    set_: opt.SessionParams = [],
+    set_: opt.Params = [],
     seed: opt.Seed = 0,
     import_: opt.Import = [],
 ):
     r"""Explore a scene in the browser with a pointer.
 
-    Sliders set its parameters; plots and sound show what comes.
+    Sliders set its parameters; plots and sound show its outputs.
 
-    Needs [bold]pip install 'stimlib\[live]'[/].  Mouse, pen and touch move the first
-    places of a scene; every input may have another source, on the page or by --motion.
-    What is recorded is the log of a session: [bold]stimlib replay[/] makes it again,
-    [bold]stimlib verify --log[/] proves it.  Ctrl-C fades out.
+    Needs [bold]pip install 'stimlib\[live]'[/].  Mouse, pen and touch
+    drive the first position inputs of a scene; every input may have another source, on
+    the page or by --motion. A recording is the log of a session: [bold]stimlib
+    replay[/] repeats it, [bold]stimlib verify --log[/] checks it.  Ctrl-C fades out.
 
     [bold]stimlib live "bumps(contact=True)"[/]
     [bold]stimlib live click_block.py:scene --range x=0:0.01[/]
@@ -136,31 +139,40 @@ def live(
     if not folder.is_dir():
         raise BadValue(f"--folder {folder}: there is no such folder: make it first")
     errors.print(f"compiling {scene} ..", markup=False, highlight=False, soft_wrap=True)
-    stream = Stream(
-        made,
-        fs,
-        safety(lambda: full_scales(made, fs, ranges_of(made, ranges))),
-        title=scene,
-        ranges=ranges,
-        given=given,
-        block=block,
-        params=params_of(set_),
-        seed=seed,
-        folder=folder,
-        bandwidth=smooth,
-    )
-    server = Server(stream, host, port)
-    stream.warm_up()
+    with opt.senders(send) as senders, opt.rows_of(stream) as rows:
+        page = Stream(
+            made,
+            fs,
+            safety(lambda: full_scales(made, fs, ranges_of(made, ranges))),
+            title=scene,
+            ranges=ranges,
+            given=given,
+            block=block,
+            params=params_of(set_, made),
+            seed=seed,
+            folder=folder,
+            bandwidth=smooth,
+            stream=rows,
+            markers=marker,
+            send=senders,
+        )
+        server = Server(page, host, port)
+        page.warm_up()
+        _serve(server, not no_browser)
+
+
+def _serve(server: Any, browser: bool) -> None:
+    """Serve until Ctrl-C, and say where."""
     if not server.private:
         note(
-            f"{host}: anybody who has the address below can drive the scene, and anybody who can"
-            " read the network can read what is sent: use it in a network of your own, and end it"
-            " when you are done"
+            f"{server.host}: anybody who has the address below can drive the scene, and anybody who"
+            " can read the network can read what is sent: use it in a network of your own, and end"
+            " it when you are done"
         )
     try:
         print(server.url, flush=True)
         errors.print("Ctrl-C ends")
-        if not no_browser:
+        if browser:
             threading.Thread(target=webbrowser.open, args=[server.url], daemon=True).start()
         server.run()
     except KeyboardInterrupt:

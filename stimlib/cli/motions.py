@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ..errors import BadValue, UnknownName
 from .scene import number
+
+if TYPE_CHECKING:  # --help needs no numpy
+    from ..motion.recorded import Recording
 
 
 def motions_of(
@@ -21,12 +25,12 @@ def motions_of(
     motion: Annotated[
         list[str],
         typer.Option(
-            help="A recording ([bold].csv[/], [bold].npz[/]; needs --map) or a motion such as "
-            "[bold]'minimum_jerk(depth=0.02)'[/] for all inputs; or for one input:"
-            " [bold]'press=sinusoid(0.5, 1)'[/], "
-            "[bold]x=my.csv[/]. Repeatable: an input with a motion of its own does not take the one"
-            " of all. "
-            "See [bold]stimlib list[/]; what a sidecar has under motion is understood too."
+            help=(
+                "A motion for all inputs: a generator such as [bold]'minimum_jerk(depth=0.02)'[/]"
+                " ([bold]stimlib list[/]), or a recording (.csv or .npz; needs --map). With a "
+                "name, a motion for one input: [bold]'press=sinusoid(0.5, 1)'[/], "
+                "[bold]x=my.csv[/]. Repeatable. A motion copied from a sidecar works too."
+            )
         ),
     ] = [],
     map_: Annotated[
@@ -34,21 +38,25 @@ def motions_of(
         typer.Option(
             "--map",
             help=(
-                "Where an input comes from: [bold]x=force_N*5e-4[/] (column, factor to SI); x"
-                " serves x1, x2, .. Repeatable."
+                "Column of an input, with its factor to SI units: [bold]x=force_N*5e-4[/]. x "
+                "serves x1, x2, .. Repeatable."
             ),
         ),
     ] = [],
     where: Annotated[
         str | None,
-        typer.Option(help="Rows of the recording to use: [bold]grasp=pinch,level=easy,trial=1[/]."),
+        typer.Option(
+            help=(
+                "Rows of the recording to use, by column: [bold]grasp=pinch,level=easy,trial=1[/]."
+            )
+        ),
     ] = None,
     time: Annotated[
         str,
         typer.Option(
             help=(
-                "Column of the recording's time stamps, in s: [bold]t_s[/], or such as"
-                " [bold]t_ms*1e-3[/]."
+                "Column of the recording's time stamps, converted to s: [bold]t_s[/] or "
+                "[bold]t_ms*1e-3[/]."
             )
         ),
     ] = "t_s",
@@ -56,8 +64,8 @@ def motions_of(
         Literal["always", "on_change"],
         typer.Option(
             help=(
-                "Meaning of silence in the recording: [bold]always[/] (a gap: the device reports"
-                " all the time) or [bold]on_change[/] (it reports changes only: no movement)."
+                "How the device reports: [bold]always[/] (a longer silence is a gap) or "
+                "[bold]on_change[/] (only changes, so silence means no movement)."
             )
         ),
     ] = "always",
@@ -65,9 +73,9 @@ def motions_of(
         Literal["spread", "last", "mean"] | None,
         typer.Option(
             help=(
-                "Meaning of several reports with one time stamp: [bold]spread[/] (the clock is"
-                " coarse: evenly up to the next "
-                "stamp), [bold]last[/] or [bold]mean[/]; by default they must be equal."
+                "What to do with several reports at one time stamp: [bold]spread[/] them evenly "
+                "up to the next stamp (for a coarse clock), or use the [bold]last[/] or their "
+                "[bold]mean[/]. By default they must be equal."
             ),
             show_default=False,
         ),
@@ -76,10 +84,9 @@ def motions_of(
         str,
         typer.Option(
             help=(
-                "Movement faster than this (m/s) counts as a fault of the device; only inputs in"
-                " metres are checked. For other "
-                "limits, or units: [bold]x=2,press=100[/] (of each per second; the others have"
-                " none)."
+                "Movement faster than this, in m/s, counts as a fault of the device; only inputs "
+                "in metres are checked. For other units, or one limit for each input (per "
+                "second): [bold]x=2,press=100[/]."
             )
         ),
     ] = "1",
@@ -87,14 +94,14 @@ def motions_of(
         float | None,
         typer.Option(
             help=(
-                "Longest silence in the recording, in s, over which it is interpolated; needed"
-                " where it has more than 0.5 s from report to report."
+                "Longest silence in the recording, in s, that is interpolated. Needed if reports "
+                "are more than 0.5 s apart."
             ),
             show_default=False,
         ),
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
-    """Return the motion of every input, and its length if it is recorded.
+    """Return the motion of every input, and its duration if it was recorded.
 
     With ``all_=False`` some inputs are enough.
     """
@@ -102,40 +109,34 @@ def motions_of(
     from ..motion.text import parse_map, parse_where
 
     inputs, columns = list(scene.inputs), parse_map(map_)
+    if motion and not inputs:
+        raise BadValue(f"--motion {motion[0]}: the scene has no input: leave it out")
     own, of_all = _assigned(motion or default, inputs)
     texts = {name: text for name in inputs if (text := own.get(name, of_all))}
     served = {name: served_by(name, columns, inputs) for name in inputs}
-    _check_map(columns, texts, served)
-    if (map_ or where) and not any(map(_is_file, texts.values())):
-        raise BadValue(
-            "--map and --where are for a recording, and there is none: add --motion recording.csv"
+    _check_map(columns, texts, served, bool(map_ or where))
+    in_metres = [c for name, c in served.items() if c and str(scene.inputs[name].dim) == "m"]
+
+    def read(file: str, names: list[str]) -> Recording:
+        used = {column: columns[column] for name in names if (column := served[name])}
+        if not used:
+            raise _unmapped(file, names)
+        return recording(
+            file,
+            used,
+            where=parse_where(where) if where else None,
+            time=time,
+            reports=reports,
+            repeats=repeats,
+            max_speed=_max_speed(max_speed, list(used), in_metres, columns),
+            max_gap=max_gap,
         )
+
     motions: dict[str, Any] = {}
     recordings: list[Recording] = []
     for text in dict.fromkeys(texts.values()):
         names = [name for name in inputs if texts.get(name) == text]
-        found: Any
-        if _is_file(text):
-            used = {column: columns[column] for name in names if (column := served[name])}
-            if not used:
-                raise _unmapped(text, names)
-            in_metres = [
-                column
-                for name, column in served.items()
-                if column and str(scene.inputs[name].dim) == "m"
-            ]
-            found = recording(
-                text,
-                used,
-                where=parse_where(where) if where else None,
-                time=time,
-                reports=reports,
-                repeats=repeats,
-                max_speed=_max_speed(max_speed, list(used), in_metres, columns),
-                max_gap=max_gap,
-            )
-        else:
-            found = parse_source(text)
+        found: Any = read(text, names) if _is_file(text) else parse_source(text)
         if isinstance(found, Recording):
             recordings.append(found)
             found = found.motion_for(
@@ -145,17 +146,22 @@ def motions_of(
         else:
             motions |= dict.fromkeys(names, found)
     if "contact" in inputs and "contact" not in own and recordings:
-        if len(recordings) > 1:
-            raise BadValue(
-                "contact: each recording has one; say which serves, such as --motion contact=my.csv"
-            )
-        motions["contact"] = recordings[0].contact
+        motions["contact"] = _contact(recordings)
     if all_ and (missing := set(inputs) - set(motions)):
         raise BadValue(
             f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another"
             " of stimlib list"
         )
     return motions, max((found.duration for found in recordings), default=None)
+
+
+def _contact(recordings: Sequence[Recording]) -> Any:
+    """Return the contact of the only recording."""
+    if len(recordings) > 1:
+        raise BadValue(
+            "contact: each recording has one; say which serves, such as --motion contact=my.csv"
+        )
+    return recordings[0].contact
 
 
 def _is_file(text: str) -> bool:
@@ -173,9 +179,13 @@ def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, s
         if names := [n for n in inputs if served_by(n, [name], inputs)]:
             own |= dict.fromkeys(names, spec)
         elif of_all:
+            unknown = [t for t in (of_all, text) if re.match(r"\w+\s*=", t)]
             raise BadValue(
-                f"--motion {of_all} and {text}: both are of all inputs; say of which each is, such"
-                f" as {inputs[0]}={text}"
+                f"--motion {unknown[0]}: the scene has no input of that name; its inputs are"
+                f" {', '.join(inputs)}"
+                if unknown
+                else f"--motion {of_all} and {text}: both are of all inputs; say of which each is,"
+                f" such as {inputs[0]}={text}"
             )
         else:
             of_all = text
@@ -183,7 +193,10 @@ def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, s
 
 
 def _check_map(
-    columns: Mapping[str, str], texts: Mapping[str, str], served: Mapping[str, str | None]
+    columns: Mapping[str, str],
+    texts: Mapping[str, str],
+    served: Mapping[str, str | None],
+    recorded: bool,
 ) -> None:
     """Check that each --map serves an input that takes a recording."""
     for column in columns:
@@ -199,6 +212,10 @@ def _check_map(
                 f"--map {column}: {names[0]} has a motion of its own, {given[0]}: leave out one of"
                 " the two"
             )
+    if recorded and not any(map(_is_file, texts.values())):
+        raise BadValue(
+            "--map and --where are for a recording, and there is none: add --motion recording.csv"
+        )
 
 
 def _unmapped(file: str, names: Sequence[str]) -> BadValue:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,27 +12,33 @@ import typer
 Rate = Annotated[float, typer.Option(help="Sample rate in Hz.")]
 DeviceRate = Annotated[float, typer.Option(help="Sample rate in Hz; it must be the device's.")]
 Length = Annotated[
-    float | None, typer.Option(help="Length in s; by default that of the recording, else 5.")
+    float | None, typer.Option(help="Length in s; by default that of the recording, or 5.")
 ]
 Seed = Annotated[int, typer.Option(help="Seed of all noise.")]
-FileParams = Annotated[
+Params = Annotated[
     list[str],
-    typer.Option(
-        "--set", help="A parameter for the whole file, such as [bold]k=2000[/]; may be repeated."
-    ),
+    typer.Option("--set", help="Value of a parameter, such as [bold]k=2000[/]. Repeatable."),
 ]
-SessionParams = Annotated[
-    list[str],
+Peak = Annotated[float | None, typer.Option(help="Largest force in N (limits outputs in N).")]
+Static = Annotated[
+    float | None, typer.Option(help="Largest lasting (RMS) force in N (limits outputs in N).")
+]
+Slew = Annotated[
+    str | None,
     typer.Option(
-        "--set", help="A parameter for the whole session, such as [bold]k=2000[/]; may be repeated."
+        help=(
+            "Fastest change, in the outputs' units per second; one value, or one for each "
+            "output as in --full-scale."
+        )
     ),
 ]
 Channels = Annotated[
-    int | None,
+    str | None,
     typer.Option(
         help=(
-            "Number of channels of the device; the first ones carry the outputs. By default one for"
-            " each output."
+            "Number of channels of the device, the first of which carry the outputs; or the "
+            "output of each channel, such as [bold]none,force0[/]. By default there is one for "
+            "each output."
         )
     ),
 ]
@@ -38,15 +46,27 @@ Connect = Annotated[
     list[str],
     typer.Option(
         help=(
-            "JACK: port for a channel instead of the physical outputs, or [bold]none[/];"
-            " repeatable."
+            "JACK: port for a channel instead of the physical outputs, or [bold]none[/]. "
+            "Repeatable."
         )
+    ),
+]
+Calibrated = Annotated[
+    Path | None,
+    typer.Option(
+        "--calibration",
+        help=(
+            "File of the device's calibration, so that what the outputs ask for in its unit "
+            "comes out as such."
+        ),
     ),
 ]
 Log = Annotated[
     Path | None,
     typer.Option(
-        help="Folder for the session's log, such as [bold]monday.stimlog[/]: for replay and verify."
+        help=(
+            "Folder for the session's log, such as [bold]monday.stimlog[/], for replay and verify."
+        )
     ),
 ]
 Quiet = Annotated[bool, typer.Option(help="Show no progress bar and no report.")]
@@ -57,11 +77,59 @@ Import = Annotated[
         "--import",
         metavar="FILE.py",
         help=(
-            "A Python file of yours with blocks of the scene; it is run before anything is read."
-            " Repeatable."
+            "A Python file of yours that defines blocks of the scene. It is run first. Repeatable."
         ),
     ),
 ]
+
+
+Send = Annotated[
+    list[str],
+    typer.Option(
+        help=(
+            "Where markers go: [bold]lsl:NAME[/], [bold]osc:HOST:PORT[/], "
+            "[bold]udp:HOST:PORT[/], or [bold]serial:PORT:onset=1,stimulus=2[/]. Repeatable."
+        )
+    ),
+]
+Marker = Annotated[
+    list[str],
+    typer.Option(help="Output that marks where it rises to 0.5 or more. Repeatable."),
+]
+
+
+@contextmanager
+def senders(texts: list[str]) -> Iterator[list[Any]]:
+    """Yield the senders of ``--send``, which are closed at the end."""
+    from ..devices.transports import sender
+
+    with ExitStack() as stack:
+        yield [stack.enter_context(sender(text)) for text in texts]
+
+
+@contextmanager
+def rows_of(text: str | None) -> Iterator[Any]:
+    """Yield the receiver of ``--stream``, or None; it is closed at the end."""
+    from ..devices.transports import receiver
+
+    with nullcontext() if text is None else receiver(text) as receive:
+        yield receive
+
+
+def calibration(path: Path | None) -> dict[str, Any]:
+    """Return the option of a sink for ``--calibration``."""
+    from ..devices.calibration import load_calibration
+
+    return {} if path is None else {"calibration": load_calibration(path)}
+
+
+def channel_map(text: str | None) -> int | list[str | None] | None:
+    """Return the channels of ``--channels``: a number, or the output of each."""
+    if text is None:
+        return None
+    if text.strip().isdecimal():
+        return int(text)
+    return [None if name == "none" else name for name in text.replace(" ", "").split(",")]
 
 
 def of_each(text: str | None, option: str) -> Any:

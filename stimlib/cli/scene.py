@@ -39,9 +39,10 @@ SceneText = Annotated[
         autocompletion=_begun,
         metavar="SCENE",
         help=(
-            "A shipped scene ([bold]stimlib list[/]), with numbers if you like:"
-            " [bold]'squeeze(fingers=1)'[/]; [bold]path.py:name[/] (a function or scene in your own"
-            " code, which is run), or a saved [bold]path.json[/] (data; nothing in it is run)."
+            "A shipped scene ([bold]stimlib list[/]), optionally with arguments: "
+            "[bold]'squeeze(fingers=1)'[/]; [bold]path.py:name[/], a scene or a function in "
+            "your own file (the file is run); or [bold]path.json[/], a saved scene (data; "
+            "nothing in it is run)."
         ),
         show_default=False,
     ),
@@ -49,7 +50,7 @@ SceneText = Annotated[
 
 
 def scene_of(text: str) -> Scene:
-    """Return the scene that SCENE on the command line means.
+    """Return the scene for SCENE on the command line.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def scene_of(text: str) -> Scene:
 
 
 def maker_of(text: str) -> Scene | Callable[..., Scene]:
-    """Return what SCENE means to a sweep.
+    """Return the scene, or the function that makes it, for a sweep.
 
     A function is not called, because rows may have its arguments.
 
@@ -127,6 +128,32 @@ def _own(
     """
     from ..core.scene import Scene
 
+    module, spec, text = _module(path)
+    name = spec.name
+    try:
+        if not _ours[name]:
+            spec.loader.exec_module(module)
+            _ours[name] = text
+        if function is None:
+            return None
+        found: Any = getattr(module, function, None)
+        kind = kind or Scene
+        if not (callable(found) or isinstance(found, (Scene, kind))):
+            raise SceneError(_missing(path, module, function, kind))
+        if not called:
+            return found
+        scene = found if isinstance(found, Scene) else found()
+    except Exception as e:
+        if (told := _told(e, path, spec.origin, function)) is e:
+            raise
+        raise told from e
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{path}:{function} returns {type(scene).__name__}, not a Scene")
+    return scene
+
+
+def _module(path: str) -> tuple[ModuleType, Any, bytes]:
+    """Return a user's file as a module, which may not have run, its spec and text."""
     text = safe_files.read(path, "scene_bytes", SceneError)  # a regular file
     spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
     if spec is None or spec.loader is None:
@@ -139,48 +166,32 @@ def _own(
     if _ours.get(name) != text or sys.modules[name].__file__ != spec.origin:
         sys.modules[name] = importlib.util.module_from_spec(spec)
         _ours[name] = b""
-    module = sys.modules[name]
-    try:
-        if not _ours[name]:
-            spec.loader.exec_module(module)
-            _ours[name] = text
-        if function is None:
-            return None
-        found: Any = getattr(module, function, None)
-        kind = kind or Scene
-        if not (callable(found) or isinstance(found, (Scene, kind))):
-            of = kind.__name__.lower()
-            what = (
-                f"there is no {function!r} in it"
-                if function
-                else f"say which function or {of} in it"
-            )
-            if function in vars(module):
-                what = f"{function} is a {type(found).__name__}, no {kind.__name__}"
-            there = (
-                ", ".join(
-                    n for n, v in vars(module).items() if isinstance(v, kind) or _makes(module, v)
-                )
-                or f"no function without arguments, and no {of}"
-            )
-            raise SceneError(f"{path}: {what}: write {path}:NAME; there is {there}")
-        if not called:
-            return found
-        scene = found if isinstance(found, Scene) else found()
-    except Exception as e:
-        at = [
-            frame.lineno
-            for frame in traceback.extract_tb(e.__traceback__)
-            if frame.filename == spec.origin
-        ]
-        line = at[-1] if at else e.lineno if isinstance(e, SyntaxError) else None
-        if line is None and isinstance(e, StimlibError):
-            raise
-        what = str(e) if isinstance(e, StimlibError) else f"{type(e).__name__}: {e}"
-        raise SceneError(f"{path}:{line or function or 1}: {what}") from e
-    if not isinstance(scene, Scene):
-        raise SceneError(f"{path}:{function} returns {type(scene).__name__}, not a Scene")
-    return scene
+    return sys.modules[name], spec, text
+
+
+def _missing(path: str, module: ModuleType, function: str, kind: type) -> str:
+    """Return what is said where a file has no such function, and what it has."""
+    of = kind.__name__.lower()
+    if function in vars(module):
+        what = f"{function} is a {type(vars(module)[function]).__name__}, no {kind.__name__}"
+    elif function:
+        what = f"there is no {function!r} in it"
+    else:
+        what = f"say which function or {of} in it"
+    makes = [n for n, v in vars(module).items() if isinstance(v, kind) or _makes(module, v)]
+    there = ", ".join(makes) or f"no function without arguments, and no {of}"
+    return f"{path}: {what}: write {path}:NAME; it defines {there}"
+
+
+def _told(e: Exception, path: str, origin: str | None, function: str | None) -> Exception:
+    """Return an error with the line of the user's file that raised it."""
+    frames = traceback.extract_tb(e.__traceback__)
+    at = [frame.lineno for frame in frames if frame.filename == origin]
+    line = at[-1] if at else e.lineno if isinstance(e, SyntaxError) else None
+    if line is None and isinstance(e, StimlibError):
+        return e
+    what = str(e) if isinstance(e, StimlibError) else f"{type(e).__name__}: {e}"
+    return SceneError(f"{path}:{line or function or 1}: {what}")
 
 
 def _makes(module: ModuleType, found: Any) -> bool:
@@ -224,19 +235,27 @@ def _shipped(name: str, words: str) -> Scene:
 
 
 def touching(text: str) -> str:
-    """Return how the scene that is SCENE on the command line gets an input contact."""
+    """Return how to get an input contact for SCENE on the command line."""
     name = text.partition("(")[0]
     return f"use {name}(contact=True)" if name in shipped() else ""
 
 
-def params_of(items: list[str]) -> dict[str, float]:
-    """Return the parameters of --set."""
+def params_of(items: list[str], scene: Scene) -> dict[str, float]:
+    """Return the parameters of --set: numbers, or levels such as ``2 m/s^2 rms``."""
+    from ..design.levels import amplitude
     from ..motion.text import pairs
 
-    return {
-        name: number(text, f"--set {name}={text}")
-        for name, text in pairs(items, "--set", "NAME=VALUE").items()
-    }
+    values = {}
+    for name, text in pairs(items, "--set", "NAME=VALUE").items():
+        level = name in scene.params and any(c.isspace() for c in text.strip())
+        values[name] = (
+            amplitude(text, str(scene.params[name].dim))
+            if level
+            else number(text, f"--set {name}={text}")
+        )
+        if values[name] < 0 and name in scene.params and str(scene.params[name].dim) == "1/s":
+            raise BadValue(f"--set {name}={text}: a frequency or rate is 0 or above")
+    return values
 
 
 def number(text: str, option: str) -> float:

@@ -1,4 +1,4 @@
-"""``show`` and ``list``: what there is, and what a scene runs."""
+"""The commands ``show`` and ``list``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def show(
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Show what a scene runs: its inputs, parameters and plan, and its graph.
+    """Show a scene: its inputs, parameters and plan, and its graph.
 
     [bold]stimlib show squeeze --draw squeeze.svg[/]
     """

@@ -1,4 +1,4 @@
-"""``bench``: how fast it is here."""
+"""The command ``bench``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from .app import command, errors, print_json, print_wide
 @command("bench")
 def bench(
     picture: Annotated[
-        Path | None, typer.Option(help="Also draw it: .svg, .png or .pdf.", show_default=False)
+        Path | None,
+        typer.Option(help="Also draw a picture: .svg, .png or .pdf.", show_default=False),
     ] = None,
     json_: opt.Json = False,
 ):

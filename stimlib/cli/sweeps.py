@@ -1,4 +1,4 @@
-"""``sweep``: many rows of numbers, a few figures of each."""
+"""The command ``sweep``."""
 
 from __future__ import annotations
 
@@ -23,44 +23,42 @@ def sweep_(
         list[str],
         typer.Option(
             help=(
-                "A column and its values: [bold]k=500:3000:11[/] (from, to, how many),"
-                " [bold]A=0,1,3.4[/], "
-                "[bold]seed=0..99[/]. Repeatable: every combination is a row. A name is a parameter"
-                " of the scene, an argument of its "
-                "function, or [bold]seed[/]."
+                "A column and its values: [bold]k=500:3000:11[/] (from, to, how many), "
+                "[bold]A=0,1,3.4[/], [bold]seed=0..99[/]. Its name is a parameter of the scene, "
+                "an argument of its function, or [bold]seed[/]. Repeatable; every combination "
+                "becomes a row."
             )
         ),
     ] = [],
     rows: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of axes, a table of rows: .csv or .parquet, a column for each name."
+            help="A table of rows instead of axes (.csv or .parquet), with a column for each name."
         ),
     ] = None,
     measure: Annotated[
         list[str],
         typer.Option(
             help=(
-                "What is kept of a rendering: [bold]rms[/], [bold]peak[/], [bold]'band(20,"
-                " 1000)'[/], [bold]psd[/], "
-                "[bold]'cues(x1, force1)'[/], [bold]verify[/], of one output as"
-                " [bold]'rms(force1)'[/]; or [bold]FILE.py:name[/], a "
-                "function of yours with @measure. Repeatable."
+                "Figure to keep of each rendering: [bold]rms[/], [bold]peak[/], [bold]'band(20, "
+                "1000)'[/], [bold]psd[/], [bold]'cues(x1, force1)'[/] or [bold]verify[/]; of one "
+                "output, [bold]'rms(force1)'[/]; or [bold]FILE.py:name[/], a function of yours "
+                "with @measure. Repeatable."
             )
         ),
     ] = ["rms"],
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the figures, as Parquet; a sweep that was stopped goes on there."
+            help="Folder for the figures, as Parquet files; an interrupted sweep continues there."
         ),
     ] = None,
     live: Annotated[
         list[str],
         typer.Option(
             help=(
-                "A column that is set as a parameter and is no argument, where it could be both."
-                " Repeatable."
+                "If a column could be a parameter or an argument: set it as a parameter. "
+                "Repeatable."
             )
         ),
     ] = [],
@@ -70,19 +68,18 @@ def sweep_(
         str | None,
         typer.Option(
             help=(
-                "Run on a Dask cluster: the address of its scheduler, such as"
-                " [bold]tcp://head:8786[/]."
+                "Address of a Dask scheduler, such as [bold]tcp://head:8786[/], to run on a "
+                "cluster."
             )
         ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(help="Processes here; by default one for each core.")
+        int | None,
+        typer.Option(help="Number of processes on this machine; by default one for each core."),
     ] = None,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Run rows that failed before once more.")
-    ] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Run failed rows once more.")] = False,
     dry: Annotated[
-        bool, typer.Option("--dry", help="Run a few rows only, and tell what all will take.")
+        bool, typer.Option("--dry", help="Run a few rows only, and estimate the time of all.")
     ] = False,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
@@ -90,8 +87,8 @@ def sweep_(
 ):
     """Render a scene for every row of a table or grid, and keep a few figures of each.
 
-    A row that fails keeps its error, and the others go on. Ctrl-C loses two seconds of
-    work at most. Needs the packages of the extra "sweep".
+    A row that fails keeps its error, and the others continue. Ctrl-C loses at most two
+    seconds of work. Needs the packages of the extra "sweep".
 
     [bold]stimlib sweep "squeeze(fingers=1)" --axis k=500:3000:6 --axis A=0:4:9 --axis
     seed=0..9 --seconds 3 --motion "minimum_jerk(depth=0.02)" --measure "band(20, 1000)"
@@ -132,7 +129,11 @@ def sweep_(
     )
     if isinstance(made, Forecast):
         return print_json(made._asdict()) if json_ else print(made)
-    facts = _facts(made)
+    _report(_facts(made), json_, quiet)
+
+
+def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
+    """Print what came out, and what failed."""
     if json_:
         print_json(facts)
     elif not quiet:
@@ -155,12 +156,14 @@ def _axis(text: str) -> tuple[str, list[Any]]:
     if ".." in values and values.replace("..", "").isdigit():
         first, _, last = values.partition("..")
         return name, list(range(int(first), int(last) + 1))
-    if values.count(":") == 2:
+    if ":" in values:
         import numpy as np
 
+        if values.count(":") != 2:
+            raise BadValue(f"{what}: write FROM:TO:HOW_MANY, such as {name}=10:100:5")
         low, high, n = (number(part, what) for part in values.split(":"))
         if n != int(n) or n < 1:
-            raise BadValue(f"{what}: {n:g} must be how many values, a whole number above 0")
+            raise BadValue(f"{what}: the last number, {n:g}, is how many values: 1 or more")
         return name, np.linspace(low, high, int(n)).tolist()
     words = values.split(",")
     if name == "seed" or all(w.lstrip("-").isdigit() for w in words):

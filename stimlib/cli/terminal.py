@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import termios
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from typing import Any
 
 from ..errors import SinkError, shown
 from ..experiments.answer_keys import Keyed, Prompt
 from ..system.progress import progress
 
+termios: Any = None  # which Windows has not
+with suppress(ImportError):
+    termios = import_module("termios")
 _ENDED = "the input has ended before the session"
 
 
@@ -59,6 +62,8 @@ class Terminal(Keyed):
     def _key(self, text: str) -> str:
         if self._fd < 0:
             return self._line(text)
+        if termios is None:
+            return _windows_key(text)
         termios.tcflush(self._fd, termios.TCIFLUSH)
         print(shown(text), flush=True)
         key = b""
@@ -82,6 +87,20 @@ class Terminal(Keyed):
         return line.strip()
 
 
+def _windows_key(text: str) -> str:
+    """Return the next key of the console; those hit before do not count."""
+    msvcrt = import_module("msvcrt")
+    while msvcrt.kbhit():
+        msvcrt.getwch()
+    print(shown(text), flush=True)
+    key = msvcrt.getwch()
+    if key == "\x03":
+        raise KeyboardInterrupt
+    if key == "\x1a":  # Ctrl-Z
+        raise SinkError(_ENDED)
+    return key.strip()
+
+
 @contextmanager
 def terminal() -> Iterator[Terminal]:
     """Yield the front end at stdin.
@@ -95,26 +114,31 @@ def terminal() -> Iterator[Terminal]:
         yield Terminal()
         return
     fd = sys.stdin.fileno()
+    if termios is None:
+        yield Terminal(fd)
+        return
     before, keys = termios.tcgetattr(fd), termios.tcgetattr(fd)
     keys[3] &= ~(termios.ECHO | termios.ICANON)
     # Ctrl-\\ would leave it so
     for which, code in ((termios.VMIN, 1), (termios.VTIME, 0), (termios.VQUIT, b"\0")):
         keys[6][which] = code
 
+    stop: Any = getattr(signal, "SIGTSTP", None)
+
     def suspended(*_: Any) -> None:
         now = termios.tcgetattr(fd)
         _become(fd, before)
-        signal.signal(signal.SIGTSTP, signal.SIG_DFL)
-        signal.raise_signal(signal.SIGTSTP)  # here it stops, until it goes on
-        signal.signal(signal.SIGTSTP, suspended)
+        signal.signal(stop, signal.SIG_DFL)
+        signal.raise_signal(stop)  # here it stops, until it goes on
+        signal.signal(stop, suspended)
         _become(fd, now)
 
-    usual = signal.signal(signal.SIGTSTP, suspended)
+    usual = signal.signal(stop, suspended)
     try:
         _become(fd, keys)
         yield Terminal(fd, keys, before)
     finally:
-        signal.signal(signal.SIGTSTP, usual)
+        signal.signal(stop, usual)
         with suppress(termios.error):  # it has gone
             _become(fd, before)
 
@@ -124,6 +148,6 @@ def _become(fd: int, attributes: list[Any] | None) -> None:
 
     What was typed before is dropped, or the shell would get it.
     """
-    if attributes is not None:
+    if attributes is not None:  # as on Windows
         termios.tcflush(fd, termios.TCIFLUSH)
         termios.tcsetattr(fd, termios.TCSANOW, attributes)

@@ -1,4 +1,4 @@
-"""``verify``, ``replay`` and ``mutate``: checks of what was displayed.
+"""The commands ``verify``, ``replay`` and ``mutate``.
 
 ``mutate`` says which wrong numbers verification would notice.
 """
@@ -28,42 +28,43 @@ def verify_(
         typer.Argument(
             metavar="FILE|SCENE",
             help=(
-                "The sound file that [bold]stimlib render[/] wrote; or the scene that --wav or"
-                " --log must be of."
+                "The sound file that [bold]stimlib render[/] wrote; or, with --wav or --log, the "
+                "scene that you expect."
             ),
             show_default=False,
         ),
     ] = None,
     wav: Annotated[
         Path | None,
-        typer.Option(
-            help="The sound file, where SCENE is the scene that is expected.", show_default=False
-        ),
+        typer.Option(help="The sound file, if SCENE is given.", show_default=False),
     ] = None,
     log: Annotated[
         Path | None,
         typer.Option(
-            help="Instead, the log of a session; it has scene and motion.", show_default=False
+            help="The log of a session, instead of a sound file. It contains scene and motion.",
+            show_default=False,
         ),
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option(help="Also write one self-contained page, .html, to attach to a paper."),
+        typer.Option(
+            help="Also write the report as one self-contained .html page, to attach to a paper."
+        ),
     ] = None,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Verify that a file or a session's log is what scene and motion ask for.
+    """Check a sound file or a session's log against its scene and motion.
 
     Exit status 1 when a check fails.
 
-    It is 1, too, where the scene names a law that is not known here: import its module
-    with [bold]--import[/].
+    It is 1, too, if the scene names an unknown law: load its module with
+    [bold]--import[/].
 
     Scene, parameters, seed and motion are read from the file's sidecar, a recording
-    from the path that it names, if that file still has its SHA-256. A motion whose text
-    does not define it is given again, as it was rendered. A log has all of it. If SCENE
-    is given, it must be that one.
+    from the path that it names, if that file still has its SHA-256. If the sidecar
+    cannot describe the motion (an array), pass it again with --motion. A log has all of
+    it. If you give SCENE, the file's scene must equal it.
 
     [bold]stimlib verify squeeze.wav --report squeeze.html[/]
 
@@ -77,44 +78,8 @@ def verify_(
 
         check_place(report, "page", PAGES)
     run_files(import_)
-    from ..files.formats import FORMATS
-
-    if scene is not None and Path(scene).suffix[1:].upper() in FORMATS:
-        if wav is not None:
-            raise BadValue(f"{scene} and {wav} are two files: verify one at a time")
-        wav, scene = Path(scene), None
-    for path in (scene, wav):
-        if path is not None and Path(path).suffix == ".stimlog":
-            raise BadValue(f"{path} is a log: stimlib verify --log {path}")
-    if scene is not None and wav is None and log is None and not _names_a_scene(scene):
-        raise BadValue(
-            f"{scene} is not a sound file, which ends in one of"
-            f" {', '.join('.' + f.lower() for f in FORMATS)}"
-        )
-    given = any(motions.keywords[option] for option in ("motion", "map_", "where"))
-    if log is not None:
-        if wav is not None or given:
-            raise BadValue(
-                "a log has its motion and its samples: give --log without --wav and --motion"
-            )
-        from ..checks.session import verify_log
-        from ..files.log_reader import read_log
-
-        # first: it may define blocks that the log names
-        expected = None if scene is None else scene_of(scene)
-        result = verify_log(read_log(log), expected)
-    else:
-        from ..checks.verification import scene_told, verify
-
-        if wav is None:
-            raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
-        expected = None if scene is None else scene_of(scene)
-        motion = (
-            motions(expected or scene_told(wav), contact=touching(scene or ""))[0]
-            if given
-            else None
-        )
-        result = verify(expected, motion, wav)
+    scene, wav = _what(scene, wav, log)
+    result = _of_log(log, scene, wav, motions) if log else _of_file(scene, wav, motions)
     try:
         if json_:
             print_json(result.to_dict())
@@ -130,6 +95,56 @@ def verify_(
     end(result.passed and not result.unknown)
 
 
+def _what(scene: str | None, wav: Path | None, log: Path | None) -> tuple[str | None, Path | None]:
+    """Return the scene and the file that were meant, of what was typed."""
+    from ..files.formats import FORMATS
+
+    if scene is not None and Path(scene).suffix[1:].upper() in FORMATS:
+        if wav is not None:
+            raise BadValue(f"{scene} and {wav} are two files: verify one at a time")
+        wav, scene = Path(scene), None
+    for path in (scene, wav):
+        if path is not None and Path(path).suffix == ".stimlog":
+            raise BadValue(f"{path} is a log: stimlib verify --log {path}")
+    if scene is not None and wav is None and log is None and not _names_a_scene(scene):
+        raise BadValue(
+            f"{scene} is not a sound file, which ends in one of"
+            f" {', '.join('.' + f.lower() for f in FORMATS)}"
+        )
+    return scene, wav
+
+
+def _given(motions: Any) -> bool:
+    return any(motions.keywords[option] for option in ("motion", "map_", "where"))
+
+
+def _of_log(log: Path, scene: str | None, wav: Path | None, motions: Any) -> Any:
+    """Return the report of a log, against a scene where one is expected."""
+    if wav is not None or _given(motions):
+        raise BadValue(
+            "a log has its motion and its samples: give --log without --wav and --motion"
+        )
+    from ..checks.session import verify_log
+    from ..files.log_reader import read_log
+
+    # first: it may define blocks that the log names
+    expected = None if scene is None else scene_of(scene)
+    return verify_log(read_log(log), expected)
+
+
+def _of_file(scene: str | None, wav: Path | None, motions: Any) -> Any:
+    """Return the report of a file, against scene and motion where they are given."""
+    from ..checks.verification import scene_told, verify
+
+    if wav is None:
+        raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
+    expected = None if scene is None else scene_of(scene)
+    motion = None
+    if _given(motions):
+        motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0]
+    return verify(expected, motion, wav)
+
+
 def _names_a_scene(text: str) -> bool:
     return "(" in text or ":" in text or Path(text).suffix in ("", ".json", ".py")
 
@@ -142,7 +157,7 @@ def replay(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Also write what the device was given: .wav, .rf64, .w64 or .caf.",
+            help="Also write the delivered samples: .wav, .rf64, .w64 or .caf.",
             show_default=False,
         ),
     ] = None,
@@ -174,20 +189,22 @@ def mutate_(
     fs: opt.Rate = 8000.0,
     seconds: Annotated[
         float,
-        typer.Option(help="Length of each rendering; a short one that uses every number will do."),
+        typer.Option(
+            help="Length of each rendering in s; a short one is enough if it uses every number."
+        ),
     ] = 1.0,
     seed: opt.Seed = 0,
-    params: opt.FileParams = [],
+    params: opt.Params = [],
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Change every number of a scene in turn, and report which its law refuses.
+    """Change each number of a scene, and list which changes its law detects.
 
-    Exit status 1 where one is missed.
+    Exit status 1 if one is missed.
 
-    Each number is taken 1.01 and 1.25 times, with the other sign, as 0 and as 1. "Equal
-    samples" cannot be noticed in this motion: choose one that uses the number. "Within
-    tolerance" and "no law" are what the law of the scene misses.
+    Each number is replaced by 1.01 and 1.25 times its value, its negative, 0 and 1.
+    "Equal samples" means that this motion does not use the number: choose another
+    motion. "Within tolerance" and "no law" are changes that the law misses.
 
     [bold]stimlib mutate wall --motion 'sinusoid(0.002, 5)'[/]
 
@@ -199,7 +216,7 @@ def mutate_(
 
     made = scene_of(scene)
     motion, length = motions(made, ("minimum_jerk()",), touching(scene))
-    found = mutate(made, motion, fs, min(seconds, length or seconds), params_of(params), seed)
+    found = mutate(made, motion, fs, min(seconds, length or seconds), params_of(params, made), seed)
     if json_:
         print_json(found.to_dict())
     else:

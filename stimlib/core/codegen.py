@@ -1,4 +1,4 @@
-"""Pieces of Python text: what composed steps and compiled segments are written with."""
+"""Pieces of Python source, from which composed steps and segments are written."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ from collections.abc import Iterable, Sequence
 
 
 def each(form: str, *names: Iterable[object]) -> list[str]:
-    """Fill in a form with %s once for each of the names, or rows of names."""
+    """Fill in a form with %s for each of the names, or rows of names."""
     return [form % row for row in zip(*names, strict=True)]
 
 
 def call(f: str, *values: str) -> str:
-    """Return the text of a call."""
+    """Return the source of a call."""
     return f"{f}({', '.join(values)})"
 
 
 def record(t: str, values: Sequence[str]) -> str:
-    """Return the text of a NamedTuple, or () where it would be empty."""
+    """Return the source of a NamedTuple, or () if it would be empty."""
     return call(t, *values) if values else "()"
 
 
 def several(values: Sequence[str], many: bool) -> str:
-    """Return the text of a tuple of many values, or of the only one."""
+    """Return the source of a tuple of values, or of a single value."""
     return call("", *values) if many else values[0]
 
 
 def warm(t: str, fields: Sequence[str], s: str, cold: str = "0.0") -> str:
-    """Return the text of a resettable block's new state after a sample in contact."""
+    """Return the source of a resettable block's new state after a sample in contact."""
     return call(t, *each(f"{s}.%s", fields[:-1]), cold)
 
 
@@ -36,5 +36,5 @@ def indented(lines: Iterable[str]) -> list[str]:
 
 
 def define(name: str, arguments: Sequence[str], body: Sequence[str]) -> str:
-    """Return the text of a function."""
+    """Return the source of a function."""
     return "\n".join([f"def {call(name, *arguments)}:", *indented(body)]) + "\n"

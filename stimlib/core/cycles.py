@@ -1,4 +1,4 @@
-"""Loops: all nodes of a cycle as one block, whose step is composed of theirs.
+"""Loops: all nodes of a cycle become one block with a composed step.
 
 A ``Cycle`` exists in programs only.  Its step is a text like any other: the
 interpreter, the compiler and JAX take it as they take the step of a class.  Where a
@@ -151,7 +151,7 @@ def _cycle(
 
 # One block of them --------------------------------------------------------------------
 class Cycle(Block, abstract=True):
-    """The nodes of a cycle; ready, with a ``definition``, once ``design`` has run."""
+    """The nodes of a cycle; complete, with a ``definition``, after ``design``."""
 
     autonomous = begins_early = False
 
@@ -168,7 +168,7 @@ class Cycle(Block, abstract=True):
         return self.made
 
     def structure(self, numbers: Callable[[Block], Any]) -> tuple[Any, ...]:
-        """Return what identifies the cycle, given the design numbers of a block."""
+        """Return the identity of the cycle, given the design numbers of a block."""
         parts = [(type(m), numbers(m)) for m in self.members]
         return (
             *parts,
@@ -181,7 +181,7 @@ class Cycle(Block, abstract=True):
 
     @property
     def horizon(self) -> float | None:
-        """The shortest of the members'."""
+        """The shortest horizon of the members."""
         every = [getattr(m, "horizon", None) for m in self.members]
         return min((h for h in every if h is not None), default=None)
 
@@ -272,7 +272,7 @@ Cycle.__repr__ = _repr  # type: ignore[method-assign, assignment]  # Block gives
 
 # Its step -----------------------------------------------------------------------------
 class Member(NamedTuple):
-    """One node of a cycle, as far as the composed step knows it."""
+    """One node of a cycle, for the composed step."""
 
     number: int
     args: tuple[str, ...]  # last0 | x3 | c0 | v2 | v2_1
@@ -286,7 +286,7 @@ class Member(NamedTuple):
     contact: str | None  # None: not resettable; "": always; else a name as in args
 
     def named(self, what: str, t: type) -> list[str]:
-        """Return the names that the fields of its parameters or state have.
+        """Return the field names of its parameters or state.
 
         They are those in the whole.
         """
@@ -334,7 +334,7 @@ class _Writer:
         return f"{a}[i]" if self.tiled and a[0] == "x" else a
 
     def add(self, m: Member) -> None:
-        """Run a member: lines for its outputs, and its new state t{number}."""
+        """Append a member: lines for its outputs, and its new state t{number}."""
         args = [*map(self.at, m.args)]
         if not (fields(m.s) or fields(m.p) or m.tile or m.outputs):
             short = _expression(m.f, args, self.names)

@@ -67,14 +67,16 @@ def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dic
 
 
 def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
-    """Return one line for each module whose text was not the recorded one."""
-    return [
-        f"own blocks of {module}: the file is not the one that was recorded (sha256"
-        f" {now['sha256'][:12]}, and not {recorded[module]['sha256'][:12]}); its text is kept under"
-        " definitions"
-        for module, now in definitions(scene).items()
-        if module in recorded and recorded[module]["sha256"] != now["sha256"]
-    ]
+    """Return one line for each module whose text differs from the recorded one."""
+    lines = []
+    for module, own in definitions(scene).items():
+        now, before = own["sha256"], recorded.get(module, own)["sha256"]
+        if now != before:
+            lines.append(
+                f"own blocks of {module}: the file is not the one that was recorded (sha256"
+                f" {now[:12]}, and not {before[:12]}); its text is kept under definitions"
+            )
+    return lines
 
 
 def _own(scene: Any) -> dict[str, str]:

@@ -30,7 +30,7 @@ NONE, ONE = np.uint64(0), np.uint64(1)  # of counters in a state
 
 
 def memo(f: F) -> F:
-    """Return functools.cache that keeps the signature.
+    """Return ``functools.cache`` that keeps the signature for type checkers.
 
     It takes classes as arguments as well.
     """
@@ -114,11 +114,10 @@ class Block(Refusals):
             raise undecorated(cls)
         for f in dc.fields(self):  # type: ignore[arg-type]
             value = getattr(self, f.name)
-            value = (
-                (value if cls is Pick else as_block(value))
-                if f.name in signals(cls)
-                else design_value(f"{head(cls)}{f.name}", f.type, value, cls.live)
-            )
+            if f.name not in signals(cls):
+                value = design_value(f"{head(cls)}{f.name}", f.type, value, cls.live)
+            elif cls is not Pick:
+                value = as_block(value)
             object.__setattr__(self, f.name, value)
         self.check()
         kids = self.children
@@ -176,7 +175,7 @@ class Block(Refusals):
         return None
 
     def laws(self, fs: float) -> tuple[Any, ...]:
-        """Return what the response stands for, independently of ``design``.
+        """Return the reference laws of the block's response.
 
         ``verify`` compares both, see ``stimlib.design.responses``.
         """
@@ -185,7 +184,7 @@ class Block(Refusals):
     def through(
         self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
     ) -> np.ndarray | None:
-        """Return the response behind this block, or None if it has none.
+        """Return the response after this block, or None if it has none.
 
         Its signals have responses H or constant values (None: neither).
 
@@ -214,7 +213,7 @@ class Block(Refusals):
 
     @property
     def noise_key(self) -> tuple[int, int] | None:
-        """(seed, stream) of a source of noise: no two of a scene may have the same."""
+        """The (seed, stream) of a noise source; no two in a scene may be equal."""
         return None
 
     # ----------------------------------------------------------------------------------
@@ -231,7 +230,8 @@ class Block(Refusals):
                 name = repr(v.name) if isinstance(v, (Input, Param)) else ".."
                 parts.append(repr(v) if isinstance(v, Const) else f"{type(v).__name__}({name})")
             elif isinstance(v, np.ndarray):
-                parts.append(f"{f.name}=[{v.size}]")
+                short = v.size <= 4
+                parts.append(f"{f.name}={v.tolist() if short else f'<{v.size} numbers>'}")
             elif v is not None and v != "":
                 parts.append(f"{f.name}={v!r}" if self.children else repr(v))
         return f"{type(self).__name__}({', '.join(parts)})"
@@ -266,12 +266,10 @@ class Block(Refusals):
         f = FUNCTIONS.get(ufunc.__name__)  # numpy asks here before it computes anything
         if method != "__call__" or options or f is None:
             return no_numpy(ufunc.__name__)
-        blocks = [as_block(v) for v in inputs]
-        return (
-            f(blocks[0], blocks[1].value if isinstance(blocks[1], Const) else blocks[1])
-            if f is operator.pow
-            else f(*blocks)
-        )
+        blocks: list[Any] = [as_block(v) for v in inputs]
+        if f is operator.pow and isinstance(blocks[1], Const):
+            blocks[1] = blocks[1].value
+        return f(*blocks)
 
 
 @memo
@@ -284,15 +282,13 @@ def signals(cls: type[Block]) -> tuple[str, ...]:
 @memo
 def type_name(cls: type[Block]) -> str:
     """Return the name in scene files: the class, or module.name outside stimlib."""
-    return (
-        cls.__name__
-        if cls.__module__.split(".")[0] == "stimlib"
-        else f"{cls.__module__}.{cls.__qualname__}"
-    )
+    if cls.__module__.split(".")[0] == "stimlib":
+        return cls.__name__
+    return f"{cls.__module__}.{cls.__qualname__}"
 
 
 def head(cls: type[Block]) -> str:
-    """Return how errors of a class begin: with the public function that makes it."""
+    """Return the beginning of a class's errors: the public function that makes it."""
     return f"{cls.__name__}." if cls in (Input, Param) or "." in type_name(cls) else ""
 
 
@@ -318,7 +314,8 @@ def as_block(v: Any) -> Block:
         v = v[()]
     if isinstance(v, NUMBERS):
         return Const(_float(v, "a number"))
-    raise BadValue(f"expected a block or a number, got {type(v).__name__} {v!r:.200}")
+    hint = " (write a quantity as constant(250.0, 'Hz'))" if isinstance(v, str) else ""
+    raise BadValue(f"expected a block or a number, got {type(v).__name__} {v!r:.200}{hint}")
 
 
 def _float(v: Any, what: str) -> float:
@@ -341,44 +338,28 @@ _KINDS = {
 
 
 def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -> Any:
-    """Convert a design number to what its annotation asks for.
+    """Convert a design number to the type of its annotation.
 
     These are finite floats, whole numbers, text, and float64 arrays that nobody can
     change.
     """
     if isinstance(v, Block):
+        remedy = f"write the number {v.value:g}" if isinstance(v, Const) else live
         raise BadValue(
             f"{where_} is a design number (it shapes the block once per sample rate) and cannot be"
-            f" the signal {v!r}; "
-            + (f"write the number {v.value:g}" if isinstance(v, Const) else live)
+            f" the signal {v!r}; {remedy}"
         )
     if isinstance(v, (list, tuple, np.ndarray)):
-        try:
-            a = np.array(v)
-        except (TypeError, ValueError):  # rows of several lengths, or a block among them
-            a = np.array("")
-        if a.dtype.kind not in "iuf":
-            raise BadValue(f"{where_} must be numbers, got {v!r:.200}")
-        v = a.astype(np.float64)
-        v.flags.writeable = False
-        if not np.isfinite(v).all():
-            raise BadValue(f"{where_}[{int(np.argmin(np.isfinite(v)))}] is not finite")
+        v = _design_array(where_, v)
     elif isinstance(v, np.generic):
         v = v.item()
     if isinstance(v, str) and len(v) > 200:
         raise BadValue(f"{where_} = {v[:40]!r}.. has {len(v)} letters; at most 200 are possible")
     if isinstance(v, float) and not math.isfinite(v):
         raise BadValue(f"{where_} = {v} is not finite")
-    text = (
-        annotation
-        if isinstance(annotation, str)
-        else getattr(annotation, "__name__", str(annotation))
-    )
-    words = [w.strip() for w in text.split("|")]
-    kinds = [k for w in words for k in _KINDS.get(w, ((object,), ""))[0]]
-    if not isinstance(v, tuple(kinds)) or (
-        isinstance(v, bool) and bool not in kinds and object not in kinds
-    ):
+    words, kinds = _kinds(getattr(annotation, "__name__", str(annotation)))
+    # True is an int of Python
+    if not isinstance(v, kinds) or (isinstance(v, bool) and not {bool, object} & {*kinds}):
         raise BadValue(f"{where_} = {v!r:.200} must be {' or '.join(_KINDS[w][1] for w in words)}")
     if not isinstance(v, int) or isinstance(v, bool):
         return v
@@ -389,12 +370,40 @@ def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -
     return v
 
 
+@cache
+def _kinds(annotation: str) -> tuple[list[str], tuple[type, ...]]:
+    """Return the words of an annotation, and the types that they allow."""
+    words = [w.strip() for w in annotation.split("|")]
+    known = [_KINDS.get(w, ((object,), "")) for w in words]
+    return words, sum((types for types, _ in known), ())
+
+
+def _design_array(where_: str, v: Any) -> np.ndarray:
+    """Return finite numbers as a float64 array that nobody can change."""
+    try:
+        a = np.array(v)
+    except (TypeError, ValueError):  # rows of several lengths, or a block among them
+        a = np.array("")
+    if a.dtype.kind not in "iuf":
+        raise BadValue(f"{where_} must be numbers, got {v!r:.200}")
+    a = a.astype(np.float64)
+    a.flags.writeable = False
+    if not np.isfinite(a).all():
+        raise BadValue(f"{where_}[{int(np.argmin(np.isfinite(a)))}] is not finite")
+    return a
+
+
 def positive(owner: Block, *names: str) -> None:
     """Raise BadValue unless these design numbers are above zero."""
     for name in names:
         v = getattr(owner, name)
         if isinstance(v, str) or not v > 0:
             raise BadValue(f"{head(type(owner))}{name} = {v!r} must be above 0")
+
+
+def unitless(owner: Block, *u: Unit) -> Unit:
+    """Return no unit, as ``units`` of a block whose output has none."""
+    return un.ONE
 
 
 def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
@@ -410,7 +419,7 @@ def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
 
 
 def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
-    """Raise UnitError, with the factor that is missing, unless a signal has a unit."""
+    """Raise UnitError, with the missing factor, unless a signal has a unit."""
     if u != unit(wanted):
         factor = wanted if u == un.ONE else f"{wanted}/({u})"
         raise UnitError(
@@ -568,7 +577,7 @@ class Pick(Block):
 
     @property
     def place(self) -> int:
-        """Its number among the outputs."""
+        """Its index among the outputs."""
         return self.block.outputs.index(self.output)
 
 
@@ -578,11 +587,17 @@ class Map(Block, abstract=True):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Add(Map):
-    """a + b, of one unit."""
+class Pair(Map, abstract=True):
+    """A function of two signals."""
 
     a: Block
     b: Block
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Add(Pair):
+    """a + b, of one unit."""
+
     sign = "+"
 
     def units(self, *u):
@@ -597,11 +612,9 @@ class Add(Map):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Sub(Map):
+class Sub(Pair):
     """a - b, of one unit."""
 
-    a: Block
-    b: Block
     sign = "\u2212"
 
     def units(self, *u):
@@ -616,24 +629,18 @@ class Sub(Map):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Mul(Map):
+class Mul(Pair):
     """a b."""
 
-    a: Block
-    b: Block
     sign = "\u00d7"
 
     def units(self, *u):
         return u[0] * u[1]
 
     def through(self, p, fs, z, H, value):
-        return (
-            H[0] * value[1]
-            if value[1] is not None
-            else H[1] * value[0]
-            if value[0] is not None
-            else None
-        )
+        if value[1] is not None:
+            return H[0] * value[1]
+        return None if value[0] is None else H[1] * value[0]
 
     @staticmethod
     def step(p, s, a, b):
@@ -641,11 +648,9 @@ class Mul(Map):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Div(Map):
+class Div(Pair):
     """a / b."""
 
-    a: Block
-    b: Block
     sign = "\u00f7"
 
     def units(self, *u):
@@ -686,11 +691,11 @@ class Abs(Map):
         return abs(x), s
 
 
-class Compare(Map, abstract=True):
+class Compare(Pair, abstract=True):
     """1 where a comparison of two signals of one unit holds, else 0."""
 
     def units(self, *u):
-        same_unit("compare", self.children[0], self.children[1], *u)
+        same_unit("compare", self.a, self.b, *u)
         return un.ONE
 
 
@@ -698,8 +703,6 @@ class Compare(Map, abstract=True):
 class Greater(Compare):
     """1 where a > b, else 0."""
 
-    a: Block
-    b: Block
     sign = ">"
 
     @staticmethod
@@ -711,8 +714,6 @@ class Greater(Compare):
 class AtLeast(Compare):
     """1 where a >= b, else 0."""
 
-    a: Block
-    b: Block
     sign = "\u2265"
 
     @staticmethod
@@ -724,8 +725,6 @@ class AtLeast(Compare):
 class Equal(Compare):
     """1 where a == b to the last bit (0 and -0 are equal, nan to nothing), else 0."""
 
-    a: Block
-    b: Block
     sign = "="
 
     @staticmethod
@@ -737,8 +736,6 @@ class Equal(Compare):
 class NotEqual(Compare):
     """1 - (a == b)."""
 
-    a: Block
-    b: Block
     sign = "\u2260"
 
     @staticmethod
@@ -839,7 +836,7 @@ class Interval(Block):
 
 @dc.dataclass(frozen=True, eq=False)
 class Segment(Subsystem):
-    """A block in a stretch of time, where it begins as a run does; see ``segment``."""
+    """A block in a stretch of time, on a clock of its own; see ``segment``."""
 
     block: Block
     by: Block
@@ -858,7 +855,7 @@ class Segment(Subsystem):
 
     @property
     def run(self) -> str:
-        """What distinguishes the run of a segment from those around it."""
+        """The identity of a segment's run."""
         by: Any = self.by
         return (
             f" in segment({by.begin},"
@@ -870,7 +867,7 @@ class Segment(Subsystem):
 def segment(
     block: Block, start: float, duration: float | None = None, seed: int | None = None
 ) -> Segment:
-    """Run a block in one stretch of time only, from a sample 0 of its own.
+    """Run a block in one stretch of time only, with a clock of its own.
 
     It then behaves as if it were rendered alone.
 
@@ -931,7 +928,7 @@ def segment(
 
 # Walking ------------------------------------------------------------------------------
 def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
-    """Return every block object that the roots need, children first, each once.
+    """Return every block object that the roots depend on, children first, each once.
 
     There is no recursion, because graphs may be deep.
 

@@ -32,7 +32,7 @@ class Last(Block):
 
 @dataclass(frozen=True, eq=False)
 class Loop(Block):
-    """The signal that a body makes of its last value; see ``loop``."""
+    """The signal that a body computes from its last value; see ``loop``."""
 
     body: Block
     last: Block
@@ -52,7 +52,7 @@ class Loop(Block):
 
 @dataclass(frozen=True, eq=False)
 class Tap(Block):
-    """Another signal out of a loop, which keeps the loop with it."""
+    """Another signal from inside a loop."""
 
     loop: Block
     inner: Block
@@ -67,7 +67,7 @@ class Tap(Block):
 
 @public
 def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
-    """Make a signal that uses its own last sample: y[n] = f(y[n-1], other signals).
+    """Make a feedback loop, y[n] = f(y[n-1], other signals).
 
     Parameters
     ----------

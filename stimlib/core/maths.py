@@ -14,8 +14,12 @@ and vector units can all follow exactly.
 from __future__ import annotations
 
 import ctypes
+import fractions
+import functools
 import math
+import struct
 import sys
+import types
 
 import numpy as np
 
@@ -28,17 +32,41 @@ SILENT = 1e-190
 
 F = np.float64
 
+
+def _exact_fma(a, b, c):
+    """Return a*b + c with one rounding, by fractions of whole numbers."""
+    if not (math.isfinite(a) and math.isfinite(b)):
+        return a * b + c
+    if not math.isfinite(c):
+        return c
+    exact = fractions.Fraction(a) * fractions.Fraction(b) + fractions.Fraction(c)
+    if exact == 0:  # of which sign, only the floats know
+        return a * b + c if a == 0 or b == 0 or c == 0 else 0.0
+    try:
+        return float(exact)
+    except OverflowError:
+        return math.inf if exact > 0 else -math.inf
+
+
 if sys.version_info >= (3, 13):
 
     def _fma(a, b, c):
         try:
             return math.fma(a, b, c)
         except (OverflowError, ValueError):  # where the C library returns inf or nan
-            return a * b + c
+            return _exact_fma(a, b, c)
 
 else:
-    _fma = ctypes.CDLL(None).fma
-    _fma.argtypes, _fma.restype = [ctypes.c_double] * 3, ctypes.c_double
+
+    def _c_fma():
+        try:
+            f = ctypes.CDLL(None).fma
+        except TypeError:  # Windows
+            return _exact_fma
+        f.argtypes, f.restype = [ctypes.c_double] * 3, ctypes.c_double
+        return f
+
+    _fma = _c_fma()
 
 
 def fma(a, b, c):
@@ -56,35 +84,6 @@ def floor(x):
     return np.floor(F(x))
 
 
-def _libm(f, pole):
-    def g(x):
-        x = float(x)
-        try:
-            return F(f(x))
-        except OverflowError:
-            return F(np.inf)
-        except ValueError:
-            return F(pole(x))
-
-    g.__name__, g.__qualname__, g.__doc__ = (
-        f.__name__,
-        f.__name__,
-        f"{f.__name__}(x) of the C library; never raises.",
-    )
-    return g
-
-
-def _nan(x):
-    return math.nan
-
-
-exp = _libm(math.exp, _nan)
-log = _libm(math.log, lambda x: -math.inf if x == 0 else math.nan)
-sin = _libm(math.sin, _nan)
-cos = _libm(math.cos, _nan)
-tanh = _libm(math.tanh, _nan)
-
-
 def where(c, a, b):
     """Return a if c else b; both are evaluated."""
     v = a if c else b
@@ -97,7 +96,7 @@ def flush(x):
 
 
 def settle(x):
-    """Flush what a loop keeps.
+    """Flush the state of a loop to 0 where it is too small to matter.
 
     It is compiled as a branch that is hardly ever taken, so that a recursion does not
     wait for it.
@@ -145,7 +144,7 @@ def pairs(f, key, first, z):
 
 
 def copy(a, b):
-    """Return b[: a.size] = a, for arrays that do not overlap."""
+    """Copy the start of b into a: a[:] = b[: a.size], without overlap."""
     b[: a.size] = a
 
 
@@ -166,7 +165,7 @@ def tree(s):
 
 
 def fir(taps, w, y):
-    """Compute y[i] = sum_j taps[j] w[i + j] in eight partial sums.
+    """Filter: y[i] = sum_j taps[j] w[i + j], in eight partial sums.
 
     taps.size is a multiple of 8; w has y.size + taps.size - 1.
     """
@@ -195,7 +194,7 @@ def modes(p, r, q, d, x, y, w):
 
 
 def memory(e, r, q, low, x, y, w):
-    """Compute ``modes`` without d, for very slow ones.
+    """Compute ``modes`` without d, for very slow modes.
 
     With the leak e = 1 - p on its own, q += (x + TINY) - e q, and a second word of the
     first low.size states, nothing that they add up is rounded away. e.size and low.size
@@ -216,3 +215,193 @@ def memory(e, r, q, low, x, y, w):
             s[k % 8] = _fma(r[k], state[k], s[k % 8])
         y[i] = flush(tree(s))
     q[:], low[:] = state, second
+
+
+# exp, log, sin, cos and tanh, the same bits everywhere --------------------------------
+# Straight-line, at most 1 ulp from the exact value (tests/test_elementary.py). A number
+# in two words is (h, low), of which low is what rounding took from h.
+U52, LOW52 = np.uint64(52), np.uint64(2**52 - 1)
+SIGN = np.uint64(2**63)
+INF, NAN = math.inf, math.nan
+LOG2E, MOST_EXP = 1.4426950408889634, 709.782712893384
+# log 2 in two words, the first of 42 bits, so that whole multiples of it are exact
+LN2, LN2_LOW = float.fromhex("0x1.62e42fefa38p-1"), float.fromhex("0x1.ef35793c7673p-45")
+EXP = tuple(1.0 / math.factorial(n) for n in range(14, 1, -1))
+LOG = tuple(2.0 / n for n in range(27, 1, -2))
+SIN = tuple((-1.0) ** (n // 2) / math.factorial(n) for n in range(19, 1, -2))
+COS = tuple((-1.0) ** (n // 2) / math.factorial(n) for n in range(20, 2, -2))
+HALF_ROOT = np.uint64(0x3FE6A09E667F3BCD)  # bits of sqrt(1/2)
+TO_HALF_ROOT = np.uint64(0x3FF0000000000000 - 0x3FE6A09E667F3BCD)
+MOST_SIN = 2.0**30  # rad: beyond, sin and cos are nan
+TWO_OVER_PI = 0.6366197723675814
+# pi/2 in three words
+HALF_PI = float.fromhex("0x1.921fb54442d18p+0")
+HALF_PI_2, HALF_PI_3 = (
+    float.fromhex("0x1.1a62633145c07p-54"),
+    float.fromhex("-0x1.f1976b7ed8fbcp-110"),
+)
+WHOLE = 1.5 * 2.0**52 + 1023.0
+
+
+def _polynomial(coefficients, x):
+    """Return the value of a polynomial of degree 4 n, its highest coefficient first.
+
+    It is four polynomials in x^4, which do not wait for each other.
+    """
+    a, d, c, b = coefficients[0], coefficients[1], coefficients[2], coefficients[3]
+    z = x * x
+    w = z * z
+    for v in coefficients[4::4]:
+        a = fma(a, w, v)
+    for v in coefficients[5::4]:
+        d = fma(d, w, v)
+    for v in coefficients[6::4]:
+        c = fma(c, w, v)
+    for v in coefficients[7::4]:
+        b = fma(b, w, v)
+    return fma(fma(d, x, c), z, fma(b, x, a))
+
+
+def _power_of_two(k):
+    """Return 2^k for a whole k from -1022 to 1023."""
+    return unbits(bits(k + WHOLE) << U52)
+
+
+def _less_log_two(x):
+    """Return k and (h, low) of x = k log 2 + h + low, h up to 0.35 in size."""
+    k = floor(fma(x, LOG2E, 0.5))
+    a, b = fma(-k, LN2, x), k * LN2_LOW
+    r = a - b
+    return k, r, (a - r) - b
+
+
+def _exp_less_one(r, low):
+    """Return exp(r + low) - 1 in two words, for r up to 0.35 in size."""
+    y = fma(r * r, _polynomial(EXP, r), fma(low, r, low))
+    h = r + y
+    return h, (r - h) + y
+
+
+def exp(x):
+    """Return e^x."""
+    k, r, low = _less_log_two(where(x > MOST_EXP, MOST_EXP, where(x < -746.0, -746.0, x)))
+    h, _ = _exp_less_one(r, low)
+    half = floor(0.5 * k)
+    y = (1.0 + h) * _power_of_two(half) * _power_of_two(k - half)
+    return where(x > MOST_EXP, INF, y)
+
+
+def log(x):
+    """Return the natural logarithm; -inf of 0, nan below."""
+    a = abs(x)
+    small = a < 2.0**-1022
+    u = bits(a * where(small, 2.0**54, 1.0)) + TO_HALF_ROOT
+    e = as_float(u >> U52) - where(small, 1077.0, 1023.0)
+    f = unbits((u & LOW52) + HALF_ROOT) - 1.0  # the number is (1 + f) 2^e
+    s, h = f / (2.0 + f), 0.5 * f * f
+    rest = s * s * _polynomial(LOG, s * s)
+    y = e * LN2 - ((h - (s * (h + rest) + e * LN2_LOW)) - f)
+    return where(x > 0.0, where(x < INF, y, x), where(x == 0.0, -INF, NAN))
+
+
+def _less_half_pi(x):
+    """Return k and (h, low) of x = k pi/2 + h + low, h up to 0.79 in size."""
+    k = floor(fma(x, TWO_OVER_PI, 0.5))
+    a, b = k * HALF_PI, k * HALF_PI_2
+    c = x - a
+    d = -fma(k, HALF_PI, -a)
+    e = c + d
+    lost = (c - (e - (e - c))) + (d - (e - c))
+    g = e - b
+    lost = lost + ((e - (g + (e - g))) + ((e - g) - b)) - fma(k, HALF_PI_2, -b)
+    lost = fma(-k, HALF_PI_3, lost)
+    r = g + lost
+    return k, r, (g - r) + lost
+
+
+def _wave(k, r, low):
+    """Return sin(k pi/2 + r + low)."""
+    z = r * r
+    s = r + fma(r * z, _polynomial(SIN, z), low * fma(-0.5, z, 1.0))
+    h = 0.5 * z
+    one = 1.0 - h
+    c = one + (((1.0 - one) - h) + fma(z * z, _polynomial(COS, z), -(r * low)))
+    turn = k - 4.0 * floor(0.25 * k)
+    y = where(abs(turn - 2.0) == 1.0, c, s)
+    return where(turn >= 2.0, -y, y)
+
+
+def sin(x):
+    """Return the sine of an angle in rad; nan beyond 2^30 rad."""
+    k, r, low = _less_half_pi(where(abs(x) <= MOST_SIN, x, 0.0))
+    y = _wave(k, r, low)
+    return where(abs(x) <= MOST_SIN, where(abs(x) < 2.0**-27, x, y), NAN)
+
+
+def cos(x):
+    """Return the cosine of an angle in rad; nan beyond 2^30 rad."""
+    k, r, low = _less_half_pi(where(abs(x) <= MOST_SIN, x, 0.0))
+    y = _wave(k + 1.0, r, low)
+    return where(abs(x) <= MOST_SIN, y, NAN)
+
+
+def tanh(x):
+    """Return tanh(x) as (e^2x - 1)/(e^2x + 1), both in two words."""
+    a = abs(x)
+    k, r, low = _less_log_two(2.0 * where(a < 22.0, a, 22.0))
+    h, rest = _exp_less_one(r, low)
+    s = _power_of_two(k)
+    p, n, d = s * h, s - 1.0, s + 1.0
+    above, below = n + p, d + p
+    above_low = ((n - above) + p) + (((s - n) - 1.0) + s * rest)
+    below_low = ((d - below) + p) + (((s - d) + 1.0) + s * rest)
+    y = above / below
+    y = y + (fma(-y, below, above) + (above_low - y * below_low)) / below
+    y = unbits(bits(y) | (bits(x) & SIGN))
+    return where(x == x, y, x)
+
+
+def _interpreted(f):
+    """Return f of a number, computed with Python's floats: the same bits, sooner."""
+
+    @functools.wraps(f)
+    def of_number(x):
+        return F(straight(float(x)))
+
+    straight = types.FunctionType(f.__code__, _FLOATS)
+    return of_number
+
+
+def _bits_of(x):
+    return struct.unpack("<Q", struct.pack("<d", x))[0]
+
+
+def _float_of(u):
+    return struct.unpack("<d", struct.pack("<Q", u & 2**64 - 1))[0]
+
+
+def _floor_of(x):
+    return float(math.floor(x)) or math.copysign(0.0, x) if x == x else x
+
+
+ELEMENTARY = {
+    f.__name__: f
+    for f in (
+        *(_polynomial, _power_of_two, _less_log_two, _exp_less_one, _less_half_pi, _wave),
+        *(exp, log, sin, cos, tanh),
+    )
+}
+"""Functions of fma, floor, where and bits alone, from which a target makes its own."""
+CONSTANTS = {name: v for name, v in globals().items() if isinstance(v, (float, np.uint64, tuple))}
+_FLOATS: dict = {}
+_FLOATS |= {n: int(v) if isinstance(v, np.uint64) else v for n, v in CONSTANTS.items()}
+_FLOATS |= {
+    "fma": _fma,
+    "where": lambda c, a, b: a if c else b,
+    "bits": _bits_of,
+    "unbits": _float_of,
+    "as_float": float,
+    "floor": _floor_of,
+}
+_FLOATS |= {name: types.FunctionType(f.__code__, _FLOATS) for name, f in ELEMENTARY.items()}
+exp, log, sin, cos, tanh = map(_interpreted, (exp, log, sin, cos, tanh))

@@ -48,7 +48,7 @@ _PARTS = "it has no length and no parts; the sample before this one is delay(x, 
 
 
 class Refusals:
-    """Operations that no block can do, each as an error with its remedy."""
+    """Operations that no block supports, each an error with its remedy."""
 
     def __rpow__(self, base: Any) -> Any:
         raise BadValue(
@@ -120,42 +120,41 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "subtract": operator.sub,
     "multiply": operator.mul,
     "divide": operator.truediv,
-    "negative": operator.neg,
-    "positive": operator.pos,
-    "absolute": abs,
-    "fabs": abs,
     "square": lambda x: x * x,
     "reciprocal": lambda x: 1.0 / x,
+    "power": operator.pow,
+}
+"""Functions of numpy that have a meaning on blocks, by numpy's name; ``core.pointwise``
+adds its own.
+"""
+FUNCTIONS |= {
+    "absolute": abs,
+    "negative": operator.neg,
+    "positive": operator.pos,
+    "fabs": abs,
     "greater": operator.gt,
     "greater_equal": operator.ge,
     "less": operator.lt,
     "less_equal": operator.le,
     "equal": operator.eq,
     "not_equal": operator.ne,
-    "power": operator.pow,
 }
-"""Functions of numpy that have a meaning on blocks, by numpy's name; ``core.pointwise``
-adds its own.
-"""
 
 
 _THERE = (
     "there are + - * / ** abs, comparisons, and sqrt, exp, log, sin, cos, tanh, maximum, minimum,"
     " clip, where of stimlib.blocks"
 )
-_INSTEAD = {  # of functions of numpy, what to write
-    **dict.fromkeys(("floor", "ceil", "rint", "trunc"), _ROUND),
-    **dict.fromkeys(("remainder", "fmod", "floor_divide", "divmod", "modf"), _MODULO),
-    **dict.fromkeys(("sign", "copysign", "signbit"), _SIGN),
-    **dict.fromkeys(
-        ("logical_and", "logical_or", "logical_not", "bitwise_and", "bitwise_or", "invert"), _LOGIC
+_REMEDIES = {  # of functions of numpy, what to write
+    "floor ceil rint trunc": _ROUND,
+    "remainder fmod floor_divide divmod modf": _MODULO,
+    "sign copysign signbit": _SIGN,
+    "logical_and logical_or logical_not bitwise_and bitwise_or invert": _LOGIC,
+    "isnan isfinite isinf": (
+        "what is not finite ends an output by itself; x != x is 1 where x is nan"
     ),
-    **dict.fromkeys(
-        ("isnan", "isfinite", "isinf"),
-        "what is not finite ends an output by itself; x != x is 1 where x is nan",
-    ),
-    **dict.fromkeys(("log2", "log10"), "log to a base b is log(x) / math.log(b)"),
-    **dict.fromkeys(("exp2", "float_power", "cbrt"), "a ** x, a above 0, is exp(x * math.log(a))"),
+    "log2 log10": "log to a base b is log(x) / math.log(b)",
+    "exp2 float_power cbrt": "a ** x, a above 0, is exp(x * math.log(a))",
     "expm1": "write exp(x) - 1",
     "log1p": "write log(1 + x)",
     "tan": "write sin(x) / cos(x)",
@@ -167,8 +166,8 @@ _INSTEAD = {  # of functions of numpy, what to write
 
 
 def no_numpy(name: str) -> Any:
-    """Refuse a function of numpy."""
-    why = _INSTEAD.get(name, _THERE)
+    """Raise an error for a function of numpy."""
+    why = next((why for names, why in _REMEDIES.items() if name in names.split()), _THERE)
     raise BadValue(
         f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is"
         f" built; {why}"

@@ -1,4 +1,4 @@
-"""What a scene was asked for: the law of each part, its arguments, and its signals."""
+"""The parts of a scene: the law of each, its arguments, and its signals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ for them, as blocks are known by theirs.
 
 
 class Span(NamedTuple):
-    """The interval of a trial in which a part is shown.
+    """The interval of a trial in which a part is presented.
 
     It is its scene times a window with cosine ramps, on a clock of its own.
     """
@@ -36,7 +36,7 @@ class Span(NamedTuple):
 
 @dc.dataclass(frozen=True)
 class Part:
-    """A scene, or what was combined into one, as its law knows it.
+    """A scene, or one of several that were combined, for its law.
 
     Parameters
     ----------
@@ -82,13 +82,8 @@ class Part:
         """Return the part under the new names of inputs, parameters and outputs."""
         return dc.replace(
             self,
-            inputs={
-                own: inputs[name] for own, name in (self.inputs or {n: n for n in inputs}).items()
-            },
-            outputs={
-                own: outputs[name]
-                for own, name in (self.outputs or {n: n for n in outputs}).items()
-            },
+            inputs={k: inputs[name] for k, name in self.inputs.items()} or dict(inputs),
+            outputs={k: outputs[name] for k, name in self.outputs.items()} or dict(outputs),
         )
 
 
@@ -122,34 +117,23 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
     There are none, one of a name or a function with what was given, or several as they
     are.
     """
-    if law is None or isinstance(law, str):
-        if law is None and given:
+    if law is None:
+        if given:
             raise BadValue(
                 f"given without a law: {given!r:.80} needs the law that it is for; give that as"
                 " law="
             )
-        shipped = above("SHIPPED") if law is not None else {}
-        if not (law is None or law in shipped or known(law)):
+        return ()
+    if isinstance(law, str):
+        shipped = above("SHIPPED")
+        if not (law in shipped or known(law)):
             raise BadValue(
                 f"law = {law!r:.80} is not known; give one of {', '.join(shipped)}, or the function"
                 " itself"
             )
-        return () if law is None else (Part(law, kept(given)),)
+        return (Part(law, kept(given)),)
     if callable(law):
-        name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
-        if not name or "<lambda>" in name:
-            raise BadValue(
-                f"law = {law!r:.80} has no name that a file could keep; write it with def, and give"
-                " numbers as given="
-            )
-        bound = hasattr(law, "__func__") and not isinstance(getattr(law, "__self__", None), type)
-        if bound or inspect.isbuiltin(law) or getattr(law, "__closure__", None):
-            raise BadValue(
-                f"law = {name} uses values of the function around it, or of an object, which no"
-                " file keeps; write it at the top of a module, and give numbers as given="
-            )
-        OWN[name] = law, source_of(law)  # now: the file may change while the function lives on
-        return (Part(name, kept({} if given is None else given)),)
+        return (Part(_registered(law), kept({} if given is None else given)),)
     if isinstance(law, (tuple, list)) and all(isinstance(p, Part) for p in law):
         return tuple(law)
     raise BadValue(
@@ -158,8 +142,26 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
     )
 
 
+def _registered(law: Callable) -> str:
+    """Return the name of a user's own law, after keeping it under that name."""
+    name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
+    if not name or "<lambda>" in name:
+        raise BadValue(
+            f"law = {law!r:.80} has no name that a file could keep; write it with def, and give"
+            " numbers as given="
+        )
+    bound = hasattr(law, "__func__") and not isinstance(getattr(law, "__self__", None), type)
+    if bound or inspect.isbuiltin(law) or getattr(law, "__closure__", None):
+        raise BadValue(
+            f"law = {name} uses values of the function around it, or of an object, which no"
+            " file keeps; write it at the top of a module, and give numbers as given="
+        )
+    OWN[name] = law, source_of(law)  # now: the file may change while the function lives on
+    return name
+
+
 def kept(given: Any) -> Any:
-    """Return what was given as JSON data.
+    """Return the arguments of a law as JSON data.
 
     BadValue is raised for what is no table, or is nested without end.
     """
@@ -178,7 +180,7 @@ def kept(given: Any) -> Any:
 
 
 def known(law: str) -> bool:
-    """Return whether a law of a user's own can be called here.
+    """Return whether a user's own law can be called here.
 
     It can if a scene was made with it, or if its module is imported already.
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields
 from inspect import Parameter, Signature
 
 from ..errors import BadValue, UnitError, public
-from . import maths
-from . import units as un
-from .graph import Block, Const, Map, as_block, same_unit
+from . import maths, units as un
+from .graph import Block, Const, Map, Pair, as_block, same_unit, unitless
 from .operators import FUNCTIONS
 
 
@@ -29,11 +28,7 @@ class Where(Map):
         return maths.where(c > 0.0, a, b), s
 
 
-@dataclass(frozen=True, eq=False)
-class _OneOf(Map, abstract=True):
-    a: Block
-    b: Block
-
+class _OneOf(Pair, abstract=True):
     def units(self, *u):
         return same_unit("compare", self.a, self.b, *u)
 
@@ -137,8 +132,7 @@ class Nonzero(Map):
 
     x: Block
 
-    def units(self, *u):
-        return un.ONE
+    units = unitless
 
     @staticmethod
     def step(p, s, x):

@@ -16,8 +16,7 @@ import numpy as np
 
 from ..errors import BadValue, SceneError, outside
 from ..system.limits import limits
-from . import steps
-from . import units as un
+from . import steps, units as un
 from .cycles import Cycle, closed
 from .graph import (
     Add,
@@ -43,7 +42,7 @@ PARAMS, ROOT = 0, 1
 
 
 def lead(fs: float) -> int:
-    """Return the samples that everything autonomous runs before sample 0.
+    """Return how many samples everything without an input runs before sample 0.
 
     It is a function of fs alone.
 
@@ -60,7 +59,7 @@ def lead(fs: float) -> int:
 
 
 class Instance(NamedTuple):
-    """One thing to run on one clock."""
+    """One block on one clock."""
 
     kind: str  # block | input | const | open | close | pick
     block: Block
@@ -177,7 +176,7 @@ def _numbers(b: Block) -> tuple[Any, ...]:
 
 
 def foldable(b: Block) -> bool:
-    """Return whether a block of numbers is a number at every sample rate.
+    """Return whether a block of numbers is constant at every sample rate.
 
     So is a map whose step needs no design.
     """
@@ -222,7 +221,7 @@ def lower(outputs: dict[str, Block]) -> Program:
         SceneError,
     )
     _check_noise_objects(guards)
-    made, instances, (parents, clocks, runs, seeds) = _layout(graph, roots)
+    made, instances, clocks = _layout(graph, roots)
     blocks = [b for b in objects if not isinstance(b, (Loop, Tap))]
     merged = len(blocks) - len({number[id(b)] for b in blocks})
     removed = list(graph.removed) + (
@@ -231,7 +230,7 @@ def lower(outputs: dict[str, Block]) -> Program:
     noises: dict[str, int] = {}
     for i, q in enumerate(instances):
         if q.block.noise_key:
-            name = "white({}, {})".format(*q.block.noise_key) + runs[q.clock]
+            name = "white({}, {})".format(*q.block.noise_key) + clocks.runs[q.clock]
             if name in noises and not q.block.shared:
                 raise SceneError(
                     f"noise {q.block!r} is used on two clocks (inside enabled and outside, or in"
@@ -239,21 +238,16 @@ def lower(outputs: dict[str, Block]) -> Program:
                     " give shared=True if one noise everywhere is meant"
                 )
             noises.setdefault(name, i)
+    inputs = {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Input)}
+    params = {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Param)}
     text = repr(
         [(type_name(type(q.block)), _numbers(q.block), q.kind, q.clock, q.args) for q in instances]
     )
+    ends = {name: made["block", n, ROOT] for name, n in zip(outputs, roots, strict=True)}
+    own = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
+    parents, names, runs, seeds, _ = clocks
     return Program(
-        instances,
-        {name: made["block", n, ROOT] for name, n in zip(outputs, roots, strict=True)},
-        {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Input)},
-        {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Param)},
-        noises,
-        parents,
-        clocks,
-        runs,
-        seeds,
-        removed,
-        int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"),
+        instances, ends, inputs, params, noises, parents, names, runs, seeds, removed, own
     )
 
 
@@ -290,13 +284,37 @@ def _instances(graph: _Graph, roots: list[int]) -> float:
     return size
 
 
+class _Clocks(NamedTuple):
+    """What a program says of its clocks: lists with one entry for each."""
+
+    parents: list[int]
+    names: list[str]
+    runs: list[str]
+    seeds: list[int | None]
+    opened: dict[Any, tuple[int, int]]  # clocks, and the node that opens each
+
+    def below(self, parent: int, b: Block, n: int) -> tuple[int, int]:
+        """Return the clock of an enabled or a segment, node n, and what opens it."""
+        run, seed = (b.run, b.seed) if isinstance(b, Segment) else ("", None)
+        which = (run or n, parent)  # segments of one time and seed run together
+        if which not in self.opened:
+            number = len(self.parents)
+            self.names.append(f"{'segment' if run else 'enabled'} {number - ROOT}")
+            self.runs.append(self.runs[parent] + run)
+            self.seeds.append(self.seeds[parent] if seed is None else seed)
+            self.parents.append(parent)
+            self.opened[which] = number, n
+        return self.opened[which]
+
+
+_KINDS: dict[type, str] = {Input: "input", Const: "const", Pick: "pick"}
+
+
 def _layout(graph: _Graph, roots: list[int]):
     """Return instances keyed by (kind, structure, clock), children first."""
     made: dict[tuple[str, int, int], int] = {}
     instances: list[Instance] = []
-    parents, names, runs = [-1, -1], ["params", "root"], ["", ""]
-    seeds: list[int | None] = [None, None]
-    clocks: dict[Any, tuple[int, int]] = {}  # and the node that opens each
+    clocks = _Clocks([-1, -1], ["params", "root"], ["", ""], [None, None], {})
     todo = [("block", n, ROOT) for n in reversed(roots)]
     while todo:
         key = todo[-1]
@@ -307,49 +325,20 @@ def _layout(graph: _Graph, roots: list[int]):
         b, kids = graph.nodes[n]
         child = -1
         if isinstance(b, Subsystem):
-            run, seed = (b.run, b.seed) if isinstance(b, Segment) else ("", None)
-            which = (run or n, clock)  # segments of one time and seed run together
-            if which not in clocks:
-                clocks[which] = len(parents), n
-                names.append(f"{'segment' if run else 'enabled'} {len(parents) - ROOT}")
-                runs.append(runs[clock] + run)
-                seeds.append(seeds[clock] if seed is None else seed)
-                parents.append(clock)
-            child, opener = clocks[which]
-            need = (
-                [("block", kids[1], clock)]
-                if kind == "open"
-                else [("open", opener, clock), ("block", kids[0], child)]
-            )
+            child, opener = clocks.below(clock, b, n)
+            need = [("open", opener, clock), ("block", kids[0], child)]
+            if kind == "open":
+                need = [("block", kids[1], clock)]
         else:
             need = [("block", k, clock) for k in kids]
         need = [(k, m, _home(graph.nodes[m].block, c)) for k, m, c in need]
         missing = [q for q in need if q not in made]
+        closes = kind == "block" and isinstance(b, Subsystem)
         if missing:
-            todo += reversed(
-                missing[:1] if kind == "block" and isinstance(b, Subsystem) else missing
-            )
+            todo += reversed(missing[:1] if closes else missing)
             continue
         args = tuple(made[q] for q in need)
-        kind = (
-            "input"
-            if isinstance(b, Input)
-            else (
-                "const"
-                if isinstance(b, Const)
-                else (
-                    "open"
-                    if kind == "open"
-                    else (
-                        "close"
-                        if isinstance(b, Subsystem)
-                        else "pick"
-                        if isinstance(b, Pick)
-                        else "block"
-                    )
-                )
-            )
-        )
+        kind = "close" if closes else _KINDS.get(type(b), kind)
         autonomous = (
             b.begins_early
             and not isinstance(b, Guard)
@@ -361,12 +350,14 @@ def _layout(graph: _Graph, roots: list[int]):
     for q in instances:  # a gate with a loop behind it begins with that, at sample 0
         if q.kind == "close" and not q.autonomous:
             instances[q.args[0]] = instances[q.args[0]]._replace(autonomous=False)
-    return made, instances, (parents, names, runs, seeds)
+    return made, instances, clocks
 
 
 def _home(b: Block, clock: int) -> int:
     """Return the clock of a node: parameters, constants and inputs have their own."""
-    return PARAMS if isinstance(b, (Param, Const)) else ROOT if isinstance(b, Input) else clock
+    if isinstance(b, (Param, Const)):
+        return PARAMS
+    return ROOT if isinstance(b, Input) else clock
 
 
 def _check_names(objects: list[Block]) -> None:
@@ -446,7 +437,7 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
 
 
 def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
-    """Raise where the memory on a noise's path does not fit into the lead.
+    """Raise if the memory on a noise's path exceeds the lead.
 
     The noise would start with a transient.
     """
@@ -500,6 +491,8 @@ def first_states(
 
 def rate(fs: Any) -> float:
     """Return a sample rate in Hz; raise BadValue unless it is finite and above 0."""
+    if fs is None:
+        raise BadValue("fs is missing: give the sample rate in Hz, such as fs=8000")
     fs = number(fs, "fs")
     if not (math.isfinite(fs) and fs > 0):
         raise BadValue(f"fs = {fs} Hz: the sample rate must be a finite number above 0")
@@ -519,7 +512,7 @@ def number(v: Any, what: str) -> float:
 
 
 def warn_beyond(program: Program, fs: float, frames: int) -> None:
-    """Warn where a run is longer than the horizon up to which a block is accurate."""
+    """Warn if a run is longer than the horizon of an accurate block."""
     for q in program.instances:
         horizon = getattr(q.block, "horizon", None)
         if horizon is not None and frames / fs > horizon:

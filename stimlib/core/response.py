@@ -133,36 +133,18 @@ def response(
         if i not in on_the_way:
             on_the_way.add(i)
             goal += program.instances[i].args
-    for i, q in enumerate(program.instances):
-        if i == start or i not in on_the_way:
-            continue
-        b = q.block
-        if isinstance(b, Const):
-            value[i] = b.value
-        elif isinstance(b, Param):
-            value[i] = params[b.name]
-        elif (
-            isinstance(b, Map)
-            and not b.outputs
-            and type(b).step is not None
-            and q.args
-            and all(a in value for a in q.args)
-        ):
-            # numpy's numbers: a division by 0 is inf
-            p, s = (unpack(t, pack(t)) for t in design[i])
-            with np.errstate(all="ignore"):
-                value[i] = float(type(b).step(p, s, *(np.float64(value[a]) for a in q.args))[0])  # type: ignore[misc]
-        elif any(a in H for a in q.args):
+    for i in sorted(on_the_way - {start}):
+        b, args = program.instances[i].block, program.instances[i].args
+        parts, numbers = [H.get(a) for a in args], [value.get(a) for a in args]
+        number = _value(b, design[i], params, numbers)
+        if number is not None:
+            value[i] = number
+        elif isinstance(b, Pick) and args[0] in H:
+            H[i] = H[args[0]][b.place]
+        elif any(a in H for a in args):
+            where = f"{b!r} on the way from {source!r} to {output!r}"
             if isinstance(b, Subsystem):
-                raise SceneError(
-                    f"{b!r} on the way from {source!r} to {output!r} runs on its own clock: it has"
-                    " no response"
-                )
-            if isinstance(b, Pick):
-                H[i] = H[q.args[0]][b.place]
-                continue
-            parts = [H.get(a) for a in q.args]
-            numbers = [value.get(a) for a in q.args]
+                raise SceneError(f"{where} runs on its own clock: it has no response")
             if isinstance(b, Cycle):
                 after = _around(b, b.parts(*design[i]), fs, z, parts, numbers)
             else:
@@ -170,12 +152,26 @@ def response(
             if after is None and steepest:
                 after = b.steepest(fs, z, parts, numbers)
             if after is None:
-                raise SceneError(
-                    f"{b!r} on the way from {source!r} to {output!r} is not linear and"
-                    " time-invariant"
-                )
+                raise SceneError(f"{where} is not linear and time-invariant")
             H[i] = after
     return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))
+
+
+def _value(
+    b: Block, design: tuple[Any, Any], params: dict[str, float], signals: list[float | None]
+) -> float | None:
+    """Return the output of a block of constant signals, or None."""
+    if isinstance(b, Const):
+        return b.value
+    if isinstance(b, Param):
+        return params[b.name]
+    step = type(b).step if isinstance(b, Map) and not b.outputs else None
+    if step is None or not signals or None in signals:
+        return None
+    # numpy's numbers: a division by 0 is inf
+    p, s = (unpack(t, pack(t)) for t in design)
+    with np.errstate(all="ignore"):
+        return float(step(p, s, *map(np.float64, signals))[0])
 
 
 def _around(

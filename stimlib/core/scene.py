@@ -86,7 +86,7 @@ class Scene:
 
     @property
     def program(self) -> Program:
-        """What ``lower`` makes of the outputs, made once."""
+        """The lowered program of the outputs, made once."""
         known = [(name, id(b)) for name, b in self.outputs.items()]
         if self._lowered is None or self._lowered[0] != known:
             self._lowered = known, lower(self.outputs)
@@ -94,7 +94,7 @@ class Scene:
 
     @property
     def inputs(self) -> dict[str, Input]:
-        """By name, in the order of first use."""
+        """Inputs by name, in the order of first use."""
         return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Input)}
 
     @property
@@ -212,57 +212,36 @@ class Scene:
             raise SceneError(
                 "combine needs scenes by name, such as Scene.combine(edge=wall(), screen=bumps())"
             )
-        if share is not None and not isinstance(share, Mapping):
-            raise SceneError(
-                f"share = {share!r:.80} must map new names to names, such as {{'x': ('edge_x',"
-                " 'screen_x')}"
-            )
-        one: dict[str, str] = {}
-        for joint, names in (share or {}).items():
-            if isinstance(names, str) or not isinstance(names, Sequence):
-                raise SceneError(
-                    f"share: {joint!r} is {names!r:.80}, and not names; give a tuple, such as"
-                    " ('edge_x', 'screen_x')"
-                )
-            for name in names:
-                if one.setdefault(name, joint) != joint:
-                    raise SceneError(
-                        f"share: {name!r} would be {one[name]!r} and {joint!r}; name it once"
-                    )
+        one = _joined({} if share is None else share)
         outputs: dict[str, Block] = {}
         laws: list[Part] = []
-        seen: dict[str, tuple[str, Block]] = {}
+        seen: dict[str, tuple[str, Any]] = {}
         for prefix, scene in parts.items():
             check_name("part", prefix, SceneError)
-            named = {
-                name: f"{prefix}_{name}"
-                for name in {**scene.inputs, **scene.params, **scene.outputs}
-            }
-            new = {
-                name: one.pop(named[name], named[name]) for name in {**scene.inputs, **scene.params}
-            }
-            for name, b in {**scene.inputs, **scene.params}.items():
+            new: dict[str, str] = {}
+            controls: dict[str, Any] = {**scene.inputs, **scene.params}
+            for name, b in controls.items():
+                own = f"{prefix}_{name}"
+                new[name] = one.pop(own, own)
                 other, known = seen.setdefault(new[name], (f"{name} of {prefix}", b))
-                if repr(dc.replace(known, name="x")) != repr(dc.replace(b, name="x")) or (  # type: ignore[type-var]
-                    known is not b and new[name] == named[name]
-                ):
+                same = repr(dc.replace(known, name="x")) == repr(dc.replace(b, name="x"))
+                if not same or (known is not b and new[name] == own):
                     raise SceneError(
                         f"{new[name]!r} would be {other}, {known!r}, and {name} of {prefix}, {b!r},"
                         " which are not the same; give one another name"
                     )
-            if twice := [named[name] for name in scene.outputs if named[name] in outputs]:
-                raise SceneError(
-                    f"two parts would have the output {twice[0]!r}; give {prefix} another name"
-                )
-            made = scene.renamed(
-                {n: new[n] for n in scene.params},
-                {n: new[n] for n in scene.inputs},
-                {n: named[n] for n in scene.outputs},
-            )
+            ends = {name: f"{prefix}_{name}" for name in scene.outputs}
+            for name in ends.values():
+                if name in outputs:
+                    raise SceneError(
+                        f"two parts would have the output {name!r}; give {prefix} another name"
+                    )
+            params = {name: new[name] for name in scene.params}
+            inputs = {name: new[name] for name in scene.inputs}
+            made = scene.renamed(params, inputs, ends)
             outputs |= made.outputs
-            laws += [
-                dc.replace(p, name="_".join(filter(None, (prefix, p.name)))) for p in made.parts
-            ]
+            for p in made.parts:
+                laws.append(dc.replace(p, name=f"{prefix}_{p.name}" if p.name else prefix))
         if one:
             raise UnknownName(
                 f"share: no part has {next(iter(one))!r}; there are {', '.join(seen)}"
@@ -361,50 +340,13 @@ class Scene:
             )
         above("blocks")  # registers ours
 
-        made: list[Block] = []
-
-        def ref(v: Any, what: str) -> Block:
-            if not isinstance(v, int) or isinstance(v, bool) or not 0 <= v < len(made):
-                raise SceneFileError(
-                    f"{where}: {what} refers to {v!r:.40}, which is not an earlier block"
-                )
-            return made[v]
-
         entries, outputs = data.get("blocks"), data.get("outputs")
         if not isinstance(entries, list) or not isinstance(outputs, dict):
             raise SceneFileError(f"{where}: needs a list of blocks and a table of outputs")
         limits.check("scene_blocks", len(entries), f"{where}: blocks", SceneFileError)
-        for i, entry in enumerate(entries):
-            if (
-                not isinstance(entry, dict)
-                or not isinstance(entry.get("class"), str)
-                or not isinstance(entry.get("fields"), dict)
-            ):
-                raise SceneFileError(f"{where}: block {i} must have a class and fields")
-            name = entry["class"]
-            if name not in registry:
-                hint = _remedy(name.rpartition(".")[0]) if "." in name else "update stimlib"
-                raise SceneFileError(
-                    f"{where}: block {i} is a {name!r}, which is not known here: {hint}"
-                )
-            kind = registry[name]
-            fields = dict(entry["fields"])
-            known = {f.name for f in dc.fields(kind)}  # type: ignore[arg-type]
-            if set(fields) != known:
-                wrong = ", ".join(sorted(set(fields) ^ known))
-                raise SceneFileError(
-                    f"{where}: block {i} ({name}): fields {wrong} are missing or not known"
-                )
-            for s in signals(kind):
-                fields[s] = ref(fields[s], f"block {i} ({name}).{s}")
-            try:
-                made.append(kind(**fields))
-            except StimlibError as e:
-                raise SceneFileError(f"{where}: block {i} ({name}): {e}") from e
-            except (TypeError, ValueError, AttributeError) as e:
-                raise SceneFileError(
-                    f"{where}: block {i} ({name}) has a field of a wrong kind: {e}"
-                ) from e
+        made: list[Block] = []
+        for entry in entries:
+            made.append(_block_of(entry, made, where))
         law = data.get("law")
         if isinstance(law, list):
             law = [Part.from_dict(part, where) for part in law]
@@ -412,7 +354,8 @@ class Scene:
             law = [Part(law)]  # which another version may know
         elif law is not None:
             raise SceneFileError(f"{where}: law must be a name, or a list of laws")
-        return cls({n: ref(v, f"output {n!r}") for n, v in outputs.items()}, law)
+        ends = {n: _earlier(made, v, f"{where}: output {n!r}") for n, v in outputs.items()}
+        return cls(ends, law)
 
     @property
     def hash(self) -> str:
@@ -421,7 +364,7 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write the scene as JSON; the file appears whole or not at all.
+        """Write the scene as JSON, atomically.
 
         Parameters
         ----------
@@ -474,6 +417,57 @@ def load(path: str | os.PathLike) -> Scene:
     except (ValueError, RecursionError) as e:
         raise SceneFileError(f"{path}: not JSON ({e})") from e
     return Scene.from_dict(data, str(path))
+
+
+def _joined(share: Mapping[str, Any]) -> dict[str, str]:
+    """Return the new name of each input or parameter that is shared."""
+    if not isinstance(share, Mapping):
+        raise SceneError(
+            f"share = {share!r:.80} must map new names to names, such as {{'x': ('edge_x',"
+            " 'screen_x')}"
+        )
+    one: dict[str, str] = {}
+    for joint, names in share.items():
+        if isinstance(names, str) or not isinstance(names, Sequence):
+            raise SceneError(
+                f"share: {joint!r} is {names!r:.80}, and not names; give a tuple, such as"
+                " ('edge_x', 'screen_x')"
+            )
+        for name in names:
+            if one.setdefault(name, joint) != joint:
+                raise SceneError(
+                    f"share: {name!r} would be {one[name]!r} and {joint!r}; name it once"
+                )
+    return one
+
+
+def _block_of(entry: Any, made: list[Block], where: str) -> Block:
+    """Return the block of an entry of a file, which comes after those made."""
+    where = f"{where}: block {len(made)}"
+    name, given = (entry.get(k) for k in ("class", "fields")) if isinstance(entry, dict) else (0, 0)
+    if not isinstance(name, str) or not isinstance(given, dict):
+        raise SceneFileError(f"{where} must have a class and fields")
+    if name not in registry:
+        hint = _remedy(name.rpartition(".")[0]) if "." in name else "update stimlib"
+        raise SceneFileError(f"{where} is a {name!r}, which is not known here: {hint}")
+    kind, where = registry[name], f"{where} ({name})"
+    known = {f.name for f in dc.fields(kind)}  # type: ignore[arg-type]
+    if wrong := ", ".join(sorted(set(given) ^ known)):
+        raise SceneFileError(f"{where}: fields {wrong} are missing or not known")
+    inputs = {s: _earlier(made, given[s], f"{where}.{s}") for s in signals(kind)}
+    try:
+        return kind(**given | inputs)
+    except StimlibError as e:
+        raise SceneFileError(f"{where}: {e}") from e
+    except (TypeError, ValueError, AttributeError) as e:
+        raise SceneFileError(f"{where} has a field of a wrong kind: {e}") from e
+
+
+def _earlier(made: list[Block], number: Any, what: str) -> Block:
+    """Return the block of this number, which a file must name after it."""
+    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(made):
+        raise SceneFileError(f"{what} refers to {number!r:.40}, which is not an earlier block")
+    return made[number]
 
 
 def _remedy(module: str) -> str:

@@ -1,4 +1,4 @@
-"""The text that a class or a function was defined by."""
+"""The source text of a class or a function."""
 
 from __future__ import annotations
 

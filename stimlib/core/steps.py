@@ -177,7 +177,7 @@ def _used(code: types.CodeType) -> tuple[str, ...]:
 
 
 def meaning(f: Any) -> tuple[Any, ...]:
-    """Return what the names in a function and its helpers stand for now.
+    """Return the current values of the names in a function and its helpers.
 
     A notebook may run their cells again, and not its own.
     """
@@ -352,7 +352,7 @@ _RULES: dict[type, Callable[[Any, dict[str, Any]], Faults]] = {
 
 # A whole block ------------------------------------------------------------------------
 def check_design(cls: Any, made: Any) -> None:
-    """Raise SceneError unless every target can keep what ``design`` gave.
+    """Raise SceneError unless every target supports the result of ``design``.
 
     Parameters and state must fit into flat memory.
     """
@@ -385,7 +385,7 @@ def check_design(cls: Any, made: Any) -> None:
 
 
 def designed(block: Block, fs: float) -> tuple[Any, Any]:
-    """Return what the ``design`` of a block gives.
+    """Return the result of a block's ``design``.
 
     SceneError, with file and line, where its author has erred.
 
@@ -424,13 +424,13 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
 
 
 def ours(cls: type) -> bool:
-    """Return whether a class is the library's."""
+    """Return whether a class belongs to the library."""
     return cls.__module__.partition(".")[0] == "stimlib"
 
 
 @cache
 def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: type) -> None:
-    """Raise SceneError, with file and line, where a step does not fit its class.
+    """Check that a block's step fits its class; SceneError tells file and line.
 
     It must also fit what ``design`` returns.
 

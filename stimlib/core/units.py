@@ -35,20 +35,22 @@ _SHOWN = (
 _BASE = ("kilogram", "meter", "second", "ampere")
 # powers of these: products of these names need no pint, which takes longer to load than
 # the rest of a start
-_SI = {
-    "kg": (1, 0, 0, 0),
-    "m": (0, 1, 0, 0),
-    "s": (0, 0, 1, 0),
-    "A": (0, 0, 0, 1),
-    "N": (1, 1, -2, 0),
-    "Pa": (1, -1, -2, 0),
-    "J": (1, 2, -2, 0),
-    "W": (1, 2, -3, 0),
-    "V": (1, 2, -3, -1),
-    "Hz": (0, 0, -1, 0),
-    "rad": (0, 0, 0, 0),
-    "1": (0, 0, 0, 0),
-}
+_POWERS = """
+    kg   1  0  0  0
+    m    0  1  0  0
+    s    0  0  1  0
+    A    0  0  0  1
+    N    1  1 -2  0
+    Pa   1 -1 -2  0
+    J    1  2 -2  0
+    W    1  2 -3  0
+    V    1  2 -3 -1
+    Hz   0  0 -1  0
+    rad  0  0  0  0
+    1    0  0  0  0
+"""
+_ROWS = map(str.split, _POWERS.strip().splitlines())
+_SI = {name: tuple(map(int, powers)) for name, *powers in _ROWS}
 _FACTOR = re.compile(rf"([*/])({'|'.join(_SI)})(?:\*\*([1-9]))?(?![\w.]|\*\*)")
 
 
@@ -178,20 +180,7 @@ def _parsed(text: str) -> Unit:
             f"unit {text!r}: {level[1]} is a logarithm of a ratio; give the ratio, 10**(dB/20),"
             " without unit"
         )
-    try:
-        base = _registry().Quantity(1.0, text).to_base_units()
-        factor = float(base.magnitude)
-        powers = tuple(
-            sorted((str(name), float(p)) for name, p in base.unit_items() if str(name) != "radian")
-        )
-    # pint computes the text as a formula: any error may come, a division by 0 too
-    except Exception as e:
-        powers_written = re.sub(r"(?<=[A-Za-z])(?=\d)", "**", text)
-        hint = f"write {powers_written!r}, or " if powers_written != text else ""
-        raise UnitError(
-            f"unknown unit {text!r}: {hint}use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m'"
-            f" ({e})"
-        ) from None
+    factor, powers = in_base_units(text)
     if not math.isfinite(factor) or any(not math.isfinite(p) for _, p in powers):
         raise UnitError(f"unit {text!r} is not a finite product of SI names")
     if abs(factor - 1.0) > 1e-12:
@@ -206,3 +195,20 @@ def _parsed(text: str) -> Unit:
             f" prefixes; use {str(plain)!r} and multiply your numbers by {factor:g}"
         )
     return Unit(powers)
+
+
+def in_base_units(text: str) -> tuple[float, tuple[tuple[str, float], ...]]:
+    """Return the factor to base units of what pint reads, and their powers."""
+    try:
+        base = _registry().Quantity(1.0, text).to_base_units()
+        powers = {str(name): float(p) for name, p in base.unit_items()}
+        powers.pop("radian", None)
+        return float(base.magnitude), tuple(sorted(powers.items()))
+    # pint computes the text as a formula: any error may come, a division by 0 too
+    except Exception as e:
+        powers_written = re.sub(r"(?<=[A-Za-z])(?=\d)", "**", text)
+        hint = f"write {powers_written!r}, or " if powers_written != text else ""
+        raise UnitError(
+            f"unknown unit {text!r}: {hint}use SI names such as 'm', 's', 'N', 'V', 'A', 'N/m'"
+            f" ({e})"
+        ) from None

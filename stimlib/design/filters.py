@@ -29,7 +29,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @contextmanager
 def asked_by(name: str) -> Iterator[None]:
-    """Let errors begin with a name that the user knows.
+    """Let errors begin with the name of the public function.
 
     Otherwise they would name a function of this file.
     """
@@ -460,7 +460,7 @@ def butterworth(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.
 
 
 def chebyshev1(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """Return 1/sqrt(1 + e^2 T_n(x)^2)."""
+    """Return the Chebyshev type I magnitude, 1/sqrt(1 + (ripple T(w))^2)."""
     t = np.cos(n * np.arccos(x + 0j)).real
     return 1 / np.sqrt(1 + squared(ripple) * t * t)
 
@@ -583,7 +583,7 @@ def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
     array([1.])
     """
     try:
-        return Sections(*np.array([_section(n, d) for n, d in rows], np.float64).T.copy())
+        return Sections(*np.array([_section(*row) for row in rows], np.float64).T.copy())
     except ARITHMETIC:
         raise BadValue(
             "a filter's numbers are beyond what a float can hold; take a higher frequency, or"
@@ -592,12 +592,10 @@ def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
 
 
 def _section(n: Quadratic, d: Quadratic) -> tuple[Fraction, ...]:
-    (n2, n1, n0), (d1, d0) = (v / d[0] for v in n), (v / d[0] for v in d[1:])
+    n2, n1, n0, d1, d0 = (v / d[0] for v in (*n, *d[1:]))
     g, D = Fraction(math.sqrt(d0)), 1 + d1 + d0  # any g near the root will do: it scales s1
-    return (
-        *(2 * g / D, 2 * (d0 + d1) / D, 2 * d0 / (g * D), 2 * d0 / D),
-        *((n2 + n1 + n0) / D, (n1 + n0 - n2 * (d1 + d0)) / (g * D), n0 / d0),
-    )
+    bottom = 2 * g / D, 2 * (d0 + d1) / D, 2 * d0 / (g * D), 2 * d0 / D
+    return *bottom, (n2 + n1 + n0) / D, (n1 + n0 - n2 * (d1 + d0)) / (g * D), n0 / d0
 
 
 def designed(
@@ -734,7 +732,7 @@ PIECE = 2**18  # products at once: they stay in the cache, and an interrupt acts
 def resampled(
     x: np.ndarray, rate: float, fs: float, below: float = math.inf, name: str = "resampled"
 ) -> np.ndarray:
-    """Return x, recorded at a rate, at another one, by a sinc in Kaiser's window.
+    """Return a recording at another sample rate, by a sinc in Kaiser's window.
 
     It passes 0.45 of the lowest rate within 1e-5.  Outside, x counts as 0.  Where the
     rate stays, so do the samples.

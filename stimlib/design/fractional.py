@@ -229,7 +229,7 @@ def _step(room: float) -> float:
 
 
 def aliasing(alpha: float, delta: float) -> float:
-    """Return the relative error that the step delta makes in all weights.
+    """Return the relative error that the step delta causes in all weights.
 
     It is 2 |Gamma(alpha + 2 pi i/delta)|/Gamma(alpha).
     """
@@ -443,7 +443,7 @@ class LiveOrders(NamedTuple):
 
 
 def live(r: Rates, scheme: str) -> LiveOrders:
-    """Return what a live order needs; see ``LiveOrders``.
+    """Return the parameters of a live order; see ``LiveOrders``.
 
     Parameters
     ----------
@@ -476,12 +476,9 @@ def live(r: Rates, scheme: str) -> LiveOrders:
         rows.append([*(v / rest for v in _lump(r, scheme, alpha)), w.taps[0], *(w.taps[1:] / rest)])
     values = np.array(rows)
     basis[0] /= 2
-    return LiveOrders(
-        np.concatenate([np.exp(-DIRECT * r.s0 * x), a]),
-        np.array([h for h, _ in logs]),
-        np.array([v for _, v in logs]),
-        (basis @ values).T.ravel().copy(),
-    )
+    longs, shorts = np.array(logs).T.copy()
+    nodes = np.concatenate([np.exp(-DIRECT * r.s0 * x), a])
+    return LiveOrders(nodes, longs, shorts, (basis @ values).T.ravel().copy())
 
 
 def two_words(v: float) -> tuple[float, float]:

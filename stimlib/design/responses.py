@@ -1,4 +1,4 @@
-"""The frequency responses that linear blocks stand for, written from the papers.
+"""The reference frequency responses of linear blocks, written from the papers.
 
 Nothing of a block's design or step is used.
 
@@ -33,7 +33,7 @@ class Law(NamedTuple):
     shapes: bool = False  # whether it is what the block makes of the spectrum of a noise
 
     def error(self, H: Callable[[np.ndarray], np.ndarray], fs: float) -> float:
-        """Return how far a response is from the law.
+        """Return the error of a response relative to its reference law.
 
         The response is a function of frequencies in Hz.
         """
@@ -75,13 +75,13 @@ def _size(H: np.ndarray, f: np.ndarray, fs: float) -> np.ndarray:
 
 
 def largest(h: np.ndarray) -> np.ndarray:
-    """Return its largest value, as the size of all."""
+    """Return the largest value, as the scale of all."""
     return np.full(h.shape, np.abs(h).max())
 
 
 # Noise --------------------------------------------------------------------------------
 def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
-    """Return white noise of unit variance, one-sided PSD 2/fs, becomes psd_1hz/f."""
+    """Return the filter that turns white noise of unit variance into PSD psd_1hz/f."""
     text = f"S(f) = {psd_1hz:.4g}/f within {tol_db:g} dB"
     top = band(f_low, lambda fs: 0.45 * fs)
     return Law(
@@ -124,7 +124,7 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
 
 
 def stop_band(passband: float, stopband: float, tol: float) -> Law:
-    """Return nothing from the stop edge on, against the response at the pass edge."""
+    """Return 0 from the stop edge on, relative to the response at the pass edge."""
 
     def edge(f, fs):
         return np.full(f.shape, 2 * np.pi * passband)
@@ -189,7 +189,7 @@ def biquads(rows: np.ndarray) -> Law:
 
 
 def resonance(freq: float, q: float, notched: bool = False) -> Law:
-    """Return the response of a resonator, or of a notch: what is left to 1.
+    """Return the response of a resonator, or 1 minus it for a notch.
 
     1/(1 + i (cos w0 - cos w)/(sin w tan(W/2))), w0 = 2 pi freq/fs, W = w0/q.
 

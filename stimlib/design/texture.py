@@ -39,7 +39,7 @@ SIZES = {  # what a model may have, in the units that files have
 
 @dc.dataclass(frozen=True, eq=False)
 class TextureModel:
-    """A measured texture: n models over speed and normal force, joined by triangles.
+    """ARMA models at points of speed and force, interpolated over a triangulation.
 
     At model i the acceleration is y = v + sum_k b_k v[-k] - sum_k a_k y[-k] at
     ``rate``, v normal with the deviation gain sqrt(variance).  Between models, line
@@ -258,11 +258,9 @@ class TextureModel:
 
     def __repr__(self):
         order = f"({self.lsf.shape[1]}, {self.ma.shape[1]})"
-        return (
-            f"TextureModel({self.name or 'no name'}: {len(self.speed)} models of order {order},"
-            f" {len(self.triangles)} triangles, to {self.speed.max():g} m/s and"
-            f" {self.force.max():g} N, at {self.rate:g} Hz)"
-        )
+        models = f"{len(self.speed)} models of order {order}, {len(self.triangles)} triangles"
+        most = f"{self.speed.max():g} m/s and {self.force.max():g} N"
+        return f"TextureModel({self.name or 'no name'}: {models}, to {most}, at {self.rate:g} Hz)"
 
 
 def _numbers(name: str, v: object, dimensions: int) -> np.ndarray:
@@ -394,7 +392,7 @@ def made_up(
     forces: ArrayLike = (0.0, 0.3, 1.0, 2.5),
     rate: float = 1000.0,
 ) -> TextureModel:
-    """Make an invented texture for tests, examples and the scene.
+    """Make an invented texture model, for tests, examples and the scene.
 
     No surface was measured.
 
@@ -616,17 +614,16 @@ def _model(r: _Reader) -> TextureModel:
     number = {
         field: np.array([row[0] for row in found[field] if row]) for field in NUMBERS.values()
     }
+    number["speed"] = number["speed"] / 1e3
+    whole = r.whole
     return TextureModel(
-        number["speed"] / 1e3,
-        number["force"],
-        np.reshape(r.triangles, (-1, 3)) - 1,
-        np.array(found["lsf"]),
-        np.array(found["ma"]),
-        number["variance"],
-        number["gain"],
-        r.whole["SampleRate"],
-        r.whole.get("material", ""),
-        r.whole.get("mu", 0.0),
+        triangles=np.reshape(r.triangles, (-1, 3)) - 1,
+        lsf=np.array(found["lsf"]),
+        ma=np.array(found["ma"]),
+        rate=whole["SampleRate"],
+        name=whole.get("material", ""),
+        mu=whole.get("mu", 0.0),
+        **number,
     )
 
 

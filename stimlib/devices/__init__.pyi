@@ -1,18 +1,45 @@
-from .available import Device as Device
-from .available import Kind as Kind
-from .available import devices as devices
-from .available import make as make
-from .available import option as option
+from .available import (
+    Device as Device,
+    Kind as Kind,
+    devices as devices,
+    first_ready as first_ready,
+    make as make,
+    option as option,
+)
+from .calibration import (
+    Calibration as Calibration,
+    calibrate as calibrate,
+    load_calibration as load_calibration,
+)
+from .control import ControlLoop as ControlLoop
 from .jack import JackSink as JackSink
-from .loopback_test import Loopback as Loopback
-from .loopback_test import loopback as loopback
+from .loopback_test import Loopback as Loopback, loopback as loopback
+from .markers import Marker as Marker
+from .nidaq import NidaqSink as NidaqSink
 from .null import NullSink as NullSink
+from .playing import play as play
 from .portaudio import PortAudioSink as PortAudioSink
 from .resonance import record_sweep as record_sweep
 from .session import SessionReport as SessionReport
 from .sink import Sink as Sink
-from .sources import Live as Live
-from .sources import Recorded as Recorded
-from .sources import Scripted as Scripted
-from .sources import Signal as Signal
-from .sources import Signals as Signals
+from .sources import (
+    Live as Live,
+    Recorded as Recorded,
+    Scripted as Scripted,
+    Signal as Signal,
+    Signals as Signals,
+    Stream as Stream,
+)
+from .transports import (
+    lsl_markers as lsl_markers,
+    lsl_motion as lsl_motion,
+    lsl_streams as lsl_streams,
+    osc_markers as osc_markers,
+    osc_motion as osc_motion,
+    receiver as receiver,
+    sender as sender,
+    serial_markers as serial_markers,
+    serial_motion as serial_motion,
+    udp_markers as udp_markers,
+    udp_motion as udp_motion,
+)

@@ -1,4 +1,4 @@
-"""What a scene can be played on here, and what is missing for the rest."""
+"""The sinks on which a scene can be played, and what is missing for the rest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import BadValue, SinkError, public
 
 @dataclass(frozen=True)
 class Device:
-    """A sink and what it finds here.
+    """A sink and the devices that it finds on this machine.
 
     Attributes
     ----------
@@ -23,12 +23,15 @@ class Device:
         The device, or why there is none.
     how : str
         How to play on it, or how to get it.
+    fs : float, optional
+        Its sample rate in Hz, where it has one of its own.
     """
 
     sink: str
     ready: bool
     what: str
     how: str
+    fs: float | None = None
 
 
 @public
@@ -44,8 +47,8 @@ def devices(server: str | None = None) -> list[Device]:
     --------
     >>> from stimlib.devices import devices
     >>> devices("none_of_this_name")[0]
-    Device(sink='null', ready=True, what='no device, at the pace of the clock',
-           how='--sink null')
+    Device(sink='null', ready=True, what='no device: nothing is heard or felt',
+           how='--sink null', fs=None)
     """
     found = []
     for name, kind in SINKS.items():
@@ -55,6 +58,27 @@ def devices(server: str | None = None) -> list[Device]:
             what, _, how = str(e).rpartition(": ")
             found.append(Device(name, False, what, how))
     return found
+
+
+@public
+def first_ready(server: str | None = None) -> Device:
+    """Return the device on which ``stimlib play`` plays by default.
+
+    It is the first that is ready, of JACK and then PortAudio; without any, no device.
+
+    Parameters
+    ----------
+    server : str, optional
+        Name of the JACK server, "default" by default.
+
+    Examples
+    --------
+    >>> from stimlib.devices import first_ready
+    >>> first_ready("none_of_this_name").ready
+    True
+    """
+    none, *others = devices(server)
+    return next((d for d in others if d.ready), none)
 
 
 def option(sink: str, name: str, value: Any) -> dict[str, Any]:
@@ -81,7 +105,7 @@ def option(sink: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def make(sink: str, scene: Any, safety: Any, **options: Any) -> Any:
-    """Return a sink of this name in ``SINKS``, of a scene and its safety.
+    """Return the sink with this name in ``SINKS``, for a scene and its safety stage.
 
     Examples
     --------
@@ -94,7 +118,8 @@ def make(sink: str, scene: Any, safety: Any, **options: Any) -> Any:
     return getattr(import_module(module), name)(scene, safety, **options)
 
 
-Found = list[tuple[bool, str, str]]  # whether it is ready, what there is, how to play on it
+# whether it is ready, what there is, how to play on it, and its sample rate
+Found = list[tuple[bool, str, str, float | None]]
 
 
 def _on_jack(server: str | None) -> Found:
@@ -107,7 +132,7 @@ def _on_jack(server: str | None) -> Found:
     except jack.JackError:
         name = f"server {server!r}" if server else "server"
         command = f"jackd -R{f' -n {server}' if server else ''} -d alsa -r 48000 -p 64"
-        return [(False, f"no {name} is running", f"start one, such as {command}")]
+        return [(False, f"no {name} is running", f"start one, such as {command}", None)]
     try:
         outs, ins = (
             len(
@@ -122,7 +147,8 @@ def _on_jack(server: str | None) -> Found:
             f" {ins} inputs"
         )
         named = f" --device {server}" if server else ""
-        return [(True, what, f"--sink jack --fs {client.samplerate}{named}")]
+        fs = client.samplerate
+        return [(True, what, f"--sink jack --fs {fs}{named}", fs)]
     finally:
         client.close()
 
@@ -139,9 +165,24 @@ def _on_portaudio(server: str | None) -> Found:
                 f"{d['name']!r} ({api}), {d['max_output_channels']} outputs,"
                 f" {d['max_input_channels']} inputs"
             )
-            found.append((True, what, f"--sink portaudio --device {d['index']} --fs {rate:g}"))
+            how = f"--sink portaudio --device {d['index']} --fs {rate:g}"
+            found.append((True, what, how, rate))
     how = "connect a sound card, or start a JACK or PulseAudio server"
-    return found or [(False, "PortAudio finds no output", how)]
+    return found or [(False, "PortAudio finds no output", how, None)]
+
+
+def _on_nidaq(server: str | None) -> Found:
+    from .nidaq import _nidaqmx
+
+    system = import_module(f"{_nidaqmx().__name__}.system")
+    try:
+        found: Found = [
+            (True, f"{d.name} ({d.product_type})", f"--sink nidaq --device {d.name}/ao0", None)
+            for d in system.System.local().devices
+        ]
+    except Exception as e:
+        return [(False, f"NI-DAQmx does not answer ({e})", "install the vendor's driver", None)]
+    return found or [(False, "NI-DAQmx finds no device", "connect one", None)]
 
 
 class Kind(NamedTuple):
@@ -156,7 +197,7 @@ class Kind(NamedTuple):
 SINKS: dict[str, Kind] = {
     "null": Kind(
         "stimlib.devices.null:NullSink",
-        lambda server: [(True, "no device, at the pace of the clock", "--sink null")],
+        lambda server: [(True, "no device: nothing is heard or felt", "--sink null", None)],
         {"fast": "clocked"},
     ),
     "jack": Kind(
@@ -170,5 +211,11 @@ SINKS: dict[str, Kind] = {
         _on_portaudio,
         {"device": "name", "fast": "clocked"},
         "PortAudio: name of the device, part of it, or its number.",
+    ),
+    "nidaq": Kind(
+        "stimlib.devices.nidaq:NidaqSink",
+        _on_nidaq,
+        {"device": "name"},
+        "NI-DAQ: its outputs, such as Dev1/ao0:1.",
     ),
 }

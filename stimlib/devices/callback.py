@@ -49,13 +49,16 @@ OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 6
 # PortAudio: frames per second (bits of a float); blocks that any device has asked for
 RATE, CALLS = range(80, 82)
 # frames outside of the samples: how many are left and were made, before and after;
-# their level; frames of the last block
-LEAD, TAIL, ROSE, FELL, LEVELS, MADE = range(82, 88)
+# their level; frames of the last block; ticks per second of Windows' clock
+LEAD, TAIL, ROSE, FELL, LEVELS, MADE, TICKS = range(82, 89)
+# outputs that mark: how many, which, their last values; a sample and the time of its
+# block, with a count of writes that is odd while they change
+MARKS, MARKED, MARK_LAST, TIMED_AT, TIMED_NS, TIMES = range(89, 95)
 WORDS = 96
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
-SET, LOSS, GONE, BACK, ENDING, GAP, RISE, FALL = range(8)  # events: at, kind, three numbers
+SET, LOSS, GONE, BACK, ENDING, GAP, RISE, FALL, MARK = range(9)  # events: at, kind, three numbers
 STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
 COMMANDS, SPARE, EVENTS, RECORD = 256, 256, 65536, 5  # spare: places for fades only
 CHUNK = 256  # samples of one call of the program
@@ -68,7 +71,7 @@ F4 = types.CPointer(f4)
 # memory and calls ---------------------------------------------------------------------
 @intrinsic
 def load(ctx, p, o):
-    """Return the word o, with everything that its writer wrote before it."""
+    """Return word o, ordered after all that its writer wrote before it."""
     return types.int64(p, types.int64), lambda c, b, s, v: b.load_atomic(
         b.gep(v[0], [v[1]]), "acquire", 8
     )
@@ -133,9 +136,18 @@ clock_gettime, get_buffer, frame_time, sleep_us = (
 @plain
 def now(c):
     """Return nanoseconds of the monotonic clock."""
-    t = i8_at(c[TIME])
+    t, ticks = i8_at(c[TIME]), c[TICKS]
+    if ticks > 0:  # Windows
+        frame_time(c[CLOCK], c[TIME], 0)
+        return load(t, 0) // ticks * 1000000000 + load(t, 0) % ticks * 1000000000 // ticks
     clock_gettime(c[CLOCK], c[CLOCK_ID], c[TIME])
     return load(t, 0) * 1000000000 + load(t, 1)
+
+
+@plain
+def sleep(c, us):
+    """Wait some microseconds, which on Windows are whole milliseconds."""
+    sleep_us(c[SLEEP], (us + 999) // 1000 if c[TICKS] > 0 else us, 0)
 
 
 # commands and events ------------------------------------------------------------------
@@ -153,7 +165,7 @@ def event(c, at_, kind, a, b, d):
 
 @plain
 def set_param(c, i, slot, value, ramp):
-    """Send a parameter to a value (its bits) in so many samples, from sample i on."""
+    """Ramp a parameter to a value (as bits) over so many samples, from sample i on."""
     q = at(i8_at(c[PENDING]), 4 * slot)
     q[2], q[3], q[0] = value, bits_of(float(ramp)), 1
     event(c, i, SET, slot, value, ramp)
@@ -161,13 +173,13 @@ def set_param(c, i, slot, value, ramp):
 
 @plain
 def set_gain(c, i, value):
-    """Send the gain to a value, from sample i on."""
+    """Ramp the gain to a value, from sample i on."""
     set_param(c, i, c[GAIN_SLOT], bits_of(value), c[FADE])
 
 
 @plain
 def commands(c, i):
-    """Apply at sample i what was asked for since the last block."""
+    """Apply at sample i the commands that were queued since the last block."""
     r, w = c[C_READ], load(c, C_WRITE)
     while r < w:
         q = at(i8_at(c[C_RING]), RECORD * (r % (COMMANDS + SPARE)))
@@ -238,7 +250,7 @@ def fill(c, i, m, done):
 
 @plain
 def judge(c, i, m, held):
-    """Fade the gain out when motion is late, and in again when it comes."""
+    """Fade the gain out when motion is late, and in again when it arrives."""
     before = c[RUN]
     c[RUN] = before + m if held >= m else held
     if c[STALE] == 0 and held >= m and before >= c[STALE_AFTER]:
@@ -255,7 +267,7 @@ def judge(c, i, m, held):
 
 @plain
 def room(c, m):
-    """Return 1 if the log's rings take m samples more."""
+    """Return 1 if the log's rings have room for m samples more."""
     full = (
         c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE]
         or c[F_STAGED] + m - load(c, F_READ) > c[L_SIZE]
@@ -340,7 +352,7 @@ def ramp(c, k, part):
 
 @plain
 def rise(c, n):
-    """Make frames before sample 0, from silence to its level, or after a stop.
+    """Write the frames that lead from silence to the first sample, or back.
 
     The result is how many of n were made.
     """
@@ -364,7 +376,7 @@ def rise(c, n):
 
 @plain
 def fall(c, done, n):
-    """Make frames done .. n - 1, from the last sample down to silence.
+    """Write frames done .. n - 1, from the last sample down to silence.
 
     The result is how many there are then.
     """
@@ -380,6 +392,27 @@ def fall(c, done, n):
     if c[TAIL] == 0:
         store(c, STATE, DONE)
     return done
+
+
+@plain
+def marked(c, i, m):
+    """Write an event where an output that marks rises to 0.5 or more."""
+    y, which, last = f8_at(c[Y]), i8_at(c[MARKED]), f8_at(c[MARK_LAST])
+    for j in range(c[MARKS]):
+        for k in range(m):
+            v = y[which[j] * m + k]
+            if v >= 0.5 and last[j] < 0.5:
+                event(c, i + k, MARK, j, bits_of(v), 0)
+            last[j] = v
+
+
+@plain
+def timed(c, i, ns):
+    """Record at what time the block of sample i began."""
+    store(c, TIMES, c[TIMES] + 1)
+    store(c, TIMED_AT, i)
+    store(c, TIMED_NS, ns)
+    store(c, TIMES, c[TIMES] + 1)
 
 
 @njit(error_model="numpy")
@@ -404,7 +437,7 @@ def advance(c, done, n, keep):
             m = min(m, c[FADE_AT] - i)
         waited = 0
         while waited < c[WAIT] and ready(c, i, m) == 0:
-            sleep_us(c[SLEEP], 100, 0)
+            sleep(c, 100)
             waited += 100
         log = c[LOG] != 0 and room(c, m) == 1
         if c[LOG] != 0 and not log:
@@ -415,6 +448,7 @@ def advance(c, done, n, keep):
         held = fill(c, i, m, done if keep else -1)
         judge(c, i, m, held)
         run(c[ENTRY], program, f8_at(c[X]), f8_at(c[Y]), m)
+        marked(c, i, m)
         for a in range(c[N_OUT]):
             f8_at(c[LEVELS])[a] = f8_at(c[Y])[a * m + m - 1]
         if keep:
@@ -451,6 +485,7 @@ def produce(c, n, lost):
         c[WAS] = RUNNING
         done = rise(c, n)
         if c[LEAD] == 0:
+            timed(c, program[15] - done, start)
             done = advance(c, done, n, 1)
         if program[15] >= c[END]:
             done = fall(c, done, n)
@@ -461,7 +496,7 @@ def produce(c, n, lost):
         for k in range(done, n):
             out[k * c[STRIDE]] = f4(0.0)
     if c[STALL] > 0:
-        sleep_us(c[SLEEP], c[STALL], 0)
+        sleep(c, c[STALL])
         c[STALL] = 0
     ns = now(c) - start
     if done > 0:
@@ -645,7 +680,7 @@ def from_python(*args, **options):
 
 @from_python(types.int64, types.int64, nogil=True)
 def block(c, n, lost):
-    """Return ``pump`` for callers in Python: the fallback, tests, warm-up."""
+    """Run one block of ``pump`` from Python: fallback, tests and warm-up."""
     pump(data(c), n, lost)
     return 0
 
@@ -666,7 +701,7 @@ def portaudio_from_python(c, source, out, n, dac, flags):
 
 @from_python(types.int64, types.float64, types.int64, nogil=True)
 def null(c_, n, fs, clocked):
-    """Run as a device that does not exist, until it is closed.
+    """Run as a simulated device, until it is closed.
 
     Blocks of n come in real time, or as fast as possible.
 
@@ -681,13 +716,13 @@ def null(c_, n, fs, clocked):
         if clocked:
             ns = start + types.int64(blocks * period) - now(c)
             if ns > 1000:
-                sleep_us(c[SLEEP], ns // 1000, 0)
+                sleep(c, ns // 1000)
             elif ns < -2.0 * period:
                 lost = types.int64(-ns / period)
                 blocks += lost
             blocks += 1
         elif load(c, STATE) != RUNNING:
-            sleep_us(c[SLEEP], 500, 0)
+            sleep(c, 500)
         pump(c, n, lost * n)
     return 0
 
@@ -695,7 +730,7 @@ def null(c_, n, fs, clocked):
 # the other ends of the rings ----------------------------------------------------------
 @from_python(types.int64, types.int64, types.int64, types.int64)
 def put_command(c_, kind, a, b, d):
-    """Return 0 when the ring is full."""
+    """Queue a command; return 0 if the ring buffer is full."""
     c = data(c_)
     w = c[C_WRITE]
     fade = kind == STOP or a == c[GAIN_SLOT]
@@ -736,7 +771,7 @@ def next_motion(c_):
 
 @plain
 def take(c, ring, width, size, read, write, out):
-    """Copy what a ring has had since the last call into rows of out (n, width).
+    """Copy what was added to a ring since the last call into rows of out (n, width).
 
     The result is how many rows.
     """

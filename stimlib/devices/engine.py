@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Sequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -15,10 +16,8 @@ import numpy as np
 
 from ..run.processor import Processor
 from ..run.safety import GAIN, Safety
-from .sources import Live, Recorded, Scripted, Signals, Source
-
-STALE = 0.05
-"""Seconds without motion after which the gain fades out."""
+from .process import libc
+from .sources import SILENT, Live, Recorded, Scripted, Signals, Source, Stream
 
 LOG_SECONDS = 4.0
 """What the log may be behind before samples are missing in it."""
@@ -54,6 +53,8 @@ class Pump:
         See ``stimlib.devices.sources``.
     log : bool
         Keep motion, frames for ``drain``; events are always kept.
+    markers : sequence of str
+        Outputs that mark: where one rises to 0.5 or more, there is an event.
     """
 
     def __init__(
@@ -63,18 +64,21 @@ class Pump:
         channels: Sequence[int],
         source: Source | None,
         log: bool = False,
+        markers: Sequence[str] = (),
     ):
         self.native = n = _native()
         self.proc, self.safety, self.channels = proc, safety, tuple(channels)
+        self.markers = tuple(markers)
         self.fade = safety.samples(proc.fs)
         self.slots = {name: j for j, name in enumerate(proc.program.params)}
         inputs, outputs = len(proc.inputs), len(proc.outputs)
         self.words = np.zeros(n.WORDS, np.int64)
         self.arrays: list[np.ndarray] = []
-        self._libc = ctypes.CDLL(None)
+        self._libc: Any = libc() or import_module("ctypes").WinDLL("kernel32")
 
         place = self.address_of
         entry, context = proc.address
+        held = isinstance(source, Stream) and source.silence == "hold"
         program = proc._engine.ctx  # see targets/numba/runtime.py
         ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * n.CHUNK)))
         rows = max(inputs, 1)
@@ -94,7 +98,7 @@ class Pump:
             FADE=self.fade,
             FADE_AT=FOREVER,
             END=FOREVER,
-            STALE_AFTER=round(STALE * proc.fs),
+            STALE_AFTER=FOREVER if held else round(SILENT * proc.fs),
             HOLD=place(np.zeros(rows)),
             C_RING=place(np.zeros(n.RECORD * (n.COMMANDS + n.SPARE), integers)),
             E_RING=place(np.zeros(n.RECORD * n.EVENTS, integers)),
@@ -104,15 +108,19 @@ class Pump:
             STRIDE=1,
             INS=place(np.zeros(rows, integers)),
             IN_STRIDE=1,
-            CLOCK=self._function("clock_gettime"),
-            CLOCK_ID=time.CLOCK_MONOTONIC,
+            CLOCK=self._function("clock_gettime", "QueryPerformanceCounter"),
+            CLOCK_ID=getattr(time, "CLOCK_MONOTONIC", 0),
+            TICKS=self._ticks(),
             TIME=place(np.zeros(2, integers)),
-            SLEEP=self._function("usleep"),
+            SLEEP=self._function("usleep", "Sleep"),
             HISTOGRAM=place(np.zeros(n.BINS, integers)),
             PORTS=place(np.zeros(len(self.channels), integers)),
             IN_PORTS=place(np.zeros(rows, integers)),
             TAIL=self.fade,
             LEVELS=place(np.zeros(outputs)),
+            MARKS=len(self.markers),
+            MARKED=place(np.array([proc.outputs.index(name) for name in self.markers], integers)),
+            MARK_LAST=place(np.zeros(len(self.markers))),
         )
         self.histogram = self.buffers("HISTOGRAM")
         if log:
@@ -153,21 +161,30 @@ class Pump:
         return a.ctypes.data
 
     def buffers(self, word: str) -> np.ndarray:
-        """Return the array whose address a word is.
+        """Return the array at the address that a word holds.
 
         OUTS, INS, PORTS or IN_PORTS: one address for each channel or input.
         """
         return next(a for a in self.arrays if a.ctypes.data == self.read(word))
 
-    def _function(self, name: str) -> int:
-        return int(ctypes.cast(getattr(self._libc, name), ctypes.c_void_p).value or 0)
+    def _function(self, *names: str) -> int:
+        """Return the address of the first function that the system has."""
+        found = next(getattr(self._libc, name) for name in names if hasattr(self._libc, name))
+        return int(ctypes.cast(found, ctypes.c_void_p).value or 0)
+
+    def _ticks(self) -> int:
+        """Return the ticks of Windows' clock in a second; 0 where it has ns."""
+        ticks = ctypes.c_int64(0)
+        if not hasattr(self._libc, "clock_gettime"):
+            self._libc.QueryPerformanceFrequency(ctypes.byref(ticks))
+        return ticks.value
 
     def read(self, word: str) -> int:
         """Return a word of the context, by its name in ``devices/callback.py``."""
         return int(self.words[getattr(self.native, word)])
 
     def write(self, word: str, value: int) -> None:
-        """Set a word of the context."""
+        """Set one word of the callback's memory."""
         self.native.write(self.words, getattr(self.native, word), value)
 
     @property
@@ -203,7 +220,7 @@ class Pump:
         return self.read("WAIT") > 0
 
     def start(self, frames: int | None, first: np.ndarray | None = None) -> None:
-        """Start with the next block, for so many samples.
+        """Start with the next block, for a number of samples.
 
         The device rises to the outputs of sample 0, ``first``, before it; without them,
         the gain rises along the samples.
@@ -218,7 +235,7 @@ class Pump:
         self.write("STATE", self.native.RUNNING)
 
     def set(self, name: str, value: float, ramp: int) -> bool:
-        """Ask for a parameter's change over ``ramp`` samples.
+        """Request a parameter's change over ``ramp`` samples.
 
         False when the ring is full.
         """
@@ -228,7 +245,7 @@ class Pump:
         )
 
     def stop(self, reason: str, earliest: int = 0) -> None:
-        """Ask for the fade-out, from sample ``earliest`` on at the soonest.
+        """Request the fade-out, not before sample ``earliest``.
 
         The pump is DONE when it is over.
         """
@@ -278,6 +295,9 @@ class Pump:
                     found.append((at, "stale", {"samples": a}))
                 elif kind == n.BACK:
                     found.append((at, "fresh", {}))
+                elif kind == n.MARK:
+                    value = float(np.int64(b).view(np.float64))
+                    found.append((at, "mark", {"name": self.markers[a], "value": value}))
                 elif kind == n.ENDING:
                     found.append((at, "stop", {"reason": REASONS[a]}))
                 elif kind in (n.RISE, n.FALL):
@@ -285,6 +305,15 @@ class Pump:
                 else:
                     found.append((at, "gap", {"frames": a, "delivered": bool(b)}))
         return found
+
+    def timed(self) -> tuple[int, int] | None:
+        """Return a sample and the ns of the monotonic clock when its block began."""
+        for _ in range(10):
+            before = self.read("TIMES")
+            pair = self.read("TIMED_AT"), self.read("TIMED_NS")
+            if before and before % 2 == 0 and self.read("TIMES") == before:
+                return pair
+        return None
 
     def percentiles(self, *q: float) -> list[float]:
         """Return percentiles of the time of a block in s, at most 12.5 % too high."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import threading
 import warnings
 from collections.abc import Sequence
 from types import ModuleType
@@ -42,7 +43,7 @@ def _jack() -> ModuleType:
 
 
 class JackSink(Sink):
-    """Plays on a JACK server that is running.
+    """A sink that plays on a running JACK server.
 
     Parameters
     ----------
@@ -95,6 +96,7 @@ class JackSink(Sink):
             connect = [connect]
         self.name, self.server, self.connect, self.compiled = name, server, connect, compiled
         self._client: Any = None
+        self._asking = threading.Lock()  # of a client that another thread may close
         self._wheels = False
 
     def _open(self) -> None:
@@ -246,7 +248,7 @@ class JackSink(Sink):
         client.set_freewheel_callback(lambda on: pump.write("WAIT", 1_000_000 if on else 0))
 
     def freewheel(self, on: bool) -> None:
-        """Run the server as fast as it goes, or in real time again.
+        """Run the server as fast as possible, or in real time again.
 
         Nothing is lost meanwhile, and nothing is heard.
 
@@ -266,7 +268,8 @@ class JackSink(Sink):
             )
 
     def _close(self) -> None:
-        client, self._client = self._client, None
+        with self._asking:
+            client, self._client = self._client, None
         if client is None:
             return
         if not self._device_gone:
@@ -276,18 +279,19 @@ class JackSink(Sink):
         client.close()
 
     def _latency(self) -> float:
-        if self._client is None or self._device_gone:
-            return 0.0
         try:
             # JACK-Client has no name for it
             ask = ctypes.CDLL(_jack()._libname).jack_port_get_latency_range
         except (AttributeError, OSError):
             return 0.0
         most = 0
-        for port in self.pump.buffers("PORTS").tolist():
-            range_ = (ctypes.c_uint32 * 2)()
-            ask(ctypes.c_void_p(port), 1, range_)  # JackPlaybackLatency
-            most = max(most, range_[1])
+        with self._asking:
+            if self._client is None or self._device_gone:
+                return 0.0
+            for port in self.pump.buffers("PORTS").tolist():
+                range_ = (ctypes.c_uint32 * 2)()
+                ask(ctypes.c_void_p(port), 1, range_)  # JackPlaybackLatency
+                most = max(most, range_[1])
         return most / self.rate
 
 

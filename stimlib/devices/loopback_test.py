@@ -64,7 +64,7 @@ class Loopback:
 
     @property
     def passed(self) -> bool:
-        """Whether what arrived is what was to be played."""
+        """Whether the recording equals the log's rendering."""
         if self.compared == 0:
             return False
         return self.residual <= self.tolerance if self.cable else self.wrong is None
@@ -313,7 +313,7 @@ def through(
     given: NDArray[np.bool_],
     longest: int,
 ) -> tuple[int, float, float, int]:
-    """Return delay and gain of a cable.
+    """Return the delay and gain of a cable between two ports.
 
     They leave the smallest part of the recording unexplained.
 

@@ -1,4 +1,4 @@
-"""A sink without a device: at the pace of the clock, or as fast as it goes."""
+"""A sink without a device: in real time, or as fast as it goes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .sink import Sink
 
 
 class NullSink(Sink):
-    """Plays into nothing, through the same compiled body as a device.
+    """A sink without a device, through the same compiled code as a device.
 
     Parameters
     ----------

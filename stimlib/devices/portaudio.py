@@ -76,7 +76,7 @@ def _fade_first() -> None:
 
 
 class PortAudioSink(Sink):
-    """Plays on a device that PortAudio knows; ``stimlib devices`` lists them.
+    """A sink for a device of PortAudio; ``stimlib devices`` lists them.
 
     Parameters
     ----------

@@ -21,8 +21,16 @@ MCL_CURRENT, MCL_ONFAULT = 1, 4
 
 def _lock_memory() -> bool:
     """Lock present and future memory; return False where that is not permitted."""
-    libc = ctypes.CDLL(None)
-    return hasattr(libc, "mlockall") and libc.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
+    library = libc()
+    return hasattr(library, "mlockall") and library.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
+
+
+def libc() -> Any:
+    """Return the C library of this process; None on Windows."""
+    try:
+        return ctypes.CDLL(None)
+    except TypeError:
+        return None
 
 
 def keep_loaded(library: str) -> None:
@@ -34,7 +42,7 @@ def keep_loaded(library: str) -> None:
 
 
 def begin(thread: threading.Thread) -> threading.Thread:
-    """Start a thread; ``SinkError`` where the system has none left."""
+    """Start a thread; raise SinkError where the system has none left."""
     try:
         thread.start()
     except RuntimeError as e:
@@ -65,9 +73,10 @@ def account(e: BaseException) -> str:
 
 def fifo(priority: int = 60) -> bool:
     """Give the calling thread SCHED_FIFO; return False where that is not permitted."""
+    system: Any = os
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (OSError, AttributeError):
+        system.sched_setscheduler(0, system.SCHED_FIFO, system.sched_param(priority))
+    except (OSError, AttributeError):  # Windows and macOS have none
         return False
     return True
 
@@ -115,7 +124,7 @@ def begin_playing(sink: Any) -> list[str]:
 
 
 def end_playing(sink: Any) -> None:
-    """Give back, after the last sink, what the first has taken."""
+    """Restore, after the last sink, what the first one has changed."""
     with _process:
         if sink not in playing:
             return
@@ -126,9 +135,8 @@ def end_playing(sink: Any) -> None:
                     signal.signal(s, signal.SIG_DFL)
         if sink.realtime and not any(other.realtime for other in playing):
             gc.unfreeze()
-            libc = ctypes.CDLL(None)
-            if hasattr(libc, "munlockall"):
-                libc.munlockall()
+            if hasattr(library := libc(), "munlockall"):
+                library.munlockall()
 
 
 @contextmanager

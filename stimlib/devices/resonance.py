@@ -43,10 +43,10 @@ class _Kept:
         self.frames.append(frames)
 
     def event(self, at: int, kind: str, **more: Any) -> None:
-        """Return losses are in the report."""
+        """Ignore losses, which are in the report."""
 
     def close(self, report: dict[str, Any]) -> None:
-        """Do nothing: it stays."""
+        """Do nothing: the take stays in memory."""
 
 
 @public
@@ -66,7 +66,7 @@ def record_sweep(
     keep: str | os.PathLike[str] | None = None,
     **options: Any,
 ) -> Sweep:
-    """Play a chirp through a sink, and record what a sensor answers.
+    """Play a chirp through a sink and record the response of a sensor.
 
     ``identify(*sweep)`` finds the resonance in it.
 
@@ -150,30 +150,7 @@ def record_sweep(
     158.0 Hz, q = 10.0
     """
     amplitude = full_scale if amplitude is None else amplitude
-    if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
-        raise BadValue(
-            f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale ="
-            f" {full_scale!r} V"
-        )
-    if not rest > 0:
-        raise BadValue(
-            f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep"
-        )
-    if np.shape(band) != (2,) or (not isinstance(channels, int) and "drive" not in channels):
-        raise BadValue(
-            f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels ="
-            f" {channels!r} have the drive"
-        )
-    if not callable(sink):
-        raise BadValue(
-            f"record_sweep: sink = {sink!r:.60} must be what makes one, such as the class JackSink"
-            " itself"
-        )
-    if points is not None and np.ndim(points) == 0:
-        raise BadValue(
-            f"record_sweep: points = {points!r:.60} must be a row for each point, such as [(0.05,"
-            " 0.07), (0.1, 0.07)]"
-        )
+    _check(sink, full_scale, amplitude, rest, band, channels, points)
     places = [None] if points is None else list(np.atleast_1d(points))
     if not places or (len(places) > 1 and ready is None):
         raise BadValue(
@@ -217,6 +194,42 @@ def record_sweep(
             _keep(keep, taken, rate)
     u, y = (np.array(rows) for rows in zip(*taken, strict=True))
     return Sweep(u, y, float(rate))
+
+
+def _check(
+    sink: Any,
+    full_scale: Any,
+    amplitude: Any,
+    rest: float,
+    band: Any,
+    channels: Any,
+    points: Any,
+) -> None:
+    """Refuse arguments of ``record_sweep`` that make no sweep."""
+    if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
+        raise BadValue(
+            f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale ="
+            f" {full_scale!r} V"
+        )
+    if not rest > 0:
+        raise BadValue(
+            f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep"
+        )
+    if np.shape(band) != (2,) or (not isinstance(channels, int) and "drive" not in channels):
+        raise BadValue(
+            f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels ="
+            f" {channels!r} have the drive"
+        )
+    if not callable(sink):
+        raise BadValue(
+            f"record_sweep: sink = {sink!r:.60} must be what makes one, such as the class JackSink"
+            " itself"
+        )
+    if points is not None and np.ndim(points) == 0:
+        raise BadValue(
+            f"record_sweep: points = {points!r:.60} must be a row for each point, such as [(0.05,"
+            " 0.07), (0.1, 0.07)]"
+        )
 
 
 def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import FaultError, SinkError
 from ..run.safety import Watch
 from .engine import Pump
+from .markers import Markers
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,14 @@ class SessionReport:
         Samples missing in the log because it was more than 4 s behind.
     skipped : int
         Columns of a live motion that came too fast.
+    markers, lost_markers, unsent_markers : int
+        Markers that were told; those of them at samples that the device skipped; and,
+        at the end, those that a sender has not taken.
+    rows, rejected : int
+        Rows of a stream that were taken, and that were no numbers or too short.
+    jitter : float, s
+        Of a stream whose sender says times: 99 % of its rows came within so long after
+        the earliest.
     rise, fall : int
         Frames before sample 0, in which the device rose to it, and after the last
         sample, in which it fell to silence. They are not among those produced.  Without
@@ -64,6 +73,12 @@ class SessionReport:
     skipped: int = 0
     rise: int = 0
     fall: int = 0
+    markers: int = 0
+    lost_markers: int = 0
+    unsent_markers: int = 0
+    rows: int = 0
+    rejected: int = 0
+    jitter: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON data."""
@@ -80,6 +95,10 @@ class SessionReport:
         more += [f"motion stale {self.stale} times"] if self.stale else []
         more += [f"{self.unlogged} samples not logged"] if self.unlogged else []
         more += [f"{self.skipped} columns of motion came too fast"] if self.skipped else []
+        unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
+        marked = f"{self.markers} markers, {self.lost_markers} lost{unsent}"
+        more += [marked] if self.markers else []
+        more += [f"{self.rows} rows of motion, {self.rejected} rejected"] if self.rows else []
         more += [
             "faded in over"
             f" {f'{self.rise} frames before sample 0' if self.rise else 'the first samples'}"
@@ -89,7 +108,7 @@ class SessionReport:
 
 
 class Recorder:
-    """A reader of the callback's rings that writes the log in the order of samples.
+    """The thread's reader of the ring buffers, which writes the log in order.
 
     Parameters
     ----------
@@ -100,12 +119,22 @@ class Recorder:
         An object with the methods of ``stimlib.files.log_writer.LogWriter``.
     fail : callable
         ``fail(error, earliest)`` fades the session out, from that sample on.
+    markers : Markers
+    latency : callable
+        Returns the seconds from the callback to the device.
     """
 
     def __init__(
-        self, pump: Pump, watch: Watch, writer: Any, fail: Callable[[Exception, int], None]
+        self,
+        pump: Pump,
+        watch: Watch,
+        writer: Any,
+        fail: Callable[[Exception, int], None],
+        markers: Markers,
+        latency: Callable[[], float],
     ):
         self.pump, self.watch, self.writer, self._fail = pump, watch, writer, fail
+        self.markers, self._latency = markers, latency
         self.stales = 0  # how often the motion stayed away
         self._cursor = 0  # frames that the log has
         self._pending: list[tuple[int, str, dict[str, Any]]] = []
@@ -119,6 +148,10 @@ class Recorder:
         The counts are those of the safety stage.
         """
         writer, p = self.writer, self.pump
+        # read first: what is lost of it has its event by now
+        committed = p.read("DELIVERED") + p.read("LOST")
+        if (pair := p.timed()) is not None:
+            self.markers.clock.add(*pair)
         if writer is not None and p.read("DROPPED"):
             raise SinkError(
                 f"the log cannot follow: more than {p.native.EVENTS} changes and losses wait for"
@@ -142,6 +175,7 @@ class Recorder:
                 self._cursor += len(part)
                 frames = frames[len(part) :]
         self._put_events(self._cursor if p.read("LOG") else 2**63)
+        self._tell(committed)
         faults = self.watch.faults()
         for name in sorted((n for n in faults if n not in self._gone), key=faults.__getitem__):
             self._gone.append(name)
@@ -159,9 +193,17 @@ class Recorder:
         for _ in range(3):
             self.drain()
         self._put_events(2**63)
+        self._tell(2**63)
         self._put_counts()
+        self.markers.end(0.5)
         if self.writer is not None:
             self.writer.close(report().to_dict())
+
+    def _tell(self, until: int) -> None:
+        """Tell the markers before a sample, and log them."""
+        for m in self.markers.due(until, self._latency):
+            facts = asdict(m)
+            self._put(facts.pop("sample"), "mark", **facts)
 
     def _put_counts(self) -> None:
         counts = self.watch.counts()
@@ -175,6 +217,11 @@ class Recorder:
         while self._pending and self._pending[0][0] <= until:
             at, kind, more = self._pending.pop(0)
             self.stales += kind == "stale"
+            if kind == "mark":
+                self.markers.add(at, more["name"], more["value"])
+                continue
+            if kind == "lost":
+                self.markers.gap(at, more["frames"])
             if kind in ("lost", "gap"):
                 self._cursor = max(self._cursor, at + more["frames"])
                 until = max(until, self._cursor) if until < 2**62 else until

@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -30,9 +30,23 @@ from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from ..version import __version__
 from .engine import Pump
+from .markers import Markers, Send
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .session import Recorder, SessionReport
-from .sources import Feeder, Live, Recorded, Scripted, columns_of, length, source_of
+from .sources import (
+    Feeder,
+    Live,
+    Receiver,
+    Recorded,
+    Scripted,
+    Stream,
+    columns_of,
+    length,
+    source_of,
+)
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
 
 logger = logging.getLogger(__name__)
 CLOSE_WITHIN = 2.0
@@ -59,7 +73,8 @@ class Sink:
     scene : Scene
         Compiled with the safety stage around it.
     safety : Safety or float
-        A number is the full scale of all outputs.
+        A number is the full scale of all outputs.  With a calibration it may be left
+        out: the limit is then the most that the device makes anywhere in the band.
     motion : mapping, Recorded, Scripted, Live or Signals
         See ``stimlib.devices.sources``; a mapping of input names is that of
         ``stimlib.render``.
@@ -70,6 +85,16 @@ class Sink:
     log : path or object, optional
         Folder for the session's log (``stimlib.files.log_writer``), or an object with
         the methods of its ``LogWriter``.
+    markers : sequence of str, optional
+        Outputs that mark: a marker is told where one rises to 0.5 or more, whether it
+        is on a channel or not.  On a spare channel it is a trigger pulse as well.
+    send : callable or sequence of callable, optional
+        Each is called with every ``Marker``, in a thread of its own: ``lsl_markers``,
+        ``osc_markers``, ``udp_markers``, ``serial_markers`` or a function of yours.
+    calibration : Calibration, optional
+        Of the device: what an output asks for in the calibration's unit comes out as
+        such, and the limits are in that unit.  All comes later by half of the inverse
+        filter's taps, ``Safety.inverse``.
     realtime : bool, optional
         Lock memory and keep the garbage collector away while it plays, with one warning
         where that is not permitted. By default only devices with a clock of their own
@@ -114,7 +139,7 @@ class Sink:
     _device_gone = _hangs = False
     _worker: threading.Thread | None = None
     _thread: threading.Thread | None = None  # of a device that is none
-    _feeder: Feeder | None = None
+    _feeder: Feeder | Receiver | None = None
 
     def __init__(
         self,
@@ -125,10 +150,15 @@ class Sink:
         seed: int = 0,
         params: Mapping[str, float] | None = None,
         log: Any = None,
+        markers: Sequence[str] = (),
+        send: Send | Sequence[Send] | None = None,
+        calibration: Calibration | None = None,
         realtime: bool | None = None,
     ):
         if not isinstance(scene, Scene):
             raise BadValue(f"a sink plays a Scene, got {type(scene).__name__}")
+        if safety is None and calibration is not None:
+            safety = calibration.limits(scene)
         if safety is None:
             raise BadValue(
                 "safety is missing: give, as second argument, the value that 1.0 at the device"
@@ -137,11 +167,28 @@ class Sink:
             )
         self.scene = scene
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
-        self.protected = protect(scene, self.safety)
+        self.protected, self.calibration = protect(scene, self.safety), calibration
         self.motion = source_of(motion, tuple(scene.inputs))
         self.seed, self.params = seed, dict(params or {})
         self.realtime = self.clock if realtime is None else realtime
         self._log_to = log
+        if isinstance(markers, str) or not isinstance(markers, Sequence):
+            raise BadValue(
+                f"markers = {markers!r:.60} must be a list of outputs, such as markers=['onset']"
+            )
+        for name in markers:
+            if name not in scene.outputs:
+                raise UnknownName(
+                    f"markers: no output {name!r}; the outputs are {', '.join(scene.outputs)}"
+                )
+        self.markers = tuple(markers)
+        several: Any = send if isinstance(send, Sequence) and not isinstance(send, str) else [send]
+        self._send: tuple[Send, ...] = () if send is None else tuple(several)
+        if not all(map(callable, self._send)):
+            raise BadValue(
+                f"send = {send!r:.60} must be a function of a Marker, such as lsl_markers(), or a"
+                " list of functions"
+            )
         self.error: StimlibError | None = None
         self._earliest = 0  # sample before which no fade-out begins: a guard's own comes first
         self._opened = self._started = self._stopped = self._closed = False
@@ -162,7 +209,7 @@ class Sink:
         channels: int | Sequence[str | None] | None = None,
         block: int | None = None,
     ) -> None:
-        """Compile for the device's rate and take it; silent until ``start``.
+        """Compile for the device's rate and open it; it is silent until ``start``.
 
         Parameters
         ----------
@@ -195,6 +242,9 @@ class Sink:
         outputs = tuple(self.scene.outputs)
         self.map = _channel_map(channels, outputs)
         self.channels = len(self.map)
+        if self.calibration is not None:
+            self.safety = self.calibration.safety(self.scene, self.safety, rate)
+            self.protected = protect(self.scene, self.safety)
         self.proc = compile(self.protected, rate, seed=self.seed)
         self.rate, self.block = self.proc.fs, block
         self._warm_up()
@@ -204,7 +254,12 @@ class Sink:
         # they are there from the first sample on
         self.proc.process(np.zeros((len(self.proc.inputs), 0)))
         self.pump = Pump(
-            self.proc, self.safety, self.map, self.motion, log=self._log_to is not None
+            self.proc,
+            self.safety,
+            self.map,
+            self.motion,
+            log=self._log_to is not None,
+            markers=self.markers,
         )
         self._watch = Watch(self.proc)
         self._refused: list[str] = []  # of what real time needs
@@ -288,7 +343,12 @@ class Sink:
         if isinstance(self.motion, Scripted):
             self._feeder = Feeder(self.pump, self.motion, self._fail)
             self._feeder.fill()
-        self._recorder = Recorder(self.pump, self._watch, self._make_log(), self._fail)
+        elif isinstance(self.motion, Stream):
+            self._feeder = Receiver(self.pump, self.motion, self._fail)
+        self._telling = Markers(self.rate, self._send, self._fail)
+        self._recorder = Recorder(
+            self.pump, self._watch, self._make_log(), self._fail, self._telling, self._latency
+        )
         self._calls, self._silence, self._turns, self._waited = 0, 0.0, 0, 0.0
         self._over = threading.Event()
         self._started = True
@@ -296,6 +356,7 @@ class Sink:
             self._refused += begin_playing(self)
             if self._feeder:
                 begin(self._feeder)
+            begin(self._telling.thread)
             self._worker = begin(
                 threading.Thread(target=self._work, name="stimlib sink", daemon=True)
             )
@@ -325,7 +386,7 @@ class Sink:
         x = np.zeros((0, 1))
         if isinstance(self.motion, Recorded):
             x = self.motion.x[:, :1].copy()
-        elif self._feeder:
+        elif isinstance(self._feeder, Feeder):
             x = self._feeder.columns(0, 1)
         state = self.proc.state
         self.proc.set(GAIN, 1.0, ramp=0.0)
@@ -394,7 +455,7 @@ class Sink:
                 time.sleep(min(self._latency() + (self.block or 64) / self.rate, 0.25))
 
     def close(self) -> None:
-        """Fade out, let the device go and end the log, within 2 s.
+        """Fade out, release the device and end the log, within 2 s.
 
         Raises
         ------
@@ -526,7 +587,7 @@ class Sink:
             )
 
     def push(self, x: np.ndarray) -> int:
-        """Return columns of a live motion, one per sample.
+        """Add columns of live motion, one for each sample; return how many fitted.
 
         Parameters
         ----------
@@ -546,9 +607,63 @@ class Sink:
             A wrong shape; a number that is not finite.
         """
         self.check()
-        if not isinstance(self.motion, Live) or not self._opened:
+        if type(self.motion) is not Live or not self._opened:
             raise SinkError("push: make the sink with motion=Live() and open it")
         return self.pump.put_motion(columns_of("push: ", x, self.proc.inputs))
+
+    def mark(self, name: str, value: float = 1.0, sample: int | None = None) -> None:
+        """Set a marker, which is sent when its sample has left the device.
+
+        Parameters
+        ----------
+        name : str
+        value : float
+        sample : int, optional
+            Of the session; by default the next that is made.
+
+        Raises
+        ------
+        SinkError
+            Not started; the device has failed.
+        BadValue
+            A value that is not finite; a sample below 0.
+        """
+        self.check()
+        if not self._started or self._closed:
+            raise SinkError("mark: start the sink first")
+        if not isinstance(name, str):
+            raise BadValue(f"mark: name = {name!r:.60} must be a text")
+        at = self.pump.index if sample is None else sample
+        if at < 0:
+            raise BadValue(f"mark: sample = {sample} must be 0 or above")
+        self._telling.add(at, name, _number(f"mark: {name}", value))
+
+    def time_of(self, sample: int) -> tuple[float, float]:
+        """Return when a sample leaves the device, past or future, and how precisely.
+
+        A picture that is drawn at that time appears together with what is felt.
+
+        Parameters
+        ----------
+        sample : int
+            Of the session.
+
+        Returns
+        -------
+        (time, uncertainty) : float, s
+            As ``Marker.time`` and ``Marker.uncertainty``; nan before the first block.
+
+        Raises
+        ------
+        SinkError
+            Not started; the device has failed.
+        """
+        self.check()
+        if not self._started:
+            raise SinkError("time_of: start the sink first")
+        at, uncertainty = self._telling.clock.time(sample)
+        latency = self._last_latency if self._closed else self._latency()
+        return at + latency, uncertainty
 
     def report(self) -> SessionReport:
         """Return what has happened so far."""
@@ -570,7 +685,16 @@ class Sink:
             skipped=p.read("SKIPPED"),
             rise=p.read("ROSE"),
             fall=p.read("FELL"),
+            markers=self._telling.count if self._started else 0,
+            lost_markers=self._telling.lost if self._started else 0,
+            unsent_markers=self._telling.unsent if self._started else 0,
+            **self._received(),
         )
+
+    def _received(self) -> dict[str, Any]:
+        if not isinstance(self._feeder, Receiver):
+            return {}
+        return {n: getattr(self._feeder, n) for n in ("rows", "rejected", "jitter")}
 
     _last_latency = 0.0
 

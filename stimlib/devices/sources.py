@@ -9,20 +9,21 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, public
+from ..errors import BadValue, SinkError, public
 from ..motion.source import check_names, positions, sources_of
 
 
 @public
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A recording: column i is the motion of sample i, whatever the device loses.
+    """A recorded motion: column i drives sample i, whatever the device loses.
 
     Parameters
     ----------
@@ -61,7 +62,7 @@ class Scripted:
 @public
 @dataclass(frozen=True)
 class Live:
-    """Columns that ``Sink.push`` is given while it plays, such as a tracker's.
+    """Motion from ``Sink.push`` while the sink plays, such as a tracker's.
 
     Each column is one sample's motion.  When none is there the last is held; a tracker
     slower than the sample rate may push one column per report.
@@ -78,6 +79,63 @@ class Live:
     def __post_init__(self):
         if not 0 < self.keep <= 1.0:
             raise BadValue(f"Live: keep = {self.keep} s must be above 0, at most 1")
+
+
+SILENT = 0.05
+"""Seconds without motion after which it is taken for silent."""
+Receive = Callable[[float], tuple[Sequence[Sequence[float]], Sequence[float]]]
+JUMP = 1.0  # s: by more, a sender's clock was set
+SILENCES = ("fade", "hold", "stop")
+
+
+@public
+@dataclass(frozen=True, eq=False)
+class Stream(Live):
+    """Motion that another program or device sends while the sink plays.
+
+    Parameters
+    ----------
+    keep : float
+        See ``Live``.
+    receive : callable
+        ``receive(timeout)`` waits at most so many seconds and returns rows of numbers
+        and the sender's time of each in s (nan where it says none), both empty where
+        nothing came: ``lsl_motion``, ``osc_motion``, ``udp_motion``, ``serial_motion``
+        or a function of yours.  It may connect again by itself.
+    columns : dict of str to int
+        Which number of a row is which input.
+    scale : dict of str to float, optional
+        Factor of an input where the sender has another unit, such as 1e-3 for mm.
+    limits : dict of str to (float, float), optional
+        Range of an input, in its unit: a row beyond it is rejected, as one that is no
+        number, so that one wild row moves nothing.
+    silence : {"fade", "hold", "stop"}
+        After 50 ms without a row: fade out until there is one again, hold the last
+        position, or end the session with an error.
+    """
+
+    receive: Receive | None = None
+    columns: Mapping[str, int] = field(default_factory=dict)
+    scale: Mapping[str, float] = field(default_factory=dict)
+    silence: str = "fade"
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self):
+        super().__post_init__()
+        if not callable(self.receive):
+            raise BadValue("Stream: receive must be a function, such as lsl_motion('hand')")
+        if self.silence not in SILENCES:
+            raise BadValue(
+                f"Stream: silence = {self.silence!r}: choose one of {', '.join(SILENCES)}"
+            )
+        for name, k in self.columns.items():
+            if isinstance(k, bool) or not isinstance(k, int) or k < 0:
+                raise BadValue(f"Stream: columns[{name!r}] = {k!r} must be a whole number")
+        for what, given in (("scale", self.scale), ("limits", self.limits)):
+            check_names(f"Stream: {what}", {**self.columns, **given}, tuple(self.columns), "column")
+        for name, (low, high) in self.limits.items():
+            if not low < high:
+                raise BadValue(f"Stream: limits[{name!r}] = ({low:g}, {high:g}) must rise")
 
 
 @public
@@ -113,7 +171,7 @@ class Signals:
     inputs: Mapping[str, Signal] = field(default_factory=dict)
 
 
-Source = Recorded | Scripted | Live | Signals
+Source = Recorded | Scripted | Live | Signals  # a ``Stream`` is a ``Live``
 
 
 def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
@@ -165,13 +223,15 @@ def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
             return Scripted(motion)
         n = min(len(s) for s in sources.values())
         return Recorded(np.stack([s[:n] for s in sources.values()]))
+    elif isinstance(motion, Stream):
+        check_names("motion", motion.columns, inputs, "input")
     elif not isinstance(motion, Live):
         sources_of(motion, inputs, 1)  # which says what it must be
     return motion
 
 
 def length(source: Source | None) -> int | None:
-    """Return the samples until a source ends, or None."""
+    """Return the number of samples until a source ends; None if it does not."""
     if isinstance(source, Recorded):
         return source.x.shape[1]
     if isinstance(source, Scripted):
@@ -223,8 +283,78 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     return x
 
 
+class Receiver(threading.Thread):
+    """A thread that turns the rows of a stream into motion.
+
+    Parameters
+    ----------
+    pump : stimlib.devices.engine.Pump
+    source : Stream
+    failed : callable
+        ``failed(error, what=text)`` is called when ``receive`` raises, or when a stream
+        that must not be silent is.
+    """
+
+    turns = 0
+    rows = rejected = 0  # taken, and passed over because they are no numbers or too short
+
+    def __init__(self, pump: Any, source: Stream, failed: Callable[..., None]):
+        super().__init__(name="stimlib stream", daemon=True)
+        self._pump, self._source, self._failed = pump, source, failed
+        names = pump.proc.inputs
+        self._columns = [source.columns[name] for name in names]
+        self._scale = np.array([[source.scale.get(name, 1.0)] for name in names])
+        limits = [source.limits.get(name, (-np.inf, np.inf)) for name in names]
+        self._low, self._high = np.array(limits, float).reshape(-1, 2).T
+        self._late: deque[float] = deque(maxlen=10_000)  # arrival less the sender's time
+        self._over = threading.Event()
+
+    @property
+    def jitter(self) -> float:
+        """Seconds after the earliest, within which 99 % of the rows came."""
+        late = np.array(self._late)
+        return float(np.quantile(late, 0.99) - late.min()) if late.size else 0.0
+
+    def run(self) -> None:
+        """Take rows until the session ends; report an error to the session."""
+        heard = None
+        while not self._over.is_set():
+            try:
+                rows, times = self._source.receive(0.02)  # type: ignore[misc]
+                self.turns += 1
+                if self._take(rows, times):
+                    heard = time.monotonic()
+                elif self._source.silence == "stop" and heard and time.monotonic() - heard > SILENT:
+                    raise SinkError(f"no motion has come for {1e3 * SILENT:g} ms")
+            except BaseException as e:
+                self._failed(e, what="the stream failed")
+                return
+
+    def _take(self, rows: Sequence[Sequence[float]], times: Sequence[float]) -> int:
+        """Put rows into the ring; return how many were good."""
+        now, need = time.monotonic(), max(self._columns) + 1
+        found = [[row[k] for k in self._columns] for row in rows if len(row) >= need]
+        x = np.array(found, np.float64).reshape(-1, len(self._columns)) * self._scale[:, 0]
+        with np.errstate(invalid="ignore"):
+            good = (np.isfinite(x) & (x >= self._low) & (x <= self._high)).all(axis=1)
+        taken = int(good.sum())
+        self.rejected += len(rows) - taken
+        self.rows += taken
+        for late in (now - t for t in times if np.isfinite(t)):
+            if self._late and abs(late - self._late[-1]) > JUMP:
+                self._late.clear()  # the sender has set its clock
+            self._late.append(late)
+        if taken:
+            self._pump.put_motion(np.ascontiguousarray(x[good].T))
+        return taken
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._over.set()
+
+
 class Feeder(threading.Thread):
-    """Keeps a scripted motion ahead of the samples.
+    """A thread that writes a scripted motion ahead of the samples.
 
     Parameters
     ----------
@@ -248,7 +378,7 @@ class Feeder(threading.Thread):
         self._over = threading.Event()
 
     def fill(self) -> None:
-        """Write as many columns as the ring takes now."""
+        """Write as many columns as the ring buffer has room for."""
         pump = self._pump
         while not self._over.is_set():
             at = pump.next_motion()
@@ -266,7 +396,7 @@ class Feeder(threading.Thread):
         return positions(self._sources, at, stop, self._pump.proc.fs)
 
     def run(self) -> None:
-        """Fill the motion until the source is over, and keep an error."""
+        """Write motion until it ends; on an error hold the last position."""
         while not self._over.is_set():
             try:
                 self.fill()

@@ -1,85 +1,99 @@
-from .answer_keys import Keyed as Keyed
-from .answer_keys import Prompt as Prompt
-from .answer_keys import prompted as prompted
-from .compare import Effect as Effect
-from .compare import anova as anova
-from .compare import dunn as dunn
-from .compare import kruskal as kruskal
-from .compare import mixed as mixed
-from .compare import paired as paired
-from .compare import repeated as repeated
-from .compare import shapiro as shapiro
-from .cue_distances import Distance as Distance
-from .cue_distances import displayed as displayed
-from .cue_distances import distances as distances
-from .cue_distances import recorded as recorded
-from .designs import ConstantStimuli as ConstantStimuli
-from .designs import Interleaved as Interleaved
-from .designs import Sequential as Sequential
-from .designs import Staircase as Staircase
-from .designs import shuffled as shuffled
-from .designs import turn_of as turn_of
-from .experiment import Cursor as Cursor
-from .experiment import Experiment as Experiment
-from .experiment import Masking as Masking
-from .experiment import Timing as Timing
-from .fits import Fit as Fit
-from .fits import bootstrap as bootstrap
-from .fits import profile as profile
-from .fits import psychometric as psychometric
-from .fits import psychometrics as psychometrics
-from .latin_squares import check_graeco_latin as check_graeco_latin
-from .latin_squares import graeco_latin as graeco_latin
-from .observers import Listener as Listener
-from .observers import Power as Power
-from .observers import Psychometric as Psychometric
-from .observers import power as power
-from .observers import simulate as simulate
-from .presentation import followed as followed
-from .presentation import measured as measured
-from .presentation import prepare as prepare
-from .presentation import present as present
-from .presentation import program as program
-from .presentation import spans as spans
+from .answer_keys import Keyed as Keyed, Prompt as Prompt, prompted as prompted
+from .bids import to_bids as to_bids
+from .compare import (
+    Effect as Effect,
+    anova as anova,
+    dunn as dunn,
+    kruskal as kruskal,
+    mixed as mixed,
+    paired as paired,
+    repeated as repeated,
+    shapiro as shapiro,
+)
+from .cue_distances import (
+    Distance as Distance,
+    displayed as displayed,
+    distances as distances,
+    recorded as recorded,
+)
+from .designs import (
+    ConstantStimuli as ConstantStimuli,
+    Interleaved as Interleaved,
+    Sequential as Sequential,
+    Staircase as Staircase,
+    shuffled as shuffled,
+    turn_of as turn_of,
+)
+from .experiment import (
+    Cursor as Cursor,
+    Experiment as Experiment,
+    Masking as Masking,
+    Timing as Timing,
+)
+from .fits import (
+    Fit as Fit,
+    bootstrap as bootstrap,
+    profile as profile,
+    psychometric as psychometric,
+    psychometrics as psychometrics,
+)
+from .latin_squares import check_graeco_latin as check_graeco_latin, graeco_latin as graeco_latin
+from .observers import (
+    Listener as Listener,
+    Power as Power,
+    Psychometric as Psychometric,
+    power as power,
+    simulate as simulate,
+)
+from .presentation import (
+    followed as followed,
+    measured as measured,
+    prepare as prepare,
+    present as present,
+    program as program,
+    spans as spans,
+)
 from .quest import Quest as Quest
-from .questions import Question as Question
-from .questions import choice as choice
-from .questions import places as places
-from .questions import ranking as ranking
-from .questions import rating as rating
-from .random_streams import seed_of as seed_of
-from .random_streams import stream as stream
-from .reader import Saved as Saved
-from .reader import blinded as blinded
-from .reader import columns as columns
-from .reader import folder_of as folder_of
-from .reader import read as read
-from .reader import sessions as sessions
-from .reader import status as status
+from .questions import (
+    Question as Question,
+    choice as choice,
+    places as places,
+    ranking as ranking,
+    rating as rating,
+)
+from .random_streams import seed_of as seed_of, stream as stream
+from .reader import (
+    Saved as Saved,
+    blinded as blinded,
+    columns as columns,
+    folder_of as folder_of,
+    read as read,
+    sessions as sessions,
+    status as status,
+)
 from .report import write_report as write_report
-from .runner import FrontEnd as FrontEnd
-from .runner import Simulated as Simulated
-from .runner import run as run
-from .scaling import Law as Law
-from .scaling import fechner as fechner
-from .scaling import jnd_from_dprime as jnd_from_dprime
-from .scaling import line as line
-from .scaling import stevens as stevens
+from .runner import FrontEnd as FrontEnd, Simulated as Simulated, run as run
+from .scaling import (
+    Law as Law,
+    fechner as fechner,
+    jnd_from_dprime as jnd_from_dprime,
+    line as line,
+    stevens as stevens,
+)
 from .session import Session as Session
-from .signal_detection import Detection as Detection
-from .signal_detection import detection as detection
-from .signal_detection import diagnosis as diagnosis
-from .signal_detection import wilson as wilson
-from .tables import fitted as fitted
-from .tables import grouped as grouped
-from .tables import plain as plain
-from .tables import to_pandas as to_pandas
-from .tasks import OneInterval as OneInterval
-from .tasks import Rate as Rate
-from .tasks import TwoInterval as TwoInterval
-from .trial import Answer as Answer
-from .trial import Record as Record
-from .trial import Stimulus as Stimulus
-from .trial import Trial as Trial
-from .trial import observed as observed
-from .trial import outcome as outcome
+from .signal_detection import (
+    Detection as Detection,
+    detection as detection,
+    diagnosis as diagnosis,
+    wilson as wilson,
+)
+from .tables import fitted as fitted, grouped as grouped, plain as plain, to_pandas as to_pandas
+from .tasks import OneInterval as OneInterval, Rate as Rate, TwoInterval as TwoInterval
+from .trial import (
+    Answer as Answer,
+    Record as Record,
+    Stimulus as Stimulus,
+    Trial as Trial,
+    observed as observed,
+    outcome as outcome,
+)

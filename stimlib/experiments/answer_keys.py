@@ -23,7 +23,7 @@ MOST_KEYS = 9
 
 @dc.dataclass(frozen=True)
 class Prompt:
-    """A text to show, and what may be hit or typed.
+    """A text to show, and the keys or lines that answer it.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Keyed:
     """The part of a front end that handles keys; see `stimlib.experiments.FrontEnd`."""
 
     def read(self, prompt: Prompt) -> str:
-        """Return what was hit or typed; "" where only Enter was."""
+        """Return the key pressed or the text typed; "" if only Enter was pressed."""
         raise NotImplementedError
 
     def tell(self, text: str) -> None:
@@ -103,7 +103,7 @@ class Keyed:
         self.read(Prompt(text, {"": "any key begins"}))
 
     def pick(self, names: list[str]) -> str | None:
-        """Return the stimulus of a number that was chosen; 0 begins the experiment."""
+        """Return the stimulus whose number was chosen; 0 begins the experiment."""
         keys = {str(i): name for i, name in enumerate(names, 1)}
         while (key := self.read(Prompt("Get to know the stimuli:", keys | {"0": "begin"}))) not in (
             "0",

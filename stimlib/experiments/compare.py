@@ -21,7 +21,7 @@ SIDES = ("two-sided", "one-sided")
 
 @dataclass(frozen=True)
 class Statistic:
-    """A test and what came out.
+    """A test and its result.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Statistic:
 # Between groups -----------------------------------------------------------------------
 @public
 def shapiro(values: ArrayLike) -> Statistic:
-    """Run Shapiro and Wilk's test: p is small where the values are NOT normal.
+    """Run Shapiro and Wilk's test; a small p means that the values are NOT normal.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
 # Within participants ------------------------------------------------------------------
 @public
 def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
-    """Run Student's t test of differences: the same people in two conditions.
+    """Run a paired t test: the same people in two conditions.
 
     Parameters
     ----------
@@ -462,7 +462,7 @@ class Mixed:
 def mixed(
     columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant"
 ) -> Mixed:
-    """Fit a linear mixed model with an intercept of each participant.
+    """Fit a linear mixed model with an intercept for each participant.
 
     It serves for gaps, covariates such as the trial's number, and drift.
 
@@ -513,10 +513,9 @@ def mixed(
     """
     import warnings
 
-    what, extra = "mixed", "'stimlib[experiments]'"
-    models = package("statsmodels.regression.mixed_linear_model", what, extra)
+    models = package("statsmodels.regression.mixed_linear_model", "mixed")
     try:
-        table = package("pandas", what, extra).DataFrame(columns)
+        table = package("pandas", "mixed").DataFrame(columns)
     except ValueError as e:
         raise BadValue(f"mixed: {e}") from None
     need("mixed", [participant], table)

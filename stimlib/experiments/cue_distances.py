@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..analysis.physical_cues import Cues, cues
 from ..errors import BadValue, UnknownName, public
 from ..files.log_reader import read_log
-from ..files.log_replay import delivered
+from ..files.log_replay import delivered, without_inverse
 from ..system.progress import progress as bar
 from .fits import undetermined
 from .likelihood import Sets, maximum, numbers
@@ -172,7 +172,7 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
             f"{folder}, trial {record.number}: no log of it was kept, so nobody knows what was"
             " displayed"
         )
-    log = read_log(folder / shown["log"])
+    log = without_inverse(read_log(folder / shown["log"]))
     frames = np.concatenate(
         [f.astype(np.float64) * there for _, f, there in delivered(log)]
     ) * log.safety.scales(log.outputs)

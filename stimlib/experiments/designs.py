@@ -48,7 +48,7 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
 
 @public
 def turn_of(participant: str, turns: int) -> int:
-    """Return which of so many orders a participant has, from 0 on.
+    """Return which of n orders a participant gets, from 0 on.
 
     It is the number at the end of the code, less 1, modulo turns.
 
@@ -242,7 +242,7 @@ class Staircase:
         )
 
     def update(self, state: State, answer: Answer) -> State:
-        """Count the answer, and step where enough of them agree."""
+        """Count the answer, and step when enough answers agree."""
         trial = self.next(state)
         if trial is None:
             raise BadValue(
@@ -283,7 +283,7 @@ class Staircase:
 @public
 @dc.dataclass(frozen=True)
 class ConstantStimuli:
-    """A list of trials, each several times, in random order.
+    """The method of constant stimuli: a list of trials, repeated in random order.
 
     It serves for constant stimuli, one-interval 2AFC, ratings and ranking.
 
@@ -371,7 +371,7 @@ class ConstantStimuli:
         return dc.replace(task.trial(level, state["seed"], n), training=self.training)
 
     def update(self, state: State, answer: Answer) -> State:
-        """Return the state one trial further."""
+        """Return the state after this trial."""
         trial = self.next(state)
         if trial is None:
             raise BadValue(f"all {state['n']} trials are done: there are no more answers to take")
@@ -382,7 +382,7 @@ class ConstantStimuli:
 @public
 @dc.dataclass(frozen=True)
 class Interleaved:
-    """Several designs at a time, one of which is drawn for each trial.
+    """Several designs at once; each trial comes from one of them, drawn at random.
 
     It ends when all of them have ended.
 
@@ -430,12 +430,12 @@ class Interleaved:
         )
 
     def next(self, state: State) -> Trial | None:
-        """Return the trial of a track drawn from those that go on."""
+        """Return the trial of a track drawn from those that are not finished."""
         due = self._due(state)
         return due and dc.replace(due[1], track=f"{due[0]} {due[1].track}".rstrip())
 
     def update(self, state: State, answer: Answer) -> State:
-        """Give the answer to the track that asked."""
+        """Pass the answer to the track that asked."""
         due = self._due(state)
         if due is None:
             raise BadValue(
@@ -501,7 +501,7 @@ class Sequential:
         }
 
     def next(self, state: State) -> Trial | None:
-        """Return the trial of the first part that goes on."""
+        """Return the trial of the first part that is not finished."""
         for k in state["order"]:
             trial = self.parts[k].next(state["parts"][k])
             if trial is not None:
@@ -510,7 +510,7 @@ class Sequential:
         return None
 
     def update(self, state: State, answer: Answer) -> State:
-        """Give the answer to that part."""
+        """Pass the answer to that part."""
         for k in state["order"]:
             if self.parts[k].next(state["parts"][k]) is not None:
                 after = self.parts[k].update(state["parts"][k], answer)

@@ -23,7 +23,7 @@ from .user_code import called
 @public
 @dc.dataclass(frozen=True)
 class Timing:
-    """When a trial's stimuli are there, in s.
+    """The times of a trial's stimuli, in s.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Cursor:
 @public
 @dc.dataclass(frozen=True)
 class Masking:
-    """White noise on a channel of its own while stimuli are there.
+    """White noise on a channel of its own during stimuli.
 
     rms is relative to the device's full scale.
     """
@@ -92,7 +92,7 @@ class Masking:
 @public
 @dc.dataclass(frozen=True)
 class Experiment:
-    """All that makes an experiment, except who takes part and on which device.
+    """The definition of an experiment, without participants and device.
 
     Parameters
     ----------
@@ -176,6 +176,11 @@ class Experiment:
     analysis: Callable[[list[Any]], Any] | None = None
 
     def __post_init__(self):
+        self._check_questions_and_scenes()
+        self._check_plan()
+        self._check_names()
+
+    def _check_questions_and_scenes(self) -> None:
         if not isinstance(self.questions, (tuple, list)) or not all(
             isinstance(q, Question) for q in self.questions
         ):
@@ -194,6 +199,8 @@ class Experiment:
                 f"experiment {self.name!r}: it needs questions, each with a name of its own; got"
                 f" {names}"
             )
+
+    def _check_plan(self) -> None:
         if not (self.design is None or callable(self.design) or isinstance(self.design, Design)):
             raise BadValue(
                 f"experiment {self.name!r}: design = {self.design!r:.80} is no design; put a task"
@@ -204,7 +211,6 @@ class Experiment:
                 f"experiment {self.name!r}: timing = {self.timing!r} must be a Timing, such as"
                 " Timing(interval=1.0)"
             )
-        known = {p for s in self.scenes.values() for p in s.params}
         if not fields.positive(self.fs) or round(self.timing.interval * self.fs) < 1:
             raise BadValue(
                 f"experiment {self.name!r}: fs = {self.fs!r} must be in Hz, with a sample in each"
@@ -215,6 +221,8 @@ class Experiment:
                 f"experiment {self.name!r}: replays = {self.replays!r} must be a whole number from"
                 " 0 on"
             )
+
+    def _check_names(self) -> None:
         if self.masking and self.masking.output in self.outputs:
             raise BadValue(
                 f"Masking: {self.masking.output!r} is an output of a scene: name a channel of"
@@ -227,6 +235,7 @@ class Experiment:
             )
         if not isinstance(self.bounds, Mapping):
             raise BadValue(f"bounds = {self.bounds!r} must map names of parameters to (low, high)")
+        known = {p for s in self.scenes.values() for p in s.params}
         for name, pair in self.bounds.items():
             if name not in known:
                 raise UnknownName(
@@ -251,11 +260,11 @@ class Experiment:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Of all scenes, in the order of first use."""
+        """The inputs of all scenes, in the order of first use."""
         return tuple({name: None for s in self.scenes.values() for name in s.inputs})
 
     def question(self, name: str) -> Question:
-        """Return a question by its name; UnknownName where there is none."""
+        """Return a question by its name; raise UnknownName if there is none."""
         for q in self.questions:
             if q.name == name:
                 return q
@@ -293,7 +302,7 @@ class Experiment:
         return seed_of(self.seed, "session", participant, session)
 
     def check(self, trial: Trial) -> None:
-        """Raise unless a trial can be shown.
+        """Raise unless a trial can be presented.
 
         Its scenes, parameters and questions must be known, and no parameter may pass
         its bounds.
@@ -342,7 +351,7 @@ class Experiment:
                     )
 
     def facts(self) -> dict[str, Any]:
-        """Return what a log has of its experiment, as JSON data.
+        """Return the description of the experiment for a log, as JSON data.
 
         ``key`` is the SHA-256 of the rest.
 

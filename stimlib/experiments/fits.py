@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, need, public, shortened
+from ..system.packages import package
 from .likelihood import (
     LAPSES,
     PROBIT,
@@ -72,7 +73,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Fit:
-    """A psychometric function, of answers that were fitted.
+    """A psychometric function fitted to answers.
 
     Attributes
     ----------
@@ -128,7 +129,7 @@ class Fit:
 
     @property
     def name(self) -> str:
-        """What ``pse`` is called: "PSE" of a comparison, "threshold" of a detection."""
+        """The name of ``pse``: "PSE" for a comparison, "threshold" for a detection."""
         return "PSE" if self.comparison else "threshold"
 
     def __str__(self) -> str:
@@ -145,7 +146,7 @@ class Fit:
 
     @property
     def intercept(self) -> float:
-        """Of the link at 0 on the axis of the fit."""
+        """Value of the link at 0 on the axis of the fit."""
         return -self._axis(self.pse) / self.sigma
 
     @property
@@ -158,7 +159,7 @@ class Fit:
 
     @property
     def jnd_interval(self) -> Interval:
-        """Of ``jnd``, from that of sigma."""
+        """Interval of ``jnd``, from that of sigma."""
         low, high = self.sigma_interval
         return self._difference(low), self._difference(high)
 
@@ -182,7 +183,7 @@ class Fit:
         return probability((axis - self._axis(self.pse)) / self.sigma, model, self.lapse)[0]
 
     def advice(self) -> list[str]:
-        """Return what is wrong with the fit, and what to do about it."""
+        """Return the problems of the fit, and what to do about them."""
         low, high = self.gap
         against = f"contradict a chance level of {self.guess:.3g}"
         if self.comparison:
@@ -209,9 +210,9 @@ class Fit:
         >>> fit.plot().axes[0].get_xlabel()
         'level / N/mm'
         """
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(5, 3.5), layout="constrained")
+        figure = package("matplotlib.figure", "a picture").Figure(
+            figsize=(5, 3.5), layout="constrained"
+        )
         ax = figure.subplots()
         self.draw(ax)
         ax.set(
@@ -548,7 +549,7 @@ def _padded(part: Sequence[Sets]) -> Sets:
 
 @public
 def profile(sets: Sets, model: Model = PROBIT, confidence: float = 0.95) -> Array:
-    """Return profile-likelihood intervals, of many sets at once.
+    """Return profile-likelihood intervals of many sets at once.
 
     Parameters
     ----------
@@ -765,7 +766,7 @@ def _gap(sets: Sets, log: bool, guess: float | None) -> Interval:
 
 
 def undetermined(sets: Sets) -> tuple[str, ...]:
-    """Return why no finite slope above 0 fits answers best, if that is so.
+    """Return why answers determine no finite slope above 0, or nothing.
 
     Their order alone shows it.
     """

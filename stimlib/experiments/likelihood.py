@@ -70,7 +70,7 @@ PROBIT = Model()
 
 
 class Found(NamedTuple):
-    """The best of each set, each of shape (..).
+    """The maximum of each set, each field of shape (..).
 
     These are the intercept at c, the slope, the rate of lapses and the log-likelihood.
     """
@@ -337,7 +337,7 @@ def _joint_step(
 
 
 def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayLike) -> Array:
-    """Return where functions that are below 0 at their starts first pass 0.
+    """Return where functions that start below 0 first cross 0.
 
     The way is along step; inf (of the step's sign) if nowhere.
 

@@ -35,7 +35,7 @@ By = float | Mapping[str, float]
 @public
 @dataclass(frozen=True)
 class Psychometric:
-    """An observer of parameters, who looks at a trial's level alone.
+    """An observer with a psychometric function, who uses a trial's level alone.
 
     Says "more" with the probability g + (1 - g - l) F((level - PSE)/sigma), where g is
     the trial's chance level; of a comparison, g = l.
@@ -112,7 +112,7 @@ class Psychometric:
 @public
 @dataclass(frozen=True)
 class Listener:
-    """An observer who feels one figure of the rendered samples, with an error.
+    """An observer who perceives one figure of the rendered samples, with noise.
 
     Two intervals: says "more" where the comparison's figure is larger.  One: where it
     is above the criterion.  A rating: the nearest whole number to offset + gain times
@@ -396,7 +396,7 @@ def simulate(
         jobs: list[tuple] = each
         run: Callable[..., list[tuple]] = _participant
     else:
-        dumps = package("cloudpickle", "simulate in several processes", "'stimlib[sweep]'").dumps
+        dumps = package("cloudpickle", "simulate in several processes").dumps
         jobs, run = [(dumps(job),) for job in each], _unpacked
     rows = []
     with bar("simulating", len(each), progress) as advance, spread(run, jobs, workers) as results:
@@ -444,7 +444,7 @@ def _participant(
 
 @dataclass(frozen=True)
 class Power:
-    """The power of an experiment with so many participants.
+    """The power of an experiment with n participants.
 
     Attributes
     ----------
@@ -485,7 +485,7 @@ def power(
     workers: int | None = 1,
     progress: bool = True,
 ) -> Power:
-    """Simulate an experiment many times.
+    """Simulate an experiment many times, and return its power.
 
     The result says how often it finds what is there, how far it errs, and how long it
     is.

@@ -22,21 +22,24 @@ from ..blocks import segment, timeline, where, white_noise
 from ..core.graph import Block, constant
 from ..core.parts import Part, Span
 from ..core.scene import Scene
-from ..devices.available import SINKS as KINDS
-from ..devices.available import make
+from ..devices.available import SINKS as KINDS, make
 from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
 from ..errors import BadValue, StimlibError, UnknownName, public
 from ..files.log_reader import read_log
-from ..files.log_replay import delivered
+from ..files.log_replay import delivered, without_inverse
 from ..files.log_writer import LogWriter, header
 from ..run.safety import Safety
 from .experiment import Cursor, Experiment
 from .trial import Trial
 
 if TYPE_CHECKING:
+    from ..devices.calibration import Calibration
     from .session import Session
+
+TOLD = {"produced", "delivered", "lost", "underruns", "clips", "faults", "stale", "rise", "fall"}
+"""Of a sink's report, in the record of a trial."""
 
 MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 
@@ -44,7 +47,7 @@ MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 # The program --------------------------------------------------------------------------
 @public
 def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
-    """Return first sample of each interval, and the one after its last.
+    """Return the first sample of each interval, and the one after its last.
 
     Before the first there are ``timing.before`` s and the sink's fade, so that no
     stimulus is faded by anything else.
@@ -63,7 +66,7 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
 
 @public
 def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, float]]:
-    """Return a trial as one scene, and the parameters that it starts with.
+    """Return a trial as one scene, and its initial parameters.
 
     Parameters
     ----------
@@ -205,8 +208,8 @@ AHEAD = 1000
 
 
 @public
-def prepare(session: Session, sink: str) -> int:
-    """Compile what a session displays before it begins.
+def prepare(session: Session, sink: str, calibration: Calibration | None = None) -> int:
+    """Compile the programs of a session before it begins.
 
     Later it would cause a delay once for each kind of stimulus, and reveal it.
 
@@ -216,6 +219,8 @@ def prepare(session: Session, sink: str) -> int:
         Opened by ``with``; it stays as it is.
     sink : str
         Name in ``SINKS``; for one without a clock nothing is compiled.
+    calibration : Calibration, optional
+        Of the sink.
 
     Returns
     -------
@@ -232,8 +237,9 @@ def prepare(session: Session, sink: str) -> int:
             with suppress(StimlibError):  # it is told when that trial is due
                 scene, params = program(e, trial)
                 # starts
+                options: dict[str, Any] = {"params": params, "calibration": calibration}
                 with NullSink(
-                    scene, _protection(e, scene), motion=Live(), params=params, clocked=False
+                    scene, _protection(e, scene), motion=Live(), clocked=False, **options
                 ) as never:
                     never.open(e.fs)
     return len(done)
@@ -248,7 +254,7 @@ def present(
     began: Callable[[Sink], None] | None = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Display a trial once, with the safety stage as always.
+    """Present a trial once, with the safety stage.
 
     Parameters
     ----------
@@ -261,7 +267,9 @@ def present(
     began : callable, optional
         ``began(sink)`` is called once sample 0 is on its way.
     **options
-        More for the sink, such as ``server`` of JACK.
+        More for the sink, such as ``server`` of JACK, ``calibration``, or ``send``: the
+        sink marks the trial at sample 0, and each stimulus where it begins, its number
+        as the value.
 
     Returns
     -------
@@ -286,7 +294,10 @@ def present(
         raise UnknownName(f"no sink {sink!r}; there are {', '.join(SINKS)}")
     scene, params = program(experiment, trial)
     safety, seed = _protection(experiment, scene), trial.stimuli[0].seed
-    at, to = spans(experiment, trial), None
+    at, to, late = spans(experiment, trial), None, 0
+    if (calibration := options.pop("calibration", None)) is not None:
+        safety = calibration.safety(scene, safety, experiment.fs)
+        late = len(safety.inverse or ()) // 2
     if log is not None:
         Path(log).parent.mkdir(parents=True, exist_ok=True)
         to = (
@@ -300,17 +311,16 @@ def present(
     kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
     with make(kind, scene, safety, **options, **clock) as playing:
         playing.open(experiment.fs)
-        playing.start((at[-1][1] + safety.samples(experiment.fs)) / experiment.fs)
+        playing.start((at[-1][1] + late + safety.samples(experiment.fs)) / experiment.fs)
+        playing.mark("trial", sample=0)
+        for i, (first, _) in enumerate(at, 1):
+            playing.mark("stimulus", i, sample=first + late)
         if began is not None:
             began(playing)
         if experiment.hand is not None:
             experiment.hand(playing)
         playing.wait()
-    told = {
-        k: v
-        for k, v in playing.report().to_dict().items()
-        if k not in ("block_time", "latency", "unlogged", "skipped")
-    }
+    told = {k: v for k, v in playing.report().to_dict().items() if k in TOLD}
     shown = {
         "sink": sink,
         "fs": experiment.fs,
@@ -330,7 +340,8 @@ def measured(
 ) -> dict[str, Any]:
     """Return peak and RMS of each output in each interval, in the outputs' units.
 
-    They are of the samples that the log says were delivered.
+    They are of the samples that the log says were delivered; of a calibrated device, of
+    what it was asked for.
 
     Where there is a reference, how well the hand followed it; None of an interval that
     was stopped.
@@ -343,7 +354,7 @@ def measured(
     at : list of (int, int)
         As `spans` has them.
     """
-    log = read_log(folder)
+    log = without_inverse(read_log(folder))
     scales = log.safety.scales(log.outputs)
     peak, power = np.zeros((2, len(at), len(scales)))
     for first, frames, there in delivered(log):
@@ -370,7 +381,7 @@ def measured(
 
 @public
 def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, float]:
-    """Return how well the motion followed the reference.
+    """Return how well a motion followed the reference.
 
     Least squares fit a sine and a cosine of its frequency and a constant.
 
@@ -401,8 +412,8 @@ def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, flo
     ... }
     {'gain': 0.9, 'lag': 0.05, 'error': 0.002215}
     """
-    if np.ndim(x) != 1:
-        raise BadValue(f"followed: x must be a row of positions, got shape {np.shape(x)}")
+    if np.ndim(x) != 1 or np.asarray(x).dtype.kind not in "iuf":
+        raise BadValue(f"followed: x = {x!r:.80} must be a row of positions")
     t = np.arange(len(x)) / fs
     w = 2 * np.pi * cursor.frequency
     waves = np.stack([np.sin(w * t), np.cos(w * t), np.ones_like(t)], axis=1)

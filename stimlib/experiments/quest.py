@@ -1,4 +1,4 @@
-"""QUEST+ as a design, by the package questplus.
+"""QUEST+ as a design: each trial has the level of least expected entropy.
 
 Source: Watson 2017, Journal of Vision 17(3):10.
 """
@@ -11,19 +11,21 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import BadValue, public
-from ..system.packages import package
+from .likelihood import FLOOR
 from .tasks import Task
 from .trial import Answer, State, Trial, outcome
 
-_NAMES = ("1", "0")  # of outcomes; the first is the one whose probability rises
+Array = NDArray[np.float64]
+ROWS = ("levels", "means", "deviations", "slopes", "lapses", "guesses")
 
 
 @public
 @dc.dataclass(frozen=True)
 class Quest:
-    """QUEST+ for a cumulative normal with mean, deviation and lapses.
+    """QUEST+ for a cumulative normal or a Weibull curve, with guesses and lapses.
 
     Each trial has the level of least expected entropy.
 
@@ -34,27 +36,33 @@ class Quest:
         `stimlib.experiments.tasks.TwoInterval` has it.
     levels : sequence of float
         Those that may be shown, bounds included.
-    means, deviations : sequence of float
-        What the parameters may be, in the unit of the levels; each is as likely before
-        the first answer.
+    means : sequence of float
+        Where the curve may be, in the unit of the levels: the mean of the normal, or
+        the Weibull's threshold. Before the first answer all values of a parameter are
+        as likely.
+    deviations : sequence of float
+        Standard deviations of the normal, in the unit of the levels.
     lapses : sequence of float
-        Probabilities of a lapse to either side, below 0.5.
+        Probabilities of a lapse, below 0.5.
     trials : int
         Its length.
+    slopes : sequence of float
+        Instead of deviations, the exponents of a Weibull curve; the levels must be 0 or
+        above, and the means above 0.
+    guesses : sequence of float
+        Chance levels, below 1, where they are not known: the false alarms of a yes-no
+        task. By default the task's, or, of a comparison, the lapse rate.
 
     Raises
     ------
     BadValue
         No levels or parameters, rows of something else, or trials below 1; a trial
         whose chance level is another than the task's.
-    MissingPackage
-        questplus is not installed: ``pip install 'stimlib[experiments]'``.
 
     Notes
     -----
-    p(1) = g + (1 - g - lapse) Phi((level - mean) / deviation), with g the task's chance
-    level, 0.5 of a detection in two intervals (``norm_cdf`` of questplus); of a
-    comparison, g = lapse (``norm_cdf_2``).
+    p(1) = g + (1 - g - lapse) F(level), with the guess rate g and F = Phi((level -
+    mean) / deviation), or F = 1 - exp(-(level / mean)^slope).
 
     Examples
     --------
@@ -74,32 +82,43 @@ class Quest:
     ...     deviations=(0.2, 0.5),
     ...     trials=3,
     ... )
-    >>> design.init(seed=1)  # its first `next` loads questplus, which takes seconds
-    {'seed': 1, 'levels': [], 'outcomes': []}
+    >>> design.next(design.init(seed=1)).level
+    2.0
     """
 
     task: Task
     levels: tuple[float, ...]
     means: tuple[float, ...]
-    deviations: tuple[float, ...]
+    deviations: tuple[float, ...] = ()
     lapses: tuple[float, ...] = (0.02,)
     trials: int = 40
+    slopes: tuple[float, ...] = ()
+    guesses: tuple[float, ...] = ()
 
     def __post_init__(self):
-        for name in ("levels", "means", "deviations", "lapses"):
+        for name in ROWS:
             row = np.asarray(given := getattr(self, name))
-            if row.ndim != 1 or row.dtype.kind not in "iuf":
-                raise BadValue(f"Quest: {name} = {given!r:.80} must be a row of numbers")
+            numbers = row.ndim == 1 and (not row.size or row.dtype.kind in "iuf")
+            if not numbers or not np.isfinite(row).all():
+                raise BadValue(f"Quest: {name} = {given!r:.80} must be a row of finite numbers")
             object.__setattr__(
                 self, name, given if isinstance(given, tuple) else tuple(row.tolist())
             )
-        if not (self.levels and self.means and self.deviations and self.lapses) or self.trials < 1:
+        if not (self.levels and self.means and self.lapses) or self.trials < 1:
             raise BadValue(
-                "Quest: give levels, means, deviations and lapses, one of each at least, and trials"
-                " of at least 1"
+                "Quest: give levels, means and lapses, one of each at least, and trials of at"
+                " least 1"
             )
-        if min(self.deviations) <= 0 or not all(0 <= p < 0.5 for p in self.lapses):
-            raise BadValue("Quest: deviations must be above 0, lapses from 0 to below 0.5")
+        if bool(self.deviations) == bool(self.slopes):
+            raise BadValue("Quest: give deviations for a normal curve, or slopes for a Weibull")
+        if min(self.deviations or self.slopes) <= 0 or not all(0 <= p < 0.5 for p in self.lapses):
+            raise BadValue(
+                "Quest: deviations and slopes must be above 0, lapses from 0 to below 0.5"
+            )
+        if not all(0 <= g < 1 for g in self.guesses):
+            raise BadValue(f"Quest: guesses = {self.guesses} must be from 0 to below 1")
+        if self.slopes and (min(self.means) <= 0 or min(self.levels) < 0):
+            raise BadValue("Quest: a Weibull curve needs means above 0 and levels of 0 or above")
 
     def init(self, seed: int) -> State:
         """Return an empty history."""
@@ -133,54 +152,81 @@ class Quest:
         }
 
     def estimate(self, state: State) -> dict[str, float]:
-        """Return the posterior means of the parameters: mean, sd, lapse_rate."""
-        return {k: float(v) for k, v in _posterior(*_facts(self, state)).param_estimate.items()}
+        """Return the posterior means: mean, deviation or slope, lapse and guess."""
+        design, chance, *history = _facts(self, state)
+        _, known = _posterior(design, chance, *history)
+        return {
+            name: float((known.sum(tuple(k for k in range(known.ndim) if k != axis)) * row).sum())
+            for axis, (name, row) in enumerate(_parameters(design, chance).items())
+        }
 
 
 def _short(chance: float | None) -> str:
     return "None" if chance is None else f"{chance:.3g}"
 
 
-def _facts(
-    design: Quest, state: State
-) -> tuple[Quest, float | None, tuple[float, ...], tuple[int, ...]]:
+def _facts(design: Quest, state: State) -> tuple[Quest, float | None, Any, Any]:
     alone = copy.copy(design)
     object.__setattr__(alone, "task", None)  # which may be no key of a cache
-    return (
-        alone,
-        getattr(design.task, "chance", None),
-        tuple(state["levels"]),
-        tuple(state["outcomes"]),
-    )
+    chance = getattr(design.task, "chance", None)
+    return alone, chance, tuple(state["levels"]), tuple(state["outcomes"])
+
+
+def _parameters(design: Quest, chance: float | None) -> dict[str, Array]:
+    """Return the values of each parameter, in the order of the posterior's axes."""
+    rows: dict[str, Any] = {"mean": design.means}
+    rows |= {"slope": design.slopes} if design.slopes else {"deviation": design.deviations}
+    rows["lapse"] = design.lapses
+    if guesses := design.guesses or (() if chance is None else (chance,)):
+        rows["guess"] = guesses
+    return {name: np.array(row, float) for name, row in rows.items()}
+
+
+def _likelihood(design: Quest, chance: float | None) -> Array:
+    """Return the probabilities of outcomes 1 and 0: (parameters, 2, levels)."""
+    from scipy.special import ndtr
+
+    rows = _parameters(design, chance)
+    mean, wide, lapse, *guess = np.ix_(*rows.values(), np.array(design.levels, float))[:-1]
+    level = np.array(design.levels, float)
+    if "slope" in rows:
+        curve = 1 - np.exp(-((level / mean) ** wide))
+    else:
+        curve = ndtr((level - mean) / wide)
+    low = guess[0] if guess else lapse
+    more = low + (1 - low - lapse) * curve
+    # no answer is impossible, or one slip would leave no curve
+    return np.maximum(np.stack([more, 1 - more], axis=-2), FLOOR)
 
 
 @lru_cache(maxsize=32)
 def _level(
     design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]
 ) -> float:
-    return float(_posterior(design, chance, levels, outcomes).next_stim["intensity"])
+    """Return the level whose answer leaves the least expected entropy."""
+    likelihood, known = _posterior(design, chance, levels, outcomes)
+    axes = tuple(range(known.ndim))
+    then = known[..., None, None] * likelihood
+    p = then.sum(axes)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        then /= p
+        entropy = -np.nansum(then * np.log(then), axis=axes)
+    expected = (p * entropy).sum(0)
+    # the first of those that differ by rounding, so that no machine takes another
+    return float(design.levels[int(np.argmax(expected <= expected.min() + 1e-12))])
 
 
 @lru_cache(maxsize=32)
 def _posterior(
     design: Quest, chance: float | None, levels: tuple[float, ...], outcomes: tuple[int, ...]
-) -> Any:
-    """Return the posterior after these answers.
+) -> tuple[Array, Array]:
+    """Return the likelihoods, and the posterior after these answers.
 
-    The last ones are kept, so that a session takes one step a trial.
+    Its size, and not the number of answers, is what it costs.
     """
-    if not levels:
-        of = {"mean": design.means, "sd": design.deviations, "lapse_rate": design.lapses}
-        if chance is not None:
-            of["lower_asymptote"] = (chance,)
-        return package("questplus", "Quest", "'stimlib[experiments]'").QuestPlus(
-            stim_domain={"intensity": list(design.levels)},
-            param_domain={k: list(v) for k, v in of.items()},
-            outcome_domain={"response": list(_NAMES)},
-            func="norm_cdf_2" if chance is None else "norm_cdf",
-            stim_scale="linear",
-        )
-    known = copy.copy(_posterior(design, chance, levels[:-1], outcomes[:-1]))
-    known.stim_history, known.resp_history = list(known.stim_history), list(known.resp_history)
-    known.update(stim={"intensity": levels[-1]}, outcome={"response": _NAMES[1 - outcomes[-1]]})
-    return known
+    likelihood, counts = _likelihood(design, chance), np.zeros((2, len(design.levels)))
+    for level, more in zip(levels, outcomes, strict=True):
+        counts[1 - more, design.levels.index(level)] += 1
+    score = (counts * np.log(likelihood)).sum((-2, -1))
+    known = np.exp(score - score.max())
+    return likelihood, known / known.sum()

@@ -69,7 +69,7 @@ class Question:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 
     def answer(self, text: str) -> Any:
-        """Return the answer that was hit or typed.
+        """Return the answer for a key or a typed text.
 
         It is the key of a choice, a number, words in order, or places as ``x y; x y``,
         ``n`` for none.
@@ -104,7 +104,7 @@ class Question:
         return value
 
     def guess(self, rng: np.random.Generator) -> Any:
-        """Return some answer, whatever was shown.
+        """Return a random answer, whatever was presented.
 
         Examples
         --------
@@ -128,7 +128,7 @@ def _place(v: Any) -> bool:
 
 @public
 def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
-    """Return one of several words.
+    """Make a question with several words to choose from.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
 
 @public
 def ranking(name: str, text: str, *items: str) -> Question:
-    """Make a question that puts names in order, the first is the most.
+    """Make a question that puts names in order; the first is the most.
 
     Examples
     --------
@@ -201,7 +201,7 @@ def ranking(name: str, text: str, *items: str) -> Question:
 
 @public
 def places(name: str, text: str, most: int) -> Question:
-    """Make a question for places where something was felt.
+    """Make a question for positions at which something was felt.
 
     There are at most so many, in the units of the scene's inputs.
 

@@ -21,7 +21,7 @@ def _sequence(seed: int, words: tuple[str | int, ...]) -> np.random.SeedSequence
 
 @public
 def stream(seed: int, *words: str | int) -> np.random.Generator:
-    """Return the random numbers of one purpose.
+    """Return the random number generator for one purpose.
 
     Parameters
     ----------

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import json
 import os
 import re
@@ -18,18 +20,18 @@ from .random_streams import seed_of
 from .trial import Answer, Record, Trial
 
 VERSION = 1
-_HEADER = {
+HEADER = {
     "stimlib_experiment": fields.whole(10**6),
     "experiment": fields.table,
     "participant": fields.text,
     "session": fields.whole(10**6),
-    "pilot": fields.Test("true or false", lambda v: isinstance(v, bool)),
+    "pilot": fields.truth,
     "seed": fields.whole(2**53),
     "started": fields.text,
 }
-_LINE = {
+LINE = {
     "number": fields.whole(10**9),
-    "pilot": _HEADER["pilot"],
+    "pilot": fields.truth,
     "trial": fields.table,
     "answer": fields.table,
     "displayed": fields.list_of(fields.table),
@@ -40,7 +42,7 @@ _LINE = {
 
 @public
 def blinded(seed: int, name: str) -> str:
-    """Return what an experimenter sees in place of a condition.
+    """Return what an experimenter sees instead of a condition.
 
     It is a letter and digits that differ from session to session.
 
@@ -61,7 +63,7 @@ def folder_of(
     session: int = 1,
     pilot: bool = False,
 ) -> Path:
-    """Return where a session is kept.
+    """Return the folder of a session.
 
     Raises
     ------
@@ -94,7 +96,7 @@ def sealed(before: str, body: Mapping[str, Any]) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Saved:
-    """A session as it is on the disk.
+    """A session as stored on disk.
 
     Attributes
     ----------
@@ -116,13 +118,13 @@ class Saved:
 
     @property
     def data(self) -> list[Record]:
-        """The trials that count: those that are no training."""
+        """The trials that count: those that are not for training."""
         return [r for r in self.records if not r.trial.training]
 
 
 @public
 def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
-    """Read a session from its folder, also while it runs or after it was killed.
+    """Read a session from its folder, even while it runs or after it was killed.
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     raw = safe_files.read(folder / "session.json", "sidecar_bytes")
     try:
         header = fields.parse(raw)
-        fields.require(header, _HEADER)
+        fields.require(header, HEADER)
         if header["stimlib_experiment"] != VERSION:
             raise ValueError(
                 f"version {header['stimlib_experiment']}, this stimlib reads {VERSION}: update"
@@ -199,7 +201,7 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
     for number, line in enumerate(data.split(b"\n")[:-1], 1):
         try:
             body = fields.parse(line)
-            fields.require(body, _LINE)
+            fields.require(body, LINE)
             told = body.pop("chain")
             if sealed(chain, body)[1] != told or body["number"] != number or body["pilot"] != pilot:
                 raise ValueError(
@@ -254,7 +256,7 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
 
 @public
 def status(saved: Saved) -> dict[str, Any]:
-    """Return what the experimenter may know of a session.
+    """Return a session's progress with conditions blinded.
 
     It is how far it is, with its conditions blinded.
 
@@ -325,3 +327,21 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
         "training": [r.trial.training for _, r in rows],
         **{q: [r.answer.values.get(q) for _, r in rows] for q in questions},
     }
+
+
+def csv_of(table: Mapping[str, Sequence[Any]]) -> str:
+    """Return columns as CSV text, their names first.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.reader import csv_of
+    >>> print(csv_of({"level": [1.0, 2.0], "outcome": ["yes", "no"]}), end="")
+    level,outcome
+    1.0,yes
+    2.0,no
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(zip(*table.values(), strict=True))
+    return text.getvalue()

@@ -1,4 +1,4 @@
-"""Running a session: what happens around its trials.
+"""The session loop: presents each trial, asks about it, and records the answer.
 
 A front end talks to the participant.
 
@@ -35,16 +35,16 @@ class FrontEnd(Protocol):
         """Show a text."""
 
     def rest(self, seconds: float) -> None:
-        """Wait so long; it cannot be cut short."""
+        """Wait for the seconds of a rest; it cannot be shortened."""
 
     def ready(self, text: str) -> None:
-        """Wait until the participant wants to go on."""
+        """Wait until the participant wants to continue."""
 
     def pick(self, names: list[str]) -> str | None:
-        """Return one of the stimuli to get familiar with, or None to begin."""
+        """Return a stimulus to get familiar with, or None to begin."""
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """Return the answer, or None to have the stimuli once more.
+        """Return the answer, or None to repeat the stimuli.
 
         That is possible where replays are left.
         """
@@ -54,7 +54,7 @@ class FrontEnd(Protocol):
 def run(
     session: Session, front_end: FrontEnd, sink: str | Display = "offline", **options: Any
 ) -> None:
-    """Run all trials that are left of a session that is open.
+    """Run all remaining trials of an open session.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def run(
         front_end.tell("All trials of this session are done.")
         return
     if isinstance(sink, str):
-        prepare(session, sink)
+        prepare(session, sink, options.get("calibration"))
     if e.instructions:
         front_end.tell(e.instructions)
     _familiarise(session, trial, front_end, show)
@@ -164,7 +164,7 @@ def _one(
 
 @public
 class Simulated:
-    """The front end of an observer who answers alone and needs no rest.
+    """The front end of a simulated observer, who needs no rest.
 
     See `stimlib.experiments.trial.Observer`.
 
@@ -184,17 +184,17 @@ class Simulated:
         """Ignore the text."""
 
     def rest(self, seconds: float) -> None:
-        """Go on at once."""
+        """Continue at once."""
 
     def ready(self, text: str) -> None:
-        """Go on at once."""
+        """Continue at once."""
 
     def pick(self, names: list[str]) -> str | None:
         """Begin at once: all stimuli are known."""
         return None
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """Return what the observer answers to that question."""
+        """Return the observer's answer to a question."""
         rng: np.random.Generator = stream(self._session.seed, "observer", self._session.number)
         value = answered(self._observer, trial, rng).values.get(question.name)
         question.check(value)  # None would ask for a replay, and again

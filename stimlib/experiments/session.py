@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -48,7 +49,7 @@ LOG = 1 << 20  # bytes of a trial's log beside its samples: the scene, with maps
 
 @public
 class Session:
-    """A participant's session that is running: what is due, and what was answered.
+    """A participant's running session: the next trial, and the answers so far.
 
     Parameters
     ----------
@@ -194,7 +195,7 @@ class Session:
     # What a runner does ---------------------------------------------------------------
     @property
     def number(self) -> int:
-        """Of the trial that is due, from 1 on."""
+        """Number of the next trial, from 1 on."""
         return len(self.records) + 1
 
     def due(self) -> Trial | None:
@@ -234,7 +235,7 @@ class Session:
         )
 
     def rest(self, trial: Trial) -> float:
-        """Return the seconds of a pause that are still to go.
+        """Return the remaining seconds of a rest.
 
         A session that was left meanwhile counts too.
         """
@@ -247,7 +248,7 @@ class Session:
         return min(max(wanted - passed, 0.0), wanted)
 
     def put(self, answer: Answer, displayed: Sequence[Mapping[str, Any]] = ()) -> Record:
-        """Record the answer to the trial that is due; it is on the disk on return.
+        """Record the answer to the current trial; it is on disk on return.
 
         Raises
         ------
@@ -276,7 +277,7 @@ class Session:
         return record
 
     def blind(self, trial: Trial) -> str:
-        """Return what may be shown of a trial's condition."""
+        """Return the part of a trial's condition that may be shown."""
         return blinded(self.seed, trial.condition)
 
     def _check_kept(self) -> None:
@@ -315,8 +316,7 @@ class Session:
                 )  # of zeros a file system may keep nothing
             except SinkError as e:
                 raise SinkError(f"{e}: there is no room for an answer, {then}") from e
-        disk = os.statvfs(self.folder)
-        free, needed = disk.f_bavail * disk.f_frsize, self._log_bytes(trial)
+        free, needed = shutil.disk_usage(self.folder).free, self._log_bytes(trial)
         if free < needed:
             raise SinkError(
                 f"{self.folder}: {free} bytes are free, the log of a trial may need {needed},"

@@ -54,7 +54,7 @@ class Detection:
 def detection(
     hits: float, signals: float, false_alarms: float, noises: float, correction: str = "error"
 ) -> Detection:
-    """Return d' of a one-interval task, or of a yes-no one.
+    """Return d' of a one-interval or a yes-no task.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def _rate(k: float, n: float, correction: str) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Proportion:
-    """k of n, with its interval."""
+    """A proportion k of n, with its interval."""
 
     value: float
     low: float

@@ -18,7 +18,7 @@ DataFrame is one, too.
 
 @public
 def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[str, list[Any]]]:
-    """Return the rows of each group, in the order in which the groups first come.
+    """Return the rows of each group, in the order of first appearance.
 
     Parameters
     ----------
@@ -169,6 +169,4 @@ def to_pandas(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()
     1  a  c  0.0760
     2  b  c  0.2209
     """
-    return package("pandas", "a table of results", "'stimlib[experiments]'").DataFrame(
-        plain(rows, names)
-    )
+    return package("pandas", "a table of results").DataFrame(plain(rows, names))

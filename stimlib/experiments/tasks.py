@@ -17,14 +17,14 @@ from .trial import Stimulus, Trial
 
 @runtime_checkable
 class Task(Protocol):
-    """Makes trials of one condition."""
+    """A maker of trials of one condition."""
 
     @property
     def condition(self) -> str:
         """Name of the condition."""
 
     def trial(self, level: Any, seed: int, n: int) -> Trial:
-        """Return the trial of a level."""
+        """Return the trial for a level."""
 
 
 @public
@@ -107,7 +107,7 @@ class TwoInterval:
         return 0.5 if (silent if self.detection is None else self.detection) else None
 
     def trial(self, level: float, seed: int, n: int) -> Trial:
-        """Return both stimuli, and what each choice counts for.
+        """Return both stimuli, and the score of each choice.
 
         Each has noise of its own.
         """
@@ -232,6 +232,6 @@ class Rate:
     correct: Mapping[str, Any] = dc.field(default_factory=dict)
 
     def trial(self, level: Any, seed: int, n: int) -> Trial:
-        """Return the stimulus, with noise of its own."""
+        """Return the stimulus with its own noise."""
         shown = dc.replace(self.stimulus, seed=seed_of(seed, "noise", self.condition, n))
         return Trial(self.condition, (shown,), self.questions, correct=self.correct)

@@ -31,7 +31,7 @@ State = dict[str, Any]
 @public
 @dc.dataclass(frozen=True)
 class Stimulus:
-    """A scene with its numbers.
+    """A scene with parameter values and a noise seed.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ class Record:
 
     @property
     def time(self) -> str:
-        """Say how the intervals of what was displayed last were made.
+        """How the intervals of the last presentation were made.
 
         "own": each is a rendering of its stimulus alone. "shared", as older sessions
         have it: all are windows on one run, whose time, states and noise begin with the
@@ -196,7 +196,7 @@ class Record:
 
     @property
     def outcome(self) -> Any:
-        """See `outcome`."""
+        """What the answer to the first question counts for; see `outcome`."""
         return outcome(self.trial, self.answer)
 
 

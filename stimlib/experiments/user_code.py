@@ -10,7 +10,7 @@ from ..errors import BadValue, StimlibError
 
 
 def called(what: str, function: Callable[..., Any], *words: Any) -> Any:
-    """Return what a function of the user's gives.
+    """Call a user's function and return its result; an error names the function.
 
     Parameters
     ----------

@@ -1,14 +1,12 @@
-from .audio import as_scene as as_scene
-from .audio import read as read
-from .audio import save as save
-from .audio import write as write
-from .audio import write_frames as write_frames
+from .audio import (
+    as_scene as as_scene,
+    read as read,
+    save as save,
+    write as write,
+    write_frames as write_frames,
+)
 from .commit import recover as recover
-from .log_reader import MotionFile as MotionFile
-from .log_reader import SessionLog as SessionLog
-from .log_reader import read_log as read_log
-from .log_replay import Replay as Replay
-from .log_replay import replay as replay
-from .log_writer import LogWriter as LogWriter
-from .log_writer import header as header
+from .log_reader import MotionFile as MotionFile, SessionLog as SessionLog, read_log as read_log
+from .log_replay import Replay as Replay, replay as replay
+from .log_writer import LogWriter as LogWriter, header as header
 from .sidecar import FileReport as FileReport

@@ -38,6 +38,7 @@ from ..system.threads import beside
 from ..version import __version__
 from .commit import Put, check_place, check_size, publish
 from .formats import (
+    BITS,
     FORMATS,
     Array,
     check_format,
@@ -66,6 +67,7 @@ def write(
     format: str | None = None,
     subtype: str | None = None,
     full_scale: float | str | Mapping[str, float] | None = None,
+    dither: int | None = None,
     block: int = 8192,
     progress: bool | str = True,
     overwrite: bool = True,
@@ -74,9 +76,9 @@ def write(
 
     The processor goes on from the state it is in; time 0 of the motion is the first
     sample written. The file's samples are value / full_scale: rounded once to float32
-    in FLOAT, as they are in DOUBLE. In FLAC they are the 24-bit codes rint(value /
-    full_scale * 2**23), half to even, limited to -2**23 .. 2**23 - 1; the samples
-    limited are counted.
+    in FLOAT, as they are in DOUBLE. In PCM_16, PCM_24 and PCM_32 they are the whole
+    numbers rint(value / full_scale * 2**(bits - 1)), half to even, limited to what the
+    bits hold; the samples limited are counted.
 
     Memory does not grow with the duration. What was written is read back and compared
     before it gets its name. If anything fails, or on an interrupt, whatever was at
@@ -103,12 +105,15 @@ def write(
         Duration, rounded to whole samples.
     format : {"wav", "rf64", "w64", "caf", "flac"}, optional
         Format, if the suffix does not say it.
-    subtype : {"FLOAT", "DOUBLE", "PCM_24"}, optional
-        FLOAT (default) or DOUBLE; PCM_24 in FLAC.
+    subtype : {"FLOAT", "DOUBLE", "PCM_16", "PCM_24", "PCM_32"}, optional
+        FLOAT by default; in FLAC PCM_24 (default) or PCM_16.
     full_scale : float or mapping of output name to float, optional
         Value, in the output's unit, that is 1.0 in the file; 1 in the output's unit by
-        default. One number serves all outputs only if they have the same unit. FLAC
+        default. One number serves all outputs only if they have the same unit. PCM
         needs it: it has nothing above full scale.
+    dither : int, optional
+        Seed of triangular dither of one step, added before PCM is rounded: the error is
+        then a steady noise that does not depend on the signal.  By default none.
     block : int
         Samples per call of the processor; no effect on the bytes.
     progress : bool or "always"
@@ -143,7 +148,7 @@ def write(
     -----
     RuntimeWarning
         Samples pass full scale: a float format keeps them, and players and most sound
-        cards clip them; FLAC has clipped them. A generator moves faster than a hand, as
+        cards clip them; PCM has clipped them. A generator moves faster than a hand, as
         for ``render``.
 
     Examples
@@ -178,7 +183,17 @@ def write(
         )
 
     return _write(
-        Path(path), proc, motion, frames, blocks, format, subtype, full_scale, progress, overwrite
+        Path(path),
+        proc,
+        motion,
+        frames,
+        blocks,
+        format,
+        subtype,
+        full_scale,
+        dither,
+        progress,
+        overwrite,
     )
 
 
@@ -190,6 +205,7 @@ def save(
     format: str | None = None,
     subtype: str | None = None,
     full_scale: float | str | Mapping[str, float] | None = None,
+    dither: int | None = None,
     progress: bool | str = False,
     overwrite: bool = True,
 ) -> FileReport:
@@ -200,7 +216,7 @@ def save(
     path : path
         Where to write; the sidecar is ``path`` + ".json".
     rendering : Rendering
-    format, subtype, full_scale, progress, overwrite
+    format, subtype, full_scale, dither, progress, overwrite
         As in `write`.
 
     Returns
@@ -247,6 +263,7 @@ def save(
         format,
         subtype,
         full_scale,
+        dither,
         progress,
         overwrite,
     )
@@ -261,6 +278,7 @@ def _write(
     format: str | None,
     subtype: str | None,
     full_scale: float | str | Mapping[str, float] | None,
+    dither: int | None,
     progress: bool | str,
     overwrite: bool,
 ) -> FileReport:
@@ -268,7 +286,12 @@ def _write(
     format, subtype = format_of(path, format, subtype)
     check_format(format, subtype, proc.fs, len(proc.outputs), frames)
     sources = sources_of(motion, proc.inputs, frames)
-    scales = full_scales(full_scale, proc, format)
+    scales = full_scales(full_scale, proc, subtype)
+    if dither is not None and (subtype not in BITS or not 0 <= dither < 2**64):
+        raise BadValue(
+            f"dither = {dither!r}: give a seed from 0 to 2**64 - 1, and a subtype of whole numbers"
+            f" ({', '.join(BITS)}), not {subtype}"
+        )
     if not (isinstance(progress, bool) or progress == "always"):
         raise BadValue(f"progress must be True, False or 'always', got {progress!r}")
     check_place(path, sidecar_of(path), overwrite)
@@ -284,6 +307,7 @@ def _write(
         "stimlib": __version__,
         "format": format,
         "subtype": subtype,
+        "dither": dither,
         "fs": proc.fs,
         "frames": frames,
         "channels": [
@@ -302,7 +326,7 @@ def _write(
     parts = blocks(sources, max(1, int(STEP * proc.fs)))
 
     def run(put: Put) -> tuple[NDArray[np.int64], Array, str]:
-        return _run(put, path, proc, parts, frames, subtype, scales, progress)
+        return _run(put, path, proc, parts, info, scales, progress)
 
     report = publish(path, info, run, overwrite)
     if beyond := _beyond(report, info):
@@ -315,8 +339,7 @@ def _run(
     path: Path,
     proc: Processor,
     blocks: Iterable[Array],
-    frames: int,
-    subtype: str,
+    info: dict[str, Any],
     scales: Array,
     progress: bool | str,
 ) -> tuple[NDArray[np.int64], Array, str]:
@@ -324,7 +347,8 @@ def _run(
 
     The result has clips and peaks per output, and the hash of the signal.
     """
-    outputs, fs, first = proc.outputs, proc.fs, proc.index
+    outputs, fs, first, subtype = proc.outputs, proc.fs, proc.index, info["subtype"]
+    done = 0
     clips = np.zeros(len(outputs), dtype=np.int64)
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
@@ -333,8 +357,10 @@ def _run(
         digest.update(interleaved(y, "<f8").data)
 
     def stored(y: Array) -> None:
+        nonlocal done
         np.maximum(peak, np.abs(y).max(axis=1), out=peak)
-        samples, clipped = encode(y, scales, subtype, outputs)
+        samples, clipped = encode(y, scales, subtype, outputs, done, info["dither"])
+        done += y.shape[1]
         if (
             peak.max() > NEARLY
             and not (good := np.isfinite(physical(samples, scales)).all(axis=1)).all()
@@ -348,7 +374,7 @@ def _run(
         clips[:] += clipped
         put(samples)
 
-    with bar("writing", frames, progress) as advance, beside(hashed, stored) as give:
+    with bar("writing", info["frames"], progress) as advance, beside(hashed, stored) as give:
         for y in blocks:
             if proc.fault is not None:
                 name, index = proc.fault
@@ -377,7 +403,7 @@ def _beyond(report: FileReport, info: dict[str, Any]) -> str:
         needed = ", ".join(f"{name}: {1.01 * peak:.3g}" for name, peak in peaks.items() if peak > 0)
     then = (
         "players clip there, though the file does not"
-        if info["subtype"] != "PCM_24"
+        if info["subtype"] not in BITS
         else "the file is clipped there"
     )
     return shown(
@@ -440,6 +466,7 @@ def write_frames(
         "stimlib": __version__,
         "format": format,
         "subtype": subtype,
+        "dither": None,
         "seed": 0,
         "params": {},
         "index": 0,
@@ -473,11 +500,12 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         With a full scale that is a power of two, DOUBLE gives back every bit of the
         signal and FLOAT its float32 rounding.
     sidecar : dict
-        stimlib (version), format, subtype, fs (Hz), frames, channels (a list of name,
-        unit, full_scale, clips, peak), seed, params (when the file began), index
-        (samples that the processor had done before), log (what `Processor.set` had
-        changed, the `Change`s), motion, scene, scene_hash, definitions (the files of
-        your own blocks: a record), versions, sha256 (of the signal before it was scaled
+        stimlib (version), format, subtype, dither (its seed or None), fs (Hz), frames,
+        channels (a list of name, unit, full_scale, clips, peak), seed, params (when the
+        file began), index (samples that the processor had done before), log (what
+        `Processor.set` had changed, the `Change`s), motion, scene, scene_hash,
+        definitions (the files of your own blocks: a record), versions, sha256 (of the
+        signal before it was scaled
         and rounded: the float64 values in physical units, little-endian, all outputs of
         sample 0, then of sample 1, ...) and file_sha256 (of the audio file). With index
         0, scene, seed, log and motion give the signal again. A file that was recovered
@@ -650,7 +678,7 @@ def _samples(path: Path, f: Any, scales: Array, first: int, stop: int) -> Array:
     while at < stop:
         part = f.read(
             min(PIECE, stop - at),
-            dtype="int32" if f.subtype == "PCM_24" else "float64",
+            dtype="int32" if f.subtype in BITS else "float64",
             always_2d=True,
         )
         if not len(part):

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from ..errors import SinkError, public
 from ..system import safe_files
 from ..system.limits import limits
-from .formats import JOURNAL, Array, physical
-from .partial import TYPES, Draft, disk, fill, move, reading, reason, sha256, soundfile
+from .formats import BITS, JOURNAL, Array, physical
+from .partial import TYPES, Draft, comment_of, disk, fill, move, reading, reason, sha256, soundfile
 from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
 
 Put = Callable[[NDArray[Any]], None]
@@ -48,40 +48,47 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
 
     Meanwhile NAME.part has the samples so far.
     """
-    part, format = part_of(path), info["format"]
     try:
-        with _locked(path) as begun, ExitStack() as stack:
-            _remove(_new(path), part_of(sidecar_of(path)))  # of a run that was killed
+        with _locked(path) as begun:
+            safe_files.remove(_new(path), part_of(sidecar_of(path)))  # of a run that was killed
             with disk(path):
                 fill(begun, text_of(info))
-            draft = stack.enter_context(
-                _draft(path, _new(path) if format in JOURNAL else part, info, format)
-            )
-            put = draft.put
-            if format in JOURNAL:
-                journal = stack.enter_context(_draft(path, part, info, JOURNAL[format]))
-
-                def put(samples: NDArray[Any]) -> None:
-                    journal.append(samples)
-                    draft.put(samples)
-
-            clips, peak, info["sha256"] = run(put)
-            if draft.frames != info["frames"]:
-                raise SinkError(
-                    f"cannot write {path}: {draft.frames} frames came, not {info['frames']}"
-                )
-            for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
-                c |= {"clips": int(clipped), "peak": float(largest)}
-            _move(draft, path, info, overwrite)
-            _remove(part, sidecar_of(part))
+            _fill(path, info, run, overwrite)
+            safe_files.remove(part_of(path), sidecar_of(part_of(path)))  # which are closed
     except BaseException:
         _clean(path)
         raise
     return report_of(path, info)
 
 
+def _fill(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> None:
+    """Let run fill a file, and move it and its sidecar into place."""
+    part, format = part_of(path), info["format"]
+    with ExitStack() as stack:
+        draft = stack.enter_context(
+            _draft(path, _new(path) if format in JOURNAL else part, info, format)
+        )
+        put = draft.put
+        if format in JOURNAL:
+            journal = stack.enter_context(_draft(path, part, info, JOURNAL[format]))
+
+            def put(samples: NDArray[Any]) -> None:
+                journal.append(samples)
+                draft.put(samples)
+
+        clips, peak, info["sha256"] = run(put)
+        if draft.frames != info["frames"]:
+            raise SinkError(
+                f"cannot write {path}: {draft.frames} frames came, not {info['frames']}"
+            )
+        for c, clipped, largest in zip(info["channels"], clips, peak, strict=True):
+            c |= {"clips": int(clipped), "peak": float(largest)}
+        _move(draft, path, info, overwrite)
+
+
 def _draft(path: Path, at: Path, info: dict[str, Any], format: str) -> Draft:
-    return Draft(path, at, int(info["fs"]), len(info["channels"]), format, info["subtype"])
+    channels = len(info["channels"])
+    return Draft(path, at, int(info["fs"]), channels, format, info["subtype"], comment_of(info))
 
 
 def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> None:
@@ -169,25 +176,27 @@ def recover(
         )
         raise SinkError(f"nothing to recover: there is no {part}{log}")
     load(part, sidecar, BEGUN)
-    with _locked(path), ExitStack() as stack:
-        info = load(part, sidecar, BEGUN)
-        check_place(to, sidecar_of(to), overwrite)
-        raw = stack.enter_context(open(safe_files.opened(part, os.O_RDWR), "rb", buffering=0))
-        info |= {
-            "sha256": None,
-            "recovered": {"frames": info["frames"]},
-            "frames": _frames_left(part, raw, info),
-        }
-        draft = stack.enter_context(_draft(to, _new(to), info, info["format"]))
-        try:
-            peak = _copy(part, raw, draft, info)
-            for c, largest in zip(info["channels"], peak, strict=True):
-                c |= {"clips": None if info["subtype"] == "PCM_24" else 0, "peak": float(largest)}
-            _move(draft, to, info, overwrite)
-        except BaseException:
-            _remove(_new(to), part_of(sidecar_of(to)))
-            raise
-        _remove(part, sidecar, _new(path))
+    with _locked(path):
+        with ExitStack() as stack:
+            info = load(part, sidecar, BEGUN)
+            check_place(to, sidecar_of(to), overwrite)
+            raw = stack.enter_context(open(safe_files.opened(part, os.O_RDWR), "rb", buffering=0))
+            info |= {
+                "sha256": None,
+                "recovered": {"frames": info["frames"]},
+                "frames": _frames_left(part, raw, info),
+            }
+            draft = stack.enter_context(_draft(to, _new(to), info, info["format"]))
+            try:
+                peak = _copy(part, raw, draft, info)
+                for c, largest in zip(info["channels"], peak, strict=True):
+                    clips = None if info["subtype"] in BITS else 0
+                    c |= {"clips": clips, "peak": float(largest)}
+                _move(draft, to, info, overwrite)
+            except BaseException:
+                safe_files.remove(_new(to), part_of(sidecar_of(to)))
+                raise
+        safe_files.remove(part, sidecar, _new(path))
     return report_of(to, info)
 
 
@@ -208,7 +217,7 @@ def _finish_move(path: Path) -> FileReport | None:
         with disk(path):
             safe_files.check(ready)
             os.replace(ready, sidecar_of(path))
-        _remove(part_of(path), sidecar_of(part_of(path)))
+        safe_files.remove(part_of(path), sidecar_of(part_of(path)))
     return report_of(path, info)
 
 
@@ -283,18 +292,13 @@ def _new(path: Path) -> Path:
     return path.with_name(path.name + ".new.part")
 
 
-def _remove(*paths: Path) -> None:
-    for p in paths:
-        with suppress(OSError):
-            p.unlink()
-
-
 def _clean(path: Path) -> None:
     """Remove what a failed run left, if it is not another run's."""
     begun = sidecar_of(part_of(path))
     with suppress(OSError), open(safe_files.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
         if safe_files.held(f.fileno()) and os.path.samestat(os.fstat(f.fileno()), os.lstat(begun)):
-            _remove(part_of(path), _new(path), part_of(sidecar_of(path)), begun)
+            safe_files.remove(part_of(path), _new(path), part_of(sidecar_of(path)), begun)
+    safe_files.sweep(begun)
 
 
 @contextmanager

@@ -16,14 +16,10 @@ from ..run.processor import Processor
 Array = NDArray[np.float64]
 
 # format of libsndfile -> subtypes that we write, the default first
-FORMATS = {
-    "WAV": ("FLOAT", "DOUBLE"),
-    "RF64": ("FLOAT", "DOUBLE"),
-    "W64": ("FLOAT", "DOUBLE"),
-    "CAF": ("FLOAT", "DOUBLE"),
-    "FLAC": ("PCM_24",),
-}
-BYTES = {"FLOAT": 4, "DOUBLE": 8, "PCM_24": 3}
+ANY = ("FLOAT", "DOUBLE", "PCM_16", "PCM_24", "PCM_32")
+FORMATS = {"WAV": ANY, "RF64": ANY, "W64": ANY, "CAF": ANY, "FLAC": ("PCM_24", "PCM_16")}
+BITS = {"PCM_16": 16, "PCM_24": 24, "PCM_32": 32}  # of whole numbers
+BYTES = {"FLOAT": 4, "DOUBLE": 8} | {name: bits // 8 for name, bits in BITS.items()}
 # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the
 # rest
 MAX_WAV = 2**32 - 4096
@@ -44,13 +40,14 @@ def format_of(path: Path, format: str | None, subtype: str | None) -> tuple[str,
     sub = FORMATS[name][0] if subtype is None else str(subtype).upper()
     if sub not in FORMATS[name]:
         raise SinkError(
-            f"{name} is written with subtype {' or '.join(FORMATS[name])}, not {subtype!r}"
+            f"{name} is written with subtype {', '.join(FORMATS[name][:-1])} or"
+            f" {FORMATS[name][-1]}, not {subtype!r}"
         )
     return name, sub
 
 
 def check_format(format: str, subtype: str, fs: float, channels: int, frames: int) -> None:
-    """Return the rate, channels and duration fit the format."""
+    """Raise SinkError unless rate, channels and duration fit the format."""
     if not (fs.is_integer() and 1 <= fs < 2**31):
         raise SinkError(
             f"an audio file needs a whole number of samples per second, not fs = {fs!r} Hz"
@@ -71,13 +68,16 @@ def check_format(format: str, subtype: str, fs: float, channels: int, frames: in
         raise SinkError(f"FLAC holds fewer than 2**36 frames, not {frames}")
 
 
-def full_scales(full_scale: Any, proc: Processor, format: str) -> Array:
+def full_scales(full_scale: Any, proc: Processor, subtype: str) -> Array:
     """Return the full scale of each output, checked."""
     outputs = proc.outputs
     units = {proc.units[name] for name in outputs}
-    if full_scale is None and format == "FLAC":
+    if full_scale is None and subtype in BITS:
         unit = next(iter(units)) if len(units) == 1 else "each output's unit, by name"
-        raise BadValue(f"FLAC has no samples above full scale: give full_scale, in {unit}")
+        raise BadValue(
+            f"{subtype} has no samples above full scale: give full_scale, in {unit}, or"
+            " --full-scale"
+        )
     if isinstance(full_scale, Mapping):
         check_names("full_scale", full_scale, outputs, "output")
         values = [full_scale[name] for name in outputs]
@@ -109,20 +109,57 @@ def interleaved(y: NDArray[Any], type: Any) -> NDArray[Any]:
     return frames
 
 
-def encode(
-    y: Array, scales: Array, subtype: str, outputs: tuple[str, ...]
-) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return samples as they go to libsndfile, and how many were limited.
+def dither_of(seed: int, channels: int, at: int, n: int) -> Array:
+    """Return triangular dither of samples at .. at + n - 1, shape (channels, n).
 
-    The samples are (n, n_outputs), the counts per output.
+    Between -1 and 1 step, the same for a sample wherever the file is cut.
+
+    Source: Vanderkooy and Lipshitz, J. Audio Eng. Soc. 32 (1984): of two uniform
+    numbers, so that mean and variance of the rounding do not depend on the signal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.files.formats import dither_of
+    >>> whole = dither_of(7, 2, 0, 1000)
+    >>> np.array_equal(dither_of(7, 2, 301, 5), whole[:, 301:306])
+    True
+    >>> bool(abs(whole).max() < 1), round(float(np.var(whole)), 2)  # 1/6
+    (True, 0.17)
+    """
+    first = at // 2  # one step of the counter makes four numbers
+    rows = []
+    for channel in range(channels):
+        bits = np.random.Philox(key=[seed, channel])
+        bits.advance(first)
+        u = np.random.Generator(bits).random((at - 2 * first + n, 2))
+        rows.append((u[:, 0] - u[:, 1])[at - 2 * first :])
+    return np.array(rows).reshape(channels, n)
+
+
+def encode(
+    y: Array,
+    scales: Array,
+    subtype: str,
+    outputs: tuple[str, ...],
+    at: int = 0,
+    dither: int | None = None,
+) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Return samples as libsndfile takes them, and how many were limited.
+
+    The samples are (n, n_outputs), the counts per output.  The first is the file's
+    sample ``at``; ``dither`` is the seed of the dither, None for none.
     """
     with np.errstate(over="ignore"):
         v = y / scales[:, None]
-        if subtype == "PCM_24":
-            codes = np.rint(v * 2.0**23)
-            limited = np.clip(codes, -(2.0**23), 2.0**23 - 1)
-            # libsndfile keeps the upper 24 of the 32 bits as they are
-            return interleaved(limited, np.int32) << 8, np.count_nonzero(limited != codes, axis=1)
+        if subtype in BITS:
+            step, top = 32 - BITS[subtype], 2.0 ** (BITS[subtype] - 1)
+            noise = 0.0 if dither is None else dither_of(dither, len(v), at, v.shape[1])
+            codes = np.rint(v * top + noise)
+            limited = np.clip(codes, -top, top - 1)
+            # libsndfile keeps the upper bits of the 32 as they are
+            whole = interleaved(limited, np.int32) << step
+            return whole, np.count_nonzero(limited != codes, axis=1)
         samples = interleaved(v, np.float32 if subtype == "FLOAT" else np.float64)
     if not np.isfinite(samples).all():
         name = outputs[int(np.argwhere(~np.isfinite(samples))[0][1])]
@@ -143,7 +180,7 @@ def physical(samples: NDArray[Any], scales: Array) -> Array:
         return np.ascontiguousarray((values * scales).T)
 
 
-def stored(y: Array, sidecar: dict[str, Any]) -> Array:
+def stored(y: Array, sidecar: dict[str, Any], at: int = 0) -> Array:
     """Return a signal as a file in this sidecar's format keeps it.
 
     It is rounded as `stimlib.files.read` returns it.
@@ -152,6 +189,8 @@ def stored(y: Array, sidecar: dict[str, Any]) -> Array:
     ----------
     y : ndarray of float64, shape (n_outputs, n)
     sidecar : dict
+    at : int
+        Sample of the file that is the first.
 
     Returns
     -------
@@ -168,7 +207,6 @@ def stored(y: Array, sidecar: dict[str, Any]) -> Array:
     array([[0.10000002]])
     """
     scales = np.array([c["full_scale"] for c in sidecar["channels"]])
-    samples, _ = encode(
-        y, scales, sidecar["subtype"], tuple(c["name"] for c in sidecar["channels"])
-    )
+    names = tuple(c["name"] for c in sidecar["channels"])
+    samples, _ = encode(y, scales, sidecar["subtype"], names, at, sidecar.get("dither"))
     return physical(samples, scales)

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -63,10 +64,14 @@ FIELDS: dict[str, fields.Test] = {
     "started": fields.text,
 }
 _HASH = fields.Test(
-    "64 hex digits", lambda v: fields.text(v) and len(v) == 64 and set(v) <= set("0123456789abcdef")
+    "64 hex digits",
+    lambda v: fields.text(v) and len(v) == 64 and set(v) <= set("0123456789abcdef"),
+    {"type": "string", "pattern": "^[0-9a-f]{64}$"},
 )
 _RAMP = fields.Test(
-    "a number of samples", lambda v: fields.number(v) and 0 <= v <= MAX_INDEX and v == int(v)
+    "a number of samples",
+    lambda v: fields.number(v) and 0 <= v <= MAX_INDEX and v == int(v),
+    {"type": "integer", "minimum": 0, "maximum": MAX_INDEX},
 )
 EVENTS: dict[str, dict[str, fields.Test]] = {
     "set": {"name": fields.text, "value": fields.number, "ramp": _RAMP},
@@ -88,7 +93,7 @@ class Event(NamedTuple):
 
 
 class Span(NamedTuple):
-    """Frames at .. to - 1 and their sha256.
+    """A range of frames and its SHA-256.
 
     The hash is over little-endian words, all channels of a frame, then the next.
     """
@@ -112,7 +117,7 @@ class Header(NamedTuple):
 
 
 class MotionFile:
-    """The rows of motion.f64, read where they are asked for.
+    """The rows of motion.f64, read on demand.
 
     It is not mapped: a file that another program cuts would end the process then. Here
     that is a SinkError.
@@ -132,12 +137,12 @@ class MotionFile:
         return self.shape[0]
 
     def beyond(self, row: int) -> int:
-        """Return bytes from a row on; negative where rows are missing."""
+        """Return the bytes stored beyond a row; negative where rows are missing."""
         return 8 * self.shape[1] * (len(self) - row) + self.rest
 
     @property
     def T(self) -> NDArray[np.float64]:
-        """All of it, shape (n_inputs, n)."""
+        """All rows, shape (n_inputs, n)."""
         return self[:].T
 
     def __getitem__(self, key: Any) -> NDArray[np.float64]:
@@ -281,41 +286,17 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
         MotionFile(folder / "motion.f64", len(head.inputs)) if head.inputs else np.empty((0, 0))
     )
     report = _json(folder / "report.json") if os.path.isfile(folder / "report.json") else None
-    if report is None:
-        notes.append("no report: the session was killed, or its log could not be ended")
-
-    spans, seen, lost, end, known = [], [], [], 0, None
-    gaps: list[tuple[int, int]] = []  # one after the other is one
-    for e in events:
-        if e.kind == "motion":
-            seen.append(Span(e.at, e.data["to"], e.data["sha256"]))
-        if e.kind == "hash":
-            spans.append(Span(e.at, e.data["to"], e.data["sha256"]))
-            end = e.data["to"]
-        elif e.kind in ("lost", "gap"):
-            end = e.at + e.data["frames"]
-            if e.kind == "lost":
-                lost.append((e.at, e.data["frames"]))
-            else:
-                if e.data.get("delivered") is False:
-                    lost.append((e.at, e.data["frames"]))
-                begin = gaps.pop()[0] if gaps and gaps[-1][1] == e.at else e.at
-                gaps.append((begin, end))
-                known = e.at if known is None and head.inputs else known
+    spans, seen, lost, gaps = _spans(events)
+    end = max((s.to for s in (*spans, *gaps)), default=0)
+    end = max(end, max((at + n for at, n in lost), default=0))
     notes += [
-        f"a gap of {stop - at} samples at {at}, of which the log knows nothing" for at, stop in gaps
+        f"a gap of {gap.to - gap.at} samples at {gap.at}, of which the log knows nothing"
+        for gap in gaps
     ]
-    frames = end if known is None else known
-    produced = (
-        int(report["produced"]) if report is not None and COUNT(report.get("produced")) else end
-    )
-    if produced != end:
-        notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
-    if report is not None:
-        if not COUNT(report.get("produced")):
-            notes.append("the report has no number of samples produced")
-        # a session that ended has both of each sample
+    produced = _produced(report, end, notes)
+    if report is not None:  # a session that ended has both of each sample
         produced = max(produced, seen[-1].to if seen else 0)
+    frames = gaps[0].at if gaps and head.inputs else end
     if isinstance(motion, MotionFile):
         more = motion.beyond(seen[-1].to if seen else 0)
         if report is not None and more > 0:  # a session that ended has all of it under a hash
@@ -345,6 +326,42 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     )
 
 
+def _spans(
+    events: Sequence[Event],
+) -> tuple[list[Span], list[Span], list[tuple[int, int]], list[Span]]:
+    """Return what hashes cover, of frames and of motion, what was lost, and the gaps.
+
+    A gap that follows another is one with it.
+    """
+    spans, seen = (
+        [Span(e.at, e.data["to"], e.data["sha256"]) for e in events if e.kind == kind]
+        for kind in ("hash", "motion")
+    )
+    lost: list[tuple[int, int]] = []
+    gaps: list[Span] = []
+    for e in events:
+        if e.kind == "lost" or (e.kind == "gap" and e.data.get("delivered") is False):
+            lost.append((e.at, e.data["frames"]))
+        if e.kind == "gap":
+            begin = gaps.pop().at if gaps and gaps[-1].to == e.at else e.at
+            gaps.append(Span(begin, e.at + e.data["frames"], ""))
+    return spans, seen, lost, gaps
+
+
+def _produced(report: dict[str, Any] | None, end: int, notes: list[str]) -> int:
+    """Return the samples produced as the report says, or ``end``; note what is odd."""
+    if report is None:
+        notes.append("no report: the session was killed, or its log could not be ended")
+        return end
+    if not COUNT(report.get("produced")):
+        notes.append("the report has no number of samples produced")
+        return end
+    produced = int(report["produced"])
+    if produced != end:
+        notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
+    return produced
+
+
 def _json(path: Path) -> dict[str, Any]:
     try:
         return fields.parse(safe_files.read(path, "sidecar_bytes"))
@@ -353,7 +370,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Header:
-    """Return what session.json says, or raise an error if it is no log's."""
+    """Return the header that session.json states, or raise an error."""
 
     def need(good: bool, what: str) -> None:
         if not good:

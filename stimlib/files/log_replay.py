@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace as changed
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,15 @@ def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba"
     except (SceneError, BadValue) as e:
         raise SinkError(f"{log.folder}: the scene cannot be compiled: {e}") from e
     return proc
+
+
+def without_inverse(log: SessionLog) -> SessionLog:
+    """Return a log whose frames are those that a calibrated device was asked for.
+
+    They are replayed in the outputs' units and not delayed; their hashes are not those
+    of the log.
+    """
+    return changed(log, safety=changed(log.safety, inverse=None))
 
 
 def motion_of(log: SessionLog, proc: Processor) -> Rows:

@@ -27,7 +27,7 @@ SPAN = 0.25  # s of delivered samples under one hash
 
 
 class LogWriter:
-    """Writes a session's log while it plays; all calls come from one ordinary thread.
+    """A writer of a session's log while it plays, called from one thread.
 
     Every call is on its way to the disk when it returns. After an error every further
     call raises it again, except ``close``.
@@ -304,7 +304,7 @@ def header(
     block: int = 0,
     started: str = "",
 ) -> dict[str, Any]:
-    """Return what a log says first, for sessions that are not played by a sink.
+    """Return the header of a session log, as JSON data.
 
     Parameters
     ----------

@@ -23,9 +23,14 @@ from numpy.typing import NDArray
 from ..errors import SinkError
 from ..system import safe_files
 from ..system.threads import beside
+from .formats import BITS
 
 UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
-TYPES = {"FLOAT": "float32", "DOUBLE": "float64", "PCM_24": "int32"}  # of the samples of a subtype
+# of the samples of a subtype
+TYPES = {"FLOAT": "float32", "DOUBLE": "float64"} | dict.fromkeys(BITS, "int32")
+COMMENTED = {"WAV", "RF64", "CAF", "FLAC"}  # W64 has no place for a text
+LINKS = os.link in os.supports_follow_symlinks
+"""False on Windows, where a rename replaces nothing."""
 PIECE = 1 << 16  # frames that are read at once
 
 
@@ -42,6 +47,8 @@ class Draft:
         Where it is for now.
     fs, channels, format, subtype
         As libsndfile wants them.
+    comment : str
+        A text inside the file, where its format has a place for one.
 
     Raises
     ------
@@ -50,7 +57,16 @@ class Draft:
         the file.
     """
 
-    def __init__(self, path: Path, at: Path, fs: int, channels: int, format: str, subtype: str):
+    def __init__(
+        self,
+        path: Path,
+        at: Path,
+        fs: int,
+        channels: int,
+        format: str,
+        subtype: str,
+        comment: str = "",
+    ):
         self.path, self.at, self.frames, self.type = path, at, 0, TYPES[subtype]
         self._put = hashlib.blake2b()
         self._busy = Lock()  # an interrupt may close it while another thread puts
@@ -59,7 +75,7 @@ class Draft:
         try:
             with disk(path, self.raw):
                 self._sound = sf.SoundFile(
-                    self.raw.fileno(),
+                    sound_of(self.raw),
                     "w",
                     samplerate=fs,
                     channels=channels,
@@ -67,6 +83,8 @@ class Draft:
                     format=format,
                     closefd=False,
                 )
+                if comment and format in COMMENTED:
+                    self._sound.comment = comment
                 sf._snd.sf_command(self._sound._file, UPDATE_HEADER_AUTO, sf._ffi.NULL, 1)
         except BaseException:
             self.raw.close()
@@ -102,14 +120,16 @@ class Draft:
         """Complete the file on the disk, verify its contents, and return its sha256."""
         with disk(self.path, self.raw):
             self._sound.close()
-            _undate(self.raw.fileno())
+            _undate(self.raw)
             os.fsync(self.raw.fileno())
             digest, got, frames, hashed = hashlib.sha256(), hashlib.blake2b(), 0, 0
             with beside(digest.update) as give:
 
                 def hash_to(end: float) -> None:
                     nonlocal hashed
-                    while hashed < end and (part := os.pread(self.raw.fileno(), 1 << 18, hashed)):
+                    while hashed < end and (
+                        part := safe_files.read_at(self.raw.fileno(), 1 << 18, hashed)
+                    ):
                         give(part)
                         hashed += len(part)
 
@@ -139,18 +159,32 @@ class Draft:
         """Return whether this file has that name."""
         try:
             return os.path.samestat(os.lstat(path), os.fstat(self.raw.fileno()))
-        except OSError:
+        except (OSError, ValueError):  # on Windows it is closed before it is moved
             return False
 
     def move(self, path: Path, overwrite: bool) -> None:
-        """Give it its name."""
+        """Rename the file to its final name."""
         if not self.is_at(self.at):
             raise self._changed()
+        safe_files.let_go(self.raw)
         move(self.at, path, overwrite)
 
 
+def comment_of(info: dict[str, Any]) -> str:
+    """Return the comment on a file's channels, in case its sidecar is lost.
+
+    Examples
+    --------
+    >>> from stimlib.files.partial import comment_of
+    >>> comment_of({"channels": [{"name": "force", "unit": "N", "full_scale": 50.0}]})
+    'force [N]: 1.0 is 50.0'
+    """
+    rows = (f"{c['name']} [{c['unit']}]: 1.0 is {c['full_scale']!r}" for c in info["channels"])
+    return "; ".join(rows)[:1000]
+
+
 def move(source: Path, path: Path, overwrite: bool) -> None:
-    """Give a file its name.
+    """Rename a file to its final name.
 
     Without overwrite, SinkError is raised where something has this name, from whenever
     it may be.
@@ -159,13 +193,16 @@ def move(source: Path, path: Path, overwrite: bool) -> None:
         os.replace(source, path)
         return
     try:
+        if not LINKS:
+            os.rename(source, path)
+            return
         try:
             os.link(source, path, follow_symlinks=False)
         except OSError as e:
             if e.errno not in (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK):
                 raise
             # no links here: take the name first
-            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
+            os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
             os.replace(source, path)
         else:
             os.unlink(source)
@@ -174,7 +211,7 @@ def move(source: Path, path: Path, overwrite: bool) -> None:
 
 
 def fill(f: Any, data: bytes) -> None:
-    """Make this all that an unbuffered file has."""
+    """Replace the content of an unbuffered file."""
     f.seek(0)
     f.truncate()
     while data:  # a full disk takes a part, and fails on the rest with its reason
@@ -184,7 +221,7 @@ def fill(f: Any, data: bytes) -> None:
 def sha256(f: Any) -> str:
     """Return the SHA-256 of the bytes of an open file."""
     digest, at = hashlib.sha256(), 0
-    while part := os.pread(f.fileno(), 1 << 20, at):
+    while part := safe_files.read_at(f.fileno(), 1 << 20, at):
         digest.update(part)
         at += len(part)
     return digest.hexdigest()
@@ -193,7 +230,15 @@ def sha256(f: Any) -> str:
 def reading(f: Any) -> Any:
     """Return the sound of an open file, from its beginning."""
     f.seek(0)
-    return soundfile().SoundFile(f.fileno(), closefd=False)
+    return soundfile().SoundFile(sound_of(f), closefd=False)
+
+
+def sound_of(f: Any) -> Any:
+    """Return what libsndfile takes of an open file: its descriptor, or itself.
+
+    On Windows the descriptors of Python and of libsndfile are not the same.
+    """
+    return f.fileno() if safe_files.NOFOLLOW else f
 
 
 def reason(error: Exception) -> str:
@@ -203,7 +248,7 @@ def reason(error: Exception) -> str:
 
 @contextmanager
 def disk(path: Path, raw: Any = None) -> Iterator[None]:
-    """Convert errors inside to those of the disk or of libsndfile.
+    """Convert exceptions inside the block to errors of disk or libsndfile.
 
     They are not errors of the processor or the motion.
     """
@@ -232,17 +277,18 @@ def _reason(raw: Any) -> str | None:
     return None
 
 
-def _undate(fd: int) -> None:
+def _undate(f: Any) -> None:
     """Set the date in the PEAK chunk of a WAV or RF64 file to 0.
 
     libsndfile has a command that leaves the chunk out, but does not obey it in RF64.
     """
-    head, at = os.pread(fd, 12, 0), 12
+    head, at = safe_files.read_at(f.fileno(), 12, 0), 12
     while head[:4] in (b"RIFF", b"RF64"):
-        chunk = os.pread(fd, 8, at)
+        chunk = safe_files.read_at(f.fileno(), 8, at)
         name, size = chunk[:4], int.from_bytes(chunk[4:], "little")
         if name == b"PEAK":
-            os.pwrite(fd, bytes(4), at + 12)  # behind name, size and the chunk's version
+            f.seek(at + 12)  # behind name, size and the chunk's version
+            f.write(bytes(4))
         if name in (b"PEAK", b"data", b""):
             break
         at += 8 + size + size % 2

@@ -25,6 +25,7 @@ BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being
     "stimlib": fields.text,
     "format": fields.one_of(*FORMATS),
     "subtype": fields.one_of(*BYTES),
+    "dither": fields.maybe(fields.whole(2**64 - 1)),
     "fs": fields.between(1, 2**31 - 1),
     "frames": _COUNT,
     "channels": fields.list_of(fields.record(_CHANNEL)),
@@ -62,7 +63,7 @@ class FileReport:
         frames / fs.
     clips : dict of str to int
         Per output, how many samples were limited to full scale; 0 in formats that hold
-        floats, None where a FLAC file was recovered.
+        floats, None where a file of whole numbers was recovered.
     peak : dict of str to float
         Per output, the largest absolute value, in the output's unit; of the samples as
         stored where they were recovered.
@@ -117,7 +118,7 @@ def part_of(path: Path) -> Path:
 
 
 def told(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read and check the sidecar of a file alone.
+    """Read and check the sidecar of a file, without the file.
 
     `stimlib.files.read` compares it with the file too.
 
@@ -151,7 +152,7 @@ def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dic
 
 
 def hint(path: Path) -> str:
-    """Return what to do where a run that was killed left something."""
+    """Return a hint at what a killed run has left."""
     left = next((p for p in (part_of(path), part_of(sidecar_of(path))) if os.path.isfile(p)), None)
     return f"; a run that was killed left {left.name}: try stimlib recover {path}" if left else ""
 
@@ -162,7 +163,7 @@ def text_of(info: dict[str, Any]) -> bytes:
 
 
 def describe(source: Any) -> str:
-    """Return a motion as a text."""
+    """Return a motion as text."""
     if isinstance(source, np.ndarray):
         return f"array({len(source)})"
     # the address in the repr of a function would make two equal runs differ
@@ -170,7 +171,7 @@ def describe(source: Any) -> str:
 
 
 def versions() -> dict[str, str | None]:
-    """Return the versions of the packages that shape a file."""
+    """Return the versions of the packages that affect a file."""
     sf = soundfile()
     return {
         "numpy": np.__version__,

@@ -1,12 +1,14 @@
-from .closed_form import maxwell_force as maxwell_force
-from .closed_form import springpot_force as springpot_force
-from .closed_form import thin as thin
-from .relaxation import MaterialFit as MaterialFit
-from .relaxation import MaxwellFit as MaxwellFit
-from .relaxation import SpringpotFit as SpringpotFit
-from .relaxation import fit_generalized_maxwell as fit_generalized_maxwell
-from .relaxation import fit_springpot as fit_springpot
-from .scene import fit as fit
-from .scene import welch as welch
-from .texture import TextureFit as TextureFit
-from .texture import fit_texture as fit_texture
+from .closed_form import (
+    maxwell_force as maxwell_force,
+    springpot_force as springpot_force,
+    thin as thin,
+)
+from .relaxation import (
+    MaterialFit as MaterialFit,
+    MaxwellFit as MaxwellFit,
+    SpringpotFit as SpringpotFit,
+    fit_generalized_maxwell as fit_generalized_maxwell,
+    fit_springpot as fit_springpot,
+)
+from .scene import fit as fit, welch as welch
+from .texture import TextureFit as TextureFit, fit_texture as fit_texture

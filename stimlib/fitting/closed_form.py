@@ -182,7 +182,7 @@ class Pairs:
 def arm_forces(
     t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return answers of unit arms, (t.size, tau.size), and derivatives by log(tau)."""
+    """Return forces of unit arms, (t.size, tau.size), and derivatives by log(tau)."""
     a = np.diff(t)[:, None] / tau
     e = -np.expm1(-a)
     p, g, dy = 1 - e, np.where(a > 0, e / np.where(a > 0, a, 1.0), 1.0), np.diff(y)[:, None]
@@ -242,7 +242,7 @@ def check_material(chi: float, alpha: float, onset: str) -> None:
 def thin(
     t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, before: int = 200
 ) -> list[np.ndarray]:
-    """Return averages over bins.
+    """Average samples into bins, even then logarithmic.
 
     The bins are equal before a time, and of equal ratio after it.
 

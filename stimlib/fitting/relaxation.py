@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from ..core.graph import Block
 from ..errors import BadValue, SinkError, public
+from ..system.packages import package
 from .closed_form import (
     PAIRS,
     Pairs,
@@ -31,7 +32,7 @@ ALPHAS = (0.05, 0.15, 0.35, 0.65, 0.9)  # where a springpot's search starts
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MaterialFit:
-    """A model, its numbers, and how well it fits what was recorded.
+    """A fitted material model, its numbers, and its errors.
 
     Attributes
     ----------
@@ -104,9 +105,7 @@ class MaterialFit:
         SinkError
             The file cannot be written.
         """
-        from matplotlib.figure import Figure
-
-        fig = Figure(figsize=(7, 5), layout="constrained")
+        fig = package("matplotlib.figure", "a picture").Figure(figsize=(7, 5), layout="constrained")
         self.draw(*fig.subplots(2, 1, sharex=True, height_ratios=(3, 1)))
         try:
             fig.savefig(path, dpi=110)
@@ -142,16 +141,16 @@ class MaterialFit:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpringpotFit(MaterialFit):
-    """f = chi D^alpha y; see ``MaterialFit``."""
+    """A springpot f = chi D^alpha y fitted to a recording; see ``MaterialFit``."""
 
     @property
     def chi(self) -> float:
-        """In the unit of f, times s^alpha, over that of y."""
+        """Coefficient chi in the unit of f, times s^alpha, over that of y."""
         return self.values["chi"]
 
     @property
     def alpha(self) -> float:
-        """Order, 0 (spring) to 1 (dashpot)."""
+        """Order alpha, from 0 (spring) to 1 (dashpot)."""
         return self.values["alpha"]
 
     def block(self, y: Block, **options) -> Block:
@@ -176,7 +175,7 @@ class SpringpotFit(MaterialFit):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MaxwellFit(MaterialFit):
-    """Spring and Maxwell arms; see ``MaterialFit``.
+    """A spring and Maxwell arms fitted to a recording; see ``MaterialFit``.
 
     ``values`` has k0, k1, tau1, k2, .. with rising time constants.
     """

@@ -120,8 +120,7 @@ def welch(x: Any, fs: float, segment: int) -> Any:
     >>> bool(np.allclose(ours, signal.welch(x, 1000.0, nperseg=256)[1], rtol=1e-12))
     True
     """
-    import jax.numpy as jnp
-
+    jnp = package("jax.numpy", "welch")
     half = segment // 2
     tiles = x[: x.shape[0] // half * half].reshape(-1, half)
     parts = jnp.concatenate([tiles[:-1], tiles[1:]], axis=1)
@@ -219,25 +218,7 @@ def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
         if callable(target):
             P = np.asarray(target(f[inside]), float)
         elif isinstance(target, tuple):
-            g, density = (
-                (np.asarray(v, float) for v in target)
-                if len(target) == 2
-                else (np.zeros(0), np.zeros(0))
-            )
-            if g.ndim != 1 or g.shape != density.shape or g.size < 2 or not (np.diff(g) > 0).all():
-                raise BadValue(
-                    f"fit: the target of {name} must be a PSD as (f, P), two rows of one length, f"
-                    " rising"
-                )
-            if g[0] > f[inside[0]] or g[-1] < f[inside[-1]]:
-                ends = f"{f[inside[0]]:g} .. {f[inside[-1]]:g} Hz"
-                raise BadValue(
-                    f"fit: the PSD of {name}, {g[0]:g} .. {g[-1]:g} Hz, must reach over the band's"
-                    f" bins, {ends}"
-                )
-            if not (density > 0).all():
-                raise BadValue(f"fit: the PSD of {name} must be above 0")
-            P = np.exp(np.interp(f[inside], g, np.log(density)))
+            P = _given_psd(name, target, f[inside])
         else:
             x = _signal(name, target, None)
             long(f"the target of {name}", x.size)
@@ -251,6 +232,24 @@ def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
     return View(
         wanted, lambda name, y: jnp.log(welch(y, fs, segment)[inside]), "rms difference of ln PSD"
     )
+
+
+def _given_psd(name: str, target: tuple[Any, ...], f: np.ndarray) -> np.ndarray:
+    """Return a PSD that was given as (f, P) at other frequencies, f rising."""
+    two = len(target) == 2
+    g, density = (np.asarray(v, float) for v in target) if two else (np.zeros(0), np.zeros(0))
+    if g.ndim != 1 or g.shape != density.shape or g.size < 2 or not (np.diff(g) > 0).all():
+        raise BadValue(
+            f"fit: the target of {name} must be a PSD as (f, P), two rows of one length, f rising"
+        )
+    if g[0] > f[0] or g[-1] < f[-1]:
+        raise BadValue(
+            f"fit: the PSD of {name}, {g[0]:g} .. {g[-1]:g} Hz, must reach over the band's bins,"
+            f" {f[0]:g} .. {f[-1]:g} Hz"
+        )
+    if not (density > 0).all():
+        raise BadValue(f"fit: the PSD of {name} must be above 0")
+    return np.exp(np.interp(f, g, np.log(density)))
 
 
 def _rms(targets: Mapping[str, Any]) -> View:
@@ -370,7 +369,7 @@ def fit(
     optimiser: Any = None,
     progress: bool = False,
 ) -> Fit:
-    """Fit the parameters of a scene so that its signals come nearest to a target.
+    """Fit the parameters of a scene so that its signals come closest to a target.
 
     The scene is driven along a motion.
 
@@ -458,18 +457,7 @@ def fit(
     """
     jax, jnp, optax = (package(name, "fit") for name in ("jax", "jax.numpy", "optax"))
 
-    if not (callable(loss) or loss in LOSSES):
-        raise BadValue(
-            f"fit: loss = {loss!r}: choose one of {', '.join(LOSSES)}, or a function of (signals,"
-            " target)"
-        )
-    if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 1:
-        raise BadValue(f"fit: steps = {steps!r} must be a whole number of at least 1")
-    if not (isinstance(tol, (int, float)) and tol > 0):
-        raise BadValue(f"fit: tol = {tol!r} must be above 0")
-    for name, given, only in (("weight", weight, "force"), ("band", band, "log_psd")):
-        if given is not None and loss != only:
-            raise BadValue(f"fit: {name} belongs to loss={only!r}")
+    _check_search(loss, steps, tol, weight, band)
     opt = optax.lbfgs() if optimiser is None else optimiser
     if not isinstance(opt, optax.GradientTransformation):
         raise BadValue(
@@ -538,30 +526,15 @@ def fit(
         state = jax.tree.map(
             lambda a: jnp.asarray(a, a.dtype), opt.init(u)
         )  # of the types that a step gives, or it compiles twice
-        history, best = [float(value)], (float(value), u)
-        steep = float(np.abs(grad).max())
-        converged = best[0] == 0
         with bar("fit", steps, progress) as advance:
-            while len(history) <= steps and not converged:
-                new, state = step(u, value, grad, state, x)
-                value, grad = slope(new, x)
-                history.append(float(value))
-                advance(1, f"fit, loss {history[-1]:.3g}")
-                if not (math.isfinite(history[-1]) and np.isfinite(grad).all()):
-                    break
-                if history[-1] <= best[0]:
-                    best = (history[-1], new)
-                change, u = float(np.abs(np.asarray(new) - np.asarray(u)).max()), new
-                # of each number; exactly 0 where it is out of reach, which is no
-                # minimum
-                effect = np.abs(grad)
-                flat = effect.all() and effect.max() <= math.sqrt(tol) * max(
-                    steep, abs(history[-1])
-                )
-                least = history[-1] - best[0] <= tol * abs(best[0])
-                converged = change <= tol and least and bool(flat or abs(history[-1]) <= tol**2)
-                if change == 0:
-                    break
+            best, history, converged = _searched(
+                lambda *now: step(*now, x),
+                lambda u: slope(u, x),
+                (u, value, grad, state),
+                steps,
+                tol,
+                advance,
+            )
         at = np.asarray(best[1])
         J, (misses, signals) = jax.tree.map(np.asarray, ending(best[1], x))
     found = {name: float(r.value(at[i])) for i, (name, r) in enumerate(ranges.items())}
@@ -581,6 +554,50 @@ def fit(
         units,
         view.measure if view else "",
     )
+
+
+def _searched(
+    step: Any, slope: Any, first: tuple[Any, ...], steps: int, tol: float, advance: Any
+) -> tuple[tuple[float, Any], list[float], bool]:
+    """Return the best loss with its numbers, all losses, and whether it converged."""
+    u, value, grad, state = first
+    history, best = [float(value)], (float(value), u)
+    steep = float(np.abs(grad).max())
+    converged = best[0] == 0
+    while len(history) <= steps and not converged:
+        new, state = step(u, value, grad, state)
+        value, grad = slope(new)
+        history.append(float(value))
+        advance(1, f"fit, loss {history[-1]:.3g}")
+        if not (math.isfinite(history[-1]) and np.isfinite(grad).all()):
+            break
+        if history[-1] <= best[0]:
+            best = (history[-1], new)
+        change, u = float(np.abs(np.asarray(new) - np.asarray(u)).max()), new
+        # of each number; exactly 0 where it is out of reach, which is no minimum
+        effect = np.abs(grad)
+        flat = effect.all() and effect.max() <= math.sqrt(tol) * max(steep, abs(history[-1]))
+        least = history[-1] - best[0] <= tol * abs(best[0])
+        converged = change <= tol and least and bool(flat or abs(history[-1]) <= tol**2)
+        if change == 0:
+            break
+    return best, history, converged
+
+
+def _check_search(loss: Any, steps: Any, tol: Any, weight: Any, band: Any) -> None:
+    """Refuse a loss that is none, and what does not fit it."""
+    if not (callable(loss) or loss in LOSSES):
+        raise BadValue(
+            f"fit: loss = {loss!r}: choose one of {', '.join(LOSSES)}, or a function of (signals,"
+            " target)"
+        )
+    if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 1:
+        raise BadValue(f"fit: steps = {steps!r} must be a whole number of at least 1")
+    if not (isinstance(tol, (int, float)) and tol > 0):
+        raise BadValue(f"fit: tol = {tol!r} must be above 0")
+    for name, given, only in (("weight", weight, "force"), ("band", band, "log_psd")):
+        if given is not None and loss != only:
+            raise BadValue(f"fit: {name} belongs to loss={only!r}")
 
 
 def _targets(target: Any, outputs: tuple[str, ...]) -> dict[str, Any]:

@@ -34,7 +34,7 @@ class Bin(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A model and where it stands."""
+    """A model and its speed and force."""
 
     speed: float
     force: float
@@ -44,7 +44,7 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TextureFit:
-    """A texture that was fitted, and to what.
+    """A fitted texture, and the recording that it was fitted to.
 
     Attributes
     ----------

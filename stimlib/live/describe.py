@@ -142,7 +142,7 @@ def _round_up(v: float) -> float:
 def description(
     scene: Scene, ranges: Mapping[str, Range], full: Mapping[str, float], given: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the parts of hello that are the scene's.
+    """Return the scene's fields of the first message to a page.
 
     They are inputs, params, outputs, view; see ``protocol``.
 

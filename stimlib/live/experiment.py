@@ -204,11 +204,11 @@ class ExperimentPage(Keyed):
 
     # The site: the server's event loop ------------------------------------------------
     def message(self, text: str | bytes) -> dict[str, Any]:
-        """Return what a page says, checked."""
+        """Parse and check a message from a page."""
         return protocol.message(text, FIELDS)
 
     def join(self, page: Page) -> None:
-        """Tell a page where the session is."""
+        """Tell a page that has connected where the session is."""
         for other in self.pages:
             other.close(4409, "this session was opened on another page")
         self.pages.append(page)

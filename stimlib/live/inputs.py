@@ -1,10 +1,11 @@
-"""What drives a live scene: pointers, a sine, a held value, a motion."""
+"""What drives a live scene: pointers, a sine, a held value, a motion, a stream."""
 
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ CHANGE = 0.1
 
 
 class Inputs:
-    """Makes the motion of a live scene, block by block.
+    """The motion of a live scene, made block by block.
 
     What a page sends arrives 60 to 1000 times a second, so u, v, pressure and value are
     followed by ``stimlib.blocks.track``: a hand does not jump.  Contact jumps as it
@@ -49,6 +50,9 @@ class Inputs:
         these.
     bandwidth : float
         Of the follower in Hz.
+    stream : callable, optional
+        Receives rows from another program or device, as for
+        ``stimlib.devices.Stream``; a thread calls it from now on.
 
     Raises
     ------
@@ -77,6 +81,7 @@ class Inputs:
         ranges: Mapping[str, tuple[float, float]],
         given: Mapping[str, Any] | None = None,
         bandwidth: float = SMOOTH,
+        stream: Callable[[float], tuple[Any, Any]] | None = None,
     ):
         self.fs, self.names = fs, list(scene.inputs)
         self.given = dict(given or {})
@@ -93,6 +98,10 @@ class Inputs:
                 )
         self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
         self.newest = (0.0, 0.0)  # time stamp of the newest move, and when it came
+        self.row: list[float] = []  # the newest of the stream
+        self.stream, self.stream_error = stream, ""
+        if stream is not None:
+            threading.Thread(target=self._listen, name="stimlib stream", daemon=True).start()
         self.sources = self._first(scene, ranges)
         self._see_touch()
         self._changed: dict[str, float | None] = dict.fromkeys(
@@ -137,14 +146,28 @@ class Inputs:
                 "high": high,
                 "freq": 1.0,
                 "value": rest,
+                "channel": 0,
+                "scale": 1.0,
             }
         return found
+
+    def _listen(self) -> None:
+        """Keep the newest row of the stream, until that fails."""
+        assert self.stream is not None
+        try:
+            while True:
+                rows, _ = self.stream(0.1)
+                for row in rows:
+                    if all(map(math.isfinite, row)):
+                        self.row = list(row)
+        except Exception as e:
+            self.stream_error = str(e)
 
     def _see_touch(self) -> None:
         self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
 
     def move(self, finger: int, u: float, v: float, p: float, on: float, t: float = 0.0) -> None:
-        """Move a finger; the next block has its place."""
+        """Move a finger; the next block uses its position."""
         if not (on or not self.touches):
             u, v = self.fingers[finger][:2]
         self.fingers[finger] = (u, v, p if on else 0.0, float(on))
@@ -155,14 +178,15 @@ class Inputs:
         self.fingers = [(u, v, 0.0, 0.0) for u, v, _, _ in self.fingers]
 
     def choose(self, name: str, **source: Any) -> None:
-        """Choose another source of an input, or other numbers of it.
+        """Choose another source for an input, or other numbers for it.
 
         Raises
         ------
         UnknownName
             No such input.
         BadValue
-            A range that does not rise; ``given`` where nothing was given.
+            A range that does not rise; ``given`` where nothing was given, ``stream``
+        without one.
         """
         if name not in self.sources:
             raise UnknownName(
@@ -171,6 +195,12 @@ class Inputs:
         made = self.sources[name] | source
         if made["from"] == "given" and name not in self.given:
             raise BadValue(f"source: nothing was given for {name}: start with --motion '{name}=..'")
+        if made["from"] == "stream" and (self.stream is None or self.stream_error):
+            raise BadValue(
+                f"source: the stream has ended: {self.stream_error}"
+                if self.stream_error
+                else "source: there is no stream: start with --stream, such as --stream lsl:NAME"
+            )
         if not made["low"] < made["high"]:
             raise BadValue(
                 f"source of {name}: low = {made['low']:g} must be below high = {made['high']:g}"
@@ -208,11 +238,14 @@ class Inputs:
 
     def _held(self, source: Mapping[str, Any]) -> tuple[float, float]:
         """Return where the follower is to go, and whether it is in contact."""
-        kind = source["from"]
+        kind, low, high = source["from"], source["low"], source["high"]
+        if kind == "stream":
+            there = source["channel"] < len(self.row)
+            v = self.row[source["channel"]] * source["scale"] if there else max(0.0, low)
+            return min(max(v, low), high), 1.0
         if kind not in POINTERS:
             return source["value"], 1.0
         u, v, p, on = self.fingers[source["finger"]]
-        low, high = source["low"], source["high"]
         if kind == "contact":
             return on, 1.0
         if kind == "pressure":

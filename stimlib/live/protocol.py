@@ -16,11 +16,16 @@ move        finger, u, v, p, on, t       finger 0 .. 9 is at (u, v), 0 to 1 from
 set         name, value                  a parameter, in its unit, within the range that
                                          hello has; 20 ms ramp
 source      input, from, finger, low,    what drives an input, from: ``u``, ``v``,
-            high, freq, value            ``pressure`` (low at 0, high at 1), ``contact``
-                                         (0, 1), each of a finger; ``sine`` (between low
+            high, freq, value, channel,  ``pressure`` (low at 0, high at 1), ``contact``
+            scale                        (0, 1), each of a finger; ``sine`` (between low
                                          and high, freq in Hz), ``value`` (held),
-                                         ``given`` (what --motion gave). Fields that are
-                                         left out stay as they are
+                                         ``given`` (what --motion gave), ``stream``
+                                         (number ``channel`` of the rows that another
+                                         program sends, times ``scale``, within low and
+                                         high). Fields that are left out stay as they
+                                         are
+mark                                     a marker of the name ``page``, at the next
+                                         sample
 start                                    a new session from sample 0, faded in; ends one
                                          that runs
 stop                                     fade out and end the session; a recording is
@@ -36,9 +41,9 @@ seen        at                           answer to each report, with its at: who
 =========== ============================ ===============================================
 server: is  fields                       meaning
 =========== ============================ ===============================================
-hello       version, title, fs, block,   first message; see below
-            inputs, params, outputs,
-            view
+hello       version, title, fs, block,   first message; see below. stream: whether
+            inputs, params, outputs,     there is one to choose; marks: whether markers
+            view, stream, marks          are sent somewhere
 state       role, phase, session, log,   after hello and after every change. role:
             sources, params, why         control or watch; phase: idle, starting,
                                          running or stopping; session: number of it;
@@ -118,7 +123,7 @@ REPORTS = 0.2
 
 FINGERS = 10
 POINTERS = ("u", "v", "pressure", "contact")
-SOURCES = (*POINTERS, "sine", "value", "given")
+SOURCES = (*POINTERS, "sine", "value", "given", "stream")
 
 _UNIT = fields.between(0, 1)
 _WIDE = fields.between(-1e9, 1e9)
@@ -138,6 +143,7 @@ FIELDS: dict[str, dict[str, fields.Test]] = {
     "start": {},
     "stop": {},
     "record": {},
+    "mark": {},
     "control": {},
     "seen": {"at": fields.whole(2**53)},
 }
@@ -147,6 +153,8 @@ OPTIONS: dict[str, fields.Test] = {
     "high": _WIDE,
     "freq": fields.between(0.01, 1000),
     "value": _WIDE,
+    "channel": fields.whole(999),
+    "scale": _WIDE,
 }
 """What a source may have besides."""
 
@@ -154,7 +162,7 @@ OPTIONS: dict[str, fields.Test] = {
 def message(
     text: str | bytes, table: Mapping[str, Mapping[str, fields.Test]] = FIELDS
 ) -> dict[str, Any]:
-    """Return what a page says, checked.
+    """Parse and check a message from a page.
 
     Its field ``do`` names a row of the table.
 
@@ -191,7 +199,7 @@ def message(
 
 
 def samples(head: tuple[float, ...], x: NDArray[np.float64], y: NDArray[np.float32]) -> bytes:
-    """Return a binary message.
+    """Return a binary message with samples.
 
     Parameters
     ----------

@@ -25,10 +25,7 @@ from ..system.packages import package
 from .protocol import BURST, RATE, VERSION, WRONG
 from .site import Page, Site
 
-_, uvicorn, _ = (
-    package(name, "the live page", "'stimlib[live]'")
-    for name in ("starlette", "uvicorn", "websockets")
-)
+_, uvicorn, _ = (package(name, "the live page") for name in ("starlette", "uvicorn", "websockets"))
 from uvicorn.protocols.http.h11_impl import H11Protocol  # noqa: E402
 
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
@@ -56,7 +53,7 @@ WITHOUT = 16
 
 
 class Connection(H11Protocol):
-    """A connection that ends when its request does not come in time.
+    """An HTTP connection that ends when its request does not come in time.
 
     The oldest that still waits for its request also ends when more than ``WITHOUT`` do.
     """
@@ -92,7 +89,7 @@ def page_files(index: str) -> dict[str, tuple[str, bytes]]:
 
 
 class Server:
-    """A stream on a port, or whatever else talks with pages.
+    """The server of the pages of a stream or an experiment, on a port.
 
     Parameters
     ----------

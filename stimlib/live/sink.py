@@ -28,7 +28,7 @@ there.
 
 
 class PageSink(Sink):
-    """Plays to a page, with the log, the safety stage and the fades of every sink.
+    """A sink whose device is a page in the browser.
 
     Parameters
     ----------

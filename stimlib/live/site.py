@@ -16,7 +16,7 @@ are skipped.
 
 
 class Page:
-    """A connection of one page, with what waits for it."""
+    """The connection of one page, with its queue of messages."""
 
     def __init__(self) -> None:
         self.texts: deque[tuple[str, str]] = deque(maxlen=WAITING + 1)  # what each is, and itself
@@ -53,7 +53,7 @@ class Page:
 
 
 class Site(Protocol):
-    """Who talks with pages; everything here is of the server's event loop.
+    """The connected pages; everything here runs in the server's event loop.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Site(Protocol):
     pages: list[Page]
 
     def message(self, text: str | bytes) -> dict[str, Any]:
-        """Return what a page says, checked; raise BadValue where it makes no sense."""
+        """Parse and check a message from a page; raise BadValue where it is wrong."""
 
     def join(self, page: Page) -> None:
         """Greet a page that has said hello."""

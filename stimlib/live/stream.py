@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
@@ -29,7 +29,7 @@ RAMP = 0.02
 
 
 class Stream:
-    """A scene that pages start, drive, record and hear.
+    """A scene that pages start, drive, record and play.
 
     A session is one ``PageSink``, from ``start`` to ``stop``.  It runs in threads of
     its own; everything here is of the event loop, and whatever takes long (compiling,
@@ -57,6 +57,11 @@ class Stream:
         Where recordings are put, each a log in a folder of its own.
     bandwidth : float
         Of what follows a pointer, in Hz.
+    stream : callable, optional
+        Rows that another program or device sends, a source to choose on the page; see
+        ``Inputs``.
+    markers, send
+        As for a sink; the page then has a button that marks.
 
     Raises
     ------
@@ -78,6 +83,9 @@ class Stream:
         seed: int = 0,
         folder: str | Path = ".",
         bandwidth: float = SMOOTH,
+        stream: Any = None,
+        markers: Sequence[str] = (),
+        send: Sequence[Any] = (),
     ):
         self.scene, self.fs, self.seed, self.folder = scene, float(fs), seed, Path(folder)
         self.block = max(1, round(0.004 * self.fs)) if block is None else block
@@ -86,8 +94,9 @@ class Stream:
             safety = Safety(full_scales(scene, fs, self.ranges))
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
         self.inputs = Inputs(
-            scene, self.fs, {n: self.ranges[n] for n in scene.inputs}, given, bandwidth
+            scene, self.fs, {n: self.ranges[n] for n in scene.inputs}, given, bandwidth, stream
         )
+        self._marking = {"markers": tuple(markers), "send": tuple(send)}
         self.params = {name: p.value for name, p in scene.params.items()}
         self._sets: dict[str, float] = {}  # for the next block
         for name, value in (params or {}).items():
@@ -100,6 +109,8 @@ class Stream:
             "title": title,
             "fs": self.fs,
             "block": self.block,
+            "stream": stream is not None,
+            "marks": bool(send),
         }
         self.hello |= description(scene, self.ranges, full, self.inputs.given)
         self.title, self.index, self.message = title or repr(scene), "index.html", message
@@ -161,6 +172,10 @@ class Stream:
             elif about == "source":
                 self.inputs.choose(message.pop("input"), **message)
                 self._tell_state()
+            elif about == "mark":
+                if self._sink is None:
+                    raise BadValue("mark: no session runs: start one first")
+                self._sink.mark("page")
             elif about == "hello":
                 raise BadValue("hello is said once, as the first word")
             else:
@@ -249,6 +264,7 @@ class Stream:
             seed=self.seed,
             params=params,
             log=log,
+            **self._marking,
         )
 
     def _begin(self, log: Path | None) -> None:

@@ -1,13 +1,11 @@
-from .generators import constant_speed as constant_speed
-from .generators import jittered as jittered
-from .generators import minimum_jerk as minimum_jerk
-from .generators import quantised as quantised
-from .generators import ramp_and_hold as ramp_and_hold
-from .generators import sinusoid as sinusoid
-from .generators import staircase_hold as staircase_hold
-from .recorded import Recording as Recording
-from .recorded import parse_source as parse_source
-from .recorded import recording as recording
-from .text import parse_map as parse_map
-from .text import parse_motion as parse_motion
-from .text import parse_where as parse_where
+from .generators import (
+    constant_speed as constant_speed,
+    jittered as jittered,
+    minimum_jerk as minimum_jerk,
+    quantised as quantised,
+    ramp_and_hold as ramp_and_hold,
+    sinusoid as sinusoid,
+    staircase_hold as staircase_hold,
+)
+from .recorded import Recording as Recording, parse_source as parse_source, recording as recording
+from .text import parse_map as parse_map, parse_motion as parse_motion, parse_where as parse_where

@@ -203,7 +203,7 @@ class sinusoid(Motion):
 
 @dataclass(frozen=True)
 class ramp_and_hold(Motion):
-    """A ramp from 0 to ``depth``, a hold, and the way back if asked.
+    """A ramp from 0 to ``depth``, a hold, and optionally the way back.
 
     The speed is constant.
 
@@ -356,7 +356,7 @@ class quantised(Motion):
 
 @dataclass(frozen=True)
 class jittered(Motion):
-    """A motion with the toggling of an encoder that sits near the edge of a code.
+    """A motion with the toggling of an encoder at the edge between two codes.
 
     ``amplitude_codes * resolution`` is added during about half of the intervals of
     1/rate seconds. Inside `quantised`, with one code of amplitude, a held position then

@@ -1,4 +1,4 @@
-"""Arrays in an npz file, which is inspected before any memory is taken."""
+"""Loading of arrays from .npz files, with sizes checked before allocation."""
 
 import ast
 import io

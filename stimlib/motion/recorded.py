@@ -67,7 +67,7 @@ class RecordedInput(_Recorded):
 
 
 class Contact(_Recorded):
-    """1 in contact and 0 off contact, as a function of time."""
+    """Contact over time: 1 in contact and 0 off contact."""
 
     def _position(self, t: Array) -> Array:
         k = np.searchsorted(self._knots, t, side="right") - 1
@@ -126,7 +126,7 @@ class Recording:
         )
 
     def motion_for(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
-        r"""Return the motion of a scene.
+        r"""Return this recording as the motion of a scene.
 
         Parameters
         ----------
@@ -363,7 +363,7 @@ def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, M
 
 @public
 def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
-    """Parse a motion or a recording as a sidecar writes it.
+    """Parse a motion or a recording as written in a sidecar.
 
     Nothing is executed.
 
@@ -437,7 +437,7 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
 
 
 def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> str | None:
-    """Return the recorded name that an input gets.
+    """Return the recorded column that drives an input.
 
     It is its own, or without its number where the scene has no input of that name.
 
@@ -482,6 +482,11 @@ def _check_options(
         raise BadValue(
             f"contact must be the name of a column, False to ignore it, or None, got {contact!r}"
         )
+    _check_meanings(columns, reports, repeats, max_speed, max_gap)
+
+
+def _check_meanings(columns: Any, reports: Any, repeats: Any, max_speed: Any, max_gap: Any) -> None:
+    """Refuse what silence, repeats, speeds and gaps cannot mean."""
     if reports not in ("always", "on_change"):
         raise BadValue(f'reports must be "always" or "on_change", got {reports!r}')
     if repeats not in (None, "last", "mean", "spread"):

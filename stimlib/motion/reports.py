@@ -55,7 +55,7 @@ def series(
     contact: str | bool | None,
     repeats: str | None,
 ) -> Reports:
-    """Return the reports that the arguments of `recording` mean, checked."""
+    """Validate the arguments of `recording` and return its reports."""
     clock = column_of(table, "time", time)
     if clock.scale < 0:
         raise BadValue(f"time: {time!r} runs backwards")
@@ -358,7 +358,7 @@ def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
 
 
 def check_period(table: TableFile, s: Reports, period: float, time: str) -> None:
-    """Raise where the median time between reports is not that of a recording.
+    """Raise unless the median time between reports is plausible.
 
     A unit is then taken for seconds.
     """
@@ -418,7 +418,7 @@ def check_gaps(
 def hold_silences(
     s: Reports, period: float, max_gap: float
 ) -> tuple[Reports, list[tuple[int, float]]]:
-    """End each silence by a copy of the report before it.
+    """End each silence with a copy of the report before it.
 
     It is one median period before the next report. The long silences are returned too.
     """

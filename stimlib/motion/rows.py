@@ -17,7 +17,7 @@ class Batch(Protocol):
 
     @property
     def rows(self) -> Rows:
-        """Their numbers in messages."""
+        """The numbers of these rows, for messages."""
         ...
 
     def numbers(self, columns: Sequence[str]) -> Array:

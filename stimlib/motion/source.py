@@ -26,7 +26,7 @@ HAND = 1.0
 
 
 def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:
-    """Warn where a motion is faster than a hand.
+    """Warn if a motion is faster than a hand.
 
     Generators and arrays of metres are looked at every 10 ms within their first 100 s.
 
@@ -72,7 +72,7 @@ def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], 
 
 
 def frames_of(seconds: float | None, fs: float) -> int:
-    """Return whole samples of a duration; BadValue unless finite and at least one."""
+    """Return the whole samples of a duration, at least one."""
     if not isinstance(seconds, NUMBERS):
         raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
     try:

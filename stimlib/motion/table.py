@@ -34,7 +34,7 @@ LONGEST = 1 << 17
 
 @dataclass(frozen=True)
 class TableFile:
-    """A file as it is: its column names, and its rows, batch after batch.
+    """A table file: its column names, and its rows in batches.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class TableFile:
         return table_error(self.file, problem, remedy, row, column)
 
     def closed(self) -> "TableFile":
-        """Return the same without the rows, which leave the memory."""
+        """Return the table without its rows, which frees the memory."""
         return replace(self, batches=lambda: iter(()))
 
     def number(self, text: str) -> float | None:

@@ -90,7 +90,8 @@ def _value(node: ast.expr) -> Any:
             parameters = ", ".join(
                 str(p.replace(annotation=p.empty)) for p in signature.parameters.values()
             )
-            raise BadValue(f"{node.func.id}({parameters}): {error}") from None
+            why = str(error).replace("got an unexpected keyword argument", "there is no argument")
+            raise BadValue(f"{node.func.id}({parameters}): {why}") from None
         return generator(*args, **kwargs)
     raise BadValue(f"{shortened(ast.unparse(node))} is not understood in a motion. {_usage()}")
 

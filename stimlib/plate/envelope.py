@@ -31,7 +31,7 @@ class Answer(NamedTuple):
 
 @public
 def half_sine(u: ArrayLike, duty: float = 0.5) -> np.ndarray:
-    """Return the ridge of ``bump(u, "half_sine", duty)``, at 0 <= u < 1.
+    """Return the envelope of ``bump(u, "half_sine", duty)`` for 0 <= u < 1.
 
     Examples
     --------
@@ -48,7 +48,7 @@ def half_sine(u: ArrayLike, duty: float = 0.5) -> np.ndarray:
 def envelope_behind(
     freq: float, q: float, rate: float, gain: float = 1.0, envelope: Callable = half_sine
 ) -> Answer:
-    """Return the vibration's envelope at a resonance, for bumps at a rate.
+    """Return the envelope of the vibration at a resonance, for bumps at a rate.
 
     A ``pole_swap`` of a gain may come before.
 

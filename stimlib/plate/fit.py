@@ -20,7 +20,7 @@ NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
 
 @dataclass(frozen=True)
 class FrameFit:
-    """``plate`` with the fitted numbers, and how well its modes match.
+    """A plate with fitted numbers, and the errors of its modes.
 
     ``freq`` of the measured modes is in Hz; ``residual``, how far each is off, in
     parts.

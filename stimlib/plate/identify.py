@@ -30,7 +30,7 @@ HELD = 3  # samples in a row at the largest value: a recorder at its end
 
 
 class Sweep(NamedTuple):
-    """A drive and what answered it, at the same samples."""
+    """A drive and the recorded response, at the same samples."""
 
     drive: np.ndarray  # (n,) or (points, n)
     response: np.ndarray  # (points, n)
@@ -106,7 +106,7 @@ def read_sweep(
 
 @dataclass(frozen=True)
 class Resonance:
-    """A mode as it was measured.
+    """A measured mode.
 
     Attributes
     ----------
@@ -148,12 +148,12 @@ class Resonance:
 
     @property
     def freq_interval(self) -> tuple[float, float]:
-        """Where the frequency lies in 95 of 100 such sweeps, in Hz."""
+        """95 % interval of the frequency, in Hz."""
         return self._interval(self.freq, self.freq_sd)
 
     @property
     def q_interval(self) -> tuple[float, float]:
-        """Where the quality lies in 95 of 100 such sweeps."""
+        """95 % interval of the quality."""
         return self._interval(self.q, self.q_sd)
 
     def __repr__(self):
@@ -343,7 +343,7 @@ def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_taken(u: np.ndarray, y: np.ndarray) -> None:
-    """Raise where a recorded sweep cannot be used.
+    """Raise unless a recorded sweep can be used.
 
     RecordingError where a row is silent, or a response clipped; BadValue where a sample
     is no number.
@@ -513,7 +513,7 @@ class Drift(NamedTuple):
 
 @public
 def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
-    """Fit how a resonance moves with temperature.
+    """Fit the change of a resonance with temperature.
 
     A straight line goes through sweeps, each as heavy as it is well known.
 

@@ -189,7 +189,7 @@ class Plate:
 
     @cached_property
     def axes(self) -> tuple[Axis, Axis]:
-        """Return the functions along x and y.
+        """Return the mode-shape functions along x and y.
 
         An edge that gives way is a support with a spring.
         """
@@ -199,7 +199,7 @@ class Plate:
 
     @cached_property
     def matrices(self) -> dict[str, np.ndarray]:
-        """Return what stiffness and mass are made of.
+        """Return the integrals that make up the stiffness and mass matrices.
 
         They are those of D = 1, a load of 1, springs of 1 on the clamped edges, each
         patch's D = 1, and the patches' mass.
@@ -281,7 +281,7 @@ class Plate:
 
     @property
     def voltages(self) -> tuple[float, float]:
-        """The lowest and the highest voltage that all patches take."""
+        """The lowest and the highest voltage that all patches accept."""
         return max((p.lowest for p in self.patches), default=-math.inf), min(
             (p.highest for p in self.patches), default=math.inf
         )
@@ -414,7 +414,7 @@ class Plate:
         return np.sum(gain / (wk**2 - w**2 + 1j * w * wk * self.damping), axis=-1)
 
     def carrier(self, at: tuple[float, float] | None = None) -> float:
-        """Return the frequency in Hz that moves a place most, by default its centre.
+        """Return the resonance frequency in Hz with the largest response at a place.
 
         It is that of the mode with the largest resonance there.
 

@@ -13,7 +13,7 @@ from .patch import Patch
 
 
 class Placement(NamedTuple):
-    """Four patches, mirrored at both middles of the plate, and what they do."""
+    """Four patches, mirrored at both middles of the plate, and their effect."""
 
     x: float  # centre of the one next to the corner, m
     y: float

@@ -72,19 +72,7 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     """
     check_plate("mode_fit, to be called as in kind=mode_fit(model)", model)
     y = model.width / 2 if y is None else y
-    if clamp not in ("fit", "known"):
-        raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")
-    if not 0 <= y <= model.width:
-        raise BadValue(
-            f"mode_fit: y = {y!r} m is outside the plate, which is {model.width:g} m wide"
-        )
-    if abs(model.shape(0, model.length / 2, y)) < LEAST * abs(
-        model.shape(0, model.length / 2, model.width / 2)
-    ):
-        raise BadValue(
-            f"mode_fit: at y = {y!r} m, on an edge that is held, nothing moves; measure along"
-            " another line"
-        )
+    _check_line(model, y, clamp)
     fitted = clamp == "fit" and "C" in (model.edges[0], model.edges[2])
     along = np.linspace(0, model.length, 121)
     bare = replace(model, patches=(), terms=None)
@@ -150,3 +138,20 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
         return places, s.sum() / (s @ s) * shape(places + origin - found.x[0], kappa)
 
     return fit
+
+
+def _check_line(model: Plate, y: float, clamp: str) -> None:
+    """Refuse a line beside the plate, or one on which nothing moves."""
+    if clamp not in ("fit", "known"):
+        raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")
+    if not 0 <= y <= model.width:
+        raise BadValue(
+            f"mode_fit: y = {y!r} m is outside the plate, which is {model.width:g} m wide"
+        )
+    if abs(model.shape(0, model.length / 2, y)) < LEAST * abs(
+        model.shape(0, model.length / 2, model.width / 2)
+    ):
+        raise BadValue(
+            f"mode_fit: at y = {y!r} m, on an edge that is held, nothing moves; measure along"
+            " another line"
+        )

@@ -24,7 +24,7 @@ clamped.
 
 @cache
 def basis(terms: int, low: int, high: int) -> tuple[np.ndarray, ...]:
-    """Return Legendre series of the functions of one axis on -1 .. 1.
+    """Return the functions of one axis on -1 .. 1 as Legendre series.
 
     They are orthonormal there; the first two derivatives are given as well.
 
@@ -98,7 +98,7 @@ class Axis:
         return w @ self.at(x, derivative)
 
     def turning(self, x: float) -> np.ndarray:
-        """Return f_i' f_j' at a place: what a rotational spring there does."""
+        """Return f_i' f_j' at a position, for a rotational spring there."""
         g = self.at([x], 1)[0]
         return np.outer(g, g)
 

@@ -69,7 +69,7 @@ def series_of(model: Plate, k: int) -> tuple[np.ndarray, float]:
 def driven(
     model: Plate, modes: int, weights: Sequence[float] | None
 ) -> tuple[list[int], np.ndarray]:
-    """Return the lowest modes that the patches move, and the modal forces of all."""
+    """Return the lowest modes that the patches drive, and the modal forces of all."""
     force = model.forces(LOOKED_AT, weights)
     size = np.abs(force) / model.solved(LOOKED_AT)[0]
     found = [int(k) for k in np.flatnonzero(size > UNMOVED * size.max())]
@@ -81,7 +81,7 @@ def driven(
 
 
 def loaded(voltage: Block, freq: float, q: float, phi2: Block, finger: Finger) -> Block:
-    """Return a mode with a finger on it, phi2 = phi^2 in 1/kg where it is.
+    """Return a mode loaded by a finger; phi2 is the squared mode shape there, 1/kg.
 
     (1 + m phi2) q'' + (w0/Q + c phi2) q' + (w0^2 + k phi2) q = w0^2 V, its numbers
     those of this sample, by the trapezoidal rule.

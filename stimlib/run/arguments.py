@@ -18,7 +18,7 @@ def key(seed: Any) -> int:
 
 
 def length(values: Any) -> int | None:
-    """Return the length of a sequence; None for anything else."""
+    """Return the length of a sequence, or None for anything else."""
     try:
         return len(values)
     except TypeError:
@@ -37,7 +37,7 @@ def columns(n: Any, inputs: tuple[str, ...]) -> np.ndarray:
 
 
 def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None, ...]) -> None:
-    """Raise BadValue unless an array is what ``process`` takes."""
+    """Raise BadValue unless ``process`` accepts an array."""
     texts = [f"({', '.join('n' if n is None else str(n) for n in shape)})" for shape in shapes]
     wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
     if not isinstance(a, np.ndarray) or isinstance(a, np.ma.MaskedArray):

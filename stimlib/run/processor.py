@@ -43,7 +43,7 @@ LONGEST = 2**62
 
 
 class Change(NamedTuple):
-    """A call of ``Processor.set``: it acts from sample ``at`` on."""
+    """A call of ``Processor.set``, which takes effect from sample ``at`` on."""
 
     at: int
     name: str
@@ -273,13 +273,13 @@ class Processor:
 
     @property
     def index(self) -> int:
-        """Samples processed since reset."""
+        """The number of samples processed since the last reset."""
         return self._engine.count
 
     # State ----------------------------------------------------------------------------
     @property
     def state(self) -> np.ndarray:
-        """Everything that the next sample depends on: one flat uint64 array (a copy).
+        """All values that the next sample depends on: one flat uint64 array (a copy).
 
         Word 0 tells the scene with all its design numbers and fs, word 1 the sample
         index; then all states in canonical order, the same on every target.  Assign it
@@ -473,7 +473,7 @@ class Processor:
 
     @property
     def plan(self) -> Plan:
-        """What runs, on which clock, and what was removed; ``print(proc.plan)``."""
+        """The blocks in running order, their clocks, and the blocks removed."""
         names = self.program.clocks
         segments = getattr(self._engine, "segments", [""] * len(self.program.instances))
         rows = [

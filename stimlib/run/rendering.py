@@ -28,7 +28,7 @@ FAULTS = ("warn", "raise", "ignore")
 
 
 def fault_text(name: str, at: int, fs: float, then: str) -> str:
-    """Return what a fault is, what became of it, and where to look."""
+    """Return the description of a fault, its effect, and where to look."""
     remedy = "look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
     return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
 
@@ -45,7 +45,7 @@ def stream(
     on_fault: Literal["warn", "raise", "ignore"] = "warn",
     block: int = 8192,
 ) -> Iterator[np.ndarray]:
-    """Drive a scene with a motion, block after block, in flat memory.
+    """Drive a scene with a motion, block after block, in constant memory.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _plan(
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """The samples of a scene, with everything needed to make them again."""
+    """The samples of a scene, with everything needed to compute them again."""
 
     scene: Scene
     fs: float
@@ -217,7 +217,7 @@ class Rendering:
         return above("Rendering.plot")(self)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> Any:
-        """Write the samples into a sound file with a sidecar that re-creates it.
+        """Write the samples into a sound file with a sidecar to reproduce it.
 
         Parameters
         ----------
@@ -309,6 +309,29 @@ class Rendering:
         frame = pandas.DataFrame(columns, index=pandas.Index(self.t, name="time"))
         frame.attrs["units"] = self.units
         return frame
+
+    def play(self, **options: Any) -> Any:
+        """Play the samples on a device, to their end.
+
+        Parameters
+        ----------
+        **options
+            sink, full_scale, channels and others of ``stimlib.devices.play``.
+
+        Returns
+        -------
+        stimlib.devices.session.SessionReport
+
+        Raises
+        ------
+        BadValue, SinkError
+            As ``stimlib.devices.play``.
+
+        Examples
+        --------
+        ``stimlib.render(tone(), fs=48000, seconds=1.0).play()``
+        """
+        return above("Rendering.play")(self, **options)
 
     def audio(self, output: str | None = None) -> Any:
         """Return an output as a player for a notebook; needs IPython.

@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from ..blocks.contact import ForceLimit, Tally, slew_limit, static_limit
+from ..blocks.filters import fir
 from ..core.graph import Block, Const, Guard, Mul, Param
 from ..core.scene import Scene
+from ..core.units import ONE
 from ..errors import BadValue, SceneError, UnitError, UnknownName, public
 
 GAIN = "sink_gain"
@@ -32,10 +34,16 @@ STEPS = 128
 """
 
 
+QUIET = 10.0
+"""Full scale of outputs without a unit where nobody gives one: 1.0 comes out as a tenth
+of what the device has, 20 dB below it.
+"""
+
+
 @public
 @dc.dataclass(frozen=True)
 class Safety:
-    """The limits that a sink holds every output to; they cannot be removed.
+    """The limits that a sink applies to every output; they cannot be removed.
 
     Parameters
     ----------
@@ -53,16 +61,21 @@ class Safety:
     fade : float
         Seconds of the fades before the first sample, after the last and at a stop, 0.02
         to 0.5; where these are fewer than 128 samples, 128 samples.
+    inverse : sequence of float, optional
+        Taps of the filter that undoes the response of a calibrated device, of
+        ``Calibration.inverse`` for the sample rate.  It comes after the limits, filters
+        each output that has a unit, and delays all by (taps - 1)/2 samples.  What the
+        device has not is then limited once more, counted as ``"drive"``.
 
     Raises
     ------
     BadValue
-        A number not above 0; a fade below 0.02 s.
+        A number not above 0; a fade below 0.02 s; an even number of taps.
 
     Examples
     --------
     >>> Safety(full_scale=50.0, peak=40.0)
-    Safety(full_scale=50.0, slew=None, peak=40.0, static=None, fade=0.02)
+    Safety(full_scale=50.0, slew=None, peak=40.0, static=None, fade=0.02, inverse=None)
     >>> Safety(**Safety(full_scale=50.0).to_dict()) == Safety(full_scale=50.0)
     True
     """
@@ -72,11 +85,15 @@ class Safety:
     peak: float | None = None
     static: float | None = None
     fade: float = 0.02
+    inverse: Sequence[float] | None = None
 
     def __post_init__(self):
         for f in dc.fields(self):
             v = getattr(self, f.name)
             if v is None and f.name not in ("full_scale", "fade"):
+                continue
+            if f.name == "inverse":
+                object.__setattr__(self, f.name, _taps(v))
                 continue
             if isinstance(v, Mapping) and f.name in ("full_scale", "slew"):
                 v = {str(k): _above_0(f"{f.name}[{k!r}]", w) for k, w in v.items()}
@@ -125,6 +142,18 @@ class Safety:
         return v.get(output)
 
 
+def _taps(v: Any) -> tuple[float, ...]:
+    try:
+        taps = tuple(map(float, v))
+    except (TypeError, ValueError):
+        raise BadValue("Safety: inverse must be a row of numbers") from None
+    if len(taps) % 2 == 0 or not all(map(math.isfinite, taps)) or not any(taps):
+        raise BadValue(
+            f"Safety: inverse must be an odd number of finite taps, not all 0, got {len(taps)}"
+        )
+    return taps
+
+
 def _above_0(name: str, v: Any) -> float:
     try:
         number = float(v)
@@ -135,15 +164,43 @@ def _above_0(name: str, v: Any) -> float:
     return number
 
 
+def quiet_scale(scene: Scene) -> float:
+    """Return the full scale of a scene's outputs where nobody gives one, ``QUIET``.
+
+    Raises
+    ------
+    BadValue
+        An output has a unit: only the user knows what the device makes of it.
+
+    Examples
+    --------
+    >>> from stimlib.run.safety import quiet_scale
+    >>> from stimlib.scenes import tone
+    >>> quiet_scale(tone())
+    10.0
+    >>> quiet_scale(tone(unit="N"))
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: full_scale (--full-scale) is missing: signal is in N, so
+     give the value that 1.0 at the device makes, such as 50
+    """
+    for name, block in scene.outputs.items():
+        if block.dim != ONE:
+            raise BadValue(
+                f"full_scale (--full-scale) is missing: {name} is in {block.dim}, so give the value"
+                " that 1.0 at the device makes, such as 50"
+            )
+    return QUIET
+
+
 @public
 def protect(scene: Scene, safety: Safety) -> Scene:
     """Return a scene whose outputs are safe for a device.
 
     Every output is limited to the peak force (outputs in N) and to full scale; then
     come its guard against what is not finite, the static force (outputs in N), the slew
-    limit, and the fade: times the parameter ``sink_gain``, which is 0 until it is set.
-    Limits come first, so that the guard fades from what the device was given, not from
-    what the scene ran away to.
+    limit, the inverse filter of a calibrated device, and the fade: times the parameter
+    ``sink_gain``, which is 0 until it is set.  Limits come first, so that the guard
+    fades from what the device was given, not from what the scene ran away to.
 
     Parameters
     ----------
@@ -181,12 +238,19 @@ def protect(scene: Scene, safety: Safety) -> Scene:
         raise SceneError(
             f"the name {GAIN!r} is kept for the fade of a device: rename it in the scene"
         )
-    gain = Param(GAIN, 0.0)
+    _check_limits(scene, safety)
     names = tuple(scene.outputs)
+    scales = dict(zip(names, safety.scales(names).tolist(), strict=True))
+    gain = Param(GAIN, 0.0)
+    return Scene({n: Mul(_limited(n, scene, safety, scales[n]), gain) for n in names})
+
+
+def _check_limits(scene: Scene, safety: Safety) -> None:
+    """Raise unless the limits fit the units of the outputs."""
+    units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
     if (safety.peak or safety.static) and not any(
         str(b.dim) == "N" for b in scene.outputs.values()
     ):
-        units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
         raise BadValue(
             f"Safety: peak and static limit outputs in N, and this scene has none: {units}; use"
             " full_scale or slew"
@@ -194,30 +258,48 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     for field in ("full_scale", "slew"):
         told = getattr(safety, field)
         if isinstance(told, float) and len({str(b.dim) for b in scene.outputs.values()}) > 1:
-            units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
-            each = ", ".join(f"{n!r}: .." for n in names)
-            option = f"--{field.replace('_', '-')} " + ",".join(f"{n}=.." for n in names)
+            each = ", ".join(f"{n!r}: .." for n in scene.outputs)
+            option = f"--{field.replace('_', '-')} " + ",".join(f"{n}=.." for n in scene.outputs)
             raise UnitError(
                 f"Safety: {field} = {told:g} cannot be of outputs in different units ({units}):"
                 f" give {{{each}}}, on the command line {option}"
             )
-    scales = safety.scales(names)
-    outputs: dict[str, Block] = {}
-    for name, scale in zip(names, scales, strict=True):
-        raw = scene.outputs[name]
-        unit = str(raw.dim)
-        y: Block = Guard(raw, STEPS)
-        for stage, most in (("peak", safety.peak if unit == "N" else None), ("clip", float(scale))):
-            if most is not None:
-                raw = ForceLimit(raw, Const(most, "" if unit == "1" else unit))
-                y = Tally(Guard(raw, STEPS), y, stage, name)
-        if unit == "N" and safety.static is not None:
-            y = Tally(static_limit(y, safety.static), y, "static", name)
-        slew = safety._of("slew", name, names)
-        if slew is not None:
-            y = Tally(slew_limit(y, slew), y, "slew", name)
-        outputs[name] = Mul(y, gain)
-    return Scene(outputs)
+
+
+def _limited(name: str, scene: Scene, safety: Safety, scale: float) -> Block:
+    """Return an output behind its limits, each counted."""
+    raw = scene.outputs[name]
+    unit = str(raw.dim)
+    y: Block = Guard(raw, STEPS)
+    for stage, most in (("peak", safety.peak if unit == "N" else None), ("clip", scale)):
+        if most is not None:
+            raw = ForceLimit(raw, _limit(most, unit))
+            y = Tally(Guard(raw, STEPS), y, stage, name)
+    if unit == "N" and safety.static is not None:
+        y = Tally(static_limit(y, safety.static), y, "static", name)
+    slew = safety._of("slew", name, tuple(scene.outputs))
+    if slew is not None:
+        y = Tally(slew_limit(y, slew), y, "slew", name)
+    if safety.inverse is not None:
+        driven = inverted(y, np.multiply(safety.inverse, scale))
+        y = Tally(Guard(ForceLimit(driven, _limit(scale, unit)), STEPS), driven, "drive", name)
+    return y
+
+
+def _limit(most: float, unit: str) -> Const:
+    return Const(most, "" if unit == "1" else unit)
+
+
+def inverted(y: Block, taps: np.ndarray, unit: str = "") -> Block:
+    """Return an output behind the inverse filter of a calibrated device.
+
+    One without a unit, such as a pulse that marks another output, is only delayed.
+    """
+    if y.dim != ONE:
+        return fir(y, taps, unit)
+    delay = np.zeros(len(taps))
+    delay[len(taps) // 2] = 1.0
+    return fir(y, delay)
 
 
 def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.ndarray:

@@ -4,18 +4,17 @@ A module of a scene is named here once; what else is said of a scene stands in i
 (`stimlib.scenes.shipped`).
 """
 
-from .bumps import bumps as bumps
-from .bumps import bumps_set as bumps_set
+from .bumps import bumps as bumps, bumps_set as bumps_set
 from .click import click as click
 from .detents import detents as detents
 from .friction import friction as friction
 from .grating import grating as grating
 from .impact import impact as impact
-from .shipped import ROWS as ROWS
-from .shipped import SHIPPED as SHIPPED
+from .shipped import ROWS as ROWS, SHIPPED as SHIPPED
 from .soft_surface import soft_surface as soft_surface
 from .squeeze import squeeze as squeeze
 from .texture import texture as texture
+from .tone import pulse as pulse, tone as tone
 from .touch_screen import touch_screen as touch_screen
 from .viscoelastic import viscoelastic as viscoelastic
 from .wall import wall as wall

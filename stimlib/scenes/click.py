@@ -1,9 +1,8 @@
-"""A button that clicks: its force falls at the snap, and a vibration says so."""
+"""A button that clicks: the force drops at the snap, with a vibration."""
 
 from __future__ import annotations
 
-from ..blocks import button, ring, rising
-from ..blocks import wall as bottom
+from ..blocks import button, ring, rising, wall as bottom
 from ..core.graph import Input, Param
 from ..core.scene import Scene
 from .shipped import shipped

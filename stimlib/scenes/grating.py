@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ..blocks.surfaces import grating as ribs
-from ..blocks.surfaces import spatial_noise
+from ..blocks.surfaces import grating as ribs, spatial_noise
 from ..core.graph import Input, Param
 from ..core.scene import Scene
 from .shipped import shipped

@@ -1,4 +1,4 @@
-"""A hard surface that is tapped: each impact rings, the stronger the faster it was."""
+"""A hard surface to tap: each impact rings, louder the faster it is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A soft object with hard nodules on a screen, felt by the eye: Li et al. (2016).
+"""A soft object with hard nodules on a screen, judged by sight: Li et al. (2016).
 
 "Evaluation of Pseudo-Haptic Interactions with Soft Objects in Virtual Environments";
 see docs/reference/papers.rst.
@@ -10,7 +10,7 @@ from ..blocks import cursor, delay_avatar, indentation, press, stiffness_map, tr
 from ..blocks.soft import as_levels
 from ..core.graph import Block, Input, Param, as_block, constant
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, one_of
 from ..soft.maps import block
 from .shipped import above_zero, shipped
 
@@ -100,8 +100,7 @@ def soft_surface(
     """
     given = dict(locals())
     for name, value, known in (("mode", mode, MODES), ("device", device, DEVICES)):
-        if value not in known:
-            raise BadValue(f"soft_surface: {name} = {value!r}; choose one of {', '.join(known)}")
+        one_of(f"soft_surface: {name}", value, known)
     if mode == "vibration" and device == "mouse":
         raise BadValue("soft_surface: a mouse has no vibration; take device='pen'")
     above_zero("soft_surface", push=push, tangent=tangent, side=side)

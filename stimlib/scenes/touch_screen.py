@@ -144,12 +144,14 @@ def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -
     shown = np.clip(asked, *glass.voltages)
     if (shown != asked).any():
         one, other = (abs(np.fft.rfft(v)[2 if rectify == "full" else 1]) for v in (asked, shown))
+        low, high = glass.voltages
+        least, most = asked.min(), asked.max()
+        held, lost = 100 * np.mean(shown != asked), 100 * (1 - other / one)
         warnings.warn(
             "touch_screen: at the top of a bump, where the plate moves least, the drive asks for"
-            f" {asked.min():.4g} .. {asked.max():.4g} V and the patches take {glass.voltages[0]:g}"
-            f" .. {glass.voltages[1]:g} V: {100 * np.mean(shown != asked):.0f} % of the samples"
-            f" there are held, and {100 * (1 - other / one):.0f} % of the vibration is lost; give a"
-            " smaller amplitude, gain or swap",
+            f" {least:.4g} .. {most:.4g} V and the patches take {low:g} .. {high:g} V:"
+            f" {held:.0f} % of the samples there are held, and {lost:.0f} % of the vibration is"
+            " lost; give a smaller amplitude, gain or swap",
             RuntimeWarning,
             stacklevel=outside(),
         )

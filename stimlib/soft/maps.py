@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..blocks.soft import Levels, table_of
 from ..core.graph import design_value
-from ..errors import BadValue, public
+from ..errors import BadValue, one_of, public
 from ..system import safe_files
 from ..system.limits import limits
 from ..system.packages import package
@@ -46,7 +46,7 @@ are exchanged.
 
 @public
 def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Levels:
-    """Make a map from measured levels.
+    """Make a stiffness map from an array.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def array(levels: ArrayLike, width: float = BLOCK, height: float = BLOCK) -> Lev
 def image(
     path: str | os.PathLike[str], width: float = BLOCK, height: float | None = None
 ) -> Levels:
-    """Make a map from a PNG picture.
+    """Make a stiffness map from a PNG picture.
 
     White is hard (1), black as soft as the object (0), the lowest row is at y = 0.
 
@@ -139,7 +139,7 @@ def nodules(
     spacing: float = 0.002,
     shape: str = "ball",
 ) -> Levels:
-    """Make a map of hard balls in a soft block: S = 1 - product of (1 - s).
+    """Make a stiffness map of hard balls in a soft block: S = 1 - product of (1 - s).
 
     ``ball``: s = min(1, (b/6 mm)^3 (12.5 mm/z)^4) / (1 + (rho/z)^2)^3 for the radius b,
     the depth z of the centre and the distance rho from it.  The fall-off is that of a
@@ -177,8 +177,7 @@ def nodules(
     >>> S.levels.shape, float(S.levels[30, 30])
     ((61, 61), 1.0)
     """
-    if shape not in ("ball", "gaussian"):
-        raise BadValue(f"nodules: shape = {shape!r}; choose one of ball, gaussian")
+    one_of("nodules: shape", shape, ("ball", "gaussian"))
     rows, columns = nodes("nodules", width, height, spacing)
     x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
     clear = np.ones((rows, columns))
@@ -291,7 +290,7 @@ def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
 
 @public
 def buried(turn: float = 0.0) -> dict[str, tuple[float, float]]:
-    """Return where the nodules A, B and C of `block` are, (x, y) in m.
+    """Return the positions (x, y) in m of the nodules A, B and C.
 
     Parameters
     ----------

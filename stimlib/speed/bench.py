@@ -1,4 +1,4 @@
-"""What ``stimlib bench`` measures in less than a minute, its table and its picture."""
+"""The benchmarks of ``stimlib bench``, with table and picture."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..core.graph import Input
 from ..core.scene import Scene
 from ..run.processor import compile
 from ..scenes import bumps, squeeze
+from ..system.packages import package
 from .chain import FS, SAMPLES, Job, caller, fastest_peer, movements, puller, stages
 from .peak import peak
 from .timing import interleaved, machine, medians, ratio
@@ -24,7 +25,7 @@ HOUR = 3_600_000  # samples at 1 kHz
 
 
 class Speed(NamedTuple):
-    """The time of a job, and where known its peer's and the core's limit."""
+    """The time of a job, and if known its peer's and the core's limit."""
 
     what: str
     ns: float
@@ -179,9 +180,8 @@ def picture(speeds: list[Speed], path: str | os.PathLike) -> None:
     True
     """
     check_place(path)
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
+    rc_context = package("matplotlib", "a picture").rc_context
+    Figure = package("matplotlib.figure", "a picture").Figure
     fig: Any = Figure(figsize=(9, 0.9 + 0.36 * len(speeds)), layout="constrained")
     ax = fig.subplots()
     rows = range(len(speeds))

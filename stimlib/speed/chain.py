@@ -38,7 +38,7 @@ FIR = 136 + 7
 
 
 class Stage(NamedTuple):
-    """A part of the chain as a scene of its own, and those who can do the same."""
+    """A stage of the noise chain as a scene, and the implementations to compare."""
 
     scene: Scene
     peers: dict[str, Job]
@@ -69,7 +69,7 @@ def design() -> tuple[np.ndarray, np.ndarray]:
 
 
 class Peer:
-    """numpy + scipy in chunks: PCG64, stateful ``sosfilt``, taps in 3 ways.
+    """The chain by numpy and scipy in chunks: PCG64, ``sosfilt``, taps in 3 ways.
 
     Parameters
     ----------

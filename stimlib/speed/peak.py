@@ -1,4 +1,4 @@
-"""The most that a core can do: independent fused multiply-adds (FMA) in float64.
+"""The peak throughput of a core: independent fused multiply-adds (FMA) in float64.
 
 The time of this loop for as many operations as a chain has is the chain's limit; what a
 chain takes longer is for loads, stores, latency and loops.

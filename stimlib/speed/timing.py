@@ -76,7 +76,7 @@ def medians(times: Times) -> dict[str, float]:
 
 
 def ratio(times: Times, slow: str, fast: str) -> float:
-    """Return how many times as long ``slow`` took as ``fast``.
+    """Return how many times as long one job took as another.
 
     It is the median of the ratios within a round.
 

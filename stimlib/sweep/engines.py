@@ -54,7 +54,7 @@ class Here:
         return 1
 
     def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
-        """Run a job now."""
+        """Run a job at once, in this process."""
         began = time.perf_counter()
         table = self._runner.run(from_bytes(data).to_pylist(), look, seconds)
         self._done.append((what, (as_bytes(table), time.perf_counter() - began)))
@@ -111,9 +111,7 @@ class Local:
 def packed(what: Any) -> bytes:
     """Return a pickle that also carries functions of a script or a notebook."""
     try:
-        return package("cloudpickle", "a sweep in several processes", "'stimlib[sweep]'").dumps(
-            what
-        )
+        return package("cloudpickle", "a sweep in several processes").dumps(what)
     except Exception as e:  # of objects of the user's, too
         raise BadValue(
             f"sweep: scene, motion or measures cannot be sent to another process: {e}"
@@ -257,7 +255,7 @@ class Cluster:
 
 
 def _distributed() -> Any:
-    return package("distributed", "a sweep on a cluster", "'stimlib[sweep]'")
+    return package("distributed", "a sweep on a cluster")
 
 
 def connected(address: str) -> Any:

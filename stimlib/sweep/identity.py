@@ -14,7 +14,7 @@ import math
 import sys
 import sysconfig
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from copyreg import dispatch_table
 from pathlib import Path
@@ -43,6 +43,16 @@ ATOMS = (
     type(Ellipsis),
     type(NotImplemented),
 )
+# what they consist of
+HELD: dict[type, Callable[[Any], Any]] = {
+    list: list,
+    tuple: list,
+    types.MethodType: lambda m: [m.__self__, m.__func__],
+    staticmethod: lambda m: [m.__func__],
+    classmethod: lambda m: [m.__func__],
+    property: lambda p: [p.fget, p.fset, p.fdel],
+    functools.cached_property: lambda p: [p.func],
+}
 DESCRIPTORS = (
     types.MethodDescriptorType,
     types.WrapperDescriptorType,
@@ -192,33 +202,25 @@ class _Walk:
             return [repr(what.dtype), str(what.shape), data]
         if what is np.random.mtrand._rand:  # whose state is another one in each process
             return [_version("numpy")]
-        if kind in (list, tuple):
-            return self._all(what, path)
         if kind in (set, frozenset):
             return sorted(self._all(what, path))
-        if kind in (dict, types.MappingProxyType):
-            return self._items(what, path)
-        if kind is types.CodeType:
-            return self._code(what, path)
-        if kind is types.FunctionType:
-            return self._function(what, path)
-        if kind is types.MethodType:
-            return self._all([what.__self__, what.__func__], path)
-        if kind in (staticmethod, classmethod):
-            return [self.of(what.__func__, path)]
-        if kind is property:
-            return self._all([what.fget, what.fset, what.fdel], path)
-        if kind is functools.cached_property:
-            return [self.of(what.func, path)]
-        if kind is types.ModuleType:
-            return self._module(what, path)
+        if kind in HELD:
+            return self._all(HELD[kind](what), path)
         if kind in DESCRIPTORS:
             return [what.__name__]
         if isinstance(what, type):
             return self._class(what, path)
-        if kind in (types.BuiltinFunctionType, types.MethodWrapperType, np.ufunc):
-            return self._compiled(what, path)
-        return self._instance(what, path)
+        kinds: dict[type, Callable[[Any, str], list[str]]] = {
+            dict: self._items,
+            types.MappingProxyType: self._items,
+            types.CodeType: self._code,
+            types.FunctionType: self._function,
+            types.ModuleType: self._module,
+            types.BuiltinFunctionType: self._compiled,
+            types.MethodWrapperType: self._compiled,
+            np.ufunc: self._compiled,
+        }
+        return kinds.get(kind, self._instance)(what, path)
 
     # Code -----------------------------------------------------------------------------
     def _code(self, code: types.CodeType, path: str) -> list[str]:
@@ -379,12 +381,21 @@ class _Walk:
             base = next(k for k in kind.__mro__ if not _is_own(k.__module__))
             if base in (object, set, frozenset):
                 return parts
-        elif isinstance(what, functools._lru_cache_wrapper):
+        elif wrapped := self._wrapped(what, path):
+            return parts + wrapped
+        else:
+            base = kind
+        return parts + self._reduced(what, base, path)
+
+    def _wrapped(self, what: Any, path: str) -> list[str]:
+        """Return the parts of a cached or compiled function, or nothing."""
+        kind = type(what)
+        if isinstance(what, functools._lru_cache_wrapper):
             # it has the attributes of another function
             if not any(f is what.__wrapped__ for f in gc.get_referents(what)):
                 raise _hidden(path, what)
-            return [*parts, self.of(vars(what), path)]
-        elif hasattr(what, "__wrapped__") and kind.__module__.partition(".")[0] == "numba":
+            return [self.of(vars(what), path)]
+        if hasattr(what, "__wrapped__") and kind.__module__.partition(".")[0] == "numba":
             # else the signatures are those of the calls so far
             stated = not getattr(what, "_can_compile", True)
             signatures = (
@@ -393,20 +404,22 @@ class _Walk:
                 else getattr(what, "_sig", "")
             )
             options = getattr(what, "targetoptions", ""), getattr(what, "locals", ""), signatures
-            return [*parts, repr(options), self.of(what.__wrapped__, path)]
-        else:
-            base = kind
+            return [repr(options), self.of(what.__wrapped__, path)]
+        return []
+
+    def _reduced(self, what: Any, base: Any, path: str) -> list[str]:
+        """Return the parts that an object is pickled as."""
         try:
-            reduce: Any = dispatch_table.get(kind)
-            state = reduce(what) if reduce else base.__reduce_ex__(what, 4)  # type: ignore[call-arg]
+            reduce: Any = dispatch_table.get(type(what))
+            state = reduce(what) if reduce else base.__reduce_ex__(what, 4)
         except Exception:
             raise _hidden(path, what) from None
         if isinstance(state, str):
             found: Any = sys.modules.get(getattr(what, "__module__", ""))
             if getattr(found, state, None) is not what:
                 raise _hidden(path, what)
-            return [*parts, state, *(self._module(found, path) if _is_own(found.__name__) else ())]
-        return parts + self._all([list(v) if isinstance(v, Iterator) else v for v in state], path)
+            return [state, *(self._module(found, path) if _is_own(found.__name__) else ())]
+        return self._all([list(v) if isinstance(v, Iterator) else v for v in state], path)
 
 
 def _by_name(path: str, name: str) -> BadValue:

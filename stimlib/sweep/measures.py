@@ -142,7 +142,7 @@ def _alone(function: Callable[[Rendering], Any], rendering: Rendering, _: None) 
 
 
 def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) -> list[Measure]:
-    """Return the measures that are meant, of this scene.
+    """Return the measures for this scene, from names, calls and functions.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def measured(
 
 
 def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: float) -> list[Any]:
-    """Return what each measure makes of the inputs' samples, (inputs, n).
+    """Return the part of each measure that depends on the inputs alone.
 
     None of them can change the samples.
     """
@@ -246,7 +246,7 @@ def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[A
 
 
 def unwritable(a: Array) -> Array:
-    """Return the samples, for reading only."""
+    """Return the samples as a read-only array."""
     view = a.view()
     view.flags.writeable = False
     return view
@@ -452,7 +452,7 @@ def _cues(force: str, rendering: Rendering, ready: Any) -> Sequence[float]:
 
 
 def verified(scene: Scene) -> Measure:
-    """Return 1 where ``stimlib.verify`` proves the rendering, else 0."""
+    """Return 1 if ``stimlib.verify`` passes the rendering, else 0."""
     return Measure("verify", {"verified": "1"}, _verified)
 
 

@@ -123,7 +123,7 @@ def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
 
 
 def motion_digest(given: Any, name: str, fs: float, seconds: float | None) -> bytes:
-    """Return 16 bytes that stand for a motion, and for how much of it is used.
+    """Return 16 bytes that identify a motion, and how much of it is used.
 
     A function counts with its name: its samples are part of the content of each row.
     """
@@ -145,7 +145,7 @@ def _source(source: Any, name: str) -> str:
 
 # Content ------------------------------------------------------------------------------
 def scene_digest(scene: Scene, fs: float, design: list[tuple[Any, Any]] | None = None) -> bytes:
-    """Return 32 bytes that stand for a scene as it runs.
+    """Return 32 bytes that identify a scene as it runs.
 
     That is its blocks with their numbers, what their design gives at this sample rate,
     and the code of all blocks that are not stimlib's.
@@ -186,7 +186,7 @@ def shared_key(
 
 
 def measure_keys(measures: tuple[str | Measure, ...]) -> list[str]:
-    """Return what each measure counts as: its name, or the hash of its content."""
+    """Return the key of each measure: its name, or the hash of its content."""
     return [identity(m, f"measure {m.name}") if isinstance(m, Measure) else m for m in measures]
 
 

@@ -26,7 +26,7 @@ MADE = ("content", "error", "fault", "key")  # columns that a sweep adds
 
 def arrow(module: str = "pyarrow") -> Any:
     """Import Apache Arrow, which keeps the tables of sweeps."""
-    return package(module, "a sweep", "'stimlib[sweep]'")
+    return package(module, "a sweep")
 
 
 @public
@@ -124,7 +124,7 @@ def whole_numbers(name: str, column: Any) -> Any:
 
 
 def table_of(rows: Any) -> pa.Table:
-    """Return rows as an Arrow table without a gap.
+    """Return rows as an Arrow table without missing values.
 
     The columns are of int64, uint64, float64, bool and string.
 
@@ -208,15 +208,19 @@ def _plain(pa: Any, field: Any, column: Any) -> Any:
     kind, types = field.type, pa.types
     if types.is_dictionary(kind):
         kind = kind.value_type
-    wanted = None
-    if types.is_boolean(kind):
-        wanted = pa.bool_()
-    elif types.is_integer(kind):
-        wanted = pa.uint64() if kind == pa.uint64() else pa.int64()
-    elif types.is_floating(kind) or types.is_decimal(kind):
-        wanted = pa.float64()
-    elif types.is_string(kind) or types.is_large_string(kind) or types.is_string_view(kind):
-        wanted = pa.string()
+    numbers = (
+        (types.is_boolean, pa.bool_()),
+        (types.is_uint64, pa.uint64()),
+        (types.is_integer, pa.int64()),
+        (types.is_floating, pa.float64()),
+        (types.is_decimal, pa.float64()),
+    )
+    texts = (
+        (types.is_string, pa.string()),
+        (types.is_large_string, pa.string()),
+        (types.is_string_view, pa.string()),
+    )
+    wanted = next((plain for fits, plain in numbers + texts if fits(kind)), None)
     if column.null_count:
         at = column.is_null().index(True).as_py()
         raise BadValue(
@@ -233,7 +237,7 @@ def _plain(pa: Any, field: Any, column: Any) -> Any:
 
 
 class Roles(NamedTuple):
-    """Which columns are what, besides ``seed`` and ``motion``."""
+    """The role of each column, besides ``seed`` and ``motion``."""
 
     live: tuple[str, ...]
     """Parameters, set before the first sample as ``render(params=..)`` does: the
@@ -249,7 +253,7 @@ def roles_of(
     names: Collection[str],
     live: Collection[str] | None,
 ) -> Roles:
-    """Return what each column is.
+    """Return the role of each column.
 
     A parameter that shapes what runs before sample 0, such as the level of a filtered
     noise, is not the same as live number and as argument: the lead ran with the other
@@ -280,16 +284,8 @@ def roles_of(
         raise BadValue(f"rows: a sweep adds a column {own[0]} of its own: give yours another name")
     params = list(scene.params)
     known = arguments_of(make)
-    wrong = [n for n in live or () if n not in params]
-    absent = [n for n in live or () if n not in columns]
-    if wrong or absent:
-        raise UnknownName(
-            f"live: {(wrong or absent)[0]} is"
-            f" {'no parameter of the scene' if wrong else 'no column of the rows'}; parameters:"
-            f" {', '.join(params) or 'none'}; columns: {', '.join(columns) or 'none'}"
-        )
     if live is not None:
-        chosen = set(live)
+        chosen = _said(live, params, columns)
     else:
         chosen = {n for n in columns if n in params}
         if both := [n for n in columns if n in chosen and n in known]:
@@ -309,8 +305,21 @@ def roles_of(
     return Roles(tuple(n for n in columns if n in chosen), tuple(rest))
 
 
+def _said(live: Collection[str], params: list[str], columns: list[str]) -> set[str]:
+    """Return the live columns as they were given, checked."""
+    wrong = [n for n in live if n not in params]
+    absent = [n for n in live if n not in columns]
+    if wrong or absent:
+        raise UnknownName(
+            f"live: {(wrong or absent)[0]} is"
+            f" {'no parameter of the scene' if wrong else 'no column of the rows'}; parameters:"
+            f" {', '.join(params) or 'none'}; columns: {', '.join(columns) or 'none'}"
+        )
+    return set(live)
+
+
 def name_of(make: Any) -> str:
-    """Return what a factory is called."""
+    """Return the name of a factory."""
     return getattr(make, "__name__", "the function")
 
 
@@ -335,45 +344,46 @@ def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str
     UnitError
         A column that says another unit than its parameter has.
     """
-    pa = arrow()
-    for name in table.column_names:
-        at, column, field = table.column_names.index(name), table[name], table.field(name)
-        if name in roles.live:
-            said = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
-            if said and unit(said) != scene.params[name].dim:
-                raise UnitError(
-                    f"rows: {name} is in {said}, and the parameter in {scene.params[name].dim}"
-                )
-            if pa.types.is_string(field.type) or pa.types.is_boolean(field.type):
-                raise BadValue(
-                    f"rows: {name} is a parameter, so it needs numbers; got {field.type}:"
-                    f" {column[0].as_py()!r}"
-                )
-            values = column.to_numpy().astype(np.float64)
-            if not np.isfinite(values).all():
-                bad = int(np.argmin(np.isfinite(values)))
-                raise BadValue(
-                    f"rows: {name} = {values[bad]} in row {bad} (the first is 0) must be finite"
-                )
-            table = table.set_column(
-                at,
-                pa.field(name, pa.float64(), metadata={"unit": str(scene.params[name].dim)}),
-                [values],
-            )
-        elif name == "seed":
-            table = table.set_column(
-                at, pa.field(name, pa.uint64(), metadata={"unit": "1"}), [_seeds(pa, column)]
-            )
-        elif name == "motion":
-            if unknown := sorted(set(column.unique().to_pylist()) - set(motions), key=str):
-                raise UnknownName(
-                    f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by"
-                    f" name; it has {_some(motions)}"
-                )
+    for at, field in enumerate(table.schema):
+        column = table[field.name]
+        if field.name in roles.live:
+            table = table.set_column(at, *_live(field, column, scene.params[field.name].dim))
+        elif field.name == "seed":
+            kept = arrow().field("seed", arrow().uint64(), metadata={"unit": "1"})
+            table = table.set_column(at, kept, [_seeds(column)])
+        elif field.name == "motion":
+            _check_motions(column, motions)
     return table
 
 
-def _seeds(pa: Any, column: Any) -> np.ndarray:
+def _live(field: Any, column: Any, dim: Any) -> tuple[Any, list[np.ndarray]]:
+    """Return the field and the values of a live column, checked."""
+    pa, name = arrow(), field.name
+    said = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
+    if said and unit(said) != dim:
+        raise UnitError(f"rows: {name} is in {said}, and the parameter in {dim}")
+    if pa.types.is_string(field.type) or pa.types.is_boolean(field.type):
+        raise BadValue(
+            f"rows: {name} is a parameter, so it needs numbers; got {field.type}:"
+            f" {column[0].as_py()!r}"
+        )
+    values = column.to_numpy().astype(np.float64)
+    finite = np.isfinite(values)
+    if not finite.all():
+        bad = int(np.argmin(finite))
+        raise BadValue(f"rows: {name} = {values[bad]} in row {bad} (the first is 0) must be finite")
+    return pa.field(name, pa.float64(), metadata={"unit": str(dim)}), [values]
+
+
+def _check_motions(column: Any, motions: Collection[str]) -> None:
+    if unknown := sorted(set(column.unique().to_pylist()) - set(motions), key=str):
+        raise UnknownName(
+            f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by"
+            f" name; it has {_some(motions)}"
+        )
+
+
+def _seeds(column: Any) -> np.ndarray:
     values = column.to_numpy()
     good = values.dtype.kind in "iu" and bool((values >= 0).all())
     if not good:

@@ -21,7 +21,7 @@ DEATHS = 3  # of a process by one row alone, until the row is what is wrong
 
 
 class Death(NamedTuple):
-    """The way in which a process ended in the middle of a job."""
+    """How a process ended in the middle of a job."""
 
     why: str
     at: int
@@ -36,13 +36,13 @@ class Engine(Protocol):
     """A place where jobs run."""
 
     def room(self) -> int:
-        """Return how many jobs it takes now."""
+        """Return how many jobs it can take now."""
 
     def workers(self) -> int:
-        """Return how many run at once."""
+        """Return how many jobs run at once."""
 
     def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
-        """Give it a job."""
+        """Submit a job."""
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
         """Return the next job that has ended: its result, or how its process died."""
@@ -122,7 +122,7 @@ def drive(
 
 
 def job_seconds(workers: int) -> float:
-    """Return how long a job runs until it hands back what it has done.
+    """Return how long a job runs before it returns its results.
 
     It is so long that no worker waits for the client.
     """

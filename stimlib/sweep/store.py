@@ -29,7 +29,7 @@ LARGEST = 200_000  # rows of a part
 
 
 class Store:
-    """The parts of a sweep that are there, and where the rest goes.
+    """The stored parts of a sweep, and the place for new ones.
 
     Without a folder they are in memory.
 
@@ -148,7 +148,7 @@ class Store:
         return known
 
     def done(self, names: Sequence[str]) -> pa.Table:
-        """Return keys, contents and some columns of all rows that are there.
+        """Return keys, contents and some columns of all stored rows.
 
         What was added last comes first, and rows that failed come after all others.
         """
@@ -163,7 +163,7 @@ class Store:
         return table.combine_chunks()
 
     def add(self, table: pa.Table) -> None:
-        """Keep some rows, with their keys; a part is written every few seconds."""
+        """Store some rows with their keys; a part is written every few seconds."""
         self.tables.append(table)
         self.rows += table.num_rows
         if self.folder is None or self.dry:
@@ -174,7 +174,7 @@ class Store:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits."""
+        """Write to disk the rows that are still in memory."""
         if self._waiting and self.folder is not None:
             table = arrow().concat_tables(self._waiting).combine_chunks()
             sink = arrow().BufferOutputStream()

@@ -322,7 +322,7 @@ def rendering(
 
 # Before the first run -----------------------------------------------------------------
 class Planned(NamedTuple):
-    """All that is known before the first run."""
+    """The facts that are known before the first run."""
 
     table: pa.Table
     plan: Plan
@@ -352,7 +352,7 @@ class Seen(NamedTuple):
 
 
 def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
-    """Return all that can be known without a run, checked.
+    """Return the facts that are known before the first run, checked.
 
     The scene of some row is made here.
     """

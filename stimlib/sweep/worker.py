@@ -1,4 +1,4 @@
-"""What a worker does with some rows.
+"""The work of one process: rows of a sweep, one after another.
 
 Programs, motions and buffers are kept from row to row.
 """
@@ -59,7 +59,7 @@ class Made:
 
 @dataclass
 class Moved:
-    """One motion, sampled, and what measures have made of it."""
+    """A sampled motion, and what the measures prepared from it."""
 
     motion: dict[str, Any]
     x: np.ndarray
@@ -80,7 +80,7 @@ class Kept(OrderedDict[Any, T]):
 
 
 class Runner:
-    """Runs rows of one plan, one after another, in one thread.
+    """The runs of one plan's rows, one after another, in one thread.
 
     A row is reset, set and processed: the bits are those of ``render`` with its
     numbers, whatever ran before.
@@ -95,7 +95,7 @@ class Runner:
         self._y = np.empty((0, 0))
 
     def content(self, row: Mapping[str, Any]) -> bytes:
-        """Return 16 bytes that stand for a row's scene and motion."""
+        """Return 16 bytes that identify a row's scene and motion."""
         if not self.plan.measure_keys:  # nothing is kept
             return NO_SCENE
         made = self._made(row)
@@ -219,7 +219,7 @@ class Runner:
 
 
 def error_text(e: BaseException) -> str:
-    """Return an error as a row states it."""
+    """Return an error as text for a row."""
     try:
         text = str(e)
     except BaseException as other:  # of a class of the user's
@@ -268,7 +268,7 @@ def run_kept(data: bytes, look: bool, seconds: float, motions: bytes) -> tuple[b
 
 
 def differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """Return the packages of which two processes have different versions."""
+    """Return the packages whose versions differ between two processes."""
     return ", ".join(
         f"{p} {here.get(p)}, and not {v}" for p, v in there.items() if here.get(p) != v
     )

@@ -9,16 +9,20 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 
 @dataclass(frozen=True)
 class Test:
-    """A test of a value: in words for a message, and as a function."""
+    """A test of a value: in words for a message, as a function, and as a JSON Schema.
+
+    The schema may ask for less than the function.
+    """
 
     wanted: str
     good: Callable[[Any], bool]
+    schema: Mapping[str, Any] = field(default_factory=dict)
 
     __test__ = False  # pytest: this is none of yours
 
@@ -75,9 +79,26 @@ def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
             raise ValueError(f"{name} must be {test.wanted}")
 
 
+def schema(tests: Mapping[str, Test], title: str) -> dict[str, Any]:
+    """Return what ``require`` asks of a file, as a JSON Schema (draft 2020-12).
+
+    Examples
+    --------
+    >>> from stimlib.system import fields
+    >>> fields.schema({"fs": fields.positive}, "a rate")["properties"]
+    {'fs': {'description': 'a number above 0', 'type': 'number', 'exclusiveMinimum': 0}}
+    """
+    draft = "https://json-schema.org/draft/2020-12/schema"
+    return {"$schema": draft, "title": title, **record(tests).schema}
+
+
 def between(low: float, high: float) -> Test:
     """Return a test for a number in a range."""
-    return Test(f"a number from {low:g} to {high:g}", lambda v: number(v) and low <= v <= high)
+    return Test(
+        f"a number from {low:g} to {high:g}",
+        lambda v: number(v) and low <= v <= high,
+        {"type": "number", "minimum": low, "maximum": high},
+    )
 
 
 def whole(most: int) -> Test:
@@ -85,12 +106,17 @@ def whole(most: int) -> Test:
     return Test(
         f"a whole number from 0 to {most}",
         lambda v: isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= most,
+        {"type": "integer", "minimum": 0, "maximum": most},
     )
 
 
 def one_of(*values: str) -> Test:
-    """Return one of these texts."""
-    return Test(f"one of {', '.join(values)}", lambda v: isinstance(v, str) and v in values)
+    """Return a test for one of these texts."""
+    return Test(
+        f"one of {', '.join(values)}",
+        lambda v: isinstance(v, str) and v in values,
+        {"enum": list(values)},
+    )
 
 
 def table_of(test: Test) -> Test:
@@ -98,28 +124,37 @@ def table_of(test: Test) -> Test:
     return Test(
         f"a table, each value {test.wanted}",
         lambda v: isinstance(v, dict) and all(map(test, v.values())),
+        {"type": "object", "additionalProperties": test.schema},
     )
 
 
 def list_of(test: Test) -> Test:
     """Return a test for a list of good values."""
     return Test(
-        f"a list, each value {test.wanted}", lambda v: isinstance(v, list) and all(map(test, v))
+        f"a list, each value {test.wanted}",
+        lambda v: isinstance(v, list) and all(map(test, v)),
+        {"type": "array", "items": test.schema},
     )
 
 
 def record(tests: Mapping[str, Test]) -> Test:
-    """Return a test for a table with these fields, each of them good."""
+    """Return a test that a table has these fields, each with a valid value."""
     wanted = ", ".join(f"{name} ({test.wanted})" for name, test in tests.items())
+    properties = {n: {"description": t.wanted, **t.schema} for n, t in tests.items()}
     return Test(
         f"a table of {wanted}",
         lambda v: isinstance(v, dict) and all(n in v and t(v[n]) for n, t in tests.items()),
+        {"type": "object", "required": list(tests), "properties": properties},
     )
 
 
 def maybe(test: Test) -> Test:
     """Return a test for a good value or null."""
-    return Test(f"{test.wanted} or null", lambda v: v is None or test(v))
+    return Test(
+        f"{test.wanted} or null",
+        lambda v: v is None or test(v),
+        {"anyOf": [test.schema, {"type": "null"}]},
+    )
 
 
 def _number(v: Any) -> bool:
@@ -129,8 +164,13 @@ def _number(v: Any) -> bool:
     return isinstance(v, int) and not isinstance(v, bool) and abs(v) <= 2**53
 
 
-text = Test("a text", lambda v: isinstance(v, str))
-number = Test("a finite number", _number)
-positive = Test("a number above 0", lambda v: number(v) and v > 0)
-not_negative = Test("a number, 0 or above", lambda v: number(v) and v >= 0)
-table = Test("a table", lambda v: isinstance(v, dict))
+text = Test("a text", lambda v: isinstance(v, str), {"type": "string"})
+number = Test("a finite number", _number, {"type": "number"})
+positive = Test(
+    "a number above 0", lambda v: number(v) and v > 0, {"type": "number", "exclusiveMinimum": 0}
+)
+not_negative = Test(
+    "a number, 0 or above", lambda v: number(v) and v >= 0, {"type": "number", "minimum": 0}
+)
+table = Test("a table", lambda v: isinstance(v, dict), {"type": "object"})
+truth = Test("true or false", lambda v: isinstance(v, bool), {"type": "boolean"})

@@ -7,8 +7,21 @@ from typing import Any
 
 from ..errors import MissingPackage
 
+EXTRAS = {
+    "fit": ("jax", "optax"),
+    "plot": ("matplotlib",),
+    "sweep": ("pyarrow", "cloudpickle", "distributed"),
+    "live": ("starlette", "uvicorn", "websockets"),
+    "experiments": ("statsmodels", "pandas"),
+    "lab": ("pylsl", "pythonosc", "serial"),
+}
+"""Modules that ``pip install 'stimlib[NAME]'`` brings, of what `package` imports."""
 
-def package(module: str, what: str, install: str = "") -> Any:
+PROJECTS = {"pythonosc": "python-osc", "serial": "pyserial"}
+"""What pip calls a module's package, where it is not the module's name."""
+
+
+def package(module: str, what: str) -> Any:
     """Import a module of an optional package, or raise MissingPackage.
 
     Parameters
@@ -17,8 +30,6 @@ def package(module: str, what: str, install: str = "") -> Any:
         As ``import`` has it.
     what : str
         What needs it, as the error begins.
-    install : str
-        What ``pip install`` is to be given; by default the package's own name.
 
     Raises
     ------
@@ -35,7 +46,9 @@ def package(module: str, what: str, install: str = "") -> Any:
         return importlib.import_module(module)
     except ImportError as e:
         name = module.partition(".")[0].lower()
-        remedy = f"pip install {install or name}"
+        extra = next((e for e, names in EXTRAS.items() if name in names), None)
+        name = PROJECTS.get(name, name)
+        remedy = f"pip install 'stimlib[{extra}]'" if extra else f"pip install {name}"
         raise MissingPackage(
             f"{what} needs the package {name}, which cannot be imported ({e}): {remedy}"
         ) from None

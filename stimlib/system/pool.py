@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import _thread
 import math
-import multiprocessing
 import os
 import pickle
+import queue
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from importlib import import_module
 from itertools import islice
-from multiprocessing.connection import Connection, wait
 from typing import IO, Any, TypeVar
 
 from ..errors import StimlibError
@@ -47,19 +47,73 @@ class TimedOut(WorkerDied):
     """A job took longer than it was given, so its process was ended."""
 
 
-class _Worker:
-    """One process, the connection to it, and what it is at."""
+NOTE = 1 << 63  # set in the size of a message that is a note, and no answer
 
-    def __init__(self, process: subprocess.Popen, connection: Connection, notes: IO[bytes]):
-        self.process, self.connection, self.notes = process, connection, notes
+
+class _Worker:
+    """One process, what it says, and what it is at.
+
+    Messages travel through its stdin and stdout. A thread reads what it says, because
+    Windows cannot wait for several pipes at once.
+    """
+
+    def __init__(self, process: subprocess.Popen, said: queue.Queue[Any]):
+        self.process, self.said = process, said
         self.noted = b""
         self.begun = self.late = False
         self.job: Any = None  # what it is, and its seconds
         self.until = math.inf
+        self.thread = threading.Thread(target=self._listen, daemon=True)
+        self.thread.start()
+
+    def _listen(self) -> None:
+        assert self.process.stdout is not None
+        with suppress(EOFError, OSError, ValueError), self.process.stdout as stdout:
+            while True:
+                size, data = _received(stdout)
+                if size & NOTE:
+                    self.note(data)
+                else:
+                    self.said.put((self, data))
+        self.said.put((self, None))
+
+    def note(self, data: bytes) -> None:
+        """Keep what the job notes; its seconds begin anew."""
+        self.noted = data
+        if self.job is not None and self.begun and not self.late:
+            self.until = time.monotonic() + self.job[1]
+
+    def send(self, data: bytes) -> None:
+        """Give it a message; `Pool.take` will find where it is gone."""
+        with suppress(OSError, ValueError):
+            _sent(self.process.stdin, data)
+
+    def signal(self, *numbers: int) -> None:
+        """Send signals to it and the processes that it has started."""
+        if watchdog.POSSIBLE:
+            watchdog.tell([self.process.pid], *numbers)
+        else:
+            self.process.kill()
+
+
+def _received(stream: IO[bytes] | None) -> tuple[int, bytes]:
+    """Return the next message of a stream, with its size; EOFError at the end."""
+    assert stream is not None
+    size = int.from_bytes(stream.read(8).rjust(8, b"\xff"))
+    data = stream.read(size & ~NOTE) if size < 2**64 - 1 else b""
+    if len(data) < size & ~NOTE:
+        raise EOFError
+    return size, data
+
+
+def _sent(stream: IO[bytes] | None, data: bytes, kind: int = 0) -> None:
+    assert stream is not None
+    stream.write((len(data) | kind).to_bytes(8) + data)
+    stream.flush()
 
 
 class Pool(AbstractContextManager["Pool"]):
-    """Processes of one thread each, which do one job after another.
+    """Worker processes of one thread each, which run one job after another.
 
     They are new interpreters that run nothing of the program that made them: a script
     needs no ``if __name__ == "__main__"``.  Functions and arguments travel as pickles.
@@ -97,45 +151,54 @@ class Pool(AbstractContextManager["Pool"]):
 
     def __init__(self, workers: int, *begin: Any, memory: int | None = None):
         self._begin, self._memory = pickle.dumps((_begin, begin)), memory
-        self._watchdog = subprocess.Popen(
-            [sys.executable, "-I", "-S", watchdog.__file__, str(os.getpid())],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
+        self._watchdog = (
+            subprocess.Popen(
+                [sys.executable, "-I", "-S", watchdog.__file__, str(os.getpid())],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            if watchdog.POSSIBLE
+            else None
         )
         self._workers: list[_Worker] = []
+        self._said: queue.Queue[Any] = queue.Queue()
         self.widen(workers)
 
     def __exit__(self, *_: object) -> None:
-        # the watchdog ends the workers, as it does where this process is killed
-        self._watchdog.stdin.close()  # type: ignore[union-attr]
+        # the watchdog ends the workers, as it does where this process is killed;
+        # without one, they end where their stdin does
+        for process in [self._watchdog] if self._watchdog else [w.process for w in self._workers]:
+            with suppress(OSError):
+                process.stdin.close()  # type: ignore[union-attr]
         until = time.monotonic() + watchdog.PATIENCE
         for worker in self._workers:
             _end_of(worker, until)
-        self._watchdog.kill()  # nothing is left for it to do
-        self._watchdog.wait()
+        if self._watchdog:
+            self._watchdog.kill()  # nothing is left for it to do
+            self._watchdog.wait()
 
     def widen(self, workers: int) -> None:
-        """Start processes until there are so many."""
+        """Start processes until there are this many."""
         while len(self._workers) < workers:
             self._workers.append(self._start())
-            self._send(self._workers[-1], self._begin)
+            self._workers[-1].send(self._begin)
 
     @property
     def workers(self) -> int:
-        """Return how many processes there are."""
+        """Return the number of processes."""
         return len(self._workers)
 
     @property
     def room(self) -> int:
-        """How many processes have nothing to do."""
+        """Return the number of idle processes."""
         return sum(worker.job is None for worker in self._workers)
 
     def submit(
         self, what: Any, function: Callable[..., Any], *args: Any, seconds: float = math.inf
     ) -> None:
-        """Give a job to a process that has none.
+        """Submit a job to an idle process.
 
         Parameters
         ----------
@@ -152,13 +215,12 @@ class Pool(AbstractContextManager["Pool"]):
         job = pickle.dumps((function, args))
         worker = next(w for w in self._workers if w.job is None)
         worker.job, worker.noted = (what, seconds), b""
-        worker.notes.truncate(0)
         if worker.begun:
             worker.until = time.monotonic() + seconds
-        self._send(worker, job)
+        worker.send(job)
 
     def take(self) -> tuple[Any, Any, BaseException | None]:
-        """Wait for a job.
+        """Wait for a job to end, and return its result.
 
         Returns
         -------
@@ -174,30 +236,35 @@ class Pool(AbstractContextManager["Pool"]):
             A process ended before it had begun: no other would do better.
         """
         while True:
-            busy = {w.connection: w for w in self._workers if w.job is not None}
-            ready = wait(list(busy), watchdog.TICK)
-            for worker in busy.values():
-                if worker.connection not in ready:
-                    now = time.monotonic()
-                    # it has ended, and a child of it keeps the connection open
-                    if worker.process.poll() is not None and not worker.connection.poll():
-                        return self._replaced(worker)
-                    if (noted := os.pread(worker.notes.fileno(), 24, 0)) != worker.noted:
-                        worker.noted, worker.until = noted, now + worker.job[1]
-                    if now > worker.until:
-                        ends = [signal.SIGKILL] if worker.late else [signal.SIGTERM, signal.SIGCONT]
-                        watchdog.tell([worker.process.pid], *ends)
-                        worker.late, worker.until = True, now + watchdog.PATIENCE
-            for connection in ready:
-                worker = busy[connection]  # type: ignore[index]
-                try:
-                    answer = worker.connection.recv_bytes()
-                except (EOFError, OSError):
+            worker, answer = None, None
+            with suppress(queue.Empty):
+                worker, answer = self._said.get(timeout=watchdog.TICK)
+            if worker is None:
+                for w in [w for w in self._workers if w.job is not None]:
+                    # it has ended, and a child of it keeps its stdout open
+                    if w.process.poll() is not None and self._said.empty():
+                        return self._replaced(w)
+                    self._end_late(w)
+            elif worker not in self._workers:
+                pass  # it was replaced
+            elif answer is None:
+                if worker.job is not None:
                     return self._replaced(worker)
-                if not worker.begun:
-                    worker.begun, worker.until = True, time.monotonic() + worker.job[1]
-                elif not worker.late:  # else it is about to end
-                    return self._taken(worker, answer)
+            elif not worker.begun:
+                worker.begun = True
+                if worker.job is not None:
+                    worker.until = time.monotonic() + worker.job[1]
+            elif not worker.late:  # else it is about to end
+                return self._taken(worker, answer)
+
+    @staticmethod
+    def _end_late(worker: _Worker) -> None:
+        """End a process whose job has taken longer than it was given."""
+        if time.monotonic() > worker.until:
+            worker.signal(
+                *([watchdog.SIGKILL] if worker.late else [signal.SIGTERM, watchdog.SIGCONT])
+            )
+            worker.late, worker.until = True, time.monotonic() + watchdog.PATIENCE
 
     def _taken(self, worker: _Worker, answer: bytes) -> tuple[Any, Any, BaseException | None]:
         (what, _), worker.job, worker.until = worker.job, None, math.inf
@@ -211,7 +278,6 @@ class Pool(AbstractContextManager["Pool"]):
         return what, result, error
 
     def _replaced(self, worker: _Worker) -> tuple[Any, None, WorkerDied]:
-        noted = os.pread(worker.notes.fileno(), 24, 0)
         status = _end_of(worker, time.monotonic() + watchdog.PATIENCE)
         self._report(worker.process)
         self._workers.remove(worker)
@@ -228,45 +294,41 @@ class Pool(AbstractContextManager["Pool"]):
         died = WorkerDied(f"it ended its process {said}{limit}")
         if worker.late:
             died = TimedOut(f"it took longer than its {seconds:g} s; allow more")
-        if noted:
-            died.at, died.data = int.from_bytes(noted[:8]), noted[8:]
+        if worker.noted:
+            died.at, died.data = int.from_bytes(worker.noted[:8]), worker.noted[8:]
         return what, None, died
 
     def _start(self) -> _Worker:
-        ours, theirs = multiprocessing.Pipe()
-        notes = tempfile.TemporaryFile()
         serve = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; "
-        serve += f"serve({theirs.fileno()}, {notes.fileno()}, {self._memory})"
         process = subprocess.Popen(
-            [sys.executable, "-c", serve],
-            stdin=subprocess.DEVNULL,
-            pass_fds=[theirs.fileno(), notes.fileno()],
+            [sys.executable, "-c", serve + f"serve({self._memory})"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             env=os.environ | ONE_THREAD,
             start_new_session=True,
+            # Ctrl-C interrupts this process alone, on Windows too
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         )
         self._report(process)
-        theirs.close()
-        return _Worker(process, ours, notes)
+        return _Worker(process, self._said)
 
     def _report(self, process: subprocess.Popen) -> None:
         """Tell the watchdog that a worker has started, or is gone."""
-        with suppress(BrokenPipeError):
-            os.write(self._watchdog.stdin.fileno(), process.pid.to_bytes(8))  # type: ignore[union-attr]
-
-    @staticmethod
-    def _send(worker: _Worker, data: bytes) -> None:
-        with suppress(BrokenPipeError, ConnectionResetError):  # `take` will find that it is gone
-            worker.connection.send_bytes(data)
+        if self._watchdog:
+            with suppress(BrokenPipeError):
+                os.write(self._watchdog.stdin.fileno(), process.pid.to_bytes(8))  # type: ignore[union-attr]
 
 
 def _end_of(worker: _Worker, until: float) -> int:
     """Wait for a process until a time, kill it, and return the exit status."""
     with suppress(subprocess.TimeoutExpired):
         worker.process.wait(max(0.0, until - time.monotonic()))
-    watchdog.tell([worker.process.pid], signal.SIGKILL)
-    worker.connection.close()
-    worker.notes.close()
-    return worker.process.wait()
+    worker.signal(watchdog.SIGKILL)
+    status = worker.process.wait()
+    with suppress(OSError):  # what it did not read
+        worker.process.stdin.close()  # type: ignore[union-attr]
+    worker.thread.join(watchdog.TICK)
+    return status
 
 
 @contextmanager
@@ -377,7 +439,8 @@ def _end(number: int, frame: Any) -> None:
 
 
 # In a worker --------------------------------------------------------------------------
-_notes = -1, 0  # file descriptor and process; none in a process that is no worker
+_driver: tuple[IO[bytes] | None, int] = None, 0
+"""Where the worker's messages go, and its process; none where this is no worker."""
 
 
 def note(at: int, data: bytes) -> None:
@@ -385,37 +448,69 @@ def note(at: int, data: bytes) -> None:
 
     The seconds that the job has begin anew.
     """
-    file, process = _notes
+    stream, process = _driver
     if process == os.getpid():  # and not a job's fork
-        os.pwrite(file, at.to_bytes(8) + data, 0)
+        _sent(stream, at.to_bytes(8) + data, NOTE)
 
 
 def ended(e: BaseException) -> bool:
     """Return whether an exception is the end that was asked for, or a Ctrl-C."""
-    return isinstance(e, _Ended) or (isinstance(e, KeyboardInterrupt) and _notes[1] != os.getpid())
+    return isinstance(e, _Ended) or (isinstance(e, KeyboardInterrupt) and _driver[1] != os.getpid())
 
 
-def serve(connection: int, notes: int, memory: int | None) -> None:
-    """Do the jobs that come over a file descriptor until it is closed."""
-    global _notes
-    _notes = notes, os.getpid()
+def serve(memory: int | None) -> None:
+    """Do the jobs that come through stdin until it is closed.
+
+    What a job prints goes to stderr, as stdout has the answers.
+    """
+    global _driver
+    jobs, answers = open(os.dup(0), "rb"), open(os.dup(1), "wb")
+    os.dup2(2, 1)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    _driver = answers, os.getpid()
     signal.signal(signal.SIGTERM, _end)
-    if memory:
-        import resource
-
+    if memory and (resource := _resource()):
         with suppress(ValueError):  # what is permitted is less already
             resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
-    client, own = Connection(connection), os.getpid()
+    own, receive = os.getpid(), (lambda: _received(jobs)[1])
+    if not watchdog.POSSIBLE:
+        receive = _lifeline(receive)
     with suppress(EOFError, OSError):
-        begun = _answer(client.recv_bytes())
+        begun = _answer(receive())
         failed = pickle.loads(begun)[1] is not None
-        client.send_bytes(b"")
+        _sent(answers, b"")
         while True:
-            job = client.recv_bytes()
+            job = receive()
             answer = begun if failed else _answer(job)
             if os.getpid() != own:
                 os._exit(0)  # the job has forked, and this is the other one: it was not asked
-            client.send_bytes(answer)
+            _sent(answers, answer)
+
+
+def _resource() -> Any:
+    """Return the module of limits, which Windows has not."""
+    with suppress(ImportError):
+        return import_module("resource")
+
+
+def _lifeline(receive: Callable[[], bytes]) -> Callable[[], bytes]:
+    """Read the jobs in a thread, which ends this process where the driver has ended.
+
+    It takes the place of the watchdog: as that, it interrupts the job with SIGTERM, and
+    ends the process after a while.
+    """
+    jobs: queue.Queue[bytes] = queue.Queue()
+
+    def read() -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                jobs.put(receive())
+        _thread.interrupt_main(signal.SIGTERM)
+        time.sleep(watchdog.PATIENCE)
+        os._exit(1)
+
+    threading.Thread(target=read, daemon=True).start()
+    return jobs.get
 
 
 def _answer(data: bytes) -> bytes:

@@ -9,11 +9,18 @@ from __future__ import annotations
 import os
 import stat
 from contextlib import ExitStack, suppress
+from importlib import import_module
 from io import FileIO
 from pathlib import Path
 
 from ..errors import SinkError, StimlibError
 from .limits import limits
+
+# Windows has no links and pipes to be careful of at a path, and reads text by default
+NOFOLLOW, NONBLOCK = getattr(os, "O_NOFOLLOW", 0), getattr(os, "O_NONBLOCK", 0)
+BINARY = getattr(os, "O_BINARY", 0)
+FAR = 2**40  # a byte of a file that nobody reads, for the locks of Windows
+_closing: set[str] = set()  # to be removed as soon as it is closed
 
 
 def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = SinkError) -> bytes:
@@ -59,16 +66,14 @@ def opened(
     With flags for writing, it must be a file of stimlib's own: no link leads to it, and
     it has no second name.
     """
-    writes = flags & os.O_ACCMODE != os.O_RDONLY
+    writes = bool(flags & (os.O_WRONLY | os.O_RDWR))
     what = f"cannot {'write' if writes else 'read'} {path}"
+    if writes and os.path.islink(path):
+        check(path, error)
     try:
         # a pipe without a writer would wait for ever
-        fd = os.open(
-            path, flags | os.O_NONBLOCK | os.O_CLOEXEC | (os.O_NOFOLLOW if writes else 0), 0o666
-        )
+        fd = os.open(path, flags | NONBLOCK | BINARY | (NOFOLLOW if writes else 0), 0o666)
     except (OSError, ValueError) as e:
-        if writes and os.path.islink(path):
-            check(path, error)
         raise error(f"{what}: {_reason(e)}") from e
     info = os.fstat(fd)
     if not stat.S_ISREG(info.st_mode) or (writes and info.st_nlink > 1):
@@ -114,9 +119,7 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
     try:
         with suppress(FileNotFoundError):
             os.unlink(path)
-        return os.open(
-            path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
-        )
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | NOFOLLOW | BINARY, 0o666)
     except (OSError, ValueError) as e:
         raise error(f"cannot write {path}: {_reason(e)}") from e
 
@@ -147,6 +150,7 @@ def taken(
     """Do as ``alone``, or return None where another run has the file."""
     while True:
         check(at, error)
+        stack.callback(sweep, at)  # after it is closed
         f = stack.enter_context(open(opened(at, os.O_RDWR | os.O_CREAT, error), "r+b", buffering=0))
         if not held(f.fileno()):
             return None
@@ -158,11 +162,20 @@ def taken(
 def held(fd: int) -> bool:
     """Lock an open file or folder, and return whether nobody else has it.
 
-    True where the system cannot tell.
+    True where the file system cannot tell. On Windows one byte far beyond the end is
+    locked, so that others can still read the file.
     """
     try:
-        import fcntl
+        fcntl = import_module("fcntl")
     except ImportError:
+        msvcrt, here = import_module("msvcrt"), os.lseek(fd, 0, os.SEEK_CUR)
+        os.lseek(fd, FAR, os.SEEK_SET)
+        try:
+            msvcrt.locking(fd, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        finally:
+            os.lseek(fd, here, os.SEEK_SET)
         return True
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -173,10 +186,51 @@ def held(fd: int) -> bool:
     return True
 
 
+def remove(*paths: str | os.PathLike[str]) -> None:
+    """Remove files where they are there; those that are open, when they are closed."""
+    for path in [os.fspath(p) for p in paths]:
+        try:
+            os.unlink(path)
+        except PermissionError:  # of Windows, where this run has it alone
+            if not NOFOLLOW:
+                _closing.add(path)
+        except OSError:
+            pass
+
+
+def sweep(path: str | os.PathLike[str]) -> None:
+    """Remove a file that could not be removed while it was open."""
+    if os.fspath(path) in _closing:
+        _closing.discard(os.fspath(path))
+        with suppress(OSError):
+            os.unlink(path)
+
+
+def read_at(fd: int, size: int, at: int) -> bytes:
+    """Return bytes of an open file from an offset; its position stays."""
+    if hasattr(os, "pread"):
+        return os.pread(fd, size, at)
+    here = os.lseek(fd, 0, os.SEEK_CUR)
+    os.lseek(fd, at, os.SEEK_SET)
+    try:
+        return os.read(fd, size)
+    finally:
+        os.lseek(fd, here, os.SEEK_SET)
+
+
+def let_go(f: FileIO) -> None:
+    """Close a file before it is renamed or removed, on systems that need that.
+
+    Windows renames no file that is open; elsewhere it stays open, and so locked.
+    """
+    if not NOFOLLOW:
+        f.close()
+
+
 def publish(
     path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError
 ) -> None:
-    """Write a small file atomically: it is on the disk afterwards, or not there at all.
+    """Write a small file atomically: complete and on the disk, or not at all.
 
     Parameters
     ----------
@@ -210,6 +264,7 @@ def publish(
         left = os.path.lexists(part)
         raw = alone(stack, part, path, error)  # to the end: another run would take its name
         if left:  # by a killed run: the new file shall not have its mode
+            let_go(raw)
             with suppress(OSError):
                 os.unlink(part)
             raw = alone(stack, part, path, error)
@@ -218,12 +273,14 @@ def publish(
                 f.truncate()
                 f.write(data if isinstance(data, bytes) else data.encode())
             os.fsync(raw.fileno())
+            let_go(raw)
             os.replace(part, path)
             settle(path.parent)
         except BaseException as e:
-            with suppress(OSError):
+            with suppress(OSError, ValueError):
                 # moved, the name is free for another run
                 if os.path.samestat(os.fstat(raw.fileno()), os.lstat(part)):
+                    let_go(raw)
                     os.unlink(part)
             if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
                 raise error(f"cannot write {path}: {_reason(e)}") from e
@@ -231,9 +288,9 @@ def publish(
 
 
 def settle(folder: Path) -> None:
-    """Have the names of a folder on the disk, where the file system can."""
+    """Flush a folder's file names to the disk, where the file system can."""
     with suppress(OSError):
-        fd = os.open(folder, os.O_RDONLY)
+        fd = os.open(folder, os.O_RDONLY | BINARY)
         try:
             os.fsync(fd)
         finally:
@@ -250,7 +307,7 @@ def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkEr
 
 
 def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = SinkError) -> int:
-    """Return a descriptor that keeps others from working in a folder.
+    """Lock a folder; return the descriptor that holds the lock.
 
     It holds until it is closed or the process ends, however it ends.
 
@@ -263,7 +320,10 @@ def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = 
         What is raised then.
     """
     try:
-        fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+        if NOFOLLOW:
+            fd = os.open(folder, os.O_RDONLY)
+        else:  # Windows opens no folder
+            fd = os.open(f"{folder}.lock", os.O_RDWR | os.O_CREAT | BINARY, 0o666)
     except OSError as e:
         raise error(f"cannot work in {folder}: {_reason(e)}") from e
     if not held(fd):

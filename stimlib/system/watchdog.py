@@ -4,7 +4,8 @@ A pool runs this file as a program.  It imports nothing but the standard library
 starts within milliseconds.  Each worker leads a session, which it cannot leave.  So a
 signal to the worker's process group also reaches the processes that the worker has
 started, except those that have moved into a session of their own.  SIGKILL also ends a
-process that is stopped, ignores SIGTERM or is busy in C.  All of this is POSIX.
+process that is stopped, ignores SIGTERM or is busy in C.  All of this is POSIX; see
+`stimlib.system.pool` for Windows.
 """
 
 import os
@@ -14,7 +15,13 @@ import sys
 import time
 from collections.abc import Iterable
 from contextlib import suppress
+from typing import Any
 
+killpg: Any = getattr(os, "killpg", None)  # Windows has no process groups
+POSSIBLE = killpg is not None
+SIGHUP, SIGCONT, SIGKILL = (
+    getattr(signal, name, signal.SIGTERM) for name in ("SIGHUP", "SIGCONT", "SIGKILL")
+)
 PATIENCE = 2.0  # s from SIGTERM to SIGKILL, for a worker to take back what it writes
 TICK = 0.2  # s between two looks at what has no file descriptor to wait for
 
@@ -33,11 +40,11 @@ def tell(groups: Iterable[int], *signals: int) -> None:
         # macOS answers PermissionError where only zombies are left
         with suppress(ProcessLookupError, PermissionError):
             for number in signals:
-                os.killpg(group, number)
+                killpg(group, number)
 
 
 def watch(driver: int) -> None:
-    """Wait for the end of a process, then end the workers that it has left.
+    """Wait for the end of a process, then end its workers.
 
     Parameters
     ----------
@@ -47,7 +54,7 @@ def watch(driver: int) -> None:
         fork of the parent may keep stdin open, so the parent's process ID is watched
         too.
     """
-    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+    for number in (SIGHUP, signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     groups: set[int] = set()
     while os.getppid() == driver:
@@ -55,9 +62,9 @@ def watch(driver: int) -> None:
             if not (report := os.read(0, 8)):
                 break
             groups ^= {int.from_bytes(report)}
-    tell(groups, signal.SIGTERM, signal.SIGCONT)
+    tell(groups, signal.SIGTERM, SIGCONT)
     time.sleep(PATIENCE)
-    tell(groups, signal.SIGKILL)
+    tell(groups, SIGKILL)
 
 
 if __name__ == "__main__":

@@ -7,8 +7,7 @@ import pytest
 from laws import lawful, played
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, UnitError
-from stimlib import blocks as b
+from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b
 from stimlib.blocks.events import Every, is_event
 from stimlib.design.filters import resampled
 

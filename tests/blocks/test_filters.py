@@ -8,8 +8,7 @@ from laws import played
 from scipy import signal
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, UnitError
-from stimlib import blocks as b
+from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b
 from stimlib.blocks.filters import Filter
 from stimlib.checks import linear
 from stimlib.checks.verification import verify

@@ -7,8 +7,7 @@ import pytest
 from laws import played
 
 import stimlib
-from stimlib import BadValue, Input, Scene, constant
-from stimlib import blocks as b
+from stimlib import BadValue, Input, Scene, blocks as b, constant
 
 X = Input("x", "m")
 ROWS = [[0.2, 0.3, 0.2, 1.0, -0.5, 0.3], [1.0, -0.2, 0.0, 2.0, -1.8, 0.0]]

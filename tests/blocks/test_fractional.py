@@ -11,8 +11,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from laws import assert_same, lawful, mostly, played, raw, rows
 from scipy.special import rgamma
 

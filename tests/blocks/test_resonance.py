@@ -7,8 +7,7 @@ from laws import lawful, played
 from scipy.optimize import brentq
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib import blocks as b
+from stimlib import Input, Scene, blocks as b
 from stimlib.blocks.filters import Cascade
 
 X = Input("x")

@@ -10,8 +10,7 @@ from laws import mostly, played
 from scipy.interpolate import RectBivariateSpline
 
 import stimlib
-from stimlib import BadValue, Input, Scene, UnitError, constant
-from stimlib import blocks as b
+from stimlib import BadValue, Input, Scene, UnitError, blocks as b, constant
 from stimlib.blocks.soft import next_speed, ratio
 
 X, Y, ZERO = Input("x", "m"), Input("y", "m"), constant(0.0, "m")

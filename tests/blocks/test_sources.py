@@ -10,8 +10,7 @@ import pytest
 from laws import played
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, UnitError
-from stimlib import blocks as b
+from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b
 from stimlib.blocks.oscillators import increment
 from stimlib.blocks.sources import Chirp
 from stimlib.design.filters import resampled

@@ -10,8 +10,7 @@ from contract import TABLE, Lagging, ours
 from stress import compositions, mutants
 
 import stimlib
-from stimlib import BadValue, Block, Input, Param, Scene, constant
-from stimlib import blocks as b
+from stimlib import BadValue, Block, Input, Param, Scene, blocks as b, constant
 from stimlib.checks import local, rows
 from stimlib.motion.generators import sinusoid
 from stimlib.run.processor import Change

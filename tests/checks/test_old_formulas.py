@@ -13,8 +13,7 @@ import pytest
 from faults import half_a_sample_early, hundred_samples, warped
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib import blocks as b
+from stimlib import Input, Scene, blocks as b
 from stimlib.blocks.filters import Taps
 from stimlib.blocks.fractional import ShortMemory, Springpot
 from stimlib.blocks.impedance import FirstOrder

@@ -914,7 +914,7 @@ def evidence_of(scene, rows, fs, changes):
 # Hostile ------------------------------------------------------------------------------
 def test_a_scene_file_that_is_nested_deeply_or_has_an_endless_span_is_refused():
     deep = []
-    for _ in range(900):
+    for _ in range(3000):
         deep = [deep]
     for change, says in (
         ({"given": {"at": deep}}, "nested too deeply"),

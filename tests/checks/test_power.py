@@ -15,8 +15,7 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib import blocks as b
+from stimlib import Input, Scene, blocks as b
 from stimlib.analysis import spectra
 from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather

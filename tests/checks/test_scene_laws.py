@@ -14,7 +14,7 @@ from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.surfaces import Grating, LinearBump, SpatialNoise
 from stimlib.checks import laws, scenes
 from stimlib.checks.evidence import asked
-from stimlib.checks.families import surfaces
+from stimlib.checks.families import impedance, surfaces
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import bumps, grating, viscoelastic
@@ -348,8 +348,8 @@ def test_the_static_limit_of_a_law_is_the_papers():
         kept[n] = min(1.0, (37.0**2 - mean) / (0.19 * 37.0**2)) * force[n]
         mean += (kept[n] ** 2 - mean) * -np.expm1(-1 / (10.0 * fs))
     assert kept[0] == 90.0 and kept[-1] < 40.0
-    np.testing.assert_allclose(scenes._held(force, kept, fs), kept, rtol=1e-9)
+    np.testing.assert_allclose(impedance._held(force, kept, fs), kept, rtol=1e-9)
     np.testing.assert_allclose(
-        scenes._held(np.array([120.0, -120.0, 99.0]), np.array([100.0, -100.0, 99.0]), fs),
+        impedance._held(np.array([120.0, -120.0, 99.0]), np.array([100.0, -100.0, 99.0]), fs),
         [100, -100, 99],
     )

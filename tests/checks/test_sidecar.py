@@ -59,7 +59,9 @@ def test_a_file_cut_short_with_its_numbers_adjusted_is_refused_by_the_hash_of_th
     audio, told = honest
     (tmp_path / "whole.wav").write_bytes(audio)
     y, fs = sf.read(tmp_path / "whole.wav", dtype="float32")
-    sf.write(tmp_path / "cut.wav", y[:4000], fs, "FLOAT")
+    with sf.SoundFile(tmp_path / "cut.wav", "w", fs, y.ndim, "FLOAT") as cut:
+        cut.comment = sf.SoundFile(tmp_path / "whole.wav").comment
+        cut.write(y[:4000])
     peaks = [
         float(np.abs(s).max())
         for s in stimlib.render(

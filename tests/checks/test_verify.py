@@ -111,7 +111,7 @@ def test_a_file_alone_tells_its_scene_and_motion(tmp_path):
     for given in ((path,), (str(path),), (None, MOTION, path), (scene, None, path)):
         report = stimlib.verify(*given)
         assert report.passed and any(
-            "sidecar's own" in text for text in report.evidence.skipped
+            "scene in the sidecar only" in text for text in report.evidence.skipped
         ) == (given[0] is not scene)
     # written by this version
     assert not any("for the reader only" in text for text in report.evidence.skipped)

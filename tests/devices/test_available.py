@@ -8,7 +8,7 @@ import pytest
 
 import stimlib
 from stimlib import devices
-from stimlib.devices import available
+from stimlib.devices import ControlLoop, available
 from stimlib.devices.available import SINKS
 from stimlib.devices.sink import Sink
 from stimlib.errors import BadValue
@@ -28,7 +28,8 @@ def test_every_class_of_a_sink_has_an_entry():
             import_module(f"stimlib.devices.{path.stem}")
     there = {class_of(name) for name in SINKS}
     own = {c for c in Sink.__subclasses__() if c.__module__.startswith("stimlib.devices.")}
-    assert own - there == set(), f"{WHERE}: add a Kind for each of these classes"
+    made = {ControlLoop}  # of two functions, in code
+    assert own - there - made == set(), f"{WHERE}: add a Kind for each of these classes"
 
 
 @pytest.mark.parametrize("name", SINKS)

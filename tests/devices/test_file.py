@@ -1,6 +1,7 @@
 """The file sink: exact samples, the same bytes every time, and never half a file."""
 
 import errno
+import gc
 import hashlib
 import json
 import os
@@ -24,7 +25,7 @@ from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import exp, log, lut, sqrt, white_noise
 from stimlib.errors import BadValue, FaultError, SinkError, UnitError, UnknownName
 from stimlib.files import audio as file
-from stimlib.files.formats import FORMATS, MAX_WAV, check_format
+from stimlib.files.formats import BITS, FORMATS, MAX_WAV, check_format
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.text import parse_motion
 from stimlib.scenes import squeeze
@@ -73,8 +74,9 @@ def in_a_child(call, *args, wait=True):
 
 
 def expected(y, scale, subtype):
-    if subtype == "PCM_24":
-        return np.clip(np.rint(y / scale * 2**23), -(2**23), 2**23 - 1) * 2.0**-23 * scale
+    if subtype in BITS:
+        top = 2.0 ** (BITS[subtype] - 1)
+        return np.clip(np.rint(y / scale * top), -top, top - 1) / top * scale
     return (y / scale).astype(np.float32 if subtype == "FLOAT" else np.float64).astype(
         np.float64
     ) * scale
@@ -120,21 +122,27 @@ def test_round_trip_is_exact(tmp_path, format, subtype, channels, scale):
     assert (sf.info(path).format, sf.info(path).subtype) == (format, subtype)
     assert report.frames == 6160 and report.seconds == 0.77
     assert list(report.peak.values()) == np.abs(y).max(axis=1).tolist()
-    over = (np.rint(y / scale * 2**23) > 2**23 - 1) | (np.rint(y / scale * 2**23) < -(2**23))
-    assert list(report.clips.values()) == (
-        over.sum(axis=1).tolist() if format == "FLAC" else [0] * channels
-    )
+    top = 2.0 ** (BITS.get(subtype, 2) - 1)
+    over = (np.rint(y / scale * top) > top - 1) | (np.rint(y / scale * top) < -top)
+    over &= subtype in BITS
+    assert list(report.clips.values()) == over.sum(axis=1).tolist()
+    with sf.SoundFile(path) as sound:
+        told = "; ".join(f"{name} [N]: 1.0 is {scale}" for name in report.peak)
+        assert sound.comment == ("" if format == "W64" else told)
     assert sidecar["sha256"] == sha256(y)
     assert sidecar["file_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert set(listing(tmp_path)) == {path.name, path.name + ".json"}
 
 
-@pytest.mark.parametrize(("format", "subtype"), KINDS)
-def test_block_size_does_not_change_a_byte(tmp_path, format, subtype):
+@pytest.mark.parametrize(
+    ("format", "subtype", "dither"), [(*kind, None) for kind in KINDS] + [("WAV", "PCM_16", 5)]
+)
+def test_block_size_does_not_change_a_byte(tmp_path, format, subtype, dither):
     files = []
+    how = {"subtype": subtype, "dither": dither}
     for block in (1, 7, 64, 8192, 10**6):
         path = tmp_path / f"{block}.{format.lower()}"
-        file.write(path, forces(2), MOTION, 0.3, subtype=subtype, full_scale=64.0, block=block)
+        file.write(path, forces(2), MOTION, 0.3, full_scale=64.0, block=block, **how)
         files.append((path.read_bytes(), Path(f"{path}.json").read_bytes()))
     assert len(set(files)) == 1
 
@@ -166,6 +174,25 @@ def test_a_processor_goes_on_where_it_is(tmp_path):
     proc.reset()
     file.write(tmp_path / "3.caf", proc, {"x": x}, 0.3, subtype="DOUBLE")
     assert (tmp_path / "3.caf").read_bytes() == (tmp_path / "1.caf").read_bytes()
+
+
+def test_dither_makes_the_error_a_steady_noise_and_is_made_again(tmp_path):
+    """A ramp of two steps is stairs without dither; with it the mean is the ramp."""
+    step, path = 64.0 * 2**-15, tmp_path / "a.wav"
+    scene, x = Scene({"y": 1 * Input("y")}), np.linspace(0, 2 * step, 64_000)
+    how = {"subtype": "PCM_16", "full_scale": 64.0}
+    for dither, error, apart in ((None, 1 / 12, 0.4), (7, 1 / 4, 0.02)):
+        file.write(path, stimlib.compile(scene, 8000), {"y": x}, 8.0, dither=dither, **how)
+        lost = (file.read(path)[0][0] - x) / step
+        assert np.var(lost) == pytest.approx(error, rel=0.03)
+        means = lost.reshape(-1, 4000).mean(axis=1)
+        assert (np.abs(means).max() > apart) == (dither is None)
+        report = stimlib.verify(scene, {"y": x}, path)
+        assert "file = re-render as PCM_16" in [c.name for c in report.checks if c.passed]
+    sidecar = path.with_name("a.wav.json")
+    sidecar.write_text(sidecar.read_text().replace('"dither": 7', '"dither": 8'))
+    wrong = [c.name for c in stimlib.verify(scene, {"y": x}, path).checks if not c.passed]
+    assert "file = re-render as PCM_16" in wrong
 
 
 def test_flac_counts_clips_and_rounds_half_to_even(tmp_path):
@@ -357,6 +384,7 @@ def test_sidecar_says_what_the_samples_are(tmp_path):
         "stimlib",
         "format",
         "subtype",
+        "dither",
         "fs",
         "frames",
         "channels",
@@ -566,6 +594,7 @@ def test_an_interrupt_at_any_moment_leaves_a_complete_pair(old, format):
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, previous)
+        gc.collect()  # what was left to the collector, before the next test
     assert interrupted > 5
 
 
@@ -760,13 +789,13 @@ def test_disk_full(mounted):
         ("a.wav", {"format": "ogg"}, "format 'ogg' is not known"),
         (
             "a.wav",
-            {"subtype": "PCM_24"},
-            "WAV is written with subtype FLOAT or DOUBLE, not 'PCM_24'",
+            {"subtype": "PCM_U8"},
+            "WAV is written with subtype FLOAT, DOUBLE, PCM_16, PCM_24 or PCM_32, not 'PCM_U8'",
         ),
         (
             "a.flac",
             {"subtype": "FLOAT", "full_scale": 1.0},
-            "FLAC is written with subtype PCM_24, not 'FLOAT'",
+            "FLAC is written with subtype PCM_24 or PCM_16, not 'FLOAT'",
         ),
         ("none/a.wav", {}, "there is no folder"),
         ("folder.wav", {}, "is a folder; give the name of a file in it"),
@@ -895,6 +924,13 @@ def test_motion_that_does_not_fit(old, motion, error, says):
         ({"full_scale": {}}, UnknownName, "full_scale: force0 is missing; the outputs are: force0"),
         ({"full_scale": {"force0": 1, "torque": 2}}, UnknownName, "there is no output torque"),
         ({"full_scale": None, "format": "flac"}, BadValue, "give full_scale, in N"),
+        ({"full_scale": None, "subtype": "PCM_16"}, BadValue, "PCM_16 has no samples above"),
+        ({"dither": 3}, BadValue, "dither = 3: give a seed from 0"),
+        (
+            {"dither": -1, "subtype": "PCM_16", "full_scale": 9.0},
+            BadValue,
+            "dither = -1: give a seed from 0",
+        ),
     ],
 )
 def test_bad_arguments(old, change, error, says):

@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 import soundfile as sf
 from commands import ran
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused, warned
 
 import stimlib

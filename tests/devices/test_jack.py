@@ -10,6 +10,7 @@ import statistics
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -590,6 +591,32 @@ def test_a_server_that_is_killed_is_a_typed_error_within_a_second(how):
     report = s.report()
     assert report.delivered + report.lost == report.produced > 0
     assert sum(map(len, log.frames)) == report.delivered and log.end["produced"] == report.produced
+
+
+@pytest.mark.longer
+def test_a_latency_is_asked_while_the_client_of_a_dead_server_is_closed():
+    """Both in libjack, where a client that is gone ended the whole process."""
+    for _ in range(8):
+        with Jackd(FS, 64) as server:
+            s = sink(steady(), 1.0, server=server.name)
+            s.open(FS)
+            s.start()
+            asked, over = [], threading.Event()
+
+            def ask(s=s, asked=asked, over=over):
+                while not over.is_set():
+                    asked.append(s._latency())
+
+            threads = [threading.Thread(target=ask) for _ in range(3)]
+            for t in threads:
+                t.start()
+            server.process.send_signal(signal.SIGTERM)
+            server.process.wait(10)
+            s.close()
+            over.set()
+            for t in threads:
+                t.join()
+        assert asked and s._latency() == 0.0
 
 
 def test_what_does_not_fit_the_server(server):

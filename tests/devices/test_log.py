@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from devices.servers import Jackd, begun, needs_jack
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused
 
 import stimlib

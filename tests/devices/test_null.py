@@ -35,7 +35,7 @@ from stimlib.devices.sink import CLOSE_WITHIN, Sink
 from stimlib.devices.sources import Live
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.safety import Safety
-from stimlib.scenes import squeeze
+from stimlib.scenes import pulse, squeeze
 
 FS = 8000
 HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
@@ -616,3 +616,18 @@ def test_real_time_set_up_warns_at_most_once_and_is_undone():
     assert gc.get_freeze_count() == 0
     assert len(seen) <= 1 and all("not permitted" in str(w.message) for w in seen)
     assert os.sched_getscheduler(0) == os.SCHED_OTHER, "only the device's thread has a priority"
+
+
+def test_a_rendering_plays_itself():
+    result = stimlib.render(pulse(1.0, repeats=1, channels=2), fs=8000, seconds=0.1)
+    report = result.play(sink="null", clocked=False, channels=3, log=(log := Seen()))
+    assert (report.delivered, report.lost, report.clips) == (800, 0, {})
+    y = np.concatenate(log.frames)  # 20 dB below full scale
+    scaled = (np.stack([result["signal0"], result["signal1"]]) / 10).astype(np.float32)
+    assert np.array_equal(y.T, [*scaled, np.zeros(800)]) and y.max() == np.float32(0.1)
+    with pytest.raises(BadValue, match="choose one of null, jack, portaudio"):
+        result.play(sink="speaker")
+    force = stimlib.render(pulse(unit="N"), fs=8000, seconds=0.1)
+    with pytest.raises(BadValue, match="signal is in N"):
+        force.play(sink="null")
+    assert force.play(sink="null", clocked=False, full_scale=2.0).delivered == 800

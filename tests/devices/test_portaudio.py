@@ -481,12 +481,8 @@ def test_a_portaudio_that_does_not_start_is_told(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", broken)
     with pytest.raises(SinkError, match="PortAudio does not start .*initializing"):
         sink().open(8000)
-    last = devices("stimlib_none")[-1]
-    assert (last.sink, last.ready, last.how) == (
-        "portaudio",
-        False,
-        "see whether other programs play",
-    )
+    (row,) = (d for d in devices("stimlib_none") if d.sink == "portaudio")
+    assert (row.ready, row.how) == (False, "see whether other programs play")
 
 
 def test_signals_of_portaudio_have_no_ports():

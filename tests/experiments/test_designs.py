@@ -4,9 +4,11 @@ that are plain data.
 
 import dataclasses as dc
 import json
+import math
 
 import numpy as np
 import pytest
+from laws import STRESS
 from refusals import refused
 
 import stimlib
@@ -381,7 +383,94 @@ def test_quest_finds_a_threshold_where_half_is_guessed():
     while (trial := design.next(state)) is not None:
         state = design.update(state, observer(trial, rng))
     assert design.estimate(state)["mean"] == pytest.approx(0.1, abs=0.025)
-    assert design.estimate(state)["lower_asymptote"] == 0.5
+    assert design.estimate(state)["guess"] == pytest.approx(0.5, rel=1e-12)
+
+
+def test_quest_goes_on_after_many_answers_and_after_a_slip():
+    """A session of any length is read back, and no answer leaves all curves at 0."""
+    rows = ((1.0, 1.5, 2.0, 2.5, 3.0), (1.5, 2.0, 2.5), (0.2, 0.4))
+    long = Quest(PAIR, *rows, trials=3000)
+    state = {"seed": 1, "levels": [1.5, 2.5] * 1000, "outcomes": [0, 1] * 1000}
+    assert long.estimate(state)["mean"] == pytest.approx(2.0, abs=1e-9)
+    assert long.next(state).level in rows[0]
+    weibull = Quest(PAIR, (0.0, 0.5, 1.0, 2.0), (0.8, 1.6), slopes=(2.0,), lapses=(0.0,))
+    assert weibull.next(weibull.init(1)).level > 0.0  # at 0 nothing is learnt
+    sharp = Quest(PAIR, (1.0, 2.0, 3.0), (1.5, 2.5), (1e-3,), lapses=(0.0,))
+    slip = {"seed": 1, "levels": [1.0, 2.0, 1.0], "outcomes": [0, 1, 1]}
+    assert 1.5 <= sharp.estimate(slip)["mean"] <= 2.5
+
+
+FELT = TwoInterval("felt", "which", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", ["comparison", "detection", "weibull", "yes-no"])
+def test_quest_has_the_levels_and_estimates_of_the_package_questplus(kind):
+    """Levels equal, estimates to rounding: 1000 runs of these kinds were, by hand."""
+    from questplus import QuestPlus
+
+    rng = stream(3, kind)
+    for _ in range(6 if STRESS else 3):
+        rows = {
+            "levels": np.sort(rng.uniform(0.1, 3.0, rng.integers(3, 12))),
+            "means": np.sort(rng.uniform(0.2, 2.5, rng.integers(1, 9))),
+            "lapses": rng.uniform(0.0, 0.1, 2),
+        }
+        wide = rng.uniform(0.1, 1.0, 3)
+        steep = kind in ("weibull", "yes-no")
+        rows |= {"slopes": 5 * wide} if steep else {"deviations": wide}
+        rows |= {"guesses": (0.0, 0.1, 0.2)} if kind == "yes-no" else {}
+        design = Quest(FELT if kind in ("detection", "weibull") else PAIR, **rows, trials=15)
+        low = {"comparison": {}, "yes-no": {"lower_asymptote": [0.0, 0.1, 0.2]}}
+        theirs = QuestPlus(
+            stim_domain={"intensity": list(design.levels)},
+            param_domain={
+                "threshold" if steep else "mean": list(design.means),
+                "slope" if steep else "sd": list(design.slopes or design.deviations),
+                "lapse_rate": list(design.lapses),
+                **low.get(kind, {"lower_asymptote": [0.5]}),
+            },
+            outcome_domain={"response": ["yes", "no"]},
+            func="weibull" if steep else "norm_cdf_2" if kind == "comparison" else "norm_cdf",
+            stim_scale="linear",
+        )
+        state = design.init(1)
+        while (trial := design.next(state)) is not None:
+            assert trial.level == theirs.next_stim["intensity"]
+            more = bool(rng.random() < 0.6)
+            theirs.update(
+                stim={"intensity": trial.level}, outcome={"response": "yes" if more else "no"}
+            )
+            state = {
+                **state,
+                "levels": [*state["levels"], trial.level],
+                "outcomes": [*state["outcomes"], int(more)],
+            }
+        np.testing.assert_allclose(
+            list(design.estimate(state).values()),
+            list(theirs.param_estimate.values()),
+            rtol=1e-12,
+        )
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ({}, "give deviations for a normal curve, or slopes for a Weibull"),
+        ({"deviations": (1.0,), "slopes": (1.0,)}, "give deviations for a normal curve, or"),
+        ({"slopes": (0.0,)}, "deviations and slopes must be above 0"),
+        ({"deviations": (1.0,), "lapses": (0.5,)}, "lapses from 0 to below 0.5"),
+        ({"deviations": (1.0,), "guesses": (1.0,)}, "guesses = .* must be from 0 to below 1"),
+        ({"slopes": (1.0,), "means": (0.0,)}, "means above 0 and levels of 0 or above"),
+        ({"slopes": (1.0,), "levels": (-1.0,)}, "means above 0 and levels of 0 or above"),
+        ({"deviations": (1.0,), "levels": ()}, "one of each at least"),
+        ({"deviations": (1.0, math.nan)}, "deviations = .* finite numbers"),
+        ({"deviations": (1.0,), "means": (1.0, math.inf)}, "means = .* finite numbers"),
+    ],
+)
+def test_quest_refuses_what_is_no_curve(words, why):
+    usual = {"levels": (1.0, 2.0), "means": (1.0,)}
+    refused(BadValue, f"Quest: .*{why}", Quest, PAIR, **usual | words)
 
 
 @pytest.mark.parametrize("n", [3, 4, 5, 7, 8, 9, 10, 12, 14, 18, 22, 26, 30, 32])

@@ -128,7 +128,8 @@ def test_ctrl_c_says_the_whole_command_that_goes_on(file, tmp_path, monkeypatch)
 def test_simulated_sessions_are_pilots(file, tmp_path):
     where = ["--data", tmp_path / "sim"]
     assert "2 sessions" in stimlib("simulate", f"{file}:made", "--participants", 2, *where)
-    assert "there is no session of pair" in stimlib("analyse", f"{file}:made", *where, status=2)
+    said = stimlib("analyse", f"{file}:made", *where, status=2)
+    assert "has no sessions of pair; it has 2 pilots" in said
     table = stimlib("analyse", f"{file}:made", *where, "--pilot")
     assert (
         table.startswith("participant,session,number,condition,track,level,chance,outcome,")
@@ -170,7 +171,7 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         ),
         (
             ["run", "{}:shorts", "--participant", "P1"],
-            "there is no 'shorts' in it: write .*; there is .*short",
+            "there is no 'shorts' in it: write .*; it defines .*short",
         ),
         (
             ["run", "nothing", "--participant", "P1"],
@@ -183,7 +184,7 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         ),
         (
             ["run", "{}:short", "--participant", "P1", "--device", "x"],
-            "--device: is for --sink jack or portaudio, not for null",
+            "--device: is for --sink jack or portaudio or nidaq, not for null",
         ),
         (["resume", "{}:short", "--participant", "P1"], "no session .* to resume"),
         (["run", "{}:short"], "Missing option '--participant'; see stimlib experiment run --help"),

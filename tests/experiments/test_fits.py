@@ -16,8 +16,7 @@ from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import bootstrap, profile, psychometric, psychometrics
 from stimlib.experiments.likelihood import Model, Sets, ends, maximum
-from stimlib.experiments.observers import Psychometric as Observer
-from stimlib.experiments.observers import simulate
+from stimlib.experiments.observers import Psychometric as Observer, simulate
 from stimlib.experiments.questions import choice
 from stimlib.experiments.tables import fitted
 from stimlib.experiments.tasks import TwoInterval

@@ -17,10 +17,12 @@ from stimlib.experiments.compare import paired
 from stimlib.experiments.experiment import Timing
 from stimlib.experiments.latin_squares import check_graeco_latin
 from stimlib.experiments.observers import Listener, Psychometric, simulate
-from stimlib.experiments.papers import nodule_places as place
-from stimlib.experiments.papers import nodule_sizes as size
-from stimlib.experiments.papers import nodules as nod
-from stimlib.experiments.papers import roughness as rough
+from stimlib.experiments.papers import (
+    nodule_places as place,
+    nodule_sizes as size,
+    nodules as nod,
+    roughness as rough,
+)
 from stimlib.experiments.papers.bounciness import (
     PAIRS,
     REFERENCES,
@@ -28,9 +30,9 @@ from stimlib.experiments.papers.bounciness import (
     bounciness,
     jnds,
     pair_of,
+    person as bouncy,
     phase,
 )
-from stimlib.experiments.papers.bounciness import person as bouncy
 from stimlib.experiments.papers.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
 from stimlib.experiments.presentation import present
 from stimlib.experiments.random_streams import stream

@@ -24,8 +24,7 @@ from experiments.some import (
     some,
     still,
 )
-from laws import assert_same, random_cuts
-from laws import run as cut_run
+from laws import assert_same, random_cuts, run as cut_run
 from refusals import refused
 
 import stimlib
@@ -61,7 +60,13 @@ def pair(seed=0, **other):
 
 def test_intervals_are_there_to_the_sample_and_nothing_between(tmp_path):
     made = experiment()
-    shown = present(made, pair(seed=5), "file", tmp_path / "a.stimlog")
+    marks = []
+    shown = present(made, pair(seed=5), "file", tmp_path / "a.stimlog", send=marks.append)
+    assert [(m.name, m.value, m.sample) for m in marks] == [
+        ("trial", 1.0, 0),
+        ("stimulus", 1.0, 128),
+        ("stimulus", 2.0, 278),
+    ]
     assert (
         shown["intervals"] == [(128, 228), (278, 378)]
         and shown["delivered"] == shown["produced"] == 378 + 128
@@ -182,7 +187,7 @@ def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
         proc = stimlib.compile(whole, fs, target, trial.stimuli[0].seed)
         for param, value in params.items():
             proc.set(param, value, 0.0)
-        x = np.array([hand[i] for i in proc.inputs]).reshape(len(proc.inputs), -1)
+        x = np.array([hand[i] for i in proc.inputs]).reshape(len(proc.inputs), at[-1][1] + 50)
         y = dict(zip(proc.outputs, cut_run(proc, x, random_cuts(x.shape[1], rng)), strict=True))
         long = at[0][1] - at[0][0]
         shape = timeline(

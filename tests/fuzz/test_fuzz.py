@@ -7,8 +7,7 @@ import warnings
 import pytest
 from fuzz.mutations import mutated
 from fuzz.readers import CASES, READERS, attempt
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from stimlib.errors import StimlibError
 

@@ -3,6 +3,7 @@ sink and what waits for a page.
 """
 
 import asyncio
+import queue
 import time
 import tracemalloc
 
@@ -144,6 +145,55 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
         FS,
         {"x": (0.0, 1.0)},
         {"x": np.zeros(5)},
+    )
+
+
+def test_a_stream_drives_an_input_within_its_range():
+    """The newest good row counts, times scale, limited; one that fails is named."""
+    rows = queue.SimpleQueue()
+
+    def stream(timeout):
+        try:
+            row = rows.get(timeout=timeout)
+        except queue.Empty:
+            return [], []
+        if row is None:
+            raise OSError("unplugged")
+        return [row], [0.0]
+
+    choice = {"from": "stream"}
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.03)}, stream=stream)
+    inputs.choose("x", **{"from": "stream", "channel": 1, "scale": 1e-3})
+    at = 0
+
+    def comes(row, x):
+        nonlocal at
+        rows.put(row)
+        end = time.monotonic() + 20
+        while abs(inputs.columns(at, 100)[0, -1] - x) > 1e-6 and time.monotonic() < end:
+            at += 100
+            time.sleep(0.001)
+        assert inputs.columns(at, 100)[0, -1] == pytest.approx(x, abs=1e-6)
+
+    below = Inputs(SPRING, FS, {"x": (-1.0, 1.0)}, stream=lambda timeout: ([], []))
+    below.choose("x", **choice)  # nothing has come: it rests at 0
+    assert below.columns(0, 500)[0, -1] == pytest.approx(0.0, abs=1e-9)
+    comes([5.0, 20.0], 0.02)
+    comes([5.0, 90.0], 0.03)
+    comes([5.0, -3.0], 0.0)
+    comes([5.0, 10.0], 0.01)
+    rows.put([5.0, float("nan")])
+    comes([5.0], 0.0)  # too short: no such number
+    rows.put(None)
+    while not inputs.stream_error:
+        time.sleep(0.01)
+    refused(BadValue, "the stream has ended: unplugged", inputs.choose, "x", **choice)
+    refused(
+        BadValue,
+        "there is no stream: start with --stream",
+        Inputs(SPRING, FS, {"x": (0.0, 1.0)}).choose,
+        "x",
+        **choice,
     )
 
 

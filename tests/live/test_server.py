@@ -19,6 +19,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import burst
 from stimlib.errors import SinkError
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import delivered, replay
@@ -78,6 +79,28 @@ def server(tmp_path_factory):
     stream.warm_up()
     with Server(stream, token="T") as running:
         yield running
+
+
+def test_a_page_marks_where_somebody_listens(tmp_path):
+    told = []
+    pulses = Scene({"force": Param("k", K, "N/m") * Input("x", "m"), "on": burst(0.05, 0.02)})
+    options = {"block": BLOCK, "folder": tmp_path, "markers": ["on"], "send": [told.append]}
+    stream = Stream(pulses, FS, {"force": FULL, "on": 1.0}, **options)
+    stream.warm_up()
+    with Server(stream, token="T") as running, greeted(running) as client:
+        assert client.hello["marks"] and not client.hello["stream"]
+        client.say("mark")
+        assert "no session runs" in client.until(**{"is": "error"})["text"]
+        client.say("start")
+        client.until(phase="running")
+        client.hear(30)
+        client.say("mark")
+        client.hear(30)
+        client.say("stop")
+        client.until(phase="idle")
+    assert [m.name for m in told] == ["on", "page"]
+    # the gain of a live session rises along its first samples: 1 is 0.5 a little later
+    assert 50 <= told[0].sample < 50 + 64 and told[1].sample > told[0].sample
 
 
 @contextmanager

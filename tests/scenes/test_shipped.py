@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import stimlib
+from stimlib import BadValue
 from stimlib.checks.scenes import SCENES
 from stimlib.motion.text import parse_motion
-from stimlib.scenes import ROWS, SHIPPED
+from stimlib.scenes import ROWS, SHIPPED, pulse, tone
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,8 +26,8 @@ def test_every_module_of_scenes_is_imported(path):
 
 def test_every_scene_has_a_law_and_every_law_a_scene():
     assert SHIPPED.keys() - SCENES.keys() == set(), (
-        'write its law in a module of stimlib/checks, below @law_of("NAME"), and name a new module'
-        " in MODULES of stimlib/checks/scenes.py: see docs/howto/add_a_check.rst"
+        'write its law in its family in stimlib/checks/families, below @law_of("NAME"): see'
+        " docs/howto/add_a_check.rst"
     )
     assert SCENES.keys() - SHIPPED.keys() == set(), (
         "write the scene of this name in stimlib/scenes: see docs/howto/add_a_scene.rst"
@@ -82,3 +83,22 @@ def test_a_scene_has_a_page(name):
     assert f".. autofunction:: stimlib.scenes.{name}\n" in page.read_text(), (
         f"docs/reference/scenes/{name}.rst: end with `.. autofunction:: stimlib.scenes.{name}`"
     )
+
+
+def test_tone_and_pulse_begin_as_they_are_described():
+    """0.5 s in each second, and 5 ms in each half second, on one channel."""
+    y = stimlib.render(tone(), fs=1000, seconds=2.5)
+    assert y.outputs == ("signal",) and np.abs(y["signal"]).max() == pytest.approx(0.5, abs=2e-3)
+    heard = np.flatnonzero(y["signal"]) / 1000
+    assert heard.min() < 0.004 and not ((heard % 1) > 0.5).any()
+    assert {int(t) for t in heard} == {0, 1, 2} and heard[heard < 1].max() > 0.49
+    p = stimlib.render(pulse(), fs=1000, seconds=1.2)
+    assert p.outputs == ("signal",)
+    assert np.flatnonzero(p["signal"] == 0.5).tolist() == [
+        k + at for at in (0, 500, 1000) for k in range(5)
+    ]
+    for make in (tone, pulse):
+        assert make(duration=2.0, period=1.0, repeats=1).outputs.keys() == {"signal"}
+        assert make(duration=0.5, period=0.5).outputs.keys() == {"signal"}
+        with pytest.raises(BadValue, match="a burst ends before the next begins"):
+            make(duration=2.0, period=1.0, repeats=2)

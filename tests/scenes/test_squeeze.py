@@ -8,8 +8,7 @@ from laws import assert_same, played
 from scipy.signal import lfilter
 
 import stimlib
-from stimlib import Scene
-from stimlib import blocks as b
+from stimlib import Scene, blocks as b
 from stimlib.blocks.filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from contract import TABLE, Entry
 
-from stimlib import Block, Input, Param, Scene, StimlibError, constant
-from stimlib import blocks as b
+from stimlib import Block, Input, Param, Scene, StimlibError, blocks as b, constant
 from stimlib.checks import local
 from stimlib.core import units
 from stimlib.core.graph import reach, type_name

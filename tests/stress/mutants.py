@@ -22,11 +22,9 @@ from unittest import mock
 import numpy as np
 from contract import TABLE, Entry, ours
 
-from stimlib import Scene, StimlibError
-from stimlib import blocks as b
+from stimlib import Scene, StimlibError, blocks as b
 from stimlib.checks import local, verification
-from stimlib.core.graph import kind as kind_of
-from stimlib.core.graph import reach, signals
+from stimlib.core.graph import kind as kind_of, reach, signals
 from stimlib.run.processor import Change
 from stimlib.targets.python import Engine
 

@@ -124,7 +124,7 @@ def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> n
 
 
 def springs(x: np.ndarray, k: Any, limit: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return stiffness and largest deflection at each sample.
+    """Return the stiffness and the largest deflection at each sample.
 
     What is left of a deflection as it begins is returned too.
 
@@ -145,7 +145,7 @@ def dragged(
     slide: Callable[[int, float, float, float], tuple[float, float]],
     start: float = 0.0,
 ) -> np.ndarray:
-    """Return the mean force of a spring whose deflection is held within limit/k.
+    """Return the mean force of a spring that slips at a force limit.
 
     slide gives it at the end of a way, and in the mean.
 
@@ -172,7 +172,7 @@ def dragged(
 
 
 def coulomb(_: int, z: float, a: float, c: float) -> tuple[float, float]:
-    """Return the deflection of a spring that slips at c.
+    """Return the deflection of a spring that slips at the deflection c.
 
     It is given at the end of a way a, and in its mean.
     """
@@ -191,7 +191,7 @@ def stick_slip(
     shown: np.ndarray,
     rest: bool = True,
 ) -> tuple[np.ndarray, int]:
-    """Return the mean force of a spring that falls wherever it reaches its limit.
+    """Return the mean force of a spring that drops when it reaches its limit.
 
     It falls to a part of it, slip by slip; the result says from which sample on.
 
@@ -396,7 +396,7 @@ def _button(b, fs, x, y):
 
 
 def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
-    """Return a force that begins at rest, or from where its past is forgotten.
+    """Return a force from rest, or from where its past is forgotten.
 
     Where it began before, both ends of what is possible must lead to the same.
     """

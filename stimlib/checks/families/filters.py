@@ -42,7 +42,7 @@ def _sos(b, fs):
 
 
 def late(b: Any, fs: float) -> int:
-    """Return the samples of a delay."""
+    """Return delayed samples."""
     return round(b.seconds * fs) if b.samples is None else b.samples
 
 

@@ -1,4 +1,4 @@
-"""Laws of the blocks of the family ``fractional``."""
+"""Laws of the blocks of the family ``fractional``, and of ``viscoelastic``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
+from ...core.graph import Input
 from .. import laws
+from ..evidence import Asked, Check, law_of
 from ..linear import LONG, response, taps
 from ..rows import law, near, touched
 
@@ -91,3 +93,57 @@ def _downsampled(b, fs, x, y):
 def _short_memory(b, fs):
     j = np.arange(1, max(1, round(b.seconds * fs)), dtype=LONG)
     return taps(LONG(fs) ** b.order * np.cumprod(np.r_[LONG(1), (j - 1 - b.order) / j]))
+
+
+@law_of("viscoelastic")
+def _viscoelastic(a: Asked) -> list[Check]:
+    """Check the springpot's force against the full sum over the history.
+
+    Some samples are compared, in extended precision.
+    """
+    from ...blocks import springpot
+
+    g, y, n, touching = a.given, a.x["y"], a.n, a.contact > 0
+    chi = g["chi_0"] / g["w"] ** g["alpha"]
+    gain = a.live("firmness") * chi
+    at_1_hz = chi * (2 * np.pi) ** g["alpha"]
+    a.say(
+        f"chi = {chi:.6g}, alpha = {g['alpha']:.6g}: as strong at 1 Hz as {at_1_hz:.4g} N/m, for"
+        " firmness 1"
+    )
+    contact = Input("contact") if "contact" in a.x else None
+    horizon = 60.0 if g["scheme"] == "gl-downsampled" else 86400.0
+    block = springpot(
+        Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact
+    )
+    same = a.near(
+        "force", a.live("firmness") * a.render(block), 1e-14, "springpot of these numbers"
+    )
+    name, silent = a.title("force"), a.silent("force", ~touching)
+    if g["scheme"] not in ("gl", "l1"):
+        a.e.skipped.append(f"{name}: only the full sum's own schemes, gl and l1, have a law")
+        return [same, silent]
+    starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
+    stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
+    order, over, tol = np.full(n, g["alpha"]), np.zeros(n), g["tol"]
+    for i, j in zip(starts, stops, strict=True):
+        at = np.unique(np.linspace(0, j - i - 1, max(2, round(64 * (j - i) / n))).astype(int))
+        force, size = laws.springpot_sum(y[i:j], a.fs, g["scheme"], order[i:j], at)
+        k = gain[i:j][at]
+        bound = np.abs(k) * (
+            (tol + 64 * 2.0**-53) * np.maximum(size, 1e-300) + (1e-15 + a.slack) * np.abs(force)
+        )
+        over[i:j][at] = (a.y["force"][i:j][at] - k * force) / np.maximum(bound, 1e-300)
+
+    def everywhere() -> np.ndarray:
+        want = np.zeros(n)
+        for i, j in zip(starts, stops, strict=True):
+            want[i:j] = laws.springpot_convolution(y[i:j], a.fs, g["scheme"], g["alpha"])[0]
+        return gain * want
+
+    # the sum of the absolute values of its terms is at most that over all steps of the
+    # position
+    most = float(2 * a.fs ** g["alpha"] * np.abs(np.diff(y, prepend=0.0)).sum())
+    a.expect("force", everywhere, float(np.abs(gain).max(initial=0.0) * (tol + 1e-13) * most))
+    text = f"tol = {tol:g}, alpha = {g['alpha']:g}, {g['scheme']}: error over its certificate"
+    return [same, Check("d", f"{name}: full sum over the history", a.far(over), 1.0, text), silent]

@@ -1,12 +1,16 @@
-"""Laws of the blocks of the family ``impedance``."""
+"""Laws of the blocks of the family ``impedance``, and of the scene ``squeeze``."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from ...errors import SceneError
+from ...files.formats import BITS
 from .. import laws
+from ..evidence import Asked, Check, law_of, noise_model
 from ..linear import LONG, Modes, response, straight
 from ..rows import FADED, law, near
 
@@ -34,3 +38,186 @@ def _velocity(b, fs, x, y):
 def _first_order(b, fs):
     a = 1 / (LONG(b.tau) * LONG(fs))
     return Modes(*straight([-a], a))
+
+
+PEAK, STATIC, TAU = 100.0, 37.0, 10.0
+"""What the motors of the UGrip paper bear, in N (section 2.1), and the time over which
+a static force counts, in s.
+"""
+
+
+@law_of("squeeze")
+def _squeeze(a: Asked) -> list[Check]:
+    """Check F = k x + A (k tau v)(tau dp/dt) g for each finger.
+
+    It is computed from motion, numbers and seed.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    from ...blocks import differentiator, pink_noise
+    from ...blocks.contact import PLACEHOLDER_GAMMA
+
+    n = range(1, a.given["fingers"] + 1)
+    outputs = [f"force{i}" for i in n] + [
+        f"current{i}" for i in n if a.given["motor_constant"] is not None
+    ]
+    if set(outputs) != set(a.y):
+        raise SceneError(
+            f"it has the outputs {', '.join(a.y)}, and {', '.join(outputs)} were asked for"
+        )
+    checks, g, k, A = [], a.given, a.live("k"), a.live("A") * a.live("level")
+    on, off = laws.gate_thresholds(g["resolution"], g["cutoff"], a.fs)
+    for i in n:
+        name, x = f"force{i}", a.x[f"x{i}"]
+        its = a.kept.setdefault(name, {})
+        still = laws.squeeze_finger(
+            x, np.zeros(a.n), a.contact, a.fs, k, A, g["cutoff"], on, off, its
+        )
+        runs, noise = still.gate & (A != 0), np.zeros(a.n)
+        pink = pink_noise(1 / math.pi, g["seed"], stream=i, f_low=g["f_low"], tol_db=g["tol_db"])
+        source = differentiator(pink, passband=g["passband"], stopband=g["passband"] + 500.0)
+        noise[runs] = a.render(source, int(runs.sum()), f"noise of {name}")  # on a clock of its own
+        finger = laws.vibrating(still, noise, k, A)
+        if a.part.span is None:
+            a.e.fingers[a.output(name)] = finger
+        want = _held(finger.force, a.y[name], a.fs, its) if g["limits"] else finger.force
+        acted = bool((want != finger.force).any())
+        slack = 2.0**-50 * TAU * a.fs * acted + a.slack  # a mean over tau, by two recursions
+        a.say(
+            f"{a.title(name)}: velocity through {g['cutoff']:g} Hz, gate opens at {on:.4g} and"
+            f" closes at {off:.4g}"
+            f" m/s{f', held to {PEAK:g} N peak and {STATIC:g} N static' if g['limits'] else ''}"
+        )
+        scale = max(np.abs(finger.force).max(), 1e-300)
+        quiet = a.far(np.where(runs, 0, a.y[name] - want)) / scale
+        limit = 1e-14 + slack
+        checks.append(
+            Check(
+                "d",
+                f"{a.title(name)}: mean part is k x",
+                quiet,
+                limit,
+                "where the gate is closed, relative",
+            )
+        )
+        vibration = np.abs(finger.force - finger.mean).max()
+        limit = 1e-9 + (4e-16 + slack) * scale / vibration if vibration > 0 else 1e-14 + slack
+        error = a.apart(name, want) / (vibration or scale)
+        checks.append(
+            Check(
+                "d",
+                f"{a.title(name)}: vibration law",
+                error,
+                float(limit),
+                "A k tau v tau dp/dt, relative",
+            )
+        )
+        if g["motor_constant"] is not None:
+            gamma = PchipInterpolator(*PLACEHOLDER_GAMMA)(
+                np.clip(x, PLACEHOLDER_GAMMA.x[0], PLACEHOLDER_GAMMA.x[-1])
+            )
+            checks.append(
+                a.near(
+                    f"current{i}",
+                    want / (g["motor_constant"] * gamma),
+                    1e-8,
+                    "I = F/(n B Gamma)",
+                    1e-12,
+                )
+            )
+        if acted:
+            a.e.skipped.append(
+                f"{a.title(name)}: it was limited, so the force over position has no one slope"
+            )
+        elif np.ptp(k) > 0:
+            a.e.skipped.append(
+                f"{a.title(name)}: k was changed, so the force over position has no one slope"
+            )
+        elif a.part.span is None and not a.e.at:
+            model = noise_model(source, a.fs)
+            checks += _slope(
+                a,
+                name,
+                x,
+                float(k[0]),
+                A * float(k[0]) * finger.v / 8000**2,
+                noise,
+                runs,
+                model and model[0],
+            )
+    return checks
+
+
+def _held(
+    force: np.ndarray, y: np.ndarray, fs: float, kept: dict[str, Any] | None = None
+) -> np.ndarray:
+    """Return what the motors' limits make of a force.
+
+    The gain of the static one follows from the output's own past.
+    """
+    from scipy.signal import lfilter
+
+    force, kept = np.clip(force, -PEAK, PEAK), {} if kept is None else kept
+    r, most = -np.expm1(-1 / (TAU * fs)), STATIC**2
+    square = np.where(np.isnan(y), force, y) ** 2
+    mean, kept["squares"] = lfilter([r], [1, r - 1], square, zi=kept.get("squares", np.zeros(1)))
+    before, kept["mean"] = kept.get("mean", 0.0), mean[-1] if mean.size else 0.0
+    return np.minimum(1.0, (most - np.r_[before, mean[:-1]]) / (0.19 * most)) * force
+
+
+def _slope(
+    a: Asked,
+    name: str,
+    x: np.ndarray,
+    k: float,
+    gain: np.ndarray,
+    noise: np.ndarray,
+    gate: np.ndarray,
+    model: Any,
+) -> list[Check]:
+    """Return the stiffness recovered from delivered force over position.
+
+    Only where the force cannot have been clipped.
+
+    What the noise adds to the slope is a weighted sum of a process whose spectrum is
+    known, so its deviation is too.
+    """
+    from scipy import stats
+
+    e, i = a.e, list(a.e.scene.outputs).index(a.output(name))
+    y, whole, step = e.shown[i], np.ones(x.size, bool), 2.0**-52 * np.abs(e.y[i])
+    if e.sidecar is not None:
+        top = e.sidecar["channels"][i]["full_scale"]
+        if e.sidecar["subtype"] == "FLOAT":
+            step = 2.0**-23 * np.abs(e.y[i])
+        elif bits := BITS.get(e.sidecar["subtype"]):
+            last = 2.0 ** (1 - bits)
+            whole = np.abs(k * x) + np.abs(gain * noise).max(initial=0.0) < (1 - 2 * last) * top
+            step = np.full(x.size, last * top)
+    u = (x - x[whole].mean() if whole.any() else x) * whole
+    # of a held hand the first mean is a rounding away
+    u = (u - u[whole].mean() if whole.any() else u) * whole
+    power = float(u @ u)
+    lost = float(np.abs(u) @ step) / power if power > 0 else np.inf
+    if lost > 1e-3 * abs(k):
+        e.skipped.append(f"{a.title(name)}: the position hardly changes, so no slope can be fitted")
+        return []
+    slope = float(u @ (y - y[whole].mean())) / power
+    weights = (u * gain)[gate]
+    n = 1 << max(12, weights.size.bit_length())
+    f = np.fft.rfftfreq(n, 1 / e.fs)
+    density = model(np.maximum(f, f[1] / 2)) * np.abs(np.fft.rfft(weights, n)) ** 2
+    deviation = float(np.sqrt(e.fs / n * density.sum())) / power
+    sigmas = float(stats.norm.isf(e.share / 2))
+    text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
+    limit = sigmas * deviation + lost + 1e-12 * abs(k)
+    return [
+        Check(
+            "d",
+            f"{a.title(name)}: slope of force over position",
+            abs(slope - k),
+            limit,
+            text,
+            deviation,
+        )
+    ]

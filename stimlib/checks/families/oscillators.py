@@ -1,14 +1,16 @@
-"""Laws of the blocks of the family ``oscillators``."""
+"""Laws of the blocks of the family ``oscillators``, and of the scene ``bumps``."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
 from ...core.graph import Const
 from .. import laws
+from ..evidence import Asked, Check, law_of
 from ..rows import Row, Rows, law, turning
 
 
@@ -77,3 +79,149 @@ def _oscillator(b, fs, x, y):
     return np.where(still, wave(t, d), mean).astype(float), (
         1e-11 + 1e-18 / np.where(still, 1, step)
     ).astype(float)
+
+
+def _within(a: Asked, want: np.ndarray, highest: np.ndarray) -> np.ndarray:
+    """Return the voltage scaled to its limit, or clipped there."""
+    limit = a.given["limit"]
+    if a.given["headroom"] == "scale":
+        want = want * (limit / np.maximum(limit, highest))
+    a.say(f"limited to {limit:g} V, {int(np.sum(np.abs(want) >= limit))} samples held there")
+    return np.clip(want, -limit, limit)
+
+
+@law_of("bumps")
+def _bumps(a: Asked) -> list[Check]:
+    """Check V = gain A e(x/wavelength) c(t), written again.
+
+    At constant speed the spectral model is checked as well.
+
+    Equalised, it is that times d_max/d between the last two places; limited, it is
+    scaled, or clipped, or both.
+    """
+    from ...analysis import am
+
+    g, n, name = a.given, a.n, a.title("voltage")
+    if not isinstance(g["waveform"], str):
+        a.e.skipped.append(f"{name}: the law knows the named waveforms, not tables")
+        return []
+    if g["sampling"] != "area":
+        a.e.skipped.append(f"{name}: the law covers bumps that are sampled by their area")
+        return []
+    A, duty, freq, gain = (
+        a.live("A"),
+        a.held("duty", 1e-6, 1.0),
+        a.held("freq", 0.0, a.fs / 2),
+        g["gain"],
+    )
+    # so rounded as in the scene: at an edge that counts
+    contact, u = a.contact * (A != 0), a.x["x"] * (g["bumps"] / g["length"])
+    last, touching = laws.ways(u, contact)
+    shape, lost = laws.bump_envelope(last, u, g["waveform"], duty) * touching
+    turns, step = laws.turning(freq, a.fs)
+    turns += a.kept.get("turns", g["phase"] / (2 * np.longdouble(np.pi)))
+    a.kept["turns"] = turns[-1]  # at a sample that the next stretch has, too
+    wave = laws.carried(turns, step, g["rectify"])
+    if a.part.span is None:
+        a.e.curves |= {"envelope": shape, "carrier": wave}
+        edges = np.flatnonzero(np.diff(np.floor(u))) + 1
+        whole_bumps = ((i, j) for i, j in pairwise(edges) if np.ptp(u[i:j]) > 0.9)
+        a.e.closeup = slice(*next(whole_bumps, (0, n)))
+    want, highest = gain * A * shape * wave, gain * np.abs(A)
+    a.say(
+        f"amplifier {gain:g}, wavelength {1000 * g['length'] / g['bumps']:.4g} mm, {g['waveform']}"
+    )
+    if g["displacement"] is not None:
+        knots, d = np.array(g["displacement"])
+        kind = "polynomial" if knots.size <= 6 else "cubic"
+        factor, most = laws.profile_gain(a.x["x"], contact, knots, d, kind)
+        want, highest = want * factor, highest * most
+        a.say(f"equalised by {len(knots)} measured places ({kind}), at most {most:.4g} times")
+    if g["limit"] is not None:
+        want = _within(a, want, highest)
+    top = float(highest.max()) or 1.0
+    a.expect("voltage", want, 1e-6 * top)
+    error = a.far((a.y["voltage"] - want) / (1 + lost * highest / top / 1e-6)) / top
+    checks = [
+        Check(
+            "d",
+            f"{name}: envelope times carrier",
+            error,
+            1e-6,
+            "of the peak voltage, written again",
+        )
+    ]
+    checks.append(a.silent("voltage", contact <= 0))
+    speed, still = (
+        np.diff(u) * a.fs,
+        np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and (a.window == 1).all(),
+    )
+    steady = (
+        still
+        and g["rectify"] == "half"
+        and g["limit"] is None
+        and g["displacement"] is None
+        and contact.all()
+    )
+    if (
+        steady
+        and n > 2
+        and speed[0]
+        and np.ptp(speed) < 1e-6 * abs(speed[0])
+        and abs(u[-1] - u[0]) >= 1
+    ):
+        whole = int(abs(u[-1] - u[0]))
+        y = a.y["voltage"][1 : 1 + round(whole / abs(speed[0]) * a.fs)] / top
+        model = am.sampled_rms(g["waveform"], duty[0], 1.0, abs(speed[0]), freq[0], a.fs)
+        limit = 0.005 + am.meeting(
+            g["waveform"], duty[0], abs(speed[0]), freq[0], a.fs, whole / abs(speed[0])
+        )
+        if limit > 0.2:
+            a.e.skipped.append(
+                f"{name}: rms of the line spectrum: bumps and carrier meet, so it depends on their"
+                " phases"
+            )
+        else:
+            text = f"{whole} bumps at {abs(speed[0]):.3g}/s; lines that meet may add the rest"
+            rms = float(np.sqrt(np.mean(y**2)))
+            checks.append(
+                Check("d", f"{name}: rms of the line spectrum", abs(rms / model - 1), limit, text)
+            )
+    return checks
+
+
+def bursts(a: Asked) -> np.ndarray:
+    """Return the envelope of ``tone`` and ``pulse``, from the time in each period."""
+    g, n = a.given, a.kept.get("first", 0) + np.arange(a.n)
+    a.kept["first"] = int(n[-1])  # a sample that the next stretch has, too
+    long, endless = round(g["duration"] * a.fs), g["repeats"] is None
+    k = np.arange(n[-1] // max(g["period"] * a.fs, 1) + 2 if endless else g["repeats"])
+    starts = np.floor((k * (g["period"] * a.fs) if endless else k * g["period"] * a.fs) + 0.5)
+    t = n - starts[np.searchsorted(starts, n, "right") - 1] + 0.5
+    rise = np.clip(np.minimum(t, long - t) / min(max(0.5, g["ramp"] * a.fs), long / 2), 0, 1)
+    a.say(f"{g['duration']:g} s with ramps of {g['ramp']:g} s, {g['repeats'] or 'endless'} times")
+    return np.where(t < long, (1 - np.cos(np.pi * rise)) / 2, 0)
+
+
+def on_channels(a: Asked, want: np.ndarray, tol: float, text: str) -> list[Check]:
+    """Check that each of the channels that were asked for has this row."""
+    apart, wanted = abs(len(a.y) - a.given["channels"]), a.given["channels"]
+    count = Check("d", "channels: as many as were asked for", apart, 0, f"beside {wanted}")
+    return [count, *(a.near(name, want, tol, text) for name in a.y)]
+
+
+@law_of("tone")
+def _tone(a: Asked) -> list[Check]:
+    """Check y = amplitude e(t) sin(2 pi freq t), of a clock and cosines of its own."""
+    turns, _ = laws.turning(a.held("freq", 0.0, a.fs / 2), a.fs)
+    turns += a.kept.get("turns", 0)
+    a.kept["turns"] = turns[-1]
+    want = a.live("amplitude") * bursts(a) * laws.carried(turns, turns, None)
+    return on_channels(a, want, 1e-9, "a sinusoid in bursts")
+
+
+@law_of("pulse")
+def _pulse(a: Asked) -> list[Check]:
+    """Check y = amplitude e(t), of a clock and cosines of its own."""
+    want = a.live("amplitude") * bursts(a)
+    return on_channels(a, want, 1e-12, "pulses")

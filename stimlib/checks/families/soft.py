@@ -38,7 +38,7 @@ def table_of(b: Any) -> tuple[Row, float, float]:
 
 
 def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]:
-    """Return S(x, y) of a table, held at the edges and between 0 and 1."""
+    """Return S(x, y) of a table, clamped at the edges and between 0 and 1."""
     from scipy.interpolate import RectBivariateSpline
 
     rows, columns = table.shape
@@ -60,7 +60,7 @@ def starts(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def reversible(
     S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.bool_], piece: float = math.inf
 ) -> tuple[float, int]:
-    """Return the largest error of dx = g(S(middle)) dp, and of starts and stands.
+    """Return the largest error of dx = g(S(middle)) dp, and of starts and holds.
 
     It is over the largest dp; steps too long to judge are returned too.
 
@@ -80,7 +80,7 @@ def reversible(
 
 
 def steepest(S: Callable, place: Row, way: Row) -> Row:
-    """Return the steepest slope of the ratio along each way.
+    """Return the steepest slope of the ratio along each path.
 
     Beyond its inverse there may be several middles.
     """
@@ -104,7 +104,7 @@ def by_frames(
     frame: float,
     bounds: tuple[float, float],
 ) -> Row:
-    """Return where the cursor must be by eq. (1) to the letter, shape (2, n).
+    """Return the cursor's position by eq. (1) taken literally, shape (2, n).
 
     Each step goes from where it was seen; frame is in samples.
     """
@@ -179,7 +179,7 @@ def delayed_by_frames(
     b: Any,
     seen: Row | None = None,
 ) -> tuple[Row, Row, Row]:
-    """Return the avatar by eq. (3) to the letter; see ``delayed``.
+    """Return the avatar by eq. (3) taken literally; see ``delayed``.
 
     The lag that was seen says whether a frame has begun where a rounding decides.
     """
@@ -200,7 +200,7 @@ def delayed_by_frames(
 
 
 def motor(waits: Row, fs: float, factor: float) -> Row:
-    """Return 1 for as many whole ms as each wait asks for, one after the other."""
+    """Return 1 for the whole ms of each delay, one after the other."""
     out, left = np.zeros(waits.size), 0.0
     for k, wait in enumerate(waits):
         left += math.floor(1000 * factor * wait + 0.5) * fs / 1000

@@ -107,7 +107,7 @@ def nodule_places() -> Experiment:
 
 
 def one_after_another(participant: str, session: int) -> Sequential:
-    """Return one kind of feedback after another, over blocks turned differently.
+    """Return one kind of feedback after another, on blocks turned differently.
 
     Each of nine people has another order.
     """

@@ -50,15 +50,17 @@ export function parameters(params, parent, say) {
 const FROM = {
   u: "pointer, left to right", v: "pointer, bottom to top", pressure: "pressure", contact: "contact, 0 or 1",
   sine: "a sine", value: "a value that is held", given: "the motion that was given",
+  stream: "the stream of another program",
 };
 const FIELDS = { // what each kind asks for
   u: ["finger", "low", "high"], v: ["finger", "low", "high"], pressure: ["finger", "low", "high"], contact: ["finger"],
   sine: ["low", "high", "freq"], value: ["value"], given: [],
+  stream: ["channel", "scale", "low", "high"],
 };
-const LABELS = { low: "from", high: "to", freq: "frequency / Hz", value: "value", finger: "finger" };
+const LABELS = { low: "from", high: "to", freq: "frequency / Hz", value: "value", finger: "finger", channel: "number of a row", scale: "times" };
 
 /** A choice of what drives each of hello's inputs. Returns a function that shows state's sources. */
-export function sources(inputs, parent, say) {
+export function sources({ inputs, stream }, parent, say) {
   const show = {};
   parent.replaceChildren();
   for (const { name, unit, given } of inputs) {
@@ -67,7 +69,7 @@ export function sources(inputs, parent, say) {
     const from = element(set, "select");
     from.setAttribute("aria-label", `What drives ${name}`);
     for (const [value, textContent] of Object.entries(FROM))
-      if (value !== "given" || given) element(from, "option", { value, textContent });
+      if ((value !== "given" || given) && (value !== "stream" || stream)) element(from, "option", { value, textContent });
     const box = element(set, "div", { className: "numbers" });
     let now = {};
     const rows = () => {
@@ -77,6 +79,7 @@ export function sources(inputs, parent, say) {
         const label = element(box, "label", { htmlFor: id, textContent: LABELS[key] + (inUnit ? ` / ${printed}` : "") });
         const field = key === "finger" ? element(label, "select", { id }) : numeric(label, id, plain(now[key] ?? 0));
         if (key === "freq") Object.assign(field, { min: "0.01", max: "1000" });
+        if (key === "channel") Object.assign(field, { min: "0", max: "999", step: "1" });
         if (key === "finger") {
           for (let k = 0; k < 5; k++) element(field, "option", { value: `${k}`, textContent: `${k + 1}` });
           field.value = `${now.finger ?? 0}`;

@@ -48,7 +48,8 @@ function greet(hello) {
   for (const parent of ["inputs", "outputs"]) $(parent).replaceChildren();
   const drawnIn = (signals, where) => grouped(signals).map(g => new Panel(g, live.history, $(where)));
   live.panels = [...drawnIn(inputs, "inputs"), ...drawnIn(outputs, "outputs")];
-  show = { params: parameters(hello.params, $("params"), say), sources: sources(hello.inputs, $("sources"), say) };
+  show = { params: parameters(hello.params, $("params"), say), sources: sources(hello, $("sources"), say) };
+  $("mark").hidden = !hello.marks;
   $("no-params").hidden = hello.params.length > 0;
   $("heard").replaceChildren(...outputs.map(({ name }, k) => new Option(name, k)));
   field.set({ view: hello.view, units: Object.fromEntries(inputs.map(i => [i.name, i.unit])) });
@@ -66,6 +67,7 @@ function become(state) {
   $("record").textContent = state.log && runs ? "Stop recording" : "Record";
   $("record").setAttribute("aria-pressed", String(!!state.log && runs));
   for (const id of ["run", "record"]) $(id).disabled = !mine || state.phase === "stopping";
+  $("mark").disabled = !mine || state.phase !== "running";
   $("control").hidden = mine;
   for (const control of document.querySelectorAll(".side input, .side select, .side button")) // a page that watches may listen
     if (!control.closest("[aria-labelledby=h-sound]")) control.disabled = !mine;
@@ -80,7 +82,7 @@ function become(state) {
 function lost({ state, code, why }) {
   const more = code === 4401 ? "" : "; load this page again to retry";
   words(state === "refused" ? `Refused: ${why}${more}` : "Connection lost, trying again", "bad");
-  for (const id of ["run", "record"]) $(id).disabled = true;
+  for (const id of ["run", "record", "mark"]) $(id).disabled = true;
 }
 
 function count(report) {
@@ -126,6 +128,7 @@ function hear(k) {
 
 const runs = () => ["running", "starting"].includes(live.state?.phase);
 $("run").onclick = () => say({ do: runs() ? "stop" : "start" });
+$("mark").onclick = () => say({ do: "mark" });
 $("record").onclick = () => say({ do: runs() && live.state.log ? "stop" : "record" });
 $("control").onclick = () => say({ do: "control" });
 $("heard").onchange = e => hear(+e.target.value);
@@ -144,6 +147,7 @@ addEventListener("keydown", e => {
   if (typing(e)) return;
   const button = e.target.matches?.("button");
   if (e.key === " " && !button) { if (!e.repeat) $("run").click(); } 
+  else if (e.key.toLowerCase() === "m") { if (!e.repeat) $("mark").click(); }
   else if (e.key.toLowerCase() === "r") { if (!e.repeat) $("record").click(); }
   else if ((button && e.key === "Enter") || live.state?.role !== "control" || !field.key(e, true)) return;
   e.preventDefault();

@@ -20,8 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ...blocks import fractional, noise
-from ...blocks import fractional as pot
+from ...blocks import fractional, fractional as pot, noise
 from ...blocks.filters import Cascade, Delay, Fir, First
 from ...blocks.impedance import Gate
 from ...blocks.noise import Modes, PinkNoise
@@ -267,7 +266,7 @@ def smoothed(exact: Any, distance: Any, width: Any) -> Any:
 
 
 def gate(b, p, s, x, run):
-    """Open since the last crossing of ``on`` unless it fell to ``off`` later."""
+    """Return a gate: open since the last rise above ``on``, until a fall to ``off``."""
     v = spread(x[0], run.n)
     event = (v > p.on) | ~(v > p.off)
     at = latest(event)

@@ -42,7 +42,7 @@ def ring(b, p, s, x, run):
 
 
 def avatar(b, p, s, x, run):
-    """Sample by sample, for its history is read anywhere."""
+    """Run ``DelayAvatar`` sample by sample, because its history is read anywhere."""
     return scan_arrays(traced.bind(b.step), traced.on_arrays(p), s, x, run.n)
 
 

@@ -73,12 +73,12 @@ floor, exp, sin, cos, tanh, where = jnp.floor, jnp.exp, jnp.sin, jnp.cos, jnp.ta
 
 
 def flush(x):
-    """Silence is 0, and its derivative that of x."""
+    """Return x, or 0 where it is too small to matter, with the derivative of x."""
     return x - lax.stop_gradient(jnp.where(abs(x) <= SILENT, x, 0.0 * x))
 
 
 def settle(x):
-    """Return x itself, or no loop would be linear."""
+    """Return x itself: with a flush no loop would be linear."""
     return x
 
 
@@ -162,7 +162,7 @@ def _twin(f: Callable, name: str, v: Any) -> Any:
 
 
 def on_arrays(p: Any) -> Any:
-    """Design numbers whose arrays can be indexed by signals."""
+    """Return design numbers whose arrays can be indexed by signals."""
     return jax.tree.map(lambda v: jnp.asarray(v) if isinstance(v, np.ndarray) else v, p)
 
 

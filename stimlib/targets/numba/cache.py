@@ -10,7 +10,6 @@ nothing that is not what was written.
 from __future__ import annotations
 
 import atexit
-import errno
 import hashlib
 import inspect
 import json
@@ -225,7 +224,7 @@ def _turn(place: Path, text: str) -> Iterator[None]:
     with ExitStack() as stack:
         while not _sound(place, text) and time.monotonic() < until:
             if safe_files.taken(stack, at):
-                stack.callback(at.unlink, missing_ok=True)
+                stack.callback(safe_files.remove, at)
                 break
             stack.close()
             time.sleep(0.02)
@@ -287,8 +286,8 @@ def _publish(part: Path, place: Path) -> None:
             safe_files.settle(path)
         try:
             os.rename(part, place)
-        except OSError as e:
-            if e.errno not in (errno.EEXIST, errno.ENOTEMPTY):
+        except OSError:
+            if not place.is_dir():
                 raise
         safe_files.settle(place.parent)
         _sweep(place.parent)

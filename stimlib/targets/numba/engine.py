@@ -215,15 +215,20 @@ class Engine:
         self.ctx[0], self.ctx[14], self.ctx[16] = len(self.table), params, machine.entry.address
         self.ctx[6:9] = *(a.shape[0] for a in self._empty), self._outs_at
         self.ctx[11:13] = clocks, -1
-        self.ctx[18:20] = entry_points.array_words()
+        known = entry_points.array_words()
+        self.ctx[18:20] = known or 0
         self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
-        self.process = entry_points.function(machine.process.address, self.address[1])
+        self.process = (
+            entry_points.function(machine.process.address, self.address[1])
+            if known
+            else entry_points.checked(*self.address, (self.ctx[6], self.ctx[7]))
+        )
         """process(x, out): fill out (n_outputs, n) from x (n_inputs, n); nonzero when
         they are no such arrays.
         """
 
     def copy(self) -> Engine:
-        """Return another run of the same program.
+        """Return an independent run of the same compiled program.
 
         Its memory is its own, all tables are shared.
         """

@@ -5,7 +5,7 @@ There are also the few memory operations that segments need.
 The long sums are compiled once, in the runtime, and called by name: see ``kernels``.
 """
 
-import math
+from types import FunctionType
 
 import numpy as np
 from llvmlite import ir
@@ -72,7 +72,6 @@ def as_float(ctx, u):
     return f8(u8), lambda c, b, s, v: b.uitofp(v[0], DOUBLE)
 
 
-exp, log, sin, cos, tanh = math.exp, math.log, math.sin, math.cos, math.tanh
 sqrt, floor = np.sqrt, np.floor
 
 
@@ -84,7 +83,7 @@ def flush(x):
 
 @intrinsic
 def settle(ctx, x):
-    """Flush by a branch.
+    """Return x, or 0 where it is too small, by a branch.
 
     A comparison and a choice would lengthen the recursion.
     """
@@ -108,6 +107,12 @@ def settle(ctx, x):
         return y
 
     return f8(f8), code
+
+
+# straight-line functions of these, compiled from the text of ``maths``
+globals().update(maths.CONSTANTS)
+for _name, _f in maths.ELEMENTARY.items():
+    globals()[_name] = plain(FunctionType(_f.__code__, globals(), _name))
 
 
 # memory -------------------------------------------------------------------------------

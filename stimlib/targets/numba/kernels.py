@@ -68,7 +68,7 @@ def zeros(t):
 
 
 def load(b, p, k=0):
-    """Return eight numbers from place k on."""
+    """Emit a load of eight float64 numbers from index k on."""
     place = b.gep(p, [k if isinstance(k, ir.Value) else I64(k)])
     v = b.load(b.bitcast(place, V8.as_pointer()))
     v.align = 8
@@ -76,13 +76,13 @@ def load(b, p, k=0):
 
 
 def store(b, v, p, k=0):
-    """Store a vector at a place."""
+    """Emit a store of a vector at an index."""
     place = b.gep(p, [k if isinstance(k, ir.Value) else I64(k)])
     b.store(v, b.bitcast(place, v.type.as_pointer())).align = 8
 
 
 def splat(b, x, count=8):
-    """Return one number eight times."""
+    """Return a vector with one number in all lanes."""
     none = ir.Constant(ir.VectorType(x.type, count), ir.Undefined)
     return b.shuffle_vector(
         b.insert_element(none, x, I32(0)), none, ir.Constant(ir.VectorType(I32, count), [0] * count)

@@ -137,7 +137,7 @@ def move_tile(to, source, n):
 
 @njit(error_model="numpy", inline="always")
 def standing(S, pending, params):
-    """Return whether no parameter moves."""
+    """Return whether no parameter is being ramped."""
     for j in range(params):
         if at(S, at(pending, 4 * j)[1])[2] > 0.0:  # see graph.ParamState
             return False

@@ -82,7 +82,7 @@ class Lanes:
         return self.v
 
     def of(self, kind: ir.Type) -> ir.VectorType:
-        """Return as many lanes of another kind."""
+        """Return a type with as many lanes, of another kind of number."""
         return ir.VectorType(kind, self.v.type.count)
 
     def __neg__(self):
@@ -172,6 +172,9 @@ TWINS["flush"] = _of(DOUBLE, lambda b, v, x: kernels.flush(b, v))
 TWINS["as_float"] = _of(I64, lambda b, v, x: b.uitofp(v, x.of(DOUBLE)))
 TWINS["bits"] = _of(DOUBLE, lambda b, v, x: b.bitcast(v, x.of(I64)))
 TWINS["unbits"] = _of(I64, lambda b, v, x: b.bitcast(v, x.of(DOUBLE)))
+_scope = {"__builtins__": {"abs": abs}, **maths.CONSTANTS, **TWINS}
+for _name, _f in maths.ELEMENTARY.items():
+    TWINS[_name] = _scope[_name] = python.FunctionType(_f.__code__, _scope, _name)
 """What names of ``maths`` do to stand-ins."""
 
 

@@ -1,0 +1,443 @@
+"""Calibration: what 1.0 at the device makes, in m/s^2, m or N, over frequency.
+
+It is measured with a sensor at the actuator (``record_sweep``), kept in a file, and
+turns amplitudes in physical units into what the device is given.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import date
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_toeplitz
+
+from ..core.scene import Scene
+from ..core.units import ONE, unit as unit_of
+from ..errors import BadValue, SinkError, UnitError, public
+from ..plate.identify import Sweep
+from ..run.safety import Safety, inverted
+from ..system import fields, safe_files
+
+Array = NDArray[np.float64]
+LEAST, MOST = 1e-9, 1e12  # of a gain: below and beyond, it is an error of the file
+TAPS = (129, 257, 513, 1025, 2049)
+_NUMBERS = fields.list_of(fields.number)
+FIELDS = {
+    "freq": _NUMBERS,
+    "gain_real": _NUMBERS,
+    "gain_imag": _NUMBERS,
+    "uncertainty": fields.list_of(fields.not_negative),
+    "unit": fields.text,
+    "date": fields.text,
+    "parts": fields.table_of(fields.text),
+}
+
+
+@public
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The response of a device with its amplifier and actuator.
+
+    Parameters
+    ----------
+    freq : ndarray, shape (k,)
+        Hz, rising.
+    gain : ndarray of complex, shape (k,)
+        In ``unit``, for a sinusoid of amplitude 1.0 at the device.
+    uncertainty : ndarray, shape (k,)
+        Relative, of the gain's magnitude: it holds in 95 % of calibrations.
+    unit : str
+        Such as ``"m/s^2"``.
+    date : str
+        Of the measurement, such as ``"2026-11-25"``.
+    parts : dict of str to str
+        What was measured, with serial numbers: ``{"actuator": "BM3C 0042"}``.
+
+    Raises
+    ------
+    BadValue
+        Lengths that differ, frequencies that do not rise, numbers that are not finite.
+    UnitError
+        No unit.
+    """
+
+    freq: Array
+    gain: NDArray[np.complex128]
+    uncertainty: Array
+    unit: str
+    date: str = ""
+    parts: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self):
+        rows = {
+            "freq": np.asarray(self.freq, float),
+            "gain": np.asarray(self.gain, complex),
+            "uncertainty": np.asarray(self.uncertainty, float),
+        }
+        for name, row in rows.items():
+            if row.ndim != 1 or row.size != rows["freq"].size or row.size < 2:
+                raise BadValue(f"Calibration: {name} must be a row as long as freq, 2 or more")
+            if not np.isfinite(row).all():
+                raise BadValue(f"Calibration: {name} has a number that is not finite")
+            object.__setattr__(self, name, row)
+        if not (self.freq[0] > 0 and (np.diff(self.freq) > 0).all()):
+            raise BadValue("Calibration: freq must rise, from above 0")
+        size = np.abs(self.gain)
+        least = int(size.argmin())
+        if not (LEAST < size[least] and size[least] > LEAST * size.max() and size.max() < MOST):
+            raise BadValue(
+                f"Calibration: the gain at {self.freq[least]:g} Hz is {size[least]:g}, and the"
+                f" largest {size.max():g}: that is no actuator; calibrate a band in which it moves"
+            )
+        unit_of(self.unit)
+
+    def __repr__(self):
+        low, high = self.freq[[0, -1]]
+        return f"Calibration({self.unit} from {low:g} to {high:g} Hz, {self.date or 'no date'})"
+
+    def full_scale(self, freq: float) -> float:
+        """Return the amplitude that 1.0 at the device makes, in ``unit``.
+
+        It is the full scale of a sink that plays vibrations of this frequency.
+
+        Parameters
+        ----------
+        freq : float
+            Hz, within what was measured.
+
+        Raises
+        ------
+        BadValue
+            A frequency outside of it.
+        """
+        return float(abs(self._at(freq, self.gain)))
+
+    def error(self, freq: float) -> float:
+        """Return the relative uncertainty of ``full_scale`` at a frequency, 95 %.
+
+        Raises
+        ------
+        BadValue
+            A frequency outside of what was measured.
+        """
+        return float(self._at(freq, self.uncertainty))
+
+    def _at(self, freq: float, row: Any) -> Any:
+        if isinstance(freq, bool) or not isinstance(freq, int | float | np.number):
+            raise BadValue(f"Calibration: freq = {freq!r:.40} must be a number of Hz")
+        low, high = self.freq[[0, -1]]
+        if not low <= freq <= high:
+            raise BadValue(f"Calibration: {freq:g} Hz is outside of {low:g} to {high:g} Hz")
+        return np.interp(freq, self.freq, row)
+
+    def inverse(self, fs: float, taps: int | None = None) -> Array:
+        """Return the taps of the filter that undoes the response within the band.
+
+        It delays by (taps - 1)/2 samples.
+
+        Parameters
+        ----------
+        fs : float
+            Hz, at which it will play.
+        taps : int, optional
+            Odd; more follow sharper resonances.  By default the fewest of 129, 257, ..
+            2049 that invert with an error of at most 2 %.
+
+        Returns
+        -------
+        ndarray, shape (taps,)
+
+        Raises
+        ------
+        BadValue
+            An even number of taps; a sample rate too low for the band; a response that
+            the taps invert with an error above 5 %.
+        """
+        high = self.freq[-1]
+        if (taps is not None and (taps < 3 or taps % 2 == 0)) or high >= 0.48 * fs:
+            raise BadValue(
+                f"Calibration.inverse: taps = {taps} must be odd, and fs = {fs:g} Hz above"
+                f" {high / 0.48:.0f} Hz"
+            )
+        weights, error = np.empty(0), math.inf
+        for n in TAPS if taps is None else (taps,):
+            weights, error = self._inverse(fs, n)
+            if error <= 0.02:
+                break
+        if not error <= 0.05:
+            raise BadValue(
+                f"Calibration.inverse: {weights.size} taps invert the response with an error of"
+                f" {error:.1%}: give more, or calibrate a band without its deepest gap"
+            )
+        return weights
+
+    def _inverse(self, fs: float, taps: int) -> tuple[Array, float]:
+        """Return the taps of the inverse filter, and its largest relative error.
+
+        They are the least squares of the whole chain's error over frequency; what is
+        loud outside of the band costs a little.
+        """
+        delay, n = taps // 2, np.arange(taps)
+        f = np.linspace(self.freq[0], self.freq[-1], 4 * taps)
+        gain = np.interp(f, self.freq, self.gain)
+        waves = np.exp(2j * np.pi * np.outer(n / fs, f))
+        row = (waves @ np.abs(gain) ** 2).real
+        row[0] += 4e-8 * taps * np.abs(gain).min() ** 2
+        wanted = (waves @ (gain * waves[delay]).conj()).real
+        found = solve_toeplitz(row, wanted)
+        return found, float(np.abs((found @ waves.conj()) * gain - waves[delay].conj()).max())
+
+    def _fits(self, scene: Scene) -> None:
+        """Refuse outputs in another unit; those without a unit are only delayed."""
+        dims = {name: block.dim for name, block in scene.outputs.items()}
+        wrong = [name for name, dim in dims.items() if dim not in (ONE, unit_of(self.unit))]
+        if wrong or all(dim == ONE for dim in dims.values()):
+            name = (wrong or list(dims))[0]
+            raise UnitError(
+                f"Calibration: {name} is in {dims[name]}, and what is calibrated in {self.unit}"
+            )
+
+    def limits(self, scene: Scene) -> Safety:
+        """Return the limits of a sink where none are given.
+
+        They are, for outputs in ``unit``, the most that the device makes anywhere in
+        the band; 1.0 for outputs without a unit.
+
+        Raises
+        ------
+        UnitError
+            An output in another unit.
+        """
+        self._fits(scene)
+        most = float(np.abs(self.gain).max())
+        return Safety({n: 1.0 if b.dim == ONE else most for n, b in scene.outputs.items()})
+
+    def safety(self, scene: Scene, safety: Safety, fs: float) -> Safety:
+        """Return the limits of a scene with the inverse filter behind them.
+
+        Sinks and experiments call it for ``calibration=``.
+
+        Parameters
+        ----------
+        scene : Scene
+            Of outputs in ``unit``, and others without a unit.
+        safety : Safety
+            With limits in the outputs' units.
+        fs : float
+            Hz, at which it will play.
+
+        Raises
+        ------
+        UnitError
+            An output in another unit.
+        BadValue
+            As ``inverse``.
+        """
+        self._fits(scene)
+        return replace(safety, inverse=self.inverse(fs).tolist())
+
+    def drive(self, scene: Scene, fs: float, taps: int | None = None) -> Scene:
+        """Return a scene whose outputs drive the device so that it makes the scene's.
+
+        Each output passes the filter ``inverse`` and comes (taps - 1)/2 samples later;
+        frequencies outside of the band are not to be in it.  It is for renderings and
+        files: a sink takes the calibration itself.
+
+        Parameters
+        ----------
+        scene : Scene
+            Of outputs in ``unit``.
+        fs : float
+            Hz, at which it will be rendered.
+        taps : int, optional
+            As ``inverse``.
+
+        Returns
+        -------
+        Scene
+            Of outputs without a unit: give the file a full scale of 1.0.
+
+        Raises
+        ------
+        UnitError
+            An output in another unit.
+        BadValue
+            As ``inverse``.
+        """
+        self._fits(scene)
+        weights, unit = self.inverse(fs, taps), f"1/({self.unit})"
+        return Scene({name: inverted(y, weights, unit) for name, y in scene.outputs.items()})
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the calibration to a JSON file, atomically.
+
+        Raises
+        ------
+        SinkError
+            The place cannot be written.
+        """
+        data = {
+            "freq": self.freq.tolist(),
+            "gain_real": self.gain.real.tolist(),
+            "gain_imag": self.gain.imag.tolist(),
+            "uncertainty": self.uncertainty.tolist(),
+            "unit": self.unit,
+            "date": self.date,
+            "parts": dict(self.parts),
+        }
+        safe_files.publish(path, json.dumps(data, indent=1) + "\n")
+
+
+@public
+def load_calibration(path: str | os.PathLike[str]) -> Calibration:
+    """Read a calibration that ``Calibration.save`` wrote.
+
+    Raises
+    ------
+    SinkError
+        The file is missing or is no calibration.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from stimlib.devices import Calibration, load_calibration
+    >>> made = Calibration([50, 500], [2.0, 1.0], [0.01, 0.02], "m/s^2", "2026-11-25")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made.save(f"{folder}/actuator.json")
+    ...     load_calibration(f"{folder}/actuator.json")
+    Calibration(m/s^2 from 50 to 500 Hz, 2026-11-25)
+    """
+    try:
+        data = fields.parse(safe_files.read(path, "sidecar_bytes"))
+        fields.require(data, FIELDS)
+        if len(data["gain_real"]) != len(data["gain_imag"]):
+            raise ValueError("gain_real and gain_imag must have one length")
+        gain = np.array(data.pop("gain_real")) + 1j * np.array(data.pop("gain_imag"))
+        return Calibration(gain=gain, **{k: data[k] for k in FIELDS if k in data})
+    except (ValueError, TypeError, BadValue, UnitError) as e:
+        raise SinkError(f"{path} is not a calibration: {e}") from e
+
+
+@public
+def calibrate(
+    sweep: Sweep,
+    unit: str,
+    band: tuple[float, float],
+    *,
+    resolution: float = 2.0,
+    sensor: float = 0.0,
+    on: str | None = None,
+    parts: Mapping[str, str] | None = None,
+) -> Calibration:
+    """Find the response of a device in several takes of one sweep.
+
+    Each take gives a gain in each band of ``resolution`` Hz, by least squares of a
+    straight line over frequency; the calibration is their mean, and their spread its
+    uncertainty (Student's t, n - 1 degrees of freedom).
+
+    Parameters
+    ----------
+    sweep : Sweep
+        Of ``record_sweep(.., full_scale=1.0, points=range(n))``: drive in parts of full
+        scale, response in ``unit``, three takes or more.
+    unit : str
+        Of the response.
+    band : (float, float)
+        Hz, within what was swept.
+    resolution : float
+        Hz; less than half the width of the sharpest resonance.
+    sensor : float
+        Relative uncertainty of the sensor's own calibration, 95 %, which is added.
+    on : str, optional
+        Date; today's by default.
+    parts : dict of str to str, optional
+        What was measured, with serial numbers.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    BadValue
+        Fewer than three takes; a band that is not in them, or narrower than two
+        resolutions.
+
+    Examples
+    --------
+    An actuator that makes 2 m/s^2 at full scale, with noise in the sensor:
+
+    >>> import numpy as np
+    >>> from stimlib.devices import calibrate
+    >>> from stimlib.plate import Sweep
+    >>> t = np.arange(4000) / 2000
+    >>> u = np.tile(np.sin(2 * np.pi * (50 * t + 100 * t**2)), (4, 1))  # 50 to 450 Hz
+    >>> noise = 0.05 * np.random.default_rng(1).normal(size=u.shape)
+    >>> found = calibrate(Sweep(u, 2 * u + noise, 2000.0), "m/s^2", (80, 400))
+    >>> print(f"{found.full_scale(250):.2f} m/s^2, +-{100 * found.error(250):.1f} %")
+    2.00 m/s^2, +-0.9 %
+    """
+    from scipy.stats import t as student
+
+    u, y = (np.atleast_2d(np.asarray(rows, float)) for rows in (sweep.drive, sweep.response))
+    takes, n = y.shape
+    if takes < 3:
+        raise BadValue(f"calibrate: {takes} takes: three or more show how far they are apart")
+    low, high = band
+    if not sensor >= 0:
+        raise BadValue(f"calibrate: sensor = {sensor:g} is a relative uncertainty, 0 or above")
+    if not (
+        0 < low and low + 2 * resolution <= high <= sweep.fs / 2 and resolution * n >= 3 * sweep.fs
+    ):
+        raise BadValue(
+            f"calibrate: band = {band} Hz and resolution = {resolution:g} Hz: the band must lie"
+            f" between 0 and {sweep.fs / 2:g} Hz, hold two resolutions, and each of them three"
+            f" steps of {sweep.fs / n:.3g} Hz"
+        )
+    f = np.arange(n // 2 + 1) * (sweep.fs / n)
+    drive, response = np.fft.rfft(np.broadcast_to(u, y.shape)), np.fft.rfft(y)
+    freq = np.arange(low, high + resolution / 2, resolution)
+    power = [np.sum(np.abs(drive[0, np.abs(f - at) <= resolution / 2]) ** 2) for at in freq]
+    if silent := [at for at, p in zip(freq, power, strict=True) if p < 1e-3 * max(power)]:
+        raise BadValue(
+            f"calibrate: the sweep drives nothing at {silent[0]:g} Hz: give a band within what was"
+            " swept"
+        )
+    gains = np.array([_gain(f, drive, response, at, resolution) for at in freq])  # (k, takes)
+    gain = gains.mean(axis=1)
+    spread = (gains * (gain.conj() / np.abs(gain))[:, None]).real.std(axis=1, ddof=1)
+    random = student.ppf(0.975, takes - 1) * spread / np.sqrt(takes) / np.abs(gain)
+    told = date.today().isoformat() if on is None else on
+    return Calibration(freq, gain, np.hypot(random, sensor), unit, told, dict(parts or {}))
+
+
+def _gain(f: Any, drive: Any, response: Any, at: float, width: float) -> Any:
+    """Return each take's gain at a frequency, of a line over what is around it."""
+    near = np.abs(f - at) <= width / 2
+    u, y, x = drive[:, near], response[:, near], (f[near] - at) / width
+    a, b, c = (np.sum(np.abs(u) ** 2 * x**k, axis=1) for k in range(3))
+    p, q = (np.sum(u.conj() * y * x**k, axis=1) for k in range(2))
+    return (c * p - b * q) / (a * c - b * b)
+
+
+def difference(one: Calibration, other: Calibration, freq: ArrayLike) -> Array:
+    """Return by how much the gain of another calibration differs, relative to one's.
+
+    Examples
+    --------
+    >>> from stimlib.devices import Calibration
+    >>> from stimlib.devices.calibration import difference
+    >>> monday = Calibration([50, 500], [2.0, 2.0], [0.01, 0.01], "N")
+    >>> friday = Calibration([50, 500], [2.0, 1.8], [0.01, 0.01], "N")
+    >>> difference(monday, friday, [50, 500])
+    array([ 0. , -0.1])
+    """
+    at = np.atleast_1d(np.asarray(freq, float))
+    return np.array([other.full_scale(f) / one.full_scale(f) - 1 for f in at])

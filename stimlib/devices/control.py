@@ -1,0 +1,214 @@
+"""A control loop in Python: read a position, make samples, write a force."""
+
+from __future__ import annotations
+
+import reprlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.scene import Scene
+from ..errors import BadValue
+from .process import account, begin, fifo
+from .sink import Sink
+from .sources import Live
+
+Read = Callable[[], ArrayLike | None]
+Write = Callable[[NDArray[np.float64]], Any]
+MISSES = 100_000
+
+
+class ControlLoop(Sink):
+    """A sink for your own device: each period it reads, computes and writes.
+
+    For force devices, motor drivers and microcontrollers at some 1 kHz; the samples,
+    the safety stage, the log and its replay are those of every sink.
+
+    Parameters
+    ----------
+    scene : Scene
+    safety : Safety or float
+        Limits, in the outputs' units; nothing beyond ``full_scale`` is written.
+    read : callable
+        Returns the inputs, shape (n_inputs,) or, of several samples, (n_inputs, n), in
+        their units, or None where there is nothing new: the last position is held, and
+        after 50 ms without one the outputs fade out until there is one again.  A scene
+        without inputs needs none.
+    write : callable
+        Takes the outputs in their units, shape (n_outputs,), or (n_outputs, block).
+    watchdog : float
+        Where a period does not end within so many seconds, as when ``read`` hangs,
+        another thread writes zeros once, and the session ends.
+    spin : float
+        Seconds before each deadline that are waited for without sleeping; it lowers the
+        lateness and keeps one core busy.
+    **options
+        See ``Sink``; ``block`` of ``open`` is the number of samples in a period, 1 by
+        default.
+
+    Raises
+    ------
+    BadValue
+        Not callable; a watchdog not above 0.
+
+    Notes
+    -----
+    Deadlines are absolute: a late period does not move those after it.  Who comes a
+    whole period late has lost its samples, which the report and the log tell one by
+    one; where every period takes longer than it lasts, most samples are lost, and
+    nothing else says so.  Python's garbage collector, other threads of the program and
+    the system decide how late a period is; a servo loop that must never be late is
+    written in C.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.devices import ControlLoop
+    >>> spring = stimlib.Scene(
+    ...     {"force": stimlib.constant(100.0, "N/m") * stimlib.Input("x", "m")}
+    ... )
+    >>> written = []
+    >>> with ControlLoop(
+    ...     spring, 5.0, read=lambda: [0.01], write=written.append, realtime=False
+    ... ) as loop:
+    ...     loop.open(rate=1000)
+    ...     loop.start(seconds=0.3)
+    ...     loop.wait()
+    >>> bool(abs(max(written)[0] - 1.0) < 1e-6), written[-1]  # N, and at the end none
+    (True, array([0.]))
+    """
+
+    device = "control loop"
+    leads = False
+
+    def __init__(
+        self,
+        scene: Any,
+        safety: Any = None,
+        read: Read | None = None,
+        write: Write | None = None,
+        *,
+        watchdog: float = 0.1,
+        spin: float = 0.0,
+        **options: Any,
+    ):
+        reads = isinstance(scene, Scene) and scene.inputs
+        if not callable(write) or (reads and not callable(read)):
+            raise BadValue("ControlLoop: read and write must be functions")
+        times = isinstance(watchdog, int | float) and isinstance(spin, int | float)
+        if not (times and 0 < watchdog <= 10 and 0 <= spin <= 0.01):
+            raise BadValue(
+                f"ControlLoop: watchdog = {watchdog!r} s must be above 0, at most 10, and spin ="
+                f" {spin!r} s from 0 to 0.01"
+            )
+        super().__init__(scene, safety, motion=Live() if reads else None, **options)
+        self._read, self._write = read, write
+        self.silent_for, self._spin = watchdog, spin
+        self.misses: deque[tuple[int, int]] = deque(maxlen=MISSES)
+        """First sample and number of each stretch that was lost."""
+        self._late = np.zeros(2000, np.int64)  # periods by lateness, in steps of 10 us
+
+    def lateness(self, *percent: float) -> list[float]:
+        """Return percentiles of how late the periods began, in s, at most 10 us high.
+
+        Parameters
+        ----------
+        *percent : float
+            0 to 100.
+
+        Examples
+        --------
+        ``loop.lateness(50, 99, 99.9)``
+        """
+        counts = np.cumsum(self._late)
+        if not counts[-1]:
+            return [0.0 for _ in percent]
+        wanted = np.array(percent) / 100 * counts[-1]
+        return [1e-5 * (k + 1) for k in np.searchsorted(counts, np.maximum(wanted, 1)).tolist()]
+
+    def _open(self) -> None:
+        self.block = self.block or 1
+        self._frames = np.zeros((self.channels, self.block), np.float32)
+        scales = self.safety.scales(self.proc.outputs)
+        self._scales = np.array([[scales[i] if i >= 0 else 0.0] for i in self.map])
+        outs = self.pump.buffers("OUTS")
+        outs[:] = self._frames.ctypes.data + 4 * self.block * np.arange(self.channels)
+        self._thread = begin(
+            threading.Thread(target=self._loop, name="stimlib control loop", daemon=True)
+        )
+
+    def _loop(self) -> None:
+        if self.realtime and not fifo():
+            self._refused.append("real-time priority (ulimit -r)")
+        n = self.block or 1
+        period, start, k = 1e9 * n / self.rate, time.monotonic_ns(), 0
+        while self.pump.state != self.pump.native.CLOSED and not self._hangs:
+            k += 1
+            due = start + int(k * period)
+            if (early := due - time.monotonic_ns()) > 1e9 * self._spin:
+                time.sleep(1e-9 * early - self._spin)
+            while (late := time.monotonic_ns() - due) < 0:
+                pass
+            lost = int(late / period)
+            k += lost
+            self._late[min(late // 10_000, self._late.size - 1)] += 1
+            self._period(n, lost)
+        self._put(np.zeros_like(self._frames))
+
+    def _period(self, n: int, lost: int) -> None:
+        """Read, make a block and write it."""
+        if self.pump.state == self.pump.native.RUNNING and self._read is not None:
+            try:
+                if (x := self._read()) is not None:
+                    self.pump.put_motion(self._columns(x))
+            except BaseException as e:
+                self._fail(e, what="read failed")
+                self._read = None
+        at, before = self.pump.index, self.pump.read("LOST")
+        self.pump.block(n, lost * n)
+        if gone := self.pump.read("LOST") - before:
+            self.misses.append((at, gone))
+        if not self._hangs:
+            self._put(self._frames)
+
+    def _columns(self, x: ArrayLike) -> NDArray[np.float64]:
+        """Return what was read as columns, shape (n_inputs, n)."""
+        names, found = self.proc.inputs, np.asarray(x)
+        columns = found[:, None] if found.ndim == 1 else found
+        if columns.ndim != 2 or len(columns) != len(names) or found.dtype.kind not in "biuf":
+            raise BadValue(
+                f"it returned {reprlib.repr(x)} for the inputs {', '.join(names)}: return a list"
+                f" with one number for each, {len(names)} in all"
+            )
+        if not np.isfinite(columns).all():
+            raise BadValue("it returned numbers that are not finite")
+        return np.ascontiguousarray(columns, dtype=np.float64)
+
+    def _put(self, frames: NDArray[np.float32]) -> None:
+        y = frames * self._scales
+        try:
+            self._write(y[:, 0] if self.block == 1 else y)
+        except BaseException as e:
+            if not self._device_gone:
+                self._device_lost(f"write failed: {account(e)}")
+
+    def _device_lost(self, why: str) -> None:
+        """Write zeros from this thread where the loop hangs; note the loss."""
+        super()._device_lost(why)
+        if self._hangs:
+            self._put(np.zeros_like(self._frames))
+
+    gone = "a period has not ended for {:g} s: zeros were written."
+
+    def _close(self) -> None:
+        self.pump.write("STATE", self.pump.native.CLOSED)
+        if self._thread:
+            self._thread.join()
+
+    def _latency(self) -> float:
+        return (self.block or 1) / self.rate

@@ -1,0 +1,190 @@
+"""Markers: the samples at which something happened, told to other programs.
+
+A marker is stamped with the time at which its sample leaves the device, not with that
+of the call that tells of it: the device's clock is fitted to the host's while it plays.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import SinkError
+
+WINDOW = 30.0
+"""Seconds of the fit of the device's clock."""
+
+FEW, EARLY = 20, 2e-3
+"""With fewer calls than this, their spread is not known, and the uncertainty is at
+least so many seconds.
+"""
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A marker of a session.
+
+    Attributes
+    ----------
+    name : str
+        Of the output that rose, or as given to ``Sink.mark``.
+    value : float
+        The output's value there, or as given.
+    sample : int
+    time : float, s
+        When the sample leaves the device, on the host's monotonic clock
+        (``time.monotonic``); the device's own latency is included as it reports it.
+    uncertainty : float, s
+        95 % of the device's calls were nearer than this to the fitted clock; at least
+        2 ms during the first 20 calls.
+    lost : bool
+        Whether the device skipped the sample: nobody felt it.
+    """
+
+    name: str
+    value: float
+    sample: int
+    time: float
+    uncertainty: float
+    lost: bool = False
+
+
+class Clock:
+    """The device's clock against the host's, fitted to the beginnings of its blocks.
+
+    A call may come late, and never early: so the line is fitted to the earliest call
+    of each second.
+
+    Parameters
+    ----------
+    fs : float
+        Nominal sample rate in Hz.
+
+    Examples
+    --------
+    >>> from stimlib.devices.markers import Clock
+    >>> clock = Clock(1000.0)
+    >>> for k in range(100):
+    ...     clock.add(10 * k, 5_000_000_000 + 10_000_000 * k)
+    >>> clock.time(500)
+    (5.5, 0.0)
+    """
+
+    def __init__(self, fs: float):
+        self.fs = fs
+        self._pairs: deque[tuple[int, int]] = deque()
+        self._line: tuple[float, float, float, int, int] | None = None
+        self._lock = threading.Lock()
+
+    def add(self, sample: int, ns: int) -> None:
+        """Add the sample with which a block began, and its time in ns."""
+        with self._lock:
+            if not self._pairs or self._pairs[-1][0] != sample:
+                self._pairs.append((sample, ns))
+                self._line = None
+            while sample - self._pairs[0][0] > WINDOW * self.fs:
+                self._pairs.popleft()
+
+    def time(self, sample: int) -> tuple[float, float]:
+        """Return the time of a sample in s, and its uncertainty; nan before a block."""
+        with self._lock:
+            if not self._pairs:
+                return float("nan"), float("nan")
+            if self._line is None:
+                self._line = self._fitted()
+            offset, slope, error, at, ns = self._line
+        n = sample - at
+        return (ns + 1e9 * n / self.fs + offset + slope * n) * 1e-9, error * 1e-9
+
+    def _fitted(self) -> tuple[float, float, float, int, int]:
+        at, ns = self._pairs[0]
+        n = np.array([s - at for s, _ in self._pairs], float)
+        late = np.array([t - ns for _, t in self._pairs]) - 1e9 * n / self.fs
+        seconds = (n / self.fs).astype(int)
+        first = [int(np.argmin(np.where(seconds == s, late, np.inf))) for s in np.unique(seconds)]
+        if len(first) < 4:  # too short for a drift
+            offset, slope = float(late.min()), 0.0
+        else:
+            slope, offset = np.polyfit(n[first], late[first], 1).tolist()
+        error = float(np.quantile(np.abs(late - offset - slope * n), 0.95))
+        if len(n) < FEW:
+            error = max(error, 1e9 * EARLY)
+        return offset, slope, error, at, ns
+
+
+Send = Callable[[Marker], None]
+
+
+class Markers:
+    """The markers of a session, from the device to the functions that send them.
+
+    A thread of its own calls them, so that a slow one holds up nothing.
+
+    Parameters
+    ----------
+    fs : float
+        Hz.
+    send : sequence of callable
+        Each is called with every ``Marker``, in the order of samples.
+    failed : callable
+        ``failed(error, what=text)`` is called when one of them raises.
+    """
+
+    def __init__(self, fs: float, send: Sequence[Send], failed: Callable[..., None]):
+        self.clock, self.lost, self.count = Clock(fs), 0, 0
+        self.unsent = 0  # known at the end
+        self._sent = 0
+        self._send, self._failed = tuple(send), failed
+        self._waiting: list[tuple[int, str, float]] = []
+        self._gaps: list[tuple[int, int]] = []  # samples that were lost
+        self._lock = threading.Lock()
+        self._queue: queue.SimpleQueue[Marker | None] = queue.SimpleQueue()
+        self.thread = threading.Thread(target=self._run, name="stimlib markers", daemon=True)
+
+    def add(self, sample: int, name: str, value: float) -> None:
+        """Add a marker, which is sent as soon as its sample has left the device."""
+        with self._lock:
+            self._waiting.append((sample, name, value))
+            self._waiting.sort(key=lambda m: m[0])
+
+    def gap(self, sample: int, frames: int) -> None:
+        """Record a stretch of samples that the device has skipped."""
+        self._gaps = [*self._gaps[-99:], (sample, sample + frames)]
+
+    def due(self, until: int, latency: Callable[[], float]) -> list[Marker]:
+        """Send, and return, the markers of samples before ``until``."""
+        with self._lock:
+            n = sum(sample < until for sample, _, _ in self._waiting)
+            ready, self._waiting = self._waiting[:n], self._waiting[n:]
+        told, behind = [], latency() if ready else 0.0
+        for sample, name, value in ready:
+            at, uncertainty = self.clock.time(sample)
+            lost = any(first <= sample < end for first, end in self._gaps)
+            told.append(Marker(name, value, sample, at + behind, uncertainty, lost))
+            self._queue.put(told[-1])
+        self.count += len(told)
+        self.lost += sum(m.lost for m in told)
+        return told
+
+    def end(self, seconds: float) -> None:
+        """Wait until all are sent, at most so many seconds; count what is not."""
+        self._queue.put(None)
+        self.thread.join(seconds)
+        self.unsent = self.count - self._sent if self._send else 0
+        if self.unsent:
+            why = f"{self.unsent} of {self.count} markers were not sent: a sender is too slow"
+            self._failed(SinkError(f"{why}, or has failed; the log has all of them"))
+
+    def _run(self) -> None:
+        try:
+            while (marker := self._queue.get()) is not None:
+                for send in self._send:
+                    send(marker)
+                self._sent += 1
+        except BaseException as e:
+            self._failed(e, what="a marker could not be sent")

@@ -1,0 +1,558 @@
+"""Markers out and motion in: Lab Streaming Layer, OSC, UDP and serial ports.
+
+A transport is a function with a method ``close``.  One of markers takes each
+``Marker``; one of motion waits for rows of numbers, as ``Stream`` describes.  It serves
+one session after the other: whoever made it closes it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Any, Self
+
+from ..errors import BadValue, SinkError, public
+from ..system.packages import package
+from .markers import Marker
+
+Rows = tuple[list[list[float]], list[float]]
+"""Rows of numbers, and the sender's time of each in s, nan where it says none."""
+MOST = 256  # datagrams or lines that are taken at once
+
+
+class Transport:
+    """A function that sends markers or receives motion, with a ``close``."""
+
+    def __init__(self, function: Callable[[Any], Any], close: Callable[[], Any]):
+        self._function, self.close = function, close
+
+    def __call__(self, given: Any) -> Any:
+        """Send a marker, or wait at most so many seconds for rows."""
+        return self._function(given)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | None:
+    """Return the numbers of a line and the sender's time, or None of no numbers.
+
+    Examples
+    --------
+    >>> from stimlib.devices.transports import row_of
+    >>> row_of(b"12.5, 0.01 0.02", timed=True)
+    ([0.01, 0.02], 12.5)
+    >>> row_of(b"hello", timed=False) is None
+    True
+    """
+    try:
+        numbers = [float(text) for text in line.replace(b",", b" ").split()]
+    except ValueError:
+        return None
+    if len(numbers) <= timed:
+        return None
+    return (numbers[1:], numbers[0]) if timed else (numbers, math.nan)
+
+
+def listening(what: str, host: str, port: int) -> socket.socket:
+    """Return a UDP socket that receives at a port."""
+    here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        here.bind((host, port))
+    except (OSError, OverflowError) as e:
+        here.close()
+        raise SinkError(f"{what}: {host}:{port} cannot be listened to: {_why(e)}") from e
+    return here
+
+
+def sending(what: str, host: str, port: int) -> tuple[Callable[[bytes], None], Callable[[], None]]:
+    """Return a function that sends datagrams, and one that ends it."""
+    there = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        there.connect((host, port))
+    except (OSError, OverflowError) as e:
+        there.close()
+        raise SinkError(f"{what}: {host}:{port} cannot be sent to: {_why(e)}") from e
+
+    def send(data: bytes) -> None:
+        with suppress(ConnectionRefusedError):  # of the datagram before: nobody listens yet
+            there.send(data)
+
+    return send, there.close
+
+
+def _why(e: Exception) -> str:
+    if isinstance(e, OverflowError):
+        return "a port is a number from 0 to 65535"
+    return getattr(e, "strerror", None) or str(e)
+
+
+def datagrams(here: socket.socket, timeout: float) -> list[bytes]:
+    """Return what has come, after waiting for the first at most so many seconds."""
+    found: list[bytes] = []
+    here.settimeout(timeout)
+    with suppress(TimeoutError, BlockingIOError):
+        while len(found) < MOST:
+            found.append(here.recv(65536))
+            here.settimeout(0.0)
+    return found
+
+
+def opened(what: str, port: str, baudrate: int) -> Any:
+    """Return an open serial port."""
+    serial = package("serial", what)
+    try:
+        return serial.Serial(port, baudrate, timeout=0.0, write_timeout=1.0)
+    except (OSError, ValueError) as e:
+        raise SinkError(f"{what}: {port} cannot be opened: {e}") from e
+
+
+# markers ------------------------------------------------------------------------------
+@public
+def lsl_markers(name: str = "stimlib", numeric: bool = False) -> Transport:
+    """Return a Lab Streaming Layer outlet for markers, for ``Sink(send=..)``.
+
+    Parameters
+    ----------
+    name : str
+        Of the stream; its type is ``Markers``.
+    numeric : bool
+        Send the value as a number instead of the name as a text.
+
+    Returns
+    -------
+    callable
+        Each marker is stamped with its sample's time on LSL's clock.
+
+    Raises
+    ------
+    MissingPackage
+        pylsl is not installed.
+    """
+    pylsl = package("pylsl", "lsl_markers")
+    kind = "double64" if numeric else "string"
+    info = pylsl.StreamInfo(name, "Markers", 1, 0.0, kind, f"stimlib {name}")
+    outlet, ahead = [pylsl.StreamOutlet(info)], pylsl.local_clock() - time.monotonic()
+
+    def send(m: Marker) -> None:
+        outlet[0].push_sample([m.value if numeric else m.name], m.time + ahead)
+
+    return Transport(send, outlet.clear)
+
+
+@public
+def osc_markers(host: str, port: int, address: str = "/stimlib/marker") -> Transport:
+    """Return a sender of markers as Open Sound Control messages, for ``Sink(send=..)``.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+    address : str
+        Of the message, whose arguments are name, value, sample (text), time and
+        uncertainty in s, and whether it was lost.
+
+    Returns
+    -------
+    callable
+
+    Raises
+    ------
+    MissingPackage
+        python-osc is not installed.
+    SinkError
+        There is no such host or port.
+    """
+    send_data, close = sending("osc_markers", host, port)
+    messages = package("pythonosc.osc_message_builder", "osc_markers")
+
+    def send(m: Marker) -> None:
+        built = messages.OscMessageBuilder(address=address)
+        for value, kind in (
+            (m.name, "s"),
+            (m.value, "d"),
+            (m.sample, "h"),
+            (m.time, "d"),
+            (m.uncertainty, "d"),
+            (m.lost, "T" if m.lost else "F"),
+        ):
+            built.add_arg(value, kind)
+        send_data(built.build().dgram)
+
+    return Transport(send, close)
+
+
+@public
+def udp_markers(host: str, port: int) -> Transport:
+    """Return a sender of markers as JSON objects over UDP, for ``Sink(send=..)``.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+
+    Returns
+    -------
+    callable
+        One datagram for each marker, with the attributes of ``Marker``.
+
+    Raises
+    ------
+    SinkError
+        There is no such host or port.
+
+    Examples
+    --------
+    >>> import socket, stimlib
+    >>> from stimlib.devices import NullSink, udp_markers
+    >>> from stimlib.scenes import pulse
+    >>> there = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    >>> there.bind(("127.0.0.1", 0))
+    >>> send = udp_markers(*there.getsockname())
+    >>> with NullSink(
+    ...     pulse(1.0, repeats=1), 1.0, clocked=False, markers=["signal"], send=[send]
+    ... ) as sink:
+    ...     sink.open(rate=8000)
+    ...     sink.start(seconds=0.1)
+    ...     sink.wait()
+    >>> there.recv(1000)[:42]
+    b'{"name": "signal", "value": 1.0, "sample":'
+    >>> send.close(), there.close()
+    (None, None)
+    """
+    send, close = sending("udp_markers", host, port)
+    return Transport(lambda m: send(json.dumps(asdict(m)).encode()), close)
+
+
+@public
+def serial_markers(port: str, codes: Mapping[str, int], baudrate: int = 115200) -> Transport:
+    """Return a sender of one byte for each marker, for ``Sink(send=..)``.
+
+    Parameters
+    ----------
+    port : str
+        Such as ``"/dev/ttyUSB0"`` or ``"COM3"``: a trigger box, or a microcontroller.
+    codes : dict of str to int
+        The byte, 0 to 255, of each name; markers of other names are not sent.
+    baudrate : int
+        Bits per second.
+
+    Returns
+    -------
+    callable
+
+    Raises
+    ------
+    MissingPackage
+        pyserial is not installed.
+    SinkError
+        The port cannot be opened.
+    BadValue
+        A code that is no byte.
+    """
+    for name, code in codes.items():
+        if not 0 <= code <= 255:
+            raise BadValue(f"serial_markers: codes[{name!r}] = {code} must be from 0 to 255")
+    line = opened("serial_markers", port, baudrate)
+
+    def send(m: Marker) -> None:
+        if m.name in codes:
+            line.write(bytes([codes[m.name]]))
+
+    return Transport(send, line.close)
+
+
+@public
+def sender(text: str) -> Transport:
+    """Return the sender of markers that a text names, as ``--send`` has it.
+
+    Parameters
+    ----------
+    text : str
+        ``lsl:NAME``, ``osc:HOST:PORT``, ``udp:HOST:PORT``, or
+        ``serial:PORT:onset=1,stimulus=2`` with the byte of each marker's name.
+
+    Raises
+    ------
+    BadValue
+        A text of another form.
+    MissingPackage, SinkError
+        As the functions for each.
+
+    Examples
+    --------
+    >>> from stimlib.devices.transports import sender
+    >>> with sender("udp:127.0.0.1:9000") as send:
+    ...     callable(send)
+    True
+    """
+    kind, _, place = text.partition(":")
+    host, _, last = place.rpartition(":")
+    if kind == "lsl" and place:
+        return lsl_markers(place)
+    if kind in ("osc", "udp") and host and last.isdecimal():
+        return (osc_markers if kind == "osc" else udp_markers)(host, int(last))
+    codes = dict(part.split("=") for part in last.split(",") if part.count("=") == 1)
+    if kind == "serial" and host and codes and all(c.isdecimal() for c in codes.values()):
+        return serial_markers(host, {name.strip(): int(code) for name, code in codes.items()})
+    raise BadValue(
+        f"send = {text!r}: write lsl:NAME, osc:HOST:PORT, udp:HOST:PORT or"
+        " serial:PORT:onset=1,stimulus=2"
+    )
+
+
+# motion -------------------------------------------------------------------------------
+@public
+def receiver(text: str) -> Transport:
+    """Return the receiver of rows that a text names, as ``--stream`` has it.
+
+    Parameters
+    ----------
+    text : str
+        ``lsl:NAME``, ``osc:PORT/ADDRESS``, ``udp:PORT`` or ``serial:PORT``.
+
+    Raises
+    ------
+    BadValue
+        A text of another form.
+    MissingPackage, SinkError
+        As the functions for each.
+
+    Examples
+    --------
+    >>> from stimlib.devices.transports import receiver
+    >>> with receiver("udp:0") as receive:
+    ...     receive(0.0)
+    ([], [])
+    """
+    kind, _, place = text.partition(":")
+    if kind == "lsl" and place:
+        return lsl_motion(place)
+    port, slash, address = place.partition("/")
+    if kind == "osc" and port.isdecimal() and address:
+        return osc_motion(int(port), slash + address)
+    if kind == "udp" and place.isdecimal():
+        return udp_motion(int(place))
+    if kind == "serial" and place:
+        return serial_motion(place)
+    raise BadValue(f"stream = {text!r}: write lsl:NAME, osc:PORT/ADDRESS, udp:PORT or serial:PORT")
+
+
+@public
+def lsl_motion(name: str, wait: float = 10.0) -> Transport:
+    """Return a receiver of a Lab Streaming Layer stream, for ``Stream``.
+
+    Parameters
+    ----------
+    name : str
+        Of the stream; the first of this name.
+    wait : float
+        Seconds in which it must appear.
+
+    Returns
+    -------
+    callable
+        Rows with the sender's times on LSL's clock.  A stream that goes away and comes
+        back is taken up again.
+
+    Raises
+    ------
+    MissingPackage
+        pylsl is not installed.
+    SinkError
+        There is no such stream.
+    """
+    pylsl = package("pylsl", "lsl_motion")
+    found = pylsl.resolve_byprop("name", name, timeout=wait)
+    if not found:
+        raise SinkError(f"lsl_motion: no stream {name!r} appeared within {wait:g} s")
+    inlet = [pylsl.StreamInlet(found[0], max_buflen=1)]
+    inlet[0].open_stream(timeout=wait)
+
+    def receive(timeout: float) -> Rows:
+        row, at = inlet[0].pull_sample(timeout=timeout)
+        if row is None:
+            return [], []
+        rows, times = inlet[0].pull_chunk(timeout=0.0, max_samples=MOST)
+        return [row, *rows], [at, *times]
+
+    return Transport(receive, inlet.clear)
+
+
+@public
+def lsl_streams(wait: float = 1.0) -> list[dict[str, Any]]:
+    """Return the Lab Streaming Layer streams that can be seen from here.
+
+    Parameters
+    ----------
+    wait : float
+        Seconds in which they may answer.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``type``, ``channels``, ``fs`` (Hz, 0 where irregular) and ``host`` of
+        each.
+
+    Raises
+    ------
+    MissingPackage
+        pylsl is not installed.
+    """
+    return [
+        {
+            "name": found.name(),
+            "type": found.type(),
+            "channels": found.channel_count(),
+            "fs": found.nominal_srate(),
+            "host": found.hostname(),
+        }
+        for found in package("pylsl", "lsl_streams").resolve_streams(wait)
+    ]
+
+
+@public
+def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
+    """Return a receiver of Open Sound Control messages, for ``Stream``.
+
+    Parameters
+    ----------
+    port : int
+        To listen to.
+    address : str
+        Of the messages; others are passed over.
+    host : str
+        Address to listen on; ``""`` is every one of this machine.
+
+    Returns
+    -------
+    callable
+
+    Raises
+    ------
+    MissingPackage
+        python-osc is not installed.
+    SinkError
+        The port cannot be listened to.
+    """
+    osc = package("pythonosc.osc_packet", "osc_motion")
+    here = listening("osc_motion", host, port)
+
+    def receive(timeout: float) -> Rows:
+        rows: list[list[float]] = []
+        for data in datagrams(here, timeout):
+            if not data.startswith((b"/", b"#bundle")):  # python-osc would print it
+                rows.append([])
+                continue
+            with suppress(osc.ParseError):
+                for timed in osc.OscPacket(data).messages:
+                    if timed.message.address == address:
+                        rows.append([_number(v) for v in timed.message.params])
+        return rows, [math.nan] * len(rows)
+
+    return Transport(receive, here.close)
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
+@public
+def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Transport:
+    """Return a receiver of UDP datagrams with numbers, for ``Stream``.
+
+    Parameters
+    ----------
+    port : int
+        To listen to.
+    host : str
+        Address to listen on; ``""`` is every one of this machine.
+    timed : bool
+        The first number of each line is the sender's time in s.
+
+    Returns
+    -------
+    callable
+        Each line of a datagram is a row of numbers in text, with blanks or commas
+        between them; what is none is passed over.
+
+    Raises
+    ------
+    SinkError
+        The port cannot be listened to.
+
+    Examples
+    --------
+    >>> import socket
+    >>> from stimlib.devices import udp_motion
+    >>> receive = udp_motion(0)
+    >>> receive(0.0)
+    ([], [])
+    >>> receive.close()
+    """
+    here = listening("udp_motion", host, port)
+
+    def receive(timeout: float) -> Rows:
+        return _rows(b"\n".join(datagrams(here, timeout)).split(b"\n"), timed)
+
+    made = Transport(receive, here.close)
+    made.port = here.getsockname()[1]  # type: ignore[attr-defined]
+    return made
+
+
+def _rows(lines: list[bytes], timed: bool) -> Rows:
+    found = [row for row in (row_of(line, timed) for line in lines) if row]
+    return [row for row, _ in found], [at for _, at in found]
+
+
+@public
+def serial_motion(port: str, baudrate: int = 115200, timed: bool = False) -> Transport:
+    """Return a receiver of numbers from a serial port, for ``Stream``.
+
+    Parameters
+    ----------
+    port : str
+        Such as ``"/dev/ttyACM0"`` or ``"COM3"``.
+    baudrate : int
+        Bits per second.
+    timed : bool
+        The first number of each line is the sender's time in s.
+
+    Returns
+    -------
+    callable
+        Each line is a row of numbers in text, with blanks or commas between them; what
+        is none is passed over.  A device that is unplugged is opened again when it is
+        back.
+
+    Raises
+    ------
+    MissingPackage
+        pyserial is not installed.
+    SinkError
+        The port cannot be opened.
+    """
+    line, left = [opened("serial_motion", port, baudrate)], [b""]
+
+    def receive(timeout: float) -> Rows:
+        try:
+            line[0].timeout = timeout
+            data = line[0].read(1) + line[0].read(line[0].in_waiting)
+        except (OSError, TypeError):  # unplugged
+            line[0].close()
+            time.sleep(timeout)
+            with suppress(SinkError):
+                line[0] = opened("serial_motion", port, baudrate)
+            return [], []
+        *lines, left[0] = (left[0] + data)[-65536:].split(b"\n")
+        return _rows(lines, timed)
+
+    return Transport(receive, lambda: line[0].close())

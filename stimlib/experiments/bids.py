@@ -1,0 +1,321 @@
+"""Sessions as datasets for other tools: BIDS and Psych-DS.
+
+BIDS, the Brain Imaging Data Structure: Gorgolewski et al., Scientific Data 3 (2016);
+the specification is version 1.10. Psych-DS: https://psych-ds.github.io, version 0.4.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadValue, SinkError, public
+from ..files.log_reader import read_log
+from ..files.log_replay import delivered, replay, without_inverse
+from ..system import safe_files
+from ..version import __version__
+from .experiment import Experiment
+from .reader import Saved, columns, csv_of
+from .trial import Record
+
+COLUMNS = {
+    "number": {"Description": "Number of the trial in its session, from 1"},
+    "condition": {"Description": "Condition of the trial"},
+    "track": {"Description": "Staircase or other sequence that the trial belongs to"},
+    "level": {"Description": "Level of the stimulus that was varied"},
+    "chance": {"Description": "Probability of a correct answer by guessing"},
+    "outcome": {"Description": "Whether the answer was correct, or what it was"},
+    "seconds": {"Description": "Time from the end of the stimuli to the answer", "Units": "s"},
+    "replays": {"Description": "How often the stimuli were presented again"},
+    "training": {"Description": "Whether the trial was for training and does not count"},
+}
+TRACKED = {"m": "POS", "m/s": "VEL", "m/s**2": "ACCEL"}  # types of motion channels, by unit
+
+
+@public
+def to_bids(
+    experiment: Experiment,
+    found: Sequence[Saved],
+    folder: str | os.PathLike[str],
+    authors: Sequence[str] = (),
+    signals: bool = True,
+) -> list[Path]:
+    """Write sessions as a BIDS dataset of behavioural data, motion and stimuli.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    found : sequence of Saved
+        Of ``sessions``.
+    folder : path
+        A new or empty folder.
+    authors : sequence of str
+        For the dataset's description.
+    signals : bool
+        Whether the trials that have a log come with what was displayed and felt.
+
+    Returns
+    -------
+    list of Path
+        The files: ``dataset_description.json``, ``README.md``, ``participants.tsv``,
+        and for each session ``sub-P01/ses-1/beh/sub-P01_ses-1_task-NAME_beh.tsv`` with
+        its JSON sidecar, one row for each trial.  Trial 3, if it has a log, is run 3:
+        ``.._run-3_events.tsv`` has the onsets of its stimuli, ``.._run-3_stim.tsv.gz``
+        the outputs in their units, 0 where samples were lost, and
+        ``motion/.._tracksys-input_run-3_motion.tsv`` the motion; time 0 is its first
+        sample.
+
+    Raises
+    ------
+    BadValue
+        No trials; a folder that has files; two participants whose labels are the same
+        without signs.
+    SinkError
+        The folder cannot be written; a log is missing or damaged.
+
+    Examples
+    --------
+    See docs/howto/experiments.rst.
+    """
+    at, told = Path(folder), _told("to_bids", experiment, found, folder)
+    labels = {s.header["participant"]: label(s.header["participant"]) for s in told}
+    if len(set(labels.values())) < len(labels):
+        raise BadValue(f"to_bids: participants have one label without signs: {labels}")
+    task = label(experiment.name)
+    files: dict[str, str | bytes] = {
+        "dataset_description.json": _json(
+            {
+                "Name": experiment.name,
+                "BIDSVersion": "1.10.0",
+                "DatasetType": "raw",
+                "Authors": list(authors),
+                "GeneratedBy": [{"Name": "stimlib", "Version": __version__}],
+            }
+        ),
+        "README.md": f"# {experiment.name}\n\nVersion {experiment.version} of the experiment, run"
+        f" with stimlib {__version__}. Each row of a `_beh.tsv` is a trial.\n",
+        "participants.tsv": _tsv({"participant_id": [f"sub-{x}" for x in labels.values()]}),
+    }
+    described = _described(experiment)
+    for s in told:
+        who, session = s.header["participant"], s.header["session"]
+        name = f"sub-{labels[who]}_ses-{session}_task-{task}"
+        table = columns([s], training=True)
+        place = f"sub-{labels[who]}/ses-{session}"
+        rows = {k: v for k, v in table.items() if k not in ("participant", "session")}
+        files[f"{place}/beh/{name}_beh.tsv"] = _tsv(rows)
+        facts = {k: described[k] for k in rows if k in described}
+        told_them = {"Instructions": experiment.instructions} if experiment.instructions else {}
+        files[f"{place}/beh/{name}_beh.json"] = _json(
+            {"TaskName": experiment.name, **told_them, **facts}
+        )
+        for r in s.records if signals else ():
+            shown = r.displayed[-1] if r.displayed else {}
+            if "log" in shown:
+                files |= _run(experiment, s, r, shown, place, name)
+    return _written(at, files)
+
+
+def _run(
+    experiment: Experiment, s: Saved, r: Record, shown: Mapping[str, Any], place: str, name: str
+) -> dict[str, str | bytes]:
+    """Return the files of a trial with a log: events, stimulus and motion."""
+    found = read_log(s.folder / shown["log"])
+    if not (again := replay(found)).matches:
+        raise SinkError(
+            f"{found.folder}: {again}; put back a whole copy of it, or export without signals"
+        )
+    log = without_inverse(found)
+    at = f"{place}/beh/{name}_run-{r.number}"
+    spans = np.array(shown["intervals"])
+    kinds = [stimulus.scene for stimulus in r.trial.stimuli]
+    events = {
+        "onset": (spans[:, 0] / log.fs).tolist(),
+        "duration": (np.diff(spans)[:, 0] / log.fs).tolist(),
+        "trial_type": [r.trial.condition] * len(spans),
+        "scene": kinds,
+    }
+    task = {"TaskName": experiment.name}
+    told = {
+        "trial_type": COLUMNS["condition"],
+        "scene": {"Description": "Scene of the experiment that was displayed"},
+    }
+    frames = [f.astype(np.float64) * there for _, f, there in delivered(log)]
+    outputs = np.concatenate(frames) * log.safety.scales(log.outputs)
+    units, start = log.header["units"], {"StartTime": 0.0, "SamplingFrequency": log.fs}
+    facts = {n: {"Units": units[n]} for n in log.outputs}
+    files: dict[str, str | bytes] = {
+        f"{at}_events.tsv": _tsv(events),
+        f"{at}_events.json": _json({**task, **told}),
+        f"{at}_stim.tsv.gz": gzip.compress(_rows(outputs).encode(), mtime=0),
+        f"{at}_stim.json": _json({**task, **start, "Columns": list(log.outputs), **facts}),
+    }
+    if log.inputs:
+        moved = f"{place}/motion/{name}_tracksys-input_run-{r.number}"
+        channels = {
+            "name": list(log.inputs),
+            "component": [n[-1] if n[-1] in "xyz" else "n/a" for n in log.inputs],
+            "type": [TRACKED.get(units[n], "MISC") for n in log.inputs],
+            "tracked_point": ["hand"] * len(log.inputs),
+            "units": [units[n] for n in log.inputs],
+        }
+        about = {
+            **task,
+            "SamplingFrequency": log.fs,
+            "TrackedPointsCount": 1,
+            "MotionChannelCount": len(log.inputs),
+        }
+        files |= {
+            f"{moved}_motion.tsv": _rows(np.asarray(log.motion)),
+            f"{moved}_motion.json": _json(about),
+            f"{moved}_channels.tsv": _tsv(channels),
+            f"{moved}_events.tsv": _tsv(events),
+            f"{moved}_events.json": files[f"{at}_events.json"],
+        }
+    return files
+
+
+@public
+def to_psych_ds(
+    experiment: Experiment,
+    found: Sequence[Saved],
+    folder: str | os.PathLike[str],
+    authors: Sequence[str] = (),
+) -> list[Path]:
+    """Write sessions as a Psych-DS dataset: one CSV file for each session.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    found : sequence of Saved
+        Of ``sessions``.
+    folder : path
+        A new or empty folder.
+    authors : sequence of str
+        For the dataset's description.
+
+    Returns
+    -------
+    list of Path
+        ``dataset_description.json`` and, for each session,
+        ``data/study-NAME_subject-P01_session-1_data.csv``, one row for each trial.
+
+    Raises
+    ------
+    BadValue
+        No trials; a folder that has files.
+    SinkError
+        The folder cannot be written.
+
+    Examples
+    --------
+    See docs/howto/experiments.rst.
+    """
+    told = _told("to_psych_ds", experiment, found, folder)
+    described, variables = _described(experiment), dict[str, None]()
+    files: dict[str, str | bytes] = {}
+    for s in told:
+        who, session = label(s.header["participant"]), s.header["session"]
+        table = columns([s], training=True)
+        name = f"study-{label(experiment.name)}_subject-{who}_session-{session}_data.csv"
+        files[f"data/{name}"] = csv_of(table)
+        variables |= dict.fromkeys(table)
+    measured = [
+        {
+            "@type": "PropertyValue",
+            "name": k,
+            "description": described.get(k, {}).get("Description", k),
+        }
+        for k in variables
+    ]
+    about = {
+        "@context": "https://schema.org/",
+        "@type": "Dataset",
+        "name": experiment.name,
+        "description": f"Version {experiment.version} of the experiment, run with stimlib"
+        f" {__version__}; a row is a trial",
+        "author": [{"@type": "Person", "name": a} for a in authors],
+        "variableMeasured": measured,
+    }
+    return _written(Path(folder), {"dataset_description.json": _json(about), **files})
+
+
+def _told(
+    what: str, experiment: Experiment, found: Sequence[Saved], folder: str | os.PathLike[str]
+) -> list[Saved]:
+    """Return the sessions with answers; refuse a folder that has files."""
+    at = Path(folder)
+    if at.is_dir() and any(at.iterdir()):
+        raise BadValue(f"{what}: {at} has files: give a new folder")
+    told = [s for s in found if s.records]
+    if not told:
+        raise BadValue(f"{what}: the sessions of {experiment.name} have no answers yet")
+    names = {s.header["experiment"].get("name", experiment.name) for s in told}
+    if others := names - {experiment.name}:
+        raise BadValue(f"{what}: sessions of {others.pop()}, and not of {experiment.name}")
+    if len({(s.folder, s.header["participant"]) for s in told}) < len(told):
+        raise BadValue(f"{what}: a session is there twice")
+    return told
+
+
+def _described(experiment: Experiment) -> dict[str, dict[str, str]]:
+    return COLUMNS | {q.name: {"Description": q.text} for q in experiment.questions}
+
+
+def _written(at: Path, files: Mapping[str, str | bytes]) -> list[Path]:
+    """Write all files, or leave no folder."""
+    try:
+        for name, data in files.items():
+            safe_files.make_folder((at / name).parent)
+            safe_files.publish(at / name, data)
+    except BaseException:
+        shutil.rmtree(at, ignore_errors=True)  # it was new or empty
+        raise
+    return [at / name for name in files]
+
+
+def _rows(values: np.ndarray) -> str:
+    """Return samples as lines of numbers, without a header, as BIDS has them."""
+    text = io.StringIO()
+    np.savetxt(text, values, "%.9g", "\t")
+    return text.getvalue()
+
+
+def label(text: str) -> str:
+    """Return a text as a label of BIDS, which has letters and digits only.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.bids import label
+    >>> label("P-01 (left)")
+    'P01left'
+    """
+    found = re.sub(r"[^0-9A-Za-z]", "", text)
+    if not found:
+        raise BadValue(f"to_bids: {text!r} has no letter or digit for a label")
+    return found
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, indent=2) + "\n"
+
+
+def _tsv(table: dict[str, list[Any]]) -> str:
+    lines = [list(table), *zip(*table.values(), strict=True)]
+    return "".join("\t".join(map(_cell, line)) + "\n" for line in lines)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "n/a"
+    text = json.dumps(value) if isinstance(value, bool | list | dict) else str(value)
+    return " ".join(text.split()) or "n/a"

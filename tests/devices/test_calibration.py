@@ -1,0 +1,318 @@
+"""Calibration: a simulated actuator is recovered, kept, and undone."""
+
+import json
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import pytest
+from commands import ran
+from scipy.signal import lfilter
+
+import stimlib
+from stimlib import BadValue, SinkError, UnitError
+from stimlib.checks import verify, verify_log
+from stimlib.devices import (
+    Calibration,
+    NullSink,
+    calibrate,
+    load_calibration,
+    record_sweep,
+)
+from stimlib.devices.calibration import difference
+from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
+from stimlib.experiments.presentation import present
+from stimlib.files import read, read_log, replay
+from stimlib.plate import Sweep
+from stimlib.run import Safety
+from stimlib.scenes import tone
+
+FS = 4000.0
+BAND = (80.0, 400.0)
+
+
+def actuator(fs=FS, freq=180.0, q=5.0, gain=4.0):
+    """A resonance as a digital filter, in m/s^2 for 1.0: its coefficients b, a."""
+    w = 2 * np.pi * freq / fs
+    r = np.exp(-w / 2 / q)
+    a = [1.0, -2 * r * np.cos(w), r * r]
+    at_peak = 1 / np.polyval(a[::-1], np.exp(-1j * w))
+    return [gain / abs(at_peak)], a
+
+
+def response(f, fs=FS):
+    b, a = actuator(fs)
+    return b[0] / np.polyval(a[::-1], np.exp(-2j * np.pi * f / fs))
+
+
+def taken(rng, noise, takes=5, seconds=4.0):
+    n = int(seconds * FS)
+    t = np.arange(n) / FS
+    sweep = np.sin(2 * np.pi * (50 * t + 400 / (2 * 3.5) * t * t)) * (t < 3.5)  # 50 to 450 Hz
+    y = lfilter(*actuator(), sweep)
+    return Sweep(sweep, y + noise * rng.normal(size=(takes, n)), FS)
+
+
+def test_the_uncertainty_holds_in_95_of_100_runs():
+    """Each run its own noise, 20 dB below the signal; at three frequencies."""
+    rng = np.random.default_rng(4)
+    inside = np.zeros(3)
+    for _ in range(100):
+        found = calibrate(taken(rng, 0.3), "m/s^2", BAND)
+        for k, f in enumerate((120.0, 180.0, 300.0)):
+            true = abs(response(f))
+            inside[k] += abs(found.full_scale(f) / true - 1) <= found.error(f) + 1e-3
+    assert (inside >= 90).all() and inside.mean() < 99.5, inside
+
+
+def test_without_noise_it_is_the_response():
+    found = calibrate(taken(np.random.default_rng(0), 0.0), "m/s^2", BAND, resolution=1.0)
+    assert np.abs(found.gain / response(found.freq) - 1).max() < 2e-3
+    assert found.uncertainty.max() < 1e-12 and found.freq[0] == 80 and found.freq[-1] == 400
+    both = calibrate(taken(np.random.default_rng(0), 0.0), "m/s^2", BAND, sensor=0.02)
+    assert both.error(100.0) == pytest.approx(0.02)
+
+
+def test_it_comes_of_sweeps_through_a_sink():
+    seconds, rest = 3.0, 0.5
+    chirp = stimlib.Scene({"u": stimlib.blocks.chirp(50.0, 450.0, seconds)})
+    u = stimlib.render(chirp, fs=FS, seconds=seconds + rest)["u"]
+    rng = np.random.default_rng(2)
+    answers = iter(lfilter(*actuator(), u) + 0.01 * rng.normal(size=(3, u.size)))
+
+    def sink(scene, safety, motion, **options):
+        return NullSink(scene, safety, motion={"response": next(answers)}, clocked=False, **options)
+
+    sweep = record_sweep(
+        sink,
+        1.0,
+        np.zeros(u.size),
+        FS,
+        (50.0, 450.0),
+        seconds,
+        rest,
+        points=range(3),
+        ready=lambda k, place, error: None,
+    )
+    found = calibrate(sweep, "m/s^2", BAND, on="2026-11-25", parts={"actuator": "BM3C 0042"})
+    assert found.full_scale(180.0) == pytest.approx(abs(response(180.0)), rel=0.01)
+    assert repr(found) == "Calibration(m/s^2 from 80 to 400 Hz, 2026-11-25)"
+
+
+def felt(scene, fs=FS, seconds=1.5):
+    """What the actuator makes of it, in the middle."""
+    y = stimlib.render(scene, fs=fs, seconds=seconds)["signal"]
+    return lfilter(*actuator(fs), y)[int(0.5 * fs) : int(fs)]
+
+
+def test_an_amplitude_that_is_asked_for_arrives():
+    made = calibrate(taken(np.random.default_rng(1), 0.02), "m/s^2", BAND)
+    for f in (100.0, 180.0, 350.0):
+        wanted = tone(freq=f, amplitude=0.5, duration=1.4, period=1.5, unit="m/s^2")
+        scale = made.full_scale(f)  # of a sink: value / scale goes to the device
+        y = stimlib.render(wanted, fs=FS, seconds=1.5)["signal"] / scale
+        reached = np.abs(lfilter(*actuator(), y)[2000:4000]).max()
+        assert reached == pytest.approx(0.5, rel=made.error(f) + 2e-3)
+        drive = made.drive(wanted, FS)
+        assert str(drive.outputs["signal"].dim) == "1"
+        assert np.abs(felt(drive)).max() == pytest.approx(0.5, rel=made.error(f) + 5e-3)
+
+
+def test_the_inverse_filter_keeps_the_shape():
+    """Noise in the band comes out as it was asked for, later by half the taps."""
+    made = Calibration(f := np.arange(80.0, 401.0), response(f), 0 * f, "m/s^2")
+    noise = stimlib.blocks.band_noise(120.0, 300.0, psd=1e-3, seed=3, order=8)
+    wanted = stimlib.Scene({"signal": stimlib.constant(1.0, "m/s^2") * noise})
+    y = stimlib.render(wanted, fs=FS, seconds=3.0)["signal"]
+    got = lfilter(*actuator(), stimlib.render(made.drive(wanted, FS), fs=FS, seconds=3.0)["signal"])
+    apart = got[4064:-64] - y[4000:-128]
+    assert np.std(apart) < 1e-3 * np.std(y)
+
+
+def test_a_file_is_the_calibration(tmp_path):
+    made = calibrate(taken(np.random.default_rng(1), 0.1), "m/s^2", BAND, parts={"sensor": "7"})
+    made.save(path := tmp_path / "a.json")
+    again = load_calibration(path)
+    for name in ("freq", "gain", "uncertainty"):
+        assert np.array_equal(getattr(again, name), getattr(made, name))
+    assert (again.unit, again.date, again.parts) == (made.unit, made.date, {"sensor": "7"})
+    data = json.loads(path.read_text())
+    for wrong in (
+        {"freq": [1.0]},
+        {"unit": "loud"},
+        {"uncertainty": [-1.0]},
+        {"gain_real": "x"},
+        {"gain_imag": [0.0, 0.0]},
+    ):
+        path.write_text(json.dumps(data | wrong))
+        with pytest.raises(SinkError, match="is not a calibration"):
+            load_calibration(path)
+    with pytest.raises(SinkError):
+        load_calibration(tmp_path / "nothing.json")
+
+
+def test_a_change_is_seen():
+    f = np.array([80.0, 400.0])
+    monday, friday = (Calibration(f, g * np.ones(2), [0.01, 0.01], "N") for g in (2.0, 1.7))
+    assert difference(monday, friday, 100.0) == pytest.approx([-0.15])
+
+
+def test_limits_are_in_the_unit_of_the_calibration():
+    made = Calibration([80.0, 400.0], [2.0, 2.0], [0.01, 0.01], "m/s^2")
+    scene = tone(freq=100.0, amplitude=3.0, unit="m/s^2")  # more than the actuator makes
+    with NullSink(scene, Safety(made.full_scale(100.0)), clocked=False) as sink:
+        sink.open(FS)
+        sink.start(0.2)
+        sink.wait()
+    assert sink.report().clips["clip"]["signal"] > 10
+
+
+def displayed(scene, tmp_path, **options):
+    """Play and return the report, and what the device got, for sample 0 on."""
+    log = Path(mkdtemp(dir=tmp_path))
+    with NullSink(scene, log=log, clocked=False, **options) as sink:
+        sink.open(FS)
+        sink.start(1.5)
+        sink.wait()
+    assert verify_log(read_log(log)).passed
+    assert replay(read_log(log), tmp_path / "played.wav").matches
+    frames = read(tmp_path / "played.wav")[0]
+    return sink.report(), frames / sink.safety.scales(tuple(scene.outputs))[:, None]
+
+
+def test_a_sink_makes_what_the_scene_asks_for(tmp_path):
+    """Its limits are in the calibration's unit; a pulse without one stays beside it."""
+    made = Calibration(f := np.arange(80.0, 401.0), response(f), 0 * f, "m/s^2")
+    wanted = tone(freq=100.0, amplitude=0.5, duration=1.4, period=1.5, unit="m/s^2")
+    beside = stimlib.blocks.burst(0.25, 0.1)
+    scene = stimlib.Scene({**wanted.outputs, "trigger": beside})
+    y = stimlib.render(scene, fs=FS, seconds=1.5)
+    report, (drive, trigger) = displayed(scene, tmp_path, calibration=made)
+    late = made.inverse(FS).size // 2
+    reached = lfilter(*actuator(), drive)
+    assert np.abs(reached[late + 400 : 5600] - y["signal"][400 : 5600 - late]).max() < 1e-3
+    assert np.array_equal(trigger[late:], y["trigger"][:-late])
+    assert report.clips == {}
+    limited = Safety({"signal": 0.2, "trigger": 1.0})
+    report, (drive, _) = displayed(scene, tmp_path, calibration=made, safety=limited)
+    assert set(report.clips) == {"clip"}
+    assert np.sqrt(2) * np.std(lfilter(*actuator(), drive)[2000:4000]) < 0.27
+
+
+def test_more_than_the_device_has_is_limited_and_counted(tmp_path):
+    made = Calibration(f := np.arange(80.0, 401.0), response(f), 0 * f, "m/s^2")
+    wanted = tone(freq=100.0, amplitude=1.9, duration=1.4, period=1.5, unit="m/s^2")
+    report, (drive,) = displayed(wanted, tmp_path, calibration=made)  # at 100 Hz it makes 1.1
+    assert report.clips["drive"]["signal"] > 1000 and np.abs(drive).max() == 1.0
+
+
+ACTUATOR = """\
+import stimlib
+from stimlib.scenes import tone
+
+def vibration():
+    return tone(freq=100.0, amplitude=0.5, duration=1.4, period=1.5, unit="m/s^2")
+"""
+
+
+def test_commands_take_the_file(tmp_path, monkeypatch):
+    """A level in RMS, through the calibration's file, in a log and in a sound file."""
+    monkeypatch.chdir(tmp_path)
+    f = np.arange(80.0, 401.0)
+    Calibration(f, response(f), 0 * f, "m/s^2").save("a.json")
+    Path("own.py").write_text(ACTUATOR)
+    words = ["own.py:vibration", "--calibration", "a.json", "--fs", "4000", "--seconds", "1.5"]
+    words += ["--set", "amplitude=0.3 m/s^2 rms"]
+    ran(["play", *words, "--fast", "--log", "b.stimlog"])
+    assert replay(read_log("b.stimlog"), "b.wav").matches
+    ran(["render", *words, "--out", "c.wav"])
+    assert verify("c.wav").passed
+    for name, scale in (("b.wav", np.abs(response(f)).max()), ("c.wav", 1.0)):
+        felt = lfilter(*actuator(), read(name)[0][0] / scale)[2000:4000]
+        assert np.std(felt) == pytest.approx(0.3, rel=2e-3)
+
+
+def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
+    f = np.arange(80.0, 401.0)
+    made = Calibration(f, response(f), 0 * f, "m/s^2")
+    wanted = tone(freq=100.0, duration=0.3, period=1.0, repeats=1, unit="m/s^2")
+    trial = Trial("loud", (Stimulus("tone", {"amplitude": 0.4}),), ("felt",))
+    timing = Timing(before=0.2, interval=0.5, ramp=0.02)
+    e = Experiment(
+        "vibration", "1", {"tone": wanted}, lambda who, session: None,
+        (choice("felt", "Did you feel it?", "yes", "no"),), fs=FS, safety=1.0, timing=timing,
+        bounds={"amplitude": (0.0, 1.0)},
+    )  # fmt: skip
+    marks = []
+    plain, with_it = (
+        present(e, trial, "null", tmp_path / str(k), calibration=c, send=s)
+        for k, c, s in ((0, None, ()), (1, made, marks.append))
+    )
+    assert with_it["peak"] == plain["peak"] and with_it["rms"] == plain["rms"]
+    late = made.inverse(FS).size // 2
+    assert {m.name: m.sample for m in marks} == {
+        "trial": 0,
+        "stimulus": with_it["intervals"][0][0] + late,
+    }
+    assert with_it["produced"] == plain["produced"] + late
+    replay(read_log(tmp_path / "1"), tmp_path / "d.wav")
+    reached = lfilter(*actuator(), read(tmp_path / "d.wav")[0][0])[late:]
+    a, b = with_it["intervals"][0]
+    assert np.abs(reached[a:b]).max() == pytest.approx(0.4, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "says"),
+    [
+        (lambda c: c.full_scale(79.0), BadValue, "79 Hz is outside of 80 to 400 Hz"),
+        (lambda c: c.full_scale("100"), BadValue, "freq = '100' must be a number"),
+        (lambda c: c.error(401.0), BadValue, "outside"),
+        (lambda c: c.drive(tone(unit="N"), FS), UnitError, "signal is in N"),
+        (lambda c: c.inverse(FS, 100), BadValue, "must be odd"),
+        (lambda c: c.limits(tone()), UnitError, "signal is in 1"),
+        (lambda c: c.safety(tone(unit="N"), Safety(1.0), FS), UnitError, "signal is in N"),
+        (lambda c: NullSink(tone(), calibration=c), UnitError, "calibrated in m/s"),
+        (lambda c: Safety(1.0, inverse=[1.0, 2.0]), BadValue, "an odd number of finite taps"),
+        (lambda c: Safety(1.0, inverse=[0.0]), BadValue, "not all 0"),
+        (lambda c: Safety(1.0, inverse=[np.nan]), BadValue, "finite"),
+        (lambda c: Safety(1.0, inverse="x"), BadValue, "must be a list"),
+        (lambda c: c.drive(tone(unit="m/s^2"), 800.0), BadValue, "above 833 Hz"),
+        (
+            lambda c: Calibration(c.freq, 1 + np.sin(c.freq), 0 * c.freq, "N").drive(
+                tone(unit="N"), FS, 5
+            ),
+            BadValue,
+            "5 taps invert .* error of",
+        ),
+        (lambda c: Calibration([1, 2], [1, 2, 3], [0, 0], "N"), BadValue, "gain must be a row"),
+        (lambda c: Calibration([2, 1], [1, 2], [0, 0], "N"), BadValue, "freq must rise"),
+        (lambda c: Calibration([1, 2], [1, np.nan], [0, 0], "N"), BadValue, "not finite"),
+        (lambda c: Calibration([1, 2], [1, 2], [0, 0], "loud"), UnitError, "loud"),
+        (lambda c: Calibration([1], [1], [0], "N"), BadValue, "2 or more"),
+        (lambda c: Calibration([1, 2], [1, 0], [0, 0], "N"), BadValue, "at 2 Hz is 0"),
+        (lambda c: Calibration([1, 2], [1e-300, 1e-300], [0, 0], "N"), BadValue, "no actuator"),
+        (lambda c: Calibration([1, 2], [1e300, 1e300], [0, 0], "N"), BadValue, "no actuator"),
+        (lambda c: Calibration([1, 2], [1e-10, 1.0], [0, 0], "N"), BadValue, "at 1 Hz"),
+    ],
+)
+def test_bad_use(call, error, says):
+    f = np.arange(80.0, 401.0)
+    with pytest.raises(error, match=says):
+        call(Calibration(f, response(f), 0 * f, "m/s^2"))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"takes": 2}, "2 takes: three or more"),
+        ({"band": (80.0, 82.0)}, "hold two resolutions"),
+        ({"band": (80.0, 3000.0)}, "between 0 and 2000 Hz"),
+        ({"resolution": 0.1}, "three steps"),
+        ({"band": (80.0, 1900.0)}, "drives nothing at 4.. Hz"),
+        ({"sensor": -1.0}, "0 or above"),
+    ],
+)
+def test_bad_sweeps(change, says):
+    sweep = taken(np.random.default_rng(0), 0.1, takes=change.pop("takes", 3))
+    with pytest.raises(BadValue, match=says):
+        calibrate(sweep, "m/s^2", **({"band": BAND} | change))

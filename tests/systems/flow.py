@@ -1,0 +1,258 @@
+"""What a user does from composing to an experiment, step by step.
+
+``python flow.py FOLDER`` prints a line for each step: ``ok NAME``, or ``FAIL NAME`` and
+the error.
+"""
+
+import contextlib
+import io
+import os
+import subprocess
+import sys
+import time
+import traceback
+from pathlib import Path
+
+SCENE = """\
+import stimlib
+
+
+def spring():
+    return stimlib.Scene({"force": stimlib.Param("k", 500.0, "N/m") * stimlib.Input("x", "m")})
+"""
+EXPERIMENT = """\
+from spring import spring
+from stimlib.experiments import (
+    ConstantStimuli, Experiment, Psychometric, Stimulus, Timing, TwoInterval, choice,
+)
+from stimlib.motion import minimum_jerk
+
+task = TwoInterval(
+    "springs", "harder", Stimulus("spring", {"k": 300.0}), Stimulus("spring"), varies="k"
+)
+harder = Experiment(
+    "harder",
+    "1",
+    {"spring": spring()},
+    ConstantStimuli(((task, 200.0), (task, 400.0))),
+    (choice("harder", "Which one felt harder?", "first", "second"),),
+    fs=1000.0,
+    safety=20.0,
+    bounds={"k": (100.0, 500.0)},
+    motion={"x": minimum_jerk(depth=0.02)},
+    timing=Timing(before=0.1, interval=0.2, gap=0.1, ramp=0.02),
+    observer=Psychometric(pse=300.0, sigma=30.0),
+)
+"""
+
+
+def compose():
+    global scene, motion
+    sys.path.insert(0, os.getcwd())
+    Path("spring.py").write_text(SCENE, encoding="utf-8")
+    from spring import spring
+
+    from stimlib.motion import minimum_jerk
+
+    scene, motion = spring(), {"x": minimum_jerk(depth=0.02)}
+    assert list(scene.params) == ["k"]
+
+
+def compile_and_render():
+    global rendering
+    import numpy as np
+
+    import stimlib
+
+    rendering = stimlib.render(scene, motion, fs=1000, seconds=0.5)
+    slow = stimlib.compile(scene, fs=1000, target="python")
+    assert np.array_equal(slow.process(np.full((1, 8), 0.01)), np.full((1, 8), 5.0))
+    assert abs(rendering["force"].max() - 10.0) < 1e-3
+
+
+def save_and_read():
+    from stimlib.files import read
+
+    for name in ("a.wav", "a.flac", "a.caf"):
+        rendering.save(name, full_scale=50.0)
+        rendering.save(name, full_scale=50.0, overwrite=True)
+        assert abs(read(name)[0][0] - rendering["force"]).max() < 1e-5
+    rendering.save("new.wav", full_scale=50.0, overwrite=False)
+    assert abs(read("new.wav")[0][0] - rendering["force"]).max() < 1e-5
+    assert sorted(p.name for p in Path().glob("a.*")) == sorted(
+        n + more for n in ("a.wav", "a.flac", "a.caf") for more in ("", ".json")
+    )
+
+
+def refuse_what_is_there():
+    import pytest
+
+    from stimlib.errors import SinkError
+
+    with pytest.raises(SinkError, match="overwrite=False"):
+        rendering.save("a.wav", full_scale=50.0, overwrite=False)
+    if os.environ["STIMLIB_AS"] == "windows":
+        with pytest.raises(SinkError):
+            rendering.save("nul.wav", full_scale=50.0)
+
+
+def save_a_scene():
+    import stimlib
+
+    scene.save("scene.json")
+    assert stimlib.load("scene.json").hash == scene.hash
+
+
+def verify():
+    import stimlib
+
+    assert stimlib.verify("a.wav").passed
+    stimlib.verify(scene, motion, rendering).to_html("report.html")
+    assert Path("report.html").stat().st_size > 10_000
+
+
+def log_and_replay():
+    from stimlib.checks import verify_log
+    from stimlib.devices import NullSink
+    from stimlib.files import read_log, replay
+
+    for clocked in (False, True):
+        folder = Path(f"clocked-{clocked}.stimlog")
+        with NullSink(scene, 50.0, motion=motion, clocked=clocked, log=folder) as sink:
+            sink.open(1000, block=250)
+            sink.start(seconds=0.5)
+            sink.wait()
+        log = read_log(folder)
+        assert replay(log, folder.with_suffix(".wav")).matches
+        assert verify_log(log).passed
+        assert sink.report().produced == 500
+
+
+def sweep():
+    from stimlib.sweep import grid, sweep
+
+    rows = grid(k=[100.0, 200.0])
+    for _ in range(2):  # the second finds all rows
+        table = sweep(
+            scene,
+            rows,
+            measures=["peak"],
+            motion=motion,
+            fs=1000,
+            seconds=0.5,
+            workers=2,
+            out="swept",
+        )
+    assert "peak_force" in table.column_names, table.column_names
+    assert [round(v, 6) for v in table["peak_force"].to_pylist()] == [2.0, 4.0]
+
+
+SLOW = """\
+import os
+import time
+
+import stimlib
+from stimlib.sweep import measure, sweep
+
+
+@measure("s")
+def slow(result):
+    with open(f"worker-{os.getpid()}", "w"):
+        time.sleep(300)
+    return 0.0
+
+
+scene = stimlib.Scene({"y": stimlib.Param("k", 1.0) * stimlib.blocks.elapsed()})
+if __name__ == "__main__":
+    sweep(scene, {"k": [1.0, 2.0]}, measures=slow, motion={}, fs=1000, seconds=0.1, workers=2)
+"""
+
+
+def sweep_whose_driver_is_killed():
+    Path("slow.py").write_text(SLOW, encoding="utf-8")
+    driver = subprocess.Popen([sys.executable, "slow.py"])
+    end = time.monotonic() + 120
+
+    def workers():
+        return [int(p.name[7:]) for p in Path().glob("worker-*")]
+
+    while not workers() and time.monotonic() < end and driver.poll() is None:
+        time.sleep(0.1)
+    driver.kill()
+    driver.wait()
+    assert workers()
+    while alive := [pid for pid in workers() if os.path.exists(f"/proc/{pid}")]:
+        assert time.monotonic() < end, alive
+        time.sleep(0.1)
+
+
+def session():
+    Path("harder.py").write_text(EXPERIMENT, encoding="utf-8")
+    from harder import harder
+
+    from stimlib.experiments import Session, Simulated, run
+
+    with Session(harder, "data", "P1") as s:
+        run(s, Simulated(s, harder.observer), "null")
+        assert len(s.records) == 2
+
+
+def session_in_a_terminal():
+    from harder import harder
+
+    from stimlib.cli import terminal
+    from stimlib.experiments import Session, run
+
+    if os.environ["STIMLIB_AS"] != "windows":
+        return
+    # a key to begin each trial, and its answer
+    sys.modules["msvcrt"].getwch = iter(" 1 2").__next__
+    sys.modules["msvcrt"].kbhit = lambda: False
+    with Session(harder, "data", "P2") as s:
+        run(s, terminal.Terminal(0), "offline")
+        assert [list(r.answer.values.values()) for r in s.records] == [["first"], ["second"]]
+
+
+def command_line():
+    for words in (
+        "render spring.py:spring --motion minimum_jerk(depth=0.02) --seconds 1 --out b.wav",
+        "verify b.wav --report b.html",
+        "play b.wav --full-scale 50 --fast --log b.stimlog",
+        "replay b.stimlog --out c.wav",
+        "show squeeze --save squeeze.json",
+        "list",
+        "devices",
+        "sweep spring.py:spring --axis k=1:2:2 --motion minimum_jerk() --seconds 0.1 --workers 1",
+        "experiment status harder.py:harder --data data",
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "stimlib", *words.split(" ")],
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=300,
+        )
+        assert done.returncode == 0, (words, done.stdout[-400:], done.stderr[-1500:])
+
+
+STEPS = (
+    compose, compile_and_render, save_and_read, refuse_what_is_there, save_a_scene, verify,
+    log_and_replay, sweep, sweep_whose_driver_is_killed, session, session_in_a_terminal,
+    command_line,
+)  # fmt: skip
+
+if __name__ == "__main__":
+    os.chdir(sys.argv[1])
+    failed = 0
+    for step in STEPS:
+        said = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(said):
+                step()
+            print("ok", step.__name__, flush=True)
+        except BaseException:
+            error = traceback.format_exc()[-1200:].replace("\n", " | ")
+            print("FAIL", step.__name__, error, flush=True)
+            failed += 1
+    sys.exit(failed)

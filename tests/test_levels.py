@@ -1,0 +1,54 @@
+"""Amplitudes from levels: the forms of papers against their definitions."""
+
+import math
+
+import pytest
+
+from stimlib import BadValue, UnitError
+from stimlib.design.levels import amplitude
+
+
+@pytest.mark.parametrize(
+    ("level", "unit", "peak"),
+    [
+        ("2", "", 2.0),
+        ("2 m/s^2", "m/s^2", 2.0),
+        ("2 m/s**2 peak", "m/s^2", 2.0),
+        ("2 m/s^2 RMS", "m/s^2", 2 * math.sqrt(2)),
+        ("5 um pp", "m", 2.5e-6),
+        ("3 pp", "", 1.5),
+        ("-50 mN", "N", -0.05),
+        ("2e-10 m", "m", 2e-10),
+        ("20 dB re 1 um", "m", 10e-6),
+        ("-6 dB re 2um rms", "m", 2e-6 * 10**-0.3 * math.sqrt(2)),
+        ("0 dB re 1 g_0", "m/s^2", 9.80665),
+        ("15 dB re 0.3", "", 0.3 * 10**0.75),
+    ],
+)
+def test_a_level_is_its_amplitude(level, unit, peak):
+    assert amplitude(level, unit) == pytest.approx(peak, rel=1e-12)
+
+
+def test_above_the_threshold():
+    assert amplitude("20 dB SL", "m", 0.2e-6) == pytest.approx(2e-6)
+    assert amplitude("-20dB sl", "m", threshold=0.2e-6) == pytest.approx(0.02e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "says"),
+    [
+        (("2 N", "m"), UnitError, "'2 N' is not in m"),
+        (("20 dB", "m"), UnitError, "is not in m"),
+        (("loud", "m"), BadValue, "is no level"),
+        (("1e999 m", "m"), BadValue, "is no level"),
+        (("2 m m", "m"), BadValue, "is no level"),
+        (("2 9**9**9**9", "m"), BadValue, "is no level"),
+        (("2 __import__('os')", "m"), BadValue, "is no level"),
+        (("15 dB SL", "m"), BadValue, "give threshold=, its peak amplitude in m"),
+        (("15 dB SL", "m", 0.0), BadValue, "above 0"),
+        (("15 dB SL rms", "m", 1.0), BadValue, "nothing behind SL"),
+    ],
+)
+def test_bad_levels(arguments, error, says):
+    with pytest.raises(error, match=says):
+        amplitude(*arguments)
