@@ -64,7 +64,8 @@ def devices(server: str | None = None) -> list[Device]:
 def first_ready(server: str | None = None) -> Device:
     """Return the device on which ``stimlib play`` plays by default.
 
-    It is the first that is ready, of JACK and then PortAudio; without any, no device.
+    It is the first that is ready in the order of ``SINKS``: JACK, then PortAudio, then
+    NI-DAQ.  Without any it is that of the sink ``null``.
 
     Parameters
     ----------
