@@ -276,12 +276,12 @@ def test_inputs_are_joined_only_where_that_is_said():
                 a=SCENES["wall"], b=SCENES["wall"], share={"x": ("a_x",), "z": ("a_x", "b_x")}
             ),
             SceneError,
-            "share: 'a_x' would be 'x' and 'z'; name it once",
+            "share: 'a_x' would be 'x' and 'z'; give it one name",
         ),
         (
             lambda: Scene.combine(a=SCENES["wall"], b=SCENES["wall"], share={"x": "a_x"}),
             SceneError,
-            "share: 'x' is 'a_x', and not names; ",
+            "share: 'x' is 'a_x', not a tuple of names; ",
         ),
         (
             lambda: Scene.combine(a=SCENES["wall"], share=["a_x"]),
