@@ -174,8 +174,8 @@ def _three(p, s, x):
         (lambda: stimlib.core.graph.Pick(ROTOR, "z"), BadValue, "no output 'z'"),
         (lambda: stimlib.core.graph.Pick(x, "z"), BadValue, "no output 'z'"),
         (lambda: _class(outputs=("a", "b"))(x), SceneError, "one for each of a, b"),
-        (lambda: _class(outputs=("x", "b")), TypeError, "output 'x'"),
-        (lambda: _class(outputs=("children", "b")), TypeError, "output 'children'"),
+        (lambda: _class(outputs=("x", "b")), TypeError, "output name 'x'"),
+        (lambda: _class(outputs=("children", "b")), TypeError, "output name 'children'"),
     ],
 )
 def test_what_is_refused(make, error, words):

@@ -64,7 +64,7 @@ def is_event(b: Block) -> bool:
 
 
 def as_event(name: str, v) -> Block:
-    """Return a signal to use as an event; raise BadValue if it is known to last."""
+    """Return a signal to use as an event; raise BadValue if it is a lasting signal."""
     b = as_block(v)
     if isinstance(b, (Const, Param, Compare, Gate, Count, SampleAndHold)):
         raise BadValue(
@@ -84,7 +84,7 @@ def as_signal(name: str, v, remedy: str) -> Block:
 
 
 def in_unit_of(x: Block, v) -> Block:
-    """Return a number or signal as a signal, giving a plain number the unit of x."""
+    """Return v as a signal; a plain number gets the unit of x."""
     return as_block(v) if x.dim == un.ONE else with_unit(v, str(x.dim))
 
 

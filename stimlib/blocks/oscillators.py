@@ -95,7 +95,7 @@ def rectified(mode, t, q, r):
 
 @dataclass(frozen=True, eq=False)
 class Carrier(Block):
-    """A sinusoid with a phase counted in 2^-64 turns, rectified by area if asked.
+    """A sinusoid whose phase is counted in 2^-64 turns, optionally rectified by area.
 
     It is 0 off contact, while the phase goes on.
     """

@@ -663,7 +663,7 @@ class Cell(NamedTuple):
 
 
 def inside(q, before, v, y):
-    """Return y plus an octave, where the movement lies within one cell."""
+    """Return y plus the contribution of an octave, for a movement within one cell."""
     return y + q.amplitude * spline_mean(
         q.n0, q.n1, q.n2, before * q.scale + q.at - q.place, v * q.scale + q.at - q.place
     )
@@ -678,7 +678,7 @@ class Octave(NamedTuple):
 
 
 def near(q, before, v, n0, n1, n2, n3, y):
-    """Return y plus an octave, where the movement lies in one cell or in two."""
+    """Return y plus an octave's contribution, for a movement in one cell or two."""
     a, b = before * q.scale + q.at, v * q.scale + q.at
     lo, hi = where(a < b, a, b), where(a < b, b, a)
     f, g = floor(lo), floor(hi)

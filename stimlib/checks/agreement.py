@@ -20,7 +20,7 @@ from ..run.processor import Processor, compile
 
 @dataclass(frozen=True)
 class Agreement:
-    """The difference between JAX and the processor over one run; its str is one line.
+    """The difference between JAX and the processor over one run, printed as one line.
 
     Attributes
     ----------

@@ -311,9 +311,9 @@ def outside(roots: Iterable[Block]) -> list[Block]:
 def _seen(
     run: Run, blocks: list[Block], gated: list[Any]
 ) -> tuple[list[Part], dict[int, tuple[Gated, Row]]]:
-    """Return the rows of each block in each span, and what drives subsystems.
+    """Return the rows of each block in each span, and the gates of subsystems.
 
-    What drives subsystems is returned for all samples.
+    The gates, and the parameters inside, are returned for all samples.
 
     Rows end where one is not finite.
     """

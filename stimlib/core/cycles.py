@@ -175,7 +175,10 @@ class Cycle(Block, abstract=True):
         return self.made
 
     def structure(self, numbers: Callable[[Block], Any]) -> tuple[Any, ...]:
-        """Return what identifies the cycle, given a function for a block's numbers."""
+        """Return a tuple that identifies the cycle.
+
+        ``numbers`` returns the design numbers of a block.
+        """
         parts = [(type(m), numbers(m)) for m in self.members]
         return (
             *parts,

@@ -294,7 +294,7 @@ class _Clocks(NamedTuple):
     opened: dict[Any, tuple[int, int]]  # clocks, and the node that opens each
 
     def below(self, parent: int, b: Block, n: int) -> tuple[int, int]:
-        """Return the clock of an enabled or a segment (node n) and what opens it."""
+        """Return the clock of an enabled or a segment, and the node that opens it."""
         run, seed = (b.run, b.seed) if isinstance(b, Segment) else ("", None)
         which = (run or n, parent)  # segments of one time and seed run together
         if which not in self.opened:

@@ -72,7 +72,10 @@ class Axis:
         return found
 
     def _powers(self, x) -> np.ndarray:
-        """Return the Legendre polynomials at positions (positions, degree + 1)."""
+        """Return the Legendre polynomials at positions.
+
+        The shape is (positions, degree + 1).
+        """
         return legendre.legvander(
             2 * np.asarray(x, float) / self.length - 1, len(self.series[0]) - 1
         )

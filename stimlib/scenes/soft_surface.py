@@ -41,7 +41,7 @@ def soft_surface(
     frames: bool = False,
     contact: bool = False,
 ) -> Scene:
-    """Compose a soft surface over hard nodules.
+    """Compose a soft surface over hard nodules, explored by an avatar.
 
     Where it is harder, the avatar is held back and sinks in less deeply.
 

@@ -202,7 +202,10 @@ def delayed_by_frames(
 
 
 def motor(waits: Row, fs: float, factor: float) -> Row:
-    """Return 1 for the whole ms of each delay, one after another, else 0."""
+    """Return the drive of a motor: 1 for a whole number of ms per delay, else 0.
+
+    The delays follow one another.
+    """
     out, left = np.zeros(waits.size), 0.0
     for k, wait in enumerate(waits):
         left += math.floor(1000 * factor * wait + 0.5) * fs / 1000

@@ -60,7 +60,7 @@ def spread(x: Any, n: int) -> Any:
 
 
 def later(x: Any, by: int, before: Any = 0.0) -> Any:
-    """Return x[n - by]; the first samples are ``before``."""
+    """Delay a signal by some samples; the first samples are ``before``."""
     n = x.shape[0]
     return jnp.concatenate([jnp.broadcast_to(jnp.asarray(before, x.dtype), (by,)), x])[:n]
 
