@@ -42,7 +42,7 @@ PARAMS, ROOT = 0, 1
 
 
 def lead(fs: float) -> int:
-    """Return how many samples parts without an input run before sample 0.
+    """Return for how many samples parts without an input run before sample 0.
 
     It depends on fs only.
 

@@ -112,7 +112,7 @@ class Engine:
         return 0
 
     def warm(self, clock: int, n: int) -> None:
-        """Run only blocks without an input, for n samples of one clock."""
+        """Run only blocks that no input reaches, for n samples of one clock."""
         with np.errstate(all="ignore"):
             for _ in range(n):
                 self.sample({}, clock, warm=True)

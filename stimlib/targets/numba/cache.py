@@ -213,9 +213,9 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
 
 @contextmanager
 def _turn(place: Path, text: str) -> Iterator[None]:
-    """Wait for other processes to compile an entry, then lock it.
+    """Lock an entry for compiling, or wait until another process has compiled it.
 
-    If another process has compiled it, the entry is valid afterwards.
+    In the second case the entry is valid afterwards.
 
     The system frees the lock of a process that ends, however it ends. If the file
     system has no locks, or the other process takes longer than WAIT, both compile, and

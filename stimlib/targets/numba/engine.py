@@ -269,7 +269,7 @@ class Engine:
         )
 
     def warm(self, clock: int, n: int) -> None:
-        """Run only blocks without an input, for n samples of one clock."""
+        """Run only blocks that no input reaches, for n samples of one clock."""
         self.ctx[12] = clock
         self.process(np.zeros((len(self._empty[0]), n)), np.zeros((len(self._empty[1]), n)))
         self.ctx[12] = -1
