@@ -113,8 +113,8 @@ def test_pictures(tmp_path):
         "twice": "first header",
         "one": "two rows and two columns",
         "huge": "limits.map_points",
-        "text": "no PNG file",
-        "head": "no PNG file",
+        "text": "not a PNG file",
+        "head": "not a PNG file",
         "none": "none.png",
     }.items():
         with pytest.raises(BadValue, match=says):
