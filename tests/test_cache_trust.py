@@ -147,7 +147,7 @@ def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew):
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
     anew(tmp_path / "open" / "cache")
-    with pytest.warns(RuntimeWarning, match="everybody may replace what is in .*open"):
+    with pytest.warns(RuntimeWarning, match="everybody may replace the contents of .*open"):
         assert cache.folder().name.startswith("stimlib-tmp-")
 
 

@@ -227,7 +227,7 @@ def scenes(draw, tiles=True):
     except SceneError as e:
         # what the builder cannot know beforehand: numbers folded to nan, or a noise
         # that ends up on two clocks
-        assert "of plain numbers" in str(e) or "two clocks" in str(e), e
+        assert "with the plain numbers" in str(e) or "two clocks" in str(e), e
         return Scene({"y": Input("x1") * builder.autonomous[0]})
 
 

@@ -39,14 +39,14 @@ def test_above_the_threshold():
     [
         (("2 N", "m"), UnitError, "'2 N' is not in m"),
         (("20 dB", "m"), UnitError, "is not in m"),
-        (("loud", "m"), BadValue, "is no level"),
-        (("1e999 m", "m"), BadValue, "is no level"),
-        (("2 m m", "m"), BadValue, "is no level"),
-        (("2 9**9**9**9", "m"), BadValue, "is no level"),
-        (("2 __import__('os')", "m"), BadValue, "is no level"),
+        (("loud", "m"), BadValue, "is not a level"),
+        (("1e999 m", "m"), BadValue, "is not a level"),
+        (("2 m m", "m"), BadValue, "is not a level"),
+        (("2 9**9**9**9", "m"), BadValue, "is not a level"),
+        (("2 __import__('os')", "m"), BadValue, "is not a level"),
         (("15 dB SL", "m"), BadValue, "give threshold=, its peak amplitude in m"),
         (("15 dB SL", "m", 0.0), BadValue, "above 0"),
-        (("15 dB SL rms", "m", 1.0), BadValue, "nothing behind SL"),
+        (("15 dB SL rms", "m", 1.0), BadValue, "write nothing after SL"),
     ],
 )
 def test_bad_levels(arguments, error, says):

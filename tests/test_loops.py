@@ -318,7 +318,7 @@ def test_response(name, fs):
 def test_what_has_no_response_says_so():
     for block, why in (
         (loop(lambda y: x + y * y), "not linear"),
-        (loop(lambda y: y + x), "grow for ever"),
+        (loop(lambda y: y + x), "grows without limit"),
     ):
         proc = stimlib.compile(Scene({"y": block}), FS, "python")
         with pytest.raises(SceneError, match=f"Cycle.*{why}"):
@@ -412,7 +412,7 @@ def test_fields_that_change_with_the_rate_are_refused():
     scene = Scene({"y": loop(lambda y: x + 0.1 * Fickle(y))})
     stimlib.compile(scene, 1000.0, "python")
     with pytest.raises(
-        SceneError, match="at fs = 8000 Hz the design of a block in it has other fields"
+        SceneError, match="at fs = 8000 Hz the design of one of its blocks has other fields"
     ):
         stimlib.compile(scene, 8000.0, "python")
 
@@ -431,7 +431,7 @@ def twice():
     ("make", "error", "words"),
     [
         (lambda: escaped([]), SceneError, r"Last\(0.0.*its loop is not"),
-        (twice, SceneError, "have one last value"),
+        (twice, SceneError, "share one last value"),
         (
             lambda: Scene({"y": loop(lambda y: 0.5 * y + b.enabled(b.white_noise(1), by=y))}),
             SceneError,
@@ -451,7 +451,7 @@ def twice():
         (lambda: loop(lambda y: y * constant(0.5, "m")), UnitError, 'unit="m"'),
         (lambda: loop(lambda y: y + constant(0.5, "m")), UnitError, "cannot add"),
         (lambda: loop(lambda y: None), BadValue, "NoneType"),
-        (lambda: loop(lambda y: ()), BadValue, "returned no signal"),
+        (lambda: loop(lambda y: ()), BadValue, "the function must return a signal"),
         (lambda: loop(Input("x")), BadValue, r"loop: f = Input\('x'\) must be a function"),
         (lambda: loop(lambda y: y, start=np.nan), BadValue, "not finite"),
         (

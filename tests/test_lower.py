@@ -53,7 +53,7 @@ def test_a_number_that_folds_to_nothing_finite():
         blocks.log(constant(0.0)),
         blocks.exp(constant(1e4)),
     ):
-        with pytest.raises(SceneError, match="of plain numbers"):
+        with pytest.raises(SceneError, match="with the plain numbers"):
             Scene({"y": x * bad})
 
 

@@ -208,8 +208,8 @@ VECTORS_LACK = (
 @pytest.mark.parametrize(
     ("helper", "given", "why"),
     [
-        ("return settle(x)", IN_PLACE, VECTORS_LACK % "it uses what they do not have"),
-        ("return x > 0.0", IN_PLACE, VECTORS_LACK % "it returns no number"),
+        ("return settle(x)", IN_PLACE, VECTORS_LACK % "it uses something that they do not support"),
+        ("return x > 0.0", IN_PLACE, VECTORS_LACK % "it must return a number"),
         (
             "return where(0.0 < x < p.k, x, 0.0)",
             IN_PLACE,

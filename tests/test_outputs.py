@@ -168,14 +168,14 @@ def _three(p, s, x):
 @pytest.mark.parametrize(
     ("make", "error", "words"),
     [
-        (lambda: ROTOR + 1.0, SceneError, r"say which one, such as \.x"),
+        (lambda: ROTOR + 1.0, SceneError, r"choose one, such as \.x"),
         (lambda: Scene({"y": ROTOR}), SceneError, "has the outputs x, y, turns"),
-        (lambda: b.enabled(Parts(b.white_noise(1)), by=x), SceneError, "say which one"),
+        (lambda: b.enabled(Parts(b.white_noise(1)), by=x), SceneError, "choose one"),
         (lambda: stimlib.core.graph.Pick(ROTOR, "z"), BadValue, "no output 'z'"),
         (lambda: stimlib.core.graph.Pick(x, "z"), BadValue, "no output 'z'"),
         (lambda: _class(outputs=("a", "b"))(x), SceneError, "one for each of a, b"),
-        (lambda: _class(outputs=("x", "b")), TypeError, "output 'x'"),
-        (lambda: _class(outputs=("children", "b")), TypeError, "output 'children'"),
+        (lambda: _class(outputs=("x", "b")), TypeError, "output name 'x'"),
+        (lambda: _class(outputs=("children", "b")), TypeError, "output name 'children'"),
     ],
 )
 def test_what_is_refused(make, error, words):

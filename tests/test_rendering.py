@@ -297,7 +297,7 @@ def test_a_scene_without_inputs_needs_no_motion(tmp_path):
     )
     refused(
         BadValue,
-        "a scene without inputs goes on for ever: say how many seconds",
+        "a scene without inputs has no end; give the number of seconds",
         render,
         NOISE,
         fs=1000,

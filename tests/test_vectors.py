@@ -80,5 +80,5 @@ def test_without_a_compiler_it_says_so():
         text=True,
     )
     assert done.returncode == 1 and done.stderr.endswith(
-        'is compiled: unset it, or take target="python"\n'
+        'is compiled; unset it, or use target="python"\n'
     )

@@ -1,4 +1,4 @@
-"""What researchers compose: one lower-case function per block."""
+"""The blocks that stimuli are composed of: one lower-case function per block."""
 
 from ..core.graph import constant, enabled, segment
 from ..core.loops import loop

@@ -1,4 +1,4 @@
-"""Contact: dry friction, walls, detents, buttons, and the motor that displays them."""
+"""Contact forces (friction, walls, detents, buttons) and the limits of a motor."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ FARTHEST = 1e100  # m before anything slips: a spring without any stiffness
 
 
 def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") -> Block:
-    """Return an amount with its unit.
+    """Return a quantity as a signal with the given unit.
 
-    A number gets the unit; of a number or a parameter, what is negative (or 0, if that
-    means nothing) is refused.
+    A plain number gets the unit. BadValue if a number or a parameter is below 0 (or is
+    0, where that makes no sense).
     """
     b = with_unit(v, text)
     if isinstance(b, (Const, Param)) and not (b.value >= 0 if zero else b.value > 0):
@@ -67,61 +67,62 @@ class FrictionState(NamedTuple):
 
 
 def held(v):
-    """Return a live value limited to 0 and above; NaN is kept."""
+    """Return a signal limited to values of 0 and above; NaN stays NaN."""
     return where(v > 0.0, v, where(v == v, 0.0, v))
 
 
 def between(v, low, high):
-    """Return v limited to low .. high; NaN where one of the three is NaN."""
+    """Return v clipped to low .. high; NaN where any of the three is NaN."""
     return where(v > high, high, where(v < low, low, where(high == high, v, high)))
 
 
 def within(z, c):
-    """Return z limited to -c .. c; NaN where c is NaN."""
+    """Return z clipped to -c .. c; NaN where c is NaN."""
     return between(z, -c, c)
 
 
 def sign(x):
-    """Return the direction of a movement."""
+    """Return the direction of a movement as -1 or 1."""
     return where(x < 0.0, -1.0, 1.0)
 
 
 def deflection(limit, k):
-    """Return the deflection at which a spring of stiffness k has the limit force.
+    """Return the deflection at which a spring of stiffness k reaches the limit force.
 
-    It is finite, however soft the spring is.
+    The result is finite even for a very soft spring.
     """
     c = held(limit) / k
     return where(k > 0.0, where(c > FARTHEST, FARTHEST, c), where(k == k, 0.0, k))
 
 
 def softened(z, before, k):
-    """Return z min(1, before/k), the deflection when the stiffness becomes k.
+    """Return the deflection of a spring after its stiffness has changed to k.
 
-    So energy never grows.
+    It is z min(1, before/k), so the stored energy never grows.
     """
     return where(before < k, z * over(before, k), z)
 
 
 def over(a, b):
-    """Return a/b, but a where b is 0, which is not used.
+    """Return a/b, or a where b is 0.
 
-    A division by 0 that is not used makes a derivative nan all the same.
+    Callers do not use the result where b is 0, but a division by 0 would make
+    derivatives NaN.
     """
     return a / where(b == 0.0, 1.0, b)
 
 
 def relax(a):
-    """Return exp(-a) and its mean (1 - exp(-a))/a over the path, a >= 0."""
+    """Return exp(-a) and the mean of the decay, (1 - exp(-a))/a, for a >= 0."""
     e = exp(-a)
     near = 1.0 - a * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a * (1 / 120 - a / 720))))
     return e, where(a < 0.01, near, over(1.0 - e, a))
 
 
 def averaging(fs, z, k, b=0.0):
-    """Return the response of a spring k and a damper b in parallel.
+    """Return the frequency response of a spring k and a damper b in parallel.
 
-    The spring's force is the mean over a sample.
+    The spring's force is averaged over each sample period.
     """
     d = backward(z)
     return k * (1.0 - 0.5 * d) + b * fs * d
@@ -129,7 +130,10 @@ def averaging(fs, z, k, b=0.0):
 
 @dataclass(frozen=True, eq=False)
 class Friction(Over, abstract=True):
-    """Friction as a spring that slips; limit force and stiffness are signals."""
+    """Base class of friction modelled as a spring that slips at a limit force.
+
+    Limit force and stiffness are signals.
+    """
 
     x: Block
     limit: Block  # of the force
@@ -149,7 +153,7 @@ class Friction(Over, abstract=True):
         return (), FrictionState(0.0, 0.0, 0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """Return the response while it sticks, plus the share of a moving limit."""
+        """Return the response during sticking, plus the effect of a changing limit."""
         if H[0] is None or value[2] is None:
             return None
         return averaging(fs, z, value[2]) * H[0] + (0.0 if H[1] is None else H[1])
@@ -158,7 +162,7 @@ class Friction(Over, abstract=True):
 # The laws -----------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Coulomb(Friction):
-    """dz = dx while |z| < c."""
+    """Coulomb friction with a spring: dz = dx while |z| < c."""
 
     @staticmethod
     def step(p, s, x, limit, stiffness):
@@ -180,10 +184,10 @@ class ElasticParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ElastoPlastic(Friction):
-    """Dahl's friction with an elastic range.
+    """Dahl friction with an elastic range.
 
-    dz = dx while z is elastic, s z < b = elastic c; then dz = (1 - (s z - b)/(c - b))
-    dx, s the direction of dx.
+    While s z < b = elastic c the contact is elastic, dz = dx; beyond, dz = (1 - (s z -
+    b)/(c - b)) dx, where s is the direction of dx.
     """
 
     elastic: float
@@ -216,7 +220,10 @@ class ElastoPlastic(Friction):
 
 
 def drawn(z, c, dx):
-    """Return z at the end of a path by dz = (1 - s z/c) dx, and its mean."""
+    """Return the final and the mean deflection of Dahl's law along a path.
+
+    The law is dz = (1 - s z/c) dx.
+    """
     to = sign(dx) * c
     left, mean = relax(where(c > 0.0, over(abs(dx), c), 0.0))
     return to + (z - to) * left, to + (z - to) * mean
@@ -224,7 +231,7 @@ def drawn(z, c, dx):
 
 @dataclass(frozen=True, eq=False)
 class Dahl(Friction):
-    """dz = (1 - s z/c) dx, s the direction of dx."""
+    """Dahl friction: dz = (1 - s z/c) dx, where s is the direction of dx."""
 
     @staticmethod
     def step(p, s, x, limit, stiffness):
@@ -245,9 +252,10 @@ class LuGreParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LuGre(Over):
-    """LuGre friction: Dahl's law with a limit g(v), a damper and a viscosity.
+    """LuGre friction: Dahl's law with a limit g(v), a damper and viscosity.
 
-    F = k z + damping dz/dt + viscosity v; z is held within the static limit.
+    F = k z + damping dz/dt + viscosity v; z is clipped at the deflection of the static
+    limit.
     """
 
     x: Block
@@ -277,7 +285,7 @@ class LuGre(Over):
         )
 
     def steepest(self, fs, z, H, value):
-        """Return the response while it sticks, plus the share of a moving limit."""
+        """Return the response during sticking, plus the effect of a changing limit."""
         if H[0] is None or value[3] is None:
             return None
         return averaging(fs, z, value[3], self.damping + self.viscosity) * H[0] + (
@@ -307,7 +315,7 @@ class StribeckParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stribeck(Block):
-    """limit (1 + rise exp(-(v/speed)^2)), v the mean speed of this sample."""
+    """Stribeck curve: limit (1 + rise exp(-(v/speed)^2)), v the sample's mean speed."""
 
     x: Block
     limit: Block
@@ -326,9 +334,10 @@ class Stribeck(Block):
         return StribeckParams(self.rise, min(fs / self.speed, 1e300)), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """Return a damper below 0, where the curve falls fastest.
+        """Return the negative damping at the steepest fall of the Stribeck curve.
 
-        It falls by rise sqrt(2/e)/speed of the limit, at speed/sqrt(2).
+        The slope there is -rise sqrt(2/e)/speed times the limit, at the speed
+        speed/sqrt(2).
         """
         if H[0] is None or value[1] is None:
             return None
@@ -350,13 +359,15 @@ class StickSlipParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StickSlip(Friction):
-    """A spring that drops to left c when it reaches c: a sawtooth over the path.
+    """A spring that sticks until it slips: a sawtooth force over position.
 
-    dz = dx up to |z| = c; any number of slips may be in a sample.
+    When |z| reaches c, it drops to left c; up to there dz = dx. Any number of slips may
+    lie in one sample.
 
-    A slip takes q = c - left c.  The area under the sawtooth is that of the way up to
-    c, of whole teeth, each q long with a mean of c - q/2, and of the rest, which begins
-    at left c: none is below 0, so nothing cancels, however many slips there are.
+    Each slip shortens the deflection by q = c - left c. The area under the sawtooth is
+    the sum of the part up to c, of whole teeth (each q long, with the mean c - q/2),
+    and of the rest, which begins at left c. No part is negative, so nothing cancels,
+    however many slips there are.
     """
 
     left: float
@@ -407,12 +418,12 @@ def friction(
     passive: bool = True,
     contact: Block | float = 1.0,
 ) -> Block:
-    r"""Compute dry friction with sticking, from the position alone.
+    r"""Compute dry friction, including sticking, from position alone.
 
-    It is the mean force over the straight way since the last sample.
+    Each sample is the mean force over the straight path since the last sample.
 
     A spring of the given stiffness between finger and surface has the deflection z. It
-    slips at c = mu normal/stiffness. With s the direction of dx, b = elastic c:
+    slips at c = mu normal/stiffness. With s the direction of dx, and b = elastic c:
 
     * ``"coulomb"``: dz = dx while \|z\| < c (a Prandtl element, a god object on a
       line);
@@ -420,11 +431,12 @@ def friction(
       Below b it is a spring, so nothing drifts;
     * ``"dahl"``: dz = (1 - s z/c) dx. It **drifts** under vibration that never reaches
       c;
-    * ``"lugre"``: Dahl's with c(v) of Stribeck's curve, and F = stiffness z + damping
-      dz/dt + viscosity v. It drifts too.
+    * ``"lugre"``: Dahl's law with c(v) from the Stribeck curve, and F = stiffness z +
+      damping dz/dt + viscosity v. It drifts too.
 
-    Where ``static`` is given, mu counts as mu + (static - mu) exp(-(v/speed)^2), v the
-    mean speed of the sample: more while slow.
+    If ``static`` is given, the coefficient of friction is mu + (static - mu)
+    exp(-(v/speed)^2), where v is the mean speed during the sample: it is larger at low
+    speed.
 
     Parameters
     ----------
@@ -510,7 +522,8 @@ def friction(
     one_of("friction: law", law, LAWS)
     if law != "lugre" and (damping or viscosity):
         raise BadValue(
-            "friction: damping and viscosity belong to law='lugre'; for another, add constant(b,"
+            "friction: damping and viscosity belong to law='lugre'; with another law, add"
+            " constant(b,"
             " 'N*s/m') * velocity(x)"
         )
     x, contact = as_block(x), as_block(contact)
@@ -525,7 +538,7 @@ def friction(
         if law == "lugre" and passive and viscosity < damping * (ratio - 1):
             raise BadValue(
                 f"friction: this LuGre gives energy at some speeds: viscosity = {viscosity:g} must"
-                f" be at least damping (static/mu - 1) = {damping * (ratio - 1):g} N s/m; or say"
+                f" be at least damping (static/mu - 1) = {damping * (ratio - 1):g} N s/m; or set"
                 " passive=False, to reproduce a paper"
             )
         most, limit = ratio * limit, Stribeck(x, limit, contact, ratio - 1, speed)
@@ -537,11 +550,11 @@ def friction(
 
 
 def _ratio(mu: Block, static: float) -> float:
-    """Return static/mu."""
+    """Return static/mu; raise BadValue where it cannot be computed."""
     if not isinstance(mu, Const):
         raise BadValue(
-            "friction: static stands beside a mu that is a number; multiply normal by a signal"
-            " instead of mu"
+            "friction: static needs a mu that is a plain number; multiply normal by the signal"
+            " instead"
         )
     if not static >= mu.value > 0:
         raise BadValue(
@@ -559,13 +572,14 @@ def stick_slip(
     stiffness: Block | float = 1000.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Stick like a spring up to static * normal, then slip, again and again.
+    """Compute the force of a surface that sticks like a spring and slips repeatedly.
 
-    The force is a sawtooth over place, which falls to a part of static normal.
+    The force is a sawtooth over position: it rises to static * normal, then falls to a
+    fraction of it.
 
-    The teeth are (static - kinetic) normal/stiffness apart, whatever the speed; at
-    speed v that is a vibration with v over that frequency. Each sample is the exact
-    mean over its way, with any number of slips.
+    The teeth are (static - kinetic) normal/stiffness apart, at any speed; moving at
+    speed v thus gives a vibration with the frequency v divided by this distance. Each
+    sample is the exact mean over its path, with any number of slips.
 
     Parameters
     ----------
@@ -628,7 +642,9 @@ def stick_slip(
     normal = amount("stick_slip", "normal", normal, "N", why=": it presses the surfaces together")
     top = amount("stick_slip", "static", static, "", zero=False)
     if not isinstance(top, Const):
-        raise BadValue("stick_slip: static is a number; multiply normal by a signal instead")
+        raise BadValue(
+            "stick_slip: static must be a plain number; multiply normal by the signal instead"
+        )
     k = amount("stick_slip", "stiffness", stiffness, "N/m", zero=False)
     return StickSlip(as_block(x), top * normal, k, as_block(contact), kinetic / top.value)
 
@@ -644,7 +660,7 @@ PI = 3.141592653589793
 
 
 def not_too_small(owner: Block, *names: str) -> None:
-    """Raise BadValue unless lengths, and 1 over them, are numbers above 0."""
+    """Raise BadValue unless each length and its reciprocal are finite and above 0."""
     positive(owner, *names)
     for name in names:
         if not math.isfinite(1 / getattr(owner, name)):
@@ -662,10 +678,10 @@ class WallParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Wall(Over):
-    """A wall: the mean of a spring and a damper over the path inside it.
+    """A wall: the mean force of a spring and a damper over the path inside it.
 
-    F(p) = max(0, K p + b v) for p = x - at > 0, K = k max(0, 1 + c v), v the mean
-    speed: the mean over the way of p.
+    F(p) = max(0, K p + b v) for p = x - at > 0, with K = k max(0, 1 + c v) and v the
+    mean speed, averaged over the path of p.
     """
 
     x: Block
@@ -689,7 +705,7 @@ class Wall(Over):
         return WallParams(fs), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """Return the response in contact.
+        """Return the response in contact, or None if it depends on the depth.
 
         How much a damping that grows with the depth is cannot be known.
         """
@@ -721,11 +737,11 @@ def wall(
     hunt_crossley: Block | float = 0.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Compute a wall beyond a position: a spring and a damper that push, never pull.
+    """Compute the force of a wall: a spring and a damper that push but never pull.
 
-    With p = x - at and v its speed, F = max(0, k p (1 + c v) + b v) where p > 0, else
-    0; each sample is the exact mean over its way, also where contact begins or ends
-    inside it.
+    With the depth p = x - at and its rate v, F = max(0, k p (1 + c v) + b v) where p >
+    0, else 0. Each sample is the exact mean over its path, also where contact begins or
+    ends within it.
 
     Parameters
     ----------
@@ -797,13 +813,13 @@ class DetentParams(NamedTuple):
 
 
 def sine_of_half_turns(h):
-    """Return sin(pi h)."""
+    """Return sin(pi h), h in half turns."""
     r = h - 2.0 * floor(0.5 * h + 0.5)  # -1 .. 1
     return sinpi(where(r > 0.5, 1.0 - r, where(r < -0.5, -1.0 - r, r)))
 
 
 def averaged(d):
-    """Return sin(pi d)/(pi d)."""
+    """Return sin(pi d)/(pi d), the effect on a sinusoid of averaging over d periods."""
     near = abs(d) < 1.0
     return where(
         near, 1.0 - gap(where(near, d, 0.0)), sine_of_half_turns(d) / (PI * where(near, 1.0, d))
@@ -812,9 +828,9 @@ def averaged(d):
 
 @dataclass(frozen=True, eq=False)
 class Detents(Over):
-    """The mean of depth sin(2 pi x/spacing) over a movement from x0 to x1.
+    """Force of detents: the mean of depth sin(2 pi x/spacing) over each movement.
 
-    depth sin(pi (x0 + x1)/spacing) sinc((x1 - x0)/spacing).
+    The mean from x0 to x1 is depth sin(pi (x0 + x1)/spacing) sinc((x1 - x0)/spacing).
     """
 
     x: Block
@@ -849,13 +865,13 @@ class Detents(Over):
 def detents(
     x: Block, spacing: float, depth: Block | float = 1.0, contact: Block | float = 1.0
 ) -> Block:
-    """Compute detents: regular positions that attract the hand.
+    """Compute the force of detents: regularly spaced positions that attract the hand.
 
     F = depth sin(2 pi x/spacing).
 
-    It rests at the multiples of the spacing. Each sample is the exact mean over its
-    way, however far that is, so the detents neither give nor take work on the way from
-    rest to rest, and none is missed by a fast hand.
+    The rest positions are the multiples of the spacing. Each sample is the exact mean
+    over its path, however long that is. So the detents neither supply nor absorb work
+    between rest positions, and a fast hand misses none of them.
 
     Parameters
     ----------
@@ -925,8 +941,8 @@ class ButtonState(NamedTuple):
 class Button(Over):
     """A button: the mean force over the path, with a snap.
 
-    F = peak (max(0, x)/at - drop q): q is 1 from the snap at x >= at until x < back,
-    and 0 else.
+    F = peak (max(0, x)/at - drop q), where q is 1 from the snap at x >= at until x <
+    back, else 0.
     """
 
     x: Block
@@ -947,7 +963,8 @@ class Button(Over):
         if not self.drop * self.at <= self.back <= self.at:
             raise BadValue(
                 f"button: back = {self.back:g} must lie in drop at = {self.drop * self.at:g} .. at"
-                f" = {self.at:g}: beyond it gives energy, and before it pulls the finger"
+                f" = {self.at:g}: above that range the button would supply energy, and below it"
+                " pull the finger"
             )
 
     def units(self, *u):
@@ -957,7 +974,7 @@ class Button(Over):
         return ButtonParams(self.at, self.back, self.drop), ButtonState(0.0, 0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
-        """Return the response along its lines; the snap only takes energy."""
+        """Return the response between snaps, as a snap only absorbs energy."""
         return (
             None
             if H[0] is None or value[1] is None
@@ -993,16 +1010,16 @@ def button(
     back: float | None = None,
     contact: Block | float = 1.0,
 ) -> Any:
-    """Compute a button with a snap.
+    """Compute the force of a button that snaps.
 
-    Its force rises along a line, falls at the snap, goes on, and comes back later on
-    the way up.
+    The force rises linearly, drops at the snap, and rises again; on release it comes
+    back at a smaller depth.
 
     F = peak (x/at - drop q) for x > 0: q becomes 1 where x reaches ``at``, with the
     force at its peak, and 0 again where x falls below ``back``. Each sample is the
-    exact mean over its way, with the snap at its place inside the sample. The bottom is
-    a ``wall``; what is heard or felt at the snap, a ``ring`` of
-    ``rising(button.pressed)``.
+    exact mean over its path, with the snap at its position within the sample. Add a
+    ``wall`` for the bottom, and a ``ring`` of ``rising(button.pressed)`` for a
+    vibration or a sound at the snap.
 
     Parameters
     ----------
@@ -1060,7 +1077,7 @@ def button(
 # From a wanted force to what a motor is given: the skin's damper, limits of force, and
 # current.
 class Geometry(NamedTuple):
-    """Geometry factor over position."""
+    """Geometry factor of a motor over position."""
 
     x: tuple[float, ...]  # m, rising
     gamma: tuple[float, ...]  # without unit, above 0
@@ -1073,9 +1090,9 @@ a measurement."""
 
 
 def _quantity(who: str, name: str, v: Block | float, text: str) -> Block:
-    """Return a quantity with its unit.
+    """Return a quantity as a signal with the given unit.
 
-    A number above 0 gets the unit; a signal must have it.
+    A plain number, which must be above 0, gets the unit; a signal must have it already.
     """
     b = as_block(v)
     if isinstance(b, Const):
@@ -1093,12 +1110,12 @@ def _signal(who: str, name: str, v: Block | float, text: str) -> Block:
 
 @public
 def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
-    """Compute the motor force that makes the skin feel the force p.
+    """Compute the motor force that applies a given force to the skin.
 
     dF = -(m/B) dp/dt.
 
-    Above 100 Hz the finger pad is a damper, p = -B dx/dt, and the device an inertia
-    much greater than the pad's, F = m d2x/dt2.
+    Above 100 Hz the finger pad acts as a damper, p = -B dx/dt, and the device as an
+    inertia much larger than the pad's, F = m d2x/dt2.
 
     Parameters
     ----------
@@ -1140,9 +1157,9 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class ForceLimit(Map):
-    """x limited to -peak .. peak.
+    """A force clipped to -peak .. peak.
 
-    What is not finite passes, for the output's guard to see.
+    NaN and infinity pass, so that the guard of the output detects them.
     """
 
     x: Block
@@ -1162,7 +1179,7 @@ class ForceLimit(Map):
 
 @public
 def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
-    """Clip a force at the peak force of the motor, on both sides.
+    """Clip a force to the motor's peak force in both directions.
 
     Parameters
     ----------
@@ -1228,9 +1245,11 @@ class StaticState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StaticLimit(Block):
-    """y = G(m) x;  m += a (y^2 - m),  a = 1 - exp(-1/(tau fs)).
+    """A limit on the mean square of a force, applied as a slow gain G.
 
-    G(m) = 1 up to m = K, then falls along a line to 0 at m = L^2; K = 0.81 L^2.  |x| is
+    y = G(m) x;  m += a (y^2 - m),  a = 1 - exp(-1/(tau fs)).
+
+    G(m) = 1 up to m = K, then falls linearly to 0 at m = L^2; K = 0.81 L^2. |x| is
     clipped at sqrt(K + (L^2 - K)/a).
     """
 
@@ -1259,9 +1278,9 @@ class StaticLimit(Block):
 
 @public
 def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
-    """Limit the mean square of a force to the static force that a motor can sustain.
+    """Limit the mean square of a force to what a motor can sustain.
 
-    A gain moves slowly.
+    The limit is a slowly changing gain.
 
     With L = limit, K = (0.9 L)^2 and the running mean m of the output's square,
 
@@ -1338,9 +1357,9 @@ class SlewState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SlewLimit(Block):
-    """y follows x by at most rate/fs in one sample.
+    """A signal that follows x by at most rate/fs per sample.
 
-    What is not finite passes, for the output's guard to see.
+    NaN and infinity pass, so that the guard of the output detects them.
     """
 
     x: Block
@@ -1364,7 +1383,7 @@ class SlewLimit(Block):
 def slew_limit(x: Block, rate: float) -> Block:
     """Limit the rate of change of a signal.
 
-    An example is the fastest change of force that a transmission bears.
+    Use it, for example, for the fastest change of force that a transmission tolerates.
 
     y[n] = min(max(x[n], y[n-1] - rate/fs), y[n-1] + rate/fs), y[-1] = 0.
 
@@ -1406,9 +1425,9 @@ class TallyState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tally(Block):
-    """x, with a count of the samples at which a stage changed ``before``.
+    """The signal x, with a count of the samples that a limiting stage has changed.
 
-    The count is in its state.
+    ``before`` is the signal ahead of that stage. The count is kept in the state.
     """
 
     x: Block
@@ -1435,7 +1454,7 @@ def motor_current(
     geometry: tuple[ArrayLike, ArrayLike] = PLACEHOLDER_GAMMA,
     kind: str = "pchip",
 ) -> Block:
-    """Compute the current of a voice coil for a force: I = F/(n B Gamma(x)).
+    """Compute the voice-coil current for a force: I = F/(n B Gamma(x)).
 
     Parameters
     ----------
@@ -1492,7 +1511,7 @@ def motor_current(
             " neighbouring values"
         )
     if len(geometry) != 2:
-        raise BadValue("motor_current: geometry is a pair (positions, values)")
+        raise BadValue("motor_current: geometry must be a pair (positions, values)")
     gamma = np.asarray(geometry[1], float)
     if not (gamma > 0).all():
         raise BadValue(

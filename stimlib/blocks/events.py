@@ -1,4 +1,4 @@
-"""Events and what depends on time: clocks, moving averages, envelopes."""
+"""Events and functions of time: clocks, moving averages, envelopes."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ U = np.uint64
 
 
 class Event(Block, abstract=True):
-    """Not 0 only where something happens."""
+    """Base class of events: signals that are nonzero only when something happens."""
 
 
 def is_event(b: Block) -> bool:
     """Return whether a signal is known to be an event.
 
-    It is made by a block for events, or is such a signal scaled.
+    Events come from blocks that make them, or from scaling an event.
     """
     todo, seen = [b], {id(b)}
     while todo:
@@ -64,36 +64,34 @@ def is_event(b: Block) -> bool:
 
 
 def as_event(name: str, v) -> Block:
-    """Return a signal that may be an event; raise BadValue if it is known to last."""
+    """Return a signal to use as an event; raise BadValue if it is a lasting signal."""
     b = as_block(v)
     if isinstance(b, (Const, Param, Compare, Gate, Count, SampleAndHold)):
         raise BadValue(
-            f"{name}: {b!r} is no event, it lasts; use rising(..) of it, or every(..), at(..) or"
+            f"{name}: {b!r} is a lasting signal, not an event; use rising(..) of it, or every(..),"
+            " at(..) or"
             " crossing(..)"
         )
     return b
 
 
 def as_signal(name: str, v, remedy: str) -> Block:
-    """Return a signal that is no event.
-
-    BadValue, with a remedy, where it is known to be an event.
-    """
+    """Return an ordinary signal; raise BadValue with a remedy if it is an event."""
     b = as_block(v)
     if is_event(b):
-        raise BadValue(f"{name}: {b!r} is an event, of one sample; {remedy}")
+        raise BadValue(f"{name}: {b!r} is an event, which lasts one sample; {remedy}")
     return b
 
 
 def in_unit_of(x: Block, v) -> Block:
-    """Return a number with the unit of x."""
+    """Return v as a signal; a plain number gets the unit of x."""
     return as_block(v) if x.dim == un.ONE else with_unit(v, str(x.dim))
 
 
 def happens(event):
-    """Return at how many samples an event occurs.
+    """Return the number of samples at which an event occurs.
 
-    A tile that finds none may leave its state as it is.
+    If there are none, a tile may leave its state unchanged.
     """
     n = NONE
     for i in range(event.size):
@@ -116,7 +114,7 @@ class EdgeState(NamedTuple):
 
 
 def edge(p, s, x, threshold):
-    """Return the event of one sample and the new state."""
+    """Return the event at one sample, and the new state."""
     d = x - threshold
     above = where(d == d, where(d > 0.0, 1.0, 0.0), s.above)
     passed = where(s.cold > 0.0, 0.0, p.sign * (above - s.above))
@@ -125,7 +123,7 @@ def edge(p, s, x, threshold):
 
 @dataclass(frozen=True, eq=False)
 class Edge(Event):
-    """1 at the sample where x crosses a threshold in one direction, else 0."""
+    """An event of height 1 where x crosses a threshold in one direction."""
 
     x: Block
     threshold: Block
@@ -197,9 +195,7 @@ def rising(x: Block | float, threshold: Block | float = 0.0) -> Block:
 
 @public
 def falling(x: Block | float, threshold: Block | float = 0.0) -> Block:
-    """Make an event where a signal falls to a threshold; see ``rising``.
-
-    It may go below it at once.
+    """Make an event where a signal falls to a threshold or below; see ``rising``.
 
     Parameters
     ----------
@@ -241,7 +237,7 @@ class CrossingState(NamedTuple):
 
 
 def crossed(p, s, x):
-    """Return the lines passed in one sample and the new state."""
+    """Return the number of lines crossed in one sample, and the new state."""
     u = x / p.spacing
     good = where(u - u == 0.0, 1.0, 0.0)
     low, high = floor(u - p.half), floor(u + p.half)
@@ -259,12 +255,12 @@ def crossed(p, s, x):
 
 @dataclass(frozen=True, eq=False)
 class Crossing(Event):
-    """An event at each line passed, with a play.
+    """An event at each crossing of equally spaced lines, with hysteresis.
 
-    The cell between two lines is held within floor(u - h/2) .. floor(u + h/2), u =
-    x/spacing: a play between place and cell.
+    The cell between two lines is limited to floor(u - h/2) .. floor(u + h/2), where u =
+    x/spacing. This is a play (backlash) between position and cell.
 
-    The event is how many cells it has moved.
+    The height of the event is the number of cells moved.
     """
 
     x: Block
@@ -311,7 +307,7 @@ class Crossing(Event):
 def crossing(
     x: Block | float, spacing: float, hysteresis: float = 0.0, split: bool = False
 ) -> Block:
-    """Make an event at every line that a position crosses.
+    """Make an event whenever a position crosses one of a set of equally spaced lines.
 
     The lines are at the multiples of a spacing.
 
@@ -365,7 +361,7 @@ class Total(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Count(Block):
-    """The sum of all events so far."""
+    """The running sum of all event heights."""
 
     event: Block
 
@@ -380,7 +376,7 @@ class Count(Block):
 
 @public
 def count(event: Block | float) -> Block:
-    """Return the sum of the heights of all events so far.
+    """Return the running sum of the heights of all events.
 
     Parameters
     ----------
@@ -411,7 +407,7 @@ def count(event: Block | float) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class SampleAndHold(Block):
-    """x at the last event; 0 before the first."""
+    """The value of x at the last event; 0 before the first event."""
 
     x: Block
     event: Block
@@ -460,19 +456,19 @@ def sample_and_hold(x: Block | float, event: Block | float) -> Block:
 
 
 class Wait(NamedTuple):
-    """The samples until the next event may pass."""
+    """The number of samples that must pass between two events."""
 
     samples: float
 
 
 class Left(NamedTuple):
-    """The samples that are left."""
+    """The number of samples until the next event may pass."""
 
     left: np.uint64  # samples in which nothing passes
 
 
 def passed(p, s, event):
-    """Return whether an event passes at this sample, and the new state."""
+    """Return the event if it may pass at this sample, else 0, and the new state."""
     goes = where(event == 0.0, 0.0, where(s.left == NONE, 1.0, 0.0))
     left = where(goes > 0.0, U(p.samples), s.left)
     return where(goes > 0.0, event, 0.0), Left(where(left > NONE, left - ONE, NONE))
@@ -480,9 +476,9 @@ def passed(p, s, event):
 
 @dataclass(frozen=True, eq=False)
 class OnceWithin(Event):
-    """An event passes, and then none for n - 1 samples.
+    """Events with a refractory period: after one passes, n - 1 samples are blocked.
 
-    What comes then is lost and does not prolong it.
+    Blocked events are lost, and do not prolong the period.
     """
 
     event: Block
@@ -511,7 +507,7 @@ class OnceWithin(Event):
 
 @public
 def once_within(event: Block | float, refractory: float) -> Block:
-    """Pass an event, then block events for a while.
+    """Pass an event, then block further events for a refractory period.
 
     Parameters
     ----------
@@ -546,12 +542,12 @@ def once_within(event: Block | float, refractory: float) -> Block:
 # Running sums, means and levels.
 @dataclass(frozen=True, eq=False)
 class Integrate(Lag):
-    """y' = x - leak y, exact for inputs that are straight between samples.
+    """Integral over time, y' = x - leak y, exact for piecewise linear inputs.
 
-    It is a lag over its leak (see ``FirstOrder``).
+    With a leak it is a first-order lag divided by the leak (see ``FirstOrder``).
 
-    Without a leak it is the trapezoidal rule; held until the next sample, y[n] = y[n-1]
-    + x[n]/fs.
+    Without one it is the trapezoidal rule; for inputs held between samples, y[n] =
+    y[n-1] + x[n]/fs.
     """
 
     x: Block
@@ -562,8 +558,8 @@ class Integrate(Lag):
     def check(self):
         if not self.leak >= 0 or (self.leak and self.held):
             raise BadValue(
-                f"integrate: leak = {self.leak:g} 1/s must be 0 or above, and 0 for a sum of"
-                " samples"
+                f"integrate: leak = {self.leak:g} 1/s must be 0 or above, and 0 when samples"
+                " are summed"
             )
 
     def units(self, *u):
@@ -586,11 +582,11 @@ class Integrate(Lag):
 
 @public
 def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block:
-    """Integrate over time from sample 0 on.
+    """Integrate a signal over time from sample 0 on.
 
-    It is exact for a signal that is straight between its samples.
+    The integral is exact for signals that are linear between samples.
 
-    The sum has a second word, so after hours it is as exact as at first.
+    The sum is kept in two words, so it is as exact after hours as at the start.
 
     Parameters
     ----------
@@ -640,7 +636,7 @@ def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block
 
 @dataclass(frozen=True, eq=False)
 class MovingAverage(Fir):
-    """An FIR filter of equal taps: the mean of the last samples."""
+    """The mean of the last samples: an FIR filter with equal taps."""
 
     x: Block
     seconds: float
@@ -666,9 +662,9 @@ class MovingAverage(Fir):
 def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
     """Return the average over the last seconds.
 
-    It is a FIR filter with equal taps: nothing adds up over time, and its cost grows
-    with the number of samples (30 ns for 800). ``integrate`` with a leak or ``lowpass``
-    cost the same for any time.
+    It is an FIR filter with equal taps: no rounding accumulates over time, and its cost
+    grows with the number of samples (30 ns for 800). The cost of ``integrate`` with a
+    leak, or of ``lowpass``, does not depend on the time constant.
 
     Parameters
     ----------
@@ -709,10 +705,10 @@ class FollowerParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Follower(Block):
-    """The level of a signal with an attack and a release.
+    """The level of a signal, with separate attack and release times.
 
-    y += g (|x| - y), g = 1 - exp(-1/(T fs)) with T the attack where |x| is above y,
-    else the release.
+    y += g (|x| - y), g = 1 - exp(-1/(T fs)), where T is the attack time while |x| is
+    above y, else the release time.
     """
 
     x: Block
@@ -744,7 +740,8 @@ class Follower(Block):
 def envelope_follower(x: Block | float, attack: float = 0.001, release: float = 0.05) -> Block:
     """Follow the level of a vibration.
 
-    It rises to the absolute value with one time constant and falls with another.
+    The output approaches the absolute value, with one time constant for rises and
+    another for falls.
 
     Parameters
     ----------
@@ -799,7 +796,7 @@ class TimeState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Time(Block):
-    """n/fs, rounded once, at sample n of its clock."""
+    """Time n/fs at sample n of the block's clock, rounded once."""
 
     def units(self, *u):
         return unit("s")
@@ -816,7 +813,7 @@ class Time(Block):
 def elapsed() -> Block:
     """Return the time since sample 0.
 
-    Inside ``enabled``, it is that in which the block has run.
+    Inside ``enabled`` it is the time for which the block has run.
 
     Returns
     -------
@@ -842,7 +839,7 @@ class EveryParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Every(Event):
-    """1 at the samples floor(k P + 1/2), k = 0, 1, .."""
+    """A periodic event: 1 at the samples floor(k P + 1/2), k = 0, 1, .."""
 
     t: Block
     period: float
@@ -869,9 +866,9 @@ class Every(Event):
 
 @public
 def every(period: float) -> Block:
-    """Make a periodic event, starting at sample 0.
+    """Make a periodic event that starts at sample 0.
 
-    Each is at the sample nearest to its time.
+    Each event occurs at the sample nearest to its exact time.
 
     Parameters
     ----------
@@ -910,7 +907,7 @@ class AtParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class At(Event):
-    """Events at given times, each at the nearest sample; those of one sample add up."""
+    """Events at given times, each at the nearest sample; coinciding events add up."""
 
     t: Block
     times: np.ndarray
@@ -979,9 +976,9 @@ class TimelineParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Timeline(Block):
-    """Values at times, and curves between them.
+    """A signal given by values at times, with curves between them.
 
-    Of a piece from a to b, with z from 0 to 1, it is a + (b - a) w(z).
+    Between the values a and b it is a + (b - a) w(z), with z from 0 to 1.
     """
 
     t: Block
@@ -1077,7 +1074,7 @@ class BurstState(NamedTuple):
 
 
 def opened(p, s, event):
-    """Return the envelope of one sample and the new state."""
+    """Return the envelope at one sample, and the new state."""
     k = where(event == 0.0, s.k, NONE)
     height = where(event == 0.0, s.height, event)
     t = as_float(k) + 0.5
@@ -1091,10 +1088,10 @@ def opened(p, s, event):
 
 @dataclass(frozen=True, eq=False)
 class Burst(Block):
-    """An envelope with raised-cosine ramps.
+    """An envelope with raised-cosine ramps after each event.
 
-    height sin^2(pi/2 min(t, n - t, ramp)/ramp) with t = k + 1/2 for its sample k: as
-    long before the middle as after.
+    Sample k is height sin^2(pi/2 min(t, n - t, ramp)/ramp), with t = k + 1/2, so the
+    envelope is symmetric in time.
     """
 
     event: Block
@@ -1134,9 +1131,9 @@ class Burst(Block):
 
 @public
 def burst(start: Block | float, duration: float, ramp: float = 0.0) -> Block:
-    """Make an envelope that opens for a while after each event.
+    """Make an envelope that opens for a given duration after each event.
 
-    Its ramps are raised cosines: times a signal, it is a burst of it.
+    Its ramps are raised cosines. Multiply a signal by it to get a burst of that signal.
 
     Parameters
     ----------
@@ -1210,7 +1207,7 @@ class EnvelopeState(NamedTuple):
 
 
 def followed(p, s, gate):
-    """Return the envelope of one sample and the new state."""
+    """Return the envelope at one sample, and the new state."""
     on = where(gate > 0.0, 1.0, 0.0)
     stage = where(on > 0.0, where(s.stage > 0.0, s.stage, 1.0), 0.0)
     target = where(stage == 1.0, p.top, where(stage == 2.0, p.sustain, 0.0))
@@ -1223,9 +1220,9 @@ def followed(p, s, gate):
 
 @dataclass(frozen=True, eq=False)
 class Envelope(Block):
-    """Attack-decay-sustain-release envelope: y += g (target - y), by stage.
+    """An attack-decay-sustain-release envelope: y += g (target - y) in each stage.
 
-    A gate that opens starts the attack from where y is.
+    When the gate opens, the attack starts from the present y.
     """
 
     gate: Block
@@ -1277,9 +1274,10 @@ def envelope(
     sustain: float = 1.0,
     release: float = 0.05,
 ) -> Block:
-    """Make an envelope with attack, decay, sustain and release.
+    """Make an attack-decay-sustain-release (ADSR) envelope, controlled by a gate.
 
-    It says how strong something is while a gate is open, and after.
+    Multiply a signal by it to set its strength while the gate is open and after it
+    closes.
 
     Parameters
     ----------

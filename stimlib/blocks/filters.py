@@ -1,4 +1,4 @@
-"""Filters: delay, FIR, second-order sections, and tracking of slow reports."""
+"""Filters: delays, FIR, second-order sections, and tracking of slow reports."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class First(Block):
 
 
 def check_onset(name: str, onset: str) -> None:
-    """Raise BadValue unless there is such an onset."""
+    """Raise BadValue if the onset is unknown."""
     one_of(f"{name}: onset", onset, ONSETS)
 
 
@@ -82,7 +82,7 @@ def begun(
     make: Callable[[Block], Block],
     gain: Callable[[Any], float] = lambda y: 0.0,
 ) -> Block:
-    """Return make(x), a linear block, with the initial state that its onset asks for.
+    """Return a linear block of x with the initial state that an onset asks for.
 
     Parameters
     ----------
@@ -127,7 +127,8 @@ def begun(
     g = gain(y)
     if not math.isfinite(g):
         raise BadValue(
-            f"{name}: it answers a constant without end, so it has no steady start; use"
+            f"{name}: the response to a constant grows without end, so there is no steady start;"
+            " use"
             " onset='step'"
         )
     return y + first * constant(g, str(y.dim / x.dim)) if g else y
@@ -150,7 +151,7 @@ class DelayState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Delay(Block):
-    """y[n] = x[n - samples]; 0 before."""
+    """A delay: y[n] = x[n - samples], and 0 before."""
 
     x: Block
     samples: int | None
@@ -257,7 +258,7 @@ beginning.
 
 
 class Fir(Block, abstract=True):
-    """y[n] = sum_k h[k] x[n-k]."""
+    """A finite impulse response: y[n] = sum_k h[k] x[n-k]."""
 
     @staticmethod
     def tile(p, s, x, y):
@@ -282,7 +283,7 @@ class Fir(Block, abstract=True):
         return np.polyval(p.taps, 1 / z)  # oldest first: highest power of 1/z first
 
     def delay(self, p):
-        """Return half the order for linear phase, else the centre of the energy."""
+        """Return half the order for linear phase, else the centroid of the energy."""
         h = p.taps[::-1][: int(p.order) + 1]
         if np.array_equal(h, h[::-1]) or np.array_equal(h, -h[::-1]):
             return p.order / 2
@@ -301,7 +302,7 @@ def line(taps: np.ndarray) -> tuple[FirParams, DelayState]:
 
 @dataclass(frozen=True, eq=False)
 class Taps(Fir):
-    """A FIR filter given by its taps."""
+    """An FIR filter given by its taps."""
 
     x: Block
     taps: np.ndarray
@@ -326,7 +327,7 @@ class Taps(Fir):
 
 @public
 def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
-    """Run a filter with finite impulse response, y[n] = sum_k taps[k] x[n-k].
+    """Filter with a finite impulse response, y[n] = sum_k taps[k] x[n-k].
 
     Parameters
     ----------
@@ -357,9 +358,9 @@ def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
 
 @dataclass(frozen=True, eq=False)
 class Differentiator(Fir):
-    """D(f) = i 2 pi f up to the pass edge, 0 from the stop edge on.
+    """An FIR differentiator: i 2 pi f in the pass band, 0 in the stop band.
 
-    The phase is linear, the delay order/2 samples.
+    It has linear phase and a delay of order/2 samples.
     """
 
     x: Block
@@ -382,7 +383,8 @@ class Differentiator(Fir):
         passband = 0.45 * fs if self.passband is None else self.passband
         if passband < 1e-9 * fs:
             raise BadValue(
-                f"differentiator: nothing passes to {passband:g} Hz at fs = {fs:g} Hz; give a"
+                f"differentiator: a pass band up to {passband:g} Hz is too narrow at fs = {fs:g}"
+                " Hz; give a"
                 " larger passband"
             )
         if passband >= fs / 2:
@@ -390,7 +392,7 @@ class Differentiator(Fir):
                 p for p in fs / 2 ** np.arange(3.0, 9) if self._taps(fs, p, order).error <= self.tol
             )
             raise BadValue(
-                f"differentiator: a pass band to {passband:g} Hz does not fit below fs/2 ="
+                f"differentiator: a pass band up to {passband:g} Hz does not fit below fs/2 ="
                 f" {fs / 2:g} Hz; give a smaller passband"
                 + next((f", such as {p:g}" for p in good), "")
             )
@@ -409,10 +411,10 @@ class Differentiator(Fir):
         return (responses.differentiator(self.passband, self.order, self.tol),)
 
     def _stop(self, fs, passband):
-        """Return the stop edge for this pass edge, or None.
+        """Return the stop edge for a pass edge, or None without a stop band.
 
-        The pass edge may be another than that asked for; None where nothing is left to
-        be stopped.
+        The pass edge may differ from the requested one; there is no stop band if it
+        would begin above fs/2.
         """
         if self.passband is None:
             return None if self.stopband is None or self.stopband > fs / 2 else self.stopband
@@ -438,9 +440,9 @@ def differentiator(
     tol: float = 1e-6,
     onset: str = "step",
 ) -> Block:
-    """Differentiate in a band by a FIR filter with linear phase.
+    """Differentiate a signal in a band with a linear-phase FIR filter.
 
-    It is of type III and near-minimax.
+    The filter is of type III (antisymmetric, even order) and near-minimax.
 
     Parameters
     ----------
@@ -518,11 +520,11 @@ class CascadeState(NamedTuple):
 
 
 class Cascade(Block, abstract=True):
-    """Second-order sections one behind the other, by the trapezoidal rule.
+    """Second-order sections in series, discretised by the trapezoidal rule.
 
     See ``Sections`` for the formula.
 
-    Each state has a second word, so nothing that a low cutoff adds is rounded away.
+    Each state has a second word, so rounding loses nothing even at a low cutoff.
     """
 
     @staticmethod
@@ -544,16 +546,16 @@ class Cascade(Block, abstract=True):
         return np.prod(above[0] / below[0], axis=-1)
 
     def delay(self, p):
-        """Group delay in the middle of what passes."""
+        """Return the group delay in the middle of the pass band."""
         z = np.exp(2j * pi * p.at)
         (n, dn), (d, dd) = quadratics(p, z)
         return float(np.sum((z * (dd / d - dn / n)).real))
 
 
 def quadratics(p, z):
-    """Return numerator and denominator of each section in u = z - 1.
+    """Return numerator and denominator of each section, with their derivatives.
 
-    They are on a last axis, with their derivatives.
+    The sections are polynomials in u = z - 1, along the last axis.
     """
     z = np.asarray(z)[..., None]
     u, ab = z * backward(z), p.a * p.b
@@ -564,7 +566,7 @@ def quadratics(p, z):
 
 
 def cascade(rows: Sections, at: float) -> tuple[CascadeParams, CascadeState]:
-    """Return the parameters and the rest state of a cascade of sections."""
+    """Return the parameters and rest state of a cascade of sections."""
     return CascadeParams(*rows, at), CascadeState(*np.zeros((4, rows.a.size)))
 
 
@@ -581,9 +583,9 @@ def below_half(name: str, fs: float, **edges: float) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Filter(Cascade):
-    """A filter of one of four families.
+    """A low-pass, high-pass, band-pass or band-stop filter of one of four families.
 
-    ``low`` is its one edge, or the lower of two.
+    ``low`` is the only edge, or the lower of two.
     """
 
     x: Block
@@ -606,7 +608,7 @@ class Filter(Cascade):
         if self.order not in ORDERS:
             raise BadValue(
                 f"{self.band}: order = {self.order} must be from {ORDERS[0]} to {ORDERS[-1]}; for a"
-                " steeper filter put two in a row, or take kind='elliptic'"
+                " steeper filter put two in series, or take kind='elliptic'"
             )
         if not all(f > 0 for f in self.edges.values()):
             raise BadValue(
@@ -651,9 +653,9 @@ class Filter(Cascade):
 
 
 def _level(y: Filter) -> float:
-    """Return the gain at 0 Hz of a filter that passes it.
+    """Return the gain at 0 Hz of a filter that passes 0 Hz.
 
-    Of an even order, ripples begin with a trough.
+    For even orders, the pass-band ripple starts at its minimum.
     """
     return (
         10 ** (-y.ripple / 20) if y.kind in ("chebyshev1", "elliptic") and y.order % 2 == 0 else 1.0
@@ -670,11 +672,11 @@ def lowpass(
     attenuation: float = 60.0,
     onset: str = "step",
 ) -> Block:
-    """Pass what is slower than the cutoff.
+    """Pass frequencies below the cutoff.
 
-    Its response is that of the analogue filter at the frequency i tan(pi f/fs), scaled
-    so that the cutoff is where it should be (the bilinear transform).  It is computed
-    to 1e-13 of its peak, whatever the cutoff is, from 1e-6 to 0.45 fs.
+    The response is that of the analogue filter at the frequency i tan(pi f/fs), scaled
+    so that the cutoff is exact (the bilinear transform). It is computed to 1e-13 of its
+    peak for any cutoff from 1e-6 to 0.45 fs.
 
     Parameters
     ----------
@@ -743,7 +745,7 @@ def highpass(
     attenuation: float = 60.0,
     onset: str = "step",
 ) -> Block:
-    """Pass what is faster than the cutoff; see ``lowpass`` for the rest.
+    """Pass frequencies above the cutoff; see ``lowpass`` for the rest.
 
     Parameters, errors and sources are the same.
 
@@ -787,10 +789,10 @@ def bandpass(
     attenuation: float = 60.0,
     onset: str = "step",
 ) -> Block:
-    """Pass what lies between two frequencies.
+    """Pass frequencies between two edges.
 
-    It is computed to 2e-13 + 4e-15 high/(high - low) of its peak: a narrow band is as
-    exact as its poles are numbers.
+    The response is computed to 2e-13 + 4e-15 high/(high - low) of its peak: the
+    precision in a narrow band is that of its poles as numbers.
 
     Parameters
     ----------
@@ -841,11 +843,12 @@ def bandstop(
     attenuation: float = 60.0,
     onset: str = "step",
 ) -> Block:
-    """Remove what lies between two frequencies; see ``bandpass`` for the rest.
+    """Remove frequencies between two edges; see ``bandpass`` for the rest.
 
     Parameters and errors are the same.
 
-    It is computed to 2e-13 + 4e-15 high/(high - low) + 4e-14 high/low of its peak.
+    The response is computed to 2e-13 + 4e-15 high/(high - low) + 4e-14 high/low of its
+    peak.
 
     Parameters
     ----------
@@ -879,7 +882,7 @@ def bandstop(
 
 @dataclass(frozen=True, eq=False)
 class Sos(Cascade):
-    """A cascade given by the numbers of its sections."""
+    """A cascade given by the coefficients of its sections."""
 
     x: Block
     rows: np.ndarray
@@ -914,9 +917,10 @@ class Sos(Cascade):
 
 @public
 def sos(x: Block | float, rows, onset: str = "step") -> Block:
-    """Run second-order sections with given numbers.
+    """Filter with second-order sections whose coefficients are given.
 
-    An example are those of ``scipy.signal``, which are for one sample rate.
+    Such coefficients come, for example, from ``scipy.signal``; they hold for one sample
+    rate.
 
     Parameters
     ----------
@@ -982,7 +986,7 @@ class TrackState(NamedTuple):
 
 
 def follow(p, s, x, contact):
-    """Return the tracker after x has been held for one sample."""
+    """Return the state of the tracker after x has been held for one sample."""
     d = x - s.last
     fresh = where(s.cold > 0.0, 1.0, where(abs(d) > p.max_jump, 1.0, 0.0))
     e = where(fresh > 0.0, 0.0, s.e + (d + TINY))
@@ -998,9 +1002,9 @@ def follow(p, s, x, contact):
 
 @dataclass(frozen=True, eq=False)
 class Tracker(Block, abstract=True):
-    """H(s) = w^2/(s + w)^2 of an input held between samples.
+    """A critically damped tracker, w^2/(s + w)^2, of an input held between samples.
 
-    It is in terms of e = x - y and h = v/fs.
+    Its state is e = x - y and h = v/fs.
 
     With q = w/fs, g = 1 - exp(-q), and e already increased by the change of x in this
     sample:
@@ -1008,8 +1012,8 @@ class Tracker(Block, abstract=True):
     u = q e - h;  e -> (1 - g)(e + u);  h -> (1 - g)(h + q u);  y = x - e.
 
     These are the exact solutions of y'' = w^2 (x - y) - 2 w y' at the end of the
-    sample.  Only differences of x enter e and h, so nothing of a held position is left
-    in them, however small q is.
+    sample.  Only differences of x enter e and h, so a held position leaves nothing in
+    them, however small q is.
     """
 
     x: Block
@@ -1031,7 +1035,7 @@ class Tracker(Block, abstract=True):
 
 
 def response(p, z):
-    """Return the frequency response from the input to the position.
+    """Return the tracker's frequency response from input to position.
 
     (1 - (1-g)(1+q) + (1-g)(q-g)/z) / (1 - (1-g)/z)^2.
     """
@@ -1040,9 +1044,9 @@ def response(p, z):
 
 
 def lag(p):
-    """Return the group delay of the position at 0 Hz in samples.
+    """Return the group delay of the tracked position at 0 Hz in samples.
 
-    It is 2/q - 1/2, and terms of the order of q.
+    It is 2/q - 1/2, up to terms of the order of q.
     """
     return (1 - p.g) * (2 + (p.q - p.g) / p.g) / p.g
 
@@ -1069,7 +1073,7 @@ class Track(Tracker):
 
 @dataclass(frozen=True, eq=False)
 class TrackVelocity(Tracker):
-    """Velocity of the tracker, the movement of its position in this sample times fs."""
+    """Velocity of the tracker: the change of its position per sample, times fs."""
 
     def units(self, *u):
         return u[0] * RATE
@@ -1094,12 +1098,12 @@ class TrackVelocity(Tracker):
 def track(
     x: Block, bandwidth: float = 20.0, contact: Block | float = 1.0, max_jump: float | None = 0.05
 ) -> Block:
-    """Return the position that follows slow, jittered reports smoothly and causally.
+    """Smooth slow, jittered position reports causally.
 
-    A critically damped second order, H(s) = w^2/(s + w)^2 with w = 2 pi bandwidth,
-    discretised exactly for an input that is held between samples: y[n] is what the
-    continuous filter reaches after x[n] has been held for one sample.  The gain at 0 Hz
-    is exactly 1 and a step does not overshoot.
+    The tracker is a critically damped second-order system, H(s) = w^2/(s + w)^2 with w
+    = 2 pi bandwidth, discretised exactly for an input that is held between samples:
+    y[n] is the value that the continuous filter reaches after x[n] has been held for
+    one sample. The gain at 0 Hz is exactly 1, and a step does not overshoot.
 
     Parameters
     ----------
@@ -1175,9 +1179,9 @@ def track_velocity(
 ) -> Block:
     """Return the rate of change of ``track`` with the same arguments.
 
-    v[n] = (y[n] - y[n-1]) fs, computed without that difference: the sum of v/fs is the
-    tracked position, so a stimulus that takes position and rate from one tracker sees
-    one movement.
+    v[n] = (y[n] - y[n-1]) fs, computed without that difference. The sum of v/fs is
+    exactly the tracked position, so position and rate from one tracker describe the
+    same movement.
 
     Parameters
     ----------

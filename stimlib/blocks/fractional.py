@@ -41,7 +41,7 @@ DIFFERENCES, SUMS, WORK = 80, 160, 224
 
 # Shared by all ------------------------------------------------------------------------
 def origin(cold, last, x):
-    """Return the position before the first sample x.
+    """Return the position before the sample x.
 
     At the first sample it is x itself, or 0 if the onset is a step.
     """
@@ -51,7 +51,7 @@ def origin(cold, last, x):
 def begin(s, x):
     """Return the position before contact.
 
-    At the first sample the last nine are set to it.
+    At the first sample the stored nine positions are set to it.
     """
     first = origin(s.cold, s.first, x)
     for i in range(s.line.size):
@@ -60,10 +60,7 @@ def begin(s, x):
 
 
 def difference(line, x, w):
-    """Return positions from nine samples ago on, and their differences.
-
-    They are in the scratch.
-    """
+    """Compute the differences of positions from nine samples ago on, in the scratch."""
     z, d = w[: x.size + 9], w[DIFFERENCES : DIFFERENCES + x.size + 8]
     copy(line, z)
     copy(x, z[9:])
@@ -73,7 +70,10 @@ def difference(line, x, w):
 
 
 def remember(e, r, taps, constant, scale, q, low, first, y, w):
-    """Return the sum over the whole history of the differences in the scratch."""
+    """Compute the springpot's sum over the whole history of position differences.
+
+    The differences are in the scratch array.
+    """
     n = y.size
     part = w[SUMS : SUMS + n]
     memory(e, r, q, low, w[DIFFERENCES : DIFFERENCES + n], part, w[WORK:])
@@ -83,7 +83,7 @@ def remember(e, r, taps, constant, scale, q, low, first, y, w):
 
 
 def plain(alpha, fs, first, y, w):
-    """Return the springpots of order 0 and 1: displacement, and difference times fs."""
+    """Compute springpots of order 0 (displacement) and 1 (difference times fs)."""
     for i in range(y.size):
         y[i] = where(alpha > 0.5, w[DIFFERENCES + 8 + i] * fs, w[9 + i] - first)
 
@@ -118,14 +118,14 @@ def first_state(onset: str, modes: int = 0, fine: int = 0) -> SpringpotState:
 
 
 def leaks(r: soe.Rates) -> np.ndarray:
-    """Return 1 - exp(-s): the slow modes live on its last digits."""
+    """Return 1 - exp(-s), accurate even for the slowest modes."""
     return padded(-np.expm1(-r.s), 1.0)
 
 
 def transfer(p, alpha, scale, taps, constant, r, z):
-    """Return the response of the sum, from differences on.
+    """Return the frequency response of the springpot's sum over differences.
 
-    0 Hz is what is left of a movement after an endless hold.
+    At 0 Hz it is the response that remains when a position is held for ever.
     """
     zi = 1 / z
     if alpha == 0:
@@ -138,7 +138,7 @@ def transfer(p, alpha, scale, taps, constant, r, z):
 
 
 def force_unit(name: str, y: un.Unit) -> un.Unit:
-    """Return N from a position in m; no unit from a number without one."""
+    """Return the unit N for a position in m, and no unit for one without."""
     if y == un.ONE:
         return un.ONE
     if y != unit("m"):
@@ -161,13 +161,14 @@ def check_fields(b, schemes: tuple[str, ...] = soe.SCHEMES) -> None:
 # A fixed order ------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Springpot(Block):
-    """D^alpha y of a fixed order, for chi = 1.
+    """Fractional derivative D^alpha y of a fixed order (a springpot with chi = 1).
 
     f[n] = fs^alpha (sum_{j<8} v_j d[n-j] + c (y[n-8] - y[-1]) + sum_k r_k b_k),
     b_k += d[n-8] - e_k b_k.
 
-    With the scheme "straight", y is the running sum of a force that is straight between
-    samples, and what comes out is that force's fractional integral: see ``compliance``.
+    With the scheme "straight", y is the running sum of a force that is linear between
+    samples, and the output is the fractional integral of that force: see
+    ``compliance``.
     """
 
     y: Block
@@ -262,14 +263,14 @@ class LiveState(NamedTuple):
 
 
 def power(alpha, high, rest):
-    """Return exp(alpha (high + rest)), the logarithm being a sum of two floats."""
+    """Return exp(alpha (high + rest)), where high + rest is a logarithm."""
     t = alpha * high
     e = exp(t)
     return fma(e, fma(alpha, high, -t) + alpha * rest, e)
 
 
 def chebyshev(c, start, n, t):
-    """Return sum_{k<n} c[start + k] T_k(t), Clenshaw's recurrence."""
+    """Return a Chebyshev series sum_{k<n} c[start + k] T_k(t) by Clenshaw's method."""
     a, b = 0.0, 0.0
     for k in range(1, n):
         now = fma(2.0 * t, a, c[start + n - k] - b)
@@ -279,9 +280,9 @@ def chebyshev(c, start, n, t):
 
 
 def reweigh(p, alpha, r, taps):
-    """Compute the weights of the modes and taps at an order.
+    """Compute the weights of modes and taps for an order.
 
-    That of the constant mode comes back.
+    Return the weight of the mode that never decays.
     """
     n = COEFFICIENTS
     t = 2.0 * alpha - 1.0
@@ -302,16 +303,16 @@ def reweigh(p, alpha, r, taps):
 
 @cache  # every scene with a live order needs it, mostly with the same numbers
 def live_orders(tol: float, samples: float, scheme: str) -> tuple[soe.Rates, soe.LiveOrders]:
-    """Return rates and weights for a live order."""
+    """Return the rates and weights of a springpot whose order is a signal."""
     rates = soe.rates(tol, samples)
     return rates, soe.live(rates, scheme)
 
 
 @dataclass(frozen=True, eq=False)
 class SpringpotLive(Block):
-    """``Springpot`` with the order as a signal.
+    """Fractional derivative like ``Springpot``, with the order as a signal.
 
-    Modes do not depend on it, weights are made anew where it changes.
+    The modes do not depend on the order; their weights are recomputed when it changes.
     """
 
     y: Block
@@ -387,7 +388,10 @@ class PathState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PathLength(Block):
-    """sum |y[n] - y[n-1]| since contact: the monotone movement with the same steps."""
+    """Length of the path since contact, sum |y[n] - y[n-1]|.
+
+    A monotone movement with the same steps would have this displacement.
+    """
 
     y: Block
     contact: Block
@@ -408,17 +412,17 @@ class PathLength(Block):
 
 @cache  # 123 bounds take longer than all else of a springpot
 def bounds_of_orders(tol: float, samples: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return orders, and ``soe.bound`` of each."""
+    """Return an array of orders and ``soe.bound`` of each."""
     knots = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 24), np.linspace(0.02, 1.0, 99)])
     return knots, np.array([soe.bound(soe.rates(tol, samples), float(a)) for a in knots])
 
 
 @dataclass(frozen=True, eq=False)
 class Accuracy(Table):
-    """e(alpha) of ``soe.bound``.
+    """The relative error bound e(alpha) of ``soe.bound``.
 
-    It is the error of a springpot over what the same movement without any way back
-    would make.
+    It is the error of a springpot relative to its response to a monotone movement with
+    the same steps.
     """
 
     alpha: Block
@@ -449,13 +453,13 @@ LONGEST = 1 << 24  # samples of history that gl-downsampled keeps at most
 
 
 def binomials(alpha: float, n: int) -> np.ndarray:
-    """Return w_j = (-1)^j binom(alpha, j), j < n."""
+    """Return the binomial weights w_j = (-1)^j binom(alpha, j) for j < n."""
     return np.cumprod([1.0, *((j - 1 - alpha) / j for j in range(1, n))])
 
 
 @dataclass(frozen=True, eq=False)
 class Method(Block, abstract=True):
-    """D^alpha y, of the order alpha, as the thesis computes it."""
+    """Base class of the thesis's methods for the fractional derivative D^alpha y."""
 
     y: Block
     contact: Block
@@ -489,7 +493,7 @@ class DownsampledState(NamedTuple):
 class Downsampled(Method):
     """D^alpha y from every m-th sample of the whole history.
 
-    m = ceil(k/100) at step k, with the step m/fs.
+    At step k, m = ceil(k/100), and the step size is m/fs.
     """
 
     horizon: float
@@ -548,7 +552,7 @@ class ShortMemoryState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ShortMemory(Method):
-    """D^alpha y from the last seconds alone."""
+    """D^alpha y from only the last seconds of the history."""
 
     seconds: float
     onset: str
@@ -595,7 +599,7 @@ class ShortMemory(Method):
 
 @dataclass(frozen=True, eq=False)
 class NotBelowZero(Map):
-    """x, or nan where x < 0: the guard of the output then ends the stimulus."""
+    """The signal x, or NaN where x < 0, so that the output's guard stops it."""
 
     x: Block
 
@@ -619,7 +623,7 @@ def springpot(
 ):
     """Compute the force of a springpot, f = chi D^alpha y.
 
-    It is over the whole history of y.
+    It depends on the whole history of y.
 
     Parameters
     ----------
@@ -717,8 +721,8 @@ def springpot(
         )
     if fixed is None:
         raise BadValue(
-            f"springpot: {scheme} needs a plain number as alpha, got {alpha!r}; gl and l1 take a"
-            " live one"
+            f"springpot: {scheme} needs a plain number as alpha, got {alpha!r}; gl and l1 accept a"
+            " signal"
         )
     if scheme == "gl-downsampled":
         return gain * Downsampled(y, touch, fixed, horizon, onset)
@@ -726,9 +730,9 @@ def springpot(
 
 
 def coefficient(chi, name: str = "springpot") -> Block:
-    """Return chi as a signal without unit that is nan below 0.
+    """Return chi as a signal without unit that is NaN where chi is below 0.
 
-    name is the function that an error names.
+    Errors name the function ``name``.
     """
     b = as_block(chi)
     if b.dim != un.ONE:
@@ -758,7 +762,7 @@ class Stiffness(NamedTuple):
 
 @public
 def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
-    """Return k_C = chi (i w)^alpha: storage and loss, magnitude and phase.
+    """Return the complex stiffness of a springpot, k_C = chi (i w)^alpha.
 
     Parameters
     ----------
@@ -807,9 +811,10 @@ def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
 
 @public
 def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.pi) -> float:
-    """Return chi_2 of a springpot of order alpha2 with an equal force at w.
+    """Return the coefficient chi_2 that makes two springpots equally strong at w.
 
-    It answers as strongly as (chi1, alpha1) at the frequency w.
+    The springpot (chi_2, alpha2) then has the force amplitude of (chi1, alpha1) at the
+    frequency w.
 
     Parameters
     ----------
@@ -848,7 +853,7 @@ def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.p
 
 @public
 def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
-    """Return complex stiffness k_C = i w tau k/(1 + i w tau) of a Maxwell arm.
+    """Return the complex stiffness of a Maxwell arm, i w tau k/(1 + i w tau).
 
     Parameters
     ----------
@@ -898,7 +903,7 @@ def relaxation_modulus(
     arms: Sequence[tuple[float, float]] = (),
     springpot: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Return force over displacement after a step.
+    """Return the relaxation modulus: force over displacement after a step.
 
     k0 + sum k_i exp(-t/tau_i) + chi t^-alpha/Gamma(1 - alpha).
 
@@ -958,7 +963,7 @@ def creep_compliance(
     b: float | None = None,
     springpot: tuple[float, float] | None = None,
 ) -> np.ndarray:
-    """Return displacement over force after a step.
+    """Return the creep compliance: displacement over force after a step of force.
 
     1/k0 + t/b + sum (1 - exp(-t/tau_i))/k_i + t^alpha/(chi Gamma(1 + alpha)).
 

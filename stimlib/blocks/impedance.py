@@ -1,4 +1,4 @@
-"""Velocity, springs and dampers, and the gate of a loading hand."""
+"""Velocity, springs and dampers, and the gate of the loading phase."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .fractional import Springpot
 # Velocity and impedances ------------------------------------------------------------
 # Velocity, and the impedances that turn motion into force.
 def pole_gain(cutoff: float, fs: float) -> float:
-    """Return g = 1 - exp(-2 pi cutoff / fs) of the low-pass y += g (x - y)."""
+    """Return the gain g = 1 - exp(-2 pi cutoff/fs) of the low-pass y += g (x - y)."""
     return -math.expm1(-2 * math.pi * cutoff / fs)
 
 
@@ -44,7 +44,7 @@ class VelocityState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Velocity(Block):
-    """A velocity through two poles.
+    """Velocity estimated by a difference and a low-pass with two equal poles.
 
     d = (x[n] - x[n-1]) fs; a += g (d - a); b += g (a - b); g = 1 - exp(-2 pi cutoff /
     fs).
@@ -85,16 +85,16 @@ class Velocity(Block):
         return p.fs * d * (p.g / (d + p.g / z)) ** 2
 
     def delay(self, p):
-        """Group delay at 0 Hz: half a sample of the difference, and two poles."""
+        """Return the group delay at 0 Hz: half a sample, plus that of two poles."""
         return 0.5 + 2 * (1 - p.g) / p.g
 
 
 @public
 def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> Block:
-    """Estimate the rate of change through two poles.
+    """Estimate the rate of change of a signal with a two-pole low-pass.
 
-    It always begins steady: 0 on the first sample, as if x had always been as it is
-    there.
+    The estimate always starts steady: it is 0 at the first sample, as if x had always
+    had its first value.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> B
 
 
 class Sampled(NamedTuple):
-    """The numbers of one time constant at a sample rate, all to rounding."""
+    """The coefficients of a first-order system at a sample rate, exact to rounding."""
 
     e: float  # 1 - exp(-a)
     g: float  # e/a
@@ -141,9 +141,9 @@ class Sampled(NamedTuple):
 
 
 def sampled(a: float) -> Sampled:
-    """Return e = 1 - exp(-a), g = e/a and h = 1 - g, without cancellation.
+    """Return the coefficients of a first-order system, without cancellation.
 
-    a = 1/(tau fs) from 0 on.
+    e = 1 - exp(-a), g = e/a and h = 1 - g, for a = 1/(tau fs) >= 0.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ class LagState(NamedTuple):
 
 
 class Lag(Block, abstract=True):
-    """y[n] = (1 - leak) y[n-1] + now x[n] + before x[n-1]."""
+    """A first-order recursion, y[n] = (1 - leak) y[n-1] + now x[n] + before x[n-1]."""
 
     @staticmethod
     def step(p, s, x):
@@ -199,15 +199,15 @@ class Lag(Block, abstract=True):
         return (p.now + p.before / z) / (backward(z) + p.leak / z)
 
     def delay(self, p):
-        """Group delay at 0 Hz; without a leak there is none."""
+        """Return the group delay at 0 Hz; 0 without a leak."""
         return p.before / (p.now + p.before) + (1 - p.leak) / p.leak if p.leak else 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class FirstOrder(Lag):
-    """tau y' + y = x, exact for inputs that are straight between samples.
+    """A first-order lag, tau y' + y = x, exact for piecewise linear inputs.
 
-    See ``sampled`` for e and h, T = 1/fs.
+    See ``sampled`` for e and h.
 
     y[n] = (1 - e) y[n-1] + h x[n] + (e - h) x[n-1].
     """
@@ -228,10 +228,10 @@ class FirstOrder(Lag):
 
 @public
 def first_order(x: Block, tau: float, onset: str = "step") -> Block:
-    """Follow a signal with a first-order lag, 1/(1 + s tau).
+    """Filter a signal with a first-order lag, 1/(1 + s tau).
 
-    With a gain it is the first-order impedance Z(s) = b/(1 + s tau) of a velocity: ``b
-    * first_order(v, tau)``.
+    Applied to a velocity and multiplied by b, it is the first-order impedance Z(s) =
+    b/(1 + s tau): ``b * first_order(v, tau)``.
 
     Parameters
     ----------
@@ -271,10 +271,10 @@ def first_order(x: Block, tau: float, onset: str = "step") -> Block:
 
 
 def with_unit(v, text: str) -> Block:
-    """Return a quantity with its unit.
+    """Return a quantity as a signal, giving a plain number the unit.
 
-    A number gets the unit; a signal must have it (in the sum it would fail with a less
-    helpful word).
+    A signal must have the unit already; the error here is clearer than a later one
+    would be.
     """
     b = as_block(v)
     return constant(b.value, text) if isinstance(b, Const) and b.dim == un.ONE else b
@@ -282,7 +282,7 @@ def with_unit(v, text: str) -> Block:
 
 @public
 def spring(x: Block, k: Block | float) -> Block:
-    """Compute a linear spring, F = k x.
+    """Compute the force of a linear spring, F = k x.
 
     It is the constitutive impedance Z_c(s) = k/s of the UGrip paper.
 
@@ -329,10 +329,10 @@ def kelvin_voigt(
 ) -> Block:
     """Return the force of a spring and a damper in parallel, F = k x + b v.
 
-    It is the mean force over the last sample, exact for motion that is straight between
-    samples: k + i w b, half a sample late, of which k is less by (w/fs)^2/8 of itself
-    and b by (w/fs)^2/24.  At 20 Hz and 1 kHz that is 0.2 % and 0.07 %.  It begins
-    steady: the first position is where x has always been.
+    Each sample is the mean force over the last sample period, exact for motion that is
+    linear between samples: the response is k + i w b, half a sample late, with k
+    reduced by the fraction (w/fs)^2/8 and b by (w/fs)^2/24. At 20 Hz and 1 kHz that is
+    0.2 % and 0.07 %. It starts steady, as if x had always been at its first position.
 
     Parameters
     ----------
@@ -396,9 +396,9 @@ def kelvin_voigt(
 
 
 def step_peak(cutoff: float, fs: float) -> float:
-    """Return the largest velocity that a step of 1 in position makes, in 1/s.
+    """Return the peak of the velocity estimate for a unit step in position, in 1/s.
 
-    It is the maximum of fs g^2 (n+1) (1-g)^n.
+    It is the maximum over n of fs g^2 (n+1) (1-g)^n.
     """
     g = pole_gain(cutoff, fs)
     if g < 1e-9:
@@ -423,7 +423,7 @@ class GateState(NamedTuple):
 
 
 class Gate(Block, abstract=True):
-    """1 from where x rises above ``on`` until it falls to ``off`` or below, else 0."""
+    """A gate: 1 from where x rises above ``on`` until it falls to ``off``, else 0."""
 
     units = unitless
 
@@ -465,7 +465,7 @@ class Hysteresis(Gate):
 def hysteresis(x: Block | float, on: float, off: float) -> Block:
     """Open a gate above one threshold and close it at another (a Schmitt trigger).
 
-    So noise does not make it chatter.
+    With two thresholds, noise does not make it chatter.
 
     Parameters
     ----------
@@ -500,7 +500,7 @@ def hysteresis(x: Block | float, on: float, off: float) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class Loading(Gate):
-    """The gate of a loading velocity."""
+    """A gate that is open during loading, judged by velocity."""
 
     v: Block
     on: float | None
@@ -536,7 +536,7 @@ def loading(
 ) -> Block:
     """Return 1 during loading (compression increasing), else 0.
 
-    There are two thresholds on the velocity.
+    The velocity is compared with two thresholds.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Noise: white by counter, pink by a bank of first-order modes."""
+"""Noise: white noise from a counter, and pink noise from a bank of modes."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ TWO = U(2)
 
 
 def philox(c0, c1, c2, c3, k0, k1):
-    """Return Philox4x32-10 of a 128-bit counter and a 64-bit key.
+    """Return the Philox4x32-10 output for a 128-bit counter and a 64-bit key.
 
-    All are 32-bit words held in uint64.
+    All words have 32 bits and are held in uint64.
     """
     for _ in range(10):
         a, b = FACTOR_0 * c0, FACTOR_1 * c2
@@ -44,7 +44,7 @@ def philox(c0, c1, c2, c3, k0, k1):
 
 
 def pair_of_words(key, m):
-    """Return two 64-bit words for pair m of a stream."""
+    """Return the two 64-bit random words of pair m of a stream."""
     c0, c1, c2, c3 = philox(m & LOW, m >> HALF_WORD, NONE, NONE, key & LOW, key >> HALF_WORD)
     return c0 | (c1 << HALF_WORD), c2 | (c3 << HALF_WORD)
 
@@ -69,7 +69,10 @@ SHIFT_11, SHIFT_62, BITS_51 = U(11), U(62), U(0x7FFFFFFFFFFFF)
 
 
 def radius(a):
-    """Return sqrt(-2 log u), u = (a + 1/2) 2^-64: up to 9.49 sigma."""
+    """Return the Box-Muller radius sqrt(-2 log u) of a 64-bit word.
+
+    u = (a + 1/2) 2^-64, so the radius is at most 9.49.
+    """
     z = bits((as_float(a) + 0.5) * 5.421010862427522e-20)
     mantissa = unbits((z & MANTISSA) | UNIT_FLOAT)
     above = mantissa > SQRT_2
@@ -86,9 +89,9 @@ def radius(a):
 
 
 def turn(b):
-    """Return (cos, sin) of b 2^-64 turns, up to a constant angle.
+    """Return the cosine and sine of b 2^-64 turns, up to a constant angle.
 
-    Quarter turns come from two bits, the rest from 51.
+    Two bits choose the quarter turn, and 51 bits the angle within it.
     """
     quarter = b >> SHIFT_62
     v = (as_float((b >> SHIFT_11) & BITS_51) - 1125899906842624.0) * 1.1102230246251565e-16
@@ -101,7 +104,7 @@ def turn(b):
 
 
 def deviates(key, m):
-    """Return deviates 2m and 2m + 1 of a stream."""
+    """Return the normal deviates 2m and 2m + 1 of a stream."""
     a, b = pair_of_words(key, m)
     r = radius(a)
     c, s = turn(b)
@@ -109,9 +112,9 @@ def deviates(key, m):
 
 
 def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
-    """Return the 64-bit key of one use of one source in one run.
+    """Return the 64-bit key of one use of a noise source in one run.
 
-    It is Philox of (seed, stream, use) under the run's seed.
+    It is the Philox output for (seed, stream, use), keyed by the seed of the run.
     """
     words32 = (seed & 0xFFFFFFFF, seed >> 32, stream, use, run_seed & 0xFFFFFFFF, run_seed >> 32)
     with np.errstate(over="ignore"):
@@ -120,7 +123,7 @@ def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
 
 
 def normals(key: np.uint64, n: int) -> np.ndarray:
-    """Return the first n deviates of a stream (for stationary starts)."""
+    """Return the first n normal deviates of a stream (for stationary starts)."""
     y = np.empty(n)
     with np.errstate(over="ignore"):
         pairs(deviates, key, U(0), y)
@@ -136,7 +139,7 @@ class WhiteState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class White(Block):
-    """y[n] ~ N(0, 1), independent.
+    """Gaussian white noise: independent samples y[n] ~ N(0, 1).
 
     Deviates 2m and 2m+1 are the two Box-Muller deviates of Philox block m.
     """
@@ -155,7 +158,7 @@ class White(Block):
 
     @property
     def noise_key(self) -> tuple[int, int]:
-        """(seed, stream): no two sources of a scene may have the same."""
+        """The pair (seed, stream), which must differ between a scene's sources."""
         return self.seed, self.stream
 
     def design(self, fs):
@@ -183,7 +186,7 @@ class White(Block):
 def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
     """Make Gaussian white noise of unit variance, N(0, 1) per sample, at any rate.
 
-    One-sided PSD 2/fs.  Sample n depends on (run seed, seed, stream, n) alone.
+    Its one-sided PSD is 2/fs. Sample n depends only on (run seed, seed, stream, n).
 
     Parameters
     ----------
@@ -239,7 +242,7 @@ class ModesState(NamedTuple):
 
 
 class Modes(Block, abstract=True):
-    """q_k = p_k q_k + x;  y = d x + sum_k r_k q_k."""
+    """A bank of first-order modes, q_k = p_k q_k + x; y = d x + sum_k r_k q_k."""
 
     @staticmethod
     def work(p):
@@ -257,9 +260,9 @@ class Modes(Block, abstract=True):
 
 
 def bank(e: np.ndarray, r: np.ndarray, d: float) -> tuple[ModesParams, ModesState]:
-    """Return the parameters and rest state of a bank.
+    """Return the parameters and rest state of a bank of modes.
 
-    They are padded to whole groups of eight.
+    They are padded to a multiple of eight modes.
     """
     p = padded(1.0 - e)
     return ModesParams(p, padded(r), float(d)), ModesState(np.zeros(p.size))
@@ -267,7 +270,10 @@ def bank(e: np.ndarray, r: np.ndarray, d: float) -> tuple[ModesParams, ModesStat
 
 @dataclass(frozen=True, eq=False)
 class Pinking(Modes):
-    """|H(f)|^2 = fs / (2 pi f) from f_low to 0.45 fs, within tol_db."""
+    """A 3 dB/oct low-pass, |H(f)|^2 = fs/(2 pi f) from f_low to 0.45 fs.
+
+    The response is within tol_db of this.
+    """
 
     x: Block
     f_low: float
@@ -287,9 +293,9 @@ class Pinking(Modes):
 
 @public
 def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
-    """Run the 3 dB/oct low-pass H, |H|^2 = 1/w with w = 2 pi f / fs.
+    """Filter with a 3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs.
 
-    Before the first sample x was 0.
+    The signal is taken as 0 before the first sample.
 
     Parameters
     ----------
@@ -330,7 +336,7 @@ def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class PinkNoise(Modes):
-    """White noise through the 3 dB/oct filter, stationary: S(f) = psd_1hz / f."""
+    """Stationary pink noise, S(f) = psd_1hz/f: filtered white noise."""
 
     white: Block
     psd_1hz: float
@@ -347,7 +353,10 @@ class PinkNoise(Modes):
         return bank(m.e, gain * m.r, gain * m.d)
 
     def start(self, p, s, seed, normals=normals):
-        """Draw q ~ N(0, P), P_ij = 1/(e_i + e_j - e_i e_j), under a key of its own."""
+        """Draw a stationary initial state q ~ N(0, P) with a key of its own.
+
+        P_ij = 1/(e_i + e_j - e_i e_j).
+        """
         if not isinstance(self.white, White):
             return s
         L = stationary_factor((1.0 - p.p[p.r != 0]).tobytes())

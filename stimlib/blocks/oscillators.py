@@ -49,20 +49,20 @@ class CarrierState(NamedTuple):
 
 
 def two_words(v: Fraction) -> tuple[float, float]:
-    """Return a number to 106 bits, as a sum."""
+    """Return a number as a sum of two floats, accurate to 106 bits."""
     high = float(v)
     return high, float(v - Fraction(high))
 
 
 def phase_word(phase: float) -> np.uint64:
-    """Return a phase in rad as turns of 2^-64."""
+    """Convert a phase in rad to units of 2^-64 turns."""
     return U(round(Fraction(phase) / Fraction(2 * math.pi) * 2**64) % 2**64)
 
 
 def increment(p, f):
-    """Return the phase increment of a sample in units of 2^-64 turn, rounded.
+    """Return the rounded phase increment per sample in units of 2^-64 turns.
 
-    f is held in 0 .. fs/2 (0 for nan).
+    The frequency is clipped to 0 .. fs/2; NaN counts as 0.
     """
     g = where(f > 0.0, where(f < p.top, f, p.top), 0.0)
     main = g * p.high
@@ -72,10 +72,7 @@ def increment(p, f):
 
 
 def fold(phase):
-    """Return the height t in -1/2 .. 1/2 above the zero crossing next to a phase.
-
-    sin(phase) = sin(pi t).
-    """
+    """Return the height t (-1/2 .. 1/2) of a phase, where sin(phase) = sin(pi t)."""
     x = as_float((phase + QUARTER) >> SHIFT_11) * HALF_TURN
     return where(x < 0.5, 2.0 * x - 0.5, 1.5 - 2.0 * x)
 
@@ -83,24 +80,24 @@ def fold(phase):
 def lobe(t, q, r):
     """Return the positive half of a sine, and 0 elsewhere.
 
-    A sample of half width q over a zero crossing gets its part of the area; r =
-    1/sin(pi q).
+    A sample that straddles a zero crossing, of half width q, gets the fraction of the
+    area that is above 0; r = 1/sin(pi q).
     """
     s = sinpi(where(t >= q, t, 0.5 * (t + q)))
     return where(t >= q, s, where(t > -q, s * s * r, 0.0))
 
 
 def rectified(mode, t, q, r):
-    """Return the carrier from its height t."""
+    """Return the carrier, rectified or not, from its height t."""
     other = where(mode > 1.0, lobe(-t, q, r), 0.0)
     return where(mode > 0.0, lobe(t, q, r) + other, sinpi(t))
 
 
 @dataclass(frozen=True, eq=False)
 class Carrier(Block):
-    """sin of a phase that is counted in 2^-64 turns, rectified by area.
+    """A sinusoid whose phase is counted in 2^-64 turns, optionally rectified by area.
 
-    It is 0 off contact, where the phase goes on.
+    It is 0 off contact, while the phase goes on.
     """
 
     freq: Block
@@ -199,16 +196,16 @@ def carrier(
 ) -> Block:
     """Make a sinusoid of unit amplitude whose phase is exact for days.
 
-    The phase is counted in 2^-64 turns; its error grows by at most 2^-65 turns a
-    sample, 1.2e-10 rad in 24 h at 8 kHz. Sample n is taken at the phase that the
-    frequencies of samples 0 .. n-1 lead to, so a live frequency makes no jump.
+    The phase is counted in 2^-64 turns; its error grows by at most 2^-65 turns per
+    sample, 1.2e-10 rad in 24 h at 8 kHz. Sample n is taken at the phase accumulated
+    from the frequencies of samples 0 .. n-1, so a frequency that changes makes no jump.
 
-    Rectified, each sample is the mean of the rectified sinusoid over the sample period
-    around it, divided by sin(x)/x, x = pi freq/fs, which such a mean takes from a
-    sinusoid of this frequency.  So every sample but the two at the zero crossings is
-    the sinusoid's own, the line at ``freq`` has its amplitude, 1/2, and aliases are far
-    lower than those of max(0, sin).  The constant part is higher than 1/pi by x^2/6:
-    0.06 % for 158 Hz at 8 kHz.
+    If it is rectified, each sample is the mean of the rectified sinusoid over the
+    sample period around it, divided by sin(x)/x, x = pi freq/fs, the factor by which
+    such a mean reduces a sinusoid of this frequency. So every sample but the two at the
+    zero crossings lies on the sinusoid, the component at ``freq`` has its amplitude,
+    1/2, and aliases are far lower than those of max(0, sin). The mean is higher than
+    1/pi by a factor of 1 + x^2/6: 0.06 % for 158 Hz at 8 kHz.
 
     Parameters
     ----------
@@ -267,7 +264,7 @@ WAVEFORMS = ("triangle", "sawtooth", "square", "pulse")
 
 
 def word(turns):
-    """Return a fraction of a turn in units of 2^-64 turn, from 0 to below 1."""
+    """Convert a fraction of a turn, limited to 0 .. below 1, to 64-bit phase units."""
     x = turns * TURN
     return U(where(x > 0.0, where(x < MOST, x, MOST), 0.0))
 
@@ -282,7 +279,7 @@ class OscillatorParams(NamedTuple):
 
 
 def check_freq(name: str, f: Block) -> None:
-    """Raise BadValue unless a number is above 0, UnitError unless it is in Hz."""
+    """Raise BadValue if a frequency is below 0, and UnitError if it is not in Hz."""
     if isinstance(f, (Const, Param)) and not f.value >= 0:
         raise BadValue(f"{name} = {f.value:g} Hz must be 0 or above")
     in_unit(name, f, f.dim, "Hz")
@@ -302,7 +299,7 @@ def part(start, inc, d):
 
 @dataclass(frozen=True, eq=False)
 class Oscillator(Block):
-    """Mean of a wave over the sample period around each sample.
+    """A periodic wave: its mean over the sample period around each sample.
 
     Its phase is counted in 2^-64 turns.
     """
@@ -367,11 +364,11 @@ class Oscillator(Block):
 def oscillator(
     freq: Block | float, waveform: str = "sine", duty: Block | float = 0.5, phase: float = 0.0
 ) -> Block:
-    """Make a periodic wave whose phase is exact for days, between -1 and 1.
+    """Make a periodic wave between -1 and 1 whose phase is exact for days.
 
-    All but the sine are sampled by area: a sample is the mean over the sample period
-    around it.  Of a sawtooth of 200 Hz at 8 kHz that takes 4 dB from the worst alias,
-    and 17 dB from the worst below 1 kHz.  A sine has none.
+    All waveforms but the sine are sampled by area: a sample is the mean over the sample
+    period around it. For a sawtooth of 200 Hz at 8 kHz this lowers the strongest alias
+    by 4 dB, and the strongest below 1 kHz by 17 dB. A sine has no aliases.
 
     Parameters
     ----------
@@ -442,9 +439,10 @@ class TrainState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PulseTrain(Event):
-    """One event a period, at the phase 1/2 + jitter.
+    """A train of events, one per period, at the phase 1/2 + jitter.
 
-    The jitter is read where the period begins: the order is kept, none is lost.
+    The jitter is read at the start of each period, so the order of events is kept and
+    none is lost.
     """
 
     rate: Block
@@ -481,7 +479,7 @@ class PulseTrain(Event):
 
 @public
 def pulse_train(rate: Block | float, jitter: Block | float = 0.0) -> Block:
-    """Make events at a rate that may move, each perhaps early or late.
+    """Make events at a rate that may change, each optionally early or late.
 
     Parameters
     ----------

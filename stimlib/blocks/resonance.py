@@ -45,11 +45,10 @@ def section(g: float, b: float, mode: str) -> CascadeParams:
 
 @dataclass(frozen=True, eq=False)
 class Resonator(Cascade):
-    """One section with g = tan(pi freq/fs) and b = (1 + g^2) tan(pi freq/(q fs)).
+    """A second-order resonator with an exact -3 dB bandwidth of freq/q.
 
-    See ``section``.
-
-    The two frequencies where its gain is -3 dB are then exactly freq/q apart.
+    It is ``section`` with g = tan(pi freq/fs) and b = (1 + g^2) tan(pi freq/(q fs)). So
+    the two frequencies at which its gain is -3 dB are exactly freq/q apart.
     """
 
     x: Block
@@ -74,7 +73,7 @@ class Resonator(Cascade):
 
 @public
 def resonator(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
-    """Pass a band around a frequency with gain 1 there: a mode that rings.
+    """Pass a band around a frequency, with gain 1 there: a mode that rings.
 
     Parameters
     ----------
@@ -194,7 +193,7 @@ LEAST = 1e-3
 
 
 class Turn(NamedTuple):
-    """Numbers for a cutoff and a quality: halves of what the states get, and 1/q."""
+    """Coefficients for a cutoff and a quality: half of each state's change, and 1/q."""
 
     a: float
     c: float
@@ -204,7 +203,7 @@ class Turn(NamedTuple):
 
 
 def turn(p, cutoff, q):
-    """Return the numbers of one sample."""
+    """Return the coefficients at one sample."""
     r = cutoff * p.per
     r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
     k = 1.0 / where(q > LEAST, q, LEAST)
@@ -214,7 +213,7 @@ def turn(p, cutoff, q):
 
 
 def turned(p, t, s, x):
-    """Return the output and the new state."""
+    """Return the output at one sample, and the new state."""
     h = x - s.s2
     low = s.s2 + fma(t.d, h, t.a * s.s1)
     band = s.s1 + fma(t.a, h, -t.c * s.s1)
@@ -227,10 +226,10 @@ def turned(p, t, s, x):
 
 @dataclass(frozen=True, eq=False)
 class Svf(Block):
-    """A filter with two poles whose numbers may change at every sample.
+    """A two-pole filter whose cutoff and quality may change at every sample.
 
-    It is ``section`` of this sample's g = tan(pi cutoff/fs) = s/c and b = k g, k = 1/q,
-    with D = c^2 (1 + k g + g^2) = 1 + k s c:
+    It is ``section`` with g = tan(pi cutoff/fs) = s/c and b = k g of each sample, where
+    k = 1/q and D = c^2 (1 + k g + g^2) = 1 + k s c:
 
     h = x - s2;  band = s1 + (s c h - s (s + k c) s1)/D;
     low = s2 + (s^2 h + s c s1)/D;  high = x - k band - low;
@@ -289,12 +288,12 @@ def svf(
     mode: str = "lowpass",
     onset: str = "step",
 ) -> Block:
-    """Filter with two poles whose frequency and quality may move at every sample.
+    """Filter with two poles whose frequency and quality may change at every sample.
 
-    There is no click.
+    Changes make no click.
 
-    It cannot blow up: with no input, s1^2 + s2^2 never grows, however cutoff and q
-    move.  See the notes.
+    The filter cannot become unstable: without input, s1^2 + s2^2 never grows, however
+    cutoff and q change. See the notes.
 
     Parameters
     ----------
@@ -380,9 +379,10 @@ class ModeState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Mode(Block):
-    """q'' + (w0/Q) q' + w0^2 q = w0^2 x, exact for an x straight between samples.
+    """A mass on a spring, q'' + (w0/Q) q' + w0^2 q = w0^2 x.
 
-    With a = w0/fs, b = 1/(2 Q), e = q - x, dx = x[n] - x[n-1]:
+    It is exact for an x that is linear between samples. With a = w0/fs, b = 1/(2 Q),
+    e = q - x, dx = x[n] - x[n-1]:
 
     e[n] = c e + s v - (s + 2 b (1 - c))/a dx;
     v[n] = -s e + (c - 2 b s) v + (1 - c)/a dx;
@@ -429,18 +429,18 @@ class Mode(Block):
         return 1 + d * (p.s * p.rise / z - p.lag * other) / (one * other + (p.s / z) ** 2)
 
     def delay(self, p):
-        """Group delay at 0 Hz, 2 b/a."""
+        """Return the group delay at 0 Hz, 2 b/a."""
         return (p.c - p.r) / p.s * p.rise / p.m
 
 
 @public
 def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
-    """Drive one mode of something that vibrates, a mass on a spring.
+    """Compute the motion of one mode of a vibrating body, a mass on a spring.
 
-    Its gain is 1 at 0 Hz and q at its resonance.
+    Its gain is 1 at 0 Hz and q at the resonance.
 
-    Exact at every sample rate for an x that is straight between samples, as
-    ``first_order`` is.
+    Like ``first_order``, it is exact at every sample rate for an x that is linear
+    between samples.
 
     Parameters
     ----------
@@ -487,7 +487,7 @@ def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
 
 
 class Grid(NamedTuple):
-    """Numbers of a grid of pieces."""
+    """Dimensions of the grid of pieces in which a mode shape is stored."""
 
     length: float
     width: float
@@ -506,7 +506,7 @@ class ShapeParams(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """One piece of a shape."""
+    """Coefficients of one bicubic piece of a mode shape."""
 
     c: float  # x^3 y^3
     d: float
@@ -529,32 +529,32 @@ class Piece(NamedTuple):
 
 
 def in_pieces(v, size, per):
-    """Return a place in pieces, held within the rectangle; nan stays nan."""
+    """Return a position in units of pieces, limited to the plate; NaN stays NaN."""
     return where(v <= 0.0, 0.0, where(v >= size, size, v)) * per
 
 
 def along(p, x):
-    """Return pieces from the corner along x."""
+    """Return a position along x, in pieces from the corner."""
     return in_pieces(x, p.length, p.along)
 
 
 def across(p, y):
-    """Return pieces from the corner along y."""
+    """Return a position along y, in pieces from the corner."""
     return in_pieces(y, p.width, p.across)
 
 
 def number(a):
-    """Return the number of the piece; the last one has its end."""
+    """Return the number of the piece at a position; the last piece includes its end."""
     return floor(where(a < CELLS, a, CELLS - 1.0))
 
 
 def cell(p, a, b):
-    """Return the number of the piece under a place in pieces."""
+    """Return the number of the piece that contains a position given in pieces."""
     return number(a) * CELLS + number(b)
 
 
 def bicubic(p, a, b):
-    """Return the value of a piece at a place in pieces."""
+    """Return the value of a piece at a position given in pieces."""
     a, b = a - p.row, b - p.column
     one, two = (
         fma(fma(fma(p.c, b, p.d), b, p.e), b, p.f),
@@ -568,7 +568,7 @@ def bicubic(p, a, b):
 
 
 def piece(c, cell):
-    """Return the factors of a piece."""
+    """Return the coefficients of a piece."""
     k, row = INT(cell) * 16, floor(cell / CELLS)
     return Piece(
         c[k], c[k + 1], c[k + 2], c[k + 3], c[k + 4], c[k + 5], c[k + 6], c[k + 7],
@@ -578,9 +578,9 @@ def piece(c, cell):
 
 
 def pieces(terms: int) -> np.ndarray:
-    """Return cubics through values and slopes of Legendre's polynomials.
+    """Return cubic pieces that match values and slopes of Legendre polynomials.
 
-    They are at the ends of equal pieces; shape (CELLS, 4, terms).
+    They match at the ends of equal pieces; shape (CELLS, 4, terms).
     """
     knots = np.linspace(-1, 1, int(CELLS) + 1)
     f = legendre.legvander(knots, terms - 1)
@@ -593,11 +593,11 @@ def pieces(terms: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Shape(Block):
-    """phi(x, y) = sum_ij c_ij P_i(2 x/length - 1) P_j(2 y/width - 1).
+    """A mode shape, sum_ij c_ij P_i(2 x/length - 1) P_j(2 y/width - 1).
 
-    It is in pieces that are cubic in x and in y.
+    It is stored as pieces that are cubic in x and in y.
 
-    Beyond the edges the value there is held.
+    Beyond an edge it keeps the value at the edge.
     """
 
     x: Block
@@ -641,7 +641,7 @@ class Shape(Block):
 
     @staticmethod
     def tile(p, s, x, y, phi, w):
-        """Compute ``step`` from the piece of each sample on to the end.
+        """Compute a tile, loading the coefficients of a piece only when it changes.
 
         A finger stays on one piece for many samples.
         """
@@ -662,9 +662,9 @@ class Shape(Block):
 
 @public
 def mode_shape(x: Block | float, y: Block | float, c, length: float, width: float) -> Block:
-    """Compute how much of a mode is felt at a place.
+    """Compute a plate's mode shape at a position: how strongly a mode is felt there.
 
-    It is a function of x and y on a rectangle, given by a Legendre series.
+    The mode shape is a function of x and y on a rectangle, given by a Legendre series.
 
     Parameters
     ----------
@@ -713,9 +713,9 @@ def mode_shape(x: Block | float, y: Block | float, c, length: float, width: floa
 
 
 def matched(r: float, q: float) -> Quadratic:
-    """Return s^2 + .. in s = (z - 1)/(z + 1) with the samples' own poles of a mode.
+    """Return a quadratic in (z - 1)/(z + 1) with the exact discrete poles of a mode.
 
-    r is in cycles per sample.
+    The frequency r is in cycles per sample.
     """
     b = 0.5 / q
     root = np.tanh(math.pi * r * complex(-b, math.sqrt(1 - b * b)))
@@ -728,9 +728,9 @@ def matched(r: float, q: float) -> Quadratic:
 
 @dataclass(frozen=True, eq=False)
 class PoleSwap(Cascade):
-    """A filter with zeros on the poles of a mode, and wider poles.
+    """A filter that replaces the poles of a mode by more strongly damped ones.
 
-    k (s^2 + s w0/Q + w0^2)/(s^2 + s w0 gain/Q + w0^2), k such that it is 1 at w0.
+    k (s^2 + s w0/Q + w0^2)/(s^2 + s w0 gain/Q + w0^2), with k such that it is 1 at w0.
     """
 
     x: Block
@@ -762,15 +762,16 @@ class PoleSwap(Cascade):
 def pole_swap(
     x: Block | float, freq: float, q: float, gain: float, v_max: float | Block | None = None
 ) -> Block:
-    """Drive a resonance so that it answers ``gain`` times as fast.
+    """Drive a resonance so that it responds ``gain`` times as fast.
 
-    The mode's poles are taken away, and wider ones put there.
+    The filter cancels the poles of the mode and puts more strongly damped ones in their
+    place.
 
-    A mode of quality q follows an envelope up to freq/(2 q), its half bandwidth: 7.9 Hz
-    for 158 Hz and q = 10.  Behind this filter it has the quality q/gain, and the same
-    gain at its frequency.  The price is voltage: whatever changes fast is driven up to
-    ``gain`` times as hard.  ``stimlib.plate.envelope_behind`` says how much of it a
-    stimulus takes, and what it gives.
+    A mode of quality q follows an envelope up to its half bandwidth freq/(2 q): 7.9 Hz
+    for 158 Hz and q = 10. Behind this filter it has the quality q/gain, and the same
+    gain at its frequency. The price is voltage: fast changes are driven up to ``gain``
+    times as hard. ``stimlib.plate.envelope_behind`` computes how much voltage a
+    stimulus needs, and the resulting envelope.
 
     Parameters
     ----------
@@ -832,7 +833,7 @@ def pole_swap(
 def amplifier(
     x: Block | float, gain: float = 50.0, lowest: float = -100.0, highest: float = 400.0
 ) -> Block:
-    """Compute a voltage amplifier: gain x, held between the patches' limits.
+    """Compute the output of a voltage amplifier, clipped to the limits of the patches.
 
     Parameters
     ----------
@@ -877,7 +878,7 @@ def amplifier(
     if not (-math.inf < lowest < highest < math.inf and gain != 0):
         raise BadValue(
             f"amplifier: lowest = {lowest:g} V must be below highest = {highest:g} V, both be"
-            " numbers, and gain not 0; what the patches of a plate take is told by Patch(lowest=,"
-            " highest=)"
+            " numbers, and gain not 0; Patch(lowest=, highest=) holds the limits of a plate's"
+            " patches"
         )
     return clip(gain * signal, with_unit(lowest, "V"), with_unit(highest, "V"))

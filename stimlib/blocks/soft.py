@@ -24,9 +24,9 @@ METRE = unit("m")
 
 
 class Levels(NamedTuple):
-    """Stiffness levels of a rectangle: 0 as soft as the object, 1 the hardest.
+    """Stiffness levels over a rectangle, from 0 (the soft object) to 1 (hardest).
 
-    ``stimlib.soft`` makes them.
+    Functions of ``stimlib.soft`` make them.
     """
 
     levels: np.ndarray
@@ -40,22 +40,22 @@ class Levels(NamedTuple):
 
 
 def spacing(S: Levels) -> tuple[float, float]:
-    """Return the distances of columns and of rows in m."""
+    """Return the distances between columns and between rows in m."""
     rows, columns = S.levels.shape
     return S.width / (columns - 1), S.height / (rows - 1)
 
 
 def grid(S: Levels) -> GridParams:
-    """Return the numbers of the spline that ``stiffness_map`` reads."""
+    """Return the spline coefficients that ``stiffness_map`` reads."""
     return CubicGrid(
         constant(0.0), constant(0.0), S.levels.T, np.array(spacing(S)), np.zeros(2), ""
     ).design(1.0)[0]
 
 
 def level(p, x, y):
-    """Return S, dS/dx, dS/dy at a place, in 1 and 1/m.
+    """Return the stiffness level S with dS/dx and dS/dy (in 1/m) at a position.
 
-    Where S is held at 0 or 1 it has no slope.
+    Where S is clipped at 0 or 1, its slope is 0.
     """
     S, sx, sy = bicubic(p, x, y)
     free = where(S > 0.0, where(S < 1.0, 1.0, 0.0), 0.0)
@@ -63,7 +63,7 @@ def level(p, x, y):
 
 
 def table_of(name: str, levels: Any, width: float, height: float) -> Levels:
-    """Return the levels that make sense, as float64; BadValue if they do not."""
+    """Return stiffness levels as float64; raise BadValue if they are invalid."""
     table = design_value(f"{name}: levels", "np.ndarray", levels)
     for what, v in (("width", width), ("height", height)):
         if not design_value(f"{name}: {what}", "float", v) > 0:
@@ -82,31 +82,32 @@ def table_of(name: str, levels: Any, width: float, height: float) -> Levels:
 
 
 def as_levels(name: str, S: Any) -> Levels:
-    """Return a given map; raise BadValue if it is none."""
+    """Return a checked stiffness map; raise BadValue if it is not one."""
     if not isinstance(S, tuple) or len(S) != 3:
         raise BadValue(
             f"{name}: a map is (levels, width, height), not {type(S).__name__}; stimlib.soft.array"
-            " makes one of levels"
+            " makes one from levels"
         )
     return table_of(name, *S)
 
 
 def levels_of(b: Any) -> Levels:
-    """Return the map of a block that has one; raise BadValue if it makes no sense."""
+    """Return the checked stiffness map of a block; raise BadValue if it is invalid."""
     return table_of(type(b).__name__, b.levels, b.width, b.height)
 
 
 def check_places(name: str, *u: Any) -> None:
-    """Raise UnitError unless places are in m."""
+    """Raise UnitError unless positions are in m."""
     if any(v != METRE for v in u):
         raise UnitError(f"{name} takes places in m, not {', '.join(f'[{v}]' for v in u)}")
 
 
 @public
 def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
-    """Read the stiffness level of a soft object at a place.
+    """Read the stiffness level of a soft object at a position.
 
-    It is a cubic spline through a table, held at its edges and between 0 and 1.
+    It is a cubic spline through a table, constant beyond the edges and clipped to 0 ..
+    1.
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
 # the surface goes down around it.
 @public
 def press(level: Block | float, contact: Block | None = None) -> Block:
-    """Return the normal force of a pen from the tablet's force level.
+    """Return the normal force of a pen from the force level of the tablet.
 
     f = 0.1008 exp(4.2081 level) N.
 
@@ -216,10 +217,10 @@ def indentation(
 ) -> Block:
     """Compute the depth of an indenter under a force, d = f/k.
 
-    k goes from ``softest`` at S = 0 to ``hardest`` at S = 1; d is at most ``deepest``.
+    k rises from ``softest`` at S = 0 to ``hardest`` at S = 1; d is at most ``deepest``.
 
-    The law and its numbers are ours; the source says that depth follows from pressure
-    and stiffness.
+    The law and its numbers are our choice; the source says only that depth follows from
+    pressure and stiffness.
 
     Parameters
     ----------
@@ -269,9 +270,9 @@ def indentation(
 def triangle(
     x: Block | float, y: Block | float, side: float = 0.02, turn: float = 0.0
 ) -> list[tuple[Block, Block]]:
-    """Compute places of three indenters on a rigid triangle that follows the hand.
+    """Compute the positions of three indenters on a rigid triangle moved by the hand.
 
-    Its barycentre follows; each indenter takes a third of the force.
+    The hand moves the triangle's barycentre; each indenter takes a third of the force.
 
     Parameters
     ----------
@@ -331,7 +332,7 @@ class DentParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dent(Map):
-    """The depth of a surface at a distance from a ball of radius r, depth deep."""
+    """Depth of a surface at a distance from a ball of radius r pressed into it."""
 
     distance: Block
     depth: Block
@@ -360,19 +361,19 @@ class Dent(Map):
 
 
 def above_zero(x):
-    """Return x where it is above 0, else 0; NaN is kept."""
+    """Return x where it is above 0, else 0; NaN stays NaN."""
     return where(x <= 0.0, 0.0, x)
 
 
 @public
 def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "mean") -> Block:
-    """Compute how far a surface is down at some distance from indenters.
+    """Compute the depth of a deformed surface at some distance from indenters.
 
-    There are four ranges of depth with their own neighbourhoods.
+    Four ranges of depth deform different regions.
 
     Up to (2 - sqrt 3) r/2 only the centre moves; up to r the cap of the ball; up to 2 r
-    also a skirt from the ball's rim to 2 r; deeper, the skirt reaches as far as the
-    indenter is deep, so that it never is steeper than 45 degrees.
+    also a skirt from the ball's rim to 2 r. Deeper, the skirt reaches as far as the
+    indenter is deep, so it is never steeper than 45 degrees.
 
     Parameters
     ----------
@@ -422,7 +423,7 @@ def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "m
     """
     several = isinstance(distance, Sequence), isinstance(depth, Sequence)
     if several[0] != several[1] or (several[0] and not 1 <= len(distance) == len(depth)):
-        raise BadValue("deformation: give as many depths as distances, one indenter at least")
+        raise BadValue("deformation: give as many depths as distances, for at least one indenter")
     one_of("deformation: join", join, ("mean", "deepest"))
     pairs = zip(distance, depth, strict=True) if several[0] else [(distance, depth)]
     dents = [Dent(as_block(rho), as_block(d), radius) for rho, d in pairs]
@@ -462,17 +463,15 @@ class CursorState(NamedTuple):
 
 
 def ratio(S):
-    """Return cursor over device displacement: (1.1 - S)/(1.1 (1 + S)).
-
-    S is the level.
-    """
+    """Return cursor over device displacement at a level, (1.1 - S)/(1.1 (1 + S))."""
     return (1.1 - S) / (1.1 * (1.0 + S))
 
 
 def midpoint_ratio(p, x, y, dx, dy):
-    """Return c = ratio(S(x + c dx/2, y + c dy/2)), by Newton's method.
+    """Return the cursor's displacement ratio at the midpoint of its step.
 
-    It begins at the place itself; c is between ratio(1) and 1.
+    It solves c = ratio(S(x + c dx/2, y + c dy/2)) by Newton's method, starting with the
+    ratio at the position itself; c lies between ratio(1) and 1.
     """
     c = ratio(level(p, x, y)[0])
     for _ in range(5):
@@ -485,9 +484,9 @@ def midpoint_ratio(p, x, y, dx, dy):
 
 @dataclass(frozen=True, eq=False)
 class Cursor(Block):
-    """dx = c dp with c = ratio(S) half-way between the old place and the new one.
+    """A reversible cursor: dx = c dp, with c = ratio(S) half-way along its step.
 
-    What is symmetric in time retraces its path.
+    Because the rule is symmetric in time, a movement back retraces the path.
     """
 
     px: Block
@@ -547,9 +546,9 @@ class FramesState(NamedTuple):
 
 
 def next_speed(speed, last, S):
-    """Return eq. (1) to the letter.
+    """Return the cursor's next speed by eq. (1) of the paper, taken literally.
 
-    Levels that differ by their rounding are equal.
+    Levels that differ only by rounding count as equal.
     """
     Ds = abs(S - last)
     changed = where(S > last, speed * (1.1 - S) / (1.0 + Ds), speed / (1.1 - Ds))
@@ -558,10 +557,10 @@ def next_speed(speed, last, S):
 
 @dataclass(frozen=True, eq=False)
 class CursorFrames(Block):
-    """Eq. (1) once per frame.
+    """A cursor by eq. (1) of the paper, computed once per frame.
 
-    The level at the cursor gives the speed, then comes a step of speed times the
-    device's way.
+    The level at the cursor gives the speed; then the cursor moves by speed times the
+    displacement of the device.
     """
 
     px: Block
@@ -622,9 +621,10 @@ def cursor(
 ) -> Any:
     """Move a cursor less than the device (a mouse) where the object is harder.
 
-    ``reversible``, ours: dx = g(S) dp with g(S) = (1.1 - S)/(1.1 (1 + S)), eq. (1)'s
-    step from 0 to S without its jump of 1.1, S half-way between the old place of the
-    cursor and the new one.  ``frames``: eq. (1) to the letter, once per frame.
+    ``reversible`` is our law: dx = g(S) dp with g(S) = (1.1 - S)/(1.1 (1 + S)), which
+    is the step of eq. (1) from 0 to S without its jump of 1.1, and S half-way between
+    the old position of the cursor and the new one. ``frames`` is eq. (1) taken
+    literally, once per frame.
 
     Parameters
     ----------
@@ -701,7 +701,7 @@ WIDER = 1e-9  # a rise that is the smallest but for its rounding counts
 
 
 def avatar_units(u: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the units of x, y, lag and wait, from those of places and force."""
+    """Return the units of x, y, lag and wait; raise UnitError for wrong inputs."""
     check_places("delay_avatar", *u[:2])
     if u[2] != NEWTON:
         raise UnitError(f"delay_avatar takes a tangential force in N, not [{u[2]}]")
@@ -742,20 +742,21 @@ class StreamState(NamedTuple):
 
 
 def earlier(line, a, b, w):
-    """Return a position interpolated between samples a and b, w being b's weight."""
+    """Return a position interpolated between samples a and b, with weight w for b."""
     return line[np.int64(a)] + w * (line[np.int64(b)] - line[np.int64(a)])
 
 
 def before(i, n, size):
-    """Return the position n samples before i from a ring buffer."""
+    """Return the index n samples before i in a ring buffer."""
     return where(i < n, i - n + size, i - n)
 
 
 @dataclass(frozen=True, eq=False)
 class DelayAvatar(Block):
-    """The device's position at an earlier time u, a signal.
+    """An avatar at the device's position of an earlier time u, which is a signal.
 
-    A rise of the force at u stops u; then u runs faster until it has caught up.
+    A rise of the force stops u; then u advances faster than time until it has caught
+    up.
     """
 
     px: Block
@@ -856,9 +857,9 @@ class FrameState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrameAvatar(Block):
-    """Eq. (3) to the letter: the avatar stands where the device was at a frame's start.
+    """An avatar at the device's position at the start of each frame, by eq. (3).
 
-    A rise lengthens the frame.
+    A rise of the force lengthens the frame. Eq. (3) of the paper is taken literally.
     """
 
     px: Block
@@ -909,16 +910,16 @@ def delay_avatar(
     most: float = 0.3,
     frame: float = FRAME,
 ) -> Any:
-    """Move an avatar that stands still as a pen comes to a harder place.
+    """Move an avatar that pauses when a pen moves on to a harder position.
 
-    It stands for t_d = m (rise of the tangential force), eq. (3).
+    It pauses for t_d = m (rise of the tangential force), eq. (3).
 
-    ``streaming``, ours, means the same at every sample rate: rises add up since the
-    last stop, or since the lowest force after it; once they reach ``notice`` the avatar
-    stands for m times their sum, then follows ``1 + catch_up`` times as fast as the
-    device moved until it has caught up.  So it never jumps.  ``frames``: eq. (3) once
-    per frame; the delay lengthens the frame, then the avatar jumps to the contact
-    point.
+    ``streaming`` is our law and gives the same result at every sample rate: rises add
+    up since the last pause, or since the lowest force after it; once they reach
+    ``notice`` the avatar pauses for m times their sum, then follows the path ``1 +
+    catch_up`` times as fast as the device moved until it has caught up. So it never
+    jumps. ``frames`` is eq. (3) once per frame; the delay lengthens the frame, then the
+    avatar jumps to the contact point.
 
     Parameters
     ----------
@@ -1000,7 +1001,7 @@ class VibrationState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Vibration(Block):
-    """1 for as many whole ms as each event says, else 0."""
+    """The drive of a vibration motor: 1 for a whole number of ms after each event."""
 
     wait: Block
     factor: float
@@ -1024,9 +1025,9 @@ class Vibration(Block):
 
 @public
 def vibration(wait: Block | float, factor: float = 1.0) -> Block:
-    """Drive a vibration motor for ``factor`` times each stop of an avatar.
+    """Drive a vibration motor for ``factor`` times the length of each avatar pause.
 
-    It is 1 meanwhile, in whole ms, else 0.
+    The drive is 1 for that time, rounded to whole ms, else 0.
 
     Parameters
     ----------

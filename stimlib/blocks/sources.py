@@ -47,7 +47,10 @@ CHIRPS = ("linear", "exponential")
 
 @dataclass(frozen=True, eq=False)
 class Chirp(Block):
-    """sin of 2 pi (a n + b n^2), or of 2 pi k (exp(c n) - 1), while it lasts."""
+    """A chirp: a sine whose frequency changes linearly or exponentially with time.
+
+    sin of 2 pi (a n + b n^2), or of 2 pi k (exp(c n) - 1), while it lasts.
+    """
 
     t: Block
     f0: float
@@ -90,7 +93,7 @@ class Chirp(Block):
 
 @public
 def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
-    """Make a sine with a frequency sweep from sample 0 on, then 0.
+    """Make a sine whose frequency sweeps from sample 0 on; 0 after its end.
 
     Parameters
     ----------
@@ -142,7 +145,7 @@ class PlaybackParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Playback(Block):
-    """The sample of a recording at a running index."""
+    """The samples of a recording, one after another."""
 
     t: Block
     samples: np.ndarray
@@ -200,7 +203,7 @@ class ScannedParams(NamedTuple):
 
 
 def between(x, k, d):
-    """Return the polynomial through x[k] .. x[k + 5], at k + 2 + d (Lagrange)."""
+    """Return Lagrange's polynomial through x[k] .. x[k + 5], evaluated at k + 2 + d."""
     a, b, e, f, g = d + 2.0, d + 1.0, d - 1.0, d - 2.0, d - 3.0
     ends = b * f * (a * x[k + 5] - g * x[k]) / 120.0
     outer = d * e * (ends + a * g * (f * x[k + 1] - b * x[k + 4]) / 24.0)
@@ -209,9 +212,9 @@ def between(x, k, d):
 
 @dataclass(frozen=True, eq=False)
 class Scanned(Block):
-    """The recording at a time t that is a signal, interpolated.
+    """A recording, interpolated at times that are a signal.
 
-    It is between the samples of a table at 8 times its rate.
+    It interpolates between the samples of a table at 8 times the recording's rate.
     """
 
     t: Block
@@ -265,10 +268,10 @@ def playback(
 ) -> Block:
     """Play a recording from sample 0 on, or at any speed.
 
-    At another sample rate it is interpolated with a band limit.
+    A recording with another sample rate is resampled with a band limit.
 
-    What is below 0.45 of the lower of both rates is kept to 1e-5, what is above 0.55 of
-    it is gone.  ``grain`` plays a recording at each event.
+    Frequencies below 0.45 times the lower of both rates are kept to 1e-5, and those
+    above 0.55 times that rate are removed. ``grain`` plays a recording at each event.
 
     Parameters
     ----------
@@ -345,7 +348,7 @@ def playback(
 
 @dataclass(frozen=True, eq=False)
 class BandNoise(Cascade):
-    """White noise through Butterworth's band-pass and sqrt(psd fs/2).
+    """White noise through a Butterworth band-pass, scaled by sqrt(psd fs/2).
 
     The one-sided PSD of the white noise is 2/fs.
     """
@@ -385,7 +388,7 @@ def band_noise(
     order: int = 4,
     shared: bool = False,
 ) -> Block:
-    """Return noise between two frequencies, at a level that no sample rate changes.
+    """Make noise between two frequencies, with a level independent of the sample rate.
 
     Parameters
     ----------
@@ -445,7 +448,7 @@ class RingState(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """p of a frequency and a decay."""
+    """Coefficients of the rotation p for a frequency and a decay."""
 
     e: float  # 1 - real part
     w: float  # imaginary part
@@ -453,7 +456,7 @@ class Turn(NamedTuple):
 
 
 def turn(p, freq, decay):
-    """Return the numbers of one sample."""
+    """Return the coefficients at one sample."""
     r = freq * p.per
     r = where(r > 0.0, where(r < 0.5, r, 0.5), 0.0)
     rho = exp(-p.per / where(decay > p.per, decay, p.per))
@@ -464,16 +467,16 @@ def turn(p, freq, decay):
 
 
 def turned(p, t, s, event):
-    """Return the output and the new state."""
+    """Return the output at one sample, and the new state."""
     re = s.re + (event + fma(-t.e, s.re, fma(-t.w, s.im, TINY)))
     im = s.im + fma(-t.e, s.im, fma(t.w, s.re, TINY))
     return where(t.wrong == 0.0, flush(where(p.sine > 0.0, im, re)), t.wrong), RingState(re, im)
 
 
 def rests(s, event):
-    """Return 1 where nothing sounds and nothing happens.
+    """Return 1 where the ring is silent and no event occurs, else 0.
 
-    Then the state stays as it is, and the output is 0.
+    In that case the state is kept and the output is 0.
     """
     return where(
         event == 0.0, where(abs(s.re) <= SILENT, where(abs(s.im) <= SILENT, 1.0, 0.0), 0.0), 0.0
@@ -482,11 +485,12 @@ def rests(s, event):
 
 @dataclass(frozen=True, eq=False)
 class Ring(Block):
-    """q[n] = p q[n-1] + event; y is the imaginary part of q, or the real one.
+    """Decaying sinusoids: the real or imaginary part of q[n] = p q[n-1] + event.
 
     p = exp(-1/(decay fs)) exp(2 pi i freq/fs).
 
-    A turn by p makes no q longer, so frequency and decay may move at every sample.
+    Multiplying by p never makes q larger, so frequency and decay may change at every
+    sample.
     """
 
     event: Block
@@ -552,9 +556,9 @@ class Ring(Block):
 def ring(
     event: Block | float, freq: Block | float, decay: Block | float, onset: str = "sine"
 ) -> Block:
-    """Make a decaying sinusoid at each event; they may overlap.
+    """Make a decaying sinusoid at each event; these may overlap.
 
-    It is a click, a tap, a struck mode.
+    Use it for a click, a tap, or a struck mode.
 
     Parameters
     ----------
@@ -615,16 +619,16 @@ class GrainState(NamedTuple):
 
 
 def add(height, shape, line):
-    """Add height shape to a line, as far as the line goes."""
+    """Add a scaled transient to a line, up to the end of the line."""
     for j in range(line.size):
         line[j] = fma(height, shape[j], line[j])
 
 
 @dataclass(frozen=True, eq=False)
 class Grain(Block):
-    """y[n] = sum of event[k] shape[n - k], in the order of the events.
+    """A transient added at each event, y[n] = sum of event[k] shape[n - k].
 
-    In silence nothing is computed.
+    The sum is in the order of the events. During silence nothing is computed.
     """
 
     event: Block
@@ -685,7 +689,7 @@ class Grain(Block):
 
 @public
 def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
-    """Play a recorded transient at each event; they may overlap.
+    """Play a recorded transient at each event; these may overlap.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Surfaces: bumps, noise and gratings over place, and equal displacement everywhere."""
+"""Surfaces: bumps, noise and gratings over position, and uniform displacement."""
 
 from __future__ import annotations
 
@@ -45,12 +45,15 @@ class PlaceState(NamedTuple):
 
 
 class Over(Block, abstract=True):
-    """The mean of a function of position over a sample's path, half a sample late."""
+    """Base class of blocks that average a function of position over a sample's path.
+
+    The mean lies half a sample late.
+    """
 
     resettable = True
 
     def delay(self, p):
-        """Return half a sample: a mean over the last sample period."""
+        """Return half a sample, the delay of a mean over the last sample period."""
         return 0.5
 
 
@@ -87,7 +90,7 @@ def sinpi(x):
 def gap(x):
     """Return 1 - sin(pi x)/(pi x) for |x| <= 1.
 
-    It is what averaging over x half periods takes from a sinusoid.
+    It is the fraction of a sinusoid that averaging over x periods removes.
     """
     z = x * x
     q = fma(fma(fma(fma(fma(G10, z, G9), z, G8), z, G7), z, G6), z, G5)
@@ -99,19 +102,19 @@ def gap(x):
 # b is written without a division by b - a and without a difference of nearly equal
 # numbers; the mean over any movement follows from it.
 def cell(u):
-    """Return (whole number, rest in 0..1 and below 1) of a spatial phase."""
+    """Return the integer part and the fraction (0 .. below 1) of a spatial phase."""
     k = floor(u)
     w = u - k  # may round up to 1
     return where(w >= 1.0, k + 1.0, k), where(w >= 1.0, 0.0, w)
 
 
 def held_duty(d):
-    """Return a live duty cycle limited to 1e-6 .. 1."""
+    """Return a duty cycle limited to 1e-6 .. 1."""
     return where(d < LEAST, LEAST, where(d > 1.0, 1.0, d))
 
 
 def on_ridge(w, d, r):
-    """Return the part of the ridge that is behind a place in its cell.
+    """Return the fraction of the ridge that lies behind a position in its cell.
 
     The ridge has the width d = 1/r.
     """
@@ -119,14 +122,15 @@ def on_ridge(w, d, r):
 
 
 def bounded(y):
-    """Return a value limited to 0 .. 1 against rounding; NaN is kept."""
+    """Return a value limited to 0 .. 1 against rounding; NaN stays NaN."""
     return where(y <= 0.0, 0.0, where(y > 1.0, 1.0, y))
 
 
 def average(k0, w0, k1, w1, du, d, a, b, mean, whole):
     """Return the mean of the envelope over a movement du.
 
-    It is from its mean between a and b of a ridge and over a whole ridge.
+    It is computed from the mean between a and b of a ridge and the mean over a whole
+    ridge.
     """
     part = d * fma(k1 - k0, whole, (b - a) * mean) / du
     y = where(du == 0.0, 0.0 * d, part)
@@ -134,15 +138,15 @@ def average(k0, w0, k1, w1, du, d, a, b, mean, whole):
 
 
 def began(p, last, cold, u):
-    """Return where this sample's movement began.
+    """Return the position at which the movement of this sample began.
 
-    It is here, after a start or for point sampling.
+    It is the present position at a start, and for point sampling.
     """
     return where(p.area > 0.0, where(cold > 0.0, u, last), u)
 
 
 def regular(duty):
-    """Return samples that have the first one's duty."""
+    """Return the number of samples with the same duty cycle as the first."""
     n = NONE
     for i in range(duty.size):
         n = n + where(duty[i] == duty[0], ONE, NONE)
@@ -150,9 +154,9 @@ def regular(duty):
 
 
 def cells(first, u, d, k, w):
-    """Return cells of where the movement began and of all samples.
+    """Compute the cells of all samples and of the point where the movement began.
 
-    How many of these are on the same ridge or in the same groove is returned too.
+    Return how many of the samples are on the same ridge or in the same groove.
     """
     k[0], w[0] = cell(first)
     k1, w1, together, place, ridge = k[1:], w[1:], NONE, k[0], where(w[0] < d, ONE, NONE)
@@ -164,11 +168,12 @@ def cells(first, u, d, k, w):
 
 @dataclass(frozen=True, eq=False)
 class Bump(Over, abstract=True):
-    """The mean of a unipolar envelope e(u) of period 1 over u[n-1] .. u[n].
+    """Base class of bumps: the mean of a unipolar envelope e(u) over each movement.
 
-    e is a function of z = frac(u)/duty on the ridge, frac(u) < duty, and 0 in the
-    groove.  Each tile has a fast way for what is usual, one duty, and within it for
-    tiles on one ridge or in one groove.
+    The envelope has period 1 and is averaged over u[n-1] .. u[n]. It is a function of z
+    = frac(u)/duty on the ridge, frac(u) < duty, and 0 in the groove. Each tile has a
+    fast path for the usual case of a constant duty cycle, and within it for tiles on
+    one ridge or in one groove.
     """
 
     u: Block
@@ -192,12 +197,12 @@ class Bump(Over, abstract=True):
         return un.ONE
 
     def delay(self, p):
-        """Return half a sample: a mean over the last sample period."""
+        """Return half a sample, the delay of a mean over the last sample period."""
         return 0.5 * p.area
 
     @property
     def area(self) -> float:
-        """1 where each sample is the mean over its path, else 0."""
+        """1 if each sample is the mean over its path, else 0."""
         return float(self.sampling == "area")
 
 
@@ -211,7 +216,7 @@ class LinearParams(NamedTuple):
 
 
 class LinearShape(NamedTuple):
-    """Shape of a linear ridge for a duty."""
+    """A ridge with a linear profile, for a duty cycle."""
 
     d: float
     r: float  # 1/d
@@ -221,24 +226,24 @@ class LinearShape(NamedTuple):
 
 
 def linear_shape(p, duty):
-    """Return the numbers that depend on the duty alone."""
+    """Return the ridge numbers that depend only on the duty cycle."""
     d = held_duty(duty)
     return LinearShape(d, 1.0 / d, p.start, p.slope, p.whole)
 
 
 def linear_mean(q, a, b):
-    """Return the mean of a straight line: its value in the middle."""
+    """Return the mean of a straight line, which is its value in the middle."""
     return fma(q.slope, 0.5 * (a + b), q.start)
 
 
 def linear(q, k0, w0, k1, w1, u0, u):
-    """Return the mean over a movement."""
+    """Return the mean of the envelope over a movement."""
     a, b = on_ridge(w0, q.d, q.r), on_ridge(w1, q.d, q.r)
     return average(k0, w0, k1, w1, u - u0, q.d, a, b, linear_mean(q, a, b), q.whole)
 
 
 def linear_sample(p, last, cold, u, duty):
-    """Return the mean of one sample, whatever happens in it."""
+    """Return the mean for one sample, for any kind of movement."""
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
@@ -246,19 +251,19 @@ def linear_sample(p, last, cold, u, duty):
 
 
 def linear_point(q, w, u):
-    """Return the envelope at a place."""
+    """Return the envelope at a position."""
     e = where(w < q.d, bounded(linear_mean(q, w * q.r, w * q.r)), 0.0 * q.d)
     return where(u - u == 0.0, e, u - u)
 
 
 def linear_inside(q, w0, w1):
-    """Return the mean over a movement on one ridge."""
+    """Return the mean of the envelope over a movement within one ridge."""
     return bounded(linear_mean(q, w0 * q.r, w1 * q.r))
 
 
 @dataclass(frozen=True, eq=False)
 class LinearBump(Bump):
-    """square: e = 1;  sawtooth: e = z."""
+    """Bumps with a linear profile: square (e = 1) or sawtooth (e = z)."""
 
     waveform: str
 
@@ -307,7 +312,7 @@ class SineParams(NamedTuple):
 
 
 class SineShape(NamedTuple):
-    """Shape of a sinusoidal ridge for a duty."""
+    """A ridge with a sinusoidal profile, for a duty cycle."""
 
     d: float
     r: float  # 1/d
@@ -317,7 +322,7 @@ class SineShape(NamedTuple):
 
 
 def sine_shape(p, duty):
-    """Return the numbers that depend on the duty alone."""
+    """Return the ridge numbers that depend only on the duty cycle."""
     d = held_duty(duty)
     k = where(p.half > 0.0, 0.5, d)
     s = sinpi(0.5 * k)
@@ -326,7 +331,7 @@ def sine_shape(p, duty):
 
 
 def sine_top(q, z):
-    """Return the envelope itself."""
+    """Return the envelope at a point z of the ridge."""
     s = sinpi(q.k * (z - 0.5))
     return fma(-(s * s), q.h, 1.0)
 
@@ -341,24 +346,24 @@ def sine_mean(q, a, b):
 
 
 def sine(q, k0, w0, k1, w1, u0, u):
-    """Return the mean over a movement."""
+    """Return the mean of the envelope over a movement."""
     a, b = on_ridge(w0, q.d, q.r), on_ridge(w1, q.d, q.r)
     return average(k0, w0, k1, w1, u - u0, q.d, a, b, sine_mean(q, a, b), q.whole)
 
 
 def sine_point(q, w, u):
-    """Return the envelope at a place."""
+    """Return the envelope at a position."""
     e = where(w < q.d, bounded(sine_top(q, on_ridge(w, q.d, q.r))), 0.0 * q.d)
     return where(u - u == 0.0, e, u - u)
 
 
 def sine_inside(q, w0, w1):
-    """Return the mean over a movement on one ridge."""
+    """Return the mean of the envelope over a movement within one ridge."""
     return bounded(sine_mean(q, w0 * q.r, w1 * q.r))
 
 
 def sine_sample(p, last, cold, u, duty):
-    """Return the mean of one sample, whatever happens in it."""
+    """Return the mean for one sample, for any kind of movement."""
     u0 = began(p, last, cold, u)
     k0, w0 = cell(u0)
     k1, w1 = cell(u)
@@ -367,9 +372,10 @@ def sine_sample(p, last, cold, u, duty):
 
 @dataclass(frozen=True, eq=False)
 class SineBump(Bump):
-    """e = 1 - (sin(pi k (z - 1/2))/sin(pi k/2))^2.
+    """Bumps with a sinusoidal profile.
 
-    For a sine k = duty; for a half_sine k = 1/2, so e = sin(pi z).  That is
+    e = 1 - (sin(pi k (z - 1/2))/sin(pi k/2))^2, with k = duty for a sine, and k = 1/2
+    for a half_sine, so that e = sin(pi z). This equals
     (cos t - cos(pi k))/(1 - cos(pi k)), t = 2 pi k (z - 1/2): the top of a cosine.
     """
 
@@ -422,21 +428,21 @@ class TableBumpParams(NamedTuple):
 
 
 def piece(p, z):
-    """Return the number of the piece, as a float, that holds z (0 for nan)."""
+    """Return the number, as a float, of the piece that contains z (0 for NaN)."""
     i = floor(z * p.pieces)
     return where(i > 0.0, where(i < p.pieces, i, p.pieces - 1.0), 0.0)
 
 
 def on_piece(p, i, q):
-    """Return the value of piece i at its part q."""
+    """Return the value of piece i at the fraction q of its length."""
     a, b = p.values[U(i)], p.values[U(i) + ONE]
     return fma(b - a, q, a)
 
 
 def table_mean(p, a, b):
-    """Return the mean over a to b, whichever is larger.
+    """Return the mean of a table between a and b, in either order.
 
-    It is the rest of one piece, whole pieces, a part of the last.
+    It is the sum of the rest of one piece, whole pieces, and a part of the last piece.
     """
     low, high = where(a < b, a, b), where(a < b, b, a)
     i, j = piece(p, low), piece(p, high)
@@ -451,7 +457,10 @@ def table_mean(p, a, b):
 
 @dataclass(frozen=True, eq=False)
 class TableBump(Bump):
-    """e = straight lines between values spread evenly over the ridge, z = 0 .. 1."""
+    """Bumps with a profile given by values, spread evenly over the ridge.
+
+    Between the values, z = 0 .. 1, the profile is a straight line.
+    """
 
     values: np.ndarray
 
@@ -496,7 +505,7 @@ def bump(
 ) -> Block:
     """Make bumps on a surface: an envelope tied to the position of the finger.
 
-    It is unipolar, 0 .. 1.
+    The envelope is unipolar, 0 .. 1.
 
     With w = frac(u) the envelope e(u) is, on the ridge w < duty,
 
@@ -509,9 +518,9 @@ def bump(
       ridge;
 
     and 0 in the groove.  With area sampling, y[n] is the exact mean of e over u[n-1] ..
-    u[n], however far that is and in whichever direction; so over any movement the sum
-    of y[n] (u[n] - u[n-1]) is the integral of e.  It lies half a sample back.  Where
-    the finger stands, y[n] = e(u[n]).
+    u[n], for any length and direction of the movement; so over any movement the sum of
+    y[n] (u[n] - u[n-1]) is the integral of e.  The mean lies half a sample back.  While
+    the finger stands still, y[n] = e(u[n]).
 
     Parameters
     ----------
@@ -590,9 +599,9 @@ WINDOW = 72.0  # lattice values that are made at once: 64 samples of less than a
 
 
 def sum_of_fields(v):
-    """Return the sum of the four 16-bit fields of a word.
+    """Return the sum of a word's four 16-bit fields, scaled to unit variance.
 
-    It has mean 0 and variance 1: exact, nearly normal, within 3.46.
+    It has mean 0 and variance 1, is nearly normal, and lies within 3.46.
     """
     s = (v & FIELD) + ((v >> SHIFT_16) & FIELD) + ((v >> SHIFT_32) & FIELD) + (v >> SHIFT_48)
     return (as_float(s) - MIDDLE) * DEVIATION
@@ -605,9 +614,9 @@ def lattice(key, m):
 
 
 def spline_mean(n0, n1, n2, a, b):
-    """Return the mean of a quadratic B-spline over a .. b of one cell, 0 .. 1.
+    """Return the mean of a quadratic B-spline from a to b within one cell, 0 .. 1.
 
-    It is its value in the middle, and curvature (b - a)^2/24.
+    It is the value in the middle, plus curvature times (b - a)^2/24.
     """
     t, d = 0.5 * (a + b), b - a
     q = 1.0 - t
@@ -620,9 +629,9 @@ def spline_mean(n0, n1, n2, a, b):
 
 
 def heard(r):
-    """Return the share of power that an octave keeps if a sample passes r cells.
+    """Return the fraction of an octave's power that is kept at r cells per sample.
 
-    It is all up to 2 cells a sample, none from 4 on.
+    It is 1 up to 2 cells per sample, and 0 from 4 on.
     """
     t = where(r > 2.0, where(r < 4.0, 0.5 * r - 1.0, 1.0), 0.0)
     return 1.0 - t * t * (3.0 - 2.0 * t)
@@ -631,18 +640,18 @@ def heard(r):
 def gain(r, own, finer):
     """Return the amplitude of one octave of the noise over position.
 
-    What finer octaves lose, which is white at this speed, is added to it.
+    It includes the power that finer octaves lose, which is white noise at this speed.
     """
     return sqrt(heard(r) * (own + (1.0 - heard(2.0 * r)) * finer))
 
 
 def held_place(v):
-    """Return a place within the cells that are counted; nan becomes an end."""
+    """Return a position limited to the numbered cells; NaN becomes an end."""
     return where(v > -FAR, where(v < FAR, v, FAR), -FAR)
 
 
 class Cell(NamedTuple):
-    """One cell of an octave."""
+    """One cell of an octave, with its three spline coefficients."""
 
     n0: float
     n1: float
@@ -654,14 +663,14 @@ class Cell(NamedTuple):
 
 
 def inside(q, before, v, y):
-    """Return y and an octave in one of whose cells the movement is."""
+    """Return y plus the contribution of an octave, for a movement within one cell."""
     return y + q.amplitude * spline_mean(
         q.n0, q.n1, q.n2, before * q.scale + q.at - q.place, v * q.scale + q.at - q.place
     )
 
 
 class Octave(NamedTuple):
-    """An octave whose cells are all wider than the path of a sample."""
+    """An octave whose cells are all longer than the path of a sample."""
 
     scale: float
     at: float
@@ -669,7 +678,7 @@ class Octave(NamedTuple):
 
 
 def near(q, before, v, n0, n1, n2, n3, y):
-    """Return y and an octave of which the movement is in one cell, or in two."""
+    """Return y plus an octave's contribution, for a movement in one cell or two."""
     a, b = before * q.scale + q.at, v * q.scale + q.at
     lo, hi = where(a < b, a, b), where(a < b, b, a)
     f, g = floor(lo), floor(hi)
@@ -692,7 +701,7 @@ class SpatialParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SpatialNoise(Over):
-    """Octaves of random splines over place, averaged over each movement.
+    """Octaves of random splines over position, averaged over each movement.
 
     sum_j a_j mean of sum_m n_j[m] B(place/D_j - m) over the movement, D_j = 2^j D_0;
     n_j[m] from Philox(key_j, m).
@@ -820,21 +829,21 @@ def spatial_noise(
 ) -> Block:
     """Compute roughness: noise with spectrum 1/f^slope over position.
 
-    It is the same at the same place however the finger comes there.
+    The noise at a position is always the same, however the finger gets there.
 
-    Its one-sided spectrum over place is C f^-slope, f in cycles per unit of u, from
-    1/longest to 1/shortest; C makes the power between them 1.  It is a sum of octaves:
-    each is a quadratic B-spline over lattice values of its own, numbered and made by
-    Philox from seed, octave and number, at any place and in any order.  So the surface
-    has no period and needs no table; it ends where 2^50 of the finest cells do (4e9 m),
-    and is held there. The sum is within 0.05 dB of the law for slope 1, 0.1 dB for 2,
-    0.25 dB for 3 and 0.35 dB for 4.
+    Its one-sided spectrum over position is C f^-slope, f in cycles per unit of u, from
+    1/longest to 1/shortest; C makes the power between them 1. It is a sum of octaves,
+    each a quadratic B-spline over random lattice values, which Philox computes from
+    seed, octave and lattice number, at any position and in any order. So the surface
+    has no period and needs no table; it ends after 2^50 of the finest cells (4e9 m),
+    and is constant beyond. The sum is within 0.05 dB of the law for slope 1, 0.1 dB for
+    2, 0.25 dB for 3 and 0.35 dB for 4.
 
-    y[n] is the mean over u[n-1] .. u[n] and a function of these two places alone.  An
-    octave of which a sample passes 2 to 4 cells is faded out, as it would be heard as
-    white noise only, and the next has that noise in its place.  So at a constant speed
-    the spectrum is that of the law times sinc(f du)^2, within 0.5 dB, up to 0.35 cycles
-    a sample.  The mean lies half a sample back.
+    y[n] is the mean over u[n-1] .. u[n], and depends on these two positions only. An
+    octave of which a sample passes 2 to 4 cells is faded out, as it would only appear
+    as white noise, and its noise power is added to the next octave. So at a constant
+    speed the spectrum is that of the law times sinc(f du)^2, within 0.5 dB, up to 0.35
+    cycles per sample. The mean lies half a sample back.
 
     Parameters
     ----------
@@ -894,7 +903,7 @@ PI = math.pi
 
 
 def sine_of_turns(t):
-    """Return sin(2 pi t)."""
+    """Return sin(2 pi t), t in turns."""
     x = 2.0 * (t - floor(t + 0.5))
     return sinpi(where(x > 0.5, 1.0 - x, where(x < -0.5, -1.0 - x, x)))
 
@@ -902,7 +911,7 @@ def sine_of_turns(t):
 def sinc(d):
     """Return sin(pi d)/(pi d) for d >= 0.
 
-    It is what is left of a sinusoid in its mean over d periods.
+    It is the factor by which averaging over d periods reduces a sinusoid.
     """
     near = where(d < 1.0, d, 1.0)
     return where(d < 1.0, 1.0 - gap(near), sine_of_turns(0.5 * d) / (PI * where(d < 1.0, 1.0, d)))
@@ -918,10 +927,10 @@ class GratingParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Grating(Over):
-    """Sinusoids over place, averaged over each movement.
+    """Sinusoids over position, averaged over each movement.
 
-    sum of depth sin(2 pi m/wavelength + phase) sinc(d/wavelength), m the middle of a
-    movement and d its length.
+    sum of depth sin(2 pi m/wavelength + phase) sinc(d/wavelength), where m is the
+    middle of a movement and d its length.
     """
 
     u: Block
@@ -950,8 +959,8 @@ class Grating(Over):
             p = GratingParams(depth.copy(), 1 / wavelength, phase / (2 * PI))
         if not np.isfinite(p.per).all():
             raise BadValue(
-                f"grating: wavelength = {wavelength.min():g} is too short for numbers; check the"
-                " unit"
+                f"grating: wavelength = {wavelength.min():g} is too short to compute with; check"
+                " the unit"
             )
         return p, PlaceState(0.0, 1.0)
 
@@ -968,15 +977,15 @@ class Grating(Over):
 
 @public
 def grating(u: Block | float, parts, unit: str = "", contact: Block | float = 1.0) -> Block:
-    """Make a grating: a sum of sinusoids in position.
+    """Make a grating: a sum of sinusoids over position.
 
-    They are the sum of depth sin(2 pi u/wavelength + phase).
+    The sum is of depth sin(2 pi u/wavelength + phase).
 
     Each sample is the exact mean over u[n-1] .. u[n]: the sinusoid in the middle of the
-    movement, times sin(pi d)/(pi d), d = |u[n] - u[n-1]|/wavelength.  So ribs that pass
-    faster than half the sample rate come back as slower ones, but weaker, and not at
-    all where one passes in a sample; and over a closed way a force along u does no
-    work.  The mean lies half a sample back.
+    movement, times sin(pi d)/(pi d), d = |u[n] - u[n-1]|/wavelength. So ribs that pass
+    faster than half the sample rate alias to lower frequencies, but more weakly, and
+    vanish where exactly one passes per sample. Over a closed path a force along u does
+    no work. The mean lies half a sample back.
 
     Parameters
     ----------
@@ -1032,7 +1041,7 @@ HEADROOM = ("clip", "scale")
 
 @dataclass(frozen=True, eq=False)
 class Midpoint(Over):
-    """(x[n-1] + x[n])/2;  x[n] at the first sample."""
+    """The mean of this and the last sample; at the first sample, x itself."""
 
     x: Block
     contact: Block
@@ -1046,7 +1055,7 @@ class Midpoint(Over):
 
 
 def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
-    """Read two columns of a CSV file, position and displacement.
+    """Read positions and displacements from two columns of a CSV file.
 
     A heading and lines that start with # are skipped.
 
@@ -1082,7 +1091,7 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
 
 
 def points(displacement) -> tuple[np.ndarray, np.ndarray]:
-    """Return knots and displacements of a profile, checked."""
+    """Return the knots and displacements of a profile, after checking them."""
     if isinstance(displacement, (str, os.PathLike)):
         displacement = read_profile(displacement)
     if not isinstance(displacement, (Sequence, np.ndarray)) or len(displacement) != 2:
@@ -1119,9 +1128,9 @@ def points(displacement) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smallest(table, knots: np.ndarray) -> float:
-    """Return the lowest value of a table between its knots.
+    """Return the smallest value of a table between its knots.
 
-    It is by the table's own step at 65 places of each piece.
+    It is computed with the table's own step at 65 positions of each piece.
     """
     p, _ = table.design(1.0)
     places = np.concatenate(
@@ -1143,14 +1152,14 @@ def equalize(
     kind: str | Callable | None = None,
     outside: str = "hold",
 ) -> Block:
-    """Equalise a voltage so that all positions move like the one that moves most.
+    """Scale a voltage so that all positions move as much as the one that moves most.
 
     y = signal d_max/d(x): the measured displacements are interpolated and the result is
     inverted (interpolating the gains instead is an order of magnitude worse), in the
-    middle between x[n-1] and x[n], where an area-sampled envelope lies. Five points of
-    a clamped beam's mode, 1.84 times higher in the middle, give an amplitude constant
-    to 0.04 % with a polynomial, 0.4 % with a cubic spline, 1.8 % with pchip, 3.3 % with
-    straight lines.
+    middle between x[n-1] and x[n], where an area-sampled envelope lies. With five
+    points of a clamped beam's mode, 1.84 times higher in the middle, the amplitude is
+    constant to 0.04 % with a polynomial, 0.4 % with a cubic spline, 1.8 % with pchip,
+    and 3.3 % with straight lines.
 
     Parameters
     ----------
@@ -1257,7 +1266,7 @@ def equalize(
 
 
 def within(y: Block, limit, headroom: str, peak=None) -> Block:
-    """Return y held within -limit .. limit.
+    """Return y limited to -limit .. limit.
 
     It is clipped, or first scaled by limit/peak where the peak is larger.
     """

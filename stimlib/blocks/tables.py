@@ -1,4 +1,4 @@
-"""Functions given by points: over a line and over a plane."""
+"""Functions given by points, along a line and over a plane."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class TableParams(NamedTuple):
 
 
 class Table(Block, abstract=True):
-    """A piecewise cubic: c0 d^3 + c1 d^2 + c2 d + c3 with d = x - knot of the piece."""
+    """A piecewise cubic, c0 d^3 + c1 d^2 + c2 d + c3, d the distance from the knot."""
 
     @staticmethod
     def step(p, s, x):
@@ -49,7 +49,7 @@ class Table(Block, abstract=True):
 
 @dataclass(frozen=True, eq=False)
 class Lut(Table):
-    """A table of values over knots."""
+    """A lookup table: values at knots, with interpolation between them."""
 
     x: Block
     knots: np.ndarray
@@ -98,7 +98,7 @@ class PolynomialParams(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Polynomial(Block):
-    """One polynomial through all knots in Newton's form.
+    """One polynomial through all knots, in Newton's form.
 
     c0 + (x - knot0) (c1 + (x - knot1) (c2 + ..)).
     """
@@ -161,7 +161,7 @@ class Polynomial(Block):
 
 
 def check_points(b: Lut | Polynomial) -> None:
-    """Raise BadValue where knots, values or policies make no sense."""
+    """Raise BadValue where knots, values or options make no sense."""
     knots, values = b.knots, b.values
     if np.ndim(knots) != 1 or np.shape(knots) != np.shape(values) or len(knots) < 2:
         raise BadValue(
@@ -256,9 +256,9 @@ class GridParams(NamedTuple):
 
 
 def piece(v, origin, per, n):
-    """Return (number of the piece, part of it, derivative of both).
+    """Return the number of a grid piece, the position within it, and its derivative.
 
-    A place beyond the grid is held at its edge.
+    Beyond the grid, the position is that of the edge.
     """
     t = (v - origin) * per
     held = where(t > 0.0, where(t < n, t, n), 0.0)
@@ -268,15 +268,15 @@ def piece(v, origin, per, n):
 
 
 def spoiled(x, y):
-    """Return 0, or nan where one of them is nan."""
+    """Return 0, or NaN where x or y is NaN."""
     return where(x == x, where(y == y, 0.0, y), x)
 
 
 @dataclass(frozen=True, eq=False)
 class Grid(Block, abstract=True):
-    """A function of two places and its gradient, from points.
+    """Base class of functions of two positions, with gradient, given on a grid.
 
-    The points are (origin + i spacing, origin + j spacing).
+    The points of the grid are (origin + i spacing, origin + j spacing).
     """
 
     x: Block
@@ -307,14 +307,14 @@ class Grid(Block, abstract=True):
         return v, v / u[0], v / u[1]
 
     def params(self, c: np.ndarray) -> GridParams:
-        """Return the numbers for a step, from the coefficients."""
+        """Return the parameters of a step, from the coefficients."""
         with np.errstate(all="ignore"):
             per = 1 / self.spacing
             steepest = 4 * np.abs(c).max() * max(1.0, *per)
         pieces = np.array(self.table.shape, float) - 1
         if not np.isfinite(steepest):
             raise BadValue(
-                "lut2: values too large, or spacing too small, for numbers; check the units"
+                "lut2: values too large, or spacing too small, to compute with; check the units"
             )
         return GridParams(
             c.ravel().copy(), float(c.shape[1]), *map(float, (*self.origin, *per, *pieces))
@@ -344,7 +344,7 @@ class LinearGrid(Grid):
 
 
 def spline(a, b, c, d, t):
-    """Return a uniform cubic B-spline with these coefficients at t of 0 .. 1."""
+    """Return a uniform cubic B-spline with four coefficients at t, 0 .. 1."""
     q = 1.0 - t
     inner = a * (q * q * q) + b * (4.0 - 3.0 * t * t * (1.0 + q))
     return (inner + c * (4.0 - 3.0 * q * q * (1.0 + t)) + d * (t * t * t)) * (1 / 6)
@@ -357,7 +357,7 @@ def spline_slope(a, b, c, d, t):
 
 
 def along(p, k, t):
-    """Return the spline along y in the row of coefficients that begins at k."""
+    """Return the spline along y in the row of coefficients that starts at k."""
     return spline(p.c[U(k)], p.c[U(k + 1.0)], p.c[U(k + 2.0)], p.c[U(k + 3.0)], t)
 
 
@@ -367,9 +367,9 @@ def slope_along(p, k, t):
 
 
 def bicubic(p, x, y):
-    """Return the value and the slopes along x and along y of the spline.
+    """Return the value of the bicubic spline, and its slopes along x and y.
 
-    It has these GridParams.
+    p has the fields of GridParams.
     """
     i, a, dx = piece(x, p.x0, p.px, p.nx)
     j, b, dy = piece(y, p.y0, p.py, p.ny)
@@ -387,9 +387,10 @@ def bicubic(p, x, y):
 
 
 def spline_coefficients(v: np.ndarray) -> np.ndarray:
-    """Return coefficients of the cubic spline through values 1 apart.
+    """Return the coefficients of a cubic spline through equally spaced values.
 
-    They are along the first axis (not-a-knot): c = v - v''/6, and one more at each end.
+    The spacing is 1, along the first axis, with not-a-knot ends: c = v - v''/6, and one
+    more coefficient at each end.
     """
     from scipy.interpolate import CubicSpline
 
@@ -401,7 +402,7 @@ def spline_coefficients(v: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class CubicGrid(Grid):
-    """Bicubic: sum_ij c_ij B(x - i) B(y - j), through all points.
+    """A bicubic spline through all points, sum_ij c_ij B(x - i) B(y - j).
 
     Its curvature is continuous.
     """
@@ -420,9 +421,9 @@ class CubicGrid(Grid):
 
 
 def plain(name: str, v, *axes: Block) -> np.ndarray:
-    """Return numbers of x and of y, from one or two numbers or constants.
+    """Return two numbers, for x and for y, from one or two numbers or constants.
 
-    Constants are in the unit of their axis.
+    Constants must be in the unit of their axis.
     """
     given = v if isinstance(v, (list, tuple, np.ndarray)) else (v, v)
     if len(given) != len(axes):
@@ -445,7 +446,7 @@ def lut2(
     kind: str = "linear",
     unit: str = "",
 ) -> Grid:
-    """Compute a function of two positions given by a regular grid, and its gradient.
+    """Compute a function of two positions, and its gradient, from a regular grid.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measured textures: a surface's vibration by the speed and force of a stroking tool.
+"""Measured textures: vibration that depends on the speed and force of a tool.
 
 Sources: Romano and Kuchenbecker, IEEE Trans. Haptics 5 (2012); Culbertson, Unwin and
 Kuchenbecker, IEEE Trans. Haptics 7 (2014); the models themselves are in
@@ -57,14 +57,14 @@ class TextureState(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A speed and a force among the measured models."""
+    """A point among the measured models: scaled speed and force."""
 
     x: float
     z: float
 
 
 class Weights(NamedTuple):
-    """Weights of the models at a place."""
+    """Weights of three models at a speed and force."""
 
     a: float
     b: float
@@ -78,12 +78,12 @@ def part(v, per_largest):
 
 
 def weight(q, ax, ay, a):
-    """Return the weight of one corner."""
+    """Return the weight of one corner of a triangle."""
     return fma(ax, q.x, fma(ay, q.z, a))
 
 
 def least(q, ax, ay, a, bx, by, b):
-    """Return the smallest of the three weights in a triangle: below 0 outside of it."""
+    """Return the smallest of a triangle's three weights; below 0 outside of it."""
     one, two = weight(q, ax, ay, a), weight(q, bx, by, b)
     third = 1.0 - one - two
     lower = where(one < two, one, two)
@@ -91,7 +91,7 @@ def least(q, ax, ay, a, bx, by, b):
 
 
 def inside(one, two):
-    """Return the three weights, those below 0 as 0; they add up to 1."""
+    """Return three weights with negative ones set to 0, scaled to a sum of 1."""
     a, b, c = (
         where(one > 0.0, one, 0.0),
         where(two > 0.0, two, 0.0),
@@ -102,21 +102,25 @@ def inside(one, two):
 
 
 def mean(w, a, b, c):
-    """Return the interpolation between three models."""
+    """Return a quantity interpolated between three models."""
     return fma(w.a, a, fma(w.b, b, w.c * c))
 
 
 def cosine(w, a, b, c):
-    """Return the cosine of a frequency between three models, each in half turns."""
+    """Return the cosine of a frequency interpolated between three models.
+
+    Frequencies are in half turns.
+    """
     return sinpi(0.5 - mean(w, a, b, c))
 
 
 def product(c, first, n, f):
-    """Return f[1 + j], j = 0 .. n, of the product of 1 - 2 c[k] z + z^2.
+    """Compute half of the coefficients of a product of quadratics 1 - 2 c[k] z + z^2.
 
-    It is over k = first, first + 2, .., n of them; f[0] is 0.
+    f[1 + j] is the coefficient of z^j for j = 0 .. n; f[0] is 0. The product is over k
+    = first, first + 2, .., n of them.
 
-    It has the degree 2 n and is symmetric, so half of it is enough.
+    It has the degree 2 n and is symmetric, so half of the coefficients suffice.
     """
     f[0], f[1] = 0.0, 1.0
     for k in range(1, n + 1):
@@ -127,12 +131,13 @@ def product(c, first, n, f):
 
 
 def predictor(c, p, f, g, a):
-    """Return a[0] .. a[p - 1], the coefficients of z^-1 to z^-p of (P + Q)/2.
+    """Compute the coefficients a[0] .. a[p - 1] of z^-1 to z^-p of (P + Q)/2.
 
-    They are from the cosines of p line spectral frequencies.
+    c holds the cosines of p line spectral frequencies.
 
-    P is the product over the 1st, 3rd, .. and Q that over the others.  Where p is even
-    they have the factors 1 + z and 1 - z; where it is odd, Q alone has one, 1 - z^2.
+    P is the product over the 1st, 3rd, .. frequency and Q that over the others. If p is
+    even they have the additional factors 1 + z and 1 - z; if it is odd, only Q has one,
+    1 - z^2.
     """
     n, m = (p + 1) >> 1, p >> 1
     product(c, 0, n, f)
@@ -148,10 +153,10 @@ def predictor(c, p, f, g, a):
 
 @dataclass(frozen=True, eq=False)
 class Texture(Block):
-    """A measured texture: ARMA models at their own rate, raised to that of the clock.
+    """A measured texture: ARMA models at their own rate, interpolated to the clock.
 
-    y = v + sum b v[-k] - sum a y[-k] at the model's rate, v = gain sqrt(variance)
-    white, and 12 taps to that of the clock.
+    y = v + sum b v[-k] - sum a y[-k] at the model's rate, where v = gain sqrt(variance)
+    white; an interpolator of 12 taps raises it to the rate of the clock.
     """
 
     white: Block
@@ -168,7 +173,7 @@ class Texture(Block):
 
     @property
     def model(self) -> TextureModel:
-        """The model that it renders."""
+        """The measured model that this block renders."""
         numbers = (
             self.speeds,
             self.forces,
@@ -201,8 +206,8 @@ class Texture(Block):
         if every < 1 or every * self.rate != fs:
             near = max(every, 1) * self.rate
             raise BadValue(
-                f"texture: fs = {fs:g} Hz must be a whole multiple of the model's {self.rate:g} Hz:"
-                f" take {near:g} Hz"
+                f"texture: fs = {fs:g} Hz must be a whole multiple of the model's {self.rate:g} Hz;"
+                f" use {near:g} Hz"
             )
         planes, corners = self.model.planes()
         (ax, ay, a), (bx, by, b) = np.ascontiguousarray(planes.transpose(1, 2, 0)[:2])
@@ -312,15 +317,16 @@ def texture(
 ) -> Block:
     """Compute the vibration of a measured surface.
 
-    It is what an accelerometer on the tool felt.
+    It is the acceleration that an accelerometer on the tool measured.
 
-    At each sample of the model's own clock, of 1 ms as a rule, the triangle that holds
-    speed and force is found, the line spectral frequencies, gain and variance of its
-    corners are weighted, and the ARMA model that they make takes one step.  It is
-    stable at every place, because frequencies that rise at the corners rise between
-    them.  What drives the model is scaled before it is remembered, so a change of the
-    place makes no click.  Between those samples a sinc of 12 taps interpolates, flat
-    within 1 % in power up to 0.356 of the model's rate.
+    At each sample of the model's own clock (usually every 1 ms) the block finds the
+    triangle that contains the speed and the force, interpolates the line spectral
+    frequencies, gain and variance between its corners, and advances the resulting ARMA
+    model by one step. The model is stable everywhere, because frequencies that are in
+    order at the corners are in order between them. The input of the model is scaled
+    before it is stored, so a change of speed or force makes no click. Between those
+    samples a sinc of 12 taps interpolates, flat within 1 % in power up to 0.356 of the
+    model's rate.
 
     Parameters
     ----------
@@ -373,8 +379,8 @@ def texture(
     """
     if not isinstance(model, TextureModel):
         raise BadValue(
-            f"texture: model = {model!r:.80} is no TextureModel; load_texture(path) and fit_texture"
-            " give one"
+            f"texture: model = {model!r:.80} is not a TextureModel; load_texture(path) and"
+            " fit_texture return one"
         )
     white, v, N = white_noise(seed, stream, shared), with_unit(speed, "m/s"), with_unit(force, "N")
     numbers = (

@@ -61,7 +61,7 @@ SCRATCH = 512  # words that ``memory`` needs; differences stand behind them
 
 
 def check_lists(b: Any, values: np.ndarray, name: str) -> None:
-    """Raise BadValue unless a block's two lists have one length and numbers above 0."""
+    """Raise BadValue unless two lists of a block have one length and are above 0."""
     if values.ndim != 1 or b.tau.shape != values.shape:
         raise BadValue(
             f"{name} and tau must be two lists of one length, got {values.shape} and {b.tau.shape}"
@@ -76,7 +76,7 @@ def check_lists(b: Any, values: np.ndarray, name: str) -> None:
 def number(v) -> float | None:
     """Return the value of a plain number, or None for any other signal.
 
-    A constant without unit, or in N/m, is a plain number.
+    A constant without unit, or in N/m, counts as a plain number.
     """
     b = as_block(v)
     return b.value if isinstance(b, Const) and b.dim in (un.ONE, unit("N/m")) else None
@@ -87,21 +87,22 @@ def plain(name: str, field: str, v) -> float:
     value = number(v)
     if value is None or not value > 0:
         raise BadValue(
-            f"{name}: {field} = {v!r} must be a plain number above 0; a live gain is multiplied"
+            f"{name}: {field} = {v!r} must be a plain number above 0; multiply the result by a gain"
+            " that changes"
         )
     return value
 
 
 def time_constant(name: str, k, b, tau) -> float:
-    """Return tau, or b/k, from arguments of which exactly one is given."""
+    """Return the time constant tau, given either directly or by b and k."""
     if (b is None) == (tau is None):
         raise BadValue(
-            f"{name}: give one of b (N s/m) and tau (s), the other follows from tau = b/k"
+            f"{name}: give either b (N s/m) or tau (s); the other follows from tau = b/k"
         )
     if number(k) is None and tau is None:
         raise BadValue(
-            f"{name}: with the signal {k!r} as stiffness give tau in s: a time constant cannot be"
-            " live"
+            f"{name}: the stiffness {k!r} is a signal, so give tau in s: a time constant cannot"
+            " change"
         )
     stiffness = 1.0 if number(k) is None else plain(name, "k", k)
     return plain(name, "tau", plain(name, "b", b) / stiffness if tau is None else tau)
@@ -125,9 +126,9 @@ class ArmsState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MaxwellArms(Block):
-    """Maxwell arms in parallel: q_i += (y[n] - y[n-1]) - e_i q_i.
+    """Maxwell arms in parallel, q_i += (y[n] - y[n-1]) - e_i q_i.
 
-    f = sum_i k_i g_i q_i. k as factors of y.
+    f = sum_i k_i g_i q_i, with k as factors of y.
     """
 
     y: Block
@@ -174,9 +175,9 @@ class MaxwellArms(Block):
         return np.sum(p.r * np.where(spring, 1.0, d / np.where(spring, 1.0, below)), axis=-1)
 
     def delay(self, p):
-        """Return the delay behind the continuous arms at low frequencies.
+        """Return the low-frequency delay relative to the continuous arms.
 
-        It is 0 for slow ones (springs), half a sample for fast ones (dampers).
+        It is 0 for slow arms (springs) and half a sample for fast ones (dampers).
         """
         live = p.r[: self.k.size] > 0
         k, a = self.k[live], p.e[: live.size][live] * self.k[live] / p.r[: live.size][live]
@@ -204,10 +205,10 @@ def maxwell(
 ) -> Block:
     """Compute a Maxwell arm, a spring and a damper in series: f'/k + f/b = y'.
 
-    The force of a held position decays with tau = b/k.
+    The force at a held position decays with tau = b/k.
 
-    Exact for positions that are straight between samples, for any tau: much faster than
-    a sample it is a damper, much slower than the recording it is a spring.
+    It is exact for positions that are linear between samples, for any tau: an arm much
+    faster than a sample is a damper, one much slower than the recording a spring.
 
     Parameters
     ----------
@@ -271,7 +272,7 @@ def generalized_maxwell(
 ) -> Block:
     """Compute a spring and any number of Maxwell arms in parallel.
 
-    All arms with plain numbers run as one bank.
+    All arms given by plain numbers run as one bank.
 
     Parameters
     ----------
@@ -356,7 +357,7 @@ def standard_linear_solid(
 ) -> Block:
     """Compute a spring in parallel with one Maxwell arm.
 
-    The stiffness is k0 + k1 at first, k0 in the end.
+    The stiffness is k0 + k1 at first, and k0 in the end.
 
     Parameters
     ----------
@@ -427,10 +428,12 @@ class ChainState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KelvinChain(Block):
-    """Elements in series: y = j0 f + sum j_i (f lagging by tau_i) + fluidity Int f dt.
+    """Kelvin-Voigt elements, a spring and a damper in series, driven by a force.
 
-    q_i += f[n-1] - e_i q_i;  y = (j0 + sum_i j_i h_i) f[n] + sum_i j_i e_i g_i q_i;
-    the integral is an element with e = 0.
+    y = j0 f + sum j_i (f lagging by tau_i) + fluidity * integral of f dt.
+
+    q_i += f[n-1] - e_i q_i;  y = (j0 + sum_i j_i h_i) f[n] + sum_i j_i e_i g_i q_i; the
+    integral is an element with e = 0.
     """
 
     f: Block
@@ -489,10 +492,12 @@ class KelvinChain(Block):
 def compliance_maxwell(
     f: Block, k: Block | float, b: float | None = None, *, tau: float | None = None
 ) -> Block:
-    """Return the displacement of a Maxwell arm under a force: y = f/k + (1/b) Int f dt.
+    """Return the displacement of a Maxwell arm under a force.
 
-    It flows for as long as the force acts, so there is no steady start: before the
-    first sample there is no force.
+    y = f/k + (1/b) * integral of f dt.
+
+    It flows as long as the force acts, so there is no steady start: the force is taken
+    as 0 before the first sample.
 
     Parameters
     ----------
@@ -552,7 +557,7 @@ def compliance_kelvin_voigt(
 
     k y + b y' = f.
 
-    It creeps towards f/k.
+    The displacement creeps towards f/k.
 
     Parameters
     ----------
@@ -612,11 +617,12 @@ def compliance_generalized_kelvin_voigt(
     b: float | None = None,
     onset: str = "step",
 ) -> Block:
-    """Return the displacement of a chain under a force.
+    """Return the displacement of a Kelvin-Voigt chain under a force.
 
-    The chain has Kelvin-Voigt elements, and a spring and a damper if given.
+    The chain consists of Kelvin-Voigt elements in series, and a spring and a damper if
+    given.
 
-    The dual of ``generalized_maxwell``; all elements run as one bank.
+    It is the dual of ``generalized_maxwell``; all elements run as one bank.
 
     Parameters
     ----------
@@ -664,7 +670,7 @@ def compliance_generalized_kelvin_voigt(
     """
     if not elements and k0 is None and b is None:
         raise BadValue(
-            "compliance_generalized_kelvin_voigt: nothing in the chain; give elements, k0 or b"
+            "compliance_generalized_kelvin_voigt: the chain is empty; give elements, k0 or b"
         )
     k = [plain("compliance_generalized_kelvin_voigt", "k", e[0]) for e in elements]
     direct = 0.0 if k0 is None else 1 / plain("compliance_generalized_kelvin_voigt", "k0", k0)
@@ -681,7 +687,7 @@ def compliance_generalized_kelvin_voigt(
 
 
 def _over(y: Block, k, f) -> Block:
-    """Return y over a stiffness, which must be a length."""
+    """Return y divided by a stiffness; raise UnitError unless that is a length."""
     out = y / with_unit(k, "N/m")
     if out.dim != unit("m"):
         raise UnitError(
@@ -705,8 +711,8 @@ def compliance(
 
     y = I^alpha f / chi: the dual of ``springpot``.
 
-    Before the first sample there is no force.  There is no steady start, as a constant
-    force has no steady displacement: it creeps for ever.
+    The force is taken as 0 before the first sample. There is no steady start, as a
+    constant force has no steady displacement: it creeps for ever.
 
     Parameters
     ----------
@@ -829,13 +835,14 @@ class SeriesState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Series(Block):
-    """f = chi D^alpha z = k (y - z), or b d(y - z)/dt.
+    """A springpot in series with a spring or a dashpot.
 
-    The springpot's z is found anew at every sample.
+    f = chi D^alpha z = k (y - z), or b d(y - z)/dt. The springpot's displacement z is
+    solved for at every sample.
 
     With u = y[n] - z[n-1] (spring) or y[n] - y[n-1] (dashpot), g = k or b fs, S = chi
-    fs^alpha, and R what the springpot remembers without its newest step d = z[n] -
-    z[n-1]:  g (u - d) = S (v_0 d + R), so d = (g u - S R)/(g + S v_0).
+    fs^alpha, and R the springpot's sum without its newest step d = z[n] - z[n-1]:
+    g (u - d) = S (v_0 d + R), so d = (g u - S R)/(g + S v_0).
     """
 
     y: Block
@@ -938,7 +945,7 @@ def springpot_series(
     horizon: float = 86400.0,
     contact: Block | float = 1.0,
 ) -> Block:
-    """Compute a springpot in series with a spring or with a dashpot.
+    """Compute a springpot in series with a spring or a dashpot.
 
     With a spring it is the fractional Maxwell arm.
 

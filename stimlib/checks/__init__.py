@@ -1,4 +1,4 @@
-"""Verification: comparison of what was rendered or displayed with the model."""
+"""Verification: comparison of rendered or delivered samples with the model."""
 
 import lazy_loader
 

@@ -20,7 +20,7 @@ from ..run.processor import Processor, compile
 
 @dataclass(frozen=True)
 class Agreement:
-    """The difference between JAX and the processor over one run; its str is one line.
+    """The difference between JAX and the processor over one run, printed as one line.
 
     Attributes
     ----------
@@ -66,9 +66,9 @@ def agreement(
 ) -> Agreement:
     """Compare the JAX target with the compiled processor over one run.
 
-    Gates are edges: where two roundings fall on different sides of one, signals differ
-    by whole steps.  So decisions are counted on their own, and the signals are compared
-    given the processor's.
+    Gates are discontinuous: where two roundings fall on different sides of a threshold,
+    signals differ by whole steps. So decisions that differ are counted separately, and
+    the signals are compared with JAX using the processor's decisions.
 
     Parameters
     ----------
@@ -121,9 +121,7 @@ def agreement(
         else min((length(v) or 0 for v in motion.values() if not callable(v)), default=0)
     )
     if size < 1:
-        raise BadValue(
-            "agreement: nothing tells how long the run is, or it has no sample: give n, at least 1"
-        )
+        raise BadValue("agreement: the run has no known length, or no samples; give n, at least 1")
     x = positions(
         sources_of({i: motion[i] for i in proc.inputs if i in motion}, proc.inputs, size),
         0,

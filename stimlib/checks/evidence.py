@@ -47,7 +47,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the check passed; nan does not pass."""
+        """Whether the check passed; NaN does not pass."""
         return bool(self.measured <= self.limit)
 
 
@@ -69,7 +69,7 @@ class Tap:
 
     @property
     def name(self) -> str:
-        """The block's name as displayed."""
+        """The text that represents the block."""
         return repr(self.block)
 
 
@@ -77,9 +77,9 @@ class Tap:
 class Evidence:
     """The data of one verification, for its checks and its report.
 
-    It has the rows of one stretch: all of a recording of up to ``AT_ONCE`` samples, or
-    its first stretch.  ``stretches`` gives this and those after it, of which the checks
-    keep sums alone.
+    It holds the rows of one stretch: all of a recording of up to ``AT_ONCE`` samples,
+    or its first stretch. ``stretches`` yields this one and the later ones, of which the
+    checks keep only sums.
     """
 
     scene: Scene
@@ -128,13 +128,13 @@ class Evidence:
 
     @property
     def end(self) -> int:
-        """The sample after the last of the rows."""
+        """The index of the sample after the last of the rows."""
         return self.at + self.x.shape[1]
 
     def stretches(self) -> Iterator[Evidence]:
-        """Yield this stretch and those after it, made again each time.
+        """Yield this stretch and the later ones, which are rendered each time.
 
-        Together they have every sample once.
+        Together they contain every sample once.
         """
         yield self
         if self.later is not None:
@@ -152,9 +152,9 @@ class Evidence:
 
     @property
     def share(self) -> float:
-        """Return the false alarm probability of each statistical check.
+        """The false alarm probability of each statistical check.
 
-        They are spectra, pairs of them, and slopes.
+        The statistical checks are spectra, pairs of spectra, and slopes.
         """
         streams = sum(t.model is not None and t.stream.size > FEWEST for t in self.taps)
         return ALARM / max(1, streams * (streams + 1) // 2 + len(self.taps))
@@ -177,7 +177,7 @@ def gather(
             or shown.dtype != np.float64
         ):
             raise BadValue(
-                f"the rendering has not the scene's outputs, {', '.join(scene.outputs)}, one"
+                f"the rendering must have the scene's outputs, {', '.join(scene.outputs)}, one"
                 " float64 row for each"
             )
     else:
@@ -192,14 +192,14 @@ def gather(
             )
     if sidecar is not None and sidecar["index"]:
         raise BadValue(
-            f"{rendering} goes on from an earlier sample of its processor; verify files that begin"
-            " at sample 0"
+            f"{rendering} continues an earlier run of its processor; only files that begin at"
+            " sample 0 can be verified"
         )
     if sidecar is not None and (
         late := [change["at"] for change in sidecar["log"] if change["at"]]
     ):
         raise BadValue(
-            f"{rendering} begins at sample 0, and its sidecar tells of a change at sample"
+            f"{rendering} begins at sample 0, but its sidecar reports a change at sample"
             f" {late[0]}: it was edited"
         )
     proc = compile(scene, fs, seed=seed)
@@ -241,12 +241,12 @@ def gather(
 def seen_by(
     e: Evidence, watch: Processor, drive: Rows, found: list[tuple], frames: int, shown: Any = None
 ) -> Evidence:
-    """Return the outputs of an augmented scene for a motion.
+    """Return the evidence of an augmented scene for a motion.
 
-    It is the first stretch, which makes the later ones.
+    It is that of the first stretch, which renders the later ones when they are needed.
 
-    ``shown`` has what was delivered, read by shown[:, at:stop]; None where it is what
-    is seen here.
+    ``shown`` holds what was delivered, read by shown[:, at:stop]; None if what is
+    rendered here is to be used instead.
     """
     edges = cuts(e.scene, e.fs, frames)
     whole = frames if len(edges) > 1 else 0
@@ -287,7 +287,7 @@ def seen_by(
 def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
     """Return where stretches of up to ``AT_ONCE`` samples end.
 
-    No interval of a trial is cut, if there is such a sample.
+    If possible, no interval of a trial is cut.
     """
     spans = [
         (round(p.span.start * fs), round(p.span.start * fs) + round(p.span.duration * fs))
@@ -304,7 +304,7 @@ def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
 
 
 def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
-    """Keep the noises among the outputs of an augmented scene."""
+    """Store the noises found among the outputs of an augmented scene."""
     n = len(e.scene.outputs)
     for k, (output, block, model, low, high, run, seed) in enumerate(found):
         # a copy, or all that was seen would be kept
@@ -317,14 +317,14 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
 
 
 def last_of(changes: Iterable[Change]) -> list[Change]:
-    """Return the changes of parameters, the last of several at one sample."""
+    """Return the changes of parameters, only the last of several at one sample."""
     return list({(c.at, c.name): c for c in changes}.values())
 
 
 def at_first(proc: Processor, changes: list[Change]) -> dict[str, float]:
     """Return the parameters of a new processor at its first sample.
 
-    They are those that a change sets at once, and where ramps begin.
+    They include changes that take effect at once; a ramp starts from the old value.
     """
     return dict(proc.params) | {
         c.name: c.value for c in changes if c.at == 0 and c.ramp * proc.fs <= 1
@@ -332,9 +332,9 @@ def at_first(proc: Processor, changes: list[Change]) -> dict[str, float]:
 
 
 def with_taps(scene: Scene, fs: float):
-    """Return the scene with noises, gates and sources as further outputs.
+    """Return the scene with noises, gates and sources as additional outputs.
 
-    These are every gated noise, its gate, and every source outside gates; no bit of the
+    These are every gated noise, its gate, and every source outside gates. No bit of the
     other outputs changes.
     """
     more, seen = [], set()
@@ -358,9 +358,9 @@ def with_taps(scene: Scene, fs: float):
 
 
 def placed(scene: Scene) -> Iterator[tuple[str, Block, tuple[Segment, ...]]]:
-    """Return blocks outside of any ``enabled``, with their outputs and segments.
+    """Yield blocks outside of any ``enabled``, with their outputs and segments.
 
-    The segments are listed from the inside.
+    The segments are listed from the innermost outwards.
     """
     for name, root in scene.outputs.items():
         todo: list[tuple[Block, tuple[Segment, ...]]] = [(root, ())]
@@ -379,9 +379,9 @@ def within(b: Block, around: Iterable[Segment]) -> Block:
 
 
 def free_noises(scene: Scene) -> dict[str, tuple[Block, Block]]:
-    """Return white noises outside of gates, as a program names them.
+    """Return white noises outside of gates, by their names in the program.
 
-    There is a 1 where they run.
+    Each comes with a signal that is 1 where the noise runs.
     """
     return {
         "white({}, {})".format(*b.noise_key) + run_of(around): (
@@ -394,14 +394,14 @@ def free_noises(scene: Scene) -> dict[str, tuple[Block, Block]]:
 
 
 def run_of(around: Sequence[Segment]) -> str:
-    """Return what identifies these segments, as in ``Program.runs``."""
+    """Return the text that identifies nested segments, as in ``Program.runs``."""
     return "".join(s.run for s in reversed(around))
 
 
 def noise_model(root: Block, fs: float):
-    """Return (PSD, f_low, f_high) of known linear blocks on white noise.
+    """Return (PSD, f_low, f_high) of known linear blocks that filter white noise.
 
-    It follows from their physical laws; None for any other chain.
+    It follows from their physical laws; None for any other chain of blocks.
     """
     chain: list[Law] = []
     b = root
@@ -427,7 +427,7 @@ def noise_model(root: Block, fs: float):
 def ramped(
     first: float, changes: Sequence[Change], fs: float, n: int, start: int = 0
 ) -> np.ndarray:
-    """Return samples start .. n - 1 of a parameter that begins with a value."""
+    """Return samples start .. n - 1 of a parameter with these changes."""
     y, changes, before = np.full(n - start, first), [c for c in changes if c.at < n], first
     for k, (at, _, target, ramp) in enumerate(changes):
         end = changes[k + 1].at if k + 1 < len(changes) else n
@@ -443,7 +443,7 @@ def ramped(
 def lost_by_ramps(changes: Iterable[Change], fs: float) -> float:
     """Return the largest rounding error that these ramps can accumulate.
 
-    It is a part of the largest value.
+    It is relative to the largest value.
     """
     return 2.0**-52 * max((c.ramp * fs for c in changes), default=0.0)
 
@@ -453,10 +453,10 @@ def lost_by_ramps(changes: Iterable[Change], fs: float) -> float:
 class Asked:
     """The arguments of a scene's law: motion, parameters, outputs and options.
 
-    It has what was asked for, what went in, and what came out.
+    It holds what was requested, what went in, and what came out.
 
-    Of an interval of a trial these are its own samples, as they were before its window.
-    Where the window is 0 they are nan, and nothing is compared.
+    For an interval of a trial these are its own samples, as they were before its
+    window. Where the window is 0 they are NaN, and nothing is compared.
     """
 
     e: Evidence
@@ -488,9 +488,10 @@ class Asked:
 
     @property
     def slack(self) -> float:
-        """Return the relative error that accumulated rounding may cause.
+        """The relative error that accumulated rounding may cause.
 
-        They come from each step of a parameter's ramp, and from a window's time.
+        Rounding accumulates with the steps of a parameter's ramp, and with a window's
+        time.
         """
         span, names = (
             self.part.span,
@@ -516,7 +517,7 @@ class Asked:
         )
 
     def held(self, name: str, low: float, high: float) -> np.ndarray:
-        """Return a live parameter clamped to the range of the scene's block."""
+        """Return a parameter's values, clamped to the range of the scene's block."""
         return np.clip(self.live(name), low, high)
 
     def output(self, name: str) -> str:
@@ -524,7 +525,7 @@ class Asked:
         return self.part.outputs.get(name, name)
 
     def title(self, name: str) -> str:
-        """Return the name of an output in a check."""
+        """Return the name of an output, for the name of a check."""
         return f"{self.output(name)}{f' from {self.part.span.start:g} s' if self.part.span else ''}"
 
     def apart(self, name: str, want: np.ndarray) -> float:
@@ -532,13 +533,16 @@ class Asked:
         return self.far(self.y[name] - want)
 
     def far(self, difference: np.ndarray) -> float:
-        """Return the largest absolute value of a difference; nan if it contains nan."""
+        """Return the largest absolute difference; NaN if it contains NaN.
+
+        Differences are weighted by the window of the trial's interval.
+        """
         return float(
             np.max(np.where(self.window > 0, np.abs(difference) * self.window, 0.0), initial=0.0)
         )
 
     def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: float) -> None:
-        """Keep the expected row of an output, or what makes it, for pictures."""
+        """Store the expected row of an output, or what makes it, for figures."""
         if self.part.span is None:
             self.e.wanted[self.output(name)] = lambda: (want() if callable(want) else want, tol)
 
@@ -553,7 +557,7 @@ class Asked:
     ) -> Check:
         """Check that an output equals its expected samples within a tolerance.
 
-        The error is in parts of its largest value, or of ``least`` where that is
+        The error is relative to the largest expected value, or to ``least`` if that is
         larger.
         """
         top = max(
@@ -572,7 +576,10 @@ class Asked:
         )
 
     def begins(self, values: Mapping[str, float]) -> Check:
-        """Check that parameters that nobody sets have the requested values."""
+        """Check that parameters start with the requested values.
+
+        They are compared in the scene, before any change.
+        """
         found = {n: self.e.scene.params[self.part.inputs.get(n, n)].value for n in values}
         wrong = [f"{n} = {found[n]:g} for {v:g}" for n, v in values.items() if found[n] != v]
         title = "parameters" + (f" of {self.part.name}" if self.part.name else "")
@@ -604,7 +611,7 @@ class Asked:
 
         Its inputs have the law's names.
 
-        With a name they go on from those of the stretch before.
+        If ``name`` is given, the block continues from the stretch before.
         """
         n = self.n if n is None else n
         proc = self.kept.get(name) or compile(Scene({"y": block}), self.fs, seed=self.seed)
@@ -631,7 +638,7 @@ def law_of(scene: str) -> Callable[[SceneLaw], SceneLaw]:
 
 
 def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
-    """Return a part of a scene for its law, in one stretch.
+    """Return the arguments of a part's law, in one stretch.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The pictures of a verification: signals, the law's signals, and spectra."""
+"""The figures of a verification: signals, the law's signals, and spectra."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OUTPUTS = 6  # of so many there are pictures: a layout's time grows with the squ
 
 
 def figures(e: Evidence) -> Iterator[tuple[str, str]]:
-    """Return the title and SVG of each figure."""
+    """Yield the title and SVG of each figure."""
     s = Signals(
         e.scene,
         e.fs,
@@ -80,7 +80,7 @@ def _fingers(fig, e):
 
 
 def _curves(fig, s, e):
-    """Draw the motion, what was delivered, and the law's signals at the best place."""
+    """Draw the motion, the delivered signals and the law's signals, in close-up."""
     rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
     start = e.closeup.start or 0
     over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, start)
@@ -118,7 +118,7 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
 
 
 def _of_noise(tap: Tap) -> Against:
-    """Return third octaves of a gated noise."""
+    """Return the third-octave spectrum of a gated noise, with its model and limits."""
     from scipy import stats
 
     s: Any = tap.spectrum

@@ -43,8 +43,8 @@ def philox(counter: tuple[Any, Any, Any, Any], key: tuple[Any, Any]) -> tuple[An
 def white(run_seed: int, seed: int, stream: int, first: int, n: int, use: int = 0) -> np.ndarray:
     """Return samples of white_noise(seed, stream) in a run.
 
-    They are first .. first + n - 1, computed by the mathematical library; first is
-    even.
+    They are the samples first .. first + n - 1, computed by the mathematical library;
+    first must be even.
 
     Those of the use 1 are the deviates of stationary starts.
 
@@ -72,12 +72,12 @@ def white(run_seed: int, seed: int, stream: int, first: int, n: int, use: int = 
 def texture_weights(
     at: np.ndarray, places: np.ndarray, triangles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners (n, 3) and their weights at places (n, 2).
+    """Return the corners and weights, both (n, 3), of places (n, 2).
 
-    The weights are areas of the triangles that a place makes with two corners.
+    The weights are the areas of the triangles that a place makes with two corners.
 
-    Where it is in no triangle, that in which its smallest weight is largest, and
-    weights below 0 as 0.
+    For a place in no triangle it is the triangle in which its smallest weight is
+    largest, with negative weights set to 0.
     """
 
     def area(a, b, c):
@@ -103,7 +103,7 @@ def texture_weights(
 def from_line_spectrum(lsf: np.ndarray) -> np.ndarray:
     """Return polynomial coefficients from line spectral frequencies (n, p).
 
-    They are (n, p), behind the 1; all roots are multiplied out.
+    They are (n, p), without the leading 1; all roots are multiplied out.
     """
     n, p = lsf.shape
     halves = []
@@ -247,7 +247,8 @@ def vibrating(finger: Finger, noise: np.ndarray, k: Any, A: Any) -> Finger:
 def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float, float]:
     """Return the thresholds (on, off) of the loading gate.
 
-    off = 2 q max|h|, h the velocity after a step of one encoder code q; on = 2 off.
+    off = 2 q max|h|, where h is the velocity after a step of one encoder code q; on = 2
+    off.
     """
     from scipy.signal import lfilter
 
@@ -263,11 +264,11 @@ FEW = 4096  # weights that are a product of as many factors
 
 # Springpot ----------------------------------------------------------------------------
 def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
-    """Return v_0 .. v_{n-1} of the sum over first differences.
+    """Return the weights v_0 .. v_{n-1} of a springpot's first differences.
 
-    They are Gruenwald-Letnikov's or L1's, in extended precision.
+    They are those of Gruenwald and Letnikov or of L1, in extended precision.
 
-    "straight" takes differences of the sum of a force that is straight between samples:
+    "straight" takes differences of the sum of a force that is linear between samples:
     second differences of j^(2 - alpha).
     """
     j, a = np.arange(1, max(n, FEW), dtype=np.longdouble), np.longdouble(alpha)
@@ -294,7 +295,7 @@ def springpot_weights(scheme: str, alpha: float, n: int) -> np.ndarray:
 def springpot_sum(
     y: np.ndarray, fs: float, scheme: str, alpha: np.ndarray, at: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return D^alpha y at some samples by the full sum, and its absolute sum.
+    """Return D^alpha y by the full sum at some samples, and its absolute sum.
 
     Source: Çaldıran's thesis, eq. (3.1), from rest. The second is the same sum of
     absolute values.
@@ -343,16 +344,16 @@ def springpot_convolution(
 def ways(x: np.ndarray, contact: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the position before each sample, and where there is contact.
 
-    The first sample of a contact has no way.
+    At the first sample of a contact it is the position of that sample.
     """
     touching = contact > 0
     return np.where(touching & ~np.r_[False, touching[:-1]], x, np.r_[x[:1], x[:-1]]), touching
 
 
 def _cell(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the number of the bump, and the place in it.
+    """Return the number of the bump, and the position within it.
 
-    What rounds to the next bump is there.
+    A position that rounds to the next bump counts as part of it.
     """
     k = np.floor(u)
     k += u - k >= 1
@@ -360,9 +361,9 @@ def _cell(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ridge_mean(waveform: str, d: np.ndarray, a: Any, b: np.ndarray) -> np.ndarray:
-    """Return the mean of the envelope from a to b on a ridge of the width d.
+    """Return the mean of the envelope from a to b on a ridge of width d.
 
-    0 <= a <= b <= d: products, so that nothing cancels.
+    0 <= a <= b <= d. It uses products, so that nothing cancels.
     """
     z, way = (a + b) / 2 / d, b - a
     if waveform not in ("square", "sawtooth", "half_sine", "sine"):
@@ -384,13 +385,13 @@ def _ridge_mean(waveform: str, d: np.ndarray, a: Any, b: np.ndarray) -> np.ndarr
 
 
 def bump_envelope(last: np.ndarray, u: np.ndarray, waveform: str, d: np.ndarray) -> np.ndarray:
-    """Return the mean of the unipolar wave over last .. u, and its tolerance.
+    """Return the mean of the unipolar envelope from last to u, and its tolerance.
 
-    Source: touch-screen thesis, figure 4.1. The tolerance is what a mean over an edge
-    may lose.
+    Source: touch-screen thesis, figure 4.1. The tolerance is the rounding of a mean
+    across an edge.
 
-    Over a way across an edge the mean is a difference of areas, which are rounded, over
-    that way.
+    Over a path across an edge the mean is a difference of rounded areas, divided by the
+    path.
     """
     (k, v), (m, w) = _cell(np.minimum(last, u)), _cell(np.maximum(last, u))
     a, b, way = np.minimum(v, d), np.minimum(w, d), np.abs(u - last)
@@ -408,9 +409,10 @@ def bump_envelope(last: np.ndarray, u: np.ndarray, waveform: str, d: np.ndarray)
 def profile_gain(
     x: np.ndarray, contact: np.ndarray, knots: np.ndarray, d: np.ndarray, kind: str
 ) -> tuple[np.ndarray, float]:
-    """Return d_max/d between the last two places, and the largest gain.
+    """Return d_max/d between the last two positions, and the largest gain.
 
-    Source: touch-screen thesis, section 4.2. The largest is that between the knots.
+    Source: touch-screen thesis, section 4.2. The largest gain is that between the
+    knots.
     """
     from scipy import interpolate
 
@@ -432,16 +434,17 @@ def profile_gain(
 def turning(freq: np.ndarray, fs: float, phase: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Return a carrier's phase in turns at each sample, and its increments.
 
-    It begins at a phase in rad.
+    It starts at a phase in rad.
     """
     step = freq.astype(np.longdouble) / np.longdouble(fs)
     return np.cumsum(step) - step + phase / (2 * np.longdouble(np.pi)), step
 
 
 def carried(t: np.ndarray, step: np.ndarray, rectify: str | None) -> np.ndarray:
-    """Return a sinusoid at the phase t in turns, of so many turns for each sample.
+    """Return a sinusoid at a phase in turns, rectified or not.
 
-    Rectified, it is its mean over the sample period around each sample.
+    If rectified, it is the mean over the sample period around each sample, for which
+    the turns per sample are needed.
     """
     pi = np.longdouble(math.pi) + np.longdouble(1.2246467991473532e-16)
     t = t - np.floor(t + 0.25)  # the nearest half wave is 0 .. 1/2

@@ -1,4 +1,4 @@
-"""Laws of linear blocks: responses in closed form, and rows as sums over inputs.
+"""Laws of linear blocks: responses in closed form, and convolutions with inputs.
 
 Nothing of a recursion is run.  A response is taps, or a sum of modes r exp(n L) in
 extended precision, whose poles come from their formulas (of pinking, whose poles are
@@ -27,14 +27,17 @@ GONE = 48.0  # of a decay, in time constants: 1e-21
 
 
 class Modes(NamedTuple):
-    """h[0] = direct, h[n] = sum of r exp((n - 1) L)."""
+    """An impulse response as a sum of modes.
+
+    h[0] = direct, h[n] = sum of r exp((n - 1) L).
+    """
 
     direct: Any
     r: np.ndarray
     L: np.ndarray
 
     def response(self, n: int) -> Row:
-        """Return h[0] .. h[n - 1].
+        """Return the first n samples of the impulse response.
 
         Powers are products of those of 64 samples and of one.
         """
@@ -46,7 +49,7 @@ class Modes(NamedTuple):
 
 
 def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row, Row, Any]:
-    """Return the zeros, poles and gain of the low-pass whose edge is 1."""
+    """Return the zeros, poles and gain of the low-pass prototype with the edge 1."""
     e = np.sqrt(np.expm1(LONG(ripple) * np.log(LONG(10)) / 10))
     zeros, level, turns = np.zeros(0, COMPLEX), LONG(1), PI * (2 * np.arange(n) + 1) / (2 * n)
     if kind == "butterworth":
@@ -99,7 +102,7 @@ def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row
 
 
 def analogue(band: str, edges: tuple[float, ...], *family: Any) -> tuple[Row, Row, Any]:
-    """Return the zeros, poles and gain in s = (z - 1)/(z + 1).
+    """Return the zeros, poles and gain of a filter in s = (z - 1)/(z + 1).
 
     Edges are in cycles per sample.
     """
@@ -122,14 +125,14 @@ def analogue(band: str, edges: tuple[float, ...], *family: Any) -> tuple[Row, Ro
 
 
 def _two(b: Row, c: Any) -> Row:
-    """Return the roots of s^2 - b s + c; the smaller by their product."""
+    """Return the roots of s^2 - b s + c, the smaller one from their product."""
     root = np.sqrt(b * b - 4 * c)
     large = np.where(np.abs(b + root) > np.abs(b - root), b + root, b - root) / 2
     return np.r_[large, c / large]
 
 
 def digital(zeros: Row, poles: Row, gain: Any) -> Modes:
-    """Return the modes of a filter with these zeros, poles and gain in s.
+    """Return the modes of a filter given by zeros, poles and gain in s.
 
     z - z' is 2 (s - s')/((1 - s)(1 - s')).
     """
@@ -151,7 +154,7 @@ its response.
 
 
 def response(*names: str) -> Callable:
-    """Register the response of the classes with these names."""
+    """Register the impulse response of the classes with these names."""
 
     def enter(f: Callable) -> Callable:
         RESPONSES.update(dict.fromkeys(names, f))
@@ -162,14 +165,15 @@ def response(*names: str) -> Callable:
 
 
 def taps(h: Any) -> Callable[[int], Row]:
-    """Return a finite response."""
+    """Return a finite impulse response."""
     return lambda n: np.asarray(h, float)[:n]
 
 
 def straight(L: Any, size: Any) -> tuple[Any, Row, Row]:
-    """Return h[0], r and L of size/(s - L fs), for straight inputs between samples.
+    """Return the modes of size/(s - L fs), for inputs linear between samples.
 
-    Sums are taken; sinh keeps its digits.
+    The result is h[0], r and L. Several modes are summed in h[0]; the formulas keep
+    their digits for small L.
     """
     L = np.asarray(L, COMPLEX)
     first = np.where(
@@ -200,9 +204,9 @@ def summed(h: Row, x: Row) -> Row:
 
 
 def settled(b: Any, fs: float, x: Rows) -> float:
-    """Return after how many samples a response has decayed.
+    """Return the number of samples after which a response has decayed.
 
-    Of modes, what went before is found.
+    It is 1 for modes, as their state before is estimated from the row.
     """
     made = _made(b, fs)
     if isinstance(made, Modes) or type(b).resettable:
@@ -238,7 +242,7 @@ def _linear(b, fs, x, y):
 
 
 def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
-    """Return the part of pink noise that its past contributes.
+    """Return the contribution of pink noise's past to the present run.
 
     It is a state q of the covariance 1/(1 - p p'), drawn by the published generator.
     """
@@ -256,9 +260,9 @@ def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
 
 
 def free(L: Row, rest: Row) -> Row:
-    """Return the free decay of these modes in a row.
+    """Return the free decay of these modes that fits a row best.
 
-    It is the nearest at some samples, most of them early.
+    It is fitted at some samples, most of them early.
     """
     at = np.unique(
         np.r_[

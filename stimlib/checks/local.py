@@ -53,7 +53,7 @@ Row = np.ndarray
 
 
 class Held(NamedTuple):
-    """One block and its law."""
+    """The result of checking one block against its law."""
 
     block: Block
     where: str  # the subsystems that it is in
@@ -118,7 +118,7 @@ class Driven(NamedTuple):
 class Clock(NamedTuple):
     """The samples at which a gate is open.
 
-    It has where the gate opens and closes, and how many samples there are before each
+    It holds where the gate opens and closes, and the number of open samples before each
     opening.
     """
 
@@ -128,22 +128,22 @@ class Clock(NamedTuple):
 
     @staticmethod
     def of(edges: np.ndarray, n: int) -> Clock:
-        """Return the clock of n samples whose gate switches at these samples."""
+        """Return the clock of n samples for a gate that switches at given samples."""
         edges = np.minimum(np.append(edges, n) if edges.size % 2 else edges, n)
         opens, closes = edges[::2], edges[1::2]
         return Clock(opens, closes, np.cumsum(closes - opens) - (closes - opens))
 
     @property
     def total(self) -> int:
-        """The number of samples at which it is open."""
+        """The number of samples at which the gate is open."""
         return int(np.sum(self.closes - self.opens))
 
     def until(self, n: int) -> int:
-        """Return the number of its samples before sample n."""
+        """Return the number of open samples before sample n."""
         return int(np.sum(np.clip(n, self.opens, self.closes) - self.opens))
 
     def samples(self, first: int, stop: int) -> np.ndarray:
-        """Return the samples with the given indices."""
+        """Return the sample numbers of the open samples first .. stop - 1."""
         k = np.arange(first, stop)
         at = np.searchsorted(self.before, k, "right") - 1
         return self.opens[at] + k - self.before[at]
@@ -166,7 +166,7 @@ class Inside(NamedTuple):
 class Gated:
     """The times at which a subsystem runs, and its changing parameters.
 
-    The parameters are given at its first sample and after.
+    The parameters are those at its first sample, and their later changes.
     """
 
     def __init__(self) -> None:
@@ -191,7 +191,7 @@ class Gated:
         self._on, self._count = bool(on[-1]), self._count + int(np.count_nonzero(on))
 
     def until(self, n: int) -> np.ndarray:
-        """Return the edges of the first n samples: where it begins, where it ends .."""
+        """Return the samples below n at which the subsystem starts and stops."""
         edges = np.minimum(np.concatenate(self.edges), n)
         return np.append(edges, n) if edges.size % 2 else edges
 
@@ -211,7 +211,7 @@ class Early(Block):
 def blocks_held(e: Evidence) -> list[Check]:
     """Check each class of block against its law.
 
-    What has no law, or could not be seen, goes to ``skipped``.
+    Blocks without a law, or that could not be observed, are listed in ``skipped``.
     """
     x = {name: Driven(e, k) for k, name in enumerate(e.proc.inputs)}
     found = e.held = held(
@@ -236,8 +236,8 @@ def blocks_held(e: Evidence) -> list[Check]:
 def spans(n: int, seed: int) -> list[tuple[int, int]]:
     """Return the stretches that are checked.
 
-    They are all of a short run; of a long one its beginning, and others drawn by its
-    seed.
+    They cover all of a short run; of a long run they are its start, and others drawn
+    with its seed.
     """
     if n <= FIRST + PLACES * LATER:
         return [(0, n)]
@@ -251,7 +251,7 @@ def spans(n: int, seed: int) -> list[tuple[int, int]]:
 
 
 def _group(b: Block) -> str:
-    """Return what a block is listed under."""
+    """Return the name under which a block is listed."""
     if isinstance(b, Input | Param):
         return "inputs and parameters"
     return (
@@ -264,13 +264,13 @@ def _group(b: Block) -> str:
 def held(run: Run) -> list[Held]:
     """Check every block of a scene, including those in its subsystems.
 
-    Each is on its own clock.
+    Each is checked on its own clock.
     """
     return _held(run)[0]
 
 
 def _held(run: Run) -> tuple[list[Held], list[Part]]:
-    """Return the blocks, and what was seen of them."""
+    """Return the results of all blocks, and their rows."""
     blocks = outside(run.scene.outputs.values())
     if all(isinstance(b, Const) for b in blocks):
         return [], [Part(a, z - a, {}, {}) for a, z in run.spans]
@@ -288,7 +288,7 @@ def _held(run: Run) -> tuple[list[Held], list[Part]]:
 
 
 def _fed_back(b: Any, run: Run, seen: list[Part]) -> Held:
-    """Check the last value of a loop against what its body made."""
+    """Check the last value of a loop against the output of its body."""
     error, least, last = 0.0, np.inf, b.last
     for part in (part for part in seen if part.n):
         y, body = part.row(last, part.n), part.row(b.body, part.n)
@@ -311,11 +311,11 @@ def outside(roots: Iterable[Block]) -> list[Block]:
 def _seen(
     run: Run, blocks: list[Block], gated: list[Any]
 ) -> tuple[list[Part], dict[int, tuple[Gated, Row]]]:
-    """Return the rows of each block in each span, and what drives subsystems.
+    """Return the rows of each block in each span, and the gates of subsystems.
 
-    The latter is over all samples.
+    The gates, and the parameters inside, are returned for all samples.
 
-    They end where one is not finite.
+    Rows end where one is not finite.
     """
     moved = _moved(run, gated)
     driven = [b for b in gated if moved[id(b)] or not isinstance(b.by, Const)]
@@ -355,7 +355,7 @@ def _seen(
 
 
 def _moved(run: Run, gated: list[Any]) -> dict[int, list[Param]]:
-    """Return the parameters of each subsystem that are changed in the run."""
+    """Return the parameters of each subsystem that change during the run."""
     live = {c.name for c in run.changes}
     return {
         id(b): [p for p in reach([b.block]) if isinstance(p, Param) and p.name in live]
@@ -366,7 +366,7 @@ def _moved(run: Run, gated: list[Any]) -> dict[int, list[Param]]:
 def _sum(
     past: list[dict[int, int]], totals: dict[int, int], key: int, step: Row, starts: list[int]
 ) -> None:
-    """Add the steps of a block's count, and note the sum at the start of each span."""
+    """Add the steps of a block's count, and store the sum at the start of each span."""
     for start, sums in zip(starts, past, strict=True):
         if 0 <= start < step.size:
             sums[key] = totals[key] + int(step[:start].sum())
@@ -374,7 +374,7 @@ def _sum(
 
 
 def _keep(kept: list[Row], spans: Sequence[tuple[int, int]], at: int, y: Row) -> None:
-    """Keep of samples from ``at`` on what lies in each span."""
+    """Copy the samples that lie in each span, from samples that start at ``at``."""
     for (a, _), out in zip(spans, kept, strict=True):
         low, high = max(a, at), min(a + out.shape[1], at + y.shape[1])
         out[:, max(low - a, 0) : max(high - a, 0)] = y[:, low - at : max(high, low) - at]
@@ -387,7 +387,7 @@ def _rows(
     n: int,
     lag: int,
 ) -> dict[int, Row]:
-    """Return the rows of each block, with those before sample 0 where there are any."""
+    """Return the rows of each block, including samples before sample 0."""
     found = {}
     for key, its in names.items():
         rows_of = np.array([row[name][:n] for name in its])
@@ -402,7 +402,8 @@ def _shown(
 ) -> tuple[dict[str, Block], dict[int, list[str]], dict[int, list[str]]]:
     """Return outputs that show all blocks, and the names of each block's rows.
 
-    Of what begins before sample 0 there are names of the rows that begin there, too.
+    For blocks that start before sample 0, the names of their early rows are returned
+    too.
     """
     around = _loops(blocks)
     shown: dict[str, Block] = {}
@@ -421,7 +422,7 @@ def _shown(
 
 
 def _motion_of(run: Run, inputs: Sequence[str]) -> Callable[[int, int], Row]:
-    """Return the motion of a run, which stays as it is after the last sample."""
+    """Return the motion of a run, held constant after its last sample."""
 
     def motion(a: int, b: int) -> Row:
         x = np.empty((len(inputs), b - a))
@@ -434,9 +435,9 @@ def _motion_of(run: Run, inputs: Sequence[str]) -> Callable[[int, int], Row]:
 
 
 def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
-    """Return the loops that each block is in, the outermost last.
+    """Return the loops that contain each block, the outermost last.
 
-    It depends on their last values.
+    A loop contains the blocks that depend on its last value.
     """
     found: dict[int, list[Block]] = {}
     of = {id(b.last): b for b in blocks if isinstance(b, Loop)}
@@ -509,9 +510,9 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
 
 
 def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any] | None:
-    """Return what a law gives, and its tolerance.
+    """Return the row and the tolerance that a law gives.
 
-    None where it covers no such numbers.
+    None if the law does not cover these numbers.
     """
     name = f"{type_name(type(b))}.law"
     got[:] = map(_read_only, got)
@@ -522,7 +523,7 @@ def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any]
         if type(b).law is None:
             raise
         raise BadValue(
-            f"{name} raises {type(error).__name__}: {error}; mend it, or state no law"
+            f"{name} raises {type(error).__name__}: {error}; correct it, or define no law"
         ) from error
     if made is None:
         return None
@@ -539,24 +540,25 @@ def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any]
         if np.shape(tol) not in ((), y.shape):
             raise BadValue(
                 f"{name} returned a tolerance of the shape {np.shape(tol)}; return a number, or a"
-                " row as its output"
+                " row of the shape of its output"
             )
         if not np.all(np.asarray(tol) >= 0):
             raise BadValue(
-                f"{name} returned a tolerance that is not 0 or above; return such, or the row alone"
+                f"{name} returned a tolerance that is not 0 or above; return one that is, or the"
+                " row alone"
             )
     return want, tol
 
 
 def _read_only(row: np.ndarray) -> np.ndarray:
-    """Return a row that a law cannot change, which other laws read too."""
+    """Return a read-only view of a row, as several laws read it."""
     view = row.view()
     view.flags.writeable = False
     return view
 
 
 def _error(y: np.ndarray, want: Any, tol: Any) -> float:
-    """Return the largest distance over its tolerance; nan is itself."""
+    """Return the largest difference over its tolerance; equal NaNs count as 0."""
     want, tol = np.asarray(want, float), np.broadcast_to(tol, y.shape)
     with np.errstate(all="ignore"):
         ratio = np.abs(y - want) / tol
@@ -565,9 +567,9 @@ def _error(y: np.ndarray, want: Any, tol: Any) -> float:
 
 
 def _least(want: Any, tol: Any) -> float:
-    """Return the smallest part by which a larger row would be refused.
+    """Return the smallest relative change of a row that would be refused.
 
-    It is at least a rounding.
+    It is at least one rounding.
     """
     with np.errstate(all="ignore"):
         part = np.asarray(tol) / np.abs(want)
@@ -580,9 +582,9 @@ def _least(want: Any, tol: Any) -> float:
 def _inside(
     b: Any, run: Run, seen: list[Part], whole: dict[int, tuple[Gated, np.ndarray]]
 ) -> list[Held]:
-    """Check what a subsystem runs, rendered alone on its own clock.
+    """Check a subsystem's blocks by rendering them alone on its own clock.
 
-    Where it runs its samples are the same bits, elsewhere 0.
+    Where the subsystem runs, its samples must have the same bits, and elsewhere be 0.
     """
     before = seen[0].early(b, run.fs)
     early = seen[0].row(b.by, seen[0].n + before)[:before] > 0

@@ -67,7 +67,7 @@ class Mutations:
         return not any(m.outcome in (WITHIN, NO_LAW) for m in self.mutants)
 
     def count(self) -> dict[str, int]:
-        """Return how many mutants there are of each outcome."""
+        """Return how many mutants have each outcome."""
         return {
             what: sum(m.outcome == what for m in self.mutants)
             for what in (REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE)
@@ -112,14 +112,14 @@ def mutate(
 ) -> Mutations:
     """Change every number of a scene in turn, and report which changes its laws detect.
 
-    What is rendered then is verified.
+    Each changed scene is rendered and the rendering verified.
 
     The numbers are the fields of all blocks, the values of the parameters, and the
-    arguments that the scene was asked for. Each is taken 1.01 and 1.25 times, with the
-    other sign, as 0 and as 1; of an array all values at once. The laws know what was
-    asked for and not the changed number. (The law of each block, the checks (f) of
-    `verify`, takes the numbers of the block that it holds, so it cannot see these
-    mistakes: they are what the law of the scene is for.)
+    arguments of the scene. Each is multiplied by 1.01 and by 1.25, negated, and set to
+    0 and to 1; an array is changed as a whole. The laws know the requested numbers but
+    not the changed one. (The law of each block, the checks (f) of `verify`, uses the
+    numbers of the block that it checks, so it cannot detect these mistakes: that is
+    what the law of the scene is for.)
 
     Parameters
     ----------
@@ -178,9 +178,9 @@ def mutate(
 
 
 def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]]:
-    """Return the name, value and change of each number.
+    """Yield the name, value and change of each number, with a function for the scene.
 
-    What makes the scene with it is returned too.
+    The function makes the scene with the changed number.
     """
     from ..scenes import SHIPPED
 
@@ -237,9 +237,9 @@ def _numbers(v: Any) -> bool:
 
 
 def _changes(v: Any) -> Iterator[tuple[str, Any]]:
-    """Return the changes of a number or a list, each value once.
+    """Yield the changes of a number or a list, each value once.
 
-    There is none for anything else.
+    There are none for anything else.
     """
     done = [v]
     for change, f in CHANGES.items() if _numbers(v) else ():
@@ -249,7 +249,7 @@ def _changes(v: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _applied(v: Any, f: Callable[[float], float]) -> Any:
-    """Return the change of a number, or of all in a list."""
+    """Apply a change to a number, or to all numbers of a list."""
     if isinstance(v, list):
         return [_applied(part, f) for part in v]
     if isinstance(v, int):
@@ -262,7 +262,7 @@ def _short(v: Any) -> str:
 
 
 def _held(scene: Scene, motion: Mapping[str, Any], made: Rendering) -> list[Check]:
-    """Return what the laws of a scene say of a rendering."""
+    """Return the checks of a scene's laws for a rendering."""
     return [c for c in scene_law(gather(scene, motion, made)) if c.group in "cde"]
 
 

@@ -1,4 +1,4 @@
-"""Checks of the displayed noise: generator and spectrum.
+"""Checks of the delivered noise: generator and spectrum.
 
 It must be the published generator's, sample for sample, with the spectrum of the model.
 """
@@ -29,7 +29,7 @@ FILTERED = 1e-11  # of a filter fed with one and the other, relative to its larg
 def generator(e: Evidence) -> list[Check]:
     """Check every noise sample by sample against the published generator.
 
-    A gated noise is checked against its filter fed with that.
+    A gated noise is compared with its filter, driven by that generator.
     """
     white, sources = _Published(lead(e.fs)), _sources(e)
     known = {(seed, b.noise_key) for b, seed, _ in sources.values()}
@@ -77,7 +77,7 @@ def generator(e: Evidence) -> list[Check]:
 
 
 class _Published:
-    """The published generator, which keeps what it made last of each source."""
+    """The published generator, with a store of the last samples of each source."""
 
     def __init__(self, early: int):
         self.early = early
@@ -95,10 +95,10 @@ class _Published:
 
 
 def _sources(e: Evidence) -> dict[str, tuple[Any, int, Any]]:
-    """Return by name the sources of published noise.
+    """Return the sources of published noise by name.
 
-    Each has the block, its run's seed, and what makes its samples where they are not
-    seen.
+    Each comes with its block, the seed of its run, and a processor that makes its
+    samples if they were not observed.
     """
     found: dict[str, tuple[Any, int, Any]] = {}
     for name, i in e.proc.program.noises.items():
@@ -119,9 +119,9 @@ def _sources(e: Evidence) -> dict[str, tuple[Any, int, Any]]:
 
 
 def _filtered(proc: Processor, white: _Published, t: Tap, first: int) -> np.ndarray:
-    """Return so many samples of a gated noise as its stream has.
+    """Return a gated noise from the published generator, as long as its stream.
 
-    They begin with its own sample ``first``.
+    It starts with the stream's sample ``first``.
     """
     early = 0 if first else white.early
     keys = [tuple(map(int, name.split("_")[1:])) for name in proc.inputs]
@@ -131,9 +131,9 @@ def _filtered(proc: Processor, white: _Published, t: Tap, first: int) -> np.ndar
 
 
 def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
-    """Return a gated noise once more, at its first sample.
+    """Return a processor for a gated noise's filter, at its first sample.
 
-    Its blocks are without the gate, with inputs in place of the sources.
+    Its blocks are those without the gate, with inputs in place of the sources.
     """
     # it ran before sample 0, for as long as its gate was open
     if isinstance(t.block, Enabled) and t.block.by.autonomous:

@@ -1,4 +1,4 @@
-"""The report of a verification as an HTML page, for a reader who was not there.
+"""The report of a verification as an HTML page, for readers who were not there.
 
 It is one file without code, and nothing else is needed for it.
 """
@@ -79,18 +79,18 @@ def _q(text: object) -> str:
 
 
 def facts(rows: Mapping[str, str]) -> str:
-    """Return a table of names and texts."""
+    """Return an HTML table of names and texts."""
     cells = "".join(f"<tr><th>{_q(k)}</th><td>{_q(v)}</td></tr>" for k, v in rows.items())
     return f"<table>{cells}</table>"
 
 
 def items(texts: Iterable[str]) -> str:
-    """Return a list of texts, or a sentence that says that it is empty."""
+    """Return an HTML list of texts, or a sentence that says that it is empty."""
     return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
 
 
 def table_of(checks: list[Check]) -> str:
-    """Return every check, group by group."""
+    """Return an HTML table of every check, by group."""
     rows = []
     for group, title in GROUPS.items():
         here = [c for c in checks if c.group == group]
@@ -110,10 +110,10 @@ def table_of(checks: list[Check]) -> str:
 
 
 def _blocks(e: Evidence) -> str:
-    """Return tables of the blocks.
+    """Return HTML tables of the blocks.
 
-    First come those that only a re-render checks, then a line for each class, and all
-    of them folded away.
+    First come blocks that only a re-render checks, then a line for each class, and then
+    all blocks, folded away.
     """
     free = [h for h in e.held if h.why]
     rest = sorted((h for h in e.held if not h.why), key=lambda h: -h.error)
@@ -154,7 +154,7 @@ def _held(h: Any, least: float) -> str:
 
 
 def _displayed(e: Evidence) -> dict[str, str]:
-    """Return what came out, and what went in."""
+    """Return the facts about inputs and outputs."""
     rows = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
         "length": f"{e.frames} samples at {e.fs:g} Hz, {e.frames / e.fs:g} s",
@@ -228,10 +228,10 @@ def _certainty(found: list[Shows]) -> str:
 
 # Reproduction -------------------------------------------------------------------------
 def _reproduced(e: Evidence, command: str | None) -> str:
-    """Return how to reproduce the rendering.
+    """Return instructions to reproduce the rendering.
 
-    It says what to install and where files belong, commands, hashes, versions, and the
-    scene as a file.
+    They name what to install and where files belong, commands, hashes, versions, and
+    the scene as a file.
     """
     used = {
         p: version(p)
@@ -273,7 +273,7 @@ def _installed(used: Mapping[str, str]) -> str:
 
 
 def _beside(e: Evidence) -> str:
-    """Return which files a reader needs, beyond this page."""
+    """Return which files a reader needs in addition to this page."""
     if e.session:
         return (
             f"<p>Keep the folder of the log, <code>{_q(e.source)}</code>, whole: each of its files"
@@ -298,9 +298,9 @@ def _beside(e: Evidence) -> str:
 
 
 def _has_text(m: object) -> bool:
-    """Return whether a motion is made again by its text.
+    """Return whether a motion can be made again from its text.
 
-    A user's function is not, nor is an array.
+    This is not possible for a user's function or an array.
     """
     text = describe(m) if callable(m) else ""
     with suppress(BadValue):
@@ -309,18 +309,18 @@ def _has_text(m: object) -> bool:
 
 
 def _importing(module: str) -> str:
-    """Return the import of a file.
+    """Return the import statement of a file.
 
-    A file that is imported by its path may have a name that is none in Python.
+    A file that is imported by its path may have a name that is not valid in Python.
     """
     named = all(part.isidentifier() for part in module.split("."))
     return f"import {module}" if named else f"__import__({module!r})"
 
 
 def _program(e: Evidence, signal: str) -> str:
-    """Return Python that makes the same samples.
+    """Return Python code that makes the same samples.
 
-    There is one where neither arrays nor later changes are needed.
+    This is possible if neither arrays nor later changes are needed.
     """
     own = definitions(e.scene)
     if (

@@ -24,12 +24,12 @@ OF_IT = "of it"  # the unit of a part of a parameter
 
 
 class Shows(NamedTuple):
-    """The smallest error of one kind that a check detects, and how probably.
+    """The smallest error of one kind that a check detects, and with what probability.
 
-    A size of nan: none, however large.
+    A size of NaN means that no error is detected, however large.
 
-    Of a parameter in the law of a scene, nan is none up to the parameter itself: of a
-    larger value nothing is said.
+    For a parameter in the law of a scene, NaN means that no reduction down to 0 is
+    detected; larger values are not tried.
     """
 
     check: str
@@ -42,7 +42,7 @@ class Shows(NamedTuple):
 def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
     """Return the smallest errors that the checks would detect in this recording.
 
-    These are the checks of chance, and the law of the scene.
+    These are the statistical checks, and the law of the scene.
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
 
 
 def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
-    """Return every two noises, their common band, and the correlation detected.
+    """Return all pairs of noises, their common band, and the correlation detected.
 
-    The band is in Hz; the correlation is nan where none is seen.
+    The band is in Hz; the correlation is NaN if none is detected.
     """
     enough, found = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST], []
     for k, a in enumerate(enough):
@@ -142,8 +142,8 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
 
     Each has kind, size and unit.
 
-    Of all that ``spectra.judged`` looks at, the one is asked that sees an error best;
-    what the others see comes on top.
+    Of all statistics that ``spectra.judged`` uses, the one most sensitive to an error
+    is used; the others can only add to the power.
 
     Parameters
     ----------
@@ -197,9 +197,9 @@ def critical(a: np.ndarray, p: float) -> float:
 
 
 def smallest(power: Callable[[float], float]) -> float:
-    """Return where a power that grows with an error's size reaches 95 %.
+    """Return the error size at which a growing power reaches 95 %.
 
-    It is nan if it does nowhere below a million.
+    It is NaN if that does not happen below a million.
     """
     from scipy import optimize
 
@@ -216,10 +216,10 @@ def smallest(power: Callable[[float], float]) -> float:
 def smallest_share(bins: int, alarm: float) -> float:
     """Return the smallest correlation of two noises that the test detects.
 
-    It is nan where not even equal ones are seen.
+    It is NaN if even equal noises are not detected.
 
-    The other being b, with G = sum |b|^2 Gamma distributed, the statistic is normal
-    around rho sqrt(2 G).
+    Given the other noise b, with G = sum |b|^2 Gamma distributed, the statistic is
+    normal around rho sqrt(2 G).
 
     Examples
     --------
@@ -250,12 +250,12 @@ def smallest_shift(c: Check) -> float:
 
 # The law of a scene -------------------------------------------------------------------
 def of_parameters(e: Evidence) -> list[Shows]:
-    """Return for each parameter the smallest change that the law detects.
+    """Return the smallest change of each parameter that the law detects.
 
-    The law of the scene is told the other value, for these samples.
+    For these samples, the law of the scene is evaluated with the changed value.
 
-    It is looked for by asking the law again, so it holds for this recording.  A
-    parameter that is 0 has none.
+    The change is found by evaluating the law repeatedly, so it holds for this
+    recording. It does not exist for a parameter that is 0.
     """
     if not e.scene.parts:
         return []
@@ -264,9 +264,9 @@ def of_parameters(e: Evidence) -> list[Shows]:
 
 
 def _departure(e: Evidence, name: str) -> float:
-    """Return a change that was refused.
+    """Return the smallest relative change found that the law refuses.
 
-    The measure of a law grows with the change, so a ratio leads to the limit.
+    What a law measures grows with the change, so a ratio leads to the limit.
     """
     change, best = 1e-3, math.nan
     for _ in range(8):
@@ -282,9 +282,9 @@ def _departure(e: Evidence, name: str) -> float:
 
 
 def _refused(e: Evidence, name: str, change: float) -> float:
-    """Return how many times its limit the law measures for a smaller parameter.
+    """Return what the law measures for a smaller parameter, relative to its limit.
 
-    The parameter is smaller by this part.
+    The parameter is reduced by the fraction ``change``.
     """
     factor = 1 - change
     changes = [c._replace(value=c.value * factor) if c.name == name else c for c in e.changes]

@@ -24,8 +24,8 @@ PAGES = (".html", ".htm")  # a page must not take the place of the sound file or
 class Report:
     """The checks of one verification, and the recording that they are about.
 
-    ``passed`` is True when all checks held, ``unknown`` has the names of laws that the
-    scene has and that are not known here. ``print`` gives a table, ``to_html`` a page.
+    ``passed`` is True if all checks passed; ``unknown`` names laws that the scene has
+    and that are not known here. ``print`` gives a table, ``to_html`` a page.
     """
 
     checks: list[Check]
@@ -43,13 +43,14 @@ class Report:
 
     @property
     def verdict(self) -> str:
-        """Whether it passed, in words."""
+        """The result in words."""
         return verdict(self.passed, self.unknown)
 
     def spectra(self) -> dict[str, Against]:
-        """Return spectra of the outputs with a known law, the law and the band.
+        """Return the spectra of outputs, of their laws, and the bands of tolerance.
 
-        They are for ``stimlib.analysis.overview``.
+        Outputs without a known law are left out. The result is for
+        ``stimlib.analysis.overview``.
 
         Returns
         -------

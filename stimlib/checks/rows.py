@@ -24,7 +24,7 @@ Row = np.ndarray
 
 
 class Rows(list[Row]):
-    """The rows of a block's signals."""
+    """The rows of a block's input signals."""
 
     at = 0  # the sample that they begin with, below 0 where the block begins before sample 0
     rest = True  # whether the block began there
@@ -46,7 +46,8 @@ def law(
 ) -> Callable[[Law], Law]:
     """Register a law for the classes with these names.
 
-    It says how many samples it must have seen of a block that began before them.
+    ``since`` is the number of samples that the law must have seen of a block that
+    started before them.
     """
 
     def enter(f: Law) -> Law:
@@ -58,7 +59,7 @@ def law(
 
 
 def since(b: Any, fs: float, x: Rows) -> int:
-    """Return the first sample that a law covers, where its block began before.
+    """Return the first sample that a law covers, for a block that started earlier.
 
     Never is 2^62.
     """
@@ -74,7 +75,7 @@ def near(want: Row, tol: float = 1e-12) -> tuple[Row, float]:
 
 
 def touched(contact: Row) -> Iterator[slice]:
-    """Return each stretch of contact."""
+    """Yield each stretch of contact."""
     on = np.r_[False, contact > 0, False]
     for a, b in zip(
         np.flatnonzero(on[1:] & ~on[:-1]), np.flatnonzero(on[:-1] & ~on[1:]), strict=True
@@ -83,7 +84,7 @@ def touched(contact: Row) -> Iterator[slice]:
 
 
 def begun(x: Rows, tol: Any) -> Any:
-    """Return a tolerance, and none before the first contact in a stretch."""
+    """Return a tolerance that is infinite where a contact began before the stretch."""
     known = x.rest | (np.cumsum(np.diff(x[-1] > 0, prepend=x[-1][:1] > 0) & (x[-1] > 0)) > 0)
     return np.where(known, tol, np.inf)
 
@@ -91,18 +92,18 @@ def begun(x: Rows, tol: Any) -> Any:
 def before(x: Row, contact: Row) -> Row:
     """Return the position before each sample.
 
-    At the first sample of a contact it is where the sample is.
+    At the first sample of a contact it is the position of that sample.
     """
     return laws.ways(x, contact)[0]
 
 
 def sample_of(t: Row, fs: float) -> Row:
-    """Return the sample at each time."""
+    """Return the number of the sample at each time."""
     return np.rint(t * fs).astype(np.int64)
 
 
 def turning(freq: Row, fs: float) -> Row:
-    """Return the phase increment of each sample in units of 2^-64 turn.
+    """Return the phase increment of each sample in units of 2^-64 turns.
 
     The remainders of two divisions are exact.
     """

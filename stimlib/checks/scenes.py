@@ -1,4 +1,4 @@
-"""The laws of whole scenes: which applies to a scene, and users' own.
+"""The laws of whole scenes: which apply to a scene, and users' own.
 
 Each law is computed from the motion, the live parameters and the arguments of the
 scene. ``SCENES`` has them by the name that a scene carries; they are written in
@@ -60,9 +60,9 @@ def scene_law(e: Evidence) -> list[Check]:
 
 
 def _known_laws(e: Evidence) -> list[tuple[Part, SceneLaw, dict[str, Any], list[Check]]]:
-    """Return the parts that can be held, each with its law and room for what it finds.
+    """Return the parts that can be checked, each with its law and a list for results.
 
-    Of the others the evidence says why not.
+    For the others, the evidence records why not.
     """
     laws_of = {
         part.law: SCENES.get(part.law, own_law if known(part.law) else None)
@@ -95,13 +95,13 @@ def _known_laws(e: Evidence) -> list[tuple[Part, SceneLaw, dict[str, Any], list[
 
 
 def _begins(part: Part, e: Evidence) -> bool:
-    """Return whether a part begins in this stretch."""
+    """Return whether a part starts in this stretch."""
     first = min(round(part.span.start * e.fs), e.frames) if part.span else 0
     return e.at <= first < e.end or first == e.frames == e.end
 
 
 def _led(e: Evidence, last: Evidence, part: Part) -> Evidence:
-    """Return a stretch with the sample before it, where a law needs that."""
+    """Return a stretch with the sample before it, if a law needs that."""
     if not e.at or part.span or not ONWARD[part.law]:
         return e
     rows: dict[str, Any] = {
@@ -111,9 +111,9 @@ def _led(e: Evidence, last: Evidence, part: Part) -> Evidence:
 
 
 def _worst(found: list[Check], new: list[Check]) -> None:
-    """Keep of each check the stretch in which it was nearest to its limit.
+    """Keep the worst result of each check among several stretches.
 
-    Or it was farthest beyond.
+    It is the result nearest to its limit, or farthest beyond it.
     """
     if not found:
         found += new
@@ -127,7 +127,7 @@ def _worst(found: list[Check], new: list[Check]) -> None:
 
 
 def _over(c: Check) -> float:
-    """Return what was measured, over its limit."""
+    """Return what was measured, divided by its limit."""
     return (
         c.measured / c.limit
         if c.limit and np.isfinite(c.measured)
@@ -171,7 +171,8 @@ def _checks_of(e: Evidence, part: Any, law: SceneLaw, kept: dict[str, Any]) -> l
 def own_law(a: Asked) -> list[Check]:
     """Check a user's own law.
 
-    A function of inputs, parameters and sample rate says what the outputs are.
+    It is a function of inputs, parameters and sample rate that returns the expected
+    outputs.
     """
     p = {
         own: a.live(own)
@@ -225,15 +226,13 @@ def _stated(name: str, made: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, f
     if row.shape != shape:
         raise BadValue(f"{name} has the shape {row.shape}; return {shape[0]} samples")
     if not np.isfinite(row).all():
-        raise BadValue(
-            f"{name} has values that are not finite, which hold nothing; return finite ones"
-        )
+        raise BadValue(f"{name} has values that are not finite; return finite ones")
     if limit is None:
         return row, None
     if not (isinstance(limit, Real) and 0 <= float(limit) < math.inf):
         raise BadValue(
-            f"{name} has the tolerance {limit!r:.40}; return one finite number from 0 on for all"
-            " samples"
+            f"{name} has the tolerance {limit!r:.40}; return one finite number of 0 or above for"
+            " all samples"
         )
     return row, float(limit)
 

@@ -25,11 +25,11 @@ from .verification import limits_kept, linear_blocks, same_samples
 def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
     """Verify the delivered samples of a session from its log.
 
-    The scene is run again on the logged motion, with the parameters set where they
-    were. Its samples are verified like those of a rendering: blocks, noise, limits, and
-    the law of the scene, which follows the parameters by itself. Passed through a
-    safety stage of their own, the samples must be those that were delivered, in every
-    bit, and these must have the logged hashes.
+    The scene is run again on the logged motion, with the same changes of parameters.
+    Its samples are verified like those of a rendering: blocks, noise, limits, and the
+    law of the scene, which follows the parameters by itself. After a safety stage of
+    their own, the samples must equal those that were delivered, in every bit, and these
+    must have the logged hashes.
 
     Parameters
     ----------
@@ -101,7 +101,10 @@ def _evidence(log: SessionLog) -> Evidence:
 
 
 def _lawful(e: Evidence) -> tuple[Evidence, int]:
-    """Return the samples that the law can be held against: up to what is not finite."""
+    """Return the samples before the first non-finite motion, and their number.
+
+    The law of the scene is checked against these.
+    """
     cut = next((c for c in map(_finite, e.stretches()) if c is not None), e.frames)
     if cut == e.frames:
         return e, cut
@@ -132,16 +135,16 @@ def _lawful(e: Evidence) -> tuple[Evidence, int]:
 
 
 def _finite(s: Evidence) -> int | None:
-    """Return the first sample of a stretch at which the motion is not finite."""
+    """Return the first sample of a stretch with non-finite motion, or None."""
     wrong = np.flatnonzero(~np.isfinite(s.x).all(axis=0))
     return s.at + int(wrong[0]) if wrong.size else None
 
 
 class _MadeSafe:
-    """The verified samples through a safety stage of their own, as a device gets them.
+    """The verified samples, passed through a safety stage of their own.
 
-    From a fault on, the stage of the session had what came before its own guard: not a
-    number.
+    From a fault on, the session's safety stage received the output as it was before its
+    own guard, which is NaN.
     """
 
     def __init__(self, log: SessionLog):
@@ -172,10 +175,10 @@ class _MadeSafe:
 
 
 def _delivered(e: Evidence, log: SessionLog) -> list[Check]:
-    """Check what the device got, in three steps.
+    """Check the samples that the device received, in three steps.
 
-    It must be accounted for, equal to the replay, and equal to the verified samples
-    made safe.
+    They must be accounted for, equal to the replay, and equal to the verified samples
+    after a safety stage.
     """
     proc, hashes, differ, end = processor(log), Hashes(log.spans), 0, 0
     replayed, made = delivered(log, proc=proc), _MadeSafe(log)

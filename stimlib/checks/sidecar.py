@@ -1,4 +1,4 @@
-"""The checks of a sidecar against its file.
+"""Checks of a sidecar against its file.
 
 Every key of its sidecar is compared with the file, the scene and the samples made
 again.
@@ -50,7 +50,7 @@ FAST = 0.025  # s
 def says(e: Evidence, sums: Sums) -> list[Check]:
     """Check the sidecar of a file, key by key.
 
-    Samples, clips and the storage are compared elsewhere.
+    Samples, clips and the storage format are compared elsewhere.
     """
     import soundfile as sf
 
@@ -182,9 +182,9 @@ def sums_of(e: Evidence) -> Sums:
 
 
 def storage(e: Evidence, sums: Sums | None = None) -> list[Check]:
-    """Check whether the stored samples carry the stimulus.
+    """Check whether the stored samples represent the stimulus well enough.
 
-    It says what rounding added, and what clipping took.
+    The check reports the error added by rounding and by clipping.
     """
     checks: list[Check] = []
     assert e.sidecar is not None

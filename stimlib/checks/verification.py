@@ -48,7 +48,7 @@ def verify(
 def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any = None) -> Report:
     """Verify a rendering, or a file, against its scene and motion.
 
-    A file is verified by what its sidecar says if no scene is given.
+    If no scene is given, a file is verified by what its sidecar says.
 
     Parameters
     ----------
@@ -136,12 +136,13 @@ def scene_told(path: str | os.PathLike[str]) -> Scene:
 
 
 def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
-    """Return the motion that the texts of a sidecar make again."""
+    """Return the motion made from the texts of a sidecar."""
     from ..motion.recorded import parse_source
 
     if any(text.startswith("log of") for text in told["motion"].values()):
         raise BadValue(
-            f"{path} was made of a session's log: verify that, with stimlib verify --log"
+            f"{path} was made from a session's log; verify the log instead, with stimlib verify"
+            " --log"
         )
     known: dict[str, Any] = {}
     for name, text in told["motion"].items():
@@ -163,7 +164,8 @@ def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
 def linear_blocks(e: Evidence) -> list[Check]:
     """Check compiled impulse responses (a1) and physical laws (a2).
 
-    a1 compares with the block's own discrete response, a2 that response with the law.
+    a1 compares with the block's own discrete response, and a2 compares that response
+    with the law.
     """
     checks, seen = [], set()
     for i, q in enumerate(e.proc.program.instances):
@@ -218,9 +220,10 @@ def _response(transfer: Any, p: Any, fs: float, f: np.ndarray) -> np.ndarray:
 
 
 def _impulse(b: Block, p: Any, fs: float):
-    """Return some frequencies, the stated response, and the measured one.
+    """Return frequencies, the stated response and the measured one there.
 
-    The latter is the transform of its compiled impulse response.
+    The measured response is the transform of the compiled impulse response. Whether
+    that has settled is returned too.
     """
     x = Input("x")
     kind = type(b)
@@ -253,7 +256,7 @@ def _impulse(b: Block, p: Any, fs: float):
 def same_samples(e: Evidence) -> list[Check]:
     """Check the delivered samples against a re-render in random cuts.
 
-    A stretch is compared with the interpreter as well.
+    Some of the samples are compared with the interpreter as well.
     """
     rng, gated, wrong, apart = np.random.default_rng(e.seed), False, 0, 0
     python: list[Check] = []
@@ -290,7 +293,7 @@ def same_samples(e: Evidence) -> list[Check]:
 
 
 def _interpreted(e: Evidence, state: np.ndarray, start: int, cut: np.ndarray) -> Check:
-    """Return some samples from a state on, by the interpreter."""
+    """Check some samples from a state on against the interpreter."""
     stretch = min(e.end - start, STRETCH)
     # what runs before sample 0 costs it 10 us each
     reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)

@@ -1,3 +1,3 @@
-"""The language: blocks, their arithmetic, units, steps, loops, scenes and programs."""
+"""The core: blocks, their arithmetic, units, steps, loops, scenes and programs."""
 
 from . import pointwise as pointwise  # numpy's functions on blocks

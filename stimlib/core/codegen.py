@@ -1,4 +1,4 @@
-"""Pieces of Python source, from which composed steps and segments are written."""
+"""Generation of the Python source of composed steps and segments."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 
 def each(form: str, *names: Iterable[object]) -> list[str]:
-    """Fill in a form with %s for each of the names, or rows of names."""
+    """Format a template with %s once for each name, or for each row of names."""
     return [form % row for row in zip(*names, strict=True)]
 
 
@@ -16,7 +16,7 @@ def call(f: str, *values: str) -> str:
 
 
 def record(t: str, values: Sequence[str]) -> str:
-    """Return the source of a NamedTuple, or () if it would be empty."""
+    """Return the source of a NamedTuple, or of () if it would be empty."""
     return call(t, *values) if values else "()"
 
 

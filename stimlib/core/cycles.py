@@ -1,4 +1,4 @@
-"""Loops: all nodes of a cycle become one block with a composed step.
+"""Feedback loops: the nodes of a cycle become one block with a composed step.
 
 A ``Cycle`` exists in programs only.  Its step is a text like any other: the
 interpreter, the compiler and JAX take it as they take the step of a class.  Where a
@@ -29,19 +29,19 @@ from .steps import fields
 def closed(
     nodes: Sequence[Any], bodies: dict[int, int], roots: list[int], number: Callable[..., int]
 ) -> list[int]:
-    """Return the roots of a graph in which each cycle has become one block.
+    """Return the roots of a graph after replacing each cycle by one block.
 
     Nodes (block, kids) that depend on each other form a cycle.
 
-    bodies tells the number of the node whose last value a ``Last`` is.  number(block,
-    kids) numbers the nodes of the new graph.
+    bodies maps each ``Last`` to the number of the node whose last value it is.
+    number(block, kids) numbers the nodes of the new graph.
     """
     reached = _below(nodes, bodies, roots)
     for n in sorted(reached):
         b = nodes[n].block
         if isinstance(b, Last) and n not in bodies:
             raise SceneError(
-                f"{b!r} is used, and its loop is not: let the function given to loop return what"
+                f"{b!r} is used, but its loop is not; let the function given to loop return what"
                 " uses it, in a tuple"
             )
     group = _groups(nodes, bodies, reached)
@@ -69,7 +69,7 @@ def closed(
 
 
 def _kids(nodes: Sequence[Any], bodies: dict[int, int], n: int) -> tuple[int, ...]:
-    """Return what a node needs, at this sample or the last."""
+    """Return the nodes that a node needs, at this sample or the last."""
     return (*nodes[n].kids, *([bodies[n]] if n in bodies else []))
 
 
@@ -84,9 +84,9 @@ def _below(nodes: Sequence[Any], bodies: dict[int, int], roots: Iterable[int]) -
 
 
 def _groups(nodes: Sequence[Any], bodies: dict[int, int], reached: set[int]) -> list[int]:
-    """Return the number of the group of each node.
+    """Return the group number of each node.
 
-    Nodes of one group depend on each other.
+    Nodes that depend on each other are in one group.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -98,13 +98,17 @@ def _groups(nodes: Sequence[Any], bodies: dict[int, int], reached: set[int]) -> 
 
 
 def _check_subsystem(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: bool, n: int) -> None:
-    """Raise SceneError where a subsystem is on a cycle, or runs nodes outside it."""
+    """Raise SceneError where a subsystem conflicts with a loop.
+
+    It must not be on a cycle, or run nodes outside it.
+    """
     b = nodes[n].block
     inside = _below(nodes, {}, nodes[n].kids[:1])
     if on_cycle or any(k in bodies and bodies[k] not in inside for k in inside):
         raise SceneError(
-            f"{b!r} is inside a loop, or uses the last value of one: nobody could say what the loop"
-            " hears while it is held; enable the whole loop, or what does not use its last value,"
+            f"{b!r} is inside a loop, or uses the last value of one: the loop's signal would be"
+            " undefined while it is held; enable the whole loop, or only what does not use its last"
+            " value,"
             " or choose with where(gate, new, last)"
         )
 
@@ -112,7 +116,7 @@ def _check_subsystem(nodes: Sequence[Any], bodies: dict[int, int], on_cycle: boo
 def _cycle(
     nodes: Sequence[Any], bodies: dict[int, int], inside: list[int], results: list[int]
 ) -> tuple[Cycle, list[int]]:
-    """Return a block of these nodes, and the numbers of its signals."""
+    """Return a block made of these nodes, and the numbers of its signals."""
     lasts = [n for n in inside if n in bodies]
     names = dict(zip(lasts, _numbered("last", len(lasts)), strict=True))
     outside: list[int] = []
@@ -151,7 +155,10 @@ def _cycle(
 
 # One block of them --------------------------------------------------------------------
 class Cycle(Block, abstract=True):
-    """The nodes of a cycle; complete, with a ``definition``, after ``design``."""
+    """The nodes of a cycle, as one block.
+
+    It is complete, with a ``definition``, after ``design``.
+    """
 
     autonomous = begins_early = False
 
@@ -164,11 +171,14 @@ class Cycle(Block, abstract=True):
 
     @property
     def definition(self):
-        """Return the composed class."""
+        """The composed class."""
         return self.made
 
     def structure(self, numbers: Callable[[Block], Any]) -> tuple[Any, ...]:
-        """Return the identity of the cycle, given the design numbers of a block."""
+        """Return a tuple that identifies the cycle.
+
+        ``numbers`` returns the design numbers of a block.
+        """
         parts = [(type(m), numbers(m)) for m in self.members]
         return (
             *parts,
@@ -196,8 +206,8 @@ class Cycle(Block, abstract=True):
         made = compose(tuple(rows), self.ends, len(self.constants), self.inputs, self.results)
         if self.made not in (None, made):
             raise SceneError(
-                f"{self!r}: at fs = {fs:g} Hz the design of a block in it has other fields than at"
-                " another rate"
+                f"{self!r}: at fs = {fs:g} Hz the design of one of its blocks has other fields than"
+                " at another sample rate"
             )
         self.made = made
         s = made.S(*self.starts, *(v for _, s in designs for v in s))
@@ -223,9 +233,9 @@ class Cycle(Block, abstract=True):
             always = contact[0] == "c" and self.constants[int(contact[1:])] > 0.0
             if not always and (kind.step is None or any(isinstance(v, np.ndarray) for v in s)):
                 raise SceneError(
-                    f"{b!r} is inside a loop, where its contact must be a number: it keeps arrays,"
-                    " which nothing there clears; move it out of the loop, or multiply by the"
-                    " contact behind it"
+                    f"{b!r} is inside a loop, where its contact must be a number: its state has"
+                    " arrays, which cannot be reset there; move it out of the loop, or multiply its"
+                    " output by the contact"
                 )
             contact = "" if always else contact
         f: Any = kind.step or kind.tile
@@ -252,8 +262,8 @@ class Cycle(Block, abstract=True):
     def walk(self, signal: dict[str, Any], through: Callable[..., Any]) -> None:
         """Visit the members once, in running order.
 
-        A signal, by name, gets what through(member, number, names of its signals)
-        returns, unless it has a value already.
+        Each signal (by name) that has no value yet gets what through(member, number,
+        names of its input signals) returns.
         """
         for k, (m, args) in enumerate(zip(self.members, self.wiring, strict=True)):
             y = None if f"v{k}_0" in signal or f"v{k}" in signal else through(m, k, args)
@@ -286,10 +296,7 @@ class Member(NamedTuple):
     contact: str | None  # None: not resettable; "": always; else a name as in args
 
     def named(self, what: str, t: type) -> list[str]:
-        """Return the field names of its parameters or state.
-
-        They are those in the whole.
-        """
+        """Return the names of its parameter or state fields within the whole cycle."""
         return codegen.each(f"{what}{self.number}_%s", fields(t))
 
     @property
@@ -303,7 +310,7 @@ def _numbered(name: str, count: int) -> list[str]:
 
 
 class _Names:
-    """Globals of a composed step: everything of its members under a name of its own."""
+    """Globals of a composed step, in which every object has a name of its own."""
 
     def __init__(self, **fixed: Any):
         self.space: dict[str, Any] = dict(fixed)
@@ -319,7 +326,10 @@ class _Names:
 
 
 class _Writer:
-    """The lines that run the members for a sample, and those before a tile's loop."""
+    """Writer of the source lines that run the members of a cycle for a sample.
+
+    It also collects the lines that come before a tile's loop.
+    """
 
     def __init__(self, tiled: bool, names: _Names):
         self.tiled, self.names = tiled, names
@@ -328,13 +338,13 @@ class _Writer:
         self.words = 0  # of scratch, for signals of the tiles among the members
 
     def at(self, a: str) -> str:
-        """Return what a name as in ``Member.args`` is in the text."""
+        """Return the source text for a signal named as in ``Member.args``."""
         if a[0] == "c":
             return f"p.{a}"
         return f"{a}[i]" if self.tiled and a[0] == "x" else a
 
     def add(self, m: Member) -> None:
-        """Append a member: lines for its outputs, and its new state t{number}."""
+        """Append a member: lines for its outputs, and for its new state t{number}."""
         args = [*map(self.at, m.args)]
         if not (fields(m.s) or fields(m.p) or m.tile or m.outputs):
             short = _expression(m.f, args, self.names)
@@ -368,7 +378,7 @@ class _Writer:
     def _call_tile(self, m: Member, p: str, s: str, args: list[str]) -> None:
         """Write the call of a tile.
 
-        Its signals are slices of the scratch, one sample long.
+        Its signals are slices of the scratch array, one sample long.
         """
         start, first = self.words, self.words + len(args)
         self.words = first + len(m.values)
@@ -382,7 +392,7 @@ class _Writer:
         self.lines += codegen.each("%s = w[%d]", m.values, range(first, self.words))
 
     def _enter(self, m: Member, state: list[str]) -> list[str]:
-        """Return the state with which a member goes on: at rest while off contact."""
+        """Return the state with which a member starts a sample: at rest off contact."""
         cold = state[-1]
         self.lines.append(f"on{m.number} = {self.at(m.contact or '')} > 0.0")
         self.lines.append(f"cold{m.number} = _where({cold} == 0.0, 1.0, {cold})")
@@ -391,7 +401,7 @@ class _Writer:
     def _leave(self, m: Member) -> None:
         """Write a member's outputs and new state.
 
-        Off contact they are 0 and the state at rest.
+        Off contact the outputs are 0 and the state is at rest.
         """
         k = m.number
         new = self._or_at_rest(m, codegen.each(f"t{k}.%s", fields(m.s)[:-1]))
@@ -457,7 +467,7 @@ def compose(
 
 
 def _function(text: str, space: dict[str, Any]) -> Any:
-    """Return the function with this text, registered where Python looks for texts."""
+    """Return the function with this source, registered so that Python can find it."""
     file = f"<loop {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
     linecache.cache[file] = len(text), None, text.splitlines(keepends=True), file
     # a text of this module: nothing of a scene's file is in it
@@ -468,9 +478,9 @@ def _function(text: str, space: dict[str, Any]) -> Any:
 
 
 def _expression(f: Callable, args: list[str], names: _Names) -> str | None:
-    """Return what a step without memory returns, if it is one expression.
+    """Return the expression that a memoryless step returns, or None.
 
-    An expression compiles faster than a call.
+    An expression compiles faster than a call. None stands for any other step.
     """
     (tree,) = ast.parse(steps.source(f)).body
     assert isinstance(tree, ast.FunctionDef)

@@ -1,4 +1,4 @@
-"""The texts that define a user's own blocks and laws, and their hash, as a record.
+"""The source texts of a user's own blocks and laws, and their hashes in a record.
 
 The record is for the reader; nothing runs it.
 """
@@ -22,7 +22,9 @@ TEST = fields.table_of(fields.record({"sha256": fields.text, "text": fields.text
 
 @public
 def definitions(scene: Scene) -> dict[str, dict[str, str]]:
-    """Return the files that define a scene's own blocks and laws, as Python read them.
+    """Return the source files that define a scene's own blocks and laws.
+
+    They are the texts that Python read when it imported them.
 
     Parameters
     ----------
@@ -49,10 +51,11 @@ def definitions(scene: Scene) -> dict[str, dict[str, str]]:
 def hashes(recorded: Mapping[str, Any], scene: Any) -> tuple[dict[str, str], dict[str, str]]:
     """Return the hashes that a record states, and those that it must have.
 
-    These are the hashes of its texts, for the modules of the scene's own blocks.
+    They are the hashes of the source texts of the modules that define the scene's own
+    blocks.
 
-    The text of a law is there where the law was known to the program that wrote the
-    record, which its reader need not know.
+    The text of a law is included if the law was known to the program that wrote the
+    record; its reader need not know it.
     """
     laws = {
         module
@@ -80,13 +83,16 @@ def changed(recorded: Mapping[str, Any], scene: Any) -> list[str]:
 
 
 def _own(scene: Any) -> dict[str, str]:
-    """Return the text of each module outside stimlib that defines a block or a law."""
+    """Return the sources of modules outside stimlib that define blocks or laws."""
     laws = sorted(part.law for part in scene.parts if known(part.law))
     return {OWN[name][0].__module__: OWN[name][1] for name in laws} | _blocks(scene)
 
 
 def _blocks(scene: Any) -> dict[str, str]:
-    """Return the same of blocks and of the classes that they derive from."""
+    """Return the sources of modules outside stimlib that define the scene's blocks.
+
+    Base classes of the blocks are included.
+    """
     kinds = {
         type_name(k): k
         for b in reach(scene.outputs.values())

@@ -1,4 +1,4 @@
-"""Blocks and the arithmetic that joins them: a stimulus is a graph of these.
+"""Blocks and the arithmetic that joins them: a stimulus is a graph of blocks.
 
 A block is a frozen dataclass.  Fields annotated ``Block`` are its input signals
 (numbers are accepted and become constants); all others are design numbers, which shape
@@ -44,23 +44,25 @@ registry: dict[str, type[Block]] = {}
 class Block(Refusals):
     """Base class of all blocks, abstract (``class A(Block, abstract=True)``) or final.
 
-    A final class, or an abstract one above it (a *primitive*), owns the definition of
-    the output, either
+    A final class, or an abstract one above it (a *primitive*), defines the output by
+    either
 
-    * ``step(p, s, *x) -> (y, s)``: one sample, straight-line Python (see
+    * ``step(p, s, *x) -> (y, s)``: one sample, in straight-line Python (see
       ``stimlib.core.steps``), or
     * ``tile(p, s, *x, y, w) -> s``: fills the array y from the arrays x, up to 64
-      samples, any cut giving the same bits; ``work(p)`` words of scratch come as ``w``.
+      samples, with the same bits however a signal is cut into tiles; ``w`` is a scratch
+      array of ``work(p)`` words.
 
     p and s are NamedTuples of floats, uint64 and 1-D arrays of them, made by
     ``design(fs) -> (p, s)``.
 
-    A class with several ``outputs`` names them: its step returns a tuple of samples,
-    its tile fills an array for each, its units are a tuple.  ``block.name`` is the
-    signal; the block runs once, whoever listens.
+    A class with several outputs names them in ``outputs``: its step returns a tuple of
+    samples, its tile fills an array for each, and its units are a tuple.
+    ``block.name`` is the signal; the block runs only once, however many blocks use its
+    signals.
 
-    A ``resettable`` class runs where its last signal, ``contact``, is above 0;
-    elsewhere its output is 0 and its state that of ``design``.  Step and tile do not
+    A ``resettable`` class runs while its last signal, ``contact``, is above 0;
+    otherwise its output is 0 and its state that of ``design``.  Step and tile do not
     get this signal.  Its state ends with ``cold``: above 0 before the first sample, 1
     after contact, and 0 after each step or tile, whatever these return for it.
     """
@@ -91,8 +93,8 @@ class Block(Refusals):
         for name in cls.__dict__.get("outputs", ()):
             if hasattr(cls, name) or name in inspect.get_annotations(cls):
                 raise TypeError(
-                    f"{cls.__name__}: the output {name!r} has the name of something else of a"
-                    " block; choose another"
+                    f"{cls.__name__}: the output name {name!r} is already an attribute of blocks;"
+                    " choose another"
                 )
             setattr(cls, name, property(partial(Pick, output=name)))
         cls.abstract = abstract
@@ -108,7 +110,10 @@ class Block(Refusals):
     def __post_init__(self):
         cls = type(self)
         if cls.abstract:
-            raise TypeError(f"{cls.__name__} is abstract: it has no design of its own")
+            raise TypeError(
+                f"{cls.__name__} is abstract and cannot be used directly; use a class derived from"
+                " it"
+            )
         params = cls.__dict__.get("__dataclass_params__")
         if params is None or not params.frozen or params.eq:
             raise undecorated(cls)
@@ -139,7 +144,7 @@ class Block(Refusals):
 
     @property
     def definition(self) -> Any:
-        """The class that has the step or the tile; a program may compose one."""
+        """The class that defines the step or the tile; a program may compose one."""
         return type(self)
 
     sign: ClassVar[str] = ""  # how pictures write it, where its name is longer
@@ -160,7 +165,7 @@ class Block(Refusals):
         return (), ()
 
     def start(self, p: Any, s: Any, seed: int) -> Any:
-        """Return the first state of a run with this seed, such as noise keys."""
+        """Return the first state for a run with this seed, such as noise keys."""
         return s
 
     def delay(self, p: Any) -> float:
@@ -168,27 +173,29 @@ class Block(Refusals):
         return 0.0
 
     def fixed(self, *values: float) -> Block | None:
-        """Return a block with a ``transfer`` that equals this one for fixed signals.
+        """Return an equal block with a ``transfer``, for given constant signals.
 
-        The signals after the first have these values.
+        The signals after the first have these values. Return None if there is no such
+        block.
         """
         return None
 
     def laws(self, fs: float) -> tuple[Any, ...]:
-        """Return the reference laws of the block's response.
+        """Return the reference laws of the block's frequency response.
 
-        ``verify`` compares both, see ``stimlib.design.responses``.
+        ``verify`` compares the response with them; see ``stimlib.design.responses``.
         """
         return ()
 
     def through(
         self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
     ) -> np.ndarray | None:
-        """Return the response after this block, or None if it has none.
+        """Return the frequency response behind this block, or None if it has none.
 
-        Its signals have responses H or constant values (None: neither).
+        Its input signals have the responses H or are constant with a value (None where
+        neither is known).
 
-        Of several outputs it is a tuple.
+        For several outputs the result is a tuple.
         """
         given = [v for v in value[1:] if v is not None]
         if H[0] is None or len(given) < len(value) - 1:
@@ -201,14 +208,17 @@ class Block(Refusals):
     def steepest(
         self, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
     ) -> np.ndarray | None:
-        """Return ``through`` of the linear block that is as stiff as this one at most.
+        """Return the response of the stiffest linear block that bounds this one.
 
-        None if that is not known.
+        It has the form of ``through``; None if it is not known.
         """
         return None
 
     def memory(self, p: Any) -> int:
-        """Return after how many samples a finite-memory block forgets its start."""
+        """Return the number of samples after which a block has forgotten its start.
+
+        It is 0 for blocks without finite memory.
+        """
         return 0
 
     @property
@@ -281,19 +291,22 @@ def signals(cls: type[Block]) -> tuple[str, ...]:
 
 @memo
 def type_name(cls: type[Block]) -> str:
-    """Return the name in scene files: the class, or module.name outside stimlib."""
+    """Return a class's name in scene files; with its module if outside stimlib."""
     if cls.__module__.split(".")[0] == "stimlib":
         return cls.__name__
     return f"{cls.__module__}.{cls.__qualname__}"
 
 
 def head(cls: type[Block]) -> str:
-    """Return the beginning of a class's errors: the public function that makes it."""
+    """Return the start of a class's error messages, where it needs the class name.
+
+    Other blocks are named by the public functions that make them.
+    """
     return f"{cls.__name__}." if cls in (Input, Param) or "." in type_name(cls) else ""
 
 
 def undecorated(cls: type) -> SceneError:
-    """Return the error of a class whose fields were not made into design numbers."""
+    """Return the error for a block class without the required decorator."""
     return SceneError(
         f"{cls.__name__}: decorate it with @dataclass(frozen=True, eq=False), and write no __init__"
     )
@@ -306,8 +319,7 @@ def as_block(v: Any) -> Block:
             raise undecorated(type(v))
         if v.outputs:
             raise SceneError(
-                f"{v!r} has the outputs {', '.join(v.outputs)}: say which one, such as"
-                f" .{v.outputs[0]}"
+                f"{v!r} has the outputs {', '.join(v.outputs)}: choose one, such as .{v.outputs[0]}"
             )
         return v
     if isinstance(v, np.ndarray) and v.ndim == 0:
@@ -340,8 +352,7 @@ _KINDS = {
 def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -> Any:
     """Convert a design number to the type of its annotation.
 
-    These are finite floats, whole numbers, text, and float64 arrays that nobody can
-    change.
+    The types are finite floats, whole numbers, text, and read-only float64 arrays.
     """
     if isinstance(v, Block):
         remedy = f"write the number {v.value:g}" if isinstance(v, Const) else live
@@ -372,14 +383,14 @@ def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -
 
 @cache
 def _kinds(annotation: str) -> tuple[list[str], tuple[type, ...]]:
-    """Return the words of an annotation, and the types that they allow."""
+    """Return the type words of an annotation, and the types that they allow."""
     words = [w.strip() for w in annotation.split("|")]
     known = [_KINDS.get(w, ((object,), "")) for w in words]
     return words, sum((types for types, _ in known), ())
 
 
 def _design_array(where_: str, v: Any) -> np.ndarray:
-    """Return finite numbers as a float64 array that nobody can change."""
+    """Return finite numbers as a read-only float64 array."""
     try:
         a = np.array(v)
     except (TypeError, ValueError):  # rows of several lengths, or a block among them
@@ -394,7 +405,7 @@ def _design_array(where_: str, v: Any) -> np.ndarray:
 
 
 def positive(owner: Block, *names: str) -> None:
-    """Raise BadValue unless these design numbers are above zero."""
+    """Raise BadValue unless the named design numbers are above zero."""
     for name in names:
         v = getattr(owner, name)
         if isinstance(v, str) or not v > 0:
@@ -407,7 +418,7 @@ def unitless(owner: Block, *u: Unit) -> Unit:
 
 
 def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
-    """Return the common unit of two signals; a literal 0 fits everywhere."""
+    """Return the common unit of two signals; a literal 0 fits any unit."""
     for one, other in ((0, 1), (1, 0)):
         if u[one] == u[other] or (isinstance((a, b)[one], Const) and (a, b)[one].value == 0):  # type: ignore[attr-defined]
             return u[other]
@@ -563,7 +574,7 @@ def check_name(what: str, name: Any, error: type[StimlibError] = BadValue) -> No
 
 @dc.dataclass(frozen=True, eq=False)
 class Pick(Block):
-    """One output of a block that has several: ``block.name`` makes it."""
+    """One output of a block with several outputs; ``block.name`` makes it."""
 
     block: Block
     output: str
@@ -577,13 +588,13 @@ class Pick(Block):
 
     @property
     def place(self) -> int:
-        """Its index among the outputs."""
+        """The index of this output."""
         return self.block.outputs.index(self.output)
 
 
 # Arithmetic ---------------------------------------------------------------------------
 class Map(Block, abstract=True):
-    """A block without memory: the output is a function of this sample's inputs."""
+    """A block without memory: its output is a function of the present inputs."""
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -596,7 +607,7 @@ class Pair(Map, abstract=True):
 
 @dc.dataclass(frozen=True, eq=False)
 class Add(Pair):
-    """a + b, of one unit."""
+    """The sum a + b of two signals of the same unit."""
 
     sign = "+"
 
@@ -613,7 +624,7 @@ class Add(Pair):
 
 @dc.dataclass(frozen=True, eq=False)
 class Sub(Pair):
-    """a - b, of one unit."""
+    """The difference a - b of two signals of the same unit."""
 
     sign = "\u2212"
 
@@ -630,7 +641,7 @@ class Sub(Pair):
 
 @dc.dataclass(frozen=True, eq=False)
 class Mul(Pair):
-    """a b."""
+    """The product a b of two signals."""
 
     sign = "\u00d7"
 
@@ -649,7 +660,7 @@ class Mul(Pair):
 
 @dc.dataclass(frozen=True, eq=False)
 class Div(Pair):
-    """a / b."""
+    """The quotient a / b of two signals."""
 
     sign = "\u00f7"
 
@@ -666,7 +677,7 @@ class Div(Pair):
 
 @dc.dataclass(frozen=True, eq=False)
 class Neg(Map):
-    """-x."""
+    """The negative -x of a signal."""
 
     x: Block
     sign = "\u2212"
@@ -681,7 +692,7 @@ class Neg(Map):
 
 @dc.dataclass(frozen=True, eq=False)
 class Abs(Map):
-    """|x|."""
+    """The absolute value |x| of a signal."""
 
     x: Block
     sign = "| |"
@@ -692,7 +703,7 @@ class Abs(Map):
 
 
 class Compare(Pair, abstract=True):
-    """1 where a comparison of two signals of one unit holds, else 0."""
+    """A comparison of two signals of the same unit: 1 where it holds, else 0."""
 
     def units(self, *u):
         same_unit("compare", self.a, self.b, *u)
@@ -701,7 +712,7 @@ class Compare(Pair, abstract=True):
 
 @dc.dataclass(frozen=True, eq=False)
 class Greater(Compare):
-    """1 where a > b, else 0."""
+    """The comparison a > b: 1 where it holds, else 0."""
 
     sign = ">"
 
@@ -712,7 +723,7 @@ class Greater(Compare):
 
 @dc.dataclass(frozen=True, eq=False)
 class AtLeast(Compare):
-    """1 where a >= b, else 0."""
+    """The comparison a >= b: 1 where it holds, else 0."""
 
     sign = "\u2265"
 
@@ -723,7 +734,10 @@ class AtLeast(Compare):
 
 @dc.dataclass(frozen=True, eq=False)
 class Equal(Compare):
-    """1 where a == b to the last bit (0 and -0 are equal, nan to nothing), else 0."""
+    """The comparison a == b, exact to the last bit: 1 where it holds, else 0.
+
+    0 and -0 are equal; NaN is equal to nothing.
+    """
 
     sign = "="
 
@@ -734,7 +748,7 @@ class Equal(Compare):
 
 @dc.dataclass(frozen=True, eq=False)
 class NotEqual(Compare):
-    """1 - (a == b)."""
+    """The comparison a != b, which is 1 - (a == b)."""
 
     sign = "\u2260"
 
@@ -745,7 +759,7 @@ class NotEqual(Compare):
 
 # Subsystems ---------------------------------------------------------------------------
 class Subsystem(Block, abstract=True):
-    """A block on a clock of its own: its first signal runs when its second says so."""
+    """A block on a clock of its own: its second signal says when its first runs."""
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -770,9 +784,9 @@ class Enabled(Subsystem):
 def enabled(block: Block, by: Block) -> Block:
     """Run a block only at the samples where a condition holds (an *enabled subsystem*).
 
-    The block lives on its own clock, the samples with ``by > 0``; in between its state
-    is held, nothing of it is computed and the output is 0.  Each ``enabled`` owns its
-    copy of what it runs.
+    The block has its own clock, which consists of the samples with ``by > 0``. At other
+    samples its state is held, nothing of it is computed and the output is 0. Each
+    ``enabled`` has its own copy of the blocks that it runs.
 
     Parameters
     ----------
@@ -811,7 +825,10 @@ class IntervalState(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class Interval(Block):
-    """A signal that is 1 in one stretch of time, else 0, and 0 before sample 0."""
+    """A signal that is 1 in one interval of time and 0 otherwise.
+
+    It is also 0 before sample 0.
+    """
 
     begin: float
     duration: float | None
@@ -836,7 +853,7 @@ class Interval(Block):
 
 @dc.dataclass(frozen=True, eq=False)
 class Segment(Subsystem):
-    """A block in a stretch of time, on a clock of its own; see ``segment``."""
+    """A block in an interval of time, on a clock of its own; see ``segment``."""
 
     block: Block
     by: Block
@@ -855,7 +872,7 @@ class Segment(Subsystem):
 
     @property
     def run(self) -> str:
-        """The identity of a segment's run."""
+        """Text that identifies the run of a segment."""
         by: Any = self.by
         return (
             f" in segment({by.begin},"
@@ -867,15 +884,15 @@ class Segment(Subsystem):
 def segment(
     block: Block, start: float, duration: float | None = None, seed: int | None = None
 ) -> Segment:
-    """Run a block in one stretch of time only, with a clock of its own.
+    """Run a block only in one interval of time, with a clock of its own.
 
     It then behaves as if it were rendered alone.
 
-    The block lives on its own clock, the samples of that stretch.  There its time
-    begins at 0, its states are at rest, its noises begin with the seed, and the motion
-    of the first of these samples is the first that it sees.  Outside nothing of it is
-    computed and the output is 0.  So its samples are those of ``stimlib.render``, bit
-    for bit.
+    The block has its own clock, which consists of the samples of that interval. There
+    its time starts at 0, its states are at rest, its noises start from the seed, and
+    the motion at the first of these samples is the first that it receives. Outside the
+    interval nothing of it is computed and the output is 0. So its samples are those of
+    ``stimlib.render``, bit for bit.
 
     Parameters
     ----------
@@ -928,11 +945,10 @@ def segment(
 
 # Walking ------------------------------------------------------------------------------
 def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
-    """Return every block object that the roots depend on, children first, each once.
+    """Return all blocks that the roots depend on, children first, each once.
 
-    There is no recursion, because graphs may be deep.
-
-    Into blocks of the class ``closed`` it does not look.
+    It does not recurse, because graphs may be deep, and does not look into blocks of
+    the class ``closed``.
     """
     done: dict[int, Block] = {}
     todo = [(b, False) for b in reversed(list(roots))]
@@ -964,12 +980,12 @@ class GuardState(NamedTuple):
 
 @dc.dataclass(frozen=True, eq=False)
 class Guard(Block):
-    """The stage on every output that fades out from the first non-finite sample on.
+    """The stage on every output that fades it out at the first non-finite sample.
 
     The last finite value fades out in 20 ms.
 
-    A device's fade has ``steps`` samples at least, where half a second has room for
-    them.
+    The fade to a device has at least ``steps`` samples if these take at most half a
+    second.
     """
 
     x: Block
@@ -979,7 +995,7 @@ class Guard(Block):
         return H[0]
 
     def samples(self, fs):
-        """Return the length of the fade."""
+        """Return the length of the fade in samples."""
         return max(round(0.02 * fs), min(int(self.steps or 1), math.ceil(0.5 * fs)))
 
     def design(self, fs):
@@ -1004,9 +1020,9 @@ class Guard(Block):
 
 # Flat memory --------------------------------------------------------------------------
 def kind(v: Any) -> str:
-    """Return the kind of a field.
+    """Return the kind of a field as a letter.
 
-    F, U: array of float64, uint64; f, u: one of them.
+    F and U are arrays of float64 and uint64; f and u are single numbers.
     """
     if isinstance(v, np.ndarray):
         return "U" if v.dtype == np.uint64 else "F"
@@ -1014,9 +1030,9 @@ def kind(v: Any) -> str:
 
 
 def pack(s: Any) -> np.ndarray:
-    """Return the words of a parameter or state tuple.
+    """Return a parameter or state tuple as an array of words.
 
-    Fields are in order, arrays whole, floats as their bits.
+    Fields are in order, arrays are complete, floats are given by their bits.
     """
     w = [
         np.atleast_1d(np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64)).view(np.uint64)
@@ -1026,12 +1042,12 @@ def pack(s: Any) -> np.ndarray:
 
 
 def at_rest(s: Any) -> Any:
-    """Return the state of a resettable block off contact, from that of its design."""
+    """Return the state of a resettable block off contact, from its designed state."""
     return unpack(s, pack(s))._replace(cold=np.float64(1.0))
 
 
 def unpack(s: Any, w: np.ndarray) -> Any:
-    """Return the same tuple type filled from words, scalars as numpy scalars."""
+    """Return a tuple of the same type filled from words, scalars as numpy scalars."""
     out: list[Any] = []
     at = 0
     for v in s:

@@ -1,4 +1,4 @@
-"""Feedback: an expression that may use its own value of one sample ago."""
+"""Feedback loops: expressions that use their own value of one sample ago."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _unit: Callable[[str], Unit] = unit
 
 @dataclass(frozen=True, eq=False)
 class Last(Block):
-    """The value of a loop one sample ago, and ``first`` at its first sample.
+    """The value of a loop one sample ago; at the first sample, the value ``first``.
 
     It belongs to one ``Loop``.
     """
@@ -32,7 +32,7 @@ class Last(Block):
 
 @dataclass(frozen=True, eq=False)
 class Loop(Block):
-    """The signal that a body computes from its last value; see ``loop``."""
+    """The signal that a function computes from its own last value; see ``loop``."""
 
     body: Block
     last: Block
@@ -44,7 +44,7 @@ class Loop(Block):
     def units(self, *u):
         if u[0] != u[1] and not (isinstance(self.body, Const) and self.body.value == 0):
             raise UnitError(
-                f"loop: of its last value in [{u[1]}] it makes {self.body!r} in [{u[0]}]; give"
+                f"loop: from a last value in [{u[1]}] it computes {self.body!r} in [{u[0]}]; give"
                 f' unit="{u[0]}"'
             )
         return u[1]
@@ -52,7 +52,7 @@ class Loop(Block):
 
 @dataclass(frozen=True, eq=False)
 class Tap(Block):
-    """Another signal from inside a loop."""
+    """Another signal taken from inside a loop."""
 
     loop: Block
     inner: Block
@@ -114,13 +114,14 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     last = Last(design_value("loop: start", "float", start), unit)
     if not callable(f):
         raise BadValue(
-            f"loop: {f!r:.80} is no function; give one of the last value, such as lambda last: 0.9"
+            f"loop: {f!r:.80} is not a function; give a function of the last value, such as lambda"
+            " last: 0.9"
             " * last + x"
         )
     made = f(last)
     if not isinstance(made, tuple):
         return Loop(as_block(made), last)
     if not made:
-        raise BadValue("loop: the function returned no signal")
+        raise BadValue("loop: the function must return a signal")
     whole = Loop(as_block(made[0]), last)
     return whole, *(Tap(whole, as_block(v)) for v in made[1:])

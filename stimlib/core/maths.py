@@ -1,4 +1,4 @@
-"""The mathematics of steps: the definition of each function, with one rounding.
+"""Mathematics for steps: the definition of each function, with a single rounding.
 
 A step may use no other.
 
@@ -34,7 +34,7 @@ F = np.float64
 
 
 def _exact_fma(a, b, c):
-    """Return a*b + c with one rounding, by fractions of whole numbers."""
+    """Return a*b + c with one rounding, computed with exact fractions."""
     if not (math.isfinite(a) and math.isfinite(b)):
         return a * b + c
     if not math.isfinite(c):
@@ -75,7 +75,7 @@ def fma(a, b, c):
 
 
 def sqrt(x):
-    """Return the square root; nan below zero."""
+    """Return the square root; NaN below zero."""
     return np.sqrt(F(x))
 
 
@@ -91,7 +91,10 @@ def where(c, a, b):
 
 
 def flush(x):
-    """Return x, or 0 when |x| <= 1e-190: what TINY leaves behind."""
+    """Return x, or 0 where |x| <= 1e-190.
+
+    So what TINY leaves behind counts as 0.
+    """
     return F(0.0) if abs(x) <= SILENT else F(x)
 
 
@@ -105,7 +108,7 @@ def settle(x):
 
 
 def as_float(u):
-    """Return uint64 to the nearest float64."""
+    """Convert a uint64 to the nearest float64."""
     return F(u)
 
 
@@ -127,17 +130,17 @@ def words(a):
 def each(f, p, x, y):
     """Compute y[i] = f(p, x[0][i], x[1][i], ..) for a straight-line helper f.
 
-    p is a NamedTuple of floats or (). Compiled code computes several at once. An x may
-    be y itself, but no part of it.
+    p is a NamedTuple of floats or (). Compiled code computes several elements at once.
+    An x may be y itself, but must not overlap it partly.
     """
     for i in range(y.size):
         y[i] = f(p, *(v[i] for v in x))
 
 
 def pairs(f, key, first, z):
-    """Compute z[2 i], z[2 i + 1] = f(key, first + i).
+    """Compute pairs of outputs z[2 i], z[2 i + 1] = f(key, first + i).
 
-    Compiled code writes on to the next multiple of 4.
+    Compiled code writes up to the next multiple of 4.
     """
     for i in range(0, z.size, 2):
         z[i : i + 2] = f(key, np.uint64(first) + np.uint64(i >> 1))[: z.size - i]
@@ -151,7 +154,7 @@ def copy(a, b):
 def search(knots, x):
     """Return the index i with knots[i] <= x < knots[i+1].
 
-    It is held inside 0 .. size-2 (0 for nan).
+    It is limited to 0 .. size-2 (0 for NaN).
     """
     i = 0
     for k in range(1, knots.size - 1):
@@ -160,14 +163,14 @@ def search(knots, x):
 
 
 def tree(s):
-    """Return the sum of eight partial sums in the one order everything here uses."""
+    """Return the sum of eight partial sums, in the order that every target uses."""
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 
 
 def fir(taps, w, y):
-    """Filter: y[i] = sum_j taps[j] w[i + j], in eight partial sums.
+    """Compute an FIR filter, y[i] = sum_j taps[j] w[i + j], in eight partial sums.
 
-    taps.size is a multiple of 8; w has y.size + taps.size - 1.
+    taps.size must be a multiple of 8; w has y.size + taps.size - 1 elements.
     """
     taps, w = taps.tolist(), w.tolist()  # Python's floats: the same bits, in half the time
     for i in range(y.size):
@@ -178,9 +181,10 @@ def fir(taps, w, y):
 
 
 def modes(p, r, q, d, x, y, w):
-    """Compute q = p q + (x + TINY); y = d x + sum r q, eight partial sums, flushed.
+    """Compute a bank of modes, q = p q + (x + TINY) and y = d x + sum r q.
 
-    p.size is a multiple of 8; w: 8 y.size.
+    The sum is in eight partial sums and flushed. p.size must be a multiple of 8; w has
+    8 y.size elements.
     """
     p, r, state = p.tolist(), r.tolist(), q.tolist()
     for i in range(y.size):
@@ -194,11 +198,11 @@ def modes(p, r, q, d, x, y, w):
 
 
 def memory(e, r, q, low, x, y, w):
-    """Compute ``modes`` without d, for very slow modes.
+    """Compute a bank of very slow modes, without the direct term of ``modes``.
 
-    With the leak e = 1 - p on its own, q += (x + TINY) - e q, and a second word of the
-    first low.size states, nothing that they add up is rounded away. e.size and low.size
-    are multiples of 8; w: 8 y.size.
+    The leak e = 1 - p is given directly, q += (x + TINY) - e q, and the first low.size
+    states have a second word, so nothing that they accumulate is rounded away. e.size
+    and low.size must be multiples of 8; w has 8 y.size elements.
     """
     leak, r, state, second = e.tolist(), r.tolist(), q.tolist(), low.tolist()
     for i in range(y.size):
@@ -244,9 +248,9 @@ WHOLE = 1.5 * 2.0**52 + 1023.0
 
 
 def _polynomial(coefficients, x):
-    """Return the value of a polynomial of degree 4 n, its highest coefficient first.
+    """Return the value of a polynomial of degree 4 n, highest coefficient first.
 
-    It is four polynomials in x^4, which do not wait for each other.
+    It is computed as four polynomials in x^4, which do not wait for each other.
     """
     a, d, c, b = coefficients[0], coefficients[1], coefficients[2], coefficients[3]
     z = x * x
@@ -268,7 +272,7 @@ def _power_of_two(k):
 
 
 def _less_log_two(x):
-    """Return k and (h, low) of x = k log 2 + h + low, h up to 0.35 in size."""
+    """Return k and (h, low) of x = k log 2 + h + low, with |h| up to 0.35."""
     k = floor(fma(x, LOG2E, 0.5))
     a, b = fma(-k, LN2, x), k * LN2_LOW
     r = a - b
@@ -276,7 +280,7 @@ def _less_log_two(x):
 
 
 def _exp_less_one(r, low):
-    """Return exp(r + low) - 1 in two words, for r up to 0.35 in size."""
+    """Return exp(r + low) - 1 in two words, for |r| up to 0.35."""
     y = fma(r * r, _polynomial(EXP, r), fma(low, r, low))
     h = r + y
     return h, (r - h) + y
@@ -292,7 +296,7 @@ def exp(x):
 
 
 def log(x):
-    """Return the natural logarithm; -inf of 0, nan below."""
+    """Return the natural logarithm; -inf at 0, NaN below."""
     a = abs(x)
     small = a < 2.0**-1022
     u = bits(a * where(small, 2.0**54, 1.0)) + TO_HALF_ROOT
@@ -305,7 +309,7 @@ def log(x):
 
 
 def _less_half_pi(x):
-    """Return k and (h, low) of x = k pi/2 + h + low, h up to 0.79 in size."""
+    """Return k and (h, low) of x = k pi/2 + h + low, with |h| up to 0.79."""
     k = floor(fma(x, TWO_OVER_PI, 0.5))
     a, b = k * HALF_PI, k * HALF_PI_2
     c = x - a
@@ -332,21 +336,21 @@ def _wave(k, r, low):
 
 
 def sin(x):
-    """Return the sine of an angle in rad; nan beyond 2^30 rad."""
+    """Return the sine of an angle in rad; NaN beyond 2^30 rad."""
     k, r, low = _less_half_pi(where(abs(x) <= MOST_SIN, x, 0.0))
     y = _wave(k, r, low)
     return where(abs(x) <= MOST_SIN, where(abs(x) < 2.0**-27, x, y), NAN)
 
 
 def cos(x):
-    """Return the cosine of an angle in rad; nan beyond 2^30 rad."""
+    """Return the cosine of an angle in rad; NaN beyond 2^30 rad."""
     k, r, low = _less_half_pi(where(abs(x) <= MOST_SIN, x, 0.0))
     y = _wave(k + 1.0, r, low)
     return where(abs(x) <= MOST_SIN, y, NAN)
 
 
 def tanh(x):
-    """Return tanh(x) as (e^2x - 1)/(e^2x + 1), both in two words."""
+    """Return tanh(x), computed as (e^2x - 1)/(e^2x + 1), both in two words."""
     a = abs(x)
     k, r, low = _less_log_two(2.0 * where(a < 22.0, a, 22.0))
     h, rest = _exp_less_one(r, low)
@@ -362,7 +366,7 @@ def tanh(x):
 
 
 def _interpreted(f):
-    """Return f of a number, computed with Python's floats: the same bits, sooner."""
+    """Return f of a number, computed faster with Python floats, to the same bits."""
 
     @functools.wraps(f)
     def of_number(x):

@@ -1,4 +1,4 @@
-"""Python's operators and numpy's functions on blocks: more blocks, or an error.
+"""Python operators and numpy functions on blocks: they make blocks or raise errors.
 
 Nothing here computes a number: a block stands for all samples of a signal, and none is
 known while the graph is built.
@@ -48,7 +48,7 @@ _PARTS = "it has no length and no parts; the sample before this one is delay(x, 
 
 
 class Refusals:
-    """Operations that no block supports, each an error with its remedy."""
+    """Base class for operations that no block supports, with helpful errors."""
 
     def __rpow__(self, base: Any) -> Any:
         raise BadValue(
@@ -87,9 +87,9 @@ class Refusals:
 
 
 def power(x: Any, n: Any) -> Any:
-    """Return x**n, n a whole number other than 0, or 0.5.
+    """Return x**n, for n = 0.5 or any whole number other than 0.
 
-    Whole powers are squares and products, in one order: x**3 = (x x) x.
+    Whole powers are squares and products in a fixed order: x**3 = (x x) x.
     """
     if not isinstance(n, NUMBERS):
         raise BadValue(
@@ -166,7 +166,7 @@ _REMEDIES = {  # of functions of numpy, what to write
 
 
 def no_numpy(name: str) -> Any:
-    """Raise an error for a function of numpy."""
+    """Raise the error for a numpy function applied to a block."""
     why = next((why for names, why in _REMEDIES.items() if name in names.split()), _THERE)
     raise BadValue(
         f"numpy ({name}) cannot take a block: it is a signal, not a number, while the graph is"

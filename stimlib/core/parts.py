@@ -1,4 +1,4 @@
-"""The parts of a scene: the law of each, its arguments, and its signals."""
+"""The parts of a scene: the reference law of each, its arguments, and its signals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ for them, as blocks are known by theirs.
 class Span(NamedTuple):
     """The interval of a trial in which a part is presented.
 
-    It is its scene times a window with cosine ramps, on a clock of its own.
+    The output is the part's scene, on a clock of its own, times a window with cosine
+    ramps.
     """
 
     start: float  # s
@@ -36,7 +37,7 @@ class Span(NamedTuple):
 
 @dc.dataclass(frozen=True)
 class Part:
-    """A scene, or one of several that were combined, for its law.
+    """A scene, or one of several combined scenes, as its reference law needs it.
 
     Parameters
     ----------
@@ -63,12 +64,12 @@ class Part:
     span: Span | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return JSON data, which is the caller's to change."""
+        """Return JSON data as a copy that the caller may change."""
         return {f.name: plain(getattr(self, f.name)) for f in dc.fields(self)}
 
     @classmethod
     def from_dict(cls, data: Any, where: str) -> Part:
-        """Read a part of a scene file; raise SceneFileError if it is none."""
+        """Read a part of a scene file; raise SceneFileError if it is invalid."""
         try:
             fields.require({"part": data}, {"part": TEST})
             if more := sorted(set(data) - {f.name for f in dc.fields(cls)}):
@@ -114,8 +115,8 @@ TEST = fields.record(
 def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
     """Return the parts of a scene.
 
-    There are none, one of a name or a function with what was given, or several as they
-    are.
+    ``law`` is nothing, a law's name, a function, or several parts; a name or a function
+    has the arguments ``given``.
     """
     if law is None:
         if given:
@@ -143,7 +144,7 @@ def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:
 
 
 def _registered(law: Callable) -> str:
-    """Return the name of a user's own law, after keeping it under that name."""
+    """Register a user's own law, and return its name."""
     name = f"{law.__module__}.{law.__qualname__}" if hasattr(law, "__qualname__") else ""
     if not name or "<lambda>" in name:
         raise BadValue(
@@ -163,11 +164,12 @@ def _registered(law: Callable) -> str:
 def kept(given: Any) -> Any:
     """Return the arguments of a law as JSON data.
 
-    BadValue is raised for what is no table, or is nested without end.
+    BadValue is raised for anything that is not a table, or is nested without end.
     """
     if not isinstance(given, Mapping | None):
         raise BadValue(
-            f"given = {given!r:.80} is no table; it must map names to values, such as given={{'at':"
+            f"given = {given!r:.80} is not a table; it must map names to values, such as"
+            f" given={{'at':"
             " 0.01}"
         )
     try:
@@ -182,10 +184,11 @@ def kept(given: Any) -> Any:
 def known(law: str) -> bool:
     """Return whether a user's own law can be called here.
 
-    It can if a scene was made with it, or if its module is imported already.
+    It can if a scene was made with it, or if its module is already imported.
 
-    A file is data and may come from anywhere, so the name in it stands for a law only:
-    a function that its module defines itself, with the first parameters ``x, p, fs``.
+    A file is data and may come from anywhere, so the name in it can only stand for a
+    law: a function that its module itself defines, with the first parameters ``x, p,
+    fs``.
     """
     if law not in OWN:
         module, _, name = law.rpartition(".")
@@ -200,7 +203,7 @@ def known(law: str) -> bool:
 
 
 def plain(v: Any) -> Any:
-    """Return the numbers, texts, arrays, tuples, tables and dataclasses as JSON data.
+    """Convert numbers, texts, arrays, tuples, tables and dataclasses to JSON data.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from .operators import FUNCTIONS
 
 @dataclass(frozen=True, eq=False)
 class Where(Map):
-    """a where c > 0, else b."""
+    """A choice between two signals: a where c > 0, else b."""
 
     c: Block
     a: Block
@@ -80,7 +80,7 @@ class _Transcendental(Map, abstract=True):
 
 @dataclass(frozen=True, eq=False)
 class Exp(_Transcendental):
-    """exp(x) of a signal without unit."""
+    """Exponential function exp(x) of a signal without unit."""
 
     @staticmethod
     def step(p, s, x):
@@ -98,7 +98,7 @@ class Log(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Sin(_Transcendental):
-    """sin(x), x in rad."""
+    """Sine sin(x) of a signal in rad."""
 
     @staticmethod
     def step(p, s, x):
@@ -107,7 +107,7 @@ class Sin(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Cos(_Transcendental):
-    """cos(x), x in rad."""
+    """Cosine cos(x) of a signal in rad."""
 
     @staticmethod
     def step(p, s, x):
@@ -116,7 +116,7 @@ class Cos(_Transcendental):
 
 @dataclass(frozen=True, eq=False)
 class Tanh(_Transcendental):
-    """tanh(x) of a signal without unit: a soft clip."""
+    """Hyperbolic tangent tanh(x) of a signal without unit: a soft clip."""
 
     @staticmethod
     def step(p, s, x):
@@ -141,7 +141,9 @@ class Nonzero(Map):
 
 @public
 def where(c: Block | float, a: Block | float, b: Block | float) -> Block:
-    """Return a where the condition c > 0, else b; both are computed.
+    """Choose between two signals: a where the condition c is above 0, else b.
+
+    Both are computed.
 
     Parameters
     ----------
@@ -166,7 +168,7 @@ def where(c: Block | float, a: Block | float, b: Block | float) -> Block:
 
 @public
 def clip(x: Block | float, low: Block | float, high: Block | float) -> Block:
-    """Limit x to an interval, whose ends have its unit.
+    """Limit x to an interval whose ends have the unit of x.
 
     Parameters
     ----------

@@ -42,12 +42,12 @@ PARAMS, ROOT = 0, 1
 
 
 def lead(fs: float) -> int:
-    """Return how many samples everything without an input runs before sample 0.
+    """Return for how many samples parts without an input run before sample 0.
 
-    It is a function of fs alone.
+    It depends on fs only.
 
-    Of the graph it must not be: an output added to a scene would change the bits of the
-    others.
+    It must not depend on the graph: an output added to a scene would then change the
+    bits of the others.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class Instance(NamedTuple):
 
 
 class Program(NamedTuple):
-    """A scene ready for any target."""
+    """A scene as a flat list of block instances, ready for any target."""
 
     instances: list[Instance]  # in running order
     outputs: dict[str, int]
@@ -91,7 +91,7 @@ class _Node(NamedTuple):
 
 
 class _Graph:
-    """Structures: equal sub-graphs have one number."""
+    """The blocks of a scene as numbered nodes; equal sub-graphs share a number."""
 
     def __init__(self):
         self.nodes: list[_Node] = []
@@ -119,7 +119,7 @@ class _Graph:
     def intern(self, b: Block, kids: tuple[int, ...]) -> int:
         """Return the number of a block over rewritten inputs.
 
-        Numbers are folded, literal zeros and ones removed.
+        Numbers are folded, and literal zeros and ones removed.
         """
         if isinstance(b, Last | Loop | Tap):
             return self.feedback(b, kids)
@@ -128,7 +128,7 @@ class _Graph:
             with np.errstate(all="ignore"):
                 v = float(steps.sample(b, (), (), [np.float64(v) for v in values])[0])
             if not math.isfinite(v):
-                raise SceneError(f"{b!r} of plain numbers {values} is {v}")
+                raise SceneError(f"{b!r} with the plain numbers {values} is {v}")
             return self.const(v, b)
         for here, there in ((0, 1), (1, 0)) if isinstance(b, (Mul, Add)) else ():
             if values[here] == (1.0 if isinstance(b, Mul) else 0.0):
@@ -147,7 +147,7 @@ class _Graph:
     def feedback(self, b: Block, kids: tuple[int, ...]) -> int:
         """Return the number of a part of a loop.
 
-        A loop is its body; what it hands out is what is inside.
+        A loop has the number of its body, and a tap that of the signal inside.
         """
         if isinstance(b, Last):  # two loops have two, equal or not
             self.nodes.append(_Node(b, ()))
@@ -156,13 +156,13 @@ class _Graph:
             body, last = kids
             if self.bodies.setdefault(last, body) != body:
                 raise SceneError(
-                    f"{b!r} and another loop have one last value: make each with loop(..)"
+                    f"{b!r} and another loop share one last value; make each with loop(..)"
                 )
             return body
         return kids[1]
 
     def closed(self, roots: list[int]) -> tuple[_Graph, list[int]]:
-        """Return the same graph and roots with one block for all nodes of a loop."""
+        """Return the graph and its roots with each loop replaced by one block."""
         new = _Graph()
         new.removed = self.removed
         return new, closed(self.nodes, self.bodies, roots, new.number)
@@ -176,9 +176,9 @@ def _numbers(b: Block) -> tuple[Any, ...]:
 
 
 def foldable(b: Block) -> bool:
-    """Return whether a block of numbers is constant at every sample rate.
+    """Return whether a block can be folded into a constant if its inputs are constant.
 
-    So is a map whose step needs no design.
+    This holds for blocks without memory whose step needs no design.
     """
     return (
         isinstance(b, Map)
@@ -193,7 +193,7 @@ def _key(v: Any) -> Any:
 
 
 def lower(outputs: dict[str, Block]) -> Program:
-    """Rewrite a scene's outputs and lay them out on their clocks.
+    """Rewrite a scene's outputs and arrange them on their clocks.
 
     Raises
     ------
@@ -252,9 +252,9 @@ def lower(outputs: dict[str, Block]) -> Program:
 
 
 def _instances(graph: _Graph, roots: list[int]) -> float:
-    """Return how many instances a layout may have, or more than a limit.
+    """Return how many instances a layout would have, or more than a limit.
 
-    They are not made: gates in gates double them.
+    It only counts them: nested gates double their number.
     """
     nodes, reached, todo = graph.nodes, set(), list(roots)
     while todo:
@@ -285,7 +285,7 @@ def _instances(graph: _Graph, roots: list[int]) -> float:
 
 
 class _Clocks(NamedTuple):
-    """What a program says of its clocks: lists with one entry for each."""
+    """The clocks of a program: lists with one entry for each clock."""
 
     parents: list[int]
     names: list[str]
@@ -294,7 +294,7 @@ class _Clocks(NamedTuple):
     opened: dict[Any, tuple[int, int]]  # clocks, and the node that opens each
 
     def below(self, parent: int, b: Block, n: int) -> tuple[int, int]:
-        """Return the clock of an enabled or a segment, node n, and what opens it."""
+        """Return the clock of an enabled or a segment, and the node that opens it."""
         run, seed = (b.run, b.seed) if isinstance(b, Segment) else ("", None)
         which = (run or n, parent)  # segments of one time and seed run together
         if which not in self.opened:
@@ -354,7 +354,7 @@ def _layout(graph: _Graph, roots: list[int]):
 
 
 def _home(b: Block, clock: int) -> int:
-    """Return the clock of a node: parameters, constants and inputs have their own."""
+    """Return the clock of a node; parameters, constants and inputs have their own."""
     if isinstance(b, (Param, Const)):
         return PARAMS
     return ROOT if isinstance(b, Input) else clock
@@ -373,10 +373,10 @@ def _check_names(objects: list[Block]) -> None:
 
 
 def _check_noise_objects(roots: Sequence[Block]) -> None:
-    """Raise where two signals would silently share one noise.
+    """Raise SceneError where two signals would silently share one noise.
 
-    Noises are compared by object, before equal sub-graphs are merged; each segment by
-    itself.
+    Noises are compared by object, before equal sub-graphs are merged, and within each
+    segment.
     """
     seen: dict[Any, Block] = {}
     todo = {"": list(roots)}
@@ -409,8 +409,8 @@ def program_of(scene: Any) -> Program:
 def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any, Any]]:
     """Return parameters and state at rest of every instance at a sample rate (Hz).
 
-    ``cost`` is what a block needs for a sample, in operations.  SceneError where a
-    block's author has erred; BadValue before more memory is taken than
+    ``cost`` is the number of operations that a block needs per sample. SceneError if a
+    block's code is faulty; BadValue before more memory is taken than
     ``limits.state_bytes``, or more work than ``limits.design_work``.
     """
     work = 0.0
@@ -437,7 +437,7 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
 
 
 def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
-    """Raise if the memory on a noise's path exceeds the lead.
+    """Raise SceneError if filters behind a noise need more samples than the lead.
 
     The noise would start with a transient.
     """
@@ -465,9 +465,10 @@ def start(block: Block, p: Any, s: Any, seed: int) -> Any:
 def first_states(
     program: Program, design: list[tuple[Any, Any]], start: Callable[..., Any] = start
 ) -> Callable[[int], np.ndarray]:
-    """Return first(seed): the words of all states before the lead.
+    """Return a function of the seed that gives all states before the lead.
 
-    They are in canonical order: instance order, then field order.
+    The result is an array of words in canonical order: instance order, then field
+    order.
     """
     own, parts, at = [], [np.zeros(0, np.uint64)], 0
     for q, (p, s) in zip(program.instances, design, strict=True):
@@ -500,19 +501,22 @@ def rate(fs: Any) -> float:
 
 
 def number(v: Any, what: str) -> float:
-    """Return a value as a float, or raise BadValue with its name."""
+    """Return a value as a float; raise BadValue with its name if it is not a number."""
     try:
         if isinstance(v, (str, bytes)):
             raise TypeError
         return float(v)
     except OverflowError:
-        raise BadValue(f"{what} is too large: numbers end at 1.8e308") from None
+        raise BadValue(f"{what} is too large; the largest number is 1.8e308") from None
     except (TypeError, ValueError):
         raise BadValue(f"{what} must be a number, got {v!r}") from None
 
 
 def warn_beyond(program: Program, fs: float, frames: int) -> None:
-    """Warn if a run is longer than the horizon of an accurate block."""
+    """Warn if a run is longer than the horizon of a block.
+
+    The stated accuracy of the block holds only up to its horizon.
+    """
     for q in program.instances:
         horizon = getattr(q.block, "horizon", None)
         if horizon is not None and frames / fs > horizon:

@@ -1,4 +1,4 @@
-"""Latency and frequency response of a whole program, from those of its blocks."""
+"""Latency and frequency response of a program, from those of its blocks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from .program import Instance, Program
 
 
 def backward(z: np.ndarray) -> np.ndarray:
-    """Return 1 - 1/z: at a low frequency 1/z is too near 1 to be subtracted.
+    """Return the response of a backward difference, 1 - 1/z, accurately near z = 1.
+
+    At low frequencies 1/z is too near 1 to be subtracted.
 
     Parameters
     ----------
@@ -48,13 +50,13 @@ def _sources(program: Program) -> dict[str, int]:
 def latency(
     program: Program, design: list[tuple[Any, Any]]
 ) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return (min, max) delay in samples from each source to each output.
+    """Return the (min, max) delay in samples from each source to each output.
 
-    It is over all paths.
+    Minimum and maximum are over all paths.
 
     Along a path the delays of the blocks add up; inside ``enabled`` they count samples
-    of its own clock.  Around a loop there is no longest path: what counts are those
-    through the fewest last values, each of which is a sample.
+    of its own clock. Around a loop there is no longest path, so only the paths with the
+    fewest passes through its last value count; each pass is one sample.
     """
     found: dict[tuple[str, str], tuple[float, float]] = {}
     instances = program.instances
@@ -115,10 +117,10 @@ def response(
 ) -> np.ndarray:
     """Return the complex gain from a source to an output at f (Hz).
 
-    Parameters are taken as they stand, see ``Processor.response``.
+    Parameters have their present values; see ``Processor.response``.
 
-    steepest: of blocks that are not linear, as stiff as they can be, where they know
-    it.
+    With ``steepest``, nonlinear blocks are replaced by the stiffest linear block that
+    bounds them, where this is known.
     """
     for name, known in ((output, program.outputs), (source, _sources(program))):
         if name not in known:
@@ -144,7 +146,7 @@ def response(
         elif any(a in H for a in args):
             where = f"{b!r} on the way from {source!r} to {output!r}"
             if isinstance(b, Subsystem):
-                raise SceneError(f"{where} runs on its own clock: it has no response")
+                raise SceneError(f"{where} runs on its own clock, so it has no response")
             if isinstance(b, Cycle):
                 after = _around(b, b.parts(*design[i]), fs, z, parts, numbers)
             else:
@@ -160,7 +162,7 @@ def response(
 def _value(
     b: Block, design: tuple[Any, Any], params: dict[str, float], signals: list[float | None]
 ) -> float | None:
-    """Return the output of a block of constant signals, or None."""
+    """Return the output of a block whose signals are all constant, or None."""
     if isinstance(b, Const):
         return b.value
     if isinstance(b, Param):
@@ -177,9 +179,10 @@ def _value(
 def _around(
     b: Cycle, parts: list[Any], fs: float, z: np.ndarray, H: list[Any], value: list[float | None]
 ) -> Any:
-    """Return the response of a loop, or None where it is not linear.
+    """Return the response of a loop, or None if the loop is not linear.
 
-    Its ends are F + G last, and last is an end over z: (z - G) last = F.
+    The signals that it feeds back are F + G last, and last is that signal over z: (z -
+    G) last = F.
     """
     numbers = {f"c{j}": c for j, c in enumerate(b.constants)} | {
         f"x{j}": c for j, c in enumerate(value)
@@ -211,7 +214,7 @@ def _around(
         last = np.linalg.solve(A, outer[:count].T[..., None])[..., 0].T
     except np.linalg.LinAlgError:
         raise SceneError(
-            f"{b!r} has no response at one of these frequencies: there it would grow for ever"
+            f"{b!r} has no response at one of these frequencies: it grows without limit there"
         ) from None
     y = outer[count:] + np.einsum("lrf,lf->rf", own[:, count:], last)
     return tuple(y) if b.outputs else y[0]

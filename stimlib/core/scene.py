@@ -1,4 +1,4 @@
-"""A scene: named outputs, and the file it is kept in."""
+"""Scenes: named outputs, and the files that keep them."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ class Scene:
     def combine(
         *unnamed: Any, share: Mapping[str, Sequence[str]] | None = None, **parts: Scene
     ) -> Scene:
-        """Return one scene of several, each with its own signals and law.
+        """Combine several scenes into one; each keeps its own signals and law.
 
         Parameters
         ----------
@@ -259,10 +259,10 @@ class Scene:
         return above("Scene._repr_html_")(self)
 
     def live(self, fs: float = 8000.0, safety: Any = None, **options: Any) -> Any:
-        """Show the scene live: in the cell of a notebook, or at ``.url`` of the result.
+        """Show the scene live, in a notebook cell or at the ``.url`` of the result.
 
-        A pointer drives it, sliders set its parameters; plots and sound show what
-        comes.  It runs beside the notebook until ``.close()``, or until the same scene
+        A pointer drives it, and sliders set its parameters; plots and sound present its
+        output. It runs beside the notebook until ``.close()``, or until the same scene
         is shown again.
 
         Parameters
@@ -430,19 +430,22 @@ def _joined(share: Mapping[str, Any]) -> dict[str, str]:
     for joint, names in share.items():
         if isinstance(names, str) or not isinstance(names, Sequence):
             raise SceneError(
-                f"share: {joint!r} is {names!r:.80}, and not names; give a tuple, such as"
+                f"share: {joint!r} is {names!r:.80}, not a tuple of names; give one such as"
                 " ('edge_x', 'screen_x')"
             )
         for name in names:
             if one.setdefault(name, joint) != joint:
                 raise SceneError(
-                    f"share: {name!r} would be {one[name]!r} and {joint!r}; name it once"
+                    f"share: {name!r} would be {one[name]!r} and {joint!r}; give it one name"
                 )
     return one
 
 
 def _block_of(entry: Any, made: list[Block], where: str) -> Block:
-    """Return the block of an entry of a file, which comes after those made."""
+    """Return the block that an entry of a file describes.
+
+    It may refer only to blocks made before it.
+    """
     where = f"{where}: block {len(made)}"
     name, given = (entry.get(k) for k in ("class", "fields")) if isinstance(entry, dict) else (0, 0)
     if not isinstance(name, str) or not isinstance(given, dict):
@@ -464,14 +467,14 @@ def _block_of(entry: Any, made: list[Block], where: str) -> Block:
 
 
 def _earlier(made: list[Block], number: Any, what: str) -> Block:
-    """Return the block of this number, which a file must name after it."""
+    """Return the block with this number; raise SceneFileError unless it is earlier."""
     if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(made):
         raise SceneFileError(f"{what} refers to {number!r:.40}, which is not an earlier block")
     return made[number]
 
 
 def _remedy(module: str) -> str:
-    """Return what makes the blocks of a module known."""
+    """Return advice on how to make the blocks of a module known."""
     if module == "__main__":
         return (
             "a script or a notebook defined it; define it in a file of its own, import that there,"

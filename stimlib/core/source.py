@@ -9,9 +9,9 @@ from typing import Any
 
 
 def source_of(what: type | Callable) -> str:
-    """Return the present text of the file or cell that defines a class or function.
+    """Return the current source text that defines a class or a function.
 
-    It is "" where Python has kept none.
+    It is the text of its file or notebook cell, or "" where Python has kept none.
     """
     functions: list[Any] = [
         getattr(v, "__func__", v) for v in (what, *getattr(what, "__dict__", {}).values())

@@ -70,7 +70,7 @@ _REMEDIES = {  # by what Python says when a step runs
 
 
 def source(f: Callable) -> str:
-    """Return the text of a function, dedented and without decorators.
+    """Return the source text of a function, dedented and without decorators.
 
     SceneError is raised where Python has kept none.
     """
@@ -79,7 +79,7 @@ def source(f: Callable) -> str:
 
 @cache
 def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
-    """Return text of a function, and lines of its file before it."""
+    """Return the source text of a function, and the number of file lines before it."""
     try:
         text = textwrap.dedent(inspect.getsource(f))
     except (OSError, TypeError) as e:
@@ -106,7 +106,7 @@ def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
 
 
 def _is_text_of(text: str, code: types.CodeType) -> bool:
-    """Return whether a function's text compiles to the code that it runs.
+    """Return whether a source text compiles to the code that a function runs.
 
     Its file may have been edited since it was imported.
     """
@@ -120,9 +120,10 @@ def _is_text_of(text: str, code: types.CodeType) -> bool:
 
 
 def _instructions(code: types.CodeType) -> list[tuple]:
-    """Return what compiled Python does, however it calls an imported name.
+    """Return compiled instructions in a form that allows comparison.
 
-    Python compiles a call differently where it sees the import.
+    Python compiles a call differently if it sees the import of the called name; that
+    difference is removed.
     """
     found: list[tuple] = [code.co_varnames]
     for i in dis.get_instructions(code):
@@ -179,7 +180,8 @@ def _used(code: types.CodeType) -> tuple[str, ...]:
 def meaning(f: Any) -> tuple[Any, ...]:
     """Return the current values of the names in a function and its helpers.
 
-    A notebook may run their cells again, and not its own.
+    In a notebook, the cells of the helpers may be run again without the function's own
+    cell.
     """
     found: list[Any] = []
     todo, seen = [f], {f}
@@ -201,7 +203,7 @@ def meaning(f: Any) -> tuple[Any, ...]:
 def check(f: Callable, tile: bool = False) -> None:
     """Raise SceneError, with file and line, where a step is not portable.
 
-    Every target must take what a step or tile uses, alike.
+    A step or tile may only use what every target supports in the same way.
 
     Examples
     --------
@@ -219,7 +221,10 @@ def _check(f: Callable, code: types.CodeType, tile: bool) -> None:
 
 
 def _check_all(f: Callable, code: types.CodeType, tile: bool, above: tuple[Callable, ...]) -> None:
-    """Check a function and every helper that it calls; above: those that call it."""
+    """Check a function and every helper that it calls.
+
+    above: the functions that call it.
+    """
     text, offset = _source(f, code)
     known = names(f)
     tree = ast.parse(text)
@@ -262,7 +267,7 @@ Faults = Iterator[tuple[ast.AST, str]]
 
 
 def _faults(node: ast.AST, known: dict[str, Any]) -> Faults:
-    """Return what not every target takes alike in a node.
+    """Yield the faults of a node: what not every target supports in the same way.
 
     known: what names stand for.
     """
@@ -317,7 +322,7 @@ def _of_call(node: Any, known: dict[str, Any]) -> Faults:
 
 
 def _of_arguments(target: Any, call: ast.Call) -> Faults:
-    """Return a call whose arguments its function or NamedTuple does not take."""
+    """Yield calls with arguments that the function or NamedTuple does not take."""
     try:
         takes = inspect.signature(target)
     except ValueError:  # range, whose arguments are checked when it runs
@@ -387,7 +392,7 @@ def check_design(cls: Any, made: Any) -> None:
 def designed(block: Block, fs: float) -> tuple[Any, Any]:
     """Return the result of a block's ``design``.
 
-    SceneError, with file and line, where its author has erred.
+    SceneError, with file and line, if its code is faulty.
 
     Examples
     --------
@@ -430,9 +435,9 @@ def ours(cls: type) -> bool:
 
 @cache
 def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: type) -> None:
-    """Check that a block's step fits its class; SceneError tells file and line.
+    """Check that a block's step fits its class, and what ``design`` returns.
 
-    It must also fit what ``design`` returns.
+    SceneError with file and line if it does not.
 
     code is that of the step: a notebook may change it in place.
     """
@@ -465,7 +470,7 @@ def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: typ
 
 
 def _faults_of_form(cls: Any, name: str, f: Any, s_type: type) -> Iterator[str]:
-    """Return what is wrong with how a step is declared."""
+    """Yield what is wrong with the way a step is declared."""
     wanted = ["p", "s", *signals(cls)]
     if cls.resettable:
         del wanted[-1]
@@ -485,7 +490,7 @@ def _faults_of_form(cls: Any, name: str, f: Any, s_type: type) -> Iterator[str]:
 
 
 def _faults_of_fields(body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...]]]) -> Faults:
-    """Return the fields of parameters and state that are set, or not there."""
+    """Yield fields of parameters or state that are set, or do not exist."""
     nodes = list(ast.walk(body))
     stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     for node in nodes:
@@ -505,7 +510,7 @@ def _faults_of_fields(body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...
 
 
 def _faults_of_ends(body: ast.AST, cls: Any, f: Any, s_type: type, new: str) -> Faults:
-    """Return the ends of a step or tile that do not give what they must.
+    """Yield the return statements that do not return what they must.
 
     new: the new state.
     """
@@ -530,12 +535,12 @@ def _faults_of_ends(body: ast.AST, cls: Any, f: Any, s_type: type, new: str) -> 
 def sample(
     block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()
 ) -> tuple[Any, Any]:
-    """Return one sample of a block in plain Python, and its new state.
+    """Compute one sample of a block in plain Python, and its new state.
 
-    This is what a scene means. Of several outputs the sample is a tuple.
+    This defines the meaning of a scene. For several outputs the sample is a tuple.
 
-    x has one number per signal (not that of a contact), work the scratch of a tile.
-    SceneError, with file and line, where the code of an author raises.
+    x has one number per signal (without that of a contact), work is the scratch of a
+    tile. SceneError, with file and line, if an author's code raises an error.
 
     Examples
     --------
@@ -570,17 +575,17 @@ def sample(
 
 
 def _what(cls: Any) -> tuple[str, Any]:
-    """Return what defines a sample."""
+    """Return the function that defines a sample, step or tile, and its name."""
     return ("tile", cls.tile) if cls.step is None else ("step", cls.step)
 
 
 def rehearse(block: Block, p: Any, s: Any) -> None:
     """Run one sample of a block on zeros, before anything is compiled.
 
-    It gets copies of what its ``design`` gave.
+    It uses copies of what its ``design`` returned.
 
-    SceneError, with file and line, where the code raises, or gives no number, or a
-    state of other kinds than that of design.
+    SceneError, with file and line, if the code raises an error, does not return a
+    number, or returns a state of other types than that of design.
 
     Examples
     --------
@@ -636,19 +641,19 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
 
 
 def _target(g: ast.expr, known: dict[str, Any]) -> Any:
-    """Return what a name, or an attribute of one, stands for, or None."""
+    """Return the object that a name, or an attribute of one, stands for, or None."""
     if isinstance(g, ast.Attribute) and isinstance(g.value, ast.Name):
         return getattr(known.get(g.value.id), g.attr, None)
     return known.get(g.id) if isinstance(g, ast.Name) else None
 
 
 def fields(t: Any) -> tuple[str, ...]:
-    """Return the names in a NamedTuple, or in its type."""
+    """Return the field names of a NamedTuple, or of its type."""
     return getattr(t, "_fields", ())
 
 
 def _empty(v: ast.expr, s_type: type) -> bool:
-    """Return whether a state with fields would be lost."""
+    """Return whether an expression would lose a state that has fields."""
     return bool(fields(s_type)) and isinstance(v, ast.Tuple | ast.Constant)
 
 

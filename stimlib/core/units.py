@@ -1,4 +1,4 @@
-"""Units of nodes: SI, coherent, without prefixes.
+"""Units of signals: coherent SI units without prefixes.
 
 Only the exponents are kept; pint knows what is no product of the usual names.
 """
@@ -57,9 +57,10 @@ _FACTOR = re.compile(rf"([*/])({'|'.join(_SI)})(?:\*\*([1-9]))?(?![\w.]|\*\*)")
 class Unit:
     """A product of powers of SI base units.
 
-    Compare with ``==``; multiply, divide and raise with the usual operators.  ``str``
-    gives the field's name where there is one (``"N"``) and base units otherwise.  N m,
-    of a torque or an energy, is ``"N*m"``: it is right of both.
+    Compare units with ``==``; multiply, divide and raise them to powers with the usual
+    operators. ``str`` gives the common name where there is one (``"N"``) and base units
+    otherwise. The unit N m, of a torque or an energy, is ``"N*m"``, which is right for
+    both.
 
     Examples
     --------
@@ -198,7 +199,7 @@ def _parsed(text: str) -> Unit:
 
 
 def in_base_units(text: str) -> tuple[float, tuple[tuple[str, float], ...]]:
-    """Return the factor to base units of what pint reads, and their powers."""
+    """Return a unit's factor to base units, and the power of each base unit."""
     try:
         base = _registry().Quantity(1.0, text).to_base_units()
         powers = {str(name): float(p) for name, p in base.unit_items()}

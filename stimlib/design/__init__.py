@@ -1,1 +1,1 @@
-"""Numbers that blocks are designed with: minimax fits, sums of exponentials."""
+"""Coefficients that blocks are designed with: minimax fits, sums of exponentials."""

@@ -1,4 +1,4 @@
-"""Designs of filters: minimax fits, the differentiator, sections, resampling."""
+"""Filter design: minimax fits, the differentiator, sections, resampling."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ FloatArray = npt.NDArray[np.float64]
 
 @contextmanager
 def asked_by(name: str) -> Iterator[None]:
-    """Let errors begin with the name of the public function.
+    """Rename errors raised in this context to start with the public function's name.
 
-    Otherwise they would name a function of this file.
+    Otherwise they would name a function of this module.
     """
     try:
         yield
@@ -40,9 +40,9 @@ def asked_by(name: str) -> Iterator[None]:
 
 
 def between(points: FloatArray, low: float, high: float, parts: int) -> FloatArray:
-    """Return a grid on [low, high] that divides each gap between `points` equally.
+    """Return a grid on [low, high] that divides each gap between points equally.
 
-    The points are ascending.
+    The points must be ascending.
     """
     margin = 1e-12 * (high - low)
     knots = np.concatenate(
@@ -53,9 +53,9 @@ def between(points: FloatArray, low: float, high: float, parts: int) -> FloatArr
 
 
 def peaks_of(x: FloatArray, error: FloatArray) -> FloatArray:
-    """Return abscissas of the largest |error| in each run of one sign.
+    """Return the positions of the error's extremes, one in each run of one sign.
 
-    A parabola goes through it and its neighbours.
+    A parabola is fitted through the largest |error| and its neighbours.
     """
     edges = np.flatnonzero((error[1:] < 0) != (error[:-1] < 0)) + 1
     runs = zip([0, *edges], [*edges, len(x)], strict=True)
@@ -74,7 +74,7 @@ def peaks_of(x: FloatArray, error: FloatArray) -> FloatArray:
 def alternating(error: FloatArray, count: int) -> list[int]:
     """Return the indices of the `count` largest errors of alternating sign.
 
-    There may be fewer.
+    There may be fewer of them.
     """
     kept: list[int] = []
     for i in range(len(error)):
@@ -123,12 +123,12 @@ def differentiator_taps(
 ) -> DifferentiatorDesign:
     """Design a band-limited differentiator, for d/dt in 1/s.
 
-    It is an equal-ripple FIR of type III with a delay of order/2 samples.
+    It is an equal-ripple FIR filter of type III with a delay of order/2 samples.
 
     The response is ``i w fs exp(-i w order/2)`` on [0, passband] and zero on [stopband,
-    fs/2].  The error relative to the wanted gain in the pass band, and relative to the
-    gain at the pass edge in the stop band, has one and the same bound, the smallest
-    possible.
+    fs/2]. One bound, the smallest possible, holds for the error in both bands: relative
+    to the desired gain in the pass band, and relative to the gain at the pass edge in
+    the stop band.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
 def _band_edges(
     where: str, fs: float, passband: float, stopband: float | None
 ) -> tuple[float, float | None]:
-    """Return the band edges in rad/sample.
+    """Return the band edges in rad/sample; raise BadValue if they do not fit.
 
     There is no stop band at fs/2, where a differentiator of type III is zero anyway.
     """
@@ -261,9 +261,9 @@ def _band_edges(
 
 
 def _wanted(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[FloatArray, FloatArray]:
-    """Return wanted values and weight of the even factor P in A(w) = sin w P(cos w).
+    """Return the desired values and the weight of the even factor of the response.
 
-    weight (P - wanted) is the error.
+    The response is A(w) = sin w P(cos w), and weight (P - desired) is its error.
     """
     passing = w < (w_pass + (w_stop or math.pi)) / 2
     inside = np.where(passing, w, 0.0)
@@ -272,14 +272,14 @@ def _wanted(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[FloatAr
 
 
 class _Interpolant(NamedTuple):
-    """A polynomial in y = sin^2(w/2) in barycentric form on a reference."""
+    """A polynomial in y = sin^2(w/2), in barycentric form on a reference."""
 
     y: FloatArray
     weights: FloatArray
     values: FloatArray
 
     def at(self, w: FloatArray) -> FloatArray:
-        """Return values at w, in blocks that stay in the cache."""
+        """Return the values at w, computed in blocks that fit in the cache."""
         values, block = np.empty(len(w)), 1 + 65536 // len(self.y)
         for i in range(0, len(w), block):
             gaps = np.sin(w[i : i + block, None] / 2) ** 2 - self.y
@@ -290,9 +290,10 @@ class _Interpolant(NamedTuple):
 
 
 def _barycentric_weights(y: FloatArray) -> FloatArray:
-    """Return 1/prod_j (y_i - y_j) up to a common factor, y ascending.
+    """Return the barycentric weights 1/prod_j (y_i - y_j) of ascending nodes y.
 
-    They are logarithms of products of eight that are far apart.
+    They have a common factor, and are computed with logarithms of products of eight
+    gaps that are far apart.
     """
     size, block = np.empty(len(y)), 1 + 65536 // len(y)
     for i in range(0, len(y), block):
@@ -306,9 +307,9 @@ def _barycentric_weights(y: FloatArray) -> FloatArray:
 
 
 def _levelled(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[_Interpolant, float]:
-    """Return the polynomial with error +E, -E, +E, ... on the reference w, and E.
+    """Return the polynomial whose error alternates on the reference, and its level.
 
-    Its degree is len(w) - 2.
+    The error is +E, -E, +E, ... at the frequencies w, and the degree is len(w) - 2.
     """
     y = np.sin(w / 2) ** 2
     weights = _barycentric_weights(y)
@@ -319,11 +320,12 @@ def _levelled(w: FloatArray, w_pass: float, w_stop: float | None) -> tuple[_Inte
 
 
 def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArray:
-    """Return half + 1 frequencies spread like charges at rest on both bands.
+    """Return a starting reference of half + 1 frequencies in both bands.
 
-    Peaks of best polynomial approximations on a set of bands settle at this density.
-    In y = sin^2(w/2) it is |y - y0|/sqrt|(y - y_pass)(y - y_stop)| dw/pi, with y0 in
-    the gap such that no force is left across the gap.
+    They are spread like charges at equilibrium: peaks of best polynomial approximations
+    on a set of bands settle at this density. In y = sin^2(w/2) it is |y - y0|/sqrt|(y -
+    y_pass)(y - y_stop)| dw/pi, with y0 in the gap such that no net force acts across
+    the gap.
     """
     if w_stop is None:
         return 2 * np.arcsin(math.sin(w_pass / 2) * np.sin(np.linspace(0, np.pi / 2, half + 1)))
@@ -333,7 +335,7 @@ def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArr
     y0 = np.average(gap, weights=1 / np.sqrt(gap * (1 - gap)))
 
     def charge(edge: float, end: float) -> tuple[FloatArray, FloatArray]:
-        """Return frequencies from the axis' end to the band edge, with charges."""
+        """Return frequencies from 0 or pi to the band edge, with their charges."""
         w, middle = (end + (edge - end) * np.sin(p) for p in (phi, phi[:-1] / 2 + phi[1:] / 2))
         # y - y_b
         to_pass, to_stop = (
@@ -355,13 +357,13 @@ def _first_reference(half: int, w_pass: float, w_stop: float | None) -> FloatArr
 def _first_error(half: int, w_pass: float, w_stop: float | None) -> float:
     """Return the levelled error on the first reference.
 
-    It is a lower bound of the best error and close to it.
+    It is a lower bound of the best error, and close to it.
     """
     return _levelled(_first_reference(half, w_pass, w_stop), w_pass, w_stop)[1]
 
 
 def _half_order_estimate(w_pass: float, w_stop: float | None, tol: float) -> int:
-    """Return the smallest half order whose first levelled error is at most tol.
+    """Return the smallest half order whose first levelled error meets a tolerance.
 
     It is found by bisection.
     """
@@ -380,13 +382,13 @@ def _half_order_estimate(w_pass: float, w_stop: float | None, tol: float) -> int
 
 
 def _error(even: _Interpolant, w: FloatArray, w_pass: float, w_stop: float | None) -> FloatArray:
-    """Return weighted error of P at w."""
+    """Return the weighted error of the even factor P at w."""
     wanted, weight = _wanted(w, w_pass, w_stop)
     return weight * (even.at(w) - wanted)
 
 
 class _Exchanged(NamedTuple):
-    """The end of the exchange: levelled reference, peaks and largest error."""
+    """Result of the Remez exchange: levelled reference, peaks and largest error."""
 
     reference: FloatArray
     peaks: FloatArray
@@ -395,9 +397,9 @@ class _Exchanged(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _exchange(half: int, w_pass: float, w_stop: float | None) -> _Exchanged:
-    """Run the Remez exchange for P of degree half - 1 on both bands.
+    """Run the Remez exchange for a polynomial of degree half - 1 on both bands.
 
-    P is the interpolant on the reference.
+    The polynomial P is the interpolant on the reference.
     """
     bands = [(0.0, w_pass)] if w_stop is None else [(0.0, w_pass), (w_stop, math.pi)]
     following = _first_reference(half, w_pass, w_stop)
@@ -421,13 +423,13 @@ def _exchange(half: int, w_pass: float, w_stop: float | None) -> _Exchanged:
 def _minimax_sines(
     half: int, w_pass: float, w_stop: float | None
 ) -> tuple[FloatArray, float, float]:
-    """Return c_k of the best A(w) = 2 sum_k c_k sin(k w), and its errors.
+    """Return the sine coefficients of the best response, and its errors in both bands.
 
-    k = 1 ... half; the errors are those in both bands.
+    A(w) = 2 sum_k c_k sin(k w), k = 1 .. half.
 
     Between the bands an interpolant loses the digits that the approximation gains
-    inside.  So the coefficients come from the linear system of the last reference: what
-    it leaves undetermined does no harm.
+    inside. So the coefficients come from the linear system of the last reference; what
+    that leaves undetermined does no harm.
     """
     reference, peaks, _ = _exchange(half, w_pass, w_stop)
     k = np.arange(half)
@@ -450,25 +452,25 @@ def _minimax_sines(
 #
 # The edge of the pass band is x = 1.
 def squared(decibels: float) -> float:
-    """Return e^2 of a gain 1/sqrt(1 + e^2)."""
+    """Return e^2 for a ripple in dB, where the gain is 1/sqrt(1 + e^2)."""
     return math.expm1(decibels * math.log(10) / 10)
 
 
 def butterworth(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """Return 1/sqrt(1 + x^(2n))."""
+    """Return the Butterworth magnitude, 1/sqrt(1 + x^(2n))."""
     return 1 / np.sqrt(1 + x ** (2 * n))
 
 
 def chebyshev1(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """Return the Chebyshev type I magnitude, 1/sqrt(1 + (ripple T(w))^2)."""
+    """Return the Chebyshev type I magnitude, 1/sqrt(1 + (e T(x))^2)."""
     t = np.cos(n * np.arccos(x + 0j)).real
     return 1 / np.sqrt(1 + squared(ripple) * t * t)
 
 
 def elliptic(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """Return 1/sqrt(1 + e^2 R_n(x)^2) of the elliptic rational function R_n.
+    """Return the elliptic magnitude, 1/sqrt(1 + e^2 R_n(x)^2).
 
-    It is computed from its zeros cd((2i - 1) K/n) and its nome.
+    The rational function R_n is computed from its zeros cd((2i - 1) K/n) and its nome.
 
     Lutovac, Tosic and Evans, "Filter Design for Signal Processing" (2000), chapters 12
     and 13.
@@ -491,9 +493,10 @@ def elliptic(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.nda
 
 
 def bessel(x: np.ndarray, n: int, ripple: float, attenuation: float) -> np.ndarray:
-    """Return |theta_n(0)/theta_n(i w x)| of the reverse Bessel polynomial theta_n.
+    """Return the Bessel magnitude, |theta_n(0)/theta_n(i w x)|.
 
-    w is where this is 1/sqrt(2).
+    theta_n is the reverse Bessel polynomial, and w the frequency where the magnitude is
+    1/sqrt(2).
     """
     from scipy.optimize import brentq
 
@@ -542,14 +545,15 @@ ARITHMETIC = (ZeroDivisionError, OverflowError)
 
 
 class Sections(NamedTuple):
-    """The numbers of all sections, in running order.
+    """The coefficients of all sections, in running order.
 
     s1 += a h - c s1;  s2 += d h + b s1.
 
-    It is (n2 s^2 + n1 s + n0)/(s^2 + d1 s + d0) with D = 1 + d1 + d0, g^2 = d0 and a =
-    b = 2g/D, c = 2(d0 + d1)/D, d = 2 d0/D, h0 = (n2 + n1 + n0)/D, e1 = (n1 + n0 - n2
-    (d1 + d0))/(g D), e0 = n0/d0: what is added to the states, and not what is left of
-    them, so a low cutoff loses nothing to 1 - small.
+    The section is (n2 s^2 + n1 s + n0)/(s^2 + d1 s + d0) with D = 1 + d1 + d0, g^2 = d0
+    and a = b = 2g/D, c = 2(d0 + d1)/D, d = 2 d0/D, h0 = (n2 + n1 + n0)/D, e1 = (n1 + n0
+    - n2 (d1 + d0))/(g D), e0 = n0/d0. These coefficients are what is added to the
+    states rather than what remains of them, so a low cutoff loses no digits to 1 -
+    small.
     """
 
     a: np.ndarray
@@ -565,9 +569,9 @@ Quadratic = Sequence[Fraction]  # factors of s^2, s and 1
 
 
 def sections(rows: Sequence[tuple[Quadratic, Quadratic]]) -> Sections:
-    """Return sections from (numerator, denominator) of each, as polynomials in s.
+    """Return the coefficients of sections given as (numerator, denominator) in s.
 
-    All factors of a denominator are above 0.
+    Both are polynomials in s. All coefficients of a denominator must be above 0.
 
     Raises
     ------
@@ -601,9 +605,9 @@ def _section(n: Quadratic, d: Quadratic) -> tuple[Fraction, ...]:
 def designed(
     band: str, edges: Sequence[float], order: int, kind: str, ripple: float, attenuation: float
 ) -> list[tuple[Quadratic, Quadratic]]:
-    """Return sections, lowest Q first, of a filter with edges in cycles per sample.
+    """Return the sections of a filter, lowest Q first, from its edges.
 
-    scipy designs the analogue filter.
+    Edges are in cycles per sample. The analogue filter is designed by scipy.
 
     Raises
     ------
@@ -630,12 +634,12 @@ def designed(
 def _between(
     z: np.ndarray, p: np.ndarray, k: float, low: float, high: float, stop: bool
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Transform a low-pass into a filter between two edges.
+    """Transform a low-pass into a band-pass or a band-stop filter.
 
     s becomes (s^2 + low high)/(s (high - low)), or its inverse.
 
-    Of each two roots the smaller is found by their product: as a difference it loses
-    digits where the edges are far apart.
+    Of each pair of roots the smaller is found from their product: as a difference it
+    would lose digits where the edges are far apart.
     """
     half, middle, more = (high - low) / 2, low * high, len(p) - len(z)
 
@@ -662,9 +666,9 @@ def _between(
 def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quadratic]]:
     """Return the sections of a filter whose zeros lie on the imaginary axis.
 
-    The highest Q takes the nearest zeros, and runs last.
+    The section with the highest Q takes the nearest zeros, and runs last.
 
-    Each has its peak near 1; the gain that is left is in the first.
+    Each section has its peak near 1; the remaining gain is in the first.
     """
     turning = np.abs(p.imag) > 1e-14 * np.abs(p)
     poles = [
@@ -703,12 +707,10 @@ def paired(z: np.ndarray, p: np.ndarray, k: float) -> list[tuple[Quadratic, Quad
 
 
 def from_polynomials(b: Sequence[float], a: Sequence[float]) -> tuple[Quadratic, Quadratic]:
-    """Convert (b0 + b1/z + b2/z^2)/(a0 + a1/z + a2/z^2) to polynomials in s.
+    """Convert a discrete second-order section to polynomials in s, exactly.
 
-    The conversion is exact.
-
-    Its poles are inside the unit circle where all factors of the denominator have one
-    sign.
+    The section is (b0 + b1/z + b2/z^2)/(a0 + a1/z + a2/z^2). Its poles are inside the
+    unit circle if all coefficients of the new denominator have the same sign.
 
     Examples
     --------
@@ -732,10 +734,10 @@ PIECE = 2**18  # products at once: they stay in the cache, and an interrupt acts
 def resampled(
     x: np.ndarray, rate: float, fs: float, below: float = math.inf, name: str = "resampled"
 ) -> np.ndarray:
-    """Return a recording at another sample rate, by a sinc in Kaiser's window.
+    """Resample a recording with a sinc in a Kaiser window.
 
-    It passes 0.45 of the lowest rate within 1e-5.  Outside, x counts as 0.  Where the
-    rate stays, so do the samples.
+    It passes frequencies up to 0.45 of the lower rate within 1e-5. Outside the
+    recording x counts as 0. At an unchanged rate the samples stay as they are.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The memory of a springpot as a sum of exponentials, with a bound on the error.
+"""The memory of a springpot as a sum of exponentials, with an error bound.
 
 A fractional difference is f[n] = h^-alpha sum_j v_j d[n-j] with d[n] = y[n] - y[n-1]
 and weights v_j > 0 that decay like a power of j.  The first ``DIRECT`` weights are used
@@ -51,7 +51,7 @@ DEGREE = 24
 
 
 class Rates(NamedTuple):
-    """Everything that does not depend on alpha."""
+    """The parts of a springpot's sum of exponentials that do not depend on alpha."""
 
     tol: float
     samples: float  # the horizon
@@ -63,12 +63,12 @@ class Rates(NamedTuple):
 
     @property
     def s(self) -> np.ndarray:
-        """Rates of all modes but the one with s = 0, rising."""
+        """Rates of all modes except the one with s = 0, ascending."""
         return np.concatenate([self.s0 * np.array(self.x[1:]), self.grid])
 
 
 class Weights(NamedTuple):
-    """The weights of f[n] over taps, a constant and modes.
+    """The weights of taps, a constant and modes in a springpot's sum.
 
     f[n] = sum_j taps[j] d[n-j] + constant (y[n-8] - y[-1]) + sum_k modes[k] b_k[n].
     """
@@ -80,7 +80,7 @@ class Weights(NamedTuple):
 
 # The exact weights --------------------------------------------------------------------
 def kernel(scheme: str, alpha: float, j) -> np.ndarray:
-    """Return v_j to a few roundings.
+    """Return the exact history weights v_j of a springpot, to a few roundings.
 
     Parameters
     ----------
@@ -119,9 +119,10 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
 
 
 def _straight(alpha: float, j: np.ndarray) -> np.ndarray:
-    """Return ((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p) without cancellation.
+    """Return the kernel of the scheme "straight", without cancellation.
 
-    p = 2 - alpha; 1/Gamma(1 + p) for j = 0.
+    ((j + 1)^p - 2 j^p + (j - 1)^p)/Gamma(1 + p) with p = 2 - alpha; 1/Gamma(1 + p) for
+    j = 0.
     """
     k, i = np.maximum(j, 2), np.arange(2, 64, 2)
     # binom(p, i), none below 0
@@ -158,7 +159,7 @@ def _phi(scheme: str, alpha: float, s: np.ndarray) -> np.ndarray:
 
 
 def _sin(alpha: float) -> float:
-    """Return sin(pi alpha)/pi without loss next to 1."""
+    """Return sin(pi alpha)/pi, accurate also near alpha = 1."""
     return math.sin(math.pi * min(alpha, 1 - alpha)) / math.pi
 
 
@@ -167,7 +168,7 @@ def _sin(alpha: float) -> float:
 def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
     """Return modes whose error bound is below tol for every order.
 
-    It holds up to a horizon in samples.
+    The bound holds up to a horizon in samples.
 
     Parameters
     ----------
@@ -191,12 +192,12 @@ def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
     """
     if not SMALLEST_TOL <= tol <= 0.1:
         raise BadValue(
-            f"springpot: tol = {tol:g} must be from {SMALLEST_TOL:g}, which is what numbers of 53"
-            f" bits allow, to 0.1; use tol={SMALLEST_TOL if tol < SMALLEST_TOL else 0.1:g}"
+            f"springpot: tol = {tol:g} must be from {SMALLEST_TOL:g}, the limit of double"
+            f" precision, to 0.1; use tol={SMALLEST_TOL if tol < SMALLEST_TOL else 0.1:g}"
         )
     if not samples <= LONGEST:
         raise BadValue(
-            f"springpot: a horizon of {samples:g} samples is longer than any run can be; at most"
+            f"springpot: a horizon of {samples:g} samples is longer than any run; at most"
             f" {LONGEST:g} are possible"
         )
     samples = max(float(samples), 64.0)
@@ -218,7 +219,7 @@ def rates(tol: float, samples: float, scheme: str = "gl") -> Rates:
 
 
 def _step(room: float) -> float:
-    """Return the step delta at which 1.5 aliasing is ``room``.
+    """Return the grid step at which 1.5 times the aliasing equals ``room``.
 
     Aliasing is largest at alpha = 1.
     """
@@ -229,7 +230,7 @@ def _step(room: float) -> float:
 
 
 def aliasing(alpha: float, delta: float) -> float:
-    """Return the relative error that the step delta causes in all weights.
+    """Return the relative error that a grid step causes in all weights.
 
     It is 2 |Gamma(alpha + 2 pi i/delta)|/Gamma(alpha).
     """
@@ -254,9 +255,10 @@ def aliasing(alpha: float, delta: float) -> float:
 
 
 def _beyond(alpha: float, s: float, delta: float, first: int = DIRECT) -> float:
-    """Return what the grid leaves out from s on, relative to v_8.
+    """Return the relative error of truncating the grid at the rate s.
 
-    This is for gl; l1 is smaller; straight is smaller with 7 as first.
+    It is relative to v_8 and computed for gl; that of l1 is smaller, and that of
+    straight is smaller with first = 7.
     """
     v = s * np.exp(delta * np.arange(64))
     v = v[v < 80]
@@ -279,7 +281,7 @@ def _nodes(m: int) -> tuple[float, ...]:
 
 
 def _lump_error(alpha: float, delta: float, x: tuple[float, ...]) -> float:
-    """Return the error of the part below s0 at the horizon, relative to v there."""
+    """Return the relative error at the horizon of the part below s0."""
     k = np.exp(-delta * np.arange(1, 400))
     omega = np.abs(np.prod(k[:, None] - np.array(x), axis=1))
     gain = 1.0 if alpha == 1 else _sin(alpha) * math.gamma(1 - alpha)
@@ -327,9 +329,9 @@ def weights(r: Rates, scheme: str, alpha: float) -> Weights:
 
 
 def _lump(r: Rates, scheme: str, alpha: float) -> list[float]:
-    """Return weights of the nodes in [0, s0] over s0^alpha.
+    """Return the weights of the nodes in [0, s0], divided by s0^alpha.
 
-    Their moments are those of the grid below s0.
+    Their moments equal those of the grid below s0.
     """
     series = _series(scheme, alpha)
 
@@ -364,9 +366,9 @@ def _series(scheme: str, alpha: float, n: int = 8) -> list[float]:
 
 @cache
 def _lagrange(x: tuple[float, ...]) -> list[list[Fraction]]:
-    """Return coefficients of the polynomials that are 1 at one node, 0 at others.
+    """Return the coefficients of the Lagrange polynomials of the nodes.
 
-    They are exact, lowest first.
+    Each is 1 at one node and 0 at the others. They are exact, lowest power first.
     """
     nodes = [Fraction(v) for v in x]
     rows = []
@@ -382,13 +384,14 @@ def _lagrange(x: tuple[float, ...]) -> list[list[Fraction]]:
 
 # The bound ----------------------------------------------------------------------------
 def bound(r: Rates, alpha: float) -> float:
-    """Return e(alpha) <= tol, the bound on the error of f[n] in its history.
+    """Return a bound e(alpha) <= tol on the relative error of a springpot's sum.
 
-    |error of f[n]| <= e h^-alpha sum_j v_j |d[n-j]|, the same for gl and l1.
+    error of f[n]| <= e h^-alpha sum_j v_j |d[n-j]|, the same for gl and l1.
 
-    The sum of: 1.5 times the aliasing of the grid; what it leaves out above its end and
-    below its beginning; the rounding of modes that keep one word of state (a sum that
-    leaks with the rate s is wrong by up to 2^-53/s of itself); and 32 roundings.
+    It is the sum of four parts: 1.5 times the aliasing of the grid; the truncation of
+    the grid above its end and below its beginning; the rounding of modes whose state is
+    one word (a sum that leaks with the rate s has a relative error of up to 2^-53/s);
+    and 32 roundings.
 
     Parameters
     ----------
@@ -411,7 +414,7 @@ def bound(r: Rates, alpha: float) -> float:
 
 
 def _coarse(r: Rates, alpha: float) -> float:
-    """Return the rounding of the modes with one word of state.
+    """Return the rounding error of the modes whose state is one word.
 
     It is the largest sum_k c_k exp(-s_k j) 2^-53/s_k over v_j.
     """
@@ -425,7 +428,7 @@ def _coarse(r: Rates, alpha: float) -> float:
 
 # Live orders --------------------------------------------------------------------------
 class LiveOrders(NamedTuple):
-    """Weights as functions of alpha.
+    """Weights of a springpot's sum as functions of alpha.
 
     modes[k] = g_k a_k exp(alpha (high_k + low_k)), with g = sin(pi alpha)/pi on the
     grid.
@@ -443,7 +446,7 @@ class LiveOrders(NamedTuple):
 
 
 def live(r: Rates, scheme: str) -> LiveOrders:
-    """Return the parameters of a live order; see ``LiveOrders``.
+    """Return the parameters for an order that is a signal; see ``LiveOrders``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Amplitudes from levels as papers give them: RMS, peak to peak, dB."""
+"""Amplitudes from levels as papers state them: RMS, peak to peak, dB."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PEAK = {None: 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}
 
 @public
 def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
-    """Return the peak amplitude of a sinusoid from a level as papers write it.
+    """Return the peak amplitude of a sinusoid from a level as papers state it.
 
     Parameters
     ----------
@@ -58,14 +58,14 @@ def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
     said = _LEVEL.fullmatch(level)
     if said is None or not math.isfinite(value := float(said["number"])):
         raise BadValue(
-            f"amplitude: {level[:60]!r} is no level: write it as '2 m/s^2 rms', '5 um pp',"
+            f"amplitude: {level[:60]!r} is not a level; write it as '2 m/s^2 rms', '5 um pp',"
             " '20 dB re 1 um' or '15 dB SL'"
         )
     if said["sl"]:
         if threshold is None or not threshold > 0 or said["unit"] or said["kind"]:
             raise BadValue(
                 f"amplitude: {level[:60]!r} is above a threshold: give threshold=, its peak"
-                f" amplitude in {unit}, above 0, and nothing behind SL"
+                f" amplitude in {unit}, above 0, and write nothing after SL"
             )
         return threshold * 10.0 ** (value / 20)
     factor, powers = in_base_units((said["unit"] or "1").replace("^", "**"))

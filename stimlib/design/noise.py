@@ -1,4 +1,4 @@
-"""Designs of noise: octaves over place, and the 3 dB/oct low-pass."""
+"""Noise design: octaves over position, and the 3 dB/oct low-pass."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POINTS = 600
 
 
 class Octaves(NamedTuple):
-    """Random splines whose spectra add up to a power law.
+    """Octaves of random splines whose spectra add up to a power law.
 
     Attributes
     ----------
@@ -58,11 +58,12 @@ def band_power(slope: float, low: float, high: float) -> float:
 def octaves(slope: float, low: float, high: float) -> Octaves:
     """Return octaves whose spectra add up to C f^-slope from low to high.
 
-    The one-sided spectra are 2 a^2 D sinc^6(f D); the power is 1 there.
+    The one-sided spectra are 2 a^2 D sinc^6(f D), and C makes the power between low and
+    high 1.
 
-    D is the cell, sinc(x) = sin(pi x)/(pi x): the spectrum of independent lattice
-    values of variance a^2 under quadratic B-splines.  The a^2 are the least squares of
-    the relative error that are not below 0.
+    D is the length of a cell, and sinc(x) = sin(pi x)/(pi x): this is the spectrum of
+    independent lattice values of variance a^2 under quadratic B-splines. The a^2 are
+    the non-negative least-squares fit of the relative error.
 
     Parameters
     ----------
@@ -146,12 +147,12 @@ class PinkDesign(NamedTuple):
 def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
     """Design a 3 dB/oct low-pass with the fewest sections that meet a tolerance.
 
-    |H|^2 = 1/w with w = 2 pi f/fs; the sections are of first order.
+    H|^2 = 1/w with w = 2 pi f/fs; the sections are of first order.
 
-    Equal-ripple in log magnitude on f_low <= f <= 0.45 fs.  In v = tan^2(w/2) a section
-    with real pole and real zero has the gain (v + a)/(v + b), so the bilinear warp is
-    part of the target, 1/(2 atan sqrt v), and the top octave is right as well.  Below
-    f_low the gain levels off.
+    The error is equal-ripple in log magnitude on f_low <= f <= 0.45 fs. In v =
+    tan^2(w/2) a section with real pole and real zero has the gain (v + a)/(v + b), so
+    the bilinear warp is part of the target, 1/(2 atan sqrt v), and the top octave is
+    accurate as well. Below f_low the gain levels off.
 
     Parameters
     ----------
@@ -229,9 +230,9 @@ def _log_edges(w_low: float) -> tuple[float, float]:
 
 
 def _sections_estimate(w_low: float, tol_db: float) -> int:
-    """Return the number of sections for a tolerance.
+    """Return an estimate of the number of sections for a tolerance.
 
-    It is from the asymptotic error 11 exp(-pi^2 (2n + 1)/(2 log(4/l))) dB.
+    It follows from the asymptotic error 11 exp(-pi^2 (2n + 1)/(2 log(4/l))) dB.
     """
     low, high = _log_edges(w_low)
     n = math.log(max(11 / tol_db, 1.0)) * (math.log(4) + high - low) / math.pi**2 - 0.5
@@ -239,16 +240,16 @@ def _sections_estimate(w_low: float, tol_db: float) -> int:
 
 
 def _agm(a: float, b: float) -> float:
-    """Return arithmetic-geometric mean."""
+    """Return the arithmetic-geometric mean."""
     while abs(a - b) > 1e-15 * a:
         a, b = (a + b) / 2, math.sqrt(a * b)
     return a
 
 
 def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
-    """Return the logarithm of sc(x K) or of nd(x K), complementary modulus k1.
+    """Return the logarithm of an elliptic function, sc(x K) or nd(x K).
 
-    The first is for sign -1 (0 < x < 1), the second for sign +1 (0 <= x <= 1).
+    The complementary modulus is k1. Sign -1 gives sc (0 < x < 1), +1 nd (0 <= x <= 1).
 
     Products over the nome exp(-s), s = pi K/K', of the complementary modulus; they
     converge fast where the modulus itself is close to one, and no close numbers are
@@ -278,7 +279,7 @@ def _zolotarev(n: int, low: float, high: float) -> tuple[FloatArray, FloatArray]
 
 
 def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
-    """Return log(|H|^2 w) of the design at t = log tan(w/2).
+    """Return the ripple log(|H|^2 w) of a design at t = log tan(w/2).
 
     The design is (log b_1, log a_1, ..., log b_n, log a_n, log gain).
     """
@@ -291,10 +292,7 @@ def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
 
 
 def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
-    """Return the design whose ripple is +E, -E, +E, ... on the reference.
-
-    Newton's method finds the design and E.
-    """
+    """Return the design whose ripple is +E, -E, +E, ... on the reference, by Newton."""
     v = np.exp(2 * reference)[:, None]
     charge = np.resize([-1.0, 1.0], len(design) - 1)  # of poles and zeros
     sign = np.resize([1.0, -1.0], (len(reference), 1))
@@ -310,9 +308,9 @@ def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the equal-ripple design of n sections and its reference (2n + 2,).
+    """Return the equal-ripple design of n sections, and its reference (2n + 2,).
 
-    Both are as in `_log_ripple`.
+    The form of both is that of `_log_ripple`.
     """
     low, high = _log_edges(w_low)
     roots, reference = _zolotarev(n, low, high)
@@ -359,7 +357,7 @@ def _leaks_and_gain(design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
 
 
 def _partial_fractions(e: FloatArray, z: FloatArray, gain: float) -> tuple[FloatArray, float]:
-    """Return residues and direct gain from differences of leaks.
+    """Return residues and direct gain, computed from differences of leaks.
 
     r_k = gain prod_i (p_k - q_i)/(p_k prod_j (p_k - p_j)).
     """
@@ -371,9 +369,9 @@ def _partial_fractions(e: FloatArray, z: FloatArray, gain: float) -> tuple[Float
 
 
 def _response(e: FloatArray, r: FloatArray, d: float, w: FloatArray) -> npt.NDArray[np.complex128]:
-    """Return H at w rad/sample.
+    """Return the response H at w rad/sample.
 
-    exp(iw) - 1 is written so that it keeps its digits at low frequency.
+    exp(iw) - 1 is computed so that it keeps its digits at low frequency.
     """
     z = np.exp(1j * w)[:, None]
     z_less_1 = (2j * np.sin(w / 2) * np.exp(0.5j * w))[:, None]
@@ -408,9 +406,9 @@ def stationary_covariance(e: npt.ArrayLike) -> FloatArray:
 
 
 def cholesky(a: npt.ArrayLike) -> FloatArray:
-    """Return the lower Cholesky factor, by plain loops.
+    """Return the lower Cholesky factor, computed by plain loops.
 
-    So it has the same bits on every machine, which LAPACK does not promise.
+    So it has the same bits on every machine, which LAPACK does not guarantee.
 
     Parameters
     ----------
@@ -454,7 +452,7 @@ def cholesky(a: npt.ArrayLike) -> FloatArray:
 def stationary_factor(leaks: bytes) -> tuple[tuple[float, ...], ...]:
     """Return the rows of the lower Cholesky factor of ``stationary_covariance``.
 
-    Each row ends at its diagonal.
+    Each row ends at its diagonal element.
 
     Parameters
     ----------

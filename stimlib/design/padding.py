@@ -1,4 +1,4 @@
-"""Arrays in whole groups of eight, as the sums of ``stimlib.core.maths`` take them."""
+"""Arrays padded to multiples of eight, as the sums of ``stimlib.core.maths`` need."""
 
 from __future__ import annotations
 

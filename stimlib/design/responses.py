@@ -1,4 +1,4 @@
-"""The reference frequency responses of linear blocks, written from the papers.
+"""Reference frequency responses of linear blocks, written from the papers.
 
 Nothing of a block's design or step is used.
 
@@ -22,7 +22,10 @@ POINTS = 2001
 
 
 class Law(NamedTuple):
-    """|of(H) - law| <= tol size(law) at the frequencies f(fs)."""
+    """A reference law for a frequency response, with its tolerance.
+
+    of(H) - law| <= tol size(law) must hold at the frequencies f(fs).
+    """
 
     f: Callable[[float], np.ndarray]  # Hz
     law: Callable[[np.ndarray, float], np.ndarray]  # of (frequencies, sample rate) in Hz
@@ -43,12 +46,12 @@ class Law(NamedTuple):
 
 
 def band(low: float, high: Callable[[float], float]) -> Callable[[float], np.ndarray]:
-    """Return frequencies from low to high(fs)."""
+    """Return a function of fs that gives frequencies from low to high(fs)."""
     return lambda fs: np.geomspace(min(low, high(fs) / 2), high(fs), POINTS)
 
 
 def whole_band(points: int) -> Callable[[float], np.ndarray]:
-    """Return frequencies from near 0 to 0.45 fs."""
+    """Return a function of fs that gives frequencies from near 0 to 0.45 fs."""
     return lambda fs: np.linspace(0, 0.45 * fs, points + 1)[1:]
 
 
@@ -58,9 +61,9 @@ def below_nyquist(fs: float) -> np.ndarray:
 
 
 def difference(f: np.ndarray, fs: float) -> np.ndarray:
-    """Return 1 - 1/z = 2i sin(w/2) exp(-iw/2).
+    """Return the response of the first difference, 1 - 1/z = 2i sin(w/2) exp(-iw/2).
 
-    It keeps its digits at low frequencies.
+    In this form it keeps its digits at low frequencies.
     """
     half = np.pi * f / fs
     return 2j * np.sin(half) * np.exp(-1j * half)
@@ -75,13 +78,13 @@ def _size(H: np.ndarray, f: np.ndarray, fs: float) -> np.ndarray:
 
 
 def largest(h: np.ndarray) -> np.ndarray:
-    """Return the largest value, as the scale of all."""
+    """Return the largest magnitude, as the scale for all values."""
     return np.full(h.shape, np.abs(h).max())
 
 
 # Noise --------------------------------------------------------------------------------
 def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
-    """Return the filter that turns white noise of unit variance into PSD psd_1hz/f."""
+    """Return the law of a filter from white noise of unit variance to PSD psd_1hz/f."""
     text = f"S(f) = {psd_1hz:.4g}/f within {tol_db:g} dB"
     top = band(f_low, lambda fs: 0.45 * fs)
     return Law(
@@ -90,7 +93,7 @@ def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
 
 
 def pinking(f_low: float, tol_db: float) -> Law:
-    """Return |H|^2 = 1/w, w = 2 pi f/fs."""
+    """Return the law of a 3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs."""
     top = band(f_low, lambda fs: 0.45 * fs)
     return Law(
         top,
@@ -104,9 +107,10 @@ def pinking(f_low: float, tol_db: float) -> Law:
 
 # Filters ------------------------------------------------------------------------------
 def differentiator(passband: float | None, order: int | None, tol: float) -> Law:
-    """Return i 2 pi f behind a delay of order/2 samples, up to the pass edge.
+    """Return the law of a differentiator, up to its pass edge.
 
-    The edge is 0.45 fs; the order is 2 round(64 fs/8000) by default.
+    It is i 2 pi f, delayed by order/2 samples. By default the edge is 0.45 fs and the
+    order 2 round(64 fs/8000).
     """
 
     def top(fs):
@@ -124,7 +128,7 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
 
 
 def stop_band(passband: float, stopband: float, tol: float) -> Law:
-    """Return 0 from the stop edge on, relative to the response at the pass edge."""
+    """Return the law of a stop band: 0, relative to the response at the pass edge."""
 
     def edge(f, fs):
         return np.full(f.shape, 2 * np.pi * passband)
@@ -139,9 +143,9 @@ def stop_band(passband: float, stopband: float, tol: float) -> Law:
 
 
 def delay(samples: int) -> Law:
-    """Return exp(-s T).
+    """Return the law of a delay, exp(-s T).
 
-    The phase of a power has the rounding of a turn for each sample.
+    The tolerance grows with the delay, as the phase is rounded once per sample.
     """
 
     def law(f, fs):
@@ -153,11 +157,11 @@ def delay(samples: int) -> Law:
 
 
 def sum_of(taps: Numbers) -> Law:
-    """Return the sum of the taps' delays, relative to the largest value it has.
+    """Return the law of an FIR filter, relative to its largest response.
 
     Two computations differ in the phase of a sample's delay by the rounding of a turn,
-    2e-15 at most, and a sum of n taps changes with that phase by n times its largest
-    value at most (Bernstein's inequality).
+    at most 2e-15, and a sum of n taps changes with that phase by at most n times its
+    largest value (Bernstein's inequality).
     """
 
     def law(f, fs):
@@ -168,7 +172,7 @@ def sum_of(taps: Numbers) -> Law:
 
 
 def mean_of(n: int) -> Law:
-    """Return the mean of n samples: Dirichlet's kernel behind half their time."""
+    """Return the law of a mean of n samples: Dirichlet's kernel with its delay."""
 
     def law(f, fs):
         half = np.pi * f / fs
@@ -178,7 +182,10 @@ def mean_of(n: int) -> Law:
 
 
 def biquads(rows: np.ndarray) -> Law:
-    """Return polynomials in 1/z, relative to the largest value they have."""
+    """Return the law of second-order sections, relative to their largest response.
+
+    They are polynomials in 1/z.
+    """
 
     def law(f, fs):
         z = np.exp(2j * np.pi * f / fs)
@@ -189,12 +196,12 @@ def biquads(rows: np.ndarray) -> Law:
 
 
 def resonance(freq: float, q: float, notched: bool = False) -> Law:
-    """Return the response of a resonator, or 1 minus it for a notch.
+    """Return the law of a resonator, or of a notch (1 minus the resonator).
 
     1/(1 + i (cos w0 - cos w)/(sin w tan(W/2))), w0 = 2 pi freq/fs, W = w0/q.
 
-    Half of the power is where cos w0 = cos(w -+ W/2)/cos(W/2): at two frequencies that
-    are freq/q apart.
+    The power is half where cos w0 = cos(w -+ W/2)/cos(W/2): at two frequencies that are
+    freq/q apart.
     """
 
     def law(f, fs):
@@ -206,9 +213,10 @@ def resonance(freq: float, q: float, notched: bool = False) -> Law:
 
 
 def oscillator(freq: float, q: float) -> Law:
-    """Return 1/(1 - g^2 + i g/q), g = f/freq, of straight lines between samples.
+    """Return the law of a mass on a spring, for inputs linear between samples.
 
-    All its aliases are behind the spectrum of a triangle.
+    It is 1/(1 - g^2 + i g/q), g = f/freq, summed over all aliases with the spectrum of
+    a triangle.
     """
 
     def law(f, fs):
@@ -225,9 +233,9 @@ def oscillator(freq: float, q: float) -> Law:
 
 
 def pole_swap(freq: float, q: float, gain: float) -> Law:
-    """Return (z - p)(z - p*)/((z - r)(z - r*)), which is 1 at freq.
+    """Return the law of a pole swap, (z - p)(z - p*)/((z - r)(z - r*)), 1 at freq.
 
-    p and r are the samples' poles of the qualities q and q/gain.
+    p and r are the discrete poles for the qualities q and q/gain.
     """
 
     def poles(z, fs, q):
@@ -253,13 +261,12 @@ def pole_swap(freq: float, q: float, gain: float) -> Law:
 def family(
     band: str, edges: Numbers, order: int, kind: str, ripple: float, attenuation: float
 ) -> Law:
-    """Return the gain of a filter of one of four families.
+    """Return the law for the gain of a filter of one of four families.
 
-    It is that of its prototype, whose edge is 1, at the frequency that f becomes.
+    It is the gain of the prototype, whose edge is 1, at the transformed frequency x.
 
-    That is x = tan(pi f/fs)/tan(pi cutoff/fs) for a low-pass, its inverse for a
-    high-pass, and between two edges (t^2 - t1 t2)/(t (t2 - t1)), the inverse for a
-    band-stop.
+    x = tan(pi f/fs)/tan(pi cutoff/fs) for a low-pass, its inverse for a high-pass, (t^2
+    - t1 t2)/(t (t2 - t1)) for a band-pass, and the inverse of that for a band-stop.
     """
 
     def law(f, fs):
@@ -279,9 +286,10 @@ def family(
 
 
 def ring(freq: float, decay: float, onset: str) -> Law:
-    """Return the sum of exp(-t/decay) sin(2 pi freq t), or cos, at the samples.
+    """Return the law of a decaying sinusoid (sine or cosine), sampled.
 
-    The sum goes on until nothing is left.
+    The response is summed over exp(-t/decay) sin(2 pi freq t), or cos, at the samples
+    until nothing is left.
     """
 
     def law(f, fs):
@@ -296,7 +304,7 @@ def ring(freq: float, decay: float, onset: str) -> Law:
 
 
 def band_noise(low: float, high: float, psd: float, order: int) -> Law:
-    """Return the response that makes white noise have a PSD between two edges.
+    """Return the law of a filter that gives white noise a PSD between two edges.
 
     The white noise has unit variance and the one-sided PSD 2/fs.
     """
@@ -309,9 +317,9 @@ def band_noise(low: float, high: float, psd: float, order: int) -> Law:
 
 
 def velocity(cutoff: float) -> Law:
-    """Return the documented formula of a velocity with two poles.
+    """Return the documented formula of the two-pole velocity, as a law.
 
-    d = (x[n] - x[n-1]) fs through two poles y += g (x - y), g = 1 - exp(-2 pi
+    d = (x[n] - x[n-1]) fs passes two poles y += g (x - y), g = 1 - exp(-2 pi
     cutoff/fs).
     """
 
@@ -323,9 +331,10 @@ def velocity(cutoff: float) -> Law:
 
 
 def slow_velocity(cutoff: float, fs: float) -> Law:
-    """Return the analogue filter of a slow velocity.
+    """Return the law of a velocity far below the sample rate: the analogue filter.
 
-    Each sampled pole leads it by half a sample, the difference lags by one half.
+    Relative to it, each sampled pole leads by half a sample, and the difference lags by
+    half a sample.
     """
 
     def law(f, fs):
@@ -342,9 +351,9 @@ def slow_velocity(cutoff: float, fs: float) -> Law:
 
 
 def ramp_invariant(tau: float) -> Law:
-    """Return 1/(1 + i w tau) of straight lines between samples.
+    """Return the law of a lag 1/(1 + i w tau), for inputs linear between samples.
 
-    All aliases of the lag are behind the spectrum of a triangle.
+    It is summed over all aliases with the spectrum of a triangle.
     """
 
     def law(f, fs):
@@ -361,7 +370,7 @@ def ramp_invariant(tau: float) -> Law:
 
 
 def lag(tau: float) -> Law:
-    """Return 1/(1 + i w tau), far below the sample rate."""
+    """Return the law of a lag 1/(1 + i w tau), far below the sample rate."""
     low = band(0.1, lambda fs: fs / 400)
     return Law(
         low, lambda f, fs: 1 / (1 + 2j * np.pi * f * tau), 3e-5, f"1/(1 + s {tau:g})", shapes=True
@@ -369,9 +378,9 @@ def lag(tau: float) -> Law:
 
 
 def tracker(bandwidth: float, rate: bool = False) -> Law:
-    """Return w^2/(s + w)^2 of an input held for a sample, at its end.
+    """Return the law of the tracker w^2/(s + w)^2 at the end of each held sample.
 
-    All aliases are behind the spectrum of a hold.
+    It is summed over all aliases with the spectrum of a hold.
     """
 
     def law(f, fs):
@@ -387,9 +396,10 @@ def tracker(bandwidth: float, rate: bool = False) -> Law:
 
 # Materials ----------------------------------------------------------------------------
 def arms(k: Numbers, tau: Numbers, k0: float = 0.0) -> Law:
-    """Return k0 + sum k i w tau/(1 + i w tau) of straight lines between samples.
+    """Return the law of Maxwell arms, for inputs linear between samples.
 
-    It is a spring less a lag.
+    It is k0 + sum k i w tau/(1 + i w tau), where each arm is computed as a spring less
+    a lag.
     """
     total = k0 + sum(k)
 
@@ -402,7 +412,7 @@ def arms(k: Numbers, tau: Numbers, k0: float = 0.0) -> Law:
 
 
 def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
-    """Return the response of a chain, for straight lines between samples.
+    """Return the law of a Kelvin-Voigt chain, for inputs linear between samples.
 
     j0 + sum j/(1 + i w tau) + fluidity/(i w); an integral is the trapezoidal rule.
     """
@@ -416,7 +426,7 @@ def chain(j0: float, j: Numbers, tau: Numbers, fluidity: float) -> Law:
 
 
 def integral(leak: float) -> Law:
-    """Return 1/(i w + leak) of straight lines between samples.
+    """Return the law of an integral 1/(i w + leak), for inputs linear between samples.
 
     Without a leak it is the trapezoidal rule.
     """
@@ -432,17 +442,17 @@ def integral(leak: float) -> Law:
 
 
 def running_sum() -> Law:
-    """Return 1/(i w) by the sum of samples times their period."""
+    """Return the law of an integral 1/(i w) computed as a sum of samples."""
     return Law(
         whole_band(200), lambda f, fs: 1 / (fs * difference(f, fs)), 1e-12, "sum over samples / fs"
     )
 
 
 def _order(f: np.ndarray, fs: float, alpha: float, scheme: str) -> np.ndarray:
-    """Return (i w)^alpha as a scheme has it.
+    """Return the fractional derivative's response (i w)^alpha in a given scheme.
 
-    Of Gruenwald and Letnikov's sum over all history it is the closed form, of creep
-    that of the sum's differences.
+    For Gruenwald and Letnikov's sum over the whole history it is the closed form, and
+    for creep that of the sum's differences.
     """
     if scheme == "straight":
         return fs * difference(f, fs) * (2j * np.pi * f) ** (alpha - 1)
@@ -461,7 +471,10 @@ periods in it: no law is known then.
 
 
 def springpot(alpha: float, scheme: str, tol: float, horizon: float, fs: float) -> Law:
-    """Return orders from 0 to 1, from the horizon up to fs/1000."""
+    """Return the law of a springpot, from its horizon up to fs/1000.
+
+    The order is from 0 to 1.
+    """
     text = {
         "gl": f"(fs (1 - 1/z))^{alpha:g}",
         "straight": f"(i w)^{alpha - 1:.6g} of a sum's differences",
@@ -485,7 +498,7 @@ def series(
     horizon: float,
     fs: float,
 ) -> Law:
-    """Return the response of a springpot and a spring (or dashpot) in series.
+    """Return the law of a springpot in series with a spring or a dashpot.
 
     They share one force: 1/(1/(chi (i w)^alpha) + 1/k).
     """
@@ -505,7 +518,7 @@ def series(
 
 
 def short_memory(alpha: float, memory: float, fs: float) -> Law:
-    """Return Gruenwald and Letnikov's sum over the last seconds."""
+    """Return the law of Gruenwald and Letnikov's sum over the last seconds."""
     from scipy.special import binom
 
     j = np.arange(max(1, round(memory * fs)))

@@ -42,8 +42,9 @@ class TextureModel:
     """ARMA models at points of speed and force, interpolated over a triangulation.
 
     At model i the acceleration is y = v + sum_k b_k v[-k] - sum_k a_k y[-k] at
-    ``rate``, v normal with the deviation gain sqrt(variance).  Between models, line
-    spectral frequencies, gain and variance are weighted by the place in the triangle.
+    ``rate``, where v is normal with the standard deviation gain sqrt(variance). Between
+    models, line spectral frequencies, gain and variance are weighted by the position in
+    the triangle.
 
     Parameters
     ----------
@@ -128,7 +129,10 @@ class TextureModel:
         self._triangles()
 
     def _stable(self, lsf: np.ndarray, what: str) -> None:
-        """Refuse frequencies of a polynomial with a root outside the unit circle."""
+        """Raise BadValue if a polynomial has a root outside the unit circle.
+
+        The check uses its line spectral frequencies.
+        """
         least, n = int(what == "AR"), lsf.shape[1]
         if not least <= n <= ORDER:
             raise BadValue(
@@ -141,7 +145,7 @@ class TextureModel:
             raise BadValue(
                 f"model {i + 1}: {what} line spectral frequency {min(k + 1, n)} ="
                 f" {lsf[i, min(k, n - 1)]:g} rad does not rise between 0 and pi, so the model would"
-                " be unstable: fit it again, or take it out"
+                " be unstable; fit it again, or remove it"
             )
 
     def _triangles(self) -> None:
@@ -154,17 +158,19 @@ class TextureModel:
         if bad.any():
             i = int(np.argmax(bad))
             of = " ".join(f"{v + 1:g}" for v in t[i])
-            raise BadValue(f"triangle {i + 1}, of the models {of}: there are the models 1 to {n}")
+            raise BadValue(
+                f"triangle {i + 1}, of the models {of}: the models are numbered 1 to {n}"
+            )
         if not (self.speed.max() > 0 and self.force.max() > 0):
             raise BadValue(
-                "all models of a texture are at speed 0 or at force 0; it needs some above"
+                "all models of a texture are at speed 0 or at force 0; some must be above 0"
             )
         self.planes()
 
     def planes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return weights as planes, and the triangles that they are of.
+        """Return the weights of models as planes over speed and force, by triangle.
 
-        Triangles without an area hold no place and are left out.
+        Triangles without an area contain no point and are left out.
 
         Returns
         -------
@@ -194,7 +200,7 @@ class TextureModel:
     def weights(self, speed: float, force: float) -> np.ndarray:
         """Return the weight of each model at a speed in m/s and a force in N.
 
-        Outside the rectangle they are as on its border.
+        Outside the measured rectangle they are those at its border.
 
         Examples
         --------
@@ -216,7 +222,7 @@ class TextureModel:
         return w
 
     def at(self, speed: float, force: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return the model at a speed in m/s and a force in N.
+        """Return the interpolated model at a speed in m/s and a force in N.
 
         Returns
         -------
@@ -242,7 +248,7 @@ class TextureModel:
     def psd(self, f: np.ndarray, speed: float, force: float) -> np.ndarray:
         """Return the one-sided PSD at frequencies in Hz, in (m/s^2)^2/Hz.
 
-        The frequencies are below half the model's rate.
+        The frequencies must be below half the model's rate.
 
         Examples
         --------
@@ -264,7 +270,7 @@ class TextureModel:
 
 
 def _numbers(name: str, v: object, dimensions: int) -> np.ndarray:
-    """Return finite numbers that nobody can change."""
+    """Return finite numbers as a read-only array."""
     try:
         a = np.array(v, np.float64)
     except (TypeError, ValueError):
@@ -285,9 +291,9 @@ def _numbers(name: str, v: object, dimensions: int) -> np.ndarray:
 
 # Line spectral frequencies ------------------------------------------------------------
 def polynomial(lsf: np.ndarray) -> np.ndarray:
-    """Return 1 + sum a_k z^-k from its line spectral frequencies.
+    """Return a polynomial 1 + sum a_k z^-k from its line spectral frequencies.
 
-    All roots on the unit circle are multiplied out.
+    It multiplies out the roots, which are all on the unit circle.
 
     P(z) = A(z) + z^-(p+1) A(1/z) has the frequencies 1, 3, .. and Q(z), their
     difference, has 2, 4, ..; A = (P + Q)/2.
@@ -311,7 +317,7 @@ def polynomial(lsf: np.ndarray) -> np.ndarray:
 
 
 def frequencies(a: np.ndarray) -> np.ndarray:
-    """Return line spectral frequencies of a polynomial 1 + sum a_k z^-k.
+    """Return the line spectral frequencies of a polynomial 1 + sum a_k z^-k.
 
     They are in rad per sample.
 
@@ -331,7 +337,7 @@ def frequencies(a: np.ndarray) -> np.ndarray:
     radius = float(np.abs(np.roots(a)).max(initial=0.0))
     if not radius < 1:
         raise BadValue(
-            f"a root of the polynomial has the radius {radius:.6g}; below 1 it would be stable"
+            f"a root of the polynomial has the radius {radius:.6g}; it must be below 1 to be stable"
         )
     p = a.size - 1
     found = []
@@ -344,9 +350,9 @@ def frequencies(a: np.ndarray) -> np.ndarray:
 
 
 def upsampler(times: int) -> np.ndarray:
-    """Return taps that raise a rate by a whole number and keep the given samples.
+    """Return interpolator taps that raise a rate by an integer and keep the samples.
 
-    They are a sinc in Kaiser's window over 12 samples.
+    They are a sinc in a Kaiser window over 12 samples.
 
     Returns
     -------
@@ -392,12 +398,11 @@ def made_up(
     forces: ArrayLike = (0.0, 0.3, 1.0, 2.5),
     rate: float = 1000.0,
 ) -> TextureModel:
-    """Make an invented texture model, for tests, examples and the scene.
+    """Make an invented texture model for tests, examples and the scene.
 
-    No surface was measured.
+    It is not measured from any surface.
 
-    Its resonances rise with the speed and widen with the force; its variance is their
-    product.
+    Its resonances rise with speed and widen with force; its variance is their product.
 
     Parameters
     ----------
@@ -465,7 +470,7 @@ OPTIONAL: dict[str, list[float]] = {"MAlsf": [], "gain": [1.0]}
 
 
 class _Reader:
-    """The values of a file by element name, once for the whole and for each model."""
+    """The values of a file by element name: once for the whole, and for each model."""
 
     def __init__(self, file: str):
         self.file = file
@@ -532,16 +537,16 @@ class _Reader:
 
 @public
 def load_texture(path: str | os.PathLike[str]) -> TextureModel:
-    """Load a measured texture.
+    """Load a measured texture from a file.
 
     The file is one of the Penn Haptic Texture Toolkit, or one that ``save_texture``
     wrote.
 
     The file is data, read within ``stimlib.limits``: at most ``sidecar_bytes``, and
-    ``table_knots`` numbers.  What is used are ``<SampleRate>``, ``<material>``,
-    ``<mu>``, each ``<tri>``, and of each ``<model>`` its ``<ARlsf>``, ``<MAlsf>``,
-    ``<var>``, ``<gain>``, ``<speedMod>`` and ``<forceMod>``; the coefficients, which
-    say the same as the frequencies, are not.
+    ``table_knots`` numbers. It uses ``<SampleRate>``, ``<material>``, ``<mu>``, each
+    ``<tri>``, and of each ``<model>`` its ``<ARlsf>``, ``<MAlsf>``, ``<var>``,
+    ``<gain>``, ``<speedMod>`` and ``<forceMod>``. The coefficients repeat what the
+    frequencies say, and are not used.
 
     Parameters
     ----------
@@ -574,7 +579,7 @@ def load_texture(path: str | os.PathLike[str]) -> TextureModel:
     2.5 N, at 1000 Hz)
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise BadValue(f"load_texture: {path!r:.80} is no path; name a file such as 'cork.xml'")
+        raise BadValue(f"load_texture: {path!r:.80} is not a path; name a file such as 'cork.xml'")
     file = os.fspath(path)
     reader = _Reader(str(file))
     try:
@@ -610,7 +615,7 @@ def _model(r: _Reader) -> TextureModel:
                 )
     for i, t in enumerate(r.triangles):
         if len(t) != 3:
-            raise BadValue(f"triangle {i + 1} has {len(t)} model numbers, and not 3")
+            raise BadValue(f"triangle {i + 1} has {len(t)} model numbers instead of 3")
     number = {
         field: np.array([row[0] for row in found[field] if row]) for field in NUMBERS.values()
     }
@@ -631,7 +636,7 @@ def _model(r: _Reader) -> TextureModel:
 def save_texture(model: TextureModel, path: str | os.PathLike[str]) -> None:
     """Write a measured texture atomically, in the form that ``load_texture`` reads.
 
-    Every number has all its digits, but for the change to mm/s.
+    Every number keeps all its digits, except for the conversion to mm/s.
 
     Parameters
     ----------

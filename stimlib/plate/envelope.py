@@ -1,4 +1,4 @@
-"""What a resonance leaves of an envelope, and what it costs to have it back."""
+"""The envelope that remains behind a resonance, and the voltage to restore it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POINTS = 2048  # of a period
 class Answer(NamedTuple):
     """The steady-state envelope of a mode's response to bumps at a given rate.
 
-    All values but the curves are fractions of what the drive asks for.
+    All values but the curves are fractions of the requested amplitude.
     """
 
     depth: float  # of modulation, highest less lowest
@@ -50,10 +50,10 @@ def envelope_behind(
 ) -> Answer:
     """Return the envelope of the vibration at a resonance, for bumps at a rate.
 
-    A ``pole_swap`` of a gain may come before.
+    The voltage may first pass a ``pole_swap``.
 
-    The envelope's lines lie beside the carrier, at freq + k rate; the mode and the swap
-    pass each of them as they do.
+    The envelope's spectral lines lie next to the carrier, at freq + k rate; each is
+    multiplied by the response of mode and pole swap at its frequency.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def best_gain(
 ) -> float:
     """Return the largest gain of a pole swap whose voltage stays within ``drive``.
 
-    The voltage is relative to that without it.
+    The voltage is relative to that without a pole swap.
 
     Raises
     ------

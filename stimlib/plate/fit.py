@@ -1,4 +1,4 @@
-"""Unknown properties of a plate's frame, fitted to measured frequencies.
+"""Fits of unknown properties of a plate's frame to measured frequencies.
 
 Gradients go through the model.
 """
@@ -22,8 +22,7 @@ NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
 class FrameFit:
     """A plate with fitted numbers, and the errors of its modes.
 
-    ``freq`` of the measured modes is in Hz; ``residual``, how far each is off, in
-    parts.
+    ``freq`` of the measured modes is in Hz; ``residual`` is the relative error of each.
     """
 
     plate: Plate
@@ -39,7 +38,7 @@ def fit_frame(
 ) -> FrameFit:
     """Fit numbers of a plate so that its modes match measured frequencies.
 
-    The ratios are fitted in the sense of least squares.
+    The fit minimises the squares of the relative errors.
 
     Parameters
     ----------
@@ -108,7 +107,10 @@ def fit_frame(
     modes = model.frequencies(order[-1] + 1)
 
     def numbers(v):
-        """Return a plate's numbers: a load in kN/m, all others by logarithms."""
+        """Return a plate's numbers from fit variables.
+
+        A load is in kN/m, all others are logarithms.
+        """
         start = {n: (getattr(model, n), x) for n, x in zip(vary, v, strict=True)}
         return {
             n: a + 1e3 * x if n == "in_plane_load" else a * jax.numpy.exp(x)

@@ -1,4 +1,4 @@
-"""Resonances from recorded sweeps: frequency, quality and shape with uncertainties."""
+"""Resonances from recorded sweeps: frequency, quality and shape, with uncertainties."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def read_sweep(
 ) -> Sweep:
     """Read a sweep from columns of a CSV or npz file, a DataFrame or a dict.
 
-    What is no such table needs no reading: ``identify`` takes arrays and a sample rate.
+    Arrays need no reading: ``identify`` takes them directly, with a sample rate.
 
     Parameters
     ----------
@@ -148,12 +148,12 @@ class Resonance:
 
     @property
     def freq_interval(self) -> tuple[float, float]:
-        """95 % interval of the frequency, in Hz."""
+        """95 % confidence interval of the frequency, in Hz."""
         return self._interval(self.freq, self.freq_sd)
 
     @property
     def q_interval(self) -> tuple[float, float]:
-        """95 % interval of the quality."""
+        """95 % confidence interval of the quality."""
         return self._interval(self.q, self.q_sd)
 
     def __repr__(self):
@@ -174,16 +174,16 @@ def identify(
     """Identify a resonance from a recorded sweep, at one point or at many.
 
     Near a mode, each spectrum is Y = U (R/(i w - p) + a smooth rest), with one pole p
-    for all points.  R and the rest are found by linear least squares for each p, and p
-    by Gauss and Newton's method.  Noise that is white near the resonance is uniform
-    there, so these are the most likely numbers, and the curvature says how well they
-    are known.  A delay between the two recordings, the same at all points, is found
-    with the pole where it is seen: it leaves the smoothest rest.  A constant in either
-    is taken away: a drive may have a bias.
+    for all points. R and the rest are found by linear least squares for each p, and p
+    by the Gauss-Newton method. Noise that is white near the resonance makes this the
+    maximum-likelihood estimate, and its curvature gives the uncertainties. A delay
+    between the two recordings, the same at all points, is fitted together with the pole
+    if it can be seen: it leaves the smoothest rest. A constant in either recording is
+    removed, so a drive may have a bias.
 
-    Other modes are in the rest if they are at least four bandwidths, 4 freq/q, away.
-    One as large at two and a half makes the frequency 0.3 % and the quality 2 % wrong,
-    which the intervals do not say.
+    Other modes are part of the rest if they are at least four bandwidths, 4 freq/q,
+    away. One as large at two and a half bandwidths makes the frequency 0.3 % and the
+    quality 2 % wrong, which the intervals do not include.
 
     Parameters
     ----------
@@ -343,10 +343,10 @@ def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_taken(u: np.ndarray, y: np.ndarray) -> None:
-    """Raise unless a recorded sweep can be used.
+    """Raise an error unless a recorded sweep can be used.
 
-    RecordingError where a row is silent, or a response clipped; BadValue where a sample
-    is no number.
+    RecordingError if a row is silent or a response clipped; BadValue if a sample is not
+    finite.
     """
     for name, v in (("drive", u), ("response", y)):
         if not np.isfinite(v).all():
@@ -366,7 +366,7 @@ def check_taken(u: np.ndarray, y: np.ndarray) -> None:
             if end != 0 and held.max(initial=0.0) >= HELD - 1:
                 raise RecordingError(
                     f"identify: the response of point {k} is clipped at {end:g}: {at.size} samples"
-                    " stand there; lower the drive or the recorder's gain, and record again"
+                    " have this value; lower the drive or the recorder's gain, and record again"
                 )
 
 
@@ -381,9 +381,9 @@ def _check_in_phase(across: np.ndarray, most: float) -> None:
 
 
 def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
-    """Check what still rings at the resonance at the end of a recording.
+    """Raise RecordingError if the resonance still rings at the end of a recording.
 
-    The last part is two time constants long; it is compared with the largest sample.
+    The last part, two time constants long, is compared with the largest sample.
     """
     from scipy.signal import detrend
 
@@ -394,10 +394,11 @@ def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
     )
     if rest > RINGS:
         raise RecordingError(
-            f"identify: it still rings at the end of the recording, with {100 * rest:.0f} % of the"
+            "identify: the resonance still rings at the end of the recording, with"
+            f" {100 * rest:.0f} % of the"
             " largest sample: too short; record"
-            f" {math.ceil(100 * 8 / (2 * math.pi * half)) / 100:g} s more behind the sweep, and no"
-            " hum of that frequency"
+            f" {math.ceil(100 * 8 / (2 * math.pi * half)) / 100:g} s more after the sweep, without"
+            " hum at that frequency"
         )
 
 
@@ -405,7 +406,7 @@ def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tu
     """Return the frequency of the largest response, and its half-width."""
     if inside.sum() < 4 * BINS:
         raise RecordingError(
-            "identify: the sweep misses the band: hardly a line of its spectrum is in it; sweep"
+            "identify: the sweep misses the band: hardly any of its spectrum lies there; sweep"
             " through it"
         )
     at = np.flatnonzero(inside)
@@ -423,9 +424,9 @@ def _peak(f: np.ndarray, U: np.ndarray, Y: np.ndarray, inside: np.ndarray) -> tu
 
 
 def _late(U: np.ndarray, Y: np.ndarray, even: np.ndarray, n: int) -> int:
-    """Return how many samples the responses are late, about.
+    """Return by about how many samples the responses are delayed.
 
-    Their answer to an impulse of the driven band is largest there.
+    The delay is where their answer to a band-limited impulse is largest.
     """
     spectrum = np.zeros((len(Y), n), complex)
     spectrum[:, np.flatnonzero(even)] = Y[:, even] / U[:, even]
@@ -444,12 +445,12 @@ class _Fit(NamedTuple):
 
 
 def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
-    """Fit a pole for all points, and residues and a rest for each.
+    """Fit one pole for all points, and residues and a smooth rest for each.
 
-    ``free`` adds a delay for all.
+    ``free`` adds a delay common to all points.
 
-    Varied are the logarithm of the width, the pole's place in half widths, and the
-    delay in 1/(2 pi half width).
+    The variables are the logarithm of the width, the position of the pole in
+    half-widths, and the delay in 1/(2 pi half-width).
     """
     from scipy.optimize import least_squares
 
@@ -498,7 +499,7 @@ def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
 
 
 class Drift(NamedTuple):
-    """A resonance's frequency over temperature, freq + slope (T - at)."""
+    """A resonance frequency as a function of temperature, freq + slope (T - at)."""
 
     at: float  # mean temperature, in degrees
     freq: float  # there, in Hz
@@ -515,7 +516,7 @@ class Drift(NamedTuple):
 def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
     """Fit the change of a resonance with temperature.
 
-    A straight line goes through sweeps, each as heavy as it is well known.
+    A straight line is fitted to the sweeps, weighted by their uncertainties.
 
     Parameters
     ----------

@@ -29,13 +29,13 @@ PAPER_EDGES = {"all": "CCCC", "long": "FCFC", "short": "CFCF"}
 class Plate:
     """A thin rectangular plate (Kirchhoff).
 
-    Its modes are found by Rayleigh and Ritz's method with Jacobi polynomials.
+    Its modes are found by the Rayleigh-Ritz method with Jacobi polynomials.
 
     D (w_xxxx + 2 w_xxyy + w_yyyy) - N w_xx + rho h w_tt = pressure, with
     D = E h^3/(12 (1 - nu^2)).
 
-    What is found is kept, so asking again is free; several threads may ask one plate at
-    once.
+    Results are kept, so asking again costs nothing; several threads may use one plate
+    at once.
 
     Parameters
     ----------
@@ -109,13 +109,14 @@ class Plate:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
         if max(self.length, self.width) > LONGEST or self.E < SOFTEST:
             raise BadValue(
-                f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa is no plate that a"
-                " finger touches: sizes are in m, 0.15 for 150 mm, and E in Pa, 70e9 for glass"
+                f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa is not a plate for"
+                " a finger: sizes are in m, 0.15 for 150 mm, and E in Pa, 70e9 for glass"
             )
         if self.thickness > 0.1 * min(self.length, self.width):
             raise BadValue(
-                f"Plate: {self.thickness:g} m is no thin plate of {self.length:g} x {self.width:g}"
-                " m: Kirchhoff's theory holds up to a tenth; measure in m"
+                f"Plate: {self.thickness:g} m is not a thin plate of {self.length:g} x"
+                f" {self.width:g}"
+                " m: Kirchhoff's theory holds up to a tenth of its sides; give sizes in m"
             )
         k = self.clamp_stiffness
         if k is not None and not (isinstance(k, (int, float)) and 0 <= k < math.inf):
@@ -149,7 +150,7 @@ class Plate:
 
     @staticmethod
     def paper(edges: str = "short", measured: bool = False, patches: bool = False) -> Plate:
-        """Return the touch-screen thesis' glass plate.
+        """Return the glass plate of the touch-screen thesis.
 
         Parameters
         ----------
@@ -184,14 +185,14 @@ class Plate:
     # Matrices -------------------------------------------------------------------------
     @property
     def stiffness(self) -> float:
-        """D = E h^3/(12 (1 - nu^2)) in N m."""
+        """Bending stiffness D = E h^3/(12 (1 - nu^2)) in N m."""
         return self.E * self.thickness**3 / 12 / (1 - self.nu**2)
 
     @cached_property
     def axes(self) -> tuple[Axis, Axis]:
-        """Return the mode-shape functions along x and y.
+        """The mode-shape functions along x and y.
 
-        An edge that gives way is a support with a spring.
+        A clamp that gives way is modelled as a simple support with a spring.
         """
         held = self.edges if self.clamp_stiffness is None else self.edges.replace("C", "S")
         n = self.terms or (TERMS_PATCHED if self.patches else TERMS)
@@ -199,10 +200,10 @@ class Plate:
 
     @cached_property
     def matrices(self) -> dict[str, np.ndarray]:
-        """Return the integrals that make up the stiffness and mass matrices.
+        """The integrals that make up the stiffness and mass matrices.
 
-        They are those of D = 1, a load of 1, springs of 1 on the clamped edges, each
-        patch's D = 1, and the patches' mass.
+        They are those for D = 1, for a load of 1, for springs of 1 on the clamped
+        edges, for D = 1 of each patch, and for the patches' mass.
         """
         X, Y = self.axes
         px, py, one = X.products(), Y.products(), np.eye(X.terms)
@@ -268,7 +269,7 @@ class Plate:
                 v *= half
             if w2[0] < 1e-9 * self.stiffness / (self.rho * self.thickness * self.length**4):
                 raise BadValue(
-                    f"Plate: it buckles under in_plane_load = {self.in_plane_load:g} N/m; take a"
+                    f"Plate: it buckles under in_plane_load = {self.in_plane_load:g} N/m; use a"
                     " smaller pressure, or stiffer edges"
                 )
             v *= np.sign(v[np.abs(v).argmax(axis=0), np.arange(size)])
@@ -288,7 +289,9 @@ class Plate:
 
     # What it does ---------------------------------------------------------------------
     def modes(self, n: int = 6) -> np.ndarray:
-        """Return natural frequencies of the lowest modes in Hz, rising, shape (n,).
+        """Return the natural frequencies of the lowest modes in Hz, ascending.
+
+        The shape is (n,).
 
         Raises
         ------
@@ -298,7 +301,7 @@ class Plate:
         return np.sqrt(self.solved(n)[0]) / (2 * math.pi)
 
     def shape(self, mode: int, x, y) -> np.ndarray:
-        """Return the shape of a mode at places in m, in 1/sqrt(kg).
+        """Return the shape of a mode at positions in m, in 1/sqrt(kg).
 
         The integral of rho h phi^2 is 1.
 
@@ -335,9 +338,9 @@ class Plate:
         return np.einsum("pi,ij,pj->p", X.at(x.ravel()), c, Y.at(y.ravel())).reshape(x.shape)
 
     def forces(self, n: int, weights: Sequence[float] | None = None) -> np.ndarray:
-        """Return the modal force of 1 V on all patches, in N/(V sqrt(kg)), (n,).
+        """Return the modal forces of 1 V on all patches, in N/(V sqrt(kg)).
 
-        ``weights`` give each patch a factor of its own.
+        The shape is (n,). ``weights`` give each patch a factor of its own.
         """
         if not self.patches:
             raise BadValue(
@@ -360,7 +363,7 @@ class Plate:
     def frf(
         self, drive, at, f, modes: int = 12, weights: Sequence[float] | None = None
     ) -> np.ndarray:
-        """Return the displacement for a drive, over frequency.
+        """Return the frequency response function: displacement for a drive.
 
         It is the sum of phi(at) F/(w_k^2 - w^2 + i w w_k damping).
 
@@ -406,7 +409,7 @@ class Plate:
             )
         else:
             raise BadValue(
-                f"Plate.frf: weights are of the patches, and drive = {drive!r:.60}; say"
+                f"Plate.frf: weights apply to patches, but drive = {drive!r:.60}; say"
                 " drive='patches'"
             )
         gain = force * np.array([self.shape(k, *_place(at, "at")) for k in range(n)])
@@ -414,11 +417,11 @@ class Plate:
         return np.sum(gain / (wk**2 - w**2 + 1j * w * wk * self.damping), axis=-1)
 
     def carrier(self, at: tuple[float, float] | None = None) -> float:
-        """Return the resonance frequency in Hz with the largest response at a place.
+        """Return the resonance frequency in Hz with the largest response at a position.
 
         It is that of the mode with the largest resonance there.
 
-        With patches it is driven by them, else at that place.
+        The plate is driven by its patches if it has any, else at that position.
         """
         at = (self.length / 2, self.width / 2) if at is None else _place(at, "at")
         f = self.modes(6)
@@ -426,7 +429,7 @@ class Plate:
         return float(f[np.argmax([abs(self.frf(drive, at, v)) for v in f])])
 
     def frequencies(self, n: int = 6) -> Callable[[dict[str, Any]], Any]:
-        """Return the modes as a function of live numbers, for JAX.
+        """Return the mode frequencies as a function of plate numbers, for JAX.
 
         It can be differentiated and mapped.
 
@@ -501,13 +504,13 @@ def _place(at, name: str, more: str = "") -> tuple[float, float]:
 
 
 def check_plate(who: str, model: Any) -> None:
-    """Raise BadValue unless it is a plate."""
+    """Raise BadValue unless an object is a plate."""
     if not isinstance(model, Plate):
         raise BadValue(f"{who}: model = {model!r:.80} must be a Plate, such as Plate.paper()")
 
 
 def check_places(plate: Plate) -> None:
-    """Raise BadValue where patches hang over an edge or lie on each other."""
+    """Raise BadValue where patches extend over an edge or overlap."""
     rectangles = [p.rectangle() for p in plate.patches]
     for i, (x0, x1, y0, y1) in enumerate(rectangles):
         if x0 < 0 or y0 < 0 or x1 > plate.length or y1 > plate.width:
@@ -525,16 +528,16 @@ def check_places(plate: Plate) -> None:
                 and v0 < y1
             ):
                 raise BadValue(
-                    f"Plate: patches {j} and {i} lie on each other; measure their centres again, or"
-                    " turn one's side"
+                    f"Plate: patches {j} and {i} overlap; measure their centres again, or change"
+                    " the side of one"
                 )
 
 
 @cache
 def _paper(edges: str, measured: bool, patches: bool) -> Plate:
-    """Return the plate that all share.
+    """Return the plate of the thesis, shared by all callers.
 
-    Its modes, half a second of linear algebra, are then found once.
+    So its modes, half a second of linear algebra, are found only once.
     """
     plate = Plate(0.206, 0.147, 1.4e-3, 70e9, 0.24, 2500.0, edges, damping=0.1)
     if measured:

@@ -12,7 +12,7 @@ STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
 
 
 class Host(Protocol):
-    """A plate on which a patch is glued."""
+    """Interface of a plate on which a patch is glued."""
 
     @property
     def thickness(self) -> float:
@@ -36,7 +36,7 @@ class Host(Protocol):
 class Patch:
     """A piezoelectric sheet between two covers, glued on a plate.
 
-    The ceramic contracts along the plate by d31 V/thickness.  Its stress acts at a
+    The ceramic contracts along the plate by d31 V/thickness. Its stress acts at a
     distance from the neutral plane of plate and patch, so a voltage is a moment M per
     length along the edges of the electrode, and a mode phi gets the force M V times the
     closed integral of d(phi)/dn along them.
@@ -135,11 +135,12 @@ class Patch:
 
     @classmethod
     def duraact(cls, x: float, y: float, turned: bool = False, side: int = 1) -> Patch:
-        """Return the touch-screen thesis' patch, P-876.SP1; ``turned`` by 90 degrees.
+        """Return the patch of the touch-screen thesis, P-876.SP1.
 
-        16 x 13 x 0.5 mm outside, d31 = -180 pm/V and 62 GPa of the soft ceramic PIC255,
-        and -100 .. 400 V are the manufacturer's. Assumed are what no public source
-        gives: a layer of 0.2 mm, an electrode 1 mm inside, covers of 4 GPa, 0.5 g.
+        It may be ``turned`` by 90 degrees. The manufacturer gives 16 x 13 x 0.5 mm
+        outside, d31 = -180 pm/V and 62 GPa of the soft ceramic PIC255, and -100 .. 400
+        V. No public source gives the rest, so it is assumed: a layer of 0.2 mm, an
+        electrode 1 mm inside, covers of 4 GPa, 0.5 g.
         """
         length, width = (13e-3, 16e-3) if turned else (16e-3, 13e-3)
         more = {
@@ -152,14 +153,15 @@ class Patch:
         return cls(x, y, length, width, -180e-12, 0.2e-3, side, **more)
 
     def rectangle(self, margin: float = 0.0) -> tuple[float, float, float, float]:
-        """Return its edges x0, x1, y0, y1 in m."""
+        """Return the edges x0, x1, y0, y1 of the patch in m."""
         dx, dy = self.length / 2 - margin, self.width / 2 - margin
         return self.x - dx, self.x + dx, self.y - dy, self.y + dy
 
     def laminate(self, plate: Host) -> tuple[float, float]:
         """Return the ceramic's distance from the neutral plane, and its stiffness.
 
-        The distance is in m, the bending stiffness that it adds to the plate's in N m.
+        The distance is in m; the stiffness is what it adds to the plate's bending
+        stiffness, in N m.
         """
         biaxial = self.cover_E / (1 - self.cover_nu)
         q = plate.E / (1 - plate.nu), biaxial, self.E / (1 - self.nu), biaxial
@@ -176,7 +178,7 @@ class Patch:
     def moment(self, plate: Host) -> float:
         """Return the moment per length of edge and volt, in N m/(m V).
 
-        It bends the plate's upper side hollow.
+        A positive moment makes the plate's upper side concave.
         """
         # N/(m V): times thickness, and the field is V/thickness
         stress = -self.d31 * self.E / (1 - self.nu)

@@ -1,4 +1,4 @@
-"""Where to glue the patches."""
+"""Placement of the patches on a plate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .patch import Patch
 
 
 class Placement(NamedTuple):
-    """Four patches, mirrored at both middles of the plate, and their effect."""
+    """Four patches, mirrored about both centre lines of the plate, and their effect."""
 
     x: float  # centre of the one next to the corner, m
     y: float
@@ -28,12 +28,12 @@ class Placement(NamedTuple):
 def best_patches(
     model: Plate, patch: Patch | None = None, mode: int = 0, points: int = 9, gap: float = 3e-3
 ) -> list[Placement]:
-    """Return all places of four patches on a grid, best first.
+    """Return all positions of four patches on a grid, best first.
 
     They are ordered by how far they move the middle of the plate in one mode.
 
-    Patches are mirrored, driven in phase, and taken as light and soft: modes are those
-    of the bare plate.
+    Patches are mirrored, driven in phase, and taken as light and soft, so the modes are
+    those of the bare plate.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A whole profile of displacement from a few points, by the known shape of the mode."""
+"""A whole displacement profile from a few points, by the known shape of the mode."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
 
     It is made for ``equalize(x, measured, kind=mode_fit(plate))``.
 
-    Fitted are the amplitude, where the middle is (within 20 mm), and how far the
-    clamped edges give way (kappa from 2 to 200); errors of the measurements count in
-    proportion to them.
+    It fits the amplitude, the position of the middle (within 20 mm), and how far the
+    clamped edges give way (kappa from 2 to 200); measurement errors count relative to
+    the displacements.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
 
 
 def _check_line(model: Plate, y: float, clamp: str) -> None:
-    """Refuse a line beside the plate, or one on which nothing moves."""
+    """Raise BadValue for a line beside the plate, or one on which nothing moves."""
     if clamp not in ("fit", "known"):
         raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")
     if not 0 <= y <= model.width:

@@ -1,4 +1,4 @@
-"""Rayleigh and Ritz's method for a thin rectangular plate.
+"""The Rayleigh-Ritz method for a thin rectangular plate.
 
 Products of Jacobi polynomials keep the conditions of the edges by themselves.
 
@@ -26,9 +26,9 @@ clamped.
 def basis(terms: int, low: int, high: int) -> tuple[np.ndarray, ...]:
     """Return the functions of one axis on -1 .. 1 as Legendre series.
 
-    They are orthonormal there; the first two derivatives are given as well.
+    They are orthonormal there; the first two derivatives are returned as well.
 
-    Shape (degree + 1, terms) each.
+    Each has the shape (degree + 1, terms).
     """
     from scipy.special import eval_jacobi
 
@@ -72,13 +72,16 @@ class Axis:
         return found
 
     def _powers(self, x) -> np.ndarray:
-        """Return Legendre's polynomials at places, shape (places, degree + 1)."""
+        """Return the Legendre polynomials at positions.
+
+        The shape is (positions, degree + 1).
+        """
         return legendre.legvander(
             2 * np.asarray(x, float) / self.length - 1, len(self.series[0]) - 1
         )
 
     def at(self, x, derivative: int = 0) -> np.ndarray:
-        """Return values at places, shape (places, terms)."""
+        """Return the functions' values at positions, shape (positions, terms)."""
         return self._powers(x) @ self.series[derivative]
 
     def _gauss(self, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
@@ -104,9 +107,7 @@ class Axis:
 
 
 def bending(x: tuple[np.ndarray, ...], y: tuple[np.ndarray, ...], nu: float) -> np.ndarray:
-    """Return twice the bending energy of products of functions.
-
-    The stiffness is 1 N m.
+    """Return twice the bending energy of products of functions, for D = 1 N m.
 
     The integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + 2 (1 - nu) w_xy^2.
     """

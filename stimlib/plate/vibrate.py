@@ -26,7 +26,8 @@ UNMOVED = 1e-6  # of the largest static answer
 class Finger:
     """The mass, damping and stiffness that a finger adds where it touches.
 
-    A finger pad is about 0.1 g, 1 N s/m and 500 N/m, and differs much.
+    A finger pad has about 0.1 g, 1 N s/m and 500 N/m, with large differences between
+    people.
 
     Parameters
     ----------
@@ -55,9 +56,9 @@ class Finger:
 
 
 def series_of(model: Plate, k: int) -> tuple[np.ndarray, float]:
-    """Return the Legendre series of a mode's shape, scaled to 1, and its largest value.
+    """Return a mode shape's Legendre series, scaled to 1, and its largest value.
 
-    The latter is in 1/sqrt(kg).
+    The largest value is in 1/sqrt(kg).
     """
     X, Y = model.axes
     c = X.series[0] @ model.solved(k + 1)[1][k] @ Y.series[0].T
@@ -75,16 +76,18 @@ def driven(
     found = [int(k) for k in np.flatnonzero(size > UNMOVED * size.max())]
     if not 0 < modes <= len(found):
         raise BadValue(
-            f"plate: modes = {modes}; of the lowest {LOOKED_AT} the patches move {len(found)}"
+            f"plate: modes = {modes}; the patches drive {len(found)} of the lowest {LOOKED_AT}"
         )
     return found[:modes], force
 
 
 def loaded(voltage: Block, freq: float, q: float, phi2: Block, finger: Finger) -> Block:
-    """Return a mode loaded by a finger; phi2 is the squared mode shape there, 1/kg.
+    """Return a mode loaded by a finger.
 
-    (1 + m phi2) q'' + (w0/Q + c phi2) q' + (w0^2 + k phi2) q = w0^2 V, its numbers
-    those of this sample, by the trapezoidal rule.
+    phi2 is the squared mode shape at the finger, in 1/kg.
+
+    (1 + m phi2) q'' + (w0/Q + c phi2) q' + (w0^2 + k phi2) q = w0^2 V, with the
+    coefficients of each sample, by the trapezoidal rule.
     """
     w = 2 * math.pi * freq
     heavy = 1.0 + constant(finger.mass, "kg") * phi2
@@ -110,9 +113,9 @@ def plate(
 
     It is a sum over modes of shape(x, y) times ``mode``.
 
-    Each mode is exact for a voltage that is straight between samples.  With a finger it
-    is ``svf``, whose numbers follow the finger: a load couples the modes, which is left
-    out, and the trapezoidal rule bends frequencies far above the mode.
+    Each mode is exact for a voltage that is linear between samples. With a finger it is
+    ``svf``, whose numbers follow the finger. The load couples the modes, which is
+    neglected, and the trapezoidal rule shifts frequencies far above the mode.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a scene becomes and how it is driven: processor, rendering, safety stage."""
+"""From a scene to its output: processor, rendering and safety stage."""
 
 import lazy_loader
 

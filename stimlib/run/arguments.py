@@ -1,4 +1,4 @@
-"""What callers give a processor: seeds and arrays, held against what it takes."""
+"""Checks of the arguments of a processor: seeds and arrays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..system.limits import limits
 
 
 def key(seed: Any) -> int:
-    """Return the key of a run's noise."""
+    """Return the noise key of a run, its seed; raise BadValue if that is invalid."""
     if not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**64:
         raise BadValue(f"seed = {seed!r} must be a whole number from 0 to 2**64 - 1")
     return int(seed)
@@ -26,7 +26,7 @@ def length(values: Any) -> int | None:
 
 
 def columns(n: Any, inputs: tuple[str, ...]) -> np.ndarray:
-    """Return the motion for so many samples of a scene without inputs, shape (0, n)."""
+    """Return an empty motion of n samples, shape (0, n), for a scene without inputs."""
     if inputs:
         explain("x", n, inputs, (len(inputs), None))
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:
@@ -37,7 +37,7 @@ def columns(n: Any, inputs: tuple[str, ...]) -> np.ndarray:
 
 
 def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None, ...]) -> None:
-    """Raise BadValue unless ``process`` accepts an array."""
+    """Raise BadValue with the reason unless ``process`` accepts an array."""
     texts = [f"({', '.join('n' if n is None else str(n) for n in shape)})" for shape in shapes]
     wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
     if not isinstance(a, np.ndarray) or isinstance(a, np.ma.MaskedArray):

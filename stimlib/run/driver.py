@@ -23,7 +23,7 @@ processor's order; or that of all samples.
 
 
 def rows_of(sources: dict[str, Any], fs: float) -> Rows:
-    """Return the motion that ``sources_of`` has checked, as ``walk`` takes it."""
+    """Return checked motion sources in the form that ``walk`` takes."""
     return partial(positions, sources, fs=fs)
 
 
@@ -37,7 +37,7 @@ def walk(
 ) -> Iterator[tuple[int, Array]]:
     """Run a processor over samples start .. stop - 1.
 
-    Each change of a parameter is made right before its sample.
+    Each change of a parameter is made just before its sample.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def samples(
     start: int = 0,
     block: int | Callable[[], int] = 8192,
 ) -> Array:
-    """Return all that ``walk`` gives, shape (n_outputs, stop - start)."""
+    """Return all samples that ``walk`` yields, shape (n_outputs, stop - start)."""
     y = np.empty((len(proc.outputs), stop - start))
     for at, part in walk(proc, motion, stop, changes, start, block):
         y[:, at - start : at - start + part.shape[1]] = part

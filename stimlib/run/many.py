@@ -21,10 +21,10 @@ thread.
 
 
 class Copies(Sequence[Any]):
-    """Copies of one processor that run together, in threads that never wait for Python.
+    """Copies of one processor that run together, in threads independent of Python.
 
-    Made by ``Processor.many``.  ``runs[k]`` is copy k, a ``Processor`` of its own: set,
-    reset or process it alone, ask for its state or its response.
+    They are made by ``Processor.many``. ``runs[k]`` is copy k, a ``Processor`` of its
+    own: you can set, reset or process it alone, and ask for its state or its response.
 
     Notes
     -----
@@ -171,7 +171,7 @@ class Copies(Sequence[Any]):
     def state(self) -> np.ndarray:
         """The state of each copy, shape (copies, words), uint64.
 
-        Assign it to go on from there, see ``Processor.state``.
+        Assign it to continue from there; see ``Processor.state``.
         """
         return np.stack([p.state for p in self])
 
@@ -187,7 +187,7 @@ class Copies(Sequence[Any]):
         return [p.fault for p in self]
 
     def _each(self, values: Any, what: str) -> list[Any]:
-        """Return as many values as there are copies."""
+        """Return the values as a list; raise BadValue unless there is one per copy."""
         given = length(values)
         if given != len(self):
             raise BadValue(

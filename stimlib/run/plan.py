@@ -1,4 +1,4 @@
-"""What a processor runs, as a table that people read."""
+"""The plan of a processor: what it runs, as a table for people."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class PlanRow(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The blocks that a processor runs, in order, and what rewriting removed."""
+    """The blocks that a processor runs, in order, and those that rewriting removed."""
 
     rows: list[PlanRow]
     removed: list[str]

@@ -1,4 +1,4 @@
-"""The processor: what a scene becomes, and what sinks and verifiers consume."""
+"""The processor: a compiled scene, as devices, files and verification use it."""
 
 from __future__ import annotations
 
@@ -130,8 +130,8 @@ def compile(
 class Processor:
     """A compiled scene: a pure function of (state, input block) that keeps the state.
 
-    Made by ``stimlib.compile``.  ``inputs``, ``outputs`` name the rows of x and y;
-    ``params`` are the parameters; ``units`` gives the unit of each of them; ``log``
+    It is made by ``stimlib.compile``. ``inputs`` and ``outputs`` name the rows of x and
+    y; ``params`` are the parameters; ``units`` gives the unit of each of them; ``log``
     lists every change by sample index.
 
     Notes
@@ -281,10 +281,11 @@ class Processor:
     def state(self) -> np.ndarray:
         """All values that the next sample depends on: one flat uint64 array (a copy).
 
-        Word 0 tells the scene with all its design numbers and fs, word 1 the sample
-        index; then all states in canonical order, the same on every target.  Assign it
-        to go on from there: ``params`` are then those of the state, and the log is
-        empty.  BadValue for a state of another scene or sample rate.
+        Word 0 identifies the scene with all its design numbers and fs, word 1 is the
+        sample index; then follow all states in canonical order, the same on every
+        target. Assign it to continue from there: ``params`` are then those of the
+        state, and the log is empty. BadValue for a state of another scene or sample
+        rate.
         """
         with self._lock:
             words = self._engine.words
@@ -295,7 +296,7 @@ class Processor:
         self._go_on(self._sound(words))
 
     def _sound(self, words: Any) -> np.ndarray:
-        """Return a state if it is one of this scene."""
+        """Return a state after checking that it is one of this scene."""
         try:
             words = np.ascontiguousarray(words)
         except ValueError:  # rows of several lengths
@@ -386,7 +387,7 @@ class Processor:
             self.log.append(Change(self.index, name, value, ramp))
 
     def _setting(self, name: Any, value: Any, ramp: Any) -> tuple[float, float]:
-        """Return the value and ramp as numbers, if they can be meant."""
+        """Return the value and the ramp of a setting as checked numbers."""
         if not isinstance(name, str) or name not in self.program.params:
             raise UnknownName(
                 f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}"
@@ -404,7 +405,7 @@ class Processor:
     def many(self, seeds: Sequence[int], threads: int | None = None) -> Copies:
         """Make copies that run together, each with its own seed, parameters and motion.
 
-        They share tables and code, and begin at sample 0 with the scene's parameters.
+        They share tables and code, and start at sample 0 with the scene's parameters.
         Copy k gives the bits of ``stimlib.compile(scene, fs, target, seeds[k])``,
         whatever the others do and however many threads there are.
 
@@ -459,13 +460,13 @@ class Processor:
 
     @property
     def address(self) -> tuple[int, int]:
-        """The (entry, context) for C: call entry(context, x, y, n).
+        """The addresses (entry, context) for C: call entry(context, x, y, n).
 
         Its signature is void (*)(int64*, double*, double*, int64).
 
-        x and y are row-major (n_inputs, n) and (n_outputs, n).  For sinks that run
-        without the interpreter; keep the processor alive as long as the addresses are
-        in use.
+        x and y are row-major (n_inputs, n) and (n_outputs, n). It is for code that runs
+        without the Python interpreter; keep the processor alive as long as the
+        addresses are in use.
         """
         if self._engine.address is None:
             raise SceneError("only the numba target has an address")
@@ -495,7 +496,7 @@ class Processor:
     def response(self, output: str, input: str, f: np.ndarray) -> np.ndarray:
         """Return the discrete frequency response from an input or noise to an output.
 
-        Parameters are taken as they are.
+        Parameters have their present values.
 
         Parameters
         ----------

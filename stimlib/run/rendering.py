@@ -28,7 +28,7 @@ FAULTS = ("warn", "raise", "ignore")
 
 
 def fault_text(name: str, at: int, fs: float, then: str) -> str:
-    """Return the description of a fault, its effect, and where to look."""
+    """Return the message about a fault: what happened, its effect, where to look."""
     remedy = "look for a division by 0, a root or logarithm below 0, or a loop of gains that grows"
     return f"output {name} was not finite at sample {at} ({at / fs:g} s): {then}; {remedy}"
 
@@ -118,7 +118,7 @@ def _driven(
     target: str,
     on_fault: str,
 ) -> Processor:
-    """Return a processor at sample 0, with its parameters."""
+    """Return a processor at sample 0, with its parameters set."""
     if on_fault not in FAULTS:
         raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
     proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
@@ -154,7 +154,7 @@ def _plan(
     lengths = [len(s) for s in sources.values() if not callable(s)]
     if not lengths:
         what = "motion given as functions of time" if sources else "a scene without inputs"
-        raise BadValue(f"{what} goes on for ever: say how many seconds to render")
+        raise BadValue(f"{what} has no end; give the number of seconds to render")
     return min(lengths), sources
 
 
@@ -197,7 +197,7 @@ class Rendering:
     def plot(self) -> Figure:
         """Plot each signal over time, and each output in detail.
 
-        The details are its vibration in close-up, its course over position and its
+        The details are a close-up of its vibration, its course over position, and its
         spectrum.
 
         Returns
@@ -217,7 +217,7 @@ class Rendering:
         return above("Rendering.plot")(self)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> Any:
-        """Write the samples into a sound file with a sidecar to reproduce it.
+        """Save the samples to a sound file, with a sidecar to reproduce it.
 
         Parameters
         ----------
@@ -311,7 +311,7 @@ class Rendering:
         return frame
 
     def play(self, **options: Any) -> Any:
-        """Play the samples on a device, to their end.
+        """Play all samples on a device.
 
         Parameters
         ----------

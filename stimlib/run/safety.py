@@ -43,7 +43,9 @@ of what the device has, 20 dB below it.
 @public
 @dc.dataclass(frozen=True)
 class Safety:
-    """The limits that a sink applies to every output; they cannot be removed.
+    """The limits that are applied to every output on its way to a device.
+
+    They can be changed but not removed.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ class Safety:
         }
 
     def samples(self, fs: float) -> int:
-        """Return the length of a fade at a sample rate."""
+        """Return the length of a fade in samples at a sample rate."""
         return max(math.ceil(self.fade * fs - 1e-9), min(STEPS, math.ceil(0.5 * fs)))
 
     def scales(self, outputs: Sequence[str]) -> np.ndarray:
@@ -165,7 +167,7 @@ def _above_0(name: str, v: Any) -> float:
 
 
 def quiet_scale(scene: Scene) -> float:
-    """Return the full scale of a scene's outputs where nobody gives one, ``QUIET``.
+    """Return the default full scale of outputs without a unit, ``QUIET``.
 
     Raises
     ------
@@ -196,11 +198,12 @@ def quiet_scale(scene: Scene) -> float:
 def protect(scene: Scene, safety: Safety) -> Scene:
     """Return a scene whose outputs are safe for a device.
 
-    Every output is limited to the peak force (outputs in N) and to full scale; then
-    come its guard against what is not finite, the static force (outputs in N), the slew
-    limit, the inverse filter of a calibrated device, and the fade: times the parameter
-    ``sink_gain``, which is 0 until it is set.  Limits come first, so that the guard
-    fades from what the device was given, not from what the scene ran away to.
+    Every output is limited to the peak force (outputs in N) and to full scale. Then
+    follow its guard against NaN and infinity, the static force limit (outputs in N),
+    the slew limit, the inverse filter of a calibrated device, and the fade, which
+    multiplies by the parameter ``sink_gain``; that is 0 until it is set. Limits come
+    first, so that the guard fades from the last value that the device received, not
+    from the value that the scene ran away to.
 
     Parameters
     ----------
@@ -236,7 +239,7 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     """
     if GAIN in scene.params or GAIN in scene.inputs:
         raise SceneError(
-            f"the name {GAIN!r} is kept for the fade of a device: rename it in the scene"
+            f"the name {GAIN!r} is reserved for the fade of a device; rename it in the scene"
         )
     _check_limits(scene, safety)
     names = tuple(scene.outputs)
@@ -246,13 +249,13 @@ def protect(scene: Scene, safety: Safety) -> Scene:
 
 
 def _check_limits(scene: Scene, safety: Safety) -> None:
-    """Raise unless the limits fit the units of the outputs."""
+    """Raise an error unless the limits fit the units of the outputs."""
     units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
     if (safety.peak or safety.static) and not any(
         str(b.dim) == "N" for b in scene.outputs.values()
     ):
         raise BadValue(
-            f"Safety: peak and static limit outputs in N, and this scene has none: {units}; use"
+            f"Safety: peak and static limit outputs in N, but this scene has none: {units}; use"
             " full_scale or slew"
         )
     for field in ("full_scale", "slew"):
@@ -261,13 +264,13 @@ def _check_limits(scene: Scene, safety: Safety) -> None:
             each = ", ".join(f"{n!r}: .." for n in scene.outputs)
             option = f"--{field.replace('_', '-')} " + ",".join(f"{n}=.." for n in scene.outputs)
             raise UnitError(
-                f"Safety: {field} = {told:g} cannot be of outputs in different units ({units}):"
+                f"Safety: {field} = {told:g} cannot apply to outputs in different units ({units});"
                 f" give {{{each}}}, on the command line {option}"
             )
 
 
 def _limited(name: str, scene: Scene, safety: Safety, scale: float) -> Block:
-    """Return an output behind its limits, each counted."""
+    """Return an output after its limits, each with a count of limited samples."""
     raw = scene.outputs[name]
     unit = str(raw.dim)
     y: Block = Guard(raw, STEPS)
@@ -291,7 +294,7 @@ def _limit(most: float, unit: str) -> Const:
 
 
 def inverted(y: Block, taps: np.ndarray, unit: str = "") -> Block:
-    """Return an output behind the inverse filter of a calibrated device.
+    """Return an output after the inverse filter of a calibrated device.
 
     One without a unit, such as a pulse that marks another output, is only delayed.
     """
@@ -303,7 +306,7 @@ def inverted(y: Block, taps: np.ndarray, unit: str = "") -> Block:
 
 
 def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.ndarray:
-    """Convert frames to what a device gets, as ``devices/callback.py`` does.
+    """Convert frames to device samples, exactly as ``devices/callback.py`` does.
 
     Parameters
     ----------
@@ -363,7 +366,7 @@ class Watch:
 
     @staticmethod
     def _above(instances, at: int) -> list[int]:
-        """Return instances from an output's guard up to the scene's own guard."""
+        """Return the instances from an output's guard up to the scene's own guard."""
         found, i = [], at
         while True:
             found.append(i)
@@ -387,7 +390,7 @@ class Watch:
         return out
 
     def faults(self) -> dict[str, int]:
-        """Return the outputs that their guard has stopped, with sample indices."""
+        """Return the outputs stopped by their guard, with the samples of the faults."""
         words = self._proc._engine.peek()
         left = words.view(np.float64)
         # see graph.GuardState

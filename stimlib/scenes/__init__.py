@@ -1,4 +1,4 @@
-"""The papers' stimuli and the field's everyday ones, each on one page.
+"""Shipped scenes: stimuli from papers and everyday ones, one page each.
 
 A module of a scene is named here once; what else is said of a scene stands in its row
 (`stimlib.scenes.shipped`).

@@ -52,7 +52,7 @@ def bumps(
     V = gain A e(x/wavelength) c(t).
 
     e is the unipolar envelope of ``bump``, wavelength = length/bumps; c is the positive
-    half wave of the carrier at the plate's first resonance.
+    half-wave of the carrier at the plate's first resonance.
 
     Parameters
     ----------
@@ -131,17 +131,20 @@ class Stimulus(NamedTuple):
 
     @property
     def ridge(self) -> float:
-        """Ridge width in m on the experiment's 0.1 m: table 4.1."""
+        """Ridge width in m, for the experiment's length of 0.1 m (table 4.1)."""
         return self.duty * 0.1 / self.bumps
 
     @property
     def groove(self) -> float:
-        """Groove width in m: table 4.1."""
+        """Groove width in m (table 4.1)."""
         return 0.1 / self.bumps - self.ridge
 
     @property
     def displacement(self) -> float:
-        """Amplitude of the plate's centre in m: 30 um per V, section 4.2."""
+        """Displacement amplitude of the plate's centre in m, 30 um per V.
+
+        Source: section 4.2.
+        """
         return 30e-6 * self.amplitude
 
 

@@ -31,10 +31,10 @@ def click(
 ) -> Scene:
     """Compose the force of a button, and a decaying vibration at each snap.
 
-    The force is over its travel.
+    The force depends on the button's travel.
 
     F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi
-    freq t); q is 1 from x >= at until x < back, t the time since q rose.
+    freq t), where q is 1 from x >= at until x < back, and t is the time since q rose.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def detents(
 ) -> Scene:
     """Compose the torque of a knob with regular detents and dry friction.
 
-    It is depth sin(count angle) + Coulomb's friction of a spring.
+    It is depth sin(count angle) plus Coulomb friction with a spring.
 
     Parameters
     ----------

@@ -22,9 +22,9 @@ def friction(
     stiffness: float = 1000.0,
     contact: bool = False,
 ) -> Scene:
-    """Compose the force of a finger that sticks like a spring, and slips.
+    """Compose the force on a finger that sticks like a spring, and slips.
 
-    It slips at static normal, and sticks again at kinetic normal.
+    It slips at static * normal, and sticks again at kinetic * normal.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A grooved and rough surface under a stroking finger, tied to the place."""
+"""A grooved and rough surface under a stroking finger, tied to position."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def grating(
 ) -> Scene:
     """Compose the force along the skin of a surface with gratings and roughness.
 
-    There are two gratings; roughness has the spectrum 1/f^slope and is the same on
-    every way there.
+    There are two gratings; the roughness has the spectrum 1/f^slope and is always the
+    same at the same position.
 
-    F(x) = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x).
-    Each sample is the mean over the movement of one sample period.
+    F(x) = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x). Each
+    sample is the mean over the movement of one sample period.
 
     Parameters
     ----------

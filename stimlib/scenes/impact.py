@@ -21,12 +21,11 @@ def impact(
     k: float = 1000.0, b: float = 0.0, A: float = 20.0,
     freq: float = 150.0, decay: float = 0.01, cutoff: float = 500.0, contact: bool = False,
 ) -> Scene:  # fmt: skip
-    """Compose a wall at x = 0 whose impacts ring.
+    """Compose the force of a wall at x = 0 that rings at each impact.
 
-    From each impact on there is a decaying vibration A v exp(-t/decay) sin(2 pi freq
-    t).
+    Each impact starts a decaying vibration A v exp(-t/decay) sin(2 pi freq t).
 
-    v is the velocity of the impact, through two poles; none is felt where it is not
+    v is the velocity of the impact, after two poles; there is no vibration if it is not
     above 0.
 
     Parameters

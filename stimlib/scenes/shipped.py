@@ -15,11 +15,11 @@ ROWS: dict[str, shipped] = {}
 
 
 class shipped(NamedTuple):
-    """The facts about a shipped scene besides its graph.
+    """The facts about a shipped scene other than its graph.
 
-    As the decorator of the function that makes it, a row enters the function into
-    ``SHIPPED`` and itself into ``ROWS``, under the function's name.  The arguments are
-    checked as ``public`` does.
+    A row decorates the function that makes the scene: it adds the function to
+    ``SHIPPED`` and itself to ``ROWS``, under the function's name. The arguments are
+    checked as by ``public``.
 
     Parameters
     ----------
@@ -47,14 +47,14 @@ class shipped(NamedTuple):
     ranges: Mapping[str, tuple[float, float]] = {}
 
     def __call__(self, make: F) -> F:
-        """Enter a scene's function into the table."""
+        """Add a scene's function to the table."""
         ROWS[make.__name__] = self
         SHIPPED[make.__name__] = made = public(make)
         return made
 
 
 def above_zero(scene: str, **numbers: float) -> None:
-    """Refuse numbers of a scene, by their names, that are not above 0.
+    """Raise BadValue unless the named numbers of a scene are above 0.
 
     Raises
     ------

@@ -41,9 +41,9 @@ def soft_surface(
     frames: bool = False,
     contact: bool = False,
 ) -> Scene:
-    """Compose a soft surface over hard nodules.
+    """Compose a soft surface over hard nodules, explored by an avatar.
 
-    Where it is harder, an avatar is held back and goes less deep.
+    Where it is harder, the avatar is held back and sinks in less deeply.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def soft_surface(
     for name, value, known in (("mode", mode, MODES), ("device", device, DEVICES)):
         one_of(f"soft_surface: {name}", value, known)
     if mode == "vibration" and device == "mouse":
-        raise BadValue("soft_surface: a mouse has no vibration; take device='pen'")
+        raise BadValue("soft_surface: a mouse has no vibration; use device='pen'")
     above_zero("soft_surface", push=push, tangent=tangent, side=side)
     S = block() if S is None else as_levels("soft_surface", S)
     given |= {"S": S}

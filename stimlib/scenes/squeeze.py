@@ -54,9 +54,9 @@ def squeeze(
     """Compose the forces of a squeezed object: a spring, and vibration while loading.
 
     For each finger, with its own noise, F = k x + dF and, eq. (2), dF = A r dp/dt with
-    r = Z_n v.  In the experiment Z_n = k/s is used on the increment dx per sample of
-    the paper's 8 kHz controller, so that the vibration's amplitude is constant at
-    constant loading rate (fig. 4): dF = A (k tau v)(tau dp/dt), tau = 1/8000 s at every
+    r = Z_n v. In the experiment Z_n = k/s acts on the increment dx per sample of the
+    paper's 8 kHz controller, so that the vibration's amplitude is constant at constant
+    loading rate (fig. 4): dF = A (k tau v)(tau dp/dt), with tau = 1/8000 s at every
     sample rate.
 
     Parameters

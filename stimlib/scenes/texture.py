@@ -30,7 +30,7 @@ def texture(
 ) -> Scene:
     """Compose the acceleration of a tool that strokes a measured surface.
 
-    Noise passes a model that follows speed and normal force.
+    White noise drives a model that follows speed and normal force.
 
     Parameters
     ----------

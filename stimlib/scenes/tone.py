@@ -14,7 +14,7 @@ from .shipped import above_zero, shipped
 
 
 def bursts(scene: str, duration: float, ramp: float, period: float, repeats: int | None) -> Block:
-    """Return the envelope of repeated bursts, the first of which begins at sample 0."""
+    """Return the envelope of repeated bursts, the first of which starts at sample 0."""
     count = 1 if repeats is None else repeats
     above_zero(scene, duration=duration, period=period, repeats=count)
     limits.check("table_knots", count, f"{scene}: repeats")
@@ -28,7 +28,7 @@ def bursts(scene: str, duration: float, ramp: float, period: float, repeats: int
 
 
 def on_channels(scene: str, y: Block, channels: int) -> dict[str, Block]:
-    """Return one output for each channel, all of them the same signal."""
+    """Return an output for each channel, all of them the same signal."""
     above_zero(scene, channels=channels)
     limits.check("recording_columns", channels, f"{scene}: channels")
     names = ["signal"] if channels == 1 else [f"signal{i}" for i in range(channels)]

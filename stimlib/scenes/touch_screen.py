@@ -50,10 +50,10 @@ def touch_screen(
 ) -> Scene:
     """Compose the displacement under a finger that explores bumps.
 
-    Stages: bumps, equal displacement, faster resonance, amplifier, plate.
+    The stages are bumps, uniform displacement, faster resonance, amplifier, plate.
 
     The carrier's frequency, the profile that is equalised, the mode that is made faster
-    and the voltages that the patches take all come from the plate's model.
+    and the voltage limits of the patches all come from the plate's model.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def touch_screen(
 
 
 def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -> None:
-    """Warn where a carrier of this peak, made faster, passes what the patches take."""
+    """Warn if the voltage for a carrier of this peak exceeds the patches' limits."""
     sine, k = np.sin(2 * np.pi * np.arange(720) / 720), np.arange(361)
     lines = np.fft.rfft({None: sine, "half": np.maximum(sine, 0), "full": np.abs(sine)}[rectify])
     # in the frequency of the mode
@@ -172,6 +172,6 @@ def _check_model(glass: Plate, length: float, resonance: float) -> None:
     lowest = glass.modes(1)[0]
     if resonance != lowest:
         raise BadValue(
-            f"touch_screen: these patches move the middle most at {resonance:.1f} Hz, and this"
-            f" scene is of the lowest mode, {lowest:.1f} Hz; place them by best_patches"
+            f"touch_screen: these patches move the middle most at {resonance:.1f} Hz, but this"
+            f" scene uses the lowest mode, {lowest:.1f} Hz; place them by best_patches"
         )

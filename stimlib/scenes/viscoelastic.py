@@ -34,11 +34,11 @@ def viscoelastic(
     tol: float = 1e-10,
     contact: bool = False,
 ) -> Scene:
-    """Compose the force of a springpot that is chi_0 strong at the frequency w.
+    """Compose the force of a springpot with a given stiffness at one frequency.
 
-    It then answers as strongly as a spring of stiffness chi_0.
+    At the angular frequency w it is as strong as a spring of stiffness chi_0.
 
-    f = chi D^alpha y with chi = firmness chi_0 / w^alpha, eq. (4.1).  ``alpha`` sets
+    f = chi D^alpha y with chi = firmness chi_0 / w^alpha, eq. (4.1). ``alpha`` sets
     what the thesis calls bounciness (the phase alpha pi/2), ``firmness`` the strength.
 
     Parameters

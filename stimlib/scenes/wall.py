@@ -17,7 +17,7 @@ from .shipped import shipped
     ranges={"x": (-0.01, 0.01)},
 )
 def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = False) -> Scene:
-    """Compose the force of a stiff wall with a damper beyond a place.
+    """Compose the force of a stiff wall with a damper beyond a position.
 
     F = max(0, k p + b v) where p = x - at > 0.
 

@@ -1,4 +1,4 @@
-"""Stiffness maps: of nodules in a silicone block, of a picture, of an array."""
+"""Stiffness maps from nodules in a silicone block, from a picture, or from an array."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def image(
 ) -> Levels:
     """Make a stiffness map from a PNG picture.
 
-    White is hard (1), black as soft as the object (0), the lowest row is at y = 0.
+    White is hard (1), black as soft as the object (0); the lowest row is at y = 0.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def image(
 
     data = safe_files.read(path, "sidecar_bytes", BadValue)
     if data[:8] != b"\x89PNG\r\n\x1a\n" or len(data) < 24:
-        raise BadValue(f"{path} is no PNG file; save the picture as PNG")
+        raise BadValue(f"{path} is not a PNG file; save the picture as PNG")
     columns, rows = struct.unpack(">II", data[16:24])
     limits.check("map_points", rows * columns, f"{path}: pixels; make the picture smaller")
     try:
@@ -122,7 +122,7 @@ def image(
     grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)
     if min(grey.shape) < 2:
         raise BadValue(
-            f"{path}: a map needs two rows and two columns of pixels at least; this picture has"
+            f"{path}: a map needs at least two rows and two columns of pixels; this picture has"
             f" {rows} and {columns}"
         )
     width = design_value(f"{path}: width", "float", width)
@@ -139,13 +139,15 @@ def nodules(
     spacing: float = 0.002,
     shape: str = "ball",
 ) -> Levels:
-    """Make a stiffness map of hard balls in a soft block: S = 1 - product of (1 - s).
+    """Make a stiffness map of hard balls in a soft block.
+
+    S = 1 - product of (1 - s).
 
     ``ball``: s = min(1, (b/6 mm)^3 (12.5 mm/z)^4) / (1 + (rho/z)^2)^3 for the radius b,
-    the depth z of the centre and the distance rho from it.  The fall-off is that of a
+    the depth z of the centre and the distance rho from it. The fall-off is that of a
     small rigid ball in the stiffness under a contact (Boussinesq's energy at the ball);
-    the scale is chosen so that nodule A gives 1.  ``gaussian`` has the same height and
-    half width.  All ours.
+    the scale is chosen so that nodule A gives 1. ``gaussian`` has the same height and
+    half width. All this is our choice.
 
     Parameters
     ----------
@@ -190,7 +192,7 @@ def nodules(
 
 
 def nodes(name: str, width: float, height: float, spacing: float) -> tuple[int, int]:
-    """Return rows and columns of a grid over a rectangle.
+    """Return the numbers of rows and columns of a grid over a rectangle.
 
     BadValue is raised unless its sizes make sense.
     """
@@ -213,21 +215,21 @@ def _ball(ball: Any) -> tuple[float, float, float, float]:
     # whose powers are numbers
     if not (b >= SMALLEST and all(abs(v) <= 1 / SMALLEST for v in (x, y, z))):
         raise BadValue(
-            f"nodules: a ball at {x:g}, {y:g} of radius {b:g}, {z:g} m deep: take numbers in m,"
-            " radius 1 nm at least"
+            f"nodules: a ball at {x:g}, {y:g} of radius {b:g}, {z:g} m deep: give numbers in m, and"
+            " a radius of at least 1 nm"
         )
     if b > z:
         raise BadValue(
-            f"nodules: a ball of radius {b:g} m needs its centre that deep at least, not {z:g} m"
+            f"nodules: a ball of radius {b:g} m needs its centre at least that deep, not at {z:g} m"
         )
     return x, y, b, z
 
 
 @public
 def sides(left: str, right: str) -> Levels:
-    """Make the block of the experiment with a mouse.
+    """Make the stiffness map of the experiment with a mouse.
 
-    Its arguments say what is under the middle of each half.
+    Its arguments name the nodule under the middle of each half.
 
     Parameters
     ----------
@@ -258,7 +260,7 @@ def sides(left: str, right: str) -> Levels:
 
 @public
 def block(turn: float = 0.0, spacing: float = 0.002) -> Levels:
-    """Make the silicone block with its nodules A, B and C, turned about its middle.
+    """Make the map of the silicone block with nodules A, B and C, rotated by an angle.
 
     Parameters
     ----------

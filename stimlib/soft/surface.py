@@ -40,7 +40,7 @@ LIGHT = np.array([-0.5, -0.5, 0.7071])  # from the left and from before, 45 degr
 
 @cache
 def _dents(count: int, radius: float, join: str) -> Processor:
-    """Return a function for how far the surface is down at given places."""
+    """Return a processor that computes the depth of the surface at given distances."""
     rho, depth = ([Input(f"{name}{i}", "m") for i in range(count)] for name in ("rho", "depth"))
     return compile(Scene({"down": deformation(rho, depth, radius, join)}), fs=1)
 
@@ -54,7 +54,7 @@ def surface(
     spacing: float | None = None,
     join: str = "mean",
 ) -> NDArray[np.float64]:
-    """Return heights of a soft surface under indenters, at the nodes of a grid.
+    """Return the heights of a soft surface under indenters, at the nodes of a grid.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def surface(
 
 
 def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
-    """Return x, y, depth of the avatars of a rendering at a sample."""
+    """Return x, y and depth of a rendering's avatars at one sample."""
     names = [i for i in "123" if f"x{i}" in result.outputs and f"y{i}" in result.outputs]
     if not names:
         raise BadValue(
@@ -131,7 +131,7 @@ def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
 def _draw(
     axes: Any, indenters: list, width: float, height: float, radius: float, join: str
 ) -> None:
-    """Draw the surface with shades and a ball for each avatar; lengths in mm.
+    """Draw the shaded surface and a ball for each avatar, with lengths in mm.
 
     It is seen from 45 degrees above.
     """
@@ -195,7 +195,7 @@ def picture(
 ) -> Figure:
     """Draw the surface and its avatars at one time of a rendering.
 
-    It is in perspective, at 45 degrees towards the viewer, with shades.
+    It is a shaded perspective view, at 45 degrees towards the viewer.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def picture(
 
 
 def _sample(result: Rendering, name: str, seconds: float) -> int:
-    """Return the sample of a rendering at a time."""
+    """Return the index of a rendering's sample at a time."""
     last = (result.y.shape[1] - 1) / result.fs
     if not 0 <= design_value(name, "float", seconds) <= last + 0.5 / result.fs:
         raise BadValue(f"{name} = {seconds!r} s is outside the rendering, which is 0 to {last:g} s")
@@ -267,7 +267,9 @@ def film(
     join: str = "mean",
     progress_bar: bool = True,
 ) -> int:
-    """Draw the pictures of ``picture`` in sequence: a GIF, or PNG files in a folder.
+    """Draw pictures in sequence, as a GIF or as PNG files in a folder.
+
+    Each is a picture as ``picture`` draws it.
 
     Parameters
     ----------
@@ -329,7 +331,7 @@ def film(
     samples = _samples(result, fps, start, stop)
     if path.suffix and fps > FASTEST:
         raise BadValue(
-            f"film: a GIF shows {FASTEST} pictures a second at most, not {fps:g}; take fewer, or"
+            f"film: a GIF shows {FASTEST} pictures a second at most, not {fps:g}; use fewer, or"
             " write into a folder"
         )
     figure = Figure(figsize=(4.8, 3.6), dpi=100)
@@ -354,7 +356,7 @@ def film(
 
 
 def _samples(result: Rendering, fps: float, start: float, stop: float | None) -> list[int]:
-    """Return the samples that a film shows."""
+    """Return the indices of the samples that a film shows."""
     if not design_value("film: fps", "float", fps) > 0:
         raise BadValue(f"film: fps = {fps!r} must be above 0")
     first = _sample(result, "start", start)
@@ -369,9 +371,9 @@ def _samples(result: Rendering, fps: float, start: float, stop: float | None) ->
 
 
 def _gif(pictures: Iterable[NDArray[np.uint8]], fps: float) -> bytes:
-    """Write RGB pictures as a GIF that keeps time.
+    """Write RGB pictures as a GIF with correct timing.
 
-    A GIF counts in 1/100 s, so what one picture lacks the next one gets.
+    A GIF counts time in 1/100 s, so the remainder of one picture is added to the next.
     """
     shown = [*pictures]
     ticks = np.rint(np.arange(len(shown) + 1) * 100 / fps).astype(int)

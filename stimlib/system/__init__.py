@@ -1,1 +1,1 @@
-"""Files, processes, threads, progress and optional packages: what any program needs."""
+"""Services of any program: files, processes, threads, progress, optional packages."""

@@ -1,4 +1,4 @@
-"""Foreign JSON files: strict JSON, and a test for the value of every field in use.
+"""Validation of JSON files from elsewhere: strict JSON, and a test for every field.
 
 A test is a function that returns whether a value is good; those here are combined to
 the description of a whole file.
@@ -17,7 +17,7 @@ from typing import Any
 class Test:
     """A test of a value: in words for a message, as a function, and as a JSON Schema.
 
-    The schema may ask for less than the function.
+    The schema may be weaker than the function.
     """
 
     wanted: str
@@ -80,7 +80,7 @@ def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:
 
 
 def schema(tests: Mapping[str, Test], title: str) -> dict[str, Any]:
-    """Return what ``require`` asks of a file, as a JSON Schema (draft 2020-12).
+    """Return the requirements of ``require`` as a JSON Schema (draft 2020-12).
 
     Examples
     --------
@@ -120,7 +120,7 @@ def one_of(*values: str) -> Test:
 
 
 def table_of(test: Test) -> Test:
-    """Return a test for a table of good values."""
+    """Return a test for a table whose values all pass another test."""
     return Test(
         f"a table, each value {test.wanted}",
         lambda v: isinstance(v, dict) and all(map(test, v.values())),
@@ -129,7 +129,7 @@ def table_of(test: Test) -> Test:
 
 
 def list_of(test: Test) -> Test:
-    """Return a test for a list of good values."""
+    """Return a test for a list whose items all pass another test."""
     return Test(
         f"a list, each value {test.wanted}",
         lambda v: isinstance(v, list) and all(map(test, v)),
@@ -138,7 +138,7 @@ def list_of(test: Test) -> Test:
 
 
 def record(tests: Mapping[str, Test]) -> Test:
-    """Return a test that a table has these fields, each with a valid value."""
+    """Return a test for a table that has these fields, each with a valid value."""
     wanted = ", ".join(f"{name} ({test.wanted})" for name, test in tests.items())
     properties = {n: {"description": t.wanted, **t.schema} for n, t in tests.items()}
     return Test(
@@ -149,7 +149,7 @@ def record(tests: Mapping[str, Test]) -> Test:
 
 
 def maybe(test: Test) -> Test:
-    """Return a test for a good value or null."""
+    """Return a test for null, or for a value that passes another test."""
     return Test(
         f"{test.wanted} or null",
         lambda v: v is None or test(v),

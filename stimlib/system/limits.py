@@ -1,4 +1,4 @@
-"""Limits on what a file or a run may cost: numbers that a user can raise."""
+"""Limits on the size of files and runs: numbers that a user can raise."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ VARIABLE = "STIMLIB_LIMITS"
 
 @dc.dataclass(slots=True)
 class Limits:
-    """Largest sizes that are accepted; ``stimlib.limits`` is the one in force.
+    """Largest sizes that are accepted; ``stimlib.limits`` is the active instance.
 
-    A file that comes from others must not fill the memory or the day.  What is larger
-    than one of these numbers is refused with the number's name.  Raise it for a
+    A file from someone else must not fill the memory or run for hours. Anything larger
+    than one of these numbers is refused, with the name of the limit. Raise it for a
     process, ``stimlib.limits.scene_blocks = 1e6``, or from outside,
     ``STIMLIB_LIMITS="scene_blocks=1e6 scene_bytes=1e9"``.
 
@@ -87,7 +87,7 @@ class Limits:
     def check(
         self, name: str, amount: float, what: str, error: type[StimlibError] = BadValue
     ) -> None:
-        """Raise an error with the remedy where an amount is above a limit."""
+        """Raise an error, with the remedy, if an amount is above a limit."""
         if _wrong:
             raise BadValue(_wrong[0])
         most = getattr(self, name)

@@ -1,4 +1,4 @@
-"""Packages that stimlib can use and does not depend on."""
+"""Optional packages that stimlib can use but does not require."""
 
 from __future__ import annotations
 

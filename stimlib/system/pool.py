@@ -1,4 +1,4 @@
-"""Work in several processes, which end with the one that gave it, however that ends."""
+"""Worker processes, which end with the process that started them, however it ends."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 
 
 class JobFailed(StimlibError, RuntimeError):
-    """A job's error of which only the text is known.
+    """An error of a job that is known only by its text.
 
-    The error could not be pickled, or would end this program too, as SystemExit does.
+    The error itself could not be pickled, or would end this program too, as SystemExit
+    does.
     """
 
 
 class WorkerDied(JobFailed):
-    """A process ended in the middle of a job, or before it could begin with any."""
+    """The end of a worker process in the middle of a job, or before its first job."""
 
     at = 0
     """What the job noted last: which part of it was under way, and 16 bytes about
@@ -44,16 +45,16 @@ class WorkerDied(JobFailed):
 
 
 class TimedOut(WorkerDied):
-    """A job took longer than it was given, so its process was ended."""
+    """A job that exceeded its time limit, so that its process was ended."""
 
 
 NOTE = 1 << 63  # set in the size of a message that is a note, and no answer
 
 
 class _Worker:
-    """One process, what it says, and what it is at.
+    """A worker process, its messages, and its present job.
 
-    Messages travel through its stdin and stdout. A thread reads what it says, because
+    Messages travel through its stdin and stdout. A thread reads its answers, because
     Windows cannot wait for several pipes at once.
     """
 
@@ -78,18 +79,18 @@ class _Worker:
         self.said.put((self, None))
 
     def note(self, data: bytes) -> None:
-        """Keep what the job notes; its seconds begin anew."""
+        """Store a note of the job, and restart the time limit of the job."""
         self.noted = data
         if self.job is not None and self.begun and not self.late:
             self.until = time.monotonic() + self.job[1]
 
     def send(self, data: bytes) -> None:
-        """Give it a message; `Pool.take` will find where it is gone."""
+        """Send a message; a worker that is gone is noticed by `Pool.take`."""
         with suppress(OSError, ValueError):
             _sent(self.process.stdin, data)
 
     def signal(self, *numbers: int) -> None:
-        """Send signals to it and the processes that it has started."""
+        """Send signals to the worker and the processes that it has started."""
         if watchdog.POSSIBLE:
             watchdog.tell([self.process.pid], *numbers)
         else:
@@ -97,7 +98,7 @@ class _Worker:
 
 
 def _received(stream: IO[bytes] | None) -> tuple[int, bytes]:
-    """Return the next message of a stream, with its size; EOFError at the end."""
+    """Read the next message of a stream, with its size; EOFError at the end."""
     assert stream is not None
     size = int.from_bytes(stream.read(8).rjust(8, b"\xff"))
     data = stream.read(size & ~NOTE) if size < 2**64 - 1 else b""
@@ -115,16 +116,16 @@ def _sent(stream: IO[bytes] | None, data: bytes, kind: int = 0) -> None:
 class Pool(AbstractContextManager["Pool"]):
     """Worker processes of one thread each, which run one job after another.
 
-    They are new interpreters that run nothing of the program that made them: a script
-    needs no ``if __name__ == "__main__"``.  Functions and arguments travel as pickles.
-    Ctrl-C interrupts this process alone.
+    They are new interpreters that run nothing of the program that started them: a
+    script needs no ``if __name__ == "__main__"``. Functions and arguments travel as
+    pickles. Ctrl-C interrupts only this process.
 
-    The workers end when the ``with`` block ends.  They also end within three seconds of
-    this process, in whatever way it ends and whatever they are doing.  A watchdog
-    process sends them SIGTERM, on which they remove what they have half written, and
-    kills those that are left two seconds later.  Processes that a job has started end
-    with its worker, except those that have moved into a session of their own.  A worker
-    may be left only if the watchdog is killed too.
+    The workers end when the ``with`` block ends. They also end within three seconds of
+    this process, in whatever way it ends and whatever they are doing. A watchdog
+    process sends them SIGTERM, on which they remove half-written files, and kills those
+    that are left two seconds later. Processes that a job has started end with its
+    worker, except those that have moved into a session of their own. A worker can
+    survive only if the watchdog is killed too.
 
     Parameters
     ----------
@@ -187,12 +188,12 @@ class Pool(AbstractContextManager["Pool"]):
 
     @property
     def workers(self) -> int:
-        """Return the number of processes."""
+        """The number of processes."""
         return len(self._workers)
 
     @property
     def room(self) -> int:
-        """Return the number of idle processes."""
+        """The number of idle processes."""
         return sum(worker.job is None for worker in self._workers)
 
     def submit(
@@ -259,7 +260,7 @@ class Pool(AbstractContextManager["Pool"]):
 
     @staticmethod
     def _end_late(worker: _Worker) -> None:
-        """End a process whose job has taken longer than it was given."""
+        """End a process whose job has exceeded its time limit."""
         if time.monotonic() > worker.until:
             worker.signal(
                 *([watchdog.SIGKILL] if worker.late else [signal.SIGTERM, watchdog.SIGCONT])
@@ -313,14 +314,14 @@ class Pool(AbstractContextManager["Pool"]):
         return _Worker(process, self._said)
 
     def _report(self, process: subprocess.Popen) -> None:
-        """Tell the watchdog that a worker has started, or is gone."""
+        """Tell the watchdog that a worker has started or ended."""
         if self._watchdog:
             with suppress(BrokenPipeError):
                 os.write(self._watchdog.stdin.fileno(), process.pid.to_bytes(8))  # type: ignore[union-attr]
 
 
 def _end_of(worker: _Worker, until: float) -> int:
-    """Wait for a process until a time, kill it, and return the exit status."""
+    """Wait for a process until a time, then kill it, and return its exit status."""
     with suppress(subprocess.TimeoutExpired):
         worker.process.wait(max(0.0, until - time.monotonic()))
     worker.signal(watchdog.SIGKILL)
@@ -337,9 +338,10 @@ def spread(
 ) -> Iterator[Iterator[T]]:
     """Call a function with the arguments of each job, in several processes.
 
-    Whatever ends the ``with`` block early also ends the workers, with what they were at
-    taken back: an exception, Ctrl-C, SIGTERM (which ends the program like an exception
-    does, where nobody else takes it).  Where this process is killed, they end too.
+    Whatever ends the ``with`` block early also ends the workers, which undo their
+    unfinished work: an exception, Ctrl-C, or SIGTERM (which ends the program like an
+    exception, unless the program has its own handler). If this process is killed, they
+    end too.
 
     Parameters
     ----------
@@ -415,7 +417,7 @@ def _in_order(
 def terminable() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end the program like an exception.
 
-    SIGHUP comes when a terminal is closed. Handlers of others are left in place.
+    SIGHUP arrives when a terminal is closed. Handlers set by others stay in place.
     """
     main = threading.current_thread() is threading.main_thread()
     ends = {signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)}
@@ -446,7 +448,7 @@ _driver: tuple[IO[bytes] | None, int] = None, 0
 def note(at: int, data: bytes) -> None:
     """Record which part of the job is under way, in case the process ends.
 
-    The seconds that the job has begin anew.
+    This also restarts the time limit of the job.
     """
     stream, process = _driver
     if process == os.getpid():  # and not a job's fork
@@ -454,14 +456,14 @@ def note(at: int, data: bytes) -> None:
 
 
 def ended(e: BaseException) -> bool:
-    """Return whether an exception is the end that was asked for, or a Ctrl-C."""
+    """Return whether an exception is a requested end of the process, or a Ctrl-C."""
     return isinstance(e, _Ended) or (isinstance(e, KeyboardInterrupt) and _driver[1] != os.getpid())
 
 
 def serve(memory: int | None) -> None:
-    """Do the jobs that come through stdin until it is closed.
+    """Run the jobs that arrive on stdin until it is closed.
 
-    What a job prints goes to stderr, as stdout has the answers.
+    What a job prints goes to stderr, as stdout carries the answers.
     """
     global _driver
     jobs, answers = open(os.dup(0), "rb"), open(os.dup(1), "wb")
@@ -488,16 +490,16 @@ def serve(memory: int | None) -> None:
 
 
 def _resource() -> Any:
-    """Return the module of limits, which Windows has not."""
+    """Return the module ``resource``, or None on Windows, which does not have it."""
     with suppress(ImportError):
         return import_module("resource")
 
 
 def _lifeline(receive: Callable[[], bytes]) -> Callable[[], bytes]:
-    """Read the jobs in a thread, which ends this process where the driver has ended.
+    """Read jobs in a thread that ends this process when the driver has ended.
 
-    It takes the place of the watchdog: as that, it interrupts the job with SIGTERM, and
-    ends the process after a while.
+    It replaces the watchdog: it interrupts the job with SIGTERM, and ends the process
+    after a while.
     """
     jobs: queue.Queue[bytes] = queue.Queue()
 
@@ -524,11 +526,10 @@ def _answer(data: bytes) -> bytes:
 
 
 def _failure(e: BaseException) -> bytes:
-    """Return the answer of a job that raised an error.
+    """Return the answer for a job that raised an error.
 
-    It holds the error itself; its text where the error cannot be pickled and made
-    again, or would end the driver too, as SystemExit does; its name where it gives no
-    text.
+    It contains the error itself; its text if the error cannot be pickled and restored,
+    or would end the driver too, as SystemExit does; its name if it has no text.
     """
     name = type(e).__name__
     told = (

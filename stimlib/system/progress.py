@@ -1,4 +1,4 @@
-"""The one progress bar."""
+"""The progress bar."""
 
 from __future__ import annotations
 

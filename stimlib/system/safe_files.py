@@ -1,4 +1,4 @@
-"""Regular files and nothing else: read within a limit, written whole or not at all.
+"""Safe use of regular files: reading within a limit, and writing atomically.
 
 A file from others may be a pipe that never ends, or a link to something that must not
 be overwritten.  Everything that reads or writes a whole file goes through here.
@@ -61,10 +61,10 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
 def opened(
     path: str | os.PathLike[str], flags: int = os.O_RDONLY, error: type[StimlibError] = SinkError
 ) -> int:
-    """Return a descriptor of a regular file, of nothing else, without waiting for it.
+    """Open a regular file without waiting, and return its descriptor.
 
-    With flags for writing, it must be a file of stimlib's own: no link leads to it, and
-    it has no second name.
+    Anything but a regular file is refused. With flags for writing, it must be a file of
+    stimlib's own: not reached through a link, and without a second name.
     """
     writes = bool(flags & (os.O_WRONLY | os.O_RDWR))
     what = f"cannot {'write' if writes else 'read'} {path}"
@@ -84,7 +84,7 @@ def opened(
 
 
 def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> None:
-    """Raise unless a path is free or has a regular file that may be replaced.
+    """Raise an error unless a path is free or names a regular file to replace.
 
     Links are not followed.
     """
@@ -109,9 +109,9 @@ def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -
 
 
 def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> int:
-    """Return a descriptor of a new, empty file for reading and writing.
+    """Create an empty file for reading and writing, and return its descriptor.
 
-    What a killed run left in its place is removed before.
+    A file that a killed run left in its place is removed first.
 
     The name must be one that belongs to stimlib, such as NAME.part.
     """
@@ -130,13 +130,13 @@ def alone(
     path: str | os.PathLike[str],
     error: type[StimlibError] = SinkError,
 ) -> FileIO:
-    """Open ``at`` for this run alone until the stack or the process ends.
+    """Open a file for this run alone, until the stack or the process ends.
 
-    What is to be written is ``path``.
+    ``at`` is the file to open, and ``path`` the one to be written finally, for errors.
 
     ``at`` must be a name that belongs to stimlib, such as NAME.part; its bytes stay.
-    It is the stack's before it is locked, so that an interrupt at any moment lets go of
-    it.
+    The stack owns the file before it is locked, so that an interrupt at any moment
+    releases it.
     """
     f = taken(stack, at, error)
     if f is None:
@@ -147,7 +147,7 @@ def alone(
 def taken(
     stack: ExitStack, at: str | os.PathLike[str], error: type[StimlibError] = SinkError
 ) -> FileIO | None:
-    """Do as ``alone``, or return None where another run has the file."""
+    """Open a file as ``alone`` does, or return None if another run has it."""
     while True:
         check(at, error)
         stack.callback(sweep, at)  # after it is closed
@@ -160,10 +160,10 @@ def taken(
 
 
 def held(fd: int) -> bool:
-    """Lock an open file or folder, and return whether nobody else has it.
+    """Lock an open file or folder, and return whether that succeeded.
 
-    True where the file system cannot tell. On Windows one byte far beyond the end is
-    locked, so that others can still read the file.
+    It also returns True if the file system has no locks. On Windows one byte far beyond
+    the end is locked, so that others can still read the file.
     """
     try:
         fcntl = import_module("fcntl")
@@ -187,7 +187,7 @@ def held(fd: int) -> bool:
 
 
 def remove(*paths: str | os.PathLike[str]) -> None:
-    """Remove files where they are there; those that are open, when they are closed."""
+    """Remove files if they exist; open ones are removed when they are closed."""
     for path in [os.fspath(p) for p in paths]:
         try:
             os.unlink(path)
@@ -207,7 +207,7 @@ def sweep(path: str | os.PathLike[str]) -> None:
 
 
 def read_at(fd: int, size: int, at: int) -> bytes:
-    """Return bytes of an open file from an offset; its position stays."""
+    """Return bytes of an open file from an offset, without moving its position."""
     if hasattr(os, "pread"):
         return os.pread(fd, size, at)
     here = os.lseek(fd, 0, os.SEEK_CUR)
@@ -219,9 +219,9 @@ def read_at(fd: int, size: int, at: int) -> bytes:
 
 
 def let_go(f: FileIO) -> None:
-    """Close a file before it is renamed or removed, on systems that need that.
+    """Close a file before it is renamed or removed, on systems that require this.
 
-    Windows renames no file that is open; elsewhere it stays open, and so locked.
+    Windows does not rename open files; elsewhere the file stays open, and so locked.
     """
     if not NOFOLLOW:
         f.close()
@@ -230,7 +230,9 @@ def let_go(f: FileIO) -> None:
 def publish(
     path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError
 ) -> None:
-    """Write a small file atomically: complete and on the disk, or not at all.
+    """Write a small file atomically.
+
+    After an interruption the path holds the complete new file or what was there before.
 
     Parameters
     ----------
@@ -288,7 +290,7 @@ def publish(
 
 
 def settle(folder: Path) -> None:
-    """Flush a folder's file names to the disk, where the file system can."""
+    """Flush a folder's file names to the disk, if the file system supports it."""
     with suppress(OSError):
         fd = os.open(folder, os.O_RDONLY | BINARY)
         try:
@@ -298,7 +300,7 @@ def settle(folder: Path) -> None:
 
 
 def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -> Path:
-    """Make a folder, and those above it, where they are missing."""
+    """Make a folder, and any missing folders above it."""
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as e:
@@ -307,9 +309,9 @@ def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkEr
 
 
 def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = SinkError) -> int:
-    """Lock a folder; return the descriptor that holds the lock.
+    """Lock a folder, and return the descriptor that holds the lock.
 
-    It holds until it is closed or the process ends, however it ends.
+    The lock lasts until the descriptor is closed or the process ends, however it ends.
 
     Parameters
     ----------
@@ -333,8 +335,8 @@ def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = 
 
 
 def _reason(e: Exception) -> str:
-    """Return the system's reason.
+    """Return the system's reason for an error.
 
-    Of a ValueError it is a NUL or half a character in the name.
+    A ValueError is caused by a NUL or an unpaired surrogate in the name.
     """
     return getattr(e, "strerror", None) or str(e)

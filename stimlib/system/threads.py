@@ -1,4 +1,4 @@
-"""Threads for work that releases the interpreter: hashes, numpy's loops, files."""
+"""Threads for work that releases the interpreter: hashes, numpy loops, files."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T],
 
     The caller makes the next item meanwhile.
 
-    When the ``with`` block ends, all items are done and the threads have ended.  Where
-    it ends by an error, those that were given before are done first; by an interrupt,
-    those that wait are left.
+    When the ``with`` block ends, all items are done and the threads have ended. If it
+    ends by an error, items given before are done first; if by an interrupt, waiting
+    items are dropped.
 
     Parameters
     ----------

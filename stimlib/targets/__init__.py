@@ -1,1 +1,1 @@
-"""How a scene runs: interpreter (python), compiler (numba), whole signals (jax)."""
+"""The targets on which scenes run: interpreter (python), compiler (numba), jax."""

@@ -45,9 +45,9 @@ class Engine:
     def together(
         engines: Sequence[Engine],
     ) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
-        """Return run(turn, x, out): one copy after the other, in one thread.
+        """Return a function run(turn, x, out) that runs copies in one thread.
 
-        See ``stimlib.targets.numba.engine``.
+        It runs one copy after another. See ``stimlib.targets.numba.engine``.
         """
 
         def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
@@ -59,7 +59,7 @@ class Engine:
     def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, Any]:
         """Return values of all instances at one sample of a clock.
 
-        Whatever the clock enables is run too.
+        Clocks that it enables run too.
         """
         on = [False] * len(self.program.parents)
         on[PARAMS] = on[clock] = True
@@ -80,7 +80,7 @@ class Engine:
         return v
 
     def step(self, i: int, x: list[float]) -> Any:
-        """Return one sample of one block, or one of each of its outputs."""
+        """Return one sample of a block, or a tuple of one sample for each output."""
         block = self.program.instances[i].block
         if block.resettable and not x.pop() > 0.0:
             if self.s[i].cold == 0.0:
@@ -112,13 +112,13 @@ class Engine:
         return 0
 
     def warm(self, clock: int, n: int) -> None:
-        """Run only what is autonomous, for n samples of one clock."""
+        """Run only blocks that no input reaches, for n samples of one clock."""
         with np.errstate(all="ignore"):
             for _ in range(n):
                 self.sample({}, clock, warm=True)
 
     def set(self, i: int, target: float, left: float) -> None:
-        """Send Param instance i towards target over samples, from the next one on."""
+        """Ramp parameter instance i to a target over ``left`` samples, starting now."""
         assert isinstance(self.program.instances[i].block, Param)
         self.s[i] = self.s[i]._replace(target=np.float64(target), left=np.float64(left))
 

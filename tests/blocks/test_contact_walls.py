@@ -102,8 +102,8 @@ REFUSED = {
     "drop = 1": lambda: button(X, drop=1.0),
     "drop = -0.5": lambda: button(X, drop=-0.5),
     "button: at": lambda: button(X, at=0.0),
-    "beyond it gives energy": lambda: button(X, at=1e-3, back=1.1e-3),
-    "before it pulls": lambda: button(X, drop=0.5, at=1e-3, back=0.4e-3),
+    "above that range the button would supply energy": lambda: button(X, at=1e-3, back=1.1e-3),
+    "below it pull the finger": lambda: button(X, drop=0.5, at=1e-3, back=0.4e-3),
 }
 
 

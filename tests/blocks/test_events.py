@@ -270,7 +270,9 @@ def test_what_comes_soon_after_an_event_is_lost():
     ids=str,
 )
 def test_what_lasts_is_no_event(made, lasts):
-    with pytest.raises(BadValue, match=r"(ring|grain|count): .* is no event, it lasts; use rising"):
+    with pytest.raises(
+        BadValue, match=r"(ring|grain|count): .* is a lasting signal, not an event; use rising"
+    ):
         made(lasts)
 
 
@@ -287,7 +289,7 @@ def test_an_event_does_not_last(made, remedy):
         abs(b.once_within(E, 0.1)) / 3.0,
     ):
         assert is_event(event)
-        with pytest.raises(BadValue, match=f"is an event, of one sample; .*{remedy}"):
+        with pytest.raises(BadValue, match=f"is an event, which lasts one sample; .*{remedy}"):
             made(event)
     assert not is_event(2.0 / (1.0 + X)) and not is_event(X / b.rising(X))
 

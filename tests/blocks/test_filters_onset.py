@@ -123,13 +123,13 @@ def test_response_and_latency_are_those_of_the_block():
         ),
         (
             lambda: b.integrate(X, onset="steady"),
-            "integrate: it answers a constant without end, so it has no steady start",
+            "integrate: the response to a constant grows without end, so there is no steady start",
         ),
         (
             lambda: b.compliance_generalized_kelvin_voigt(
                 constant(1.0, "N/m") * X, [], k0=1.0, b=2.0, onset="steady"
             ),
-            "it answers a constant without end",
+            "the response to a constant grows without end",
         ),
     ],
 )

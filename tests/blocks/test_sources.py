@@ -228,7 +228,7 @@ def test_noise_of_a_band_has_its_level_at_every_rate():
         (
             lambda: b.playback([1.0], 8000, at=b.every(1.0)),
             BadValue,
-            r"is an event, of one sample; give a time",
+            r"is an event, which lasts one sample; give a time",
         ),
         (lambda: b.band_noise(300, 100, 1, seed=1), BadValue, "low = 300 Hz must be below high"),
         (lambda: b.band_noise(100, 300, 0, seed=1), BadValue, "psd = 0.0 must be above 0"),

@@ -150,7 +150,7 @@ BAD = [  # what is done to a good file, and what is said
     (
         r"(<model>.*</model>\n){2}(?=</modelSet>)",
         "",
-        "triangle [0-9], of the models [0-9 ]+: there are the models 1 to 7",
+        "triangle [0-9], of the models [0-9 ]+: the models are numbered 1 to 7",
     ),
     (r"<tri.*</tri>\n", "", "triangles of a texture must be rows of three model numbers"),
     (
@@ -338,9 +338,7 @@ def test_what_is_no_number_is_silent_and_leaves_nothing_behind():
 def test_what_it_does_not_take():
     v = Input("v", "m/s")
     for fs, near in ((44100, 44000), (500, 1000), (8000.5, 8000)):
-        with pytest.raises(
-            BadValue, match=f"whole multiple of the model's 1000 Hz: take {near} Hz"
-        ):
+        with pytest.raises(BadValue, match=f"whole multiple of the model's 1000 Hz; use {near} Hz"):
             stimlib.compile(Scene({"a": texture(v, 1.0, MODEL, seed=1)}), fs, "python")
     assert texture(v, 0.0, MODEL, seed=1).force.value == 0.0
     with pytest.raises(BadValue, match="force = -1 N presses away"):

@@ -318,5 +318,5 @@ def test_what_is_not_a_rendering_of_the_scene_is_told():
         dc.replace(r, y=r.y.astype(np.float32)),
         dc.replace(r, y=r.y[:1]),
     ):
-        refused(BadValue, "not the scene's outputs", stimlib.verify, scene, motion, wrong)
+        refused(BadValue, "must have the scene's outputs", stimlib.verify, scene, motion, wrong)
     refused(BadValue, "no sample", report, scene, {"x": np.zeros(0)})

@@ -276,12 +276,12 @@ def test_inputs_are_joined_only_where_that_is_said():
                 a=SCENES["wall"], b=SCENES["wall"], share={"x": ("a_x",), "z": ("a_x", "b_x")}
             ),
             SceneError,
-            "share: 'a_x' would be 'x' and 'z'; name it once",
+            "share: 'a_x' would be 'x' and 'z'; give it one name",
         ),
         (
             lambda: Scene.combine(a=SCENES["wall"], b=SCENES["wall"], share={"x": "a_x"}),
             SceneError,
-            "share: 'x' is 'a_x', and not names; ",
+            "share: 'x' is 'a_x', not a tuple of names; ",
         ),
         (
             lambda: Scene.combine(a=SCENES["wall"], share=["a_x"]),
@@ -973,7 +973,11 @@ def test_a_law_that_writes_into_what_it_gets_changes_nothing():
 
 @pytest.mark.parametrize(
     ("law", "says"),
-    [(divides, "ZeroDivisionError"), (endless, "hold nothing"), (loose, "the tolerance inf")],
+    [
+        (divides, "ZeroDivisionError"),
+        (endless, "not finite; return finite ones"),
+        (loose, "the tolerance inf"),
+    ],
 )
 def test_a_law_that_fails_or_holds_nothing_is_an_error(law, says):
     refused(BadValue, says, verified, plain_scene(law), {"x": sinusoid(0.02, 3.0)})

@@ -95,7 +95,7 @@ def test_a_rendering_of_something_else_is_refused(tmp_path):
     for wrong in ({"outputs": r.outputs[::-1]}, {"y": r.y[:1]}, {"y": r.y.astype(np.float32)}):
         refused(
             BadValue,
-            "has not the scene's outputs, force1, force2",
+            "must have the scene's outputs, force1, force2",
             stimlib.verify,
             scene,
             MOTION,

@@ -183,7 +183,7 @@ def test_names_that_do_not_fit():
     for limit in ({"peak": 1.0}, {"static": 1.0}):
         refused(
             BadValue,
-            r"outputs in N, and this scene has none: a \[1\], b \[1\]",
+            r"outputs in N, but this scene has none: a \[1\], b \[1\]",
             protect,
             scene,
             Safety(1.0, **limit),

@@ -224,7 +224,7 @@ def test_drives_that_make_no_sense_are_told():
         (lambda: plate(X, Y, X, GLASS), UnitError, "must be in V"),
         (lambda: plate(V, Y, V, GLASS), UnitError, "must be in m"),
         (lambda: plate(X, Y, V, Plate.paper()), BadValue, "no patches"),
-        (lambda: plate(X, Y, V, GLASS, modes=17), BadValue, "the patches move"),
+        (lambda: plate(X, Y, V, GLASS, modes=17), BadValue, "the patches drive"),
         (lambda: plate(X, Y, V, "glass"), BadValue, "model = 'glass' must be a Plate"),
         (lambda: plate(X, Y, V, GLASS, finger=True), BadValue, "finger = True must be a Finger"),
         (lambda: Finger(mass=-1.0), BadValue, "mass"),

@@ -113,8 +113,8 @@ def test_pictures(tmp_path):
         "twice": "first header",
         "one": "two rows and two columns",
         "huge": "limits.map_points",
-        "text": "no PNG file",
-        "head": "no PNG file",
+        "text": "not a PNG file",
+        "head": "not a PNG file",
         "none": "none.png",
     }.items():
         with pytest.raises(BadValue, match=says):
@@ -132,7 +132,7 @@ def test_pictures(tmp_path):
         (lambda: array([[0, 1], [0, 1]], width=0.0), "width = 0.0 m"),
         (lambda: nodules([(0.1, 0.1)]), "x, y, radius"),
         (lambda: nodules([(0.1, 0.1, "b")]), "balls = .* must be a list"),
-        (lambda: nodules([(0.1, 0.1, 0.01, 0.009)]), "that deep at least"),
+        (lambda: nodules([(0.1, 0.1, 0.01, 0.009)]), "at least that deep"),
         (lambda: nodules([(np.nan, 0.1, 0.004)]), "nodules: a ball"),
         (lambda: nodules([(0.1, 0.1, 1e-200, 1e-200)]), "1 nm"),
         (lambda: nodules([(0.1, 0.1, 0.1, 1e300)]), "1 nm"),

@@ -1,4 +1,4 @@
-"""Laws of blocks and of scenes, a family in each module, as in ``stimlib.blocks``.
+"""Laws of blocks and of scenes, one module per family, as in ``stimlib.blocks``.
 
 Each law is entered where it is defined; importing the package enters all of them.
 """

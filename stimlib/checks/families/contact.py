@@ -1,4 +1,4 @@
-"""Laws of forces over place: wall, click, detents, friction, impact.
+"""Laws of forces over position: wall, click, detents, friction, impact.
 
 A mean over a sample's way is a difference of integrals in extended precision here, a
 slip is found one by one, and a vibration is a complex recursion; nothing of a block's
@@ -30,9 +30,9 @@ def mean_over(
     value: Callable[[Any], Any],
     straight: np.ndarray,
 ) -> np.ndarray:
-    """Return the mean over last .. x of a function with a known integral.
+    """Return the mean from last to x of a function with a known integral.
 
-    Where it is straight, it is its value in the middle.
+    Where the function is linear, the mean is the value in the middle.
     """
     a, b = last.astype(np.longdouble), x.astype(np.longdouble)
     return np.where(
@@ -41,9 +41,9 @@ def mean_over(
 
 
 def wall(x: np.ndarray, contact: np.ndarray, fs: float, k: Any, b: Any, at: Any) -> np.ndarray:
-    """Return the mean of max(0, k p + b v) where p = x - at > 0, else 0.
+    """Return the mean force of a wall, max(0, k p + b v) for p = x - at > 0.
 
-    v is the mean speed of the sample.
+    v is the mean speed during the sample.
 
     Examples
     --------
@@ -83,9 +83,10 @@ def button(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean force of a button, and where it is pressed.
 
-    It is pressed since it was at ``at``, unless it was below ``back`` since.
+    It becomes pressed at ``at`` and released below ``back``.
 
-    One that began earlier is pressed at first as ``begins`` says.
+    If it started before the first sample, ``begins`` says whether it is pressed at
+    first.
     """
     (last, touching), n = ways(x, contact), np.arange(x.size)
     on, off = touching & (x >= at), ~touching | (x < back)
@@ -106,9 +107,9 @@ def button(
 
 
 def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndarray:
-    """Return a decaying sinusoid from each event.
+    """Return a decaying sinusoid started by each event.
 
-    It decays over one sample at least, as ``ring`` says.
+    The decay time is at least one sample, as in ``ring``.
     """
     from scipy.signal import lfilter
 
@@ -118,7 +119,7 @@ def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndar
 
 
 def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> np.ndarray:
-    """Return the mean of depth sin(2 pi x/spacing)."""
+    """Return the mean force of detents, depth sin(2 pi x/spacing)."""
     last, touching = ways(x, contact)
     return np.where(touching, depth * gratings(last, x, np.array([[spacing, 1.0, 0.0]])), 0)
 
@@ -126,10 +127,11 @@ def detents(x: np.ndarray, contact: np.ndarray, spacing: float, depth: Any) -> n
 def springs(x: np.ndarray, k: Any, limit: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the stiffness and the largest deflection at each sample.
 
-    What is left of a deflection as it begins is returned too.
+    The fraction of the last deflection that is kept when the stiffness changes is
+    returned too.
 
-    A stiffness that grows keeps the force, one that falls keeps the place, and one that
-    is not above 0 holds nothing.
+    If the stiffness rises, the force is kept; if it falls, the deflection is kept; and
+    without a positive stiffness nothing is kept.
     """
     k, limit = (np.maximum(np.broadcast_to(v, x.shape), 0) for v in (k, limit))
     some = np.where(k > 0, k, 1)
@@ -147,9 +149,9 @@ def dragged(
 ) -> np.ndarray:
     """Return the mean force of a spring that slips at a force limit.
 
-    slide gives it at the end of a way, and in the mean.
+    slide returns the deflection at the end of a path, and its mean.
 
-    At a first sample the deflection is 0, and start where that is sample 0.
+    The deflection is 0 at the first sample of a contact, and ``start`` at sample 0.
     """
     z, y, (last, touching), (k, top, kept) = (
         start,
@@ -172,9 +174,9 @@ def dragged(
 
 
 def coulomb(_: int, z: float, a: float, c: float) -> tuple[float, float]:
-    """Return the deflection of a spring that slips at the deflection c.
+    """Return the end and the mean deflection of Coulomb's law along a path.
 
-    It is given at the end of a way a, and in its mean.
+    The path has the length a, and the spring slips at the deflection c.
     """
     if z + a <= c:
         return z + a, z + a / 2
@@ -193,14 +195,15 @@ def stick_slip(
 ) -> tuple[np.ndarray, int]:
     """Return the mean force of a spring that drops when it reaches its limit.
 
-    It falls to a part of it, slip by slip; the result says from which sample on.
+    It falls to a part of the limit, slip by slip. The sample from which the result
+    holds is returned too.
 
-    What does not begin at rest is known from the first contact on, or where two short
-    ways follow each other without a slip.
+    If the law does not start at rest, its result holds from the first contact on, or
+    from two short paths in a row without a slip.
 
-    A way that ends on the limit to rounding may have slipped or not: then what was
-    shown next says which.  Where on a very short way it slips is a matter of rounding,
-    too: what was shown counts as far as that goes.
+    Where a path ends at the limit within rounding, it may have slipped or not; the
+    samples shown next decide. Where a very short path slips is also a matter of
+    rounding, so what was shown counts in that range.
     """
     (last, touching), (k, c, kept) = ways(x, contact), springs(x, k, limit)
     d, y, z = x - last, np.zeros(x.size), 0.0
@@ -244,9 +247,9 @@ def stick_slip(
 
 
 def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]:
-    """Return the mean deflection over a way d from z on, and that at its end.
+    """Return the mean and the end of a sawtooth deflection along a path d from z.
 
-    It falls by a tooth wherever it reaches c.
+    The deflection drops by one tooth whenever it reaches c.
     """
     s, a, area = (1.0 if d >= 0 else -1.0), abs(d), 0.0
     start = z = min(max(z, -c), c)
@@ -396,9 +399,10 @@ def _button(b, fs, x, y):
 
 
 def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
-    """Return a force from rest, or from where its past is forgotten.
+    """Return a force from rest, or from the point where its past is forgotten.
 
-    Where it began before, both ends of what is possible must lead to the same.
+    If the block started earlier, the force is known where both extremes of the initial
+    state lead to the same value.
     """
     if rest:
         return near(force(0.0), 1e-13)  # of which (1 - exp(-a))/a loses 4e-14 where a is 0.01
@@ -412,7 +416,7 @@ def _coulomb(b, fs, x, y):
 
 
 def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, float]:
-    """Return the end and the mean of dz = (c - z)/over da along a way a."""
+    """Return the end and the mean of dz = (c - z)/over da along a path of length a."""
     if over <= 0 or a == 0:
         return (z, z) if a == 0 else (c, c)
     return c - (c - z) * math.exp(-a / over), c + (c - z) * math.expm1(-a / over) * over / a

@@ -42,7 +42,7 @@ def _sos(b, fs):
 
 
 def late(b: Any, fs: float) -> int:
-    """Return delayed samples."""
+    """Return the delay of a block in samples."""
     return round(b.seconds * fs) if b.samples is None else b.samples
 
 
@@ -53,9 +53,10 @@ def _delay(b, fs, x, y):
 
 @law("Track", "TrackVelocity", since=lambda b, fs, x: 65 * fs / (2 * math.pi * b.bandwidth))
 def _track(b, fs, x, y):
-    """Return steps of a held input through 1 - (1 + w t) exp(-w t).
+    """Return the tracked position or rate as a sum of step responses.
 
-    They begin where it was caught last.
+    The step response to a held input is 1 - (1 + w t) exp(-w t). The sum starts at the
+    last jump or contact.
     """
     place, touching = x[0], x[1] > 0
     most = math.inf if b.max_jump is None else b.max_jump

@@ -99,7 +99,7 @@ def _short_memory(b, fs):
 def _viscoelastic(a: Asked) -> list[Check]:
     """Check the springpot's force against the full sum over the history.
 
-    Some samples are compared, in extended precision.
+    It compares a selection of samples, in extended precision.
     """
     from ...blocks import springpot
 

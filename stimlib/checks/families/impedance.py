@@ -48,9 +48,9 @@ a static force counts, in s.
 
 @law_of("squeeze")
 def _squeeze(a: Asked) -> list[Check]:
-    """Check F = k x + A (k tau v)(tau dp/dt) g for each finger.
+    """Check the squeeze law F = k x + A (k tau v)(tau dp/dt) g for each finger.
 
-    It is computed from motion, numbers and seed.
+    The law is computed from motion, numbers and seed.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -151,9 +151,9 @@ def _squeeze(a: Asked) -> list[Check]:
 def _held(
     force: np.ndarray, y: np.ndarray, fs: float, kept: dict[str, Any] | None = None
 ) -> np.ndarray:
-    """Return what the motors' limits make of a force.
+    """Return a force after the motors' peak and static limits.
 
-    The gain of the static one follows from the output's own past.
+    The gain of the static limit follows from the output's own past.
     """
     from scipy.signal import lfilter
 
@@ -175,12 +175,12 @@ def _slope(
     gate: np.ndarray,
     model: Any,
 ) -> list[Check]:
-    """Return the stiffness recovered from delivered force over position.
+    """Return the check of the stiffness recovered from delivered force over position.
 
-    Only where the force cannot have been clipped.
+    It uses only samples at which the force cannot have been clipped.
 
-    What the noise adds to the slope is a weighted sum of a process whose spectrum is
-    known, so its deviation is too.
+    The noise adds to the slope a weighted sum of a process whose spectrum is known, so
+    the standard deviation of the slope is known too.
     """
     from scipy import stats
 

@@ -34,16 +34,19 @@ def _pulse_train(b, fs, x, y):
 
 
 def phases(x: Rows, fs: float) -> tuple[Row, Row]:
-    """Return the phase at each sample, and what that sample adds to it.
+    """Return the phase at each sample, and its increment at that sample.
 
-    It counts from sample 0 on.
+    The phase counts from sample 0 on.
     """
     step = np.where(np.arange(x.at, x.at + x[0].size) < 0, np.uint64(0), turning(x[0], fs))
     return np.cumsum(step) - step + np.uint64(x.past % 2**64), step
 
 
 def turns_of(x: Rows, fs: float, phase: float) -> tuple[Row, Row]:
-    """Return turns at each sample from a phase in rad on, and those per sample."""
+    """Return the phase in turns at each sample, and the turns per sample.
+
+    The phase starts at a value given in rad.
+    """
     t = phases(x, fs)[0].astype(np.longdouble) / 2.0**64 + phase / (2 * np.longdouble(math.pi))
     return t - np.floor(t), turning(x[0], fs).astype(np.longdouble) / 2.0**64
 
@@ -92,12 +95,12 @@ def _within(a: Asked, want: np.ndarray, highest: np.ndarray) -> np.ndarray:
 
 @law_of("bumps")
 def _bumps(a: Asked) -> list[Check]:
-    """Check V = gain A e(x/wavelength) c(t), written again.
+    """Check the voltage of bumps, V = gain A e(x/wavelength) c(t), computed anew.
 
     At constant speed the spectral model is checked as well.
 
-    Equalised, it is that times d_max/d between the last two places; limited, it is
-    scaled, or clipped, or both.
+    With equalisation the voltage is multiplied by d_max/d between the last two
+    positions; with a limit it is scaled, or clipped, or both.
     """
     from ...analysis import am
 
@@ -204,7 +207,7 @@ def bursts(a: Asked) -> np.ndarray:
 
 
 def on_channels(a: Asked, want: np.ndarray, tol: float, text: str) -> list[Check]:
-    """Check that each of the channels that were asked for has this row."""
+    """Check that each of the requested channels equals this row."""
     apart, wanted = abs(len(a.y) - a.given["channels"]), a.given["channels"]
     count = Check("d", "channels: as many as were asked for", apart, 0, f"beside {wanted}")
     return [count, *(a.near(name, want, tol, text) for name in a.y)]
@@ -212,7 +215,10 @@ def on_channels(a: Asked, want: np.ndarray, tol: float, text: str) -> list[Check
 
 @law_of("tone")
 def _tone(a: Asked) -> list[Check]:
-    """Check y = amplitude e(t) sin(2 pi freq t), of a clock and cosines of its own."""
+    """Check the scene ``tone``, y = amplitude e(t) sin(2 pi freq t).
+
+    Its time and its cosines are computed independently of the blocks.
+    """
     turns, _ = laws.turning(a.held("freq", 0.0, a.fs / 2), a.fs)
     turns += a.kept.get("turns", 0)
     a.kept["turns"] = turns[-1]
@@ -222,6 +228,9 @@ def _tone(a: Asked) -> list[Check]:
 
 @law_of("pulse")
 def _pulse(a: Asked) -> list[Check]:
-    """Check y = amplitude e(t), of a clock and cosines of its own."""
+    """Check the scene ``pulse``, y = amplitude e(t).
+
+    Its time and its cosines are computed independently of the blocks.
+    """
     want = a.live("amplitude") * bursts(a)
     return on_channels(a, want, 1e-12, "pulses")

@@ -19,8 +19,8 @@ TOL = 1e-6
 def swapped(v: np.ndarray, fs: float, freq: float, q: float, gain: float) -> np.ndarray:
     """Return the response of a pole swap.
 
-    It has zeros on the samples' poles of a mode, poles on those of one ``gain`` times
-    as wide, and is 1 at the mode's frequency.
+    Its zeros are the discrete poles of a mode, its poles those of a mode ``gain`` times
+    as wide, and it is 1 at the mode's frequency.
     """
     from scipy.signal import freqz, lfilter
 
@@ -40,9 +40,9 @@ def swapped(v: np.ndarray, fs: float, freq: float, q: float, gain: float) -> np.
 
 
 def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
-    """Return the motion of a mass on a spring driven by straight lines.
+    """Return the motion of a mass on a spring, for inputs linear between samples.
 
-    It is scipy's triangle-hold equivalent.
+    It is computed by scipy's triangle-hold equivalent.
     """
     from scipy.signal import cont2discrete, lfilter
 

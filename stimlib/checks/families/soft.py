@@ -27,7 +27,7 @@ TIE = 1e-6  # samples: so near to a frame's beginning, what was seen says whethe
 
 
 def table_of(b: Any) -> tuple[Row, float, float]:
-    """Return the levels, and width and height, of the map that a block has.
+    """Return the levels of a block's map, and its width and height.
 
     There is one row for each y.
     """
@@ -48,7 +48,7 @@ def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]
 
 
 def speed_ratio(S: Any) -> Any:
-    """Return eq. (1)'s step from 0 to S over that from 0 to 0."""
+    """Return the step of eq. (1) from level 0 to S, relative to that from 0 to 0."""
     return (1.1 - S) / (1 + S) / 1.1
 
 
@@ -60,11 +60,13 @@ def starts(on: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def reversible(
     S: Callable, x: Row, y: Row, px: Row, py: Row, on: NDArray[np.bool_], piece: float = math.inf
 ) -> tuple[float, int]:
-    """Return the largest error of dx = g(S(middle)) dp, and of starts and holds.
+    """Return the largest error of a reversible cursor's steps, starts and holds.
 
-    It is over the largest dp; steps too long to judge are returned too.
+    Its steps are dx = g(S(middle)) dp. The error is relative to the largest dp. The
+    number of steps that are too long to judge is returned too.
 
-    Beyond a piece of the map, in m, five steps of Newton's method may be too few.
+    For steps longer than a piece of the map (in m), five steps of Newton's method may
+    be too few.
     """
     ds, dp = np.diff([x, y]), np.diff([px, py])
     g = speed_ratio(S((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2))
@@ -80,9 +82,9 @@ def reversible(
 
 
 def steepest(S: Callable, place: Row, way: Row) -> Row:
-    """Return the steepest slope of the ratio along each path.
+    """Return the steepest slope of the displacement ratio along each path.
 
-    Beyond its inverse there may be several middles.
+    For steps longer than its inverse, the midpoint may not be unique.
     """
     h = 1e-6  # in m
     along = way / np.maximum(np.hypot(*way), 1e-300)
@@ -106,7 +108,7 @@ def by_frames(
 ) -> Row:
     """Return the cursor's position by eq. (1) taken literally, shape (2, n).
 
-    Each step goes from where it was seen; frame is in samples.
+    Each step starts from the position that was seen; frame is in samples.
     """
     out, here, last_hand = seen[:, [0, *range(on.size - 1)]], np.zeros(2), np.zeros(2)
     due, speed, last = 0.0, 1.0, 0.0
@@ -133,13 +135,13 @@ def by_frames(
 def delayed(
     rows: Iterable[Row], waits: Row, on: NDArray[np.bool_], fs: float, b: Any
 ) -> tuple[Row, Row, Row]:
-    """Return the avatar by eq. (3), streaming.
+    """Return the avatar by eq. (3), for the streaming law.
 
-    Of x, y and force, and the waits that were seen: its places (2, n), the waits due,
-    the lag.
+    rows are x, y and force, and waits are the waits that were seen. The result is its
+    positions (2, n), the waits due, and the lag.
 
-    What stops it next depends on when it stopped before, so a rounding grows from stop
-    to stop: each is held against those seen.
+    The next pause depends on the time of the last one, so rounding errors grow from
+    pause to pause; each is therefore compared given those that were seen.
     """
     x, y, f = (r.tolist() for r in rows)
     n, most = len(x), b.most * fs
@@ -181,7 +183,7 @@ def delayed_by_frames(
 ) -> tuple[Row, Row, Row]:
     """Return the avatar by eq. (3) taken literally; see ``delayed``.
 
-    The lag that was seen says whether a frame has begun where a rounding decides.
+    Where rounding decides whether a frame has started, the lag that was seen tells.
     """
     x, y, f = rows
     out, due, late = np.zeros((2, x.size)), np.zeros(x.size), np.zeros(x.size)
@@ -200,7 +202,10 @@ def delayed_by_frames(
 
 
 def motor(waits: Row, fs: float, factor: float) -> Row:
-    """Return 1 for the whole ms of each delay, one after the other."""
+    """Return the drive of a motor: 1 for a whole number of ms per delay, else 0.
+
+    The delays follow one another.
+    """
     out, left = np.zeros(waits.size), 0.0
     for k, wait in enumerate(waits):
         left += math.floor(1000 * factor * wait + 0.5) * fs / 1000
@@ -213,7 +218,7 @@ def motor(waits: Row, fs: float, factor: float) -> Row:
 def soft_surface(a: Asked) -> list[Check]:
     """Check avatars, depths, force and drive of ``soft_surface``.
 
-    They follow from the inputs and what was asked for.
+    They follow from the inputs and the requested numbers.
     """
     g, hand, pen = a.given, np.array([a.x["x"], a.x["y"]]), a.given["device"] == "pen"
     on = a.x["contact"] > 0 if "contact" in a.x else a.x["press"] > 0 if pen else np.ones(a.n, bool)
@@ -235,7 +240,7 @@ def soft_surface(a: Asked) -> list[Check]:
 
 
 def _triangle(a: Asked, hand: Row) -> list[Check]:
-    """Return three places around the hand."""
+    """Check the three positions around the hand."""
     arm = a.given["side"] / math.sqrt(3)
     a.say(f"triangle of {1e3 * a.given['side']:.4g} mm")
     checks = []
@@ -250,7 +255,7 @@ def _triangle(a: Asked, hand: Row) -> list[Check]:
 
 
 def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Check]:
-    """Check the one avatar: at the hand, behind it, or slower."""
+    """Check the single avatar: at the hand, behind it, or slower."""
     g, checks = a.given, list[Check]()
     places, text = hand, "the hand itself"
     if g["device"] == "pen" and g["mode"] != "deformation":
@@ -285,12 +290,12 @@ def _avatar(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> list[Che
 
 
 def _waits(a: Asked, S: Callable, hand: Row, on: NDArray[np.bool_]) -> tuple[Row, list[Check]]:
-    """Check the places of an avatar that waits, and how long it waits.
+    """Check the positions of an avatar that pauses, and how long it pauses.
 
-    It waits, or the motor vibrates, for as long as eq. (3) says.
+    It pauses, or the motor vibrates, for as long as eq. (3) says.
 
-    A rounding in a wait grows from one to the next, so the waits are those of the block
-    that the law makes of what was asked for.
+    Rounding errors of a pause grow from one to the next, so the pauses are those of a
+    block that the law makes from the requested numbers.
     """
     from ...blocks import delay_avatar, stiffness_map
     from ...blocks.soft import Levels

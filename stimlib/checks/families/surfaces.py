@@ -1,4 +1,4 @@
-"""Laws of surfaces: gratings in extended precision, noise over place by Gauss's rule.
+"""Laws of surfaces: gratings in extended precision, and noise by Gauss quadrature.
 
 The rule is applied in each of its cells.
 """
@@ -22,9 +22,9 @@ PI = np.longdouble("3.14159265358979323846264338327950288")
 
 
 def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Return the mean of sum depth sin(2 pi x/wavelength + phase) over movements.
+    """Return the mean of a grating over each movement, in extended precision.
 
-    It is in extended precision.
+    The grating is sum depth sin(2 pi x/wavelength + phase).
     """
     a, b, total = (
         before.astype(np.longdouble),
@@ -39,7 +39,7 @@ def gratings(before: np.ndarray, x: np.ndarray, parts: np.ndarray) -> np.ndarray
 
 
 class Roughness(NamedTuple):
-    """The arguments of noise over place, as ``spatial_noise`` takes them."""
+    """The arguments of noise over position, as ``spatial_noise`` takes them."""
 
     slope: float
     longest: float  # m
@@ -48,9 +48,9 @@ class Roughness(NamedTuple):
 
 
 def roughness(before: np.ndarray, x: np.ndarray, b: Any) -> np.ndarray:
-    """Return the mean of noise over place over each movement.
+    """Return the mean of noise over position for each movement.
 
-    Gauss's rule of two points is exact in each cell of its splines.
+    Two-point Gauss quadrature is exact in each cell of its splines.
     """
     found = octaves(b.slope, 1 / b.longest, 1 / b.shortest)
     total, lost = np.zeros(x.size), 0.0
@@ -65,9 +65,9 @@ def roughness(before: np.ndarray, x: np.ndarray, b: Any) -> np.ndarray:
 
 
 def _spline(key: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the mean of a random quadratic spline between two places.
+    """Return the mean of a random quadratic spline between two positions.
 
-    They are less than four of its cells apart.
+    They are less than four cells apart.
     """
     first = np.floor(low)
     cells, place = np.unique(first.astype(np.int64), return_inverse=True)
@@ -87,9 +87,9 @@ def _spline(key: int, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def _faded(r: np.ndarray) -> np.ndarray:
-    """Return what is left of an octave of which a movement passes r cells.
+    """Return the fraction of an octave's power kept when a movement passes r cells.
 
-    All at 2, nothing at 4, a cubic between.
+    It is 1 up to r = 2, 0 from r = 4 on, and a cubic in between.
     """
     t = np.clip((r - 2) / 2, 0, 1)
     return 1 - 3 * t**2 + 2 * t**3
@@ -102,7 +102,7 @@ def _word(seed: int, stream: int) -> int:
 
 
 def _lattice(key: int, m: np.ndarray) -> np.ndarray:
-    """Return lattice values.
+    """Return the random values at lattice points.
 
     Each half of a Philox block is a sum of four uniform numbers of 16 bits.
     """
@@ -117,8 +117,8 @@ def _lattice(key: int, m: np.ndarray) -> np.ndarray:
 def grating(a: Asked) -> list[Check]:
     """Check the scene ``grating``.
 
-    It is a sum of parameters times gratings and noise over place, each computed again
-    from the movement alone.
+    Its output is a sum of parameters times gratings and noise over position, each
+    computed again from the movement alone.
     """
     g, x, n = a.given, a.x["x"], a.n
     before, on = ways(x, a.contact)
@@ -168,7 +168,7 @@ def grating(a: Asked) -> list[Check]:
 
 
 def _from_law(b: Any) -> float:
-    """Return the largest distance of the octaves' spectrum from C f^-slope, in dB.
+    """Return the largest deviation of the octaves' spectrum from C f^-slope, in dB.
 
     The spectrum has the power 1.
     """

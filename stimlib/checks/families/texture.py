@@ -30,9 +30,9 @@ TOL = 1e-7
 
 @law_of("texture")
 def _texture_scene(a: Asked) -> list[Check]:
-    """Check the acceleration of a measured texture, written again.
+    """Check the acceleration of a measured texture by computing it anew.
 
-    Where speed and force stand still, its spectrum is checked as well.
+    While speed and force are constant, its spectrum is checked as well.
     """
     from ...design.texture import TextureModel
 

@@ -28,9 +28,10 @@ def _chain(b, fs):
 
 @response("Series")
 def _series(b, fs):
-    """Return f = g (y - z), f = S z, both as power series of 1/z: g S/(g + S).
+    """Return the response of two elements in series, g S/(g + S), as a power series.
 
-    The reciprocal is by Newton's method.
+    f = g (y - z) and f = S z, in powers of 1/z. The reciprocal is computed by Newton's
+    method.
     """
 
     def first(n: int) -> Row:

@@ -1,1 +1,1 @@
-"""Functions of whole signals, for batches and gradients."""
+"""The JAX target: functions of whole signals, for batches and gradients."""

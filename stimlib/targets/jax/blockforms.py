@@ -1,4 +1,4 @@
-"""The primitives over whole signals under JAX.
+"""Whole-signal implementations of the primitive blocks for JAX.
 
 Banks of modes and taps are products with small matrices.
 
@@ -39,7 +39,7 @@ TILE = 64  # samples per row of a matrix product
 
 
 class Run(NamedTuple):
-    """The data that a lowering may need besides its block."""
+    """Data of a run that an implementation may need besides its block."""
 
     n: int  # samples on this clock
     fs: float
@@ -50,25 +50,25 @@ class Run(NamedTuple):
 
 # Linear time-invariant parts ----------------------------------------------------------
 def rows(x: Any, size: int) -> Any:
-    """Return (n,) as (tiles, size), zeros behind."""
+    """Reshape a signal (n,) to (tiles, size), padded with zeros at the end."""
     return jnp.pad(x, (0, -x.shape[0] % size)).reshape(-1, size)
 
 
 def spread(x: Any, n: int) -> Any:
-    """Return a number as a row of n samples."""
+    """Return a number as an array of n samples."""
     return jnp.broadcast_to(x, (n,))
 
 
 def later(x: Any, by: int, before: Any = 0.0) -> Any:
-    """Return x[n - by]; ``before`` at the first samples."""
+    """Delay a signal by some samples; the first samples are ``before``."""
     n = x.shape[0]
     return jnp.concatenate([jnp.broadcast_to(jnp.asarray(before, x.dtype), (by,)), x])[:n]
 
 
 def decay(a: np.ndarray, v: Any, first: Any) -> Any:
-    """Return states before each update of s' = a s + v.
+    """Return the states before each update of the recursion s' = a s + v.
 
-    a (k,) are numbers below or at 1, v (n, k), first (k,).
+    a (k,) holds numbers of at most 1, v is (n, k), first (k,).
     """
     n, k = v.shape
     factor = jnp.asarray(a, v.dtype)
@@ -84,13 +84,13 @@ def decay(a: np.ndarray, v: Any, first: Any) -> Any:
 
 
 def toeplitz(h: Any, xp: Any) -> Any:
-    """Return T[i, j] = h[i - j], 0 above the diagonal."""
+    """Return the lower triangular Toeplitz matrix T[i, j] = h[i - j]."""
     d = np.arange(h.shape[0])[:, None] - np.arange(h.shape[0])
     return xp.where(d >= 0, h[np.maximum(d, 0)], 0.0)
 
 
 def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: Any = None) -> Any:
-    """Run q_k += x - e_k q_k; y = direct x + sum_k r_k q_k in tiles.
+    """Run a bank of modes, q_k += x - e_k q_k; y = direct x + sum_k r_k q_k, in tiles.
 
     y = T x + R a^i q(start), q(end) = a^64 q(start) + E x.
     """
@@ -115,12 +115,12 @@ def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: 
 
 
 def taps_tiles(taps: np.ndarray, x: Any) -> Any:
-    """Run y[n] = sum_k taps[k] x[n-k] as a banded Toeplitz matrix over tiles.
+    """Run an FIR filter as a banded Toeplitz matrix over tiles.
 
-    Each tile needs those before.
+    y[n] = sum_k taps[k] x[n-k]; each tile needs those before it.
 
-    In the type of x: taps may take small differences, which noise has in float32 and a
-    position has not.
+    The result has the type of x: taps may take small differences, which are meaningful
+    for noise in float32 but not for a position.
     """
     n, m = x.shape[0], taps.size
     before = -(-(m - 1) // TILE)
@@ -133,9 +133,10 @@ def taps_tiles(taps: np.ndarray, x: Any) -> Any:
 
 
 def running(x: Any) -> Any:
-    """Return the sum of all samples before each one.
+    """Return the sum of all earlier samples at each sample.
 
-    Whole numbers stay exact, those of a gate by a product with a matrix of ones.
+    Whole numbers stay exact; those of a gate are summed as a product with a matrix of
+    ones.
     """
     u = rows(x, TILE)
     if x.dtype == jnp.bool_:
@@ -157,7 +158,7 @@ def running(x: Any) -> Any:
 
 
 def latest(mark: Any) -> Any:
-    """Return the index of the last marked sample up to each one, or -1."""
+    """Return the index of the last marked sample at each sample, or -1."""
     at = jnp.where(mark, jnp.arange(mark.shape[0], dtype=jnp.int32), -1)
     u = jnp.pad(at, (0, -at.shape[0] % TILE), constant_values=-1).reshape(-1, TILE)
     inside = lax.cummax(u, axis=1)
@@ -166,23 +167,23 @@ def latest(mark: Any) -> Any:
 
 
 def fir(b, p, s, x, run):
-    """Run ``Fir``."""
+    """Run the block ``Fir``."""
     taps = p.taps[::-1][: int(p.order) + 1]
     return taps_tiles(taps, spread(x[0], run.n))
 
 
 def grain(b, p, s, x, run):
-    """Run ``Grain``."""
+    """Run the block ``Grain``."""
     return taps_tiles(p.shape, spread(x[0], run.n))
 
 
 def modes(b, p, s, x, run):
-    """Run ``Modes``."""
+    """Run the block ``Modes``."""
     return bank(1 - p.p, p.r, spread(x[0], run.n), run.dtype, p.d)
 
 
 def pink(b, p, s, x, run):
-    """Run pink noise as modes, from the stationary state."""
+    """Run pink noise as a bank of modes, starting from its stationary state."""
     if not isinstance(b.white, noise.White):
         return modes(b, p, s, x, run)
     from ...design.noise import cholesky, stationary_covariance
@@ -202,7 +203,7 @@ PAIRS = 4096
 
 
 def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
-    """Return ``noise.noise_key`` of a traced run key."""
+    """Return ``noise.noise_key`` for a traced key of the run."""
     own = seed & 0xFFFFFFFF, seed >> 32, stream, use
     words = *map(U, own), run_key & noise.LOW, run_key >> noise.HALF_WORD
     c = noise.philox(*(jnp.asarray(w, jnp.uint64) for w in words))
@@ -210,12 +211,15 @@ def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
 
 
 def integers(key: Any, m: Any) -> tuple[Any, Any]:
-    """Return the two words of each pair m of a stream, as on any target."""
+    """Return the two random words of each pair m of a stream, as on any target."""
     return traced.bind(noise.pair_of_words)(key, m)
 
 
 def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
-    """Return deviates start .. start + n - 1 of a stream; start may be below 0."""
+    """Return the normal deviates start .. start + n - 1 of a stream.
+
+    start may be below 0.
+    """
     odd = start % 2
     pairs = (n + odd + 1) // 2
     m = jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64)
@@ -228,7 +232,7 @@ def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
 
 
 def short_radius(a: Any) -> Any:
-    """Return ``noise.radius`` in float32.
+    """Compute ``noise.radius`` in float32.
 
     It is log(1 - v) where u is near 1, so that small radii keep their digits.
     """
@@ -240,7 +244,7 @@ def short_radius(a: Any) -> Any:
 
 
 def short_turn(b: Any) -> tuple[Any, Any]:
-    """Return ``noise.turn`` in float32, from the same integers."""
+    """Compute ``noise.turn`` in float32, from the same integers."""
     v = ((b >> noise.SHIFT_11) & noise.BITS_51).astype(jnp.int64) - (1 << 50)
     angle = v.astype(jnp.float32) * np.float32(2.0**-53 * 2 * math.pi)
     quarter = b >> noise.SHIFT_62
@@ -254,19 +258,22 @@ SHORT_FORMS = (short_radius, noise.radius), (short_turn, noise.turn)
 
 
 def white(b, p, s, x, run):
-    """Run ``White``."""
+    """Run the block ``White``."""
     return deviates(stream_key(run.key, b.seed, b.stream, 0), -lead(run.fs), run.n, run.dtype)
 
 
 # Gates --------------------------------------------------------------------------------
 def smoothed(exact: Any, distance: Any, width: Any) -> Any:
-    """Return the gate, with the derivative of 1/(1 + exp(-distance/width))."""
+    """Return a gate's exact value, with the derivative of a smooth edge.
+
+    The derivative is that of 1/(1 + exp(-distance/width)).
+    """
     soft = jax.nn.sigmoid(distance / lax.stop_gradient(width))
     return lax.stop_gradient(exact) + (soft - lax.stop_gradient(soft))
 
 
 def gate(b, p, s, x, run):
-    """Return a gate: open since the last rise above ``on``, until a fall to ``off``."""
+    """Run a gate: open after a rise above ``on``, until a fall to ``off``."""
     v = spread(x[0], run.n)
     event = (v > p.on) | ~(v > p.off)
     at = latest(event)
@@ -286,7 +293,7 @@ def comparison(b, p, s, x, run):
 
 
 def guard(b, p, s, x, run):
-    """Return the last finite value, faded out, from the first non-finite sample on."""
+    """Run the guard, which fades out the last finite value from a fault on."""
     v = spread(x[0], run.n)
     i = jnp.arange(run.n)
     bad = v - v != 0
@@ -297,18 +304,18 @@ def guard(b, p, s, x, run):
 
 
 def delay(b, p, s, x, run):
-    """Run ``Delay``."""
+    """Run the block ``Delay``."""
     return later(spread(x[0], run.n), min(int(p.n), run.n)) if p.n < run.n else jnp.zeros(run.n)
 
 
 # Contact: where a history begins ------------------------------------------------------
 def steady(contact: Any) -> bool:
-    """Return whether contact is a plain number above 0, so it lasts for ever."""
+    """Return whether contact is a plain number above 0, so that it lasts for ever."""
     return isinstance(contact, (float, np.floating)) and bool(contact > 0)
 
 
 class History(NamedTuple):
-    """A position since contact."""
+    """The position since contact, as arrays."""
 
     on: Any  # in contact
     start: Any  # where this contact began
@@ -317,10 +324,10 @@ class History(NamedTuple):
 
 
 def history(x: Any, contact: Any, cold: float, n: int) -> History:
-    """Return movements since contact.
+    """Return the movements since contact.
 
-    There is a step from 0 at the very first contact where ``cold``, before it, is above
-    1.
+    If ``cold`` was above 1 before the first contact, the history starts with a step
+    from 0.
     """
     x = spread(x, n)
     if steady(contact):
@@ -335,7 +342,7 @@ def history(x: Any, contact: Any, cold: float, n: int) -> History:
 
 
 def maxwell_arms(b, p, s, x, run):
-    """Run ``MaxwellArms``."""
+    """Run the block ``MaxwellArms``."""
     h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
         return bank(p.e, p.r, h.d, run.dtype)
@@ -349,7 +356,7 @@ def maxwell_arms(b, p, s, x, run):
 
 
 def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
-    """Run a loop over samples, ``state, y = body(state, *row)``.
+    """Run a loop over samples in contact, ``state, y = body(state, *row)``.
 
     Off contact the state is ``start`` and y is 0.
     """
@@ -363,7 +370,7 @@ def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
 
 
 def kelvin_chain(b, p, s, x, run):
-    """Run ``KelvinChain``."""
+    """Run the block ``KelvinChain``."""
     f = spread(x[0], run.n)
     return bank(p.e, p.r, later(f, 1), run.dtype) + p.d * f
 
@@ -379,7 +386,7 @@ class HistoryWeights(NamedTuple):
 
 
 def springpot(b, p, s, x, run):
-    """Run ``Springpot``."""
+    """Run the block ``Springpot``."""
     h = history(x[0], x[1], s.cold, run.n)
     if p.alpha in (0.0, 1.0):
         return h.d * p.fs if p.alpha else h.way
@@ -390,16 +397,16 @@ def springpot(b, p, s, x, run):
 
 
 def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any:
-    """Return the sum over all movements: eight taps, and the later modes.
+    """Return a springpot's sum over all movements: eight taps, then modes.
 
-    The modes begin eight samples later.
+    The modes start eight samples later.
     """
     near = sum(w.taps[7 - j] * later(h.d, j) for j in range(8))
     return w.scale * (near + w.constant * later(h.way, 8) + bank(e, w.r, later(h.d, 8), run.dtype))
 
 
 def springpot_live(b, p, s, x, run):
-    """Run ``SpringpotLive``: modes do not depend on the order, their weights do."""
+    """Run ``SpringpotLive``: its weights depend on the order, its modes do not."""
     alpha = jnp.asarray(x[1])
     alpha = jnp.where(alpha >= 0, jnp.where(alpha <= 1, alpha, 1.0), 0.0)
     h = history(x[0], x[2], s.cold, run.n)
@@ -415,7 +422,7 @@ def springpot_live(b, p, s, x, run):
 
 
 def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
-    """Return ``fractional.reweigh``, all modes at once."""
+    """Compute the weights of ``fractional.reweigh`` for all modes at once."""
     n, m = pot.COEFFICIENTS, int(p.nodes)
     t, left = 2.0 * alpha - 1.0, 1.0 - alpha
     chebyshev, power, poly = traced.bind(pot.chebyshev), traced.bind(pot.power), jnp.asarray(p.poly)
@@ -431,9 +438,9 @@ def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
 
 
 def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: Run) -> Any:
-    """Run ``whole_history`` from rest at each contact, for a live order.
+    """Run ``whole_history`` from rest at each contact, as a loop over samples.
 
-    It is a loop over samples.
+    The order may be a signal.
     """
     a = jnp.asarray(1 - e)
     moving = jnp.ndim(alpha) > 0
@@ -452,7 +459,7 @@ def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: R
 
 
 def series(b, p, s, x, run):
-    """Run ``Series`` as a loop, which finds the inner displacement at each sample."""
+    """Run ``Series`` as a loop that solves for the inner displacement per sample."""
     h = history(x[0], x[1], s.cold, run.n)
     a = jnp.asarray(1 - p.e)
 
@@ -472,7 +479,7 @@ def series(b, p, s, x, run):
 
 
 def short_memory(b, p, s, x, run):
-    """Run ``ShortMemory``."""
+    """Run the block ``ShortMemory``."""
     h = history(x[0], x[1], s.cold, run.n)
     if steady(x[1]):
         return taps_tiles(p.taps[::-1], h.way)
@@ -486,7 +493,7 @@ def short_memory(b, p, s, x, run):
 
 
 def downsampled(b, p, s, x, run):
-    """Return every m-th sample back to contact, one weight at a time."""
+    """Run the block ``Downsampled``, one weight at a time."""
     h = history(x[0], x[1], s.cold, run.n)
     i = jnp.arange(run.n)
     k = i - h.start
@@ -509,9 +516,9 @@ TOP_BITS = U(0xFFFFFFFFF8000000)
 
 
 def lost(a: Any, b: Any) -> Any:
-    """Return what rounding takes from the product a b, exactly.
+    """Return the exact rounding error of the product a b.
 
-    Halves of 26 bits have products that round no more.
+    The factors are split into halves of 26 bits, whose products are exact.
     """
     split = traced.bits
     high = [traced.unbits(split(jnp.asarray(v, jnp.float64)) & TOP_BITS) for v in (a, b)]
@@ -520,7 +527,7 @@ def lost(a: Any, b: Any) -> Any:
 
 
 def increment(p: Any, g: Any) -> Any:
-    """Return ``carrier.increment`` of a frequency within 0 .. fs/2."""
+    """Compute ``carrier.increment`` for a frequency within 0 .. fs/2."""
     main = g * p.high
     whole = jnp.floor(main)
     rest = jnp.floor((main - whole) + (g * p.low + lost(g, p.high)) + 0.5)
@@ -528,7 +535,7 @@ def increment(p: Any, g: Any) -> Any:
 
 
 def carrier(b, p, s, x, run):
-    """Run ``Carrier`` with whole-number phases as on any target.
+    """Run the block ``Carrier``, with integer phases as on any target.
 
     The derivative is that of the sum of the frequencies.
     """

@@ -43,17 +43,17 @@ OPTIONS = ("dtype", "surrogate")
 
 
 class Function:
-    """A pure, jitted function signals = f(params, motion, key).
+    """A pure, jitted function signals = f(params, motion, key) of a scene.
 
     ``stimlib.compile(scene, fs, target="jax")`` makes it.
 
     Every transformation of JAX applies: ``jax.vmap`` over parameters, motions and keys,
-    ``jax.grad`` with respect to parameters and motions.  Inside them JAX must be in
-    64-bit mode, as ``with jax.enable_x64(True):`` has it; called with plain numbers and
-    arrays, f sees to that itself.
+    ``jax.grad`` with respect to parameters and motions. Inside them JAX must be in
+    64-bit mode, as in ``with jax.enable_x64(True):``; called with plain numbers and
+    arrays, f does this itself.
 
-    Numbers below 2.3e-308 count as 0, as JAX has them, also in comparisons: a
-    ``contact`` of 5e-324 is none here.
+    Numbers below 2.3e-308 count as 0, as always in JAX, also in comparisons: a
+    ``contact`` of 5e-324 is no contact here.
 
     Attributes
     ----------
@@ -173,9 +173,9 @@ class Function:
     def decisions(
         self, params=None, motion=None, key=None, *, n: int | None = None
     ) -> dict[str, Any]:
-        """Return what a call does, and the results of gates and comparisons.
+        """Return the signals of a call, and the results of gates and comparisons.
 
-        These are rows of 0 and 1 by the names of ``gates``.
+        The results are rows of 0 and 1 by the names of ``gates``.
         """
         return self._call(params, motion, key, n, None, self.outputs + self.gates)
 
@@ -249,7 +249,7 @@ class _Signals:
         self.silent: set[int] = set()  # clocks that have no sample in this run
 
     def row(self, param: Any, clock: int) -> Any:
-        """Return a parameter given per sample, on a clock."""
+        """Return a parameter given per sample, as samples of a clock."""
         if clock == ROOT:
             here = param
         elif clock in self.span:
@@ -264,7 +264,7 @@ class _Signals:
         return jnp.concatenate([jnp.broadcast_to(param[0], (self.early,)), here])
 
     def signal(self, a: int, clock: int) -> Any:
-        """Return what an instance gives on a clock."""
+        """Return an instance's signal on a clock."""
         v = self.value[a]
         if jnp.ndim(v) and self.instances[a].clock == PARAMS:
             return self.row(v, clock)
@@ -273,7 +273,7 @@ class _Signals:
         return v
 
     def add(self, i: int) -> None:
-        """Return the value of an instance; of a clock that it opens, the samples."""
+        """Compute an instance's signal, or the samples of a clock that it opens."""
         q = self.instances[i]
         clock = max(q.clock, ROOT)
         if clock in self.silent:
@@ -301,7 +301,7 @@ class _Signals:
             self.value[i] = self.computed(i, clock, size)
 
     def closed(self, q: Instance, size: int) -> Any:
-        """Return what is inside of a child clock, and 0 elsewhere."""
+        """Return the signal inside a child clock, and 0 elsewhere."""
         if q.child in self.silent:
             return jnp.zeros(size)
         if isinstance(q.block, Segment):
@@ -313,9 +313,9 @@ class _Signals:
         return jnp.where(by, inside, 0.0)
 
     def computed(self, i: int, clock: int, size: int) -> Any:
-        """Return what a block gives, or the gate of a child clock.
+        """Return the output of a block, or the gate of a child clock.
 
-        A decision may be given.
+        A given decision replaces the computed one.
         """
         q, n, x = self.instances[i], self.n, []
         for a in q.args:
@@ -348,7 +348,7 @@ def _traced(values: Any) -> bool:
 
 
 def _named(what: str, one: str, given: Any, known: Collection[str]) -> dict[str, Any]:
-    """Return a dict by known names."""
+    """Return a dict after checking that all its names are known."""
     if given is not None and not isinstance(given, Mapping):
         raise BadValue(f"{what} must be a dict by name, got {type(given).__name__}")
     for name in given or ():
@@ -372,9 +372,9 @@ def _array(what: str, v: Any) -> np.ndarray:
 
 
 def _real(what: str, v: Any) -> Any:
-    """Return a number or a row of them as float64.
+    """Return a number, or a row of numbers, as float64.
 
-    Other types would have f compiled anew.
+    Other types would cause f to be compiled again.
     """
     if not isinstance(v, jax.Array):
         v = _array(what, v)
@@ -393,7 +393,10 @@ def _real(what: str, v: Any) -> Any:
 
 
 def _finite(what: str, v: Any) -> Any:
-    """Return ``_real``; raise BadValue where a number is known not to be finite."""
+    """Return finite numbers as ``_real`` does; raise BadValue for others.
+
+    Only values that are known, not traced, are checked.
+    """
     v = _real(what, v)
     if isinstance(v, np.ndarray) and not np.isfinite(v).all():
         at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""
@@ -402,7 +405,7 @@ def _finite(what: str, v: Any) -> Any:
 
 
 def _key(what: str, key: Any) -> Any:
-    """Return a run's key as uint64."""
+    """Return the key of a run as uint64."""
     if isinstance(key, jax.core.Tracer):
         if key.ndim or not jnp.issubdtype(key.dtype, jnp.integer):
             raise BadValue(
@@ -422,7 +425,7 @@ def _key(what: str, key: Any) -> Any:
 
 
 def _length(rows: Mapping[str, Any], n: Any) -> int:
-    """Return the samples of a run."""
+    """Return the number of samples of a run."""
     if n is not None and (isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 0):
         raise BadValue(f"n = {n!r} must be a whole number of samples, at least 0")
     lengths = {name: v.shape[0] for name, v in rows.items() if v.ndim} | (
@@ -442,7 +445,7 @@ def _tail(v: Any, n: int) -> Any:
 
 
 def _lowering(b: Block) -> Any:
-    """Return a class's own function, or None where its step serves."""
+    """Return the whole-signal implementation of a block, or None if its step serves."""
     if isinstance(b, Cycle):
         for m in b.members:
             if m.definition.step is None or type(m).start is not Block.start:

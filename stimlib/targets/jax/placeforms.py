@@ -1,4 +1,4 @@
-"""Noise over place over whole signals under JAX: octave by octave, all at once."""
+"""Noise over position for JAX: octave by octave, over whole signals."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from . import traced
 
 
 def cells_of(key, lo):
-    """Return seven lattice values from the cell of lo on.
+    """Return seven lattice values, starting at the cell of lo.
 
-    They are made in a loop, or XLA would make them anew for every use.
+    They are made in a loop, as XLA would otherwise compute them again for every use.
     """
     lattice, half = traced.bind(surfaces.lattice), jnp.floor(0.5 * jnp.floor(lo))
     first = half.astype(jnp.int64).astype(jnp.uint64)
@@ -24,9 +24,9 @@ def cells_of(key, lo):
 
 
 def mean(z, lo, hi):
-    """Return the mean of an octave from lo to hi, in its cells.
+    """Return the mean of an octave from lo to hi, both in cells.
 
-    It is of no use where they are four or more apart.
+    It is not valid where they are four or more cells apart.
     """
     spline, f, g = traced.bind(surfaces.spline_mean), jnp.floor(lo), jnp.floor(hi)
     cells = f + jnp.arange(5.0)[:, None]  # a movement of less than four touches no more
@@ -38,7 +38,7 @@ def mean(z, lo, hi):
 
 
 def spatial_noise(b, p, s, x, run):
-    """Run ``SpatialNoise``."""
+    """Run the block ``SpatialNoise``."""
     on = jnp.broadcast_to(jnp.asarray(x[1]) > 0, (run.n,))
     u = jnp.where(on, jnp.broadcast_to(x[0], (run.n,)), 0.0)
     v = traced.bind(surfaces.held_place)(u * p.scale)

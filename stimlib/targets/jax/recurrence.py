@@ -40,7 +40,7 @@ _PASSIVE = {
 
 # Looking at a step --------------------------------------------------------------------
 def degrees(jaxpr: Any, given: list[int]) -> list[int]:
-    """Return FREE, LINEAR or CURVED for each output, from that of each input."""
+    """Return FREE, LINEAR or CURVED for each output, given the same for each input."""
     env = dict(zip(jaxpr.invars, given, strict=True))
 
     def read(v):
@@ -66,7 +66,7 @@ def degrees(jaxpr: Any, given: list[int]) -> list[int]:
 
 
 def groups(depends: np.ndarray) -> list[list[int]]:
-    """Return states that depend on each other, in running order.
+    """Return the groups of states that depend on each other, in running order.
 
     depends[i, j]: i needs j.
     """
@@ -83,9 +83,10 @@ def groups(depends: np.ndarray) -> list[list[int]]:
 
 
 def _resettable(f: Callable, first: Any) -> Callable:
-    """Return a step that rests where the last but one of its signals is not True.
+    """Return a step that is at rest wherever its contact is not True.
 
-    The last signal is what ``cold`` then is.
+    The contact is the last but one of its signals, and the last is the value of
+    ``cold`` at rest.
     """
 
     def step(p, s, *x):
@@ -102,13 +103,13 @@ def _resettable(f: Callable, first: Any) -> Callable:
 
 
 def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: tuple = ()) -> Any:
-    """Return outputs of a step over n samples.
+    """Return the outputs of a step over n samples.
 
-    They are an array (n,), or a scalar where it is the same at all of them; a tuple of
-    several.
+    Each is an array (n,), or a scalar if it is the same at all of them; there is a
+    tuple for several outputs.
 
-    first is a NamedTuple of scalars; x are arrays (n,) or scalars.  contact, of a
-    resettable block: where it runs, and ``cold`` where it does not.
+    first is a NamedTuple of scalars; x are arrays (n,) or scalars. contact, for a
+    resettable block, is where it runs, and ``cold`` where it does not.
     """
     f, p = traced.bind(step), traced.on_arrays(p)
     if contact:
@@ -126,7 +127,7 @@ def run_step(step: Callable, p: Any, first: Any, x: list[Any], n: int, contact: 
 
 
 def _by_groups(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
-    """Return outputs of a step, one group of states after the other."""
+    """Return the outputs of a step, computing one group of states after another."""
     make, k = type(first), len(first)
     s0 = [*map(jnp.asarray, first)]
 
@@ -165,7 +166,7 @@ def _by_groups(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
 
 
 class Line:
-    """An array of a state, which a step may write into."""
+    """An array in a state, which a step may modify."""
 
     def __init__(self, a: Any):
         self.a, self.size = a, a.size
@@ -179,7 +180,7 @@ class Line:
 
 
 def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
-    """Run a step whose state has arrays, sample by sample, as a loop."""
+    """Run a step whose state has arrays as a loop, sample by sample."""
     s0 = [*map(jnp.asarray, first)]
 
     def one(s: list[Any], x: list[Any]) -> Any:
@@ -194,7 +195,7 @@ def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
 def _scanned(body: Callable, start: list, given: Any, n: int) -> Any:
     """Run a loop over samples, ``state, y = body(state, given)``.
 
-    The arrays in ``given`` have one number for each.
+    The arrays in ``given`` have one number for each sample.
     """
     flat, tree = jax.tree.flatten(given)
     moving = [i for i, v in enumerate(flat) if jnp.ndim(v)]
@@ -209,20 +210,20 @@ def _scanned(body: Callable, start: list, given: Any, n: int) -> Any:
 
 
 def _free_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
-    """Return the state before each sample, from the state after each."""
+    """Return the states before each sample, which do not depend on earlier ones."""
     new = [jnp.broadcast_to(v, (n,))[: n - 1] for v in part(start, others, x)]
     return [jnp.concatenate([first[None], v]) for first, v in zip(start, new, strict=True)]
 
 
 def _scan_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
-    """Sample by sample."""
+    """Return the states before each sample, computed sample by sample."""
     return _scanned(lambda s, given: (part(s, *given), s), start, (others, x), n)
 
 
 def _affine_part(part: Callable, start: list, others: list, x: list, n: int) -> list:
-    """Return M and v of s' = M s + v.
+    """Return the states before each sample, for an affine update s' = M s + v.
 
-    M is found column by column as derivatives, which are exact; v at s = 0.
+    M is found column by column as derivatives, which are exact, and v at s = 0.
     """
     k = len(start)
     zero = [*map(jnp.zeros_like, start)]
@@ -259,8 +260,8 @@ def _beside(values: list, shape: tuple[int, ...]) -> Any:
 def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
     """Return states s[0..n-1] before each update of s' = M s + v.
 
-    v (n, k), first (k,); M (n, k, k), or (k, k) where it is the same throughout.  anew
-    (n,): s' = v, whatever s, even NaN.
+    v is (n, k), first (k,); M is (n, k, k), or (k, k) if it is constant. Where anew
+    (n,) is True, s' = v whatever s is, even NaN.
     """
     n, k = v.shape
     if anew is None:

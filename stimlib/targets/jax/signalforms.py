@@ -1,4 +1,4 @@
-"""Filters and rings over whole signals under JAX, as linear recursions."""
+"""Filters and rings over whole signals for JAX, as linear recursions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .recurrence import affine, run_step, scan_arrays
 
 
 def cascade(b, p, s, x, run):
-    """Run one section after the other, each two states with an affine update.
+    """Run the sections of a filter in series, each with an affine update of two states.
 
     It is in float64, which a low cutoff needs.
     """
@@ -32,25 +32,25 @@ def cascade(b, p, s, x, run):
 
 
 def turning(p, s, event, freq, decay):
-    """Run a ring that never rests, so that its state is linear."""
+    """Run one sample of a ring that never rests, so that its state is linear."""
     return turned(p, turn(p, freq, decay), s, event)
 
 
 def ring(b, p, s, x, run):
-    """Run ``Ring``."""
+    """Run the block ``Ring``."""
     return run_step(turning, p, s, x, run.n)
 
 
 def avatar(b, p, s, x, run):
-    """Run ``DelayAvatar`` sample by sample, because its history is read anywhere."""
+    """Run ``DelayAvatar`` sample by sample, as it reads its history at any point."""
     return scan_arrays(traced.bind(b.step), traced.on_arrays(p), s, x, run.n)
 
 
 def cursor(b, p, s, x, run):
     """Run ``Cursor`` sample by sample.
 
-    The ratio's derivative is that of Newton's last step, which is the implicit
-    function's.
+    The ratio's derivative is that of Newton's last step, which is that of the implicit
+    function.
     """
     table, one = jnp.asarray(p.c).reshape(-1, int(p.width)), np.eye(4)
 

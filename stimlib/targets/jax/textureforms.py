@@ -1,4 +1,4 @@
-"""Measured textures over whole signals under JAX.
+"""Measured textures over whole signals for JAX.
 
 All models are computed at once, then one loop goes over the samples of their clock.
 """
@@ -15,7 +15,7 @@ from . import traced
 
 
 def texture(b, p, s, x, run):
-    """Run ``Texture``."""
+    """Run the block ``Texture``."""
     every, poles = int(p.every), int(p.poles)
     white, speed, force = (jnp.broadcast_to(v, (run.n,))[::every] for v in x)
     held, lowest, one, all_three = (traced.bind(f) for f in (part, least, weight, inside))
@@ -54,7 +54,7 @@ def later(row, new):
 
 
 def predictor(c):
-    """Return a_1 .. a_p of each row of cosines of p line spectral frequencies.
+    """Return a_1 .. a_p from rows of cosines of p line spectral frequencies.
 
     The rows are (n, p); (P + Q)/2 is multiplied out.
     """

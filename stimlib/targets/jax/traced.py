@@ -1,4 +1,4 @@
-"""Steps under JAX: the same text, with JAX's mathematics under the names it uses.
+"""Steps under JAX: the same source, with JAX's mathematics under the names it uses.
 
 A step is straight-line, so called with whole signals instead of samples it computes all
 of them at once.  ``bind`` gives a step its twins: each name of ``stimlib.core.maths``
@@ -34,7 +34,7 @@ def fma(a, b, c):
 
 @jax.custom_jvp
 def sqrt(x):
-    """Return the square root."""
+    """Return the square root, with a finite derivative at 0."""
     return jnp.sqrt(x)
 
 
@@ -46,7 +46,7 @@ def _sqrt(primals, tangents):
 
 @jax.custom_jvp
 def log(x):
-    """Return the logarithm."""
+    """Return the logarithm, with a finite derivative at 0."""
     return jnp.log(x)
 
 
@@ -58,7 +58,7 @@ def _log(primals, tangents):
 
 @jax.custom_jvp
 def divide(a, b):
-    """Return a / b; where b is 0 its derivative counts as 0."""
+    """Return a / b, with a derivative of 0 where b is 0."""
     return a / b
 
 
@@ -78,12 +78,12 @@ def flush(x):
 
 
 def settle(x):
-    """Return x itself: with a flush no loop would be linear."""
+    """Return x itself, as a flush would make loops nonlinear."""
     return x
 
 
 def as_float(u):
-    """Return whole numbers as float64."""
+    """Convert whole numbers to float64."""
     return lax.convert_element_type(u, jnp.float64)
 
 
@@ -98,12 +98,12 @@ def unbits(u):
 
 
 def search(knots, x):
-    """Return the piece of each place."""
+    """Return the index of the piece that contains each position."""
     return jnp.sum(jnp.asarray(x)[..., None] >= knots[1:-1], axis=-1)
 
 
 def tree(s):
-    """Return the sum of eight numbers in the order of the definition."""
+    """Return the sum of eight numbers, in the order of the definition."""
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 
 
@@ -124,7 +124,7 @@ _bound: dict[types.FunctionType, Callable] = {}
 
 
 def bind(f: Callable) -> Callable:
-    """Return the same function over JAX's mathematics."""
+    """Return a function that uses JAX's mathematics in place of stimlib's."""
     assert isinstance(f, types.FunctionType)
     if f in _bound:
         return _bound[f]
@@ -168,7 +168,7 @@ def on_arrays(p: Any) -> Any:
 
 # Evaluating with finite derivatives ---------------------------------------------------
 def run(f: Callable, *args: Any) -> Any:
-    """Return f(*args) with every quotient by ``divide``."""
+    """Return f(*args), computing every quotient by ``divide``."""
     flat, tree_in = jax.tree.flatten(args)
     closed, shape = jax.make_jaxpr(
         lambda *a: f(*jax.tree.unflatten(tree_in, a)), return_shape=True
@@ -201,5 +201,5 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
 
 
 def body_of(e: Any) -> Any:
-    """Return what a call of a plain jitted function runs, or None."""
+    """Return the body that a call of a plain jitted function runs, or None."""
     return e.params["jaxpr"] if e.primitive.name in ("pjit", "jit") else None

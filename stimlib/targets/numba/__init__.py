@@ -1,1 +1,1 @@
-"""The streaming compiler, its cache and the runtime in which segments run."""
+"""The numba target: the streaming compiler, its cache and its runtime."""

@@ -95,18 +95,19 @@ def folder() -> Path:
 def _check_private(place: Path) -> None:
     """Raise OSError unless a folder is private.
 
-    It must be ours, nobody else may write to it, and nobody may put another in its
-    place.
+    It must be ours, nobody else may write to it, and nobody may replace it.
     """
     if problem := _open_to_others(os.stat(place)):
         raise PermissionError(
-            f"{problem}, and what is in it is run: see that it is yours, and `chmod go-w` it"
+            f"{problem}, but its contents are executed; make sure that it is yours, and `chmod"
+            " go-w` it"
         )
     for above in place.parents:
         mode = os.stat(above).st_mode
         if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             raise PermissionError(
-                f"everybody may replace what is in {above}, and the cache is run: `chmod o-w` it"
+                f"everybody may replace the contents of {above}, but the cache is executed; `chmod"
+                " o-w` it"
             )
 
 
@@ -155,7 +156,7 @@ def _salt() -> str:
 
 
 def load(text: str, stem: str) -> types.ModuleType:
-    """Import generated text, compiled now or before.
+    """Import generated source, from the cache or newly compiled.
 
     Any number of threads and processes may call it at once.
 
@@ -212,13 +213,13 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
 
 @contextmanager
 def _turn(place: Path, text: str) -> Iterator[None]:
-    """Keep other processes from an entry, once none of them compiles it.
+    """Lock an entry for compiling, or wait until another process has compiled it.
 
-    Where one did, the entry is sound then.
+    In the second case the entry is valid afterwards.
 
-    The system frees the lock of a process that ends, however it ends.  Where the file
+    The system frees the lock of a process that ends, however it ends. If the file
     system has no locks, or the other process takes longer than WAIT, both compile, and
-    one result is kept.  The file is removed by whoever holds its lock, and nobody else.
+    one result is kept. Only the process that holds the lock removes the lock file.
     """
     at, until = place.with_name(f"{place.name}.lock"), time.monotonic() + WAIT
     with ExitStack() as stack:
@@ -232,9 +233,9 @@ def _turn(place: Path, text: str) -> Iterator[None]:
 
 
 def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
-    """Run a text whose file lies in a folder.
+    """Run source as a module whose file lies in a folder.
 
-    numba keeps what it compiles beside it.
+    numba stores what it compiles next to that file.
     """
     name = name or place.name
     path = str(place / f"{name}.py")
@@ -255,11 +256,12 @@ def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
 
 @contextmanager
 def _no_compiler() -> Iterator[None]:
-    """Leave out what numba knows of Python, numpy and scipy.
+    """Skip numba's registrations for Python, numpy and scipy in this context.
 
-    What is only loaded does not need it, and it takes longer than all else of a start.
+    Loading compiled code does not need them, and they would take most of the start-up
+    time.
 
-    Whoever compiles later lets numba load it, as ever.
+    Later compilations let numba load them as usual.
     """
     context: Any = cpu_target.target_context
     with global_compiler_lock:  # nobody compiles meanwhile
@@ -294,9 +296,9 @@ def _publish(part: Path, place: Path) -> None:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what processes that were killed left.
+    """Remove what killed processes left behind.
 
-    These are folders of ours where nobody has written for a day.
+    These are folders of ours in which nobody has written for a day.
     """
     for part in folder.glob("*.tmp"):
         with suppress(OSError):  # another process was faster
@@ -311,7 +313,7 @@ def _sweep(folder: Path) -> None:
 
 
 def _sound(place: Path, text: str) -> bool:
-    """Return whether an entry is what was compiled from this text."""
+    """Return whether an entry is the intact result of compiling this source."""
     try:
         info = os.lstat(place)
         if not stat.S_ISDIR(info.st_mode) or _open_to_others(info):
@@ -332,7 +334,7 @@ def _sound(place: Path, text: str) -> bool:
 
 
 def _remove(place: Path) -> None:
-    """Take an entry away, all of it at once.
+    """Remove an entry in one step.
 
     Another process may be about to read it.
     """

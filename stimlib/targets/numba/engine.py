@@ -35,7 +35,7 @@ KERNELS = "fir", "modes", "memory"
 def runtime() -> types.ModuleType:
     """Return the compiled runtime.
 
-    Segments find its kernels by name, so none can be loaded before.
+    Segments find its kernels by name, so it must be loaded before any of them.
     """
     module = load(Path(__file__).with_name("runtime.py").read_text(), "runtime")
     for name in KERNELS:
@@ -50,7 +50,10 @@ def _threads() -> types.ModuleType:
 
 # A program to a table -----------------------------------------------------------------
 class _Table:
-    """The rows of a program, with the words that they find in A and P."""
+    """The rows of a program, with the indices and parameters that they use.
+
+    A holds indices (slots), P parameter words.
+    """
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]]):
         self.program, self.design, self.machine = program, design, runtime()
@@ -83,7 +86,7 @@ class _Table:
             self.A[j] = len(self.slot) * TILE
 
     def place(self, key: Any) -> int:
-        """Return slot of a signal."""
+        """Return the slot of a signal, assigning one if necessary."""
         return self.slot.setdefault(key, len(self.slot) * TILE)
 
     def arg(self, i: int, clock: int) -> int:
@@ -102,7 +105,7 @@ class _Table:
         return self.slot[i, clock]
 
     def places(self, i: int) -> list[int]:
-        """Return the slots of a block's outputs, one after the other."""
+        """Return the slots of a block's outputs, in order."""
         count = len(self.program.instances[i].block.outputs)
         return [self.place(("output", i, j)) for j in range(count)] or [self.place(i)]
 
@@ -112,7 +115,7 @@ class _Table:
         self.A.extend(words)
 
     def add(self, group: tuple[int, ...]) -> None:
-        """Add the row of an instance, or of two side by side."""
+        """Add the row of an instance, or of two that run side by side."""
         i, machine, p = group[0], self.machine, 0
         q = self.program.instances[i]
         cls = q.block.definition
@@ -131,7 +134,7 @@ class _Table:
         self.row(address, i, words, p, q.clock, self.still[i])
 
     def call(self, group: tuple[int, ...]) -> tuple[int, list[int], int]:
-        """Return address, words and parameters of a segment of one block, or of two."""
+        """Return address, words and parameters of a segment of one block or of two."""
         i, instances = group[0], self.program.instances
         q, cls = instances[i], instances[i].block.definition
         count = len(q.args) - cls.resettable
@@ -191,9 +194,9 @@ class Engine:
         self._allot()
 
     def _allot(self) -> None:
-        """Allot the memory of one run, in whole lines of the cache.
+        """Allocate the memory of one run, in whole cache lines.
 
-        Threads that run copies then write into no line of each other.
+        Threads that run copies then never write to the same line.
         """
         machine, params, clocks = runtime(), len(self._param), self._clocks
         words = max(self.size, 1), self._buffers, clocks, clocks * 2 * TILE, 4 * max(1, params), 20
@@ -230,7 +233,7 @@ class Engine:
     def copy(self) -> Engine:
         """Return an independent run of the same compiled program.
 
-        Its memory is its own, all tables are shared.
+        Its memory is its own; all tables are shared.
         """
         other = copy.copy(self)
         other._allot()
@@ -240,18 +243,18 @@ class Engine:
     def together(
         engines: Sequence[Engine],
     ) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
-        """Return run(turn, x, out), for each of several threads.
+        """Return a function run(turn, x, out), to be called by each of several threads.
 
-        It runs what of copies of one program no other thread has taken, without
-        Python's lock. turn is one number, 0 at the start; x (1 or copies, n_inputs, n)
-        and out (copies, n_outputs, n) fit.
+        Without holding Python's lock, it runs those copies of a program that no other
+        thread has taken. turn is one number, 0 at the start; x (1 or copies, n_inputs,
+        n) and out (copies, n_outputs, n) must fit.
         """
         contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _threads().process
 
         def run(
             turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)
         ) -> None:
-            """Run copies; what a thread runs lives as long as the thread."""
+            """Run copies; the engines live as long as this function."""
             process(contexts, turn, x, out)
 
         return run
@@ -266,20 +269,20 @@ class Engine:
         )
 
     def warm(self, clock: int, n: int) -> None:
-        """Run only what is autonomous, for n samples of one clock."""
+        """Run only blocks that no input reaches, for n samples of one clock."""
         self.ctx[12] = clock
         self.process(np.zeros((len(self._empty[0]), n)), np.zeros((len(self._empty[1]), n)))
         self.ctx[12] = -1
 
     def set(self, i: int, target: float, left: float) -> None:
-        """Send Param instance i towards target over samples, from the next one on."""
+        """Ramp parameter instance i to a target over ``left`` samples, starting now."""
         q = self.pending[self._param[i]]
         q[2:4] = np.array([target, left]).view(np.int64)
         q[0] = 1
 
     @property
     def count(self) -> int:
-        """Samples processed."""
+        """Number of samples processed."""
         return int(self.ctx[15])
 
     @count.setter
@@ -287,7 +290,7 @@ class Engine:
         self.ctx[15] = n
 
     def peek(self) -> np.ndarray:
-        """Return the states without touching anything.
+        """Return the states without side effects.
 
         It is safe while another thread runs the program.
         """
@@ -338,14 +341,14 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
 
 
 def _always(q: Instance) -> bool:
-    """Return whether a contact is a number above 0."""
+    """Return whether a contact is a constant number above 0."""
     return q.kind == "const" and q.block.value > 0.0  # type: ignore[attr-defined]
 
 
 def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
-    """Return what is one number as long as no parameter moves.
+    """Return for each instance whether it is constant while no parameter changes.
 
-    These are parameters, and maps of them.
+    Such instances are parameters, constants, and maps of them.
     """
     still: list[bool] = []
     for q, (_, s) in zip(program.instances, design, strict=True):
@@ -362,10 +365,10 @@ side.
 
 
 def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, ...]]:
-    """Return instances in running order.
+    """Return groups of instances in running order.
 
-    Two of one class that step along one clock run in one loop, each in the other's
-    latency.
+    Two instances of one class that step on one clock run in one loop, each during the
+    other's latency.
     """
     instances = program.instances
     opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
@@ -398,7 +401,7 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
 def _before(
     instances: list[Instance], opened: dict[int, int], done: list[bool], j: int
 ) -> list[int] | None:
-    """Return what must run before an instance and has not; None if that is much."""
+    """Return the instances that must still run before another; None if many."""
     found: set[int] = set()
     todo = [j]
     while todo and len(found) <= NEAR:
@@ -411,9 +414,9 @@ def _before(
 
 
 def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
-    """Return what two instances have in common that can step side by side.
+    """Return what two instances must have in common to step side by side.
 
-    None where one cannot.
+    None if an instance cannot.
     """
     q, (p, s) = program.instances[i], design[i]
     cls = q.block.definition
@@ -430,7 +433,7 @@ def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
 
 
 def _parameter_words(p: Any, sizes: list[int]) -> np.ndarray:
-    """Return the words of one row.
+    """Return the parameter words of one row.
 
     They are numbers, (offset, size) of arrays, sizes of state arrays and scratch; then
     the arrays.

@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 
 class _Method(ctypes.Structure):
-    """PyMethodDef."""
+    """The C structure PyMethodDef."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -47,7 +47,7 @@ def _method(address: int) -> Any:
 def function(address: int, me: int) -> Callable[..., int]:
     """Return a builtin function for machine code at an address.
 
-    It gets a number beside its arguments.
+    It receives a number in addition to its arguments.
     """
     new = ctypes.PYFUNCTYPE(
         ctypes.py_object, ctypes.POINTER(_Method), ctypes.py_object, ctypes.c_void_p
@@ -56,7 +56,7 @@ def function(address: int, me: int) -> Callable[..., int]:
 
 
 def checked(address: int, context: int, rows: tuple[int, int]) -> Callable[..., int]:
-    """Return what ``function`` does, in Python: 0, or 1 where arrays do not fit."""
+    """Return a Python version of ``function``: 0, or 1 if the arrays do not fit."""
     entry = _ENTRY(address)
 
     def process(*arrays: Any) -> int:
@@ -85,9 +85,9 @@ def _word(address: int, k: int) -> int:
 
 @cache
 def array_words() -> tuple[int, int] | None:
-    """Return what identifies an array of float64: its type, and that of its numbers.
+    """Return two words that identify an array of float64: its type, and its dtype.
 
-    None where arrays do not lie in memory as the compiled code expects it.
+    None if arrays are not laid out in memory as the compiled code expects.
     """
     a = np.zeros((3, 5))
     letters = int.from_bytes(f"{a.dtype.kind}{a.dtype.char}{a.dtype.byteorder}".encode(), "little")

@@ -1,4 +1,4 @@
-"""What compiled code does for each name of ``stimlib.core.maths``.
+"""Compiled forms of the functions of ``stimlib.core.maths``.
 
 There are also the few memory operations that segments need.
 
@@ -68,7 +68,7 @@ def unbits(ctx, u):
 
 @intrinsic
 def as_float(ctx, u):
-    """Return a whole number as float64."""
+    """Convert a whole number to float64."""
     return f8(u8), lambda c, b, s, v: b.uitofp(v[0], DOUBLE)
 
 
@@ -83,9 +83,9 @@ def flush(x):
 
 @intrinsic
 def settle(ctx, x):
-    """Return x, or 0 where it is too small, by a branch.
+    """Return x, or 0 where it is too small to matter, with a branch.
 
-    A comparison and a choice would lengthen the recursion.
+    A comparison and a selection would lengthen the recursion.
     """
 
     def code(c, b, s, v):
@@ -118,7 +118,7 @@ for _name, _f in maths.ELEMENTARY.items():
 # memory -------------------------------------------------------------------------------
 @intrinsic
 def at(ctx, p, o):
-    """Return a pointer o words on."""
+    """Return a pointer advanced by o words."""
     return p(p, i8), lambda c, b, s, v: b.gep(v[0], [v[1]])
 
 
@@ -160,7 +160,7 @@ def move(ctx, to, source, n):
 
 
 def _jump(c, b, s, v):
-    """Call the function whose address comes before its arguments."""
+    """Emit a call of the function whose address precedes its arguments."""
     f = ir.FunctionType(ir.VoidType(), [x.type for x in v[1:]])
     b.call(b.inttoptr(v[0], ir.PointerType(f)), v[1:])
     return c.get_dummy_value()
@@ -180,19 +180,19 @@ def run(ctx, address, c, x, y, n):
 
 @plain
 def words(a):
-    """Return the words of an array of float64."""
+    """Return a float64 array's memory as words."""
     return carray(as_u8(data(a)), a.size)
 
 
 @plain
 def copy(a, b):
-    """Copy b into a."""
+    """Copy the start of b into a."""
     move(data(b), data(a), a.size)
 
 
 @plain
 def search(knots, x):
-    """Return the piece of a place."""
+    """Return the index of the piece that contains a position."""
     low, high = 0, knots.size - 2
     while low < high:
         k = (low + high + 1) >> 1
@@ -216,19 +216,19 @@ _fir, _modes, _memory = (
 
 @plain
 def fir(taps, w, y):
-    """Run a sum of taps."""
+    """Compute an FIR filter with the runtime's kernel."""
     _fir(data(taps), taps.size, data(w), data(y), y.size)
 
 
 @plain
 def modes(p, r, q, d, x, y, w):
-    """Run a bank of modes."""
+    """Compute a bank of modes with the runtime's kernel."""
     _modes(data(p), data(r), data(q), p.size, d, data(x), data(w), data(y), y.size)
 
 
 @plain
 def memory(e, r, q, low, x, y, w):
-    """Run a bank of slow modes with second words."""
+    """Compute a bank of slow modes, whose states have second words."""
     _memory(
         data(e), data(r), data(q), data(low), e.size, low.size, data(x), data(w), data(y), y.size
     )

@@ -1,4 +1,4 @@
-"""The long sums, vector by vector: taps, banks of modes.
+"""The long sums as vector code: FIR taps and banks of modes.
 
 They are compiled once, in the runtime; segments call them by name.
 
@@ -35,14 +35,15 @@ vector do without.
 
 
 def features() -> str:
-    """Return what programs are built for.
+    """Return the CPU features for which programs are built.
 
-    It is what the processor has, less what STIMLIB_VECTOR_BITS = 256 or 128 leaves out.
+    They are those of the processor, except what STIMLIB_VECTOR_BITS = 256 or 128
+    excludes.
     """
     config: Any = numba.config
     if config.DISABLE_JIT:
         raise BadValue(
-            'NUMBA_DISABLE_JIT is set, and target="numba" is compiled: unset it, or take'
+            'NUMBA_DISABLE_JIT is set, but target="numba" is compiled; unset it, or use'
             ' target="python"'
         )
     have = config.CPU_FEATURES or llvmlite.binding.get_host_cpu_features().flatten()
@@ -68,7 +69,7 @@ def zeros(t):
 
 
 def load(b, p, k=0):
-    """Emit a load of eight float64 numbers from index k on."""
+    """Emit a load of eight float64 numbers, starting at index k."""
     place = b.gep(p, [k if isinstance(k, ir.Value) else I64(k)])
     v = b.load(b.bitcast(place, V8.as_pointer()))
     v.align = 8
@@ -90,12 +91,12 @@ def splat(b, x, count=8):
 
 
 def shuffle(b, x, y, lanes):
-    """Return lanes of two vectors."""
+    """Return selected lanes of two vectors."""
     return b.shuffle_vector(x, y, ir.Constant(ir.VectorType(I32, len(lanes)), lanes))
 
 
 def known(b, name, *v):
-    """Return LLVM's own function of one or more numbers or vectors."""
+    """Emit a call of an LLVM intrinsic on numbers or vectors."""
     t = v[0].type
     kind = "f64" if t == DOUBLE else f"v{t.count}f64"
     return b.call(
@@ -107,7 +108,7 @@ def known(b, name, *v):
 
 
 def flush(b, s):
-    """Return maths.flush."""
+    """Emit maths.flush."""
     limit, zero = (
         ir.Constant(s.type, v if s.type == DOUBLE else [v] * s.type.count) for v in (SILENT, 0.0)
     )
@@ -115,13 +116,13 @@ def flush(b, s):
 
 
 def tree(b, s):
-    """Return maths.tree of eight values, numbers or vectors."""
+    """Emit maths.tree for eight values, numbers or vectors."""
     a = b.fadd
     return a(a(a(s[0], s[4]), a(s[2], s[6])), a(a(s[1], s[5]), a(s[3], s[7])))
 
 
 def across(b, v):
-    """Return maths.tree across the eight lanes of one vector."""
+    """Emit maths.tree across the eight lanes of one vector."""
     while v.type.count > 1:
         n = v.type.count // 2
         v = b.fadd(shuffle(b, v, v, list(range(n))), shuffle(b, v, v, list(range(n, 2 * n))))
@@ -129,7 +130,7 @@ def across(b, v):
 
 
 def fold(b, v):
-    """Return ``across`` of eight vectors at once.
+    """Emit ``across`` for eight vectors at once.
 
     Lane k of the result is that of vector k.
     """
@@ -147,17 +148,17 @@ def fold(b, v):
 
 
 def variable(b, v):
-    """Return a value that a loop changes; LLVM keeps it in a register."""
+    """Return a variable that a loop can change; LLVM keeps it in a register."""
     return cgutils.alloca_once_value(b, v)
 
 
 def loop(b, start, stop, step):
-    """Return a loop over whole numbers."""
+    """Return a context manager that emits a loop over whole numbers."""
     return cgutils.for_range_slice(b, start, stop, I64(step), I64)
 
 
 def cases(b, number, cases):
-    """Run one of the bodies, {number: body}."""
+    """Emit a switch that runs one of the bodies, {number: body}."""
     done = b.append_basic_block("done")
     choice = b.switch(number, done)
     for k, body in cases.items():
@@ -189,10 +190,10 @@ the taps.
 
 
 def _fir_at(b, R, taps, size, w, y, sums):
-    """Compute 8 R outputs of a sum of taps.
+    """Compute 8 R outputs of an FIR filter.
 
     Taps j, j + 8, .. make partial sum j, and output r under tap m needs the samples r +
-    m: so for each j the samples slide through the registers, and one load serves R
+    m. So for each j the samples slide through the registers, and one load serves R
     products.
     """
     with loop(b, I64(0), I64(8), 1) as (j, _):
@@ -214,7 +215,7 @@ def _fir_at(b, R, taps, size, w, y, sums):
 
 @intrinsic
 def fir(ctx, taps, size, w, y, n):
-    """Return maths.fir."""
+    """Compute maths.fir."""
 
     def code(c, b, sig, v):
         taps, size, w, y, n = v
@@ -238,10 +239,10 @@ def fir(ctx, taps, size, w, y, n):
 
 # Modes --------------------------------------------------------------------------------
 def _pass(b, x, w, n, first, update, groups, r, states):
-    """Run groups of eight modes along n samples: w[8 i] += sum r q.
+    """Run groups of eight modes for n samples: w[8 i] += sum r q.
 
-    Their states stay in registers; the groups are independent, so that one's latency is
-    another's time.
+    Their states stay in registers; the groups are independent, so that each runs during
+    the latency of the others.
     """
     held = [[variable(b, load(b, p, 8 * g)) for p in states(g)] for g in range(groups)]
     weights = [load(b, r, 8 * g) for g in range(groups)]
@@ -264,7 +265,7 @@ def _pass(b, x, w, n, first, update, groups, r, states):
 
 @intrinsic
 def poles(ctx, p, r, q, x, w, n, groups, first):
-    """Return 1 to 4 groups of q = fma(p, q, x + TINY)."""
+    """Run 1 to 4 groups of modes, q = fma(p, q, x + TINY)."""
 
     def code(c, b, sig, v):
         p, r, q, x, w, n, groups, first = v
@@ -291,9 +292,9 @@ def poles(ctx, p, r, q, x, w, n, groups, first):
 
 @intrinsic
 def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
-    """Run up to MOST groups of q += (x + TINY) - e q.
+    """Run groups of slow modes, q += (x + TINY) - e q.
 
-    As many have a second word, and as many have none.
+    Up to MOST groups have a second word, and up to MOST have none.
     """
 
     def code(c, b, sig, v):

@@ -1,4 +1,4 @@
-"""The one fixed loop that walks a program's table, and the long sums of segments.
+"""The loop that runs a program's table, and the long sums of segments.
 
 Its text is compiled from the cache, named by content, like a segment's.
 """
@@ -44,13 +44,13 @@ _fir, _poles, _leaks, _total, _total_of_modes = (
 
 @cfunc(FIR, cache=True, error_model="numpy")
 def fir(taps, size, w, y, n):
-    """Run a sum of taps."""
+    """Compute an FIR filter."""
     _fir(taps, size, w, y, n)
 
 
 @cfunc(MODES, cache=True, error_model="numpy")
 def modes(p, r, q, size, d, x, w, y, n):
-    """Run a bank of modes."""
+    """Compute a bank of modes."""
     for k in range(0, size, 32):
         _poles(at(p, k), at(r, k), at(q, k), x, w, n, min(4, (size - k) >> 3), k == 0)
     _total(d, x, w, y, n)
@@ -58,7 +58,7 @@ def modes(p, r, q, size, d, x, w, y, n):
 
 @cfunc(MEMORY, cache=True, error_model="numpy")
 def memory(e, r, q, low, size, lows, x, w, y, n):
-    """Run a bank of slow modes with second words."""
+    """Compute a bank of slow modes, whose states have second words."""
     k = 0
     if size == 0:
         for i in range(8 * n):
@@ -107,7 +107,7 @@ def stretches(
     # w = (contact, first output, outputs, state at rest in P, its words, segment, the
     # segment's own ..)
 ):
-    """Run the segment of a subsystem stretch by stretch."""
+    """Run the segment of a resettable block, one stretch of contact after another."""
     by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[4] - 1)
     start, n = 0, 0
     for i in range(k):
@@ -146,7 +146,7 @@ def standing(S, pending, params):
 
 @cfunc(types.void(I8, F8, F8, types.int64), cache=True, error_model="numpy")
 def entry(ctx, x, y, n):
-    """Walk the table of a program for n samples."""
+    """Run a program's table for n samples."""
     rows, table, P, S, W, A = (
         ctx[0],
         i8_at(ctx[1]),
@@ -250,9 +250,9 @@ def fits(a, flags, ctx):
 
 @cfunc(types.int64(types.int64, I8, types.int64), cache=True, error_model="numpy")
 def process(me, args, count):
-    """Run as a METH_FASTCALL function of (x, out).
+    """Run a program, as a METH_FASTCALL function of (x, out).
 
-    It is made for the context at the number ``me``.
+    The address of the program's context is the number ``me``.
     """
     ctx = i8_at(value(me))
     if count != 2:

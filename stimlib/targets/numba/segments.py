@@ -32,9 +32,9 @@ from stimlib.targets.numba import vectors as _sl_vectors, intrinsics as _sl
 
 
 def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str]) -> None:
-    """Return the text of a function under a name, after all that it uses.
+    """Add the source of a function under a name, after everything that it uses.
 
-    These are helpers, constants and NamedTuples.
+    That includes helpers, constants and NamedTuples.
     """
     renamed: dict[str, str] = {}
     for n, v in steps.names(f).items():
@@ -55,7 +55,7 @@ def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str
 
 
 def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
-    """Return line that gives a name what it stands for in a function."""
+    """Return the source line that defines a name which a function uses."""
     if v is np:
         return f"import numpy as {n}"
     if v is maths:
@@ -85,7 +85,7 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _with_names(text: str, names: dict[str, str]) -> str:
-    """Return a function's text with other names for some globals."""
+    """Return a function's source with other names for some globals."""
     if not names:
         return text
     tree = ast.parse(text)
@@ -100,9 +100,9 @@ def _tuple_text(name: str, t: Any) -> str:
 
 
 class Form(NamedTuple):
-    """A segment's form: a block class with these kinds of fields.
+    """The form of a segment: a block class and the kinds of its fields.
 
-    It may also be two blocks side by side.
+    It may also stand for two blocks side by side.
     """
 
     cls: Any
@@ -120,19 +120,22 @@ class Form(NamedTuple):
 
     @property
     def signals(self) -> list[str]:
-        """Names of what lies along the samples, outputs last."""
+        """Names of the arrays over samples, outputs last."""
         outputs = codegen.each("y_%s", self.cls.outputs) or ["y"]
         return codegen.each("x%d", range(self.inputs)) + outputs
 
     def warm(self, s: str) -> list[str]:
-        """Return the lines after a step or tile, with the name of its state."""
+        """Return the source lines that follow a step or tile of a resettable block.
+
+        s is the name of its state.
+        """
         reset = f"{s} = {codegen.warm('_sl_S', fields(self.s_type), s)}"
         return [reset] if self.cls.resettable else []
 
 
 @memo
 def segment(form: Form) -> types.ModuleType:
-    """Return the segment of a form, compiled now or before."""
+    """Return the compiled segment of a form, from the cache if it is there."""
     cls = form.cls
     f = cls.tile or cls.step
     steps.source(f)  # an error here names the step, not the first of its helpers
@@ -175,10 +178,10 @@ C and Z the same as uint64.  A small letter is a number, a capital an array.
 
 
 def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
-    """Add lines that take a block's numbers from the tables, and keep its state.
+    """Add source lines that read a block's numbers, and write its state back.
 
-    A second block's words and state lie some words further on, as A tells; its names
-    end with 1.
+    The words and the state of a second block are at offsets given in A; its names end
+    with 1.
     """
     b, signals = str(c or ""), form.signals
     slot, at = c * len(signals), 0
@@ -218,9 +221,9 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
 
 
 def _run(form: Form, f: Any, out: list[str]) -> list[str]:
-    """Return lines that run a step or tile in the quickest way that it allows.
+    """Return source lines that run a step or tile in the fastest possible way.
 
-    out: what stands before the segment.
+    out: the source that precedes the segment.
     """
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
     slots = codegen.each("_sl.at(W, A[%d])", range(form.copies * len(form.signals)))
@@ -257,7 +260,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
 
 
 def _said(e: Exception) -> str:
-    """Return what the compiler says, in one line and without its passes."""
+    """Return the compiler's message in one line, without the names of its passes."""
     passes = "Failed in", "During:", "File ", "def "
     said = [
         line for line in map(str.strip, str(e).splitlines()) if line and not line.startswith(passes)
@@ -269,9 +272,9 @@ def _said(e: Exception) -> str:
 
 
 def _line(e: Exception, text: str, f: types.FunctionType) -> str:
-    """Return file and line as an error begins.
+    """Return file and line, as an error message begins.
 
-    They are those that the compiler blames, where they are in f itself, or those of f.
+    They are those that the compiler blames if they are in f itself, else those of f.
     """
     blamed = getattr(getattr(e, "loc", None), "line", 0)
     written = text.partition("\ndef _sl_segment")[0].splitlines()

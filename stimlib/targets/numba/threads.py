@@ -12,7 +12,7 @@ from stimlib.targets.numba.intrinsics import at, data, i8_at, run
 
 @intrinsic
 def take(ctx, p):
-    """Return the number at p and add one, atomically."""
+    """Return the number at p and add one to it, atomically."""
     return types.int64(p), lambda c, b, s, v: b.atomic_rmw(
         "add", v[0], ir.Constant(ir.IntType(64), 1), "monotonic"
     )

@@ -46,7 +46,7 @@ sample or two.
 
 
 class Lanes:
-    """Float64, uint64 or truth values, side by side."""
+    """Float64, uint64 or truth values, side by side in a vector."""
 
     __array_ufunc__ = None  # a numpy scalar on the left leaves the operation to us
 
@@ -55,7 +55,7 @@ class Lanes:
 
     @property
     def kind(self) -> ir.Type:
-        """Return the type of a lane."""
+        """The type of a lane."""
         return self.v.type.element
 
     def __bool__(self):
@@ -63,9 +63,9 @@ class Lanes:
         raise TypeError("each lane has a truth value of its own: use where(c, a, b)")
 
     def like(self, x: Any) -> ir.Value:
-        """Return a value of the same kind in every lane; TypeError for others.
+        """Return a value of the same kind in every lane; TypeError for other kinds.
 
-        numpy would turn one into the other.
+        numpy would convert one into the other.
         """
         if isinstance(x, Lanes):
             return x.are(self.kind)
@@ -76,13 +76,13 @@ class Lanes:
         return splat(self.b, ir.Constant(I64, int(x)), self.v.type.count)
 
     def are(self, kind: ir.Type) -> ir.Value:
-        """Return the vector; TypeError where it is of another kind."""
+        """Return the vector; TypeError if it is of another kind."""
         if self.kind != kind:
             raise TypeError(f"lanes of {self.kind}, not {kind}")
         return self.v
 
     def of(self, kind: ir.Type) -> ir.VectorType:
-        """Return a type with as many lanes, of another kind of number."""
+        """Return a vector type with as many lanes, of another kind of number."""
         return ir.VectorType(kind, self.v.type.count)
 
     def __neg__(self):
@@ -162,7 +162,7 @@ def _known(name: str) -> Callable:
 
 
 def _of(kind: ir.Type, code: Callable) -> Callable:
-    """Return what a function of one value of a kind does to stand-ins."""
+    """Return a function on lanes that emits code for one value of a given kind."""
     return lambda x: Lanes(_one_of(x).b, code(x.b, x.are(kind), x))
 
 
@@ -182,9 +182,9 @@ NAMESPACE = python.SimpleNamespace(**TWINS, SILENT=maths.SILENT, TINY=maths.TINY
 
 
 def twin(v: Any) -> Any:
-    """Return what a global of a helper becomes, or None.
+    """Return the object that replaces a global of a helper, or None.
 
-    It is a helper's own, or that of its compiled text.
+    The global is that of the helper itself, or of its compiled source.
     """
     if (
         isinstance(v, (float, np.uint64))
@@ -208,9 +208,9 @@ def twin(v: Any) -> Any:
 
 
 def bind(f: python.FunctionType) -> Callable | None:
-    """Return a step or helper as a function of stand-ins.
+    """Return a step or helper as a function on lanes.
 
-    None where it uses what has no twin.
+    None if it uses something that has no replacement.
     """
     scope = {
         name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__
@@ -230,19 +230,19 @@ def bind(f: python.FunctionType) -> Callable | None:
 
 
 def number(b: ir.IRBuilder, v: Any) -> ir.Value:
-    """Return what a helper has returned, numbers side by side or one number."""
+    """Return a helper's result, lanes or a single number, as a vector."""
     if isinstance(v, Lanes) and v.v.type.element != DOUBLE:
-        raise TypeError("it returns no number: write where(c, 1.0, 0.0)")
+        raise TypeError("it must return a number; write where(c, 1.0, 0.0)")
     return v.v if isinstance(v, Lanes) else Lanes(b, kernels.zeros(kernels.V8)).like(v)
 
 
 def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str:
-    """Return why a helper(p, *x) cannot run in vectors, or nothing.
+    """Return why a helper(p, *x) cannot run in vectors, or "".
 
-    f: a float, u: np.uint64. It is tried.
+    f: a float, u: np.uint64. The answer comes from trying it.
     """
     if helper is None:
-        return "it uses what they do not have"
+        return "it uses something that they do not support"
     vectors = [ir.VectorType(I64 if k == "u" else DOUBLE, 8) for k in p_kinds + kinds]
     trial = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), vectors), "trial")
     b = ir.IRBuilder(trial.append_basic_block())
@@ -265,9 +265,9 @@ def in_vectors(step: Any, p_type: Any, p_kinds: str, inputs: int) -> bool:
 def go_abreast(
     step: Any, p_type: Any, p_kinds: str, s_type: Any, s_kinds: str, inputs: int
 ) -> bool:
-    """Return whether a step with a state of floats can run in vectors.
+    """Return whether two blocks can run side by side, one in each lane.
 
-    There is a block in each lane.
+    Their state must consist of floats.
     """
     run, k = twin(step), len(s_kinds)
 
@@ -279,9 +279,9 @@ def go_abreast(
 
 
 def _steps(b, step, p, x, y, n):
-    """Run y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples.
+    """Emit y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples.
 
-    Those that fill the last vector up are run as well.
+    Samples that fill up the last vector are computed as well.
     """
 
     def at(i):
@@ -297,7 +297,7 @@ def _steps(b, step, p, x, y, n):
 
 
 def _numbers(b, t, p):
-    """Return a NamedTuple of numbers, or ()."""
+    """Return a NamedTuple of numbers as lanes, or ()."""
     return (
         t.instance_class(*(Lanes(b, splat(b, b.extract_value(p, k))) for k in range(len(t))))
         if len(t)
@@ -332,8 +332,8 @@ def steps(ctx, f, p, x, y, n):
 def abreast(ctx, f, p, s, x, y, n):
     """Run a step along the slots of two blocks, one in each lane.
 
-    p, s, x, y have what is of the one and of the other. The states after n samples come
-    back.
+    p, s, x and y hold what belongs to the one and to the other. The states after n
+    samples are returned.
     """
 
     def code(c, b, sig, v):
@@ -375,12 +375,13 @@ def abreast(ctx, f, p, s, x, y, n):
 
 
 def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str) -> Callable:
-    """Return what each and pairs run, or raise an error for the author."""
+    """Return the helper of each or pairs, or raise SceneError for its author."""
     helper = twin(f.dispatcher)
     call = helper if "f" in kinds else helper and (lambda p, *x: helper(*x))
     if why := fault(call, p_type, p_kinds, kinds):
         raise SceneError(
-            f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. They have arithmetic,"
+            f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. Vectors support"
+            " arithmetic,"
             f" comparisons, abs, {', '.join(TWINS)} and helpers of these; else write a loop over"
             " the samples in place of each(..)"
         )
@@ -436,7 +437,7 @@ def _each(ctx, f, p, x, y):
 
 @intrinsics.plain
 def each(f, p, x, y):
-    """Return maths.each."""
+    """Compute maths.each."""
     _each(f, p, x, y)  # type: ignore[call-arg]
 
 
@@ -462,9 +463,9 @@ OPERATIONS: tuple[type[Block], ...] = (
 
 @intrinsic
 def operation(ctx, number, W, A, n):
-    """Return the row of an operation.
+    """Run the row of an operation.
 
-    A has the slots of its inputs and that of its output.
+    A holds the slots of its inputs and that of its output.
     """
 
     def code(c, b, sig, v):
@@ -502,5 +503,5 @@ def _pairs(ctx, f, key, first, z, n):
 
 @intrinsics.plain
 def pairs(f, key, first, z):
-    """Return maths.pairs."""
+    """Compute maths.pairs."""
     _pairs(f, key, first, intrinsics.data(z), z.size)  # type: ignore[call-arg]
