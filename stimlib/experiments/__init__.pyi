@@ -32,7 +32,9 @@ from .experiment import (
 )
 from .fits import (
     Fit as Fit,
+    LikelihoodRatio as LikelihoodRatio,
     bootstrap as bootstrap,
+    likelihood_ratio as likelihood_ratio,
     profile as profile,
     psychometric as psychometric,
     psychometrics as psychometrics,

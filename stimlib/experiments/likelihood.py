@@ -2,14 +2,14 @@
 
     p(x) = low + (1 - low - high) F(a + b (x - c))
 
-F is the cumulative normal (probit) or logistic (logit) function, ``high`` the rate of
-lapses, ``low`` the rate of guesses.  A set is a row of levels, so a bootstrap or 2000
-simulated people are one call.
+F is the link's function, ``high`` the rate of lapses, ``low`` the rate of guesses.  A
+set is a row of levels, so a bootstrap or 2000 simulated people are one call.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +18,10 @@ from numpy.typing import ArrayLike
 from ..errors import BadValue
 
 Array = np.ndarray
-LINKS = ("probit", "logit")
-LAPSES = 0.1  # the largest rate that is looked for
+LINKS = ("probit", "logit", "gumbel", "weibull")
+FREE = "free"  # a rate of guesses or lapses that is fitted
+# the largest rates of lapses and guesses that are looked for
+LAPSES, GUESSES = 0.1, 0.8
 STEPS, FEW = 40, 10  # of Fisher scoring, or halvings of a step
 STARTS = [(0.0, 0.0), (0.0, 2.0), *((k / 4, 8.0) for k in range(-6, 7, 2))]
 """Where scoring starts: middle and slope, in spreads of the levels; where there may be
@@ -58,12 +60,12 @@ def total(each: ArrayLike) -> Array:
 class Model(NamedTuple):
     """The model to fit: the link, the rates of guesses and of lapses.
 
-    guesses None: as many as lapses; lapses None: fitted.
+    A rate is a number or FREE; a guess of None is the rate of lapses.
     """
 
     link: str = "probit"
-    guess: float | None = None
-    lapse: float | None = 0.0
+    guess: float | str | None = None
+    lapse: float | str = 0.0
 
 
 PROBIT = Model()
@@ -72,12 +74,14 @@ PROBIT = Model()
 class Found(NamedTuple):
     """The maximum of each set, each field of shape (..).
 
-    These are the intercept at c, the slope, the rate of lapses and the log-likelihood.
+    These are the intercept at c, the slope, the rates of lapses and guesses, and the
+    log-likelihood.
     """
 
     a: Array
     b: Array
     lapse: Array
+    guess: Array
     loglik: Array
 
 
@@ -102,41 +106,87 @@ def numbers(what: str, values: ArrayLike) -> Array:
         raise BadValue(f"{what} must be rows of numbers: {e}") from None
 
 
-def curve(link: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any], Callable[[Any], Any]]:
-    """Return F, its density and its inverse.
+class Curve(NamedTuple):
+    """A link's F, density and inverse; 1 - F; and the density's relative slope."""
+
+    F: Callable[[Any], Any]
+    density: Callable[[Any], Any]
+    inverse: Callable[[Any], Any]
+    upper: Callable[[Any], Any]
+    bend: Callable[[Any], Any]
+
+
+def curve(link: str) -> Curve:
+    """Return the functions of a link, whose F is one half at 0.
+
+    Of "gumbel" and "weibull" F(eta) = 1 - 2^-exp(eta), Gumbel's distribution of the
+    smallest value; over a logarithmic axis that is Weibull's.
+
+    Raises
+    ------
+    BadValue
+        An unknown link.
 
     Examples
     --------
     >>> from stimlib.experiments.likelihood import curve
-    >>> F, density, inverse = curve("probit")
-    >>> round(float(F(inverse(0.75))), 12), round(float(inverse(0.75)), 6)
-    (0.75, 0.67449)
+    >>> probit = curve("probit")
+    >>> round(float(probit.F(probit.inverse(0.75))), 12)
+    0.75
+    >>> [round(float(curve(link).inverse(0.75)), 6) for link in ("logit", "gumbel")]
+    [1.098612, 0.693147]
     """
     from scipy.special import expit, logit, ndtr, ndtri
 
     if link not in LINKS:
         raise BadValue(f"link = {link!r} must be one of {', '.join(LINKS)}")
+    if link == "probit":
+        return Curve(
+            ndtr,
+            lambda eta: np.exp(-0.5 * eta * eta) / np.sqrt(2 * np.pi),
+            ndtri,
+            lambda eta: ndtr(-eta),
+            lambda eta: -eta,
+        )
     if link == "logit":
-        return expit, lambda eta: expit(eta) * expit(-eta), logit
-    return ndtr, lambda eta: np.exp(-0.5 * eta * eta) / np.sqrt(2 * np.pi), ndtri
+        return Curve(
+            expit,
+            lambda eta: expit(eta) * expit(-eta),
+            logit,
+            lambda eta: expit(-eta),
+            lambda eta: 1 - 2 * expit(eta),
+        )
+
+    def hazard(eta: Any) -> Any:
+        return np.log(2) * np.exp(np.minimum(eta, 700.0))
+
+    return Curve(
+        lambda eta: -np.expm1(-hazard(eta)),
+        lambda eta: np.exp(np.minimum(eta, 700.0) - hazard(eta)) * np.log(2),
+        lambda p: np.log(np.log1p(-np.asarray(p)) / -np.log(2)),
+        lambda eta: np.exp(-hazard(eta)),
+        lambda eta: 1 - hazard(eta),
+    )
 
 
-def probability(eta: ArrayLike, model: Model, lapse: ArrayLike = 0.0) -> tuple[Array, Array]:
+def probability(
+    eta: ArrayLike, link: str, guess: ArrayLike = 0.0, lapse: ArrayLike = 0.0
+) -> tuple[Array, Array]:
     """Return the probabilities of yes and no where the link is at eta.
 
     Each is exact to rounding where it is small.
 
     Examples
     --------
-    >>> from stimlib.experiments.likelihood import Model, probability
-    >>> [round(float(p), 3) for p in probability(0.0, Model(guess=0.5), 0.02)]
+    >>> from stimlib.experiments.likelihood import probability
+    >>> [round(float(p), 3) for p in probability(0.0, "probit", 0.5, 0.02)]
     [0.74, 0.26]
     """
-    F = curve(model.link)[0]
-    low = lapse if model.guess is None else model.guess
-    rest = 1 - np.asarray(low) - lapse
-    eta = np.asarray(eta)
-    return np.maximum(low + rest * F(eta), FLOOR), np.maximum(lapse + rest * F(-eta), FLOOR)
+    of, eta = curve(link), np.asarray(eta)
+    rest = 1 - np.asarray(guess) - lapse
+    return np.maximum(guess + rest * of.F(eta), FLOOR), np.maximum(
+        lapse + rest * of.upper(eta), FLOOR
+    )
 
 
 def maximum(
@@ -189,9 +239,9 @@ def maximum(
     (0.0, 0.841621)
     """
     free = a is None, b is None
-    begin = (start.a, start.b) if start is not None else (0.0, 0.0)
+    near = (start.a, start.b) if start is not None else (0.0, 0.0)
     a, b = (
-        np.asarray(v if given is None else given) for given, v in zip((a, b), begin, strict=True)
+        np.asarray(v if given is None else given) for given, v in zip((a, b), near, strict=True)
     )
     c = np.asarray(c)
     shape = np.broadcast_shapes(*(v.shape[:-1] for v in sets), c.shape, a.shape, b.shape)
@@ -200,61 +250,72 @@ def maximum(
     size = np.sqrt(total(n * z * z) / total(n))
     size = np.where(size > 0, size, 1.0)
     sets, b = Sets(z / size[..., None], yes, n), b * size
-    if model.lapse is not None and not model.guess and not model.lapse:  # there is one peak
-        found = _climb(
-            sets, model, Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0))), free, STEPS
-        )
+    if not model.guess and not model.lapse:  # there is one peak
+        begin = Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0, 0.0)))
     else:
-        found = _climb(
-            sets, model, _search(sets, model, a, b, free), (*free, model.lapse is None), STEPS
-        )
-    return found._replace(b=found.b / size)
+        begin = _search(sets, model, a, b, free, ZOOMS if start is None else 1)
+    found = _climb(sets, model, begin, (*free, *_rates(model)), STEPS)
+    guess = found.lapse if model.guess is None else found.guess
+    return found._replace(b=found.b / size, guess=guess)
 
 
-def _search(sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool]) -> Found:
-    """Return the best of many starts and rates of lapses, after a few steps each.
+def _rates(model: Model) -> tuple[bool, bool]:
+    """Return whether the rates of lapses and of guesses are fitted."""
+    return model.lapse == FREE, model.guess == FREE
+
+
+def _search(
+    sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool], zooms: int
+) -> Found:
+    """Return the best of many starts and rates, after a few steps each.
 
     x is in spreads of the levels.
     """
     shape, each = sets.x.shape[:-1], Sets(*(v[..., None, :] for v in sets))
-    grid = np.linspace(0, 1, GRID if model.lapse is None else 1)
+    looked = _rates(model)
+    fixed = [0.0 if v in (None, FREE) else v for v in (model.lapse, model.guess)]
+    lowest = np.broadcast_to(fixed, (*shape, 2))
+    highest = np.where(looked, [LAPSES, GUESSES], lowest)
+    grid = np.array(list(product(*(np.linspace(0, 1, GRID if v else 1) for v in looked))))
     # what is held makes many of them one
     starts = list(dict.fromkeys((free[0] * m, free[1] * s) for m, s in STARTS))
-    middles, slopes = (np.tile(v, grid.size) for v in np.array(starts).T)
-    low = np.full(shape, 0.0 if model.lapse is None else model.lapse)
-    high = low + (LAPSES if model.lapse is None else 0.0)
-    for _ in range(ZOOMS if model.lapse is None else 1):
-        rates = np.repeat(low[..., None] + (high - low)[..., None] * grid, len(starts), axis=-1)
+    middles, slopes = (np.tile(v, len(grid)) for v in np.array(starts).T)
+    low, high = lowest, highest
+    for _ in range(zooms if any(looked) else 1):
+        rates = low[..., None, :] + (high - low)[..., None, :] * grid
+        rates = np.repeat(rates, len(starts), axis=-2)
         steep = slopes if free[1] else b[..., None]
         start = -middles * steep if free[0] else a[..., None]
+        begin = (start, steep, rates[..., 0], rates[..., 1], 0.0)
         found = _climb(
             each,
             model,
-            Found(*(np.broadcast_to(v, rates.shape) for v in (start, steep, rates, 0.0))),
-            free,
+            Found(*(np.broadcast_to(v, rates.shape[:-1]) for v in begin)),
+            (*free, False, False),
             FEW,
         )
         best = np.argmax(found.loglik, axis=-1)[..., None]
         found = Found(*(np.take_along_axis(v, best, -1)[..., 0] for v in found))
-        step = (high - low) / (GRID - 1)
-        low, high = np.maximum(found.lapse - step, 0.0), np.minimum(found.lapse + step, LAPSES)
+        at, step = np.stack([found.lapse, found.guess], axis=-1), (high - low) / (GRID - 1)
+        low, high = np.maximum(at - step, lowest), np.minimum(at + step, highest)
     return found
 
 
 def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps: int) -> Found:
     """Climb from one row for each start.
 
-    A row is left alone when its steps have become small. A third column in free is the
-    rate of lapses.
+    A row is left alone when its steps have become small.  The columns are intercept,
+    slope, and the rates of lapses and guesses.
     """
     shape = start.a.shape
     z, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(start.a.size, -1) for v in sets)
-    at = np.stack([start.a.ravel(), start.b.ravel(), start.lapse.ravel()], axis=1)
+    at = np.stack([v.ravel() for v in start[:4]], axis=1)
+    highest = np.maximum([LAPSES, GUESSES], at[:, 2:])
     loglik, step = _score(at, z, yes, n, model, free)
     active = np.arange(len(at))
     for _ in range(steps):
         trial = at[active] + step[active]
-        trial[:, 2] = np.clip(trial[:, 2], 0.0, np.maximum(LAPSES, at[active, 2]))
+        trial[:, 2:] = np.clip(trial[:, 2:], 0.0, highest[active])
         new, newer = _score(trial, z[active], yes[active], n[active], model, free)
         better = new >= loglik[active] - 1e-12 * np.abs(loglik[active])
         at[active[better]], loglik[active[better]] = trial[better], new[better]
@@ -270,27 +331,50 @@ def _score(
 ) -> tuple[Array, Array]:
     """Return the log-likelihood of each row, and its step.
 
-    The step is the expected information's inverse times the gradient.
+    The step is the expected information's inverse times the gradient; where a rate is
+    fitted too, it is Newton's.
     """
-    eta, lapse = at[:, :1] + at[:, 1:2] * z, at[:, 2:]
-    p, q = probability(eta, model, lapse)
-    slope = (1 - (lapse if model.guess is None else model.guess) - lapse) * curve(model.link)[1](
-        eta
-    )
+    of, eta, lapse = curve(model.link), at[:, :1] + at[:, 1:2] * z, at[:, 2:3]
+    guess = lapse if model.guess is None else at[:, 3:]
+    p, q = probability(eta, model.link, guess, lapse)
+    slope = (1 - guess - lapse) * of.density(eta)
     loglik = total(yes * np.log(p) + (n - yes) * np.log(q))
-    if free[2:] == (True,):
+    if any(free[2:]):
         return loglik, _joint_step(at, z, yes, n, model, free, eta, p, q, slope)
     g, w = slope * (yes / p - (n - yes) / q), n * slope * slope / (p * q)
     g0, g1, w0, w1, w2 = (total(v) for v in (g, g * z, w, w * z, w * z * z))
     if free[:2] == (True, True):
         det = w0 * w2 - w1 * w1 + FLOOR
-        return (
-            loglik,
-            np.stack([w2 * g0 - w1 * g1, w0 * g1 - w1 * g0, 0 * g0], axis=1) / det[:, None],
-        )
-    return loglik, np.stack(
-        [free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR), 0 * g0], axis=1
-    )
+        step = (w2 * g0 - w1 * g1) / det, (w0 * g1 - w1 * g0) / det
+    else:
+        step = free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR)
+    return loglik, np.stack([*step, 0 * g0, 0 * g0], axis=1)
+
+
+def directions(z: Array, eta: Array, slope: Array, model: Model, free: Sequence[bool]) -> Array:
+    """Return how p changes with intercept, slope, lapses and guesses, shape (.., 4, n).
+
+    Parameters
+    ----------
+    z, eta : ndarray, shape (.., n)
+        The levels, from c on, and the link there.
+    slope : ndarray, shape (.., n)
+        dp/deta.
+    model : Model
+    free : sequence of bool
+        Which of the four are fitted; the others are 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.likelihood import PROBIT, directions
+    >>> zero, one = np.zeros(1), np.ones(1)
+    >>> directions(zero, zero, one, PROBIT, (True, True, True, False))[:, 0]
+    array([1., 0., 0., 0.])
+    """
+    F = curve(model.link).F(eta)
+    each = slope, slope * z, 1 - 2 * F if model.guess is None else -F, 1 - F
+    return np.stack([f * v for f, v in zip(free, each, strict=True)], axis=-2)
 
 
 def _joint_step(
@@ -305,31 +389,34 @@ def _joint_step(
     q: Array,
     slope: Array,
 ) -> Array:
-    """Return Newton's step of all three.
+    """Return Newton's step of all four.
 
     Where the log-likelihood is not concave, it is by the expected information.
     """
-    F, density = (f(eta) for f in curve(model.link)[:2])
-    bent = slope * (-eta if model.link == "probit" else 1 - 2 * F)
-    both = -density * (2 if model.guess is None else 1)  # of the curve and the rate
-    line, rate = (
-        np.stack([free[0] + 0 * z, free[1] * z, 0 * z], axis=1),
-        np.array([0.0, 0.0, 1.0])[:, None],
-    )
-    d = slope[:, None] * line + rate * (1 - 2 * F if model.guess is None else -F)[:, None]
+    of = curve(model.link)
+    d = directions(z, eta, slope, model, free)
     r = yes / p - (n - yes) / q
     gradient = total(d * r[:, None])
-    held = np.where(gradient[:, 2] > 0, at[:, 2] >= LAPSES, at[:, 2] <= 0)
-    d[held, 2], gradient[held, 2], both[held] = 0.0, 0.0, 0.0
+    # a rate at an end of its range is held there while the gradient points outwards
+    rates, uphill = at[:, 2:], gradient[:, 2:] > 0
+    held = np.where(uphill, rates >= [LAPSES, GUESSES], rates <= 0)
+    d[:, 2:][held] = 0.0
+    gradient[:, 2:][held] = 0.0
+    # how dp/deta changes with a rate
+    both = -of.density(eta)[:, None] * [[2 if model.guess is None else 1], [1]]
+    both = both * (np.array(free[2:]) & ~held)[..., None]
+    line = np.stack([free[0] + 0 * z, free[1] * z, 0 * z, 0 * z], axis=1)
+    cross = np.zeros((*d.shape[:2], *d.shape[1:]))
+    cross[:, :, 2:] = line[:, :, None] * both[:, None]
+    second = line[:, :, None] * line[:, None] * (slope * of.bend(eta))[:, None, None]
+    second = second + cross + np.swapaxes(cross, 1, 2)
     outer = d[:, :, None] * d[:, None]
     expected = total(outer * (n / (p * q))[:, None, None])
-    crossed = line[:, :, None] * rate + rate[:, None] * line[:, None]
-    second = line[:, :, None] * line[:, None] * bent[:, None, None] + crossed * both[:, None, None]
     observed = total(
         outer * (yes / p**2 + (n - yes) / q**2)[:, None, None] - second * r[:, None, None]
     )
     # what is held has none
-    little = (1e-12 * np.trace(expected, axis1=1, axis2=2) + FLOOR)[:, None, None] * np.eye(3)
+    little = (1e-12 * np.trace(expected, axis1=1, axis2=2) + FLOOR)[:, None, None] * np.eye(4)
     concave = np.linalg.eigvalsh(observed + little)[:, :1, None] > 0
     return np.linalg.solve(np.where(concave, observed, expected) + little, gradient[..., None])[
         ..., 0

@@ -24,7 +24,7 @@ from ..system.packages import package
 from ..system.pool import spread
 from ..system.progress import progress as bar
 from .experiment import Experiment
-from .likelihood import Model, probability
+from .likelihood import probability
 from .random_streams import stream
 from .trial import Answer, Observer, Stimulus, Trial, observed, outcome
 
@@ -100,8 +100,10 @@ class Psychometric:
                 f"Psychometric: sigma = {sigma:g} must be above 0, and lapse = {self.lapse:g} from"
                 " 0 to 0.5"
             )
-        away = math.log10(trial.level / pse) if self.log else trial.level - pse
-        return float(probability(away / sigma, Model(self.link, trial.chance), self.lapse)[0])
+        logs = self.log or self.link == "weibull"
+        away = math.log10(trial.level / pse) if logs else trial.level - pse
+        guess = self.lapse if trial.chance is None else trial.chance
+        return float(probability(away / sigma, self.link, guess, self.lapse)[0])
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
         """Answer the first question; one number is drawn."""

@@ -27,6 +27,8 @@ SHOWN = (
     "lapse",
     "trials",
     "levels",
+    "p",
+    "dispersion",
     "problems",
 )
 HEADS = {
@@ -34,9 +36,11 @@ HEADS = {
     "pse_interval": "{what}, interval",
     "jnd": "JND",
     "jnd_interval": "JND, interval",
+    "p": "goodness of fit, p",
 }
 NEEDED = ("participant", "condition", "level", "outcome", "track", "number")
 ACROSS = 4  # pictures in a row
+STRETCHES = 10  # of the trials of a fit, whose residuals are summed
 
 
 @public
@@ -135,6 +139,12 @@ def write_report(
             "<h2>Psychometric"
             f" functions</h2>{svg(lambda figure: _curves(figure, fits, label), size)}"
         )
+        picture = svg(lambda figure: _residuals(figure, fits, answers), size)
+        parts.append(
+            "<h2>Residuals over time</h2><p>Answers minus the curve, summed over stretches of"
+            " trials in their order, in standard deviations: a steady participant is within the"
+            f" dotted lines in 19 of 20.</p>{picture}"
+        )
         parts.append(
             "<p>Fits that are not to be used as they"
             f" are:</p>{items(flagged)}{_table(_fits(fits, by, unit))}"
@@ -188,7 +198,7 @@ def _fits(
     in_unit = f" / {unit}" if unit else ""
     logs = any(fit.log for fit in fits.values())
     heads = {name: HEADS.get(name, name.replace("_", " ")).format(what=what) for name in SHOWN}
-    for name in HEADS:
+    for name in set(HEADS) - {"p"}:
         heads[name] += f", part of the {what}" if logs and name.startswith("jnd") else in_unit
     return [
         dict(zip(by, key, strict=True)) | {heads[name]: getattr(fit, name) for name in SHOWN}
@@ -236,6 +246,24 @@ def _curves(figure: Any, fits: Mapping[tuple, Fit], label: str) -> None:
         )
     figure.supxlabel(_label(label))
     figure.supylabel("proportion of more")
+
+
+def _residuals(figure: Any, fits: Mapping[tuple, Fit], answers: Mapping[tuple, Columns]) -> None:
+    """Draw how far the answers are from each curve, over the trials."""
+    for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
+        rows = answers[key]
+        order = np.argsort(np.asarray(rows["number"], float), kind="stable")
+        p = fit(np.asarray(rows["level"], float)[order])
+        left = np.asarray(rows["outcome"], float)[order] - p
+        stretches = np.array_split(np.arange(order.size), min(STRETCHES, order.size))
+        sums = [np.sum(left[at]) / np.sqrt(np.sum((p * (1 - p))[at])) for at in stretches]
+        ax.plot([1 + at.mean() for at in stretches], sums, "o-", ms=3)
+        for edge in (-1.96, 1.96):
+            ax.axhline(edge, lw=0.7, ls=":", color="0.5")
+        ax.set_title(_label(" ".join(map(str, key))))
+        ax.grid(alpha=0.3)
+    figure.supxlabel("trial")
+    figure.supylabel("residual / standard deviation")
 
 
 def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:

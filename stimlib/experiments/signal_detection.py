@@ -87,7 +87,7 @@ def detection(
     >>> round(detection(50, 50, 0, 50, correction="half").d, 6)
     4.652696
     """
-    _, density, inverse = curve("probit")
+    _, density, inverse, *_ = curve("probit")
     if correction not in CORRECTIONS:
         raise BadValue(
             f"detection: correction = {correction!r} must be one of {', '.join(CORRECTIONS)}"

@@ -14,8 +14,27 @@ from stimlib.blocks import oscillator
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Experiment
-from stimlib.experiments.fits import bootstrap, profile, psychometric, psychometrics
-from stimlib.experiments.likelihood import Model, Sets, ends, maximum
+from stimlib.experiments.fits import (
+    allowed,
+    bootstrap,
+    dispersion,
+    goodness,
+    likelihood_ratio,
+    profile,
+    psychometric,
+    psychometrics,
+)
+from stimlib.experiments.likelihood import (
+    LINKS,
+    PROBIT,
+    Found,
+    Model,
+    Sets,
+    curve,
+    ends,
+    maximum,
+    probability,
+)
 from stimlib.experiments.observers import Psychometric as Observer, simulate
 from stimlib.experiments.questions import choice
 from stimlib.experiments.tables import fitted
@@ -56,21 +75,25 @@ def test_fits_are_those_of_statsmodels(link, log):
     assert repr(psychometric(at, trials, link=link, log=log, interval="none")) == repr(fit)
 
 
-def test_a_profile_interval_is_where_a_held_parameter_costs_so_much():
+@pytest.mark.parametrize("dispersion", [1.0, 1.5, None])
+def test_a_profile_interval_is_where_a_held_parameter_costs_so_much(dispersion):
     """By trying, of the likelihood as it is written down, which has several peaks:
     guesses of one half, lapses of 2 %.
     """
-    from scipy.stats import chi2
+    from scipy.stats import chi2, f
 
     yes, asked = np.array([33, 30, 39, 54, 57, 60]), 60
-    fit = psychometric(LEVELS, yes, 3 * ASKED, guess=0.5, lapse=0.02, confidence=0.9)
+    how = dict(guess=0.5, lapse=0.02, confidence=0.9, dispersion=dispersion)
+    fit = psychometric(LEVELS, yes, 3 * ASKED, **how)
 
     def deviance(pse, sigma):
         p = 0.5 + 0.48 * ndtr((LEVELS - pse) / sigma)
         return -2 * np.sum(yes * np.log(p) + (asked - yes) * np.log(1 - p))
 
-    wanted = deviance(fit.pse, fit.sigma) + chi2.ppf(0.9, 1)
-    assert wanted == pytest.approx(-2 * fit.loglik + 2.705543454095404)
+    fall = dispersion * chi2.ppf(0.9, 1) if dispersion else fit.dispersion * f.ppf(0.9, 1, 4)
+    assert fall > chi2.ppf(0.9, 1) or dispersion == 1
+    wanted = -2 * fit.loglik + fall
+    assert deviance(fit.pse, fit.sigma) == pytest.approx(-2 * fit.loglik)
     pses, sigmas = np.linspace(1.5, 3.5, 401), np.geomspace(0.005, 3, 401)
     for end in fit.pse_interval:
         assert min(deviance(end, s) for s in sigmas) == pytest.approx(wanted, abs=2e-3)
@@ -108,7 +131,7 @@ def test_a_rate_of_lapses_is_the_best_there_is():
     from scipy.optimize import minimize
 
     yes = np.array([0, 4, 9, 17, 19, 17])
-    fit = psychometric(LEVELS, yes, ASKED, lapse=None)
+    fit = psychometric(LEVELS, yes, ASKED, lapse="free")
 
     def cost(v):
         p = v[2] + (1 - 2 * v[2]) * ndtr((LEVELS - v[0]) / v[1])
@@ -124,7 +147,7 @@ def test_a_rate_of_lapses_is_the_best_there_is():
     assert [fit.pse, fit.sigma, fit.lapse] == pytest.approx(list(other.x), rel=1e-5)
     assert fit.loglik >= -other.fun - 1e-10 and fit.guess == fit.lapse
     ends = [
-        psychometric(LEVELS, yes, ASKED, lapse=None, interval="none").lapse
+        psychometric(LEVELS, yes, ASKED, lapse="free", interval="none").lapse
         for yes in (YES, [5, 6, 9, 14, 15, 15])
     ]
     assert ends == [0.0, pytest.approx(0.1)]  # neither below 0 nor beyond a tenth
@@ -141,7 +164,7 @@ def test_the_likelihood_neither_rises_nor_falls_with_the_rate_of_lapses_that_is_
     yes = {k: rng.binomial(40, p) for k in range(48)}
     fits = psychometrics(
         {k: (LEVELS, v, np.full(LEVELS.size, 40)) for k, v in yes.items()},
-        lapse=None,
+        lapse="free",
         guess=guess,
         interval="none",
     )
@@ -249,6 +272,212 @@ def covered(people, model, at, chance):
     return np.mean((low < 2) & (2 < high)), np.mean((flat_low < 0.4) & (0.4 < flat_high))
 
 
+def drifting(nu, people, levels=7, asked=20, seed=4):
+    """Answers of people whose probabilities are drawn anew at each level: PSE 2, sigma
+    0.8.
+    """
+    rng, at = np.random.default_rng(seed), np.linspace(0.3, 3.9, levels)
+    p = np.broadcast_to(ndtr((at - 2) / 0.8), (people, levels))
+    p = p if np.isinf(nu) else rng.beta(p * nu, (1 - p) * nu)
+    n = np.full(p.shape, float(asked))
+    return Sets(np.broadcast_to(at, p.shape), rng.binomial(asked, p).astype(float), n)
+
+
+# of 95 % intervals in 4000 people: at least, at most; and of binomial ones at most
+@pytest.mark.parametrize(
+    ("nu", "low", "high", "binomial"),
+    [
+        (8, 0.905, 0.93, 0.73),
+        (15, 0.925, 0.95, 0.82),
+        (50, 0.95, 0.975, 0.92),
+        (np.inf, 0.96, 0.98, 0.96),
+    ],
+)
+def test_intervals_hold_the_truth_of_people_who_drift(nu, low, high, binomial):
+    """The PSE is inside where the profile there has fallen by less than it may."""
+    sets, c = drifting(nu, 4000), np.full(4000, 2.0)
+    found = maximum(sets, c)
+    fallen = 2 * (found.loglik - maximum(sets, c, a=np.zeros(4000), start=found).loglik)
+    scatter = dispersion(sets, c, PROBIT, found)
+    assert low < np.mean(fallen < allowed(scatter, 5)) < high
+    assert np.mean(fallen < allowed(np.nan, 0)) < binomial
+
+
+def test_dispersion_is_that_of_the_answers():
+    """Variance n p q (1 + (n - 1)/(nu + 1)) of a beta-binomial count.
+
+    It comes out up to a tenth lower where levels with few of one answer scatter most.
+    """
+    for nu, off in ((15, 0.12), (50, 0.08), (np.inf, 0.02)):
+        sets, c = drifting(nu, 4000, levels=9, asked=40), np.full(4000, 2.0)
+        mean = np.mean(dispersion(sets, c, PROBIT, maximum(sets, c)))
+        assert mean == pytest.approx(1 + 39 / (nu + 1), rel=off)
+    two = Sets(np.array([1.0, 3.0]), np.array([3.0, 15.0]), np.array([20.0, 20.0]))
+    assert np.isnan(dispersion(two, 2.0, PROBIT, maximum(two, 2.0)))
+    assert psychometric([1.0, 3.0], [3, 15], [20, 20]).pse_interval[1] < 3  # as binomial
+
+
+def test_goodness_of_fit_is_that_of_refitted_draws():
+    """It is p with every draw fitted anew, and uniform if the curve is true."""
+    from scipy.special import xlogy
+
+    sets, n = drifting(15, 1), 4000
+    one = Sets(*(v[0] for v in sets))
+    found = maximum(one, 2.0)
+    p = probability(found.a + found.b * (one.x - 2), "probit")[0]
+    drawn = np.random.default_rng(9).binomial(20, p, (n, 7)).astype(float)
+
+    def deviance(yes, loglik):
+        return 2 * (xlogy(yes, yes / 20) + xlogy(20 - yes, 1 - yes / 20)).sum(-1) - 2 * loglik
+
+    larger = deviance(drawn, maximum(one._replace(yes=drawn), 2.0).loglik) >= deviance(
+        one.yes, found.loglik
+    )
+    assert goodness(one, 2.0, PROBIT, found) == pytest.approx(larger.mean(), abs=0.02)
+    steady = drifting(np.inf, 400)
+    best = maximum(steady, np.full(400, 2.0))
+    found = [
+        goodness(Sets(*(v[i] for v in steady)), 2.0, PROBIT, Found(*(v[i] for v in best)))
+        for i in range(400)
+    ]
+    assert np.quantile(found, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.08)
+
+
+def test_answers_that_scatter_are_named_and_their_intervals_are_wider():
+    yes = [0, 9, 7, 19, 13, 20]
+    fit, plain = (psychometric(LEVELS, yes, ASKED, dispersion=v) for v in (None, 1.0))
+    assert fit.problems == plain.problems == ("overdispersed",) and fit.p < 0.01
+    assert fit.dispersion > 2 and fit.pse == plain.pse
+    wider = np.sqrt(fit.dispersion * 7.708647422176786 / 3.841458820694124)  # F(1, 4), chi2(1)
+    assert f"wider by {wider:.2g}" in fit.advice()[0] and f"p = {fit.p:.2g}" in fit.advice()[0]
+    same = psychometric(LEVELS, yes, ASKED, dispersion=wider**2)
+    assert same.pse_interval == pytest.approx(fit.pse_interval, rel=1e-6)
+    assert np.diff(fit.pse_interval) > 2 * np.diff(plain.pse_interval)
+    boot, narrow = (
+        psychometric(LEVELS, yes, ASKED, interval="bootstrap", dispersion=v) for v in (None, 1.0)
+    )
+    for name in ("pse_interval", "sigma_interval"):
+        ends, before = np.array(getattr(boot, name)), np.array(getattr(narrow, name))
+        middle = boot.pse if name == "pse_interval" else boot.sigma
+        if name == "sigma_interval":
+            ends, before, middle = np.log(ends), np.log(before), np.log(middle)
+        assert (ends - middle) / (before - middle) == pytest.approx([wider, wider])
+
+
+# Links and rates ----------------------------------------------------------------------
+def test_weibull_and_gumbel_are_what_they_are_called():
+    """Against the likelihood written down, and scipy's distributions."""
+    from scipy.optimize import minimize
+    from scipy.stats import gumbel_l, weibull_min
+
+    yes, asked = np.array([12, 11, 15, 18, 20, 20]), np.full(6, 20)
+    fit = psychometric(LEVELS, yes, asked, link="weibull", guess=0.5, lapse=0.01)
+    assert (fit.link, fit.log) == ("weibull", True)
+
+    def cost(v):
+        p = 0.5 + 0.49 * weibull_min.cdf(LEVELS, v[1], scale=v[0])
+        return -np.sum(yes * np.log(p) + (asked - yes) * np.log(1 - p))
+
+    found = minimize(cost, [2, 2], method="Nelder-Mead", options=dict(xatol=1e-9, fatol=1e-12))
+    scale, shape = found.x
+    assert fit.loglik == pytest.approx(-found.fun, abs=1e-9)
+    assert [float(fit.level(0.5 + 0.49 * (1 - np.exp(-1)))), 1 / (fit.sigma * np.log(10))] == (
+        pytest.approx([scale, shape], rel=1e-4)
+    )
+    assert fit(fit.pse) == pytest.approx(0.745)  # half-way
+    other = psychometric(LEVELS, yes, asked, link="gumbel", log=True, guess=0.5, lapse=0.01)
+    assert (other.pse, other.pse_interval) == (fit.pse, fit.pse_interval)
+    plain = psychometric(LEVELS, YES, ASKED, link="gumbel")
+    at = gumbel_l(plain.pse - plain.sigma * np.log(np.log(2)), plain.sigma)
+    assert plain(LEVELS) == pytest.approx(at.cdf(LEVELS), rel=1e-12)
+    assert plain.jnd == pytest.approx(at.ppf(0.75) - at.ppf(0.5))
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_a_link_is_a_distribution(link):
+    """Its density, complement, inverse and bend belong to F, from end to end."""
+    of, eta = curve(link), np.linspace(-30, 6, 73)
+    h = 1e-5
+    assert of.F(0.0) == pytest.approx(0.5)
+    assert of.density(eta) == pytest.approx((of.F(eta + h) - of.F(eta - h)) / (2 * h), abs=1e-9)
+    some = eta[of.density(eta) > 1e-9]
+    change = (np.log(of.density(some + h)) - np.log(of.density(some - h))) / (2 * h)
+    assert of.bend(some) == pytest.approx(change, rel=1e-5, abs=1e-5)
+    assert of.F(eta) + of.upper(eta) == pytest.approx(np.ones(eta.size), rel=1e-14)
+    assert of.inverse(of.F(eta[20:63])) == pytest.approx(eta[20:63], abs=1e-6)
+    assert np.isfinite([f(np.array([-1e3, 1e3])) for f in (of.F, of.density, of.upper)]).all()
+
+
+@pytest.mark.parametrize("link", ["probit", "gumbel"])
+def test_free_rates_are_the_best_there_are(link):
+    from scipy.optimize import minimize
+
+    levels = np.linspace(0.5, 5, 10)
+    yes, asked = np.array([10, 9, 13, 16, 25, 30, 37, 38, 36, 38]), np.full(10, 40)
+    fit = psychometric(levels, yes, asked, link=link, guess="free", lapse="free")
+
+    def cost(v):
+        p = v[2] + (1 - v[2] - v[3]) * curve(link).F((levels - v[0]) / v[1])
+        return -np.sum(yes * np.log(p) + (asked - yes) * np.log(1 - p))
+
+    other = minimize(
+        cost,
+        [2.5, 0.5, 0.2, 0.05],
+        bounds=[(1, 5), (0.2, 2), (0.001, 0.8), (0.001, 0.1)],
+        method="L-BFGS-B",
+        options={"ftol": 1e-15, "gtol": 1e-9},
+    )
+    found = [fit.pse, fit.sigma, fit.guess, fit.lapse]
+    assert found == pytest.approx(list(other.x), rel=1e-4)
+    assert fit.loglik >= -other.fun - 1e-9 and fit.parameters == 4
+    assert 0 < fit.guess < 0.8 and 0 < fit.lapse < 0.1
+    assert fit.aic == pytest.approx(2 * 4 + 2 * other.fun)
+
+
+def test_a_shared_rate_makes_all_sets_together_most_likely():
+    sets = {
+        "a": (LEVELS, [0, 4, 10, 17, 20, 17], ASKED),
+        "b": (LEVELS, [1, 2, 6, 13, 18, 19], ASKED),
+    }
+    fits = psychometrics(sets, lapse="shared", interval="none")
+    rate = fits["a"].lapse
+    assert rate == fits["b"].lapse and 0 < rate < 0.1 and fits["a"].shared == 1
+
+    def loglik(lapse):
+        return sum(f.loglik for f in psychometrics(sets, lapse=lapse, interval="none").values())
+
+    best = loglik(rate)
+    assert best > max(loglik(rate - 1e-3), loglik(rate + 1e-3))
+    without = psychometrics(sets, lapse=0.0, interval="none").values()
+    found = likelihood_ratio(without, fits.values())
+    assert found.df == 1 and found.statistic == pytest.approx(2 * (best - loglik(0.0)))
+    both = psychometrics(sets, lapse="shared", guess="shared", interval="none")
+    assert both["a"].shared == 2 and sum(f.loglik for f in both.values()) >= best - 1e-9
+
+
+def test_a_likelihood_ratio_is_chi_squared_or_f():
+    from scipy.stats import chi2, f
+
+    one, other = [1, 4, 9, 17, 19, 20], [0, 2, 8, 12, 19, 20]
+    each = [psychometric(LEVELS, yes, ASKED, interval="none") for yes in (one, other)]
+    both = psychometric(np.tile(LEVELS, 2), [*one, *other], np.tile(ASKED, 2), interval="none")
+    found = likelihood_ratio([both], each)
+    gain = 2 * (sum(v.loglik for v in each) - both.loglik)
+    assert (found.statistic, found.df) == (pytest.approx(gain), 2)
+    assert found.p == pytest.approx(chi2.sf(gain, 2))
+    rough = [
+        psychometric(LEVELS, yes, ASKED) for yes in ([0, 9, 7, 19, 13, 20], [0, 2, 8, 12, 19, 20])
+    ]
+    joined = psychometric(
+        np.tile(LEVELS, 2), [0, 9, 7, 19, 13, 20, 0, 2, 8, 12, 19, 20], np.tile(ASKED, 2)
+    )
+    found = likelihood_ratio([joined], rough)
+    scatter = (rough[0].dispersion + rough[1].dispersion) / 2
+    assert scatter > 1 and found.p == pytest.approx(f.sf(found.statistic / 2 / scatter, 2, 8))
+    refused(BadValue, "the same answers", likelihood_ratio, [both], rough)
+    refused(BadValue, "4 parameters .* must be more", likelihood_ratio, each, each)
+
+
 @pytest.mark.longer
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such
@@ -346,12 +575,12 @@ def test_lapses_are_told_and_can_be_fitted():
     plain = psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED)
     assert plain.problems == ("lapses",) and plain.sigma > 1
     for other in (
-        psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED, lapse=v) for v in (None, 0.04)
+        psychometric(levels, [0, 3, 10, 17, 20, 18], ASKED, lapse=v) for v in ("free", 0.04)
     ):
         assert (
             other.problems == ()
             and other.sigma < 0.6
-            and 1.7 < other.pse_interval[0] < 2 < other.pse_interval[1] < 2.3
+            and 1.6 < other.pse_interval[0] < 2 < other.pse_interval[1] < 2.4
         )
     near, far = (
         psychometric([*levels[:5], v], [0, 3, 10, 17, 20, 19], ASKED, interval="none")
@@ -382,7 +611,7 @@ def test_the_threshold_of_a_detection_has_the_chance_level_of_its_task():
             0
         ] < 0.1 < fit.pse_interval[1]
         assert str(fit).startswith(f"threshold {fit.pse:.4g} V [") and str(fit).endswith(
-            f"JND {fit.jnd:.0%} of it"
+            f"JND {fit.jnd:.0%} of it, fit p = {fit.p:.2g}"
         )
         assert fit(0.0) == 0.5 and fit(np.array([[1e9]])) == pytest.approx(1.0)
     alone = psychometric(answers["level"], answers["outcome"], log=True)
@@ -483,7 +712,7 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
         (dict(levels=[1, 2], yes=[0, 1], lapse=0.5), "lapse"),
         (dict(levels=[1, 2], yes=[0, 1], lapse=-0.1), "lapse"),
         (dict(levels=[1, 2], yes=[0, 1], guess=-0.1), "guess"),
-        (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse=None), "guess"),
+        (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse="free"), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], interval="wald"), "bootstrap"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=95), "confidence"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=0.0), "confidence"),
