@@ -1,4 +1,4 @@
-"""The sinks on which a scene can be played, and what is missing for the rest."""
+"""The available sinks, and what is missing for the others."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Device:
     how : str
         How to play on it, or how to get it.
     fs : float, optional
-        Its sample rate in Hz, where it has one of its own.
+        Sample rate of the device in Hz, if it is fixed.
     """
 
     sink: str
@@ -64,7 +64,7 @@ def devices(server: str | None = None) -> list[Device]:
 def first_ready(server: str | None = None) -> Device:
     """Return the device on which ``stimlib play`` plays by default.
 
-    It is the first that is ready, of JACK and then PortAudio; without any, no device.
+    JACK is tried before PortAudio; if neither is ready, the null device is returned.
 
     Parameters
     ----------
@@ -82,9 +82,9 @@ def first_ready(server: str | None = None) -> Device:
 
 
 def option(sink: str, name: str, value: Any) -> dict[str, Any]:
-    """Return the keyword argument of a sink for an option of the command line.
+    """Return the keyword argument of a sink for a command-line option.
 
-    It comes with its value.
+    The result is a dict with the argument's name and value.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def option(sink: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def make(sink: str, scene: Any, safety: Any, **options: Any) -> Any:
-    """Return the sink with this name in ``SINKS``, for a scene and its safety stage.
+    """Make the sink with a name in ``SINKS`` for a scene and its safety stage.
 
     Examples
     --------
@@ -186,7 +186,7 @@ def _on_nidaq(server: str | None) -> Found:
 
 
 class Kind(NamedTuple):
-    """The facts about a kind of sink, in one place."""
+    """All facts about one kind of sink."""
 
     place: str  # module and class
     found: Callable[[str | None], Found]

@@ -1,7 +1,7 @@
 """A sink for the analogue outputs of National Instruments devices, over nidaqmx.
 
-Not tried on hardware: the calls are tested against a stand-in that does what the
-package's documentation says.
+It has not been tried on hardware: the calls are tested against a mock that follows the
+package's documentation.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A rendering on a device: ``Rendering.play``."""
+"""Playback of a rendering on a device, as ``Rendering.play``."""
 
 from __future__ import annotations
 
