@@ -1,4 +1,4 @@
-"""What page and server say to each other over the one WebSocket, ``/ws``.
+"""The messages between page and server over the single WebSocket, ``/ws``.
 
 Text is one JSON object. What the page says has ``do``, what the server says has ``is``;
 other fields are as in the tables.
@@ -164,12 +164,12 @@ def message(
 ) -> dict[str, Any]:
     """Parse and check a message from a page.
 
-    Its field ``do`` names a row of the table.
+    Its field ``do`` names a row of the first table above.
 
     Raises
     ------
     BadValue
-        It is none of the table's.
+        The message is not in the table.
 
     Examples
     --------
@@ -199,7 +199,7 @@ def message(
 
 
 def samples(head: tuple[float, ...], x: NDArray[np.float64], y: NDArray[np.float32]) -> bytes:
-    """Return a binary message with samples.
+    """Return a block of samples as a binary message.
 
     Parameters
     ----------
