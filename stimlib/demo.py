@@ -82,9 +82,9 @@ class Shown(NamedTuple):
 
     name: str
     passed: bool
-    """Whether every check of the report held."""
+    """Whether every check of the report passed."""
     files: list[tuple[Path, str, str]]
-    """Path, what it is, what to look at."""
+    """For each file: path, kind, and what to look at."""
 
 
 @public

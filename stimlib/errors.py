@@ -189,7 +189,7 @@ LISTS = {
 
 
 PUBLIC: dict[str, str] = {}
-"""Functions and classes whose arguments are checked, and their modules."""
+"""Functions and classes whose arguments are checked, with their modules."""
 
 
 def public(f: F) -> F:
@@ -376,7 +376,7 @@ RULES: dict[Any, Callable[[Any, Any, tuple], bool]] = {
     "Block": _is_signal,
     "ndarray": _is_array,
 }
-"""By a type or its name, whether a value is of it; `_is_of` for all others."""
+"""For each type or its name, the test of a value; `_is_of` for all others."""
 RULES[bool] = lambda v, of, parts: type(v).__name__ in ("bool", "bool_")
 RULES |= dict.fromkeys((float, int), _is_number)
 RULES |= dict.fromkeys((dict, Mapping), _is_table) | dict.fromkeys(LISTS, _is_list)

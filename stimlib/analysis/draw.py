@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..run.processor import Processor
 
 MOST = 200
-"""Blocks that fit into a picture; above it nobody can read one."""
+"""Largest number of blocks in a readable picture."""
 
 FORMATS = {".svg": {"Date": None}, ".png": {}, ".pdf": {"CreationDate": None}}
 

@@ -27,16 +27,16 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
 
     Between its ends this is a Butterworth high-pass of order 4, forwards and backwards.
     Nothing is assumed about the signal beyond its ends, so a force that is cut off
-    mid-movement leaves no transient. In the first and last half period of the cutoff
-    slow and fast cannot be told apart: a tone of 4 times the cutoff is wrong there by
-    up to 0.65 of its amplitude in the very last sample, and by 0.1 from a quarter
+    mid-movement leaves no transient. In the first and last half period of the cutoff,
+    slow and fast parts cannot be separated: a tone of 4 times the cutoff is wrong there
+    by up to 0.65 of its amplitude in the very last sample, and by 0.1 from a quarter
     period on.
 
     Corners of a smooth force contain fast components. Where the third derivative jumps
     by J, they leave up to 0.14 J/(2 pi cutoff)**3: above 40 Hz 0.8 mN of a minimum-jerk
-    squeeze of 20 mm in 0.3 s on 2000 N/m, beside a vibration of 140 mN (0.6 %); above
-    20 Hz it is 6 mN. In a pulse that never falls below 0, such as the half waves of a
-    bump, the mean counts as slow.
+    squeeze of 20 mm in 0.3 s on 2000 N/m, compared with a vibration of 140 mN (0.6 %);
+    above 20 Hz it is 6 mN. In a pulse that never falls below 0, such as the half waves
+    of a bump, the mean counts as slow.
 
     Parameters
     ----------

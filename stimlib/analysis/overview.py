@@ -46,9 +46,9 @@ class Against(NamedTuple):
     measured: np.ndarray
     law: np.ndarray
     low: np.ndarray
-    """From here ..."""
+    """Lower edge of the band of correct renderings."""
     high: np.ndarray
-    """.. to there a correct rendering lies."""
+    """Upper edge of the band of correct renderings."""
 
 
 class Row(NamedTuple):
@@ -144,7 +144,7 @@ def check_place(
     ----------
     path : str or Path
     what : str
-        What is to be written.
+        Name of the picture, for error messages.
     formats : sequence of str
         Suffixes that it may have.
 
@@ -228,7 +228,7 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     ----------
     rendering : Rendering
     seconds : float
-        Length of what is drawn.
+        Duration of the drawn part.
 
     Returns
     -------

@@ -93,7 +93,7 @@ def cues(
           max(f v, 0), J
         - ``f_max``, ``f_mean``: largest and mean of the force peaks, N; ``y_max``,
           ``y_mean``, m, and ``v_max``, ``v_mean``, m/s, in the same way.  Peaks are
-          maxima; nan where there is none
+          maxima; nan if there are none
         - ``k_I``: first force peak over the displacement at that sample, N/m
         - ``k_fit``, ``b_fit``: slope of the line through 0 fitted to force over
           displacement (N/m), over velocity (N s/m)

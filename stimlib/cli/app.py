@@ -235,7 +235,7 @@ class Output(Console):
 def print_wide(data: Any) -> None:
     """Print a table or report on stdout, as wide as the terminal.
 
-    Where there is no terminal the width is 130 characters.
+    Without a terminal, the width is 130 characters.
     """
     Output(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
 

@@ -351,7 +351,7 @@ def calibrate(
     unit : str
         Of the response.
     band : (float, float)
-        Hz, within what was swept.
+        In Hz, within the range of the sweep.
     resolution : float
         Hz; less than half the width of the sharpest resonance.
     sensor : float

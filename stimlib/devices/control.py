@@ -35,10 +35,10 @@ class ControlLoop(Sink):
     safety : Safety or float
         Limits, in the outputs' units; nothing beyond ``full_scale`` is written.
     read : callable
-        Returns the inputs, shape (n_inputs,) or, of several samples, (n_inputs, n), in
-        their units, or None where there is nothing new: the last position is held, and
-        after 50 ms without one the outputs fade out until there is one again.  A scene
-        without inputs needs none.
+        Returns the inputs in their units, shape (n_inputs,) or, for several samples,
+        (n_inputs, n), or None if there is no new value: the last position is then held,
+        and after 50 ms without a value the outputs fade out until one arrives.  A scene
+        without inputs needs no ``read``.
     write : callable
         Takes the outputs in their units, shape (n_outputs,), or (n_outputs, block).
     watchdog : float

@@ -20,7 +20,7 @@ from .process import libc
 from .sources import SILENT, Live, Recorded, Scripted, Signals, Source, Stream
 
 LOG_SECONDS = 4.0
-"""What the log may be behind before samples are missing in it."""
+"""Seconds by which the log may lag before it misses samples."""
 
 FOREVER = 2**62
 REASONS = ("stop", "fault", "error", "close")

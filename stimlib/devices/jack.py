@@ -22,8 +22,8 @@ from .sink import Sink
 from .sources import Signals
 
 SILENT_FOR = 2.0
-"""Seconds without a callback after which a server is taken for gone: in synchronous
-mode a client that was killed holds it up.
+"""Seconds without a callback after which a server counts as gone; in synchronous mode a
+killed client can block it for a while.
 """
 
 INSTALL = (

@@ -24,7 +24,7 @@ from .engine import _native
 from .jack import INSTALL, JackSink, _jack
 
 ROUND_TRIP = 1.0
-"""Longest delay of a cable, in s, that is searched for."""
+"""Longest delay of a cable, in s, that the search covers."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class Loopback:
     latency : float, s
         Through the cable; without one, what JACK reports for the way to the outputs.
     gain, residual : float
-        Of the cable: amplitude, and what is left after gain and delay, relative to the
-        signal.  1 and 0 without a cable.
+        Of the cable: amplitude, and the remainder after correcting gain and delay,
+        relative to the signal.  1 and 0 without a cable.
     tolerance : float
         Largest residual that passes.
     """
@@ -322,9 +322,9 @@ def through(
     Parameters
     ----------
     frames, index : arrays (m, channels) and (m,)
-        What was recorded, and the sample of the session at whose time it was.
+        The recorded frames, and the session's sample index of each.
     expected, given : arrays (n, channels) and (n,)
-        What was played (silence before and after), and which frames of it were
+        The played frames (with silence before and after), and which of them were
         delivered.
     longest : int
         Delay that is searched for, in samples.

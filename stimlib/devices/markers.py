@@ -18,11 +18,11 @@ import numpy as np
 from ..errors import SinkError
 
 WINDOW = 30.0
-"""Seconds of the fit of the device's clock."""
+"""Length in s of the window for fitting the device's clock."""
 
 FEW, EARLY = 20, 2e-3
-"""With fewer calls than this, their spread is not known, and the uncertainty is at
-least so many seconds.
+"""With fewer calls than FEW, their spread is not known, and the uncertainty is at least
+EARLY seconds.
 """
 
 

@@ -40,7 +40,7 @@ class NidaqSink(Sink):
         Outputs as NI-DAQmx names them, such as ``"Dev1/ao0"`` or ``"Dev1/ao0:1"``, one
         for each channel.
     volts : float
-        Voltage at 1.0, at most what the device has.
+        Voltage at 1.0, at most the device's largest.
 
     Notes
     -----

@@ -27,13 +27,13 @@ from .sources import Signals
 
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
 SILENT_FOR = 0.8
-"""Seconds without a callback after which a device is taken for gone."""
+"""Seconds without a callback after which a device counts as gone."""
 SETTLES_IN = 3.0
-"""Seconds in which a device may come to its pace: PulseAudio first takes up to two
-seconds of samples at once, then none.
+"""Seconds that a device may need to reach regular intervals: PulseAudio first takes up
+to two seconds of samples at once, then none.
 """
 EVEN_FOR = 0.2
-"""Seconds of callbacks at one pace after which it is there."""
+"""Seconds of regular callbacks after which the device counts as settled."""
 
 
 _library = threading.Lock()
@@ -86,7 +86,7 @@ class PortAudioSink(Sink):
     name : str or int, optional
         Of the device, part of it, or its number; by default the system's.
     latency : "low", "high" or float, s
-        What the device buffers; high where it stutters.
+        Size of the device's buffer; choose high if playback stutters.
     clocked : bool
         False for a device without a clock, such as ALSA's ``null`` and ``file``, which
         take samples as fast as they come.

@@ -83,8 +83,8 @@ def fifo(priority: int = 60) -> bool:
 
 # The process, which several sinks may share -------------------------------------------
 ENDS = tuple(getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n))
-"""Signals that end a program at once if nobody takes them: `kill`, and a terminal that
-is closed.
+"""Signals that end a program at once unless they are handled: `kill`, and a closed
+terminal.
 """
 
 abandoned: list[Any] = []  # memory that a device which never let go may still use

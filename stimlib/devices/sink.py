@@ -50,10 +50,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 CLOSE_WITHIN = 2.0
-"""Seconds in which ``close`` returns, whatever the device does."""
+"""Seconds within which ``close`` returns, whatever the device does."""
 
 LONGEST_BLOCK = 0.25
-"""Seconds of a device's block: a stop comes a block late, and must be over before
+"""Longest block of a device in s: a stop is late by a block, and must end before
 ``close`` returns.
 """
 
@@ -91,7 +91,7 @@ class Sink:
         not it is on a channel.  On a spare channel it is a trigger pulse as well.
     send : callable or sequence of callable, optional
         Each is called with every ``Marker``, in a thread of its own: ``lsl_markers``,
-        ``osc_markers``, ``udp_markers``, ``serial_markers`` or a function of yours.
+        ``osc_markers``, ``udp_markers``, ``serial_markers`` or your own function.
     calibration : Calibration, optional
         Calibration of the device: outputs and limits are then in the calibration's
         unit, and the device reproduces them.  All outputs are delayed by half the taps
@@ -109,7 +109,7 @@ class Sink:
     main thread, as Python requires; a program that starts sinks in another thread must
     handle them itself.
 
-    A function of yours that the sink calls from its threads (a motion, ``feed``,
+    Your own function that the sink calls from its threads (a motion, ``feed``,
     ``take``, the methods of a log) cannot harm the session: when it raises, exits,
     returns anything but finite numbers of the right shape or, as a motion, does not
     return for 2 s, the session fades out, and ``wait``, ``check`` and the end of the

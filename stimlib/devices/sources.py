@@ -82,7 +82,7 @@ class Live:
 
 
 SILENT = 0.05
-"""Seconds without motion after which it is taken for silent."""
+"""Seconds without motion after which a source counts as silent."""
 Receive = Callable[[float], tuple[Sequence[Sequence[float]], Sequence[float]]]
 JUMP = 1.0  # s: by more, a sender's clock was set
 SILENCES = ("fade", "hold", "stop")
@@ -101,7 +101,7 @@ class Stream(Live):
         ``receive(timeout)`` waits at most ``timeout`` seconds and returns rows of
         numbers and the sender's time of each in s (nan if it sends none), both empty if
         nothing came: ``lsl_motion``, ``osc_motion``, ``udp_motion``, ``serial_motion``
-        or a function of yours.  It may reconnect by itself.
+        or your own function.  It may reconnect by itself.
     columns : dict of str to int
         For each input, the index of its number in a row.
     scale : dict of str to float, optional

@@ -22,7 +22,7 @@ from ..system.packages import package
 from .markers import Marker
 
 Rows = tuple[list[list[float]], list[float]]
-"""Rows of numbers, and the sender's time of each in s, nan where it says none."""
+"""Rows of numbers, with the sender's time of each in s, or nan if it sends none."""
 MOST = 256  # datagrams or lines that are taken at once
 
 
@@ -482,8 +482,8 @@ def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Trans
     Returns
     -------
     callable
-        Each line of a datagram is a row of numbers in text, with blanks or commas
-        between them; what is none is passed over.
+        Returns rows of numbers: each line of a datagram is text with numbers separated
+        by blanks or commas; other lines are ignored.
 
     Raises
     ------
@@ -530,9 +530,9 @@ def serial_motion(port: str, baudrate: int = 115200, timed: bool = False) -> Tra
     Returns
     -------
     callable
-        Each line is a row of numbers in text, with blanks or commas between them; what
-        is none is passed over.  A device that is unplugged is opened again when it is
-        back.
+        Returns rows of numbers: each line is text with numbers separated by blanks or
+        commas; other lines are ignored.  A device that was unplugged is opened again
+        when it is back.
 
     Raises
     ------

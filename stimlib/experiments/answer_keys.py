@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 REPLAY = "r"
 MOST_KEYS = 9
-"""A rating up to here is one key."""
+"""Largest rating that is answered by a single key."""
 
 
 @dc.dataclass(frozen=True)

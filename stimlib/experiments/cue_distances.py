@@ -25,7 +25,7 @@ from .reader import Saved, columns
 from .trial import Record
 
 FAR = 10.0
-"""A distance that no answers tell: of a z of 5 the other answer comes once in three
+"""A distance too large to be determined: at z = 5 the other answer occurs once in three
 million trials.
 """
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .session import Session
 
 TOLD = {"produced", "delivered", "lost", "underruns", "clips", "faults", "stale", "rise", "fall"}
-"""Of a sink's report, in the record of a trial."""
+"""Fields of a sink's report that the record of a trial contains."""
 
 MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 
@@ -198,13 +198,13 @@ def _moves(experiment: Experiment, scene: Scene) -> Any:
 
 # Sinks by name ------------------------------------------------------------------------
 FAST = ("offline", "file")
-"""Sinks without a clock, before which nobody waits: "offline" runs as fast as it goes,
-"file" also keeps delivered.caf in the log.
+"""Sinks without a clock: "offline" runs as fast as possible, and "file" also keeps
+delivered.caf in the log.
 """
 SINKS = (*KINDS, *FAST)
-"""Names of sinks."""
+"""Names of all sinks."""
 AHEAD = 1000
-"""Trials of a session of which the programs are compiled before it begins."""
+"""Number of trials whose programs are compiled before a session begins."""
 
 
 @public

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 KINDS = ("choice", "rating", "ranking", "places")
 NONE = "n"
-"""Typed where there are no places: Enter alone may be a slip."""
+"""Key for "no places", because Enter alone may be a slip."""
 
 
 @public

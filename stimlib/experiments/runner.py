@@ -22,9 +22,10 @@ from .session import Session
 from .trial import Answer, Observer, Record, Stimulus, Trial, answered
 
 Display = Callable[[Trial, Path], dict[str, Any]]
-"""Displays a trial, with a folder for the log; what came out. Where that says
-``missed``, the participant was not there for all of it, and it is displayed once more;
-both are kept."""
+"""Function that displays a trial, with a folder for the log, and returns its record. If
+the record says ``missed``, the participant was not present throughout, and the trial is
+displayed again; both records are kept.
+"""
 
 
 class FrontEnd(Protocol):

@@ -11,8 +11,8 @@ from ..system.packages import package
 from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
-"""A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a
-DataFrame is one, too.
+"""Columns with a row for each trial, as `stimlib.experiments.observers.simulate`
+returns them; a DataFrame is accepted, too.
 """
 
 

@@ -25,7 +25,7 @@ from ..errors import BadValue, public
 from .user_code import called
 
 State = dict[str, Any]
-"""Of a design: JSON data."""
+"""State of a design, as JSON data."""
 
 
 @public
@@ -216,8 +216,8 @@ class Design(Protocol):
 
 
 Observer = Callable[[Trial, np.random.Generator], Answer]
-"""Somebody who answers: a simulated one draws from the generator and from nothing
-else.
+"""Function that answers trials; a simulated observer uses no other randomness than the
+generator.
 """
 
 

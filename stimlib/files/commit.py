@@ -19,10 +19,12 @@ from .partial import TYPES, Draft, comment_of, disk, fill, move, reading, reason
 from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
 
 Put = Callable[[NDArray[Any]], None]
-"""Takes the next samples, shape (n, channels), of the type of the subtype."""
+"""Function that takes the next samples, shape (n, channels), in the subtype's data
+type.
+"""
 Run = Callable[[Put], tuple[NDArray[np.int64], Array, str | None]]
-"""What fills a file: samples clipped and peak of each output, and the hash of the
-signal.
+"""Function that fills a file, and returns clipped samples and peak of each output, and
+the hash of the signal.
 """
 
 

@@ -288,26 +288,28 @@ class Fit:
     """The result of ``stimlib.fit``, which ``print`` shows as a table."""
 
     params: dict[str, float]
-    """The numbers found, in their units."""
+    """The fitted parameters, in their units."""
     intervals: dict[str, tuple[float, float]]
-    """95 % confidence of each, for the loss "force"; else empty."""
+    """95 % confidence interval of each parameter, for the loss "force"; otherwise
+    empty.
+    """
     loss: float
-    """The least loss, that of ``params``."""
+    """The smallest loss, reached with ``params``."""
     history: np.ndarray
     """Loss at the start and after each step, shape (steps + 1,)."""
     steps: int
     converged: bool
-    """Whether the last step changed no number by more than ``tol``, relatively, where
-    the loss is least and flat.
+    """Whether the last step changed no parameter by more than the relative amount
+    ``tol``, and the loss is flat at its minimum.
     """
     signals: dict[str, np.ndarray]
-    """Every output with ``params``, each of shape (n,)."""
+    """Every output of the fitted scene, each of shape (n,)."""
     scene: Scene
     """The scene that was fitted, with ``params`` as its initial values."""
     start: dict[str, float]
     units: dict[str, str]
     measure: str
-    """What the root of the loss is."""
+    """Meaning of the square root of the loss."""
 
     def __repr__(self):
         values = ", ".join(f"{name}={value:.6g}" for name, value in self.params.items())

@@ -20,9 +20,9 @@ from ..scenes import ROWS
 
 Range = tuple[float, float]
 UNITS: dict[str, Range] = {"m": (0.0, 0.1), "N": (0.0, 2.0), "m/s": (-0.5, 0.5)}
-"""Ranges of inputs by their unit; of others 0 to 1."""
+"""Ranges of inputs by unit; 0 to 1 for other units."""
 MAP = 128
-"""Most columns and rows of a surface that a page is sent."""
+"""Largest number of columns and rows of a surface sent to a page."""
 
 
 def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[str, Range]:

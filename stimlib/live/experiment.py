@@ -55,7 +55,9 @@ from . import protocol
 from .site import Page
 
 LONGEST = 4000
-"""Characters of an answer, as of a ranking of many words; `ask.html` says the same."""
+"""Largest number of characters in an answer, such as a ranking of many words;
+`ask.html` has the same limit.
+"""
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
     "answer": {
@@ -67,7 +69,7 @@ FIELDS = {
     },
 }
 GOODBYE = 2.0
-"""Seconds in which a page must have taken its last words."""
+"""Seconds within which a page must accept its last texts."""
 
 
 class ExperimentPage(Keyed):

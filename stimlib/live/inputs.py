@@ -22,9 +22,9 @@ from .protocol import FINGERS, POINTERS
 
 Array = NDArray[np.float64]
 SMOOTH = 40.0
-"""Bandwidth in Hz of what follows a pointer: 8 ms late."""
+"""Bandwidth in Hz of the smoothing of a pointer, which delays by 8 ms."""
 CHANGE = 0.1
-"""Seconds in which an input goes over to a new source."""
+"""Seconds in which an input blends to a new source."""
 
 
 class Inputs:

@@ -10,7 +10,7 @@ from .server import Server
 from .stream import Stream
 
 NEAR = "http://127.0.0.1:* http://localhost:*"
-"""Who may show the page in a frame: notebooks of this machine."""
+"""Sites that may show the page in a frame: notebooks on this machine."""
 _shown: dict[str, Server] = {}
 
 

@@ -107,19 +107,19 @@ from ..system import fields
 
 VERSION = 1
 HEAD = 6
-"""Numbers of float64 ahead of the samples."""
+"""Number of float64 values before the samples."""
 
 MESSAGE = 1024
-"""Most bytes of a page's message."""
+"""Largest size of a page's message in bytes."""
 RATE, BURST = 1200.0, 300.0
-"""Most messages of a page in a second, and at once."""
+"""Largest number of messages of a page per second, and at once."""
 WRONG = 20
-"""Messages that a page may send and that are not understood."""
+"""Number of invalid messages that a page may send."""
 PAGES = 2
 SILENT = 2.0
-"""Seconds without an answer after which a page is gone."""
+"""Seconds without an answer after which a page counts as gone."""
 REPORTS = 0.2
-"""Seconds from report to report."""
+"""Seconds between reports."""
 
 FINGERS = 10
 POINTERS = ("u", "v", "pressure", "contact")
@@ -156,7 +156,7 @@ OPTIONS: dict[str, fields.Test] = {
     "channel": fields.whole(999),
     "scale": _WIDE,
 }
-"""What a source may have besides."""
+"""Optional fields of a source."""
 
 
 def message(

@@ -41,15 +41,15 @@ POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; connect-src"
     " 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors "
 )
-"""Content security policy: what the page loads comes from here, and nothing in it is
-run from text.
+"""Content security policy: the page loads only from this server and runs no inline
+code.
 """
 HELLO = 2.0
 """Seconds in which a page must show its token."""
 REQUEST = 3.0
 """Seconds in which a connection must have sent the head of its request."""
 WITHOUT = 16
-"""Connections that may be open without a request."""
+"""Largest number of open connections without a request."""
 
 
 class Connection(H11Protocol):

@@ -18,12 +18,12 @@ from ..errors import place
 from ..run.safety import Safety
 
 LATE = 0.25
-"""Seconds behind the clock that are caught up; what is more is lost, as in a device
-that had no samples.
+"""Largest delay behind the clock, in s, that is caught up; samples beyond that are
+lost, as on a device without samples.
 """
 MOST_LOST = 0.5
-"""Seconds that are lost at once; a process that was stopped for longer goes on from
-there.
+"""Largest number of seconds lost at once; a process that was stopped for longer
+continues from there.
 """
 
 

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 WAITING = 64
-"""Messages that may wait for a page: a quarter of a second of samples; then the oldest
-are skipped.
+"""Largest number of messages queued for a page: a quarter of a second of samples;
+beyond that the oldest are skipped.
 """
 
 

@@ -25,7 +25,7 @@ from .site import Page
 
 logger = logging.getLogger(__name__)
 RAMP = 0.02
-"""Seconds of a slider's change."""
+"""Duration in s of a slider's change."""
 
 
 class Stream:

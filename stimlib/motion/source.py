@@ -19,10 +19,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
-"""Input name to position: a function of time (array of s), or samples at fs."""
+"""Mapping from input names to positions: functions of time (arrays in s), or samples at
+fs.
+"""
 
 HAND = 1.0
-"""The largest speed of a hand, m/s."""
+"""The largest speed of a human hand in m/s."""
 
 
 def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:

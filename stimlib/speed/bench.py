@@ -29,15 +29,14 @@ class Speed(NamedTuple):
 
     what: str
     ns: float
-    """For each sample of each output's signal; median."""
+    """Nanoseconds per sample of each output, median."""
     peer: str = ""
     peer_ns: float | None = None
     times: float | None = None
-    """How many times as long the peer takes: the median of the ratios within a
-    round.
-    """
+    """Time of the peer relative to stimlib: the median of the ratios within a round."""
     share: float | None = None
-    """Of the limit, the time of as many independent FMAs."""
+    """Fraction of the limit, which is the time of the same number of independent FMAs.
+    """
 
 
 def measure(samples: int = SAMPLES, hour: int = HOUR, rounds: int = 9) -> list[Speed]:

@@ -43,7 +43,7 @@ class Stage(NamedTuple):
     scene: Scene
     peers: dict[str, Job]
     operations: float
-    """For each sample; ``stimlib.speed.peak.peak(operations * samples)`` is the
+    """Operations per sample; ``stimlib.speed.peak.peak(operations * samples)`` is the
     limit.
     """
 

@@ -279,8 +279,8 @@ def same(what: Any) -> Any:
 
 
 _beside: dict[tuple[int, str], tuple[Local, set[bytes]]] = {}
-"""In a worker of Dask, by thread and name of the sweep: the process beside it, and the
-motions that it has.
+"""In a Dask worker, by thread and name of the sweep: the process next to it, and its
+motions.
 """
 
 

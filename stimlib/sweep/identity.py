@@ -70,12 +70,12 @@ NOT_RUN = {
     "_abc_impl",
     "__slotnames__",  # which copying and pickling add
 }
-"""Attributes of a class that nothing is computed from."""
+"""Attributes of a class that do not affect computations."""
 BY_NAME = {"eval", "exec", "globals", "__import__", "import_module", "modules", "resolve_name"}
 BY_NAME |= {"_getframe", "currentframe", "getmodule"}
 """What finds code by a name that is computed."""
 LISTS = {"__globals__", "f_globals", "__subclasses__", "__annotations__"}
-"""Attributes through which code finds what it does not name."""
+"""Attributes through which code can find objects that it does not name."""
 
 
 def identity(what: Any, called: str) -> str:

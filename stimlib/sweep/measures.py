@@ -30,15 +30,17 @@ class Measure:
 
     name: str
     units: Mapping[str, str]
-    """Of each figure, in their order."""
+    """Unit of each figure, in order."""
     function: Callable[..., Any]
-    """Of a rendering and of what ``prepare`` gave: one number for each figure."""
+    """Function of a rendering and the result of ``prepare``, which returns one number
+    for each figure.
+    """
     prepare: Callable[[dict[str, Array], float], Any] | None = None
-    """Of the inputs (name to samples) and fs: what depends on the motion alone, made
-    once for each motion.
+    """Function of the inputs (name to samples) and fs, called once for each motion, for
+    everything that depends on the motion alone.
     """
     version: str | None = None
-    """Stated by the author, where it stands for the content of the functions."""
+    """Version stated by the author, in place of the content of the functions."""
 
     def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
         """Return the figures of a rendering, or raise BadValue."""
@@ -470,7 +472,7 @@ CUE_UNITS |= {"frequency": "1/s", "phi": "1", "W": "J"}
 NAMED: dict[str, Callable[..., Measure]] = {
     "rms": rms, "peak": peak, "band": band, "psd": psd, "cues": cues, "verify": verified,
 }  # fmt: skip
-"""Measures by name; ``rms`` is of all outputs, ``rms(force1)`` of one."""
+"""Measures by name; ``rms`` applies to all outputs, ``rms(force1)`` to one."""
 EXAMPLES = {
     "rms": "rms or rms(force1)",
     "peak": "peak or peak(force1)",

@@ -63,21 +63,19 @@ class Plan:
     make: Scene | Callable[..., Scene]
     measures: tuple[str | Measure, ...]
     units: dict[str, str]
-    """Of the figures, in their order."""
+    """Units of the figures, in order."""
     fs: float
     seconds: float | None
     roles: Roles
     versions: dict[str, str]
     key: str
-    """sha256 of what every row's figures depend on."""
+    """SHA-256 of everything that the figures of all rows depend on."""
     measure_keys: list[str]
-    """What each measure counts as; none where nothing is kept."""
+    """Key of each measure; empty if nothing is stored."""
     limits: dict[str, float]
-    """Those in force where the sweep began."""
+    """Limits in force when the sweep began."""
     code_keys: dict[str, str]
-    """What the code counts as that makes scenes and motions, as a new process imports
-    it.
-    """
+    """Hashes of the code that makes scenes and motions, as a new process imports it."""
 
     def scene(self, row: Mapping[str, Any]) -> Scene:
         """Return the scene of a row."""

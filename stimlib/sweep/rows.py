@@ -244,7 +244,7 @@ class Roles(NamedTuple):
     program stays the same.
     """
     arguments: tuple[str, ...]
-    """Of the factory: a scene of its own for each combination."""
+    """Arguments of the factory: each combination gives a separate scene."""
 
 
 def roles_of(

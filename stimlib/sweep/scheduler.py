@@ -25,11 +25,11 @@ class Death(NamedTuple):
 
     why: str
     at: int
-    """Number of the row that it was at."""
+    """Number of the row that was running."""
     content: bytes
-    """Of that row, as far as it was known."""
+    """Content of that row, if known."""
     final: bool
-    """Whether the row shall not run again: it went past a limit."""
+    """Whether the row must not run again because it exceeded a limit."""
 
 
 class Engine(Protocol):

@@ -53,13 +53,13 @@ class Forecast(NamedTuple):
 
     rows: int
     there: int
-    """Rows that are in the folder already."""
+    """Number of rows already in the folder."""
     row_seconds: float
-    """Of one core."""
+    """Seconds per row on one core."""
     samples: int
-    """Of a row."""
+    """Samples per row."""
     memory: float
-    """Bytes of all figures."""
+    """Memory of all figures in bytes."""
 
     def hours(self, workers: int) -> float:
         """Return the hours that a number of otherwise idle cores of this kind need."""
@@ -330,11 +330,11 @@ class Planned(NamedTuple):
     plan: Plan
     motions: Motions
     facts: dict[str, Any]
-    """What the key of a folder is made of."""
+    """Facts from which the key of a folder is computed."""
     about: dict[str, Any]
-    """More for its sidecar."""
+    """Further contents of the sidecar."""
     samples: int
-    """Of a row."""
+    """Samples per row."""
 
 
 class Seen(NamedTuple):

@@ -29,7 +29,7 @@ from .rows import arrow
 
 T = TypeVar("T")
 Motions = Mapping[str, tuple[bytes, Any]]
-"""By name: digest of the content, and the motion as it was given."""
+"""For each name, the digest of the content, and the motion as given."""
 PROGRAMS = 4  # kept by a worker; rows come sorted
 SCENES = 64  # kept by a worker, not compiled
 MOTION_BYTES = 64e6  # of motions that are kept, at least one

@@ -35,7 +35,7 @@ from ..trial import Answer, Observer, Stimulus, Trial
 REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
 ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1)}
 SQUARE = "βA γD ζB θC", "γB βC θA ζD", "ζC θB βD γA", "θD ζA γC βB"
-"""Table 3.1: a row for each place in the order, a column for each participant."""
+"""Table 3.1: a row for each position in the order, a column for each participant."""
 STEP = 0.05  # of alpha; ours: the thesis shows the increments in figure 3.1 and prints no number
 PAIRS = {
     f"{a:g} and {a + n * STEP:g}": (a, a + n * STEP) for a in REFERENCES.values() for n in (1, 2, 3)
@@ -302,7 +302,7 @@ def text(found: Jnds) -> str:
 
 # What they went by --------------------------------------------------------------------
 CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed"))
-"""The fifteen of section 3.8, the loss factor as it is usually defined."""
+"""The fifteen cues of section 3.8, with the usual definition of the loss factor."""
 
 
 @dataclass(frozen=True)

@@ -32,12 +32,12 @@ from .nodule_sizes import PEN
 FEEDBACK = {"single-point": "combined", "multi-point": "multipoint", "vibration": "vibration"}
 """Mode of ``soft_surface`` by the paper's name."""
 TURNS = (30, 60, 90)
-"""Of the block in degrees; ours: no two have a nodule at the same place, nor has the
-experiment of sizes.
+"""Rotations of the block in degrees (our own choice): no two have a nodule at the same
+place, and none shares one with the experiment on sizes.
 """
 SURFACES = {f"{name}, {turn} degrees": (name, turn) for name in FEEDBACK for turn in TURNS}
 FOUND = {"single-point": 55, "multi-point": 53, "vibration": 57}
-"""Nodules found of 60, three of each of 20 people: 91.7, 88.3 and 95 %."""
+"""Nodules found of 60, three for each of 20 people: 91.7, 88.3 and 95 %."""
 PRINTED = {
     "single-point": (91.7, 82.0, 96.4),
     "multi-point": (88.3, 77.8, 94.2),
@@ -45,8 +45,8 @@ PRINTED = {
 }
 """Figure 8 and text: sensitivity and its interval, in per cent."""
 NEAR = 0.01
-"""A nodule is found where a place is so near to its middle, in m; ours: nodules are 52
-mm apart.
+"""Largest distance, in m, between a mark and the centre of a found nodule (our own
+choice): nodules are 52 mm apart.
 """
 
 

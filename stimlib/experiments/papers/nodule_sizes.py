@@ -30,21 +30,21 @@ from ..trial import Answer, Stimulus, Trial
 from .nodules import HAND
 
 NODULES = ("A", "B", "C")
-"""From the hardest on."""
+"""Nodules, the hardest first."""
 MARKS = ("1", "2", "3")
-"""Blue dots on the surface, over the nodules: 1 straight ahead, then against the
-clock.
+"""Blue dots on the surface, over the nodules: 1 straight ahead, then counter-clockwise.
 """
 UNDER = {
     f"A under {MARKS[k]}": dict(zip(MARKS, NODULES[-k:] + NODULES[:-k], strict=True))
     for k in range(3)
 }
-"""The nodule under each mark, by condition: the block is turned by so many thirds."""
+"""The nodule under each mark, by condition: the block is rotated by thirds of a turn.
+"""
 PRINTED = {("A", "B"): 85.0, ("A", "C"): 90.0, ("B", "C"): 70.0}
-"""Of 20 people, in per cent: who put the first before the second."""
+"""Percentage of 20 people who put the first nodule before the second."""
 PRINTED_RANK = {"A": 1.25, "B": 2.15, "C": 2.6}
 ORDERS = {"ABC": 11, "ACB": 5, "BAC": 2, "BCA": 1, "CAB": 1}
-"""Orders of 20 people that give the printed rates; six sets of orders do."""
+"""One of six sets of orders of 20 people that give the printed rates."""
 
 
 def held(t):

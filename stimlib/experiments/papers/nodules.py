@@ -37,14 +37,14 @@ PRINTED = {
 }
 """Figure 6 and text: sensitivity, specificity and accuracy in per cent."""
 COUNTS = {"deformation": (183, 111), "cursor": (236, 107), "combined": (239, 112)}
-"""What gives these rates: nodules found of 252 (18 of each of 14 people), and empty
-sides seen to be empty of 112 (8 of each).
+"""Counts that give these rates: nodules found of 252 (18 for each of 14 people), and
+empty sides recognised as empty of 112 (8 for each).
 """
 SIDES = ("left", "right")
 SURFACES = {
     f"{mode}, {left} and {right}": (mode, left, right) for mode in MODES for left, right in THIRTEEN
 }
-"""Technique, and what is under the left and the right side, by condition."""
+"""Technique, and the nodules under the left and the right side, by condition."""
 # of a simulated mouse, line by line; ours
 HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}
 
@@ -218,7 +218,7 @@ def found(answers: Columns) -> Found:
 
 
 Counts = tuple[int, int, int, int]
-"""Nodules found, nodules, empty sides seen to be empty, empty sides."""
+"""Nodules found, all nodules, empty sides recognised as empty, all empty sides."""
 RATES = {
     "Se": lambda hits, nodules, rejections, empty: hits / nodules,
     "Sp": lambda hits, nodules, rejections, empty: rejections / empty,

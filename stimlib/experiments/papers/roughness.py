@@ -41,7 +41,7 @@ STIMULI = {
     f"{s.waveform}, {s.bumps} bumps, duty {s.duty:g}, {s.amplitude:g} V": s for s in bumps_set()
 }
 Cell = tuple[float, float, str]
-"""Amplitude, duty, waveform: of the number of bumps the RMS does not depend."""
+"""Amplitude, duty and waveform; the RMS does not depend on the number of bumps."""
 CELLS = tuple(product(AMPLITUDES, DUTIES, WAVEFORMS))
 PRINTED = dict(
     zip(

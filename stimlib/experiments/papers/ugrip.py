@@ -197,7 +197,7 @@ def person(rng: np.random.Generator | None = None) -> Observer:
     Returns
     -------
     callable
-        An observer, as `stimlib.experiments.observers.simulate` takes it.
+        An observer for `stimlib.experiments.observers.simulate`.
 
     Examples
     --------
@@ -228,8 +228,8 @@ QUESTIONS = (
     ("pse", "one finger, silent", "two fingers, silent", "F > 2.3, p > .15"),
     ("slope", "one finger, silent", "two fingers, silent", "7.9, 17.5: F = 4.7, p < .05"),
 )
-"""Section 2.3, in its order: what is compared, of which conditions, and what is
-printed.
+"""The comparisons of section 2.3, in its order: quantity, conditions and printed
+values.
 """
 
 
