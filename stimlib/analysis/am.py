@@ -297,8 +297,8 @@ def line_spectrum(
     top : float
         Highest frequency in Hz.
     fs : float, optional
-        Sample rate in Hz of a rendering: its lines, with envelope and carrier averaged
-        over a sample period (aliases are not included).
+        Sample rate in Hz; the lines are then those of a rendering, with envelope and
+        carrier averaged over a sample period (aliases are not included).
     u0, phase : float
         Spatial phase and carrier phase (rad) at t = 0.
 

@@ -72,7 +72,7 @@ class Layout:
         self.place()
 
     def sources(self, i: int) -> tuple[int, ...]:
-        """Return the instances connected to an instance, without drawn-in numbers."""
+        """Return the instances connected to an instance, except numbers in its box."""
         return (
             self.signals(self.program.instances[i].args)
             if self.shut.get(i, i) == i

@@ -59,8 +59,7 @@ def needed_damping(
     -----
     The result is the largest value at 4400 angles w T from 1e-4 to pi. It is necessary
     and sufficient for one degree of freedom, a device that is an inertia with a damper,
-    and any passive hand; it is also sufficient for a wall that the hand touches and
-    leaves.
+    and any hand; it is also sufficient for a wall that the hand touches and leaves.
 
     References
     ----------

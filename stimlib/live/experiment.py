@@ -25,12 +25,11 @@ state       number, phase, trial, told,  after hello and after every change. tri
                                          with seconds; ``feel`` with intervals (list of
                                          [begin, end] in s) and cursor (Hz of a
                                          reference to follow, or null); ``end``
-error       about, text                  the answer is refused, and why
+error       about, text                  the answer is rejected, and why
 =========== ============================ ===============================================
 
-Nothing else is sent: no condition, level, parameter, seed, or which of the answers is
-right. The server closes with 4409 when another page was opened, and with 4410 at the
-end.
+Nothing else is sent: no condition, level, parameter, seed or right answer. The server
+closes with 4409 when another page was opened, and with 4410 at the end.
 """
 
 from __future__ import annotations
@@ -159,7 +158,7 @@ class ExperimentPage(Keyed):
         return said.strip()
 
     def _waited(self) -> str | None:
-        """Return the answer if it comes soon; waiting is short so Ctrl-C works."""
+        """Return the answer if it comes within a short wait, so that Ctrl-C works."""
         with self._held():
             if self._said is None and not self._over:
                 self._changed.wait(0.2)

@@ -1,4 +1,4 @@
-"""The scheduler of a sweep: rows become jobs of about a second; dead workers."""
+"""The scheduler of a sweep, which groups rows into jobs and handles dead workers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Engine(Protocol):
         """Submit a job."""
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
-        """Return the next job that has ended, as its result or its process's death."""
+        """Return the next finished job, with its result or the death of its process."""
 
 
 class Job(NamedTuple):

@@ -158,7 +158,7 @@ def roughness() -> Experiment:
 
 
 def day(participant: str, session: int) -> Sequential:
-    """Return the design of one day: two sets of stimuli, on day one after training."""
+    """Return the design of one day: two sets of stimuli, with training on day one."""
     items = tuple(
         (
             Rate(
