@@ -272,7 +272,7 @@ def puller(
 
 
 def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
-    """Return positions in m that keep a gate open, open in bursts, or closed.
+    """Return positions in m for a gate that is open, open in bursts, or closed.
 
     Examples
     --------

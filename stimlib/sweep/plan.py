@@ -49,7 +49,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def _source_hash() -> str:
-    """Return a hash of stimlib's source files, which may change between versions."""
+    """Return a hash of stimlib's source files, which can change within a version."""
     h = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):
         h.update(path.read_bytes())
