@@ -73,7 +73,7 @@ def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> 
     Parameters
     ----------
     rectify : {None, "half", "full"}
-        Of sin(phase).
+        Rectification of sin(phase).
     m : ndarray of whole numbers, any shape
     sampled : float
         freq/fs of the area-sampled carrier: line m is higher by sinc(m
@@ -293,7 +293,7 @@ def line_spectrum(
     rate : float
         Bumps per second, speed/wavelength, above 0.
     freq : float
-        Of the carrier, in Hz, above 0.
+        Frequency of the carrier in Hz, above 0.
     top : float
         Highest frequency in Hz.
     fs : float, optional

@@ -203,7 +203,7 @@ def tail(c: np.ndarray, s: float) -> float:
     Parameters
     ----------
     c : ndarray, shape (n,)
-        Of either sign.
+        Coefficients of either sign.
     s : float
 
     Examples

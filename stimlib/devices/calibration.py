@@ -57,7 +57,7 @@ class Calibration:
     unit : str
         Such as ``"m/s^2"``.
     date : str
-        Of the measurement, such as ``"2026-11-25"``.
+        Date of the measurement, such as ``"2026-11-25"``.
     parts : dict of str to str
         What was measured, with serial numbers: ``{"actuator": "BM3C 0042"}``.
 
@@ -228,7 +228,7 @@ class Calibration:
         Parameters
         ----------
         scene : Scene
-            Of outputs in ``unit``, and others without a unit.
+            A scene with outputs in ``unit`` or without a unit.
         safety : Safety
             With limits in the outputs' units.
         fs : float
@@ -254,7 +254,7 @@ class Calibration:
         Parameters
         ----------
         scene : Scene
-            Of outputs in ``unit``.
+            A scene with outputs in ``unit``.
         fs : float
             Hz, at which it will be rendered.
         taps : int, optional
@@ -263,7 +263,7 @@ class Calibration:
         Returns
         -------
         Scene
-            Of outputs without a unit: give the file a full scale of 1.0.
+            A scene whose outputs have no unit: give the file a full scale of 1.0.
 
         Raises
         ------
@@ -346,10 +346,10 @@ def calibrate(
     Parameters
     ----------
     sweep : Sweep
-        Of ``record_sweep(.., full_scale=1.0, points=range(n))``: drive in parts of full
-        scale, response in ``unit``, three takes or more.
+        Result of ``record_sweep(.., full_scale=1.0, points=range(n))``: drive as
+        fractions of full scale, response in ``unit``, three takes or more.
     unit : str
-        Of the response.
+        Unit of the response.
     band : (float, float)
         In Hz, within the range of the sweep.
     resolution : float

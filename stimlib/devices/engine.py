@@ -45,7 +45,7 @@ class Pump:
     Parameters
     ----------
     proc : Processor
-        Of a protected scene, target numba, at sample 0.
+        Processor of a protected scene, target numba, at sample 0.
     safety : Safety
     channels : sequence of int
         For each channel the number of its output, or -1 for silence.

@@ -50,8 +50,8 @@ class JackSink(Sink):
     scene, safety, **options
         See ``Sink``.
     name : str
-        Of the client; its ports are named like the outputs.  There must be no other
-        client of this name.
+        Name of the client; its ports are named like the outputs.  No other client may
+        have this name.
     server : str, optional
         Name of the server, "default" by default.
     connect : "system", sequence of str or None

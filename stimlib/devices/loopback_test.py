@@ -45,8 +45,8 @@ class Loopback:
     latency : float, s
         Through the cable; without one, what JACK reports for the way to the outputs.
     gain, residual : float
-        Of the cable: amplitude, and the remainder after correcting gain and delay,
-        relative to the signal.  1 and 0 without a cable.
+        With a cable: amplitude, and the remainder after correcting gain and delay,
+        relative to the signal.  Without a cable: 1 and 0.
     tolerance : float
         Largest residual that passes.
     """
@@ -102,7 +102,7 @@ class Capture:
     size : int
         Most frames.
     name : str
-        Of the client.
+        Name of the client.
     """
 
     def __init__(
@@ -224,7 +224,7 @@ def loopback(
     log : path, optional
         Folder to keep the session's log in.
     tolerance : float
-        Of a cable: largest residual, relative to the signal.
+        With a cable: largest residual, relative to the signal.
 
     Raises
     ------

@@ -33,7 +33,7 @@ class Marker:
     Attributes
     ----------
     name : str
-        Of the output that rose, or as given to ``Sink.mark``.
+        Name of the output that rose, or the name given to ``Sink.mark``.
     value : float
         The output's value there, or as given.
     sample : int

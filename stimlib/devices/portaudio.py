@@ -84,7 +84,7 @@ class PortAudioSink(Sink):
         See ``Sink``.  The inputs of ``Signals`` are the device's input channels in
         their order.
     name : str or int, optional
-        Of the device, part of it, or its number; by default the system's.
+        Name of the device, part of it, or its number; by default the system's device.
     latency : "low", "high" or float, s
         Size of the device's buffer; choose high if playback stutters.
     clocked : bool

@@ -86,7 +86,7 @@ def record_sweep(
         connect=port)``, with the scale in m, m/s or m/s^2 for 1.0.  Use an array or a
         function of time for a rehearsal.
     rate : float
-        Of the device, in Hz.
+        Sample rate of the device in Hz.
     band : (float, float)
         Frequencies in Hz between which it sweeps; the default is the thesis'.
     seconds, rest : float
@@ -111,7 +111,7 @@ def record_sweep(
         already in the file are not taken again, so an interrupted measurement resumes
         where it stopped.
     **options
-        Of the sink, such as ``connect=["system:playback_1"]``.
+        Options of the sink, such as ``connect=["system:playback_1"]``.
 
     Returns
     -------

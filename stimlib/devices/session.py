@@ -115,7 +115,7 @@ class Recorder:
     ----------
     pump : Pump
     watch : Watch
-        Of the same processor.
+        Watch of the same processor.
     writer : LogWriter or None
         An object with the methods of ``stimlib.files.log_writer.LogWriter``.
     fail : callable

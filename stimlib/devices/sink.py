@@ -648,7 +648,7 @@ class Sink:
         Parameters
         ----------
         sample : int
-            Of the session.
+            Sample index in the session.
 
         Returns
         -------

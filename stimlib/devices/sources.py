@@ -249,7 +249,7 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     given : array_like, shape (n_inputs, n)
         Real numbers of any type and layout.
     names : sequence of str
-        Of the inputs, one for each row.
+        Names of the inputs, one for each row.
     n : int, optional
         Required number of columns; by default any.
 

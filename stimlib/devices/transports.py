@@ -124,7 +124,7 @@ def lsl_markers(name: str = "stimlib", numeric: bool = False) -> Transport:
     Parameters
     ----------
     name : str
-        Of the stream; its type is ``Markers``.
+        Name of the stream; its type is ``Markers``.
     numeric : bool
         Send the value as a number instead of the name as a text.
 
@@ -158,7 +158,7 @@ def osc_markers(host: str, port: int, address: str = "/stimlib/marker") -> Trans
     host : str
     port : int
     address : str
-        Of the message, whose arguments are name, value, sample (text), time and
+        Address of the message, whose arguments are name, value, sample (text), time and
         uncertainty in s, and whether it was lost.
 
     Returns
@@ -354,7 +354,7 @@ def lsl_motion(name: str, wait: float = 10.0) -> Transport:
     Parameters
     ----------
     name : str
-        Of the stream; the first of this name.
+        Name of the stream; the first stream with this name is used.
     wait : float
         Seconds in which it must appear.
 

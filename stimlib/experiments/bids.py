@@ -55,7 +55,7 @@ def to_bids(
     ----------
     experiment : Experiment
     found : sequence of Saved
-        Of ``sessions``.
+        Result of ``sessions``.
     folder : path
         A new or empty folder.
     authors : sequence of str
@@ -198,7 +198,7 @@ def to_psych_ds(
     ----------
     experiment : Experiment
     found : sequence of Saved
-        Of ``sessions``.
+        Result of ``sessions``.
     folder : path
         A new or empty folder.
     authors : sequence of str

@@ -46,7 +46,7 @@ def shapiro(values: ArrayLike) -> Statistic:
     Parameters
     ----------
     values : array_like, shape (n,)
-        Of at least three.
+        At least three values.
 
     Returns
     -------
@@ -443,7 +443,7 @@ class Mixed:
     Attributes
     ----------
     coefficients : tuple of Coefficient
-        Of the fixed effects.
+        Coefficients of the fixed effects.
     group_variance, residual_variance : float
         Between participants (of the intercept), and within.
     converged : bool

@@ -151,7 +151,7 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
     Parameters
     ----------
     folder : Path
-        Of the session.
+        Folder of the session.
     record : Record
         Record of a trial with a log; the last presentation is used.
 

@@ -501,7 +501,7 @@ def power(
         ``analyse(columns) -> (estimate, p)``, called with the result of `simulate`; an
         estimate that is nan counts as a failure.
     participants : int
-        Of one experiment.
+        Number of participants in one experiment.
     truth : float
         The true value of the estimate.
     experiments : int

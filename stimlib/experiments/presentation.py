@@ -221,7 +221,7 @@ def prepare(session: Session, sink: str, calibration: Calibration | None = None)
     sink : str
         Name in ``SINKS``; for one without a clock nothing is compiled.
     calibration : Calibration, optional
-        Of the sink.
+        Calibration of the sink.
 
     Returns
     -------
@@ -350,7 +350,7 @@ def measured(
     ----------
     experiment : Experiment
     folder : path
-        Of a log.
+        Folder of a log.
     at : list of (int, int)
         As `spans` has them.
     """

@@ -26,7 +26,7 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
     Parameters
     ----------
     seed : int
-        Of the session, 0 to 2**64 - 1.
+        Seed of the session, 0 to 2**64 - 1.
     *words : str or int
         The purpose, such as ``"order", "noise", 12``.
 

@@ -76,7 +76,7 @@ def write_report(
     notes : sequence of str
         Remarks for the reader, such as discrepancies and omissions.
     unit : str
-        Of the level.
+        Unit of the level.
 
     Raises
     ------

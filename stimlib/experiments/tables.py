@@ -104,7 +104,7 @@ def plain(
     rows : iterable of dataclass, or dict of key to dataclass
         Keys become separate columns.
     names : sequence of str
-        Of those columns.
+        Names of those columns.
 
     Examples
     --------

@@ -271,7 +271,7 @@ def observed(
     ----------
     design : Design
     seed : int
-        Of the session.
+        Seed of the session.
     observer : callable
         ``observer(trial, rng) -> Answer``.
     rng : numpy.random.Generator

@@ -93,7 +93,7 @@ def render_set(
     Returns
     -------
     Path
-        Of the index.
+        Path of the index.
 
     Raises
     ------

@@ -161,7 +161,7 @@ class SpringpotFit(MaterialFit):
         y : Block
             Position in m.
         **options
-            Of ``stimlib.blocks.springpot``.
+            Options of ``stimlib.blocks.springpot``.
 
         Returns
         -------
@@ -199,7 +199,7 @@ class MaxwellFit(MaterialFit):
         y : Block
             Position in m.
         **options
-            Of ``stimlib.blocks.viscoelastic.generalized_maxwell``.
+            Options of ``stimlib.blocks.viscoelastic.generalized_maxwell``.
 
         Returns
         -------

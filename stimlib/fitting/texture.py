@@ -163,7 +163,7 @@ def fit_texture(
         Sample rate of all three in Hz; the model runs at this rate.  Resample a faster
         recording to 1000 Hz first (``scipy.signal.resample_poly``).
     order : int
-        Of the models.
+        Order of the models.
     speeds, forces : int or array_like
         Number of ranges, each with about the same number of samples; or the edges of
         the ranges in m/s and N.

@@ -220,7 +220,7 @@ class Jnds:
     jnd : dict of float to float
         For each reference, one over the mean of all slopes d'/(difference of alpha).
     line : Line
-        Of the JNDs over the references above 0.
+        Line through the JNDs over the references above 0.
     """
 
     d: Mapping[tuple[str, float], tuple[float, ...]]

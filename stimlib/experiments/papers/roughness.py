@@ -186,7 +186,7 @@ def rms(name: str) -> float:
     Parameters
     ----------
     name : str
-        Of ``STIMULI``.
+        A name in ``STIMULI``.
 
     Examples
     --------

@@ -52,7 +52,7 @@ def ugrip(reversals: int = 20) -> Experiment:
     Parameters
     ----------
     reversals : int
-        Of each staircase.
+        Number of reversals of each staircase.
 
     Returns
     -------
