@@ -1,6 +1,6 @@
-"""The command ``stimlib``, and ``python -m stimlib``.
+"""Entry point of the command ``stimlib`` and of ``python -m stimlib``.
 
-The process ends with the right status, whatever comes when.
+The process ends with the right exit status, whenever an interrupt or error comes.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ CTRL_C, PIPE = 128 + signal.SIGINT, 128 + getattr(signal, "SIGPIPE", 13)
 
 
 def main() -> None:
-    """Run the command line and end the process.
+    """Run the command line and end the process with its exit status.
 
-    It is quiet on Ctrl-C (130), and where the reader of a pipe went away (141).
+    Nothing is printed on Ctrl-C (status 130) or when the reader of a pipe has gone
+    (141).
     """
     try:
         _open_streams()
@@ -40,9 +41,9 @@ def main() -> None:
 
 
 def _open_streams() -> None:
-    """Make streams that are closed (``>&-``) take all and keep nothing.
+    """Replace streams that were closed (``>&-``) by ones that discard what is written.
 
-    What a terminal's encoding lacks is shown as its code.
+    A character that the terminal cannot encode is printed as its escape code.
     """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
@@ -53,7 +54,7 @@ def _open_streams() -> None:
 
 
 def _leave(status: int) -> None:
-    """End without what could not be printed.
+    """End the process and discard output that could not be printed.
 
     Python would try again and end with 120.
     """

@@ -1,8 +1,8 @@
-"""Functions of upper rooms that lower ones call, by name.
+"""Look-up, by name, of functions in higher-level modules that lower ones call.
 
-``stimlib/__init__.py`` states where each of them is.
-A scene that shows itself needs drawings, and a rendering that saves itself needs
-sound files; both are plain data below those rooms.
+``stimlib/__init__.py`` lists the module of each function. A scene that shows itself
+needs drawings, and a rendering that saves itself needs sound files; both are plain data
+that do not import those modules.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ PLACES: dict[str, str] = {}
 
 
 def above(name: str) -> Any:
-    """Return what the package registered under a name; its module is imported now.
+    """Import and return the public object that is registered under a name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The demo: three papers' stimuli, each as file, picture, report and listening copy."""
+"""The demo: stimuli of three papers as sound files, pictures and reports."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ FS, SECONDS = 8000.0, 4.8
 
 
 def _encoder(motion: Motion, resolution: float, seed: int = 0) -> Motion:
-    """Return a motion as an encoder reports it: in codes, of which the last toggles."""
+    """Return a motion as an encoder reports it, with a toggling last digit."""
     return quantised(jittered(motion, resolution, rate=500.0, seed=seed), resolution)
 
 
 class Stimulus(NamedTuple):
-    """A shipped scene, its motion, and what to look at and listen to."""
+    """A shipped scene with its motion and notes on what to look at and listen to."""
 
     make: Callable[..., Scene]
     motion: dict[str, Motion]
@@ -78,21 +78,21 @@ STIMULI = (
 
 
 class Shown(NamedTuple):
-    """The files that ``demo`` made of one stimulus."""
+    """The files that ``demo`` wrote for one stimulus."""
 
     name: str
     passed: bool
-    """Whether every check of the report held."""
+    """Whether every check of the report passed."""
     files: list[tuple[Path, str, str]]
-    """Path, what it is, what to look at."""
+    """For each file: path, kind, and what to look at."""
 
 
 @public
 def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Shown, None, None]:
-    """Render and show all of ``STIMULI``.
+    """Render every stimulus in ``STIMULI`` and write its files.
 
-    They are shipped scenes driven by positions in steps of 1 um (on the touch screen 10
-    um).
+    The stimuli are shipped scenes. Positions move in steps of 1 um (10 um on the touch
+    screen).
 
     Parameters
     ----------
@@ -132,10 +132,10 @@ def demo(folder: str | os.PathLike, workers: int | None = None) -> Generator[Sho
 
 
 def show(folder: Path, s: Stimulus) -> Shown:
-    """Write sound files, listening copies, pictures and reports of a stimulus.
+    """Write the sound files, listening copies, pictures and report of one stimulus.
 
-    They are NAME.wav and NAME-listen.wav with their sidecars, NAME.png and NAME.html;
-    files of these names are replaced.
+    The files are NAME.wav and NAME-listen.wav with their sidecars, NAME.png and
+    NAME.html; files of these names are replaced.
     """
     scene, name = s.make(), s.make.__name__
     wav, ears, png, page = (

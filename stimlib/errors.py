@@ -26,9 +26,9 @@ _CONTROL = re.compile(
 
 
 def shown(text: object) -> str:
-    r"""Return a text as it can be shown in a terminal or on a page.
+    r"""Return a text that is safe to show in a terminal or on a page.
 
-    Control characters, and those that reorder a line, become their codes.
+    Control characters, and characters that reorder a line, become escape codes.
 
     Examples
     --------
@@ -40,15 +40,15 @@ def shown(text: object) -> str:
 
 
 def shortened(value: object) -> str:
-    """Return the repr of a value, at most 80 characters of it."""
+    """Return the repr of a value, cut to 80 characters."""
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
 def said(text: str) -> str:
-    """Return an error's message as printable text.
+    """Return an error's message as printable text, shortened if it is long.
 
-    Of a long one: the beginning, and the end with the remedy.
+    A long message keeps its beginning, and its end, which has the remedy.
     """
     text = shown(text)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 500]} [..] {text[-490:]}"
@@ -57,7 +57,7 @@ def said(text: str) -> str:
 class StimlibError(Exception):
     """Base class of every error that stimlib raises on purpose.
 
-    Its text may quote foreign files, so it is made fit to be shown.
+    The message may quote external files, so it is made safe to print.
     """
 
     def __str__(self) -> str:
@@ -65,45 +65,45 @@ class StimlibError(Exception):
 
 
 class BadValue(StimlibError, ValueError):
-    """Error of an argument's value."""
+    """Error for an argument with an invalid value."""
 
 
 class UnitError(BadValue):
-    """Error of quantities whose units do not fit."""
+    """Error for quantities whose units do not match."""
 
 
 class RecordingError(BadValue):
-    """Error of a recording that cannot be used as a motion.
+    """Error for a recording that cannot be used as a motion.
 
     The message names file, row, column and remedy.
     """
 
 
 class SceneError(StimlibError, ValueError):
-    """Error of a scene's graph."""
+    """Error for an invalid scene graph."""
 
 
 class SceneFileError(SceneError):
-    """Error of a file that cannot be read as a scene."""
+    """Error for a file that cannot be read as a scene."""
 
 
 class SinkError(StimlibError, OSError):
-    """An error of writing or reading a device or file."""
+    """Error in opening, writing or reading a device or a file."""
 
 
 class FaultError(StimlibError, RuntimeError):
-    """Error of a processor whose output is no longer finite."""
+    """Error of a processor whose output is NaN or infinite."""
 
 
 class MissingPackage(StimlibError, ImportError):
-    """Error of a feature whose package is not installed.
+    """Error for a feature whose package is not installed.
 
-    The message has the command that installs it.
+    The message contains the command that installs it.
     """
 
 
 class UnknownName(StimlibError, KeyError):
-    """Error of a name that is missing, or is not one of those that exist."""
+    """Error for a missing name, or for a name that does not exist."""
 
     def __str__(self) -> str:
         # KeyError shows the repr of its argument, which would put quotes around a whole
@@ -112,7 +112,7 @@ class UnknownName(StimlibError, KeyError):
 
 
 def need(where: str, names: Iterable[str], given: Iterable[Any], what: str = "column") -> None:
-    """Raise UnknownName, listing what there is, unless all names are given."""
+    """Raise UnknownName, with the available names, unless all names are available."""
     there = list(given)
     for name in names:
         if name not in there:
@@ -122,13 +122,13 @@ def need(where: str, names: Iterable[str], given: Iterable[Any], what: str = "co
 
 
 def one_of(what: str, given: Any, known: Collection[Any]) -> None:
-    """Raise BadValue, listing what there is, unless a value is one of those."""
+    """Raise BadValue, with the valid choices, unless a value is one of them."""
     if given not in known:
         raise BadValue(f"{what} = {given!r}; choose one of {', '.join(known)}")
 
 
 def outside() -> int:
-    """Return the ``stacklevel`` of the first line outside stimlib, for a warning."""
+    """Return the ``stacklevel`` at which a warning points to the caller's own code."""
     frame, level = sys._getframe(1), 1
     while frame.f_back and frame.f_code.co_filename.startswith(os.path.dirname(__file__)):
         frame, level = frame.f_back, level + 1
@@ -136,18 +136,18 @@ def outside() -> int:
 
 
 def place(f: object) -> str:
-    """Return file and line of a function, as an error begins."""
+    """Return the file and line of a function, as the prefix of an error message."""
     code = getattr(f, "__code__", None)
     return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""
 
 
 # Arguments of public functions --------------------------------------------------------
 class Numbers:
-    """Anything that numpy makes an array of real numbers of."""
+    """Annotation of values that numpy can convert to an array of real numbers."""
 
 
 class Unseen:
-    """A class that is known by name, because it is not imported where needed."""
+    """Stand-in, known by name only, for a class that is not imported."""
 
 
 def _numbers(v: Any, kinds: str = "biuf") -> bool:
@@ -189,7 +189,7 @@ LISTS = {
 
 
 PUBLIC: dict[str, str] = {}
-"""Functions and classes whose arguments are checked, and their modules."""
+"""Functions and classes whose arguments are checked, with their modules."""
 
 
 def public(f: F) -> F:
@@ -251,10 +251,10 @@ def _checked(f: Any, name: str) -> Any:
 
 
 def _wrong(name: str, where: str, value: Any, hint: Any, endless: bool) -> BadValue | None:
-    """Raise BadValue unless an argument is what its annotation asks for.
+    """Raise BadValue unless an argument has the type that its annotation asks for.
 
-    Of a block that is given for a design number the error is returned, because the
-    block that gets it says more.
+    For a block given in place of a design number, the error is returned instead,
+    because the block that receives it gives a better message.
     """
     wrong = None
     if not _fits(value, hint):
@@ -270,7 +270,7 @@ def _wrong(name: str, where: str, value: Any, hint: Any, endless: bool) -> BadVa
 
 
 def _name(e: Exception, name: str, parameters: Mapping[str, Any]) -> None:
-    """Let an error begin with the name of the function that the caller used."""
+    """Prefix an error with the name of the function that the caller used."""
     first, _, rest = str(e.args[0]).partition(": ")
     makers = first.split(" or ")  # of a block that several functions make
     passed_on = first in PUBLIC and rest.split(" ")[0].rstrip(":") in parameters
@@ -288,7 +288,7 @@ def _name(e: Exception, name: str, parameters: Mapping[str, Any]) -> None:
 
 
 def _hint(p: inspect.Parameter, names: dict[str, Any]) -> tuple[Any, bool]:
-    """Return what an annotation asks for, and whether inf and nan are allowed."""
+    """Return the type that an annotation asks for, and if inf and nan are allowed."""
     hint: Any = p.annotation
     # of a motion sources_of says more
     known: dict[str, Any] = {"ArrayLike": Numbers, "Motion": Any}
@@ -312,7 +312,7 @@ def _is(v: Any, name: str) -> bool:
 
 
 def _fits(v: Any, hint: Any) -> bool:
-    """Return whether a value, with its parts where possible, is what a type says."""
+    """Return whether a value, and its elements where possible, has a given type."""
     of, parts = get_origin(hint) or hint, get_args(hint)
     if hint is Any:
         return True
@@ -331,7 +331,7 @@ def _is_table(v: Any, of: Any, parts: tuple) -> bool:
 
 
 def _is_list(v: Any, of: Any, parts: tuple) -> bool:
-    """Return whether a value is a list, or what can be taken for one."""
+    """Return whether a value is a list or can be used as one."""
     any_order = of in (Collection, Iterable)
     wanted = "__iter__" if of is Iterable else "__len__"
     if isinstance(v, str | bytes) or not hasattr(v, wanted):
@@ -346,7 +346,7 @@ def _is_list(v: Any, of: Any, parts: tuple) -> bool:
 
 
 def _is_of(v: Any, of: Any, parts: tuple) -> bool:
-    """Return whether a value is of a class, or has the fields of a NamedTuple."""
+    """Return whether a value is an instance of a class, or a matching NamedTuple."""
     if not isinstance(of, type) or (
         getattr(of, "_is_protocol", False) and not getattr(of, "_is_runtime_protocol", False)
     ):
@@ -366,7 +366,7 @@ def _is_array(v: Any, of: Any, parts: tuple) -> bool:
 
 
 def _is_signal(v: Any, of: Any, parts: tuple) -> bool:
-    """Return whether a value that is no block is a number, also one of numpy."""
+    """Return whether a value other than a block is a number, numpy scalars included."""
     return _is_number(v, float, ()) or (getattr(v, "ndim", 1) == 0 and _numbers(v))
 
 
@@ -376,14 +376,14 @@ RULES: dict[Any, Callable[[Any, Any, tuple], bool]] = {
     "Block": _is_signal,
     "ndarray": _is_array,
 }
-"""By a type or its name, whether a value is of it; `_is_of` for all others."""
+"""For each type or its name, the test of a value; `_is_of` for all others."""
 RULES[bool] = lambda v, of, parts: type(v).__name__ in ("bool", "bool_")
 RULES |= dict.fromkeys((float, int), _is_number)
 RULES |= dict.fromkeys((dict, Mapping), _is_table) | dict.fromkeys(LISTS, _is_list)
 
 
 def _words(hint: Any) -> str:
-    """Return in words what a type asks for."""
+    """Return a type in words, for an error message."""
     of, parts = get_origin(hint) or hint, get_args(hint)
     if of in KINDS:
         return KINDS[of]

@@ -1,3 +1,3 @@
-"""The release, which is in every file that is written."""
+"""The release number, which every written file contains."""
 
 __version__ = "0.2.0"

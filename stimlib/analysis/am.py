@@ -19,7 +19,7 @@ from ..errors import BadValue, public
 
 
 def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
-    """Return Fourier coefficients E_n of an envelope.
+    """Return the Fourier coefficients E_n of an envelope.
 
     e(u) = sum of E_n exp(2 pi i n u).
 
@@ -66,14 +66,14 @@ def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
 
 
 def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> np.ndarray:
-    """Return Fourier coefficients C_m of a carrier.
+    """Return the Fourier coefficients C_m of a carrier.
 
     c(phase) = sum of C_m exp(i m phase).
 
     Parameters
     ----------
     rectify : {None, "half", "full"}
-        Of sin(phase).
+        Rectification of sin(phase).
     m : ndarray of whole numbers, any shape
     sampled : float
         freq/fs of the area-sampled carrier: line m is higher by sinc(m
@@ -105,7 +105,7 @@ def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> 
 
 
 def envelope_mean_square(waveform: str, duty: float) -> float:
-    """Return the mean of e^2 over a period.
+    """Return the mean of the squared envelope e^2 over one period.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
 
 @public
 def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None = "half") -> float:
-    """Return the RMS of the stimulus over one bump, averaged over the carrier's phase.
+    """Return the RMS of a stimulus over one bump, averaged over the carrier's phase.
 
     It is A sqrt(<e^2> <c^2>).
 
@@ -186,9 +186,9 @@ def sampled_rms(
     fs: float,
     rectify: str | None = "half",
 ) -> float:
-    """Return the RMS over one bump of a rendering at a sample rate.
+    """Return the RMS over one bump of a stimulus rendered at a sample rate.
 
-    Both factors are means over one sample period.
+    Envelope and carrier are each averaged over one sample period.
 
     Parameters
     ----------
@@ -230,11 +230,12 @@ def meeting(
 ) -> float:
     """Return the largest relative error of ``rms`` over a whole number of bumps.
 
-    It comes from lines of envelope and carrier that are near each other.
+    The error comes from spectral lines of the envelope and the carrier that lie close
+    together.
 
-    The mean of e^2 c^2 over T has, besides the product of the means, all pairs of lines
-    n rate + m freq times sinc((n rate + m freq) T); of samples, with the nearest alias
-    of that frequency.
+    The mean of e^2 c^2 over T is the product of the two means, plus all pairs of lines
+    n rate + m freq weighted by sinc((n rate + m freq) T). For sampled signals, the
+    nearest alias of that frequency counts.
 
     Parameters
     ----------
@@ -263,7 +264,7 @@ def meeting(
 
 
 class Lines(NamedTuple):
-    """Lines of a spectrum, by rising frequency."""
+    """Spectral lines in order of rising frequency."""
 
     f: np.ndarray  # Hz
     # complex: line k is Re(amplitude exp(2 pi i f t)); its size is the peak value
@@ -283,7 +284,7 @@ def line_spectrum(
     u0: float = 0.0,
     phase: float = 0.0,
 ) -> Lines:
-    """Return the lines of the stimulus at constant speed, from 0 to ``top`` Hz.
+    """Return the spectral lines, up to ``top`` Hz, of a stimulus at constant speed.
 
     Parameters
     ----------
@@ -292,12 +293,12 @@ def line_spectrum(
     rate : float
         Bumps per second, speed/wavelength, above 0.
     freq : float
-        Of the carrier, in Hz, above 0.
+        Frequency of the carrier in Hz, above 0.
     top : float
         Highest frequency in Hz.
     fs : float, optional
-        Lines of what is rendered at this rate: envelope and carrier averaged over a
-        sample period (aliases are not included).
+        Sample rate in Hz; the lines are then those of a rendering, with envelope and
+        carrier averaged over a sample period (aliases are not included).
     u0, phase : float
         Spatial phase and carrier phase (rad) at t = 0.
 

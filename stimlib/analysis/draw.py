@@ -1,4 +1,4 @@
-"""Pictures of what a processor runs, as a graph.
+"""Pictures of the block graph that a processor runs.
 
 Blocks go from left to right, with one colour per clock and a shaded box for each
 ``enabled``.
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..run.processor import Processor
 
 MOST = 200
-"""Blocks that fit into a picture; above it nobody can read one."""
+"""Largest number of blocks in a readable picture."""
 
 FORMATS = {".svg": {"Date": None}, ".png": {}, ".pdf": {"CreationDate": None}}
 
@@ -49,7 +49,7 @@ ENABLED = ("#d9ecd6", "#f3dcd7", "#e4dcf0", "#d3ebea", "#f1e3c6", "#e6e6d8")
 
 @dc.dataclass(frozen=True)
 class Drawing:
-    """The picture of a graph; a notebook shows it."""
+    """The picture of a graph, which a notebook displays."""
 
     svg: str
 
@@ -66,7 +66,7 @@ def draw(scene: Scene | Processor) -> Drawing: ...
 def draw(scene: Scene | Processor, path: str | os.PathLike[str]) -> None: ...
 @public
 def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -> Drawing | None:
-    """Draw a scene or a processor's graph as SVG, PNG or PDF, or for a notebook.
+    """Draw the graph of a scene or a processor as an SVG, PNG or PDF file.
 
     The picture shows the program after rewriting: equal parts once, numbers folded, one
     shaded box per ``enabled`` or ``segment``.  A number stands inside the block that
@@ -130,7 +130,7 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
 
 
 def html_of(scene: Scene) -> str:
-    """Return the HTML of a scene for a notebook: its text, and its graph if possible.
+    """Return the HTML of a scene for a notebook: its text and, if possible, its graph.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def html_of(scene: Scene) -> str:
 
 
 def _render(layout: Layout, suffix: str) -> bytes:
-    """Return the bytes of the file."""
+    """Return a drawn graph as the bytes of an image file."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -181,14 +181,14 @@ def _render(layout: Layout, suffix: str) -> bytes:
 
 
 class Ink:
-    """The drawing of a laid-out graph with matplotlib."""
+    """A matplotlib drawing of a graph whose layout is known."""
 
     def __init__(self, layout: Layout, axes: Any):
         self.layout, self.axes = layout, axes
         self.instances: list[Instance] = layout.program.instances
 
     def everything(self, height: float) -> None:
-        """Draw the whole graph."""
+        """Draw the whole graph and its legend."""
         self.level(self.layout.top)
         x = MARGIN
         for clock in range(len(self.layout.program.parents)):
@@ -201,9 +201,9 @@ class Ink:
             x += 0.55 + width_of(word, SMALL)
 
     def level(self, level: Level, ground: str = "white", given: tuple[int, ...] = ()) -> None:
-        """Draw everything that runs on one clock, on a background colour.
+        """Draw all blocks that run on one clock, on a background colour.
 
-        What is given out has its unit outside.
+        The unit of a signal that leaves the box is written outside the box.
         """
         p = self.layout
         for b in level.boxes:
@@ -225,7 +225,7 @@ class Ink:
                     self.curve([p.out(p.box[inner[0]]), p.out(b)], head=False)
 
     def enabled(self, b: Box) -> None:
-        """Draw the box of an ``enabled``."""
+        """Draw the box of an ``enabled`` subgraph and its contents."""
         assert b.inner
         p, clock = self.layout, b.inner.clock
         left, right = p.x[b.first] - PAD, p.right(b) + PAD
@@ -277,9 +277,9 @@ class Ink:
                 self.word(x - 0.09, y - 0.045, names[j], SMALL - 1, PALE, "right", halo=ground)
 
     def start(self, a: int, column: int) -> tuple[float, float]:
-        """Return where the last curve to a column begins.
+        """Return the point where the last curve to a column begins.
 
-        It is at the source, or on its wire.
+        The point is at the source, or on the wire that extends it.
         """
         p = self.layout
         wire = self.wire(a, column)
@@ -290,13 +290,13 @@ class Ink:
         )
 
     def wire(self, a: int, column: int) -> Box | None:
-        """Return the wire that brings an instance to a column, or None."""
+        """Return the wire that carries a signal on to a column, or None."""
         return self.layout.wires[a] if column > self.layout.box[a].last + 1 else None
 
     def link(self, a: int, to: tuple[float, float], column: int) -> None:
-        """Draw a connection to the left of a column, or to its right edge.
+        """Draw a connection to the left side of a column, or to its right edge.
 
-        The latter is the output of an ``enabled``.
+        A connection to the right edge is the output of an ``enabled``.
         """
         p = self.layout
         box, wire = p.box[a], self.wire(a, column)
@@ -310,7 +310,7 @@ class Ink:
 
     # Shapes ---------------------------------------------------------------------------
     def curve(self, points: list[tuple[float, float]], head: bool = True) -> None:
-        """Draw a line that is curved over gaps and straight inside columns."""
+        """Draw a connection that bends in the gaps and runs straight across columns."""
         from matplotlib.patches import PathPatch, Polygon
         from matplotlib.path import Path as Line
 
@@ -353,7 +353,7 @@ class Ink:
     def word(
         self, x: float, y: float, text: str, size: float, colour: str, side: str, halo: str = ""
     ) -> None:
-        """Write a word, with a halo where it crosses lines."""
+        """Write a text, with a halo where it crosses lines."""
         from matplotlib.patheffects import withStroke
 
         if text:

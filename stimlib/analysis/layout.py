@@ -1,4 +1,4 @@
-"""The layout of the picture of a graph: columns, rows, wires and words, in inches.
+"""Layout of the picture of a graph: columns, rows, wires and texts, in inches.
 
 The columns come from the longest path.  Inside, everything is a rectangle over a span
 of columns: a block takes one, an ``enabled`` box as many as it is deep, and a
@@ -45,7 +45,7 @@ class Box:
 
 @dc.dataclass(eq=False)
 class Level:
-    """The boxes of one clock (the top level: of the root and the parameters)."""
+    """The boxes of one clock; the top level also holds the parameters."""
 
     clock: int
     boxes: list[Box] = dc.field(default_factory=list)
@@ -72,7 +72,7 @@ class Layout:
         self.place()
 
     def sources(self, i: int) -> tuple[int, ...]:
-        """Return what is connected to an instance, without the numbers inside it."""
+        """Return the instances connected to an instance, except numbers in its box."""
         return (
             self.signals(self.program.instances[i].args)
             if self.shut.get(i, i) == i
@@ -80,7 +80,7 @@ class Layout:
         )
 
     def gate(self, box: Box) -> tuple[int, ...]:
-        """Return the signal that decides whether an ``enabled`` runs."""
+        """Return the signals that decide whether an ``enabled`` runs."""
         return self.signals(self.opened(box).args)
 
     def opened(self, box: Box) -> Instance:
@@ -88,12 +88,12 @@ class Layout:
         return self.program.instances[self.program.instances[box.number].args[0]]
 
     def signals(self, args: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the arguments that are drawn as connections."""
+        """Return those arguments that are drawn as connections."""
         return tuple(a for a in args if self.program.instances[a].kind not in ("const", "open"))
 
     # Columns --------------------------------------------------------------------------
     def level(self, clock: int) -> Level:
-        """Return boxes of a clock with their sizes, inner ones first."""
+        """Return the boxes of a clock with their sizes, nested boxes first."""
         out = Level(clock)
         for i, q in enumerate(self.program.instances):
             if (
@@ -119,7 +119,8 @@ class Layout:
     def columns(self, level: Level, start: int) -> None:
         """Place each instance in a column by its longest path from the left.
 
-        What no Input reaches moves right, next to its user.
+        An instance that depends on no input moves right, next to the block that uses
+        it.
         """
         at: dict[Box, int] = {}
         after: dict[Box, list[int]] = {}
@@ -146,9 +147,9 @@ class Layout:
             self.shift(b, by)
 
     def needs(self, box: Box) -> list[tuple[int, int]]:
-        """Return (instance, column) of every signal that enters a box.
+        """Return (instance, column) for every signal that enters a box.
 
-        Parameters of what is inside are included.
+        Parameters of the blocks inside are included.
         """
         if not box.inner:
             return [(a, box.first) for a in self.sources(box.number)]
@@ -161,9 +162,10 @@ class Layout:
 
     # Rows -----------------------------------------------------------------------------
     def pack(self, level: Level) -> None:
-        """Choose heights by barycentres, and a skyline that keeps rectangles apart.
+        """Choose the heights of boxes so that links are short and no boxes overlap.
 
-        The best of some rounds is taken.
+        Boxes move to the barycentre of their neighbours, kept apart by a skyline; the
+        best of several rounds is taken.
         """
         links = self._links(level)
         boxes = [*level.boxes, *level.wires.values()]
@@ -177,7 +179,7 @@ class Layout:
         level.height = max((b.y + b.height for b in boxes), default=0.15)
 
     def _links(self, level: Level) -> list[tuple[Box, Box]]:
-        """Give a level its wires, and return the pairs of boxes that are joined."""
+        """Assign wires to a level, and return the pairs of boxes that are connected."""
         owner = {b.number: b for b in level.boxes}
         ends = [
             (owner[a], box, column)
@@ -200,7 +202,7 @@ class Layout:
     def _rounds(
         self, boxes: list[Box], links: list[tuple[Box, Box]]
     ) -> Iterator[tuple[dict[Box, float], float]]:
-        """Yield heights and their cost: length, crossings, and height of all."""
+        """Yield heights with their cost: link length, crossings and total height."""
         near: dict[Box, list[Box]] = {b: [] for b in boxes}
         for a, b in links:
             near[a].append(b)
@@ -229,7 +231,7 @@ class Layout:
 
     # Places ---------------------------------------------------------------------------
     def place(self) -> None:
-        """Turn the columns and rows of boxes into positions x and y."""
+        """Convert the columns and rows of boxes into positions x and y."""
         wide, crossed = [0.3] * self.top.columns, [GAP] * (self.top.columns + 1)
         for b in self.box.values():
             if not b.inner:
@@ -265,9 +267,9 @@ class Layout:
         return self.x[box.last] + self.wide[box.last]
 
     def port(self, box: Box) -> float:
-        """Return the height at which an enabled gives its signal out.
+        """Return the height at which the output of an ``enabled`` leaves its box.
 
-        It is that of the block inside.
+        It is the height of the output block inside.
         """
         assert box.inner
         inner = self.box.get(self.sources(box.number)[0]) if self.sources(box.number) else None
@@ -282,7 +284,7 @@ class Layout:
         return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
 
     def text(self, i: int) -> list[str]:
-        """Return the lines in a box: its name, and its numbers."""
+        """Return the lines of text in a box: its name and its numbers."""
         q = self.program.instances[i]
         b = q.block
         args = [
@@ -328,7 +330,7 @@ def names_of(b: Block) -> tuple[str, ...]:
 
 
 def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:
-    """Return pairs of connections over the same gap that change sides."""
+    """Return the number of connection pairs that cross within one gap."""
     gaps: dict[int, list[tuple[float, float]]] = {}
     for a, b in links:
         gaps.setdefault(a.last, []).append((y[a] + a.height / 2, y[b] + b.height / 2))
@@ -340,9 +342,10 @@ def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:
 
 
 def _skyline(order: list[Box], wanted: dict[Box, float], way: float) -> dict[Box, float]:
-    """Return the tops of boxes that are put down one after the other.
+    """Return the top edges of boxes that are stacked one after the other.
 
-    They go down (way 1) or up (way -1), as near as possible to where they want to be.
+    Boxes are stacked downwards (way 1) or upwards (way -1), each as near as possible to
+    its desired height.
     """
     edge: dict[int, float] = {}
     y = {}
@@ -370,7 +373,7 @@ def _field(name: str, v: Any) -> str:
 
 @cache
 def width_of(text: str, size: float) -> float:
-    """Return the width in inches of a text in matplotlib's own font."""
+    """Return the width of a text in inches, in matplotlib's default font."""
     FontProperties = package("matplotlib.font_manager", "a picture of a graph").FontProperties
     from matplotlib.textpath import TextPath
 

@@ -1,4 +1,4 @@
-"""Listening copies: the vibration of an output, audible, without its slow part."""
+"""Listening copies: audible versions of the vibration in an output."""
 
 from __future__ import annotations
 
@@ -21,27 +21,28 @@ FADE = 0.01  # s at both ends, or they would click
 
 @public
 def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
-    """Return the part of a signal above a frequency, without delay.
+    """Return the part of a signal above a cutoff frequency, without delay.
 
-    It is the signal less a penalised spline through it.
+    It is the signal minus a penalised smoothing spline.
 
     Between its ends this is a Butterworth high-pass of order 4, forwards and backwards.
-    At the ends nothing is assumed of what lies beyond, so that a force that ends on its
-    way leaves nothing. In the first and last half period of the cutoff slow and fast
-    cannot be told apart: a tone of 4 times the cutoff is wrong there by up to 0.65 of
-    its amplitude in the very last sample, and by 0.1 from a quarter period on.
+    Nothing is assumed about the signal beyond its ends, so a force that is cut off
+    mid-movement leaves no transient. In the first and last half period of the cutoff,
+    slow and fast parts cannot be separated: a tone of 4 times the cutoff is wrong there
+    by up to 0.65 of its amplitude in the very last sample, and by 0.1 from a quarter
+    period on.
 
-    The corners of a smooth force are not slow. Where the third derivative jumps by J
-    they leave up to 0.14 J/(2 pi cutoff)**3: above 40 Hz 0.8 mN of a minimum-jerk
-    squeeze of 20 mm in 0.3 s on 2000 N/m, beside a vibration of 140 mN (0.6 %); above
-    20 Hz it is 6 mN. Of a pulse that never falls below 0, as a bump's half waves, the
-    mean is slow.
+    Corners of a smooth force contain fast components. Where the third derivative jumps
+    by J, they leave up to 0.14 J/(2 pi cutoff)**3: above 40 Hz 0.8 mN of a minimum-jerk
+    squeeze of 20 mm in 0.3 s on 2000 N/m, compared with a vibration of 140 mN (0.6 %);
+    above 20 Hz it is 6 mN. In a pulse that never falls below 0, such as the half waves
+    of a bump, the mean counts as slow.
 
     Parameters
     ----------
     y : array_like, shape (n,)
-        A signal, in any unit. One shorter than 2/3 period of the cutoff has no slow
-        part but a straight line.
+        A signal, in any unit. In a signal shorter than 2/3 period of the cutoff, the
+        slow part is a straight line.
     fs : float
         Sample rate in Hz.
     cutoff : float
@@ -110,12 +111,12 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
 def listen(
     rendering: Rendering, output: str, path: str | os.PathLike, cutoff: float = CUTOFF
 ) -> FileReport:
-    """Write a listening copy of one output.
+    """Write a listening copy (an audible version) of one output.
 
     The slow part is removed, the peak is at -6 dBFS, and both ends are faded.
 
-    It is for listening only: levels of two copies cannot be compared, and no device
-    should be given one.
+    Use it for listening only: the levels of two copies are not comparable, and a copy
+    must not be played on a haptic device.
 
     Parameters
     ----------

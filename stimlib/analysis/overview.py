@@ -1,8 +1,8 @@
-"""A rendering at a glance: its signals over time, and each output in detail.
+"""Overview picture of a rendering: signals over time, and details of each output.
 
-The details are its vibration, its course over position and its spectrum.
+The details of an output are its vibration, its course over position and its spectrum.
 
-Nothing hides anything else: signals share a panel only where they are the same samples.
+Signals share a panel only where their samples are identical, so no curve hides another.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 class Against(NamedTuple):
-    """A measured spectrum and the PSD of its law, shape (n,), in unit^2/Hz."""
+    """A measured spectrum and its law's PSD, both of shape (n,), in unit^2/Hz."""
 
     title: str
     unit: str
@@ -46,13 +46,13 @@ class Against(NamedTuple):
     measured: np.ndarray
     law: np.ndarray
     low: np.ndarray
-    """From here ..."""
+    """Lower edge of the band of correct renderings."""
     high: np.ndarray
-    """.. to there a correct rendering lies."""
+    """Upper edge of the band of correct renderings."""
 
 
 class Row(NamedTuple):
-    """A signal over time: the name beside its panel, its unit, samples, colour."""
+    """A signal over time: panel name, unit, samples and colour."""
 
     name: str
     unit: str
@@ -73,7 +73,7 @@ class Signals(NamedTuple):
         return str(self.scene.outputs[output].dim)
 
     def position(self, output: str) -> str | None:
-        """Return the input in m that an output follows, the first of several."""
+        """Return the first input in m on which an output depends, or None."""
         found = {
             b.name
             for b in reach([self.scene.outputs[output]])
@@ -88,11 +88,11 @@ def picture(
 ) -> None:
     """Draw a rendering: each signal over time, and each output in detail.
 
-    The details are its vibration in close-up, its course over position and its
+    The details are a close-up of its vibration, its course over position, and its
     spectrum.
 
-    Vibration is what ``stimlib.analysis.listening.vibration`` leaves. A spectrum ends
-    12 decades below its top.
+    The vibration is computed by ``stimlib.analysis.listening.vibration``. A spectrum
+    ends 12 decades below its top.
 
     Parameters
     ----------
@@ -100,8 +100,8 @@ def picture(
     path : str or Path
         PNG, SVG or PDF, by its suffix.
     spectra : dict of str to Against, optional
-        By output: the spectrum that is drawn instead, with its law and band;
-        ``stimlib.verify(..).spectra()`` has them.
+        For each output, the spectrum to draw instead, with its reference law and band,
+        as ``stimlib.verify(..).spectra()`` returns them.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def picture(
 
 
 def save(drawn: Figure, path: str | os.PathLike) -> None:
-    """Write a figure atomically, at a place that ``check_place`` accepts."""
+    """Write a figure atomically to a path that ``check_place`` accepts."""
     data = io.BytesIO()
     drawn.savefig(data, dpi=110, format=Path(path).suffix[1:].lower())
     safe_files.publish(path, data.getvalue())
@@ -138,13 +138,13 @@ def save(drawn: Figure, path: str | os.PathLike) -> None:
 def check_place(
     path: str | os.PathLike, what: str = "picture", formats: Sequence[str] = FORMATS
 ) -> None:
-    """Raise the error that ``picture`` would raise for a path, before drawing.
+    """Raise an error before drawing if a picture cannot be written to a path.
 
     Parameters
     ----------
     path : str or Path
     what : str
-        What is to be written.
+        Name of the picture, for error messages.
     formats : sequence of str
         Suffixes that it may have.
 
@@ -177,9 +177,9 @@ def check_place(
 
 
 def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -> Figure:
-    """Return the picture as a matplotlib figure of your own; see ``Rendering.plot``.
+    """Return the picture as a matplotlib figure; see ``Rendering.plot``.
 
-    pyplot does not know it.
+    The figure is not registered with pyplot.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     ----------
     rendering : Rendering
     seconds : float
-        Length of what is drawn.
+        Duration of the drawn part.
 
     Returns
     -------
@@ -255,12 +255,12 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
 
 
 def heights(s: Signals) -> tuple[float, float]:
-    """Return the heights of ``over_time`` and ``close_by`` in inches."""
+    """Return the heights in inches of the ``over_time`` and ``close_by`` panels."""
     return 0.6 + 1.1 * len(rows_of(s)), 3.0 * min(MOST, len(s.outputs))
 
 
 def rows_of(s: Signals) -> list[Row]:
-    """Return a row for each signal; equal inputs share one under one name."""
+    """Return a row for each signal; identical inputs share one row."""
     groups: dict[tuple[str, bytes], list[str]] = {}
     for name, y in s.inputs.items():
         groups.setdefault((str(s.scene.inputs[name].dim), y.tobytes()), []).append(name)
@@ -272,7 +272,7 @@ def rows_of(s: Signals) -> list[Row]:
 
 
 def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
-    """Draw a panel for each row, of samples from ``start`` on."""
+    """Draw a panel over time for each row, beginning at sample ``start``."""
     axes = fig.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
     for ax, (name, unit, y, color) in zip(axes, rows, strict=True):
         curve(ax, (start + np.arange(y.size)) / fs, y, color=color)
@@ -281,10 +281,10 @@ def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
 
 
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
-    """Draw a row for each output: vibration, course over position, spectrum.
+    """Draw the details of each output: vibration, course over position, spectrum.
 
-    The vibration is shown where it is largest, the course if the output follows a
-    position.
+    The vibration is shown where it is largest; the course is shown if the output
+    depends on a position.
     """
     names = list(islice(s.outputs, MOST))
     for row, name in zip(fig.subfigures(len(names), 1, squeeze=False)[:, 0], names, strict=True):
@@ -299,9 +299,9 @@ def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
-    """Draw a curve by its smallest and largest value in each of POINTS stretches.
+    """Draw a curve by the smallest and largest value in each of POINTS intervals.
 
-    So no extreme value is lost.
+    No extreme value is lost this way.
     """
     if y.size > 2 * POINTS:
         step = -(-y.size // POINTS)
@@ -312,9 +312,9 @@ def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
 
 
 def _axes(ax: Any, name: str, unit: str, most: int = 4, position: bool = False) -> None:
-    """Return ticks with prefixes, as 20 mm or 5 mN.
+    """Label an axis with prefixed units, such as 20 mm or 5 mN.
 
-    Numbers without a unit stay as they are.
+    Numbers without a unit are printed without a prefix.
     """
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
@@ -358,7 +358,7 @@ def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
 
 
 def _legend(ax: Any) -> None:
-    """Draw a legend between panel and title, where it hides nothing."""
+    """Draw a legend between panel and title, where it covers no curve."""
     ax.legend(
         loc="lower center",
         bbox_to_anchor=(0.5, 0.98),
@@ -384,9 +384,9 @@ def _density(ax: Any, s: Signals, name: str) -> None:
 
 
 def against(ax: Any, a: Against) -> None:
-    """Draw a spectrum, the law's, and the band of correct renderings.
+    """Draw a spectrum with its reference law and the band of correct renderings.
 
-    The legend names the band where it can be seen.
+    The legend names the band if it is visible.
     """
     bands = a.f.size < 100
     bottom = max(1e-30, FLOOR * a.law.max(), 0.3 * min(a.low.min(), a.measured.min()))

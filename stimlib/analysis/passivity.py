@@ -1,6 +1,6 @@
-"""The damping that a device needs so that a rendered stiffness is passive.
+"""The device damping that is needed to render a stiffness passively.
 
-This is the bound for sampled data.
+It follows from the passivity bound for sampled-data systems.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  #
 def needed_damping(
     response: Callable[[np.ndarray], np.ndarray], fs: float, delay: float = 0.0
 ) -> float:
-    r"""Return the damping that makes a device passive under a rendered stiffness.
+    r"""Return the device damping needed to render a stiffness passively.
 
-    The force over position is held between samples.
+    The force is held constant between samples.
 
     b > T/2 max_w Re{(1 - exp(-j w T)) H(w) exp(-j w delay)}/(1 - cos w T), 0 < w T <=
     pi, T = 1/fs.
@@ -36,13 +36,13 @@ def needed_damping(
     ----------
     response : callable
         Complex force per position, in N/m, at an array of frequencies in Hz, such as
-        ``lambda f: proc.response("force", "x", f)``. It has the half sample of a mean
-        over the way, and all latencies of blocks.
+        ``lambda f: proc.response("force", "x", f)``. It includes all block latencies,
+        and the half sample of a spatial mean.
     fs : float
         Sample rate in Hz.
     delay : float
-        From the sensor to the actuator, in s, beyond the hold of a sample: of the
-        device's buffers and its wires.
+        Delay from sensor to actuator in s, in addition to the sample hold: device
+        buffers and transmission.
 
     Returns
     -------
@@ -57,9 +57,9 @@ def needed_damping(
 
     Notes
     -----
-    It is the largest of 4400 angles, w T from 1e-4 to pi.  Necessary and sufficient for
-    one degree of freedom, a device that is an inertia with a damper, and any hand;
-    enough also for a wall that the hand touches and leaves.
+    The result is the largest value at 4400 angles w T from 1e-4 to pi. It is necessary
+    and sufficient for one degree of freedom, a device that is an inertia with a damper,
+    and any hand; it is also sufficient for a wall that the hand touches and leaves.
 
     References
     ----------
@@ -100,12 +100,12 @@ def needed_damping(
 
 @public
 def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], float]:
-    """Return `needed_damping` of each output over each input of a scene.
+    """Return `needed_damping` for each pair of output and input of a scene.
 
-    Only forces over a position count, where the stiffness is known.
+    Only forces that depend on a position with a known stiffness are considered.
 
-    What is linear counts as it is; walls, detents, buttons and friction as stiff as
-    they can be; parameters as they stand.
+    Linear blocks count exactly. Walls, detents, buttons and friction count at their
+    largest stiffness, and parameters at their current values.
 
     Parameters
     ----------
@@ -116,8 +116,8 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
     Returns
     -------
     dict of (output, input) to float
-        In N s/m, of a torque over an angle N m s; pairs that need none, and those that
-        cannot be told, are left out.
+        In N s/m, or N m s for a torque over an angle. Pairs that need no damping, or
+        whose need cannot be determined, are left out.
 
     Examples
     --------

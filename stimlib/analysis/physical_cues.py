@@ -1,6 +1,6 @@
-"""The physical cues of an interaction, from recorded displacement and force.
+"""Physical cues of an interaction, from recorded displacement and force.
 
-A participant could have gone by any of them.
+A participant may have used any of these cues to answer.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ WINDOWS = ("hann", "none")
 
 
 class Cues(NamedTuple):
-    """Physical interaction parameters, in the order of the paper; see ``cues``."""
+    """The physical cues of an interaction, in the order of the paper; see ``cues``."""
 
     frequency: float  # Hz, of the dominant component of y
     k_S: float  # N/m
@@ -50,14 +50,14 @@ def cues(
     prominence: float = 0.1,
     window: str = "hann",
 ) -> Cues:
-    """Return physical interaction cues from a recording.
+    """Return the physical cues of an interaction from a recording.
 
     Parameters
     ----------
     y : array_like, shape (n,)
         Displacement in m, compression positive, 0 at the surface of the object.
     f : array_like, shape (n,)
-        Force in N, of the sign that makes a spring's positive where y is.
+        Force in N, signed so that the force of a spring is positive where y is.
     fs : float
         Sample rate in Hz.
     v : array_like, shape (n,), optional
@@ -67,14 +67,14 @@ def cues(
         A maximum counts as a peak when it rises above its surroundings by this part of
         its signal's range.
     window : {"hann", "none"}
-        How samples weigh in the component's amplitudes.  "none" is the paper's way: of
-        a whole number of periods it gives the bin of a DFT.
+        Weights of the samples in the amplitudes of the component.  "none" is the method
+        of the paper: for a whole number of periods it gives the bin of a DFT.
 
     Returns
     -------
     Cues
-        Of the component of y and f at the frequency of the most dominant component of
-        y, its phase referred to y:
+        For the component of y and f at the frequency of the dominant component of y,
+        with phase relative to y:
 
         - ``frequency``: of that component, in Hz
         - ``k_S``, ``k_L``: real (storage) and imaginary (loss) part of the complex
@@ -87,13 +87,13 @@ def cues(
           convention f/v it is the real part
         - ``phi``: phase by which force leads displacement, rad
 
-        Of the record:
+        For the whole record:
 
         - ``W``: positive part of the work done by the participant, the integral of
           max(f v, 0), J
         - ``f_max``, ``f_mean``: largest and mean of the force peaks, N; ``y_max``,
           ``y_mean``, m, and ``v_max``, ``v_mean``, m/s, in the same way.  Peaks are
-          maxima; nan where there is none
+          maxima; nan if there are none
         - ``k_I``: first force peak over the displacement at that sample, N/m
         - ``k_fit``, ``b_fit``: slope of the line through 0 fitted to force over
           displacement (N/m), over velocity (N s/m)
@@ -112,9 +112,10 @@ def cues(
     plus constant which fits y best, and the amplitudes of y and f are those of the best
     fit at that frequency, both by least squares under the window.  This is exact, to
     rounding, for a sinusoid plus constant of any length from two periods on.  The
-    windows differ in what else is in the record.  Hann's weighs the ends little, where
-    a springpot's force has not yet forgotten that the movement began, and suppresses
-    other components; "none" takes all samples alike, as the DFT of the paper.
+    windows differ when the record contains other components. The Hann window suppresses
+    these, and gives little weight to the ends, where the force of a springpot still
+    carries the transient of the movement's start; "none" weights all samples equally,
+    as the DFT of the paper does.
 
     References
     ----------
@@ -144,9 +145,9 @@ def cues_of(
     prominence: float = 0.1,
     window: str = "hann",
 ) -> Callable[[ArrayLike], Cues]:
-    """Return ``cues`` of one displacement and any number of forces.
+    """Prepare the computation of ``cues`` for one displacement and many forces.
 
-    What depends on the displacement alone is computed once.
+    Everything that depends on the displacement alone is computed only once.
 
     Parameters
     ----------
@@ -156,14 +157,13 @@ def cues_of(
     Returns
     -------
     callable
-        Of a force in N, shape (n,): its ``Cues``.  It takes a twentieth of the time of
-        ``cues``, and gives the same bits.
+        A function that returns the ``Cues`` of a force in N, shape (n,).  It takes a
+        twentieth of the time of ``cues``, and its results are bit-identical.
 
     Raises
     ------
     BadValue
-        As ``cues``, which raises what is wrong with the displacement before what is
-        wrong with the force.
+        As ``cues``, which checks the displacement before the force.
 
     Examples
     --------
@@ -246,20 +246,21 @@ def _record(name: str, a: ArrayLike) -> np.ndarray:
 
 
 def _over(a: float, b: float) -> float:
-    """Return a/b, inf or nan where b is 0."""
+    """Return the quotient a/b; where b is 0, return inf or nan."""
     with np.errstate(all="ignore"):
         return float(np.float64(a) / np.float64(b))
 
 
 def _window(n: int) -> np.ndarray:
-    """Return Hann, nowhere 0."""
+    """Return a Hann window of n samples, none of which is 0."""
     return np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
 
 
 def _waves(angle: float, window: np.ndarray) -> np.ndarray:
-    """Return cos, sin and 1 at so many rad per sample, under the window's root.
+    """Return cosine, sine and constant at a frequency in rad per sample, windowed.
 
-    The angles count from the middle of the record.
+    Angles are measured from the middle of the record; each wave is multiplied by the
+    square root of the window.
     """
     n = window.size
     phase = angle * (np.arange(n) - (n - 1) / 2)
@@ -267,26 +268,27 @@ def _waves(angle: float, window: np.ndarray) -> np.ndarray:
 
 
 def _fit(angle: float, window: np.ndarray) -> np.ndarray:
-    """Return rows whose products with a record give its best fit, shape (2, n).
+    """Return the two weight vectors that give the best-fit cosine and sine amplitudes.
 
-    Their sums are the weights of cos and sin at so many rad per sample.
+    The sums of their products with a record, shape (2, n), are the amplitudes of cosine
+    and sine at a frequency in rad per sample.
 
-    Sums in numpy's own order, not a library's: the same bits whatever the number of
-    threads.
+    Sums are taken by numpy, not by a linear algebra library, so the bits do not depend
+    on the number of threads.
     """
     return np.linalg.pinv(_waves(angle, window))[:2] * np.sqrt(window)
 
 
 def _amplitude(fit: np.ndarray, record: np.ndarray) -> complex:
-    """Return complex amplitude A of the best fit Re(A exp(i phase)) + constant."""
+    """Return the complex amplitude A of the best fit Re(A exp(i phase)) + constant."""
     c = np.sum(fit * record, axis=1)
     return complex(c[0], -c[1])
 
 
 def _frequency(y: np.ndarray, fs: float, window: np.ndarray) -> float:
-    """Return w in rad/s of the sinusoid plus constant that fits best.
+    """Return the frequency w in rad/s of the best-fitting sinusoid plus constant.
 
-    Gauss and Newton's method begins at the largest bin of a DFT.
+    The Gauss-Newton method starts at the largest bin of a DFT.
     """
     n = y.size
     z = (y - np.sum(window * y) / np.sum(window)) / np.ptp(y)
@@ -312,13 +314,13 @@ def _frequency(y: np.ndarray, fs: float, window: np.ndarray) -> float:
 
 
 def _mean_of(a: np.ndarray, prominence: float) -> tuple[float, float]:
-    """Return the largest and mean of the maxima; nan where there is none."""
+    """Return the largest and the mean of the peaks; nan if there are none."""
     at = _peaks(a, prominence)
     return (float(a[at].max()), float(a[at].mean())) if at.size else (math.nan, math.nan)
 
 
 def _peaks(a: np.ndarray, prominence: float) -> np.ndarray:
-    """Return the indices of the maxima that count."""
+    """Return the indices of maxima that are prominent enough to count as peaks."""
     from scipy.signal import find_peaks
 
     span = np.ptp(a)

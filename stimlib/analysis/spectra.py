@@ -1,6 +1,6 @@
-"""Tests of a noise against its model, on the whitened periodogram.
+"""Tests of a noise signal against its model, on the whitened periodogram.
 
-The stream must be stationary.
+The signal must be stationary.
 
 One Hann taper, every third bin: W_k = I_k / E[I_k] are independent Exp(1) if the model
 holds.  Sums over third octaves are then Gamma distributed, exactly; weighted sums, with
@@ -23,7 +23,7 @@ FEWEST_BINS = 8
 
 
 class Band(NamedTuple):
-    """One third octave."""
+    """The test result of one third-octave band."""
 
     f_low: float
     f_high: float
@@ -33,7 +33,7 @@ class Band(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """The result of the tests of one stream."""
+    """The results of the spectral tests of one signal."""
 
     bands: list[Band]
     trend_p: float  # of the smallest weighted sum
@@ -42,9 +42,9 @@ class Spectrum(NamedTuple):
 
 
 def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
-    """Return every third DFT bin from f_low to f_high (Hz), from the fourth bin on.
+    """Return every third DFT bin between two frequencies, starting at bin 4 or above.
 
-    The periodogram is independent at these.
+    The periodogram values at these bins are independent.
 
     Examples
     --------
@@ -60,9 +60,9 @@ def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
 def whitened(
     x: np.ndarray, fs: float, model: Callable[[np.ndarray], np.ndarray], f_low: float, f_high: float
 ):
-    """Return frequencies (Hz) and the periodogram divided by its expectation, W.
+    """Return frequencies in Hz and the periodogram divided by its expected value, W.
 
-    Every third bin of f_low .. f_high is taken.
+    Every third bin from f_low to f_high is taken.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def whitened(
 def test_spectrum(
     x: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float
 ) -> Spectrum | None:
-    """Run both tests of one stream against a one-sided PSD.
+    """Run both spectral tests of one signal against a one-sided PSD.
 
-    None when it is too short for one band of eight bins.
+    Return None when the signal is too short for one band of eight bins.
 
     Parameters
     ----------
@@ -118,9 +118,10 @@ def test_spectrum(
 
 
 def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the bins of each third octave, and weights that test its shape.
+    """Return the bins of each third octave, and weights that test the spectral shape.
 
-    Weights of unit size, shape (terms, n), see level, slope, curvature ..
+    The weights, shape (terms, n) and of unit norm, are sensitive to level, slope,
+    curvature and so on.
 
     Examples
     --------
@@ -144,7 +145,7 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
     Parameters
     ----------
     f, W : ndarray, shape (n,)
-        As `whitened` gives them, or as drawn: at least eight bins.
+        As returned by `whitened`, or simulated; at least eight bins.
 
     Examples
     --------
@@ -168,7 +169,7 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
 
 
 def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
-    """Return the two-sided p of sum a (W - 1) of independent W ~ Exp(1).
+    """Return the two-sided p-value of sum a (W - 1) for independent W ~ Exp(1).
 
     The formula is the saddlepoint formula of Lugannani and Rice.
 
@@ -195,14 +196,14 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
 
 
 def tail(c: np.ndarray, s: float) -> float:
-    """Return P(sum c (E - 1) > s) of independent E ~ Exp(1).
+    """Return P(sum c (E - 1) > s) for independent E ~ Exp(1).
 
     The formula is the saddlepoint formula of Lugannani and Rice (1980).
 
     Parameters
     ----------
     c : ndarray, shape (n,)
-        Of either sign.
+        Coefficients of either sign.
     s : float
 
     Examples
@@ -245,7 +246,7 @@ test_spectrum.__test__ = False  # type: ignore[attr-defined]  # a function of ou
 
 
 def _at_least(parts: list[np.ndarray], size: int) -> list[np.ndarray]:
-    """Return neighbouring parts joined until each has so many bins."""
+    """Join neighbouring groups of bins until each has a minimum size."""
     joined: list[np.ndarray] = []
     for part in parts:
         if joined and joined[-1].size < size:
@@ -262,7 +263,8 @@ def correlation(
 ) -> tuple[float, float]:
     """Return the correlation of two signals and its two-sided p-value.
 
-    The streams are whitened by the model; p is that under independence.
+    The signals are whitened by the model; the p-value assumes that they are
+    independent.
     """
     n = min(x.size, y.size)
     _, _, a = whitened(x[:n], fs, model, f_low, f_high)
@@ -273,7 +275,7 @@ def correlation(
 
 
 def correlated_p(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """Return p of the correlation of two complex normal vectors of variance 1."""
+    """Return correlation and p-value of two complex normal vectors of variance 1."""
     from scipy import stats
 
     c = float(np.mean((a * b.conj()).real))

@@ -1,7 +1,7 @@
 """The command line: render, play, verify, show and list scenes; run experiments.
 
-A module for each group of commands; ``app`` has what they share, ``scene`` and
-``motions`` what SCENE and --motion mean.
+Each group of commands has a module. Module ``app`` has their common code; ``scene`` and
+``motions`` interpret SCENE and --motion.
 """
 
 from . import (  # noqa: I001  each adds its commands, in the order of --help

@@ -1,4 +1,4 @@
-"""The command ``stimlib``: how its subcommands are made, end and print."""
+"""The command ``stimlib``: how its subcommands are defined, print and end."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _UsageError: Any = typer.BadParameter.__base__
 
 
 class _Group(TyperGroup):
-    """The subcommands, whose errors of parsing are one line as all others are."""
+    """The group of subcommands, which reports parsing errors in one line."""
 
     def make_context(self, *args: Any, **options: Any) -> Any:
         with _in_one_line():
@@ -80,16 +80,16 @@ Command = Callable[..., Any]
 
 
 def group(name: str, text: str) -> typer.Typer:
-    """Return commands under one name, such as ``experiment run``."""
+    """Return a new group of commands, such as ``experiment`` in ``experiment run``."""
     made = typer.Typer(cls=_Group, no_args_is_help=True, rich_markup_mode="rich", help=text)
     app.add_typer(made, name=name)
     return made
 
 
 def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Command], Command]:
-    """Make a function a subcommand with one-line errors and shared options.
+    """Turn a function into a subcommand with one-line errors and shared options.
 
-    The options of the given functions join its own.
+    The options of the given functions are added to its own.
     """
 
     def made(function: Command) -> Command:
@@ -102,7 +102,7 @@ def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Co
 def sharing(function: Command, shared: dict[str, Command]) -> Command:
     """Give a command the options (keyword-only parameters) of other functions.
 
-    It gets each of these functions with the options filled in.
+    The command receives each of these functions with the options already filled in.
     """
 
     @wraps(function)
@@ -132,13 +132,12 @@ def _options(f: Command) -> dict[str, inspect.Parameter]:
 
 @contextmanager
 def friendly(options: Collection[str] = ()) -> Iterator[None]:
-    """Print warnings and errors of use in one line each, and set the exit status.
+    """Print warnings and usage errors in one line each, and set the exit status.
 
-    Errors name the command's options, where they begin with one of its arguments.
+    Errors that begin with an argument of the command name its option instead.
 
-    The status is 2 for them, 130 for Ctrl-C, and 3, with a traceback, for a defect.
-
-    Where the reader of a pipe went away the status is 141, as of any command.
+    The status is 2 for usage errors, 130 for Ctrl-C, and 3, with a traceback, for a
+    bug. If the reader of a pipe has gone, the status is 141, as for any command.
     """
     try:
         with warnings.catch_warnings():
@@ -182,9 +181,9 @@ def friendly(options: Collection[str] = ()) -> Iterator[None]:
 
 
 def _of_options(text: str, options: Collection[str]) -> str:
-    """Return an error of a function in the words of the command line.
+    """Reword an error of a function in terms of command-line options.
 
-    It begins with the option, in place of the names of functions and the argument.
+    The message begins with the option instead of the names of function and argument.
     """
     while (found := re.match(r"(\w+): ", text)) and _inner(found[1]):
         text = text[found.end() :]
@@ -196,7 +195,7 @@ def _of_options(text: str, options: Collection[str]) -> str:
 
 
 def _inner(name: str) -> bool:
-    """Return whether a function is unknown to who types commands; scenes are known."""
+    """Return whether a function is internal and unknown to command-line users."""
     place = PUBLIC.get(name, "scenes")
     return not any(room in place for room in ("scenes", "blocks"))
 
@@ -218,30 +217,30 @@ def _line(what: str, text: Any) -> None:
 
 
 def print_json(data: Any) -> None:
-    """Print data for programs on stdout."""
+    """Print data as JSON on stdout, for other programs."""
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
 class Output(Console):
     """Standard output that reports a closed pipe to ``friendly``.
 
-    rich would end the process with status 1.
+    Without it, rich would end the process with status 1.
     """
 
     def on_broken_pipe(self) -> None:
-        """Raise the error that rich is handling."""
+        """Raise BrokenPipeError, which ``friendly`` handles."""
         raise BrokenPipeError
 
 
 def print_wide(data: Any) -> None:
     """Print a table or report on stdout, as wide as the terminal.
 
-    Where there is no terminal the width is 130 characters.
+    Without a terminal, the width is 130 characters.
     """
     Output(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
 
 
 def end(passed: bool) -> None:
-    """Exit with status 1 if a check failed."""
+    """Exit with status 1 unless all checks passed."""
     if not passed:
         raise typer.Exit(1)

@@ -36,7 +36,7 @@ def safety_of(
     static: opt.Static = None,
     slew: opt.Slew = None,
 ) -> Any:
-    """Return the safety stage that the options ask for."""
+    """Return the safety stage for the given options."""
     from ..run.safety import Safety, quiet_scale
 
     return Safety(
@@ -59,7 +59,7 @@ def _play(
     seconds: float | None,
     wanted: bool,
 ) -> None:
-    """Play to the end with a progress bar on a terminal; the sink always fades out."""
+    """Play to the end with a progress bar; the sink fades out even after an error."""
     with sink:
         sink.open(fs, channels, block)
         sink.start(seconds)
@@ -74,7 +74,7 @@ def _play(
 
 
 def _sound(file: str, motions: Any, fs: float | None) -> tuple[Any, Any, float]:
-    """Return a sound file as a scene, what drives it, and its rate."""
+    """Return a sound file as a scene, with its motion and its sample rate."""
     from ..files.audio import as_scene
 
     if any(motions.keywords[name] for name in ("motion", "map_", "where")):
@@ -205,7 +205,7 @@ def _played(
     quiet: bool,
     log: Any,
 ) -> None:
-    """Play to the end, and print the report."""
+    """Play to the end, then print the report."""
     try:
         _play(playing, *place, length, not quiet)
     except (SinkError, FaultError) as e:
@@ -300,9 +300,9 @@ def loopback(
     log: opt.Log = None,
     import_: opt.Import = [],
 ):
-    """Play and record a scene, compare both, and measure the delay.
+    """Play and record a scene, compare the two, and measure the delay.
 
-    Exit status 1 when it differs.
+    Exit status 1 when the recording differs.
 
     [bold]stimlib loopback squeeze --sink jack --motion "minimum_jerk(depth=0.02)"
     --full-scale 50[/]

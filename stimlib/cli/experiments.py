@@ -93,12 +93,12 @@ Port = Annotated[int, typer.Option(help="Port of the page; 0 takes a free one.",
 
 
 def experiment_of(text: str) -> Experiment:
-    """Return the experiment for FILE.py:NAME, or that of a paper.
+    """Return the experiment for FILE.py:NAME, or the experiment of a paper.
 
     Raises
     ------
     BadValue, SceneError
-        No such file or name; something else of that name.
+        There is no such file or name, or the name is not an experiment.
     """
     from ..experiments.experiment import Experiment
 
@@ -132,9 +132,9 @@ def played(
     host: Host = "127.0.0.1",
     port: Port = 0,
 ) -> None:
-    """Run a session, answered in the terminal or on a page.
+    """Run a session, with answers given in the terminal or on a page.
 
-    Where it ends early, the message has the command that resumes it.
+    If the session ends early, a message shows the command that resumes it.
     """
     from ..experiments import presentation
     from ..experiments.runner import run
@@ -186,7 +186,7 @@ def played(
 
 @contextmanager
 def on_page(host: str, port: int) -> Iterator[ExperimentPage]:
-    """Serve a page as the front end, and show address and progress in the terminal."""
+    """Serve a page as the front end; show its address and progress in the terminal."""
     from ..live.experiment import ExperimentPage
     from ..live.server import Server
 
@@ -302,7 +302,7 @@ def simulate(
 
 
 def _none_of(made: Experiment, data: Path, pilot: bool) -> str:
-    """Return what is wrong where there is no session, or no pilot, of an experiment."""
+    """Return the error message for an experiment without sessions or pilots."""
     from ..experiments.reader import sessions
 
     others = len(sessions(made.name, data, not pilot))

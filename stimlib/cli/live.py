@@ -36,13 +36,13 @@ def page_safety_of(
     static: opt.Static = None,
     slew: opt.Slew = None,
 ) -> Any:
-    """Return the safety stage of a page, by default with its own full scales."""
+    """Return the safety stage of a page; full scales default to those of the page."""
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
     return safety_of(None, full_scale=full_scale, peak=peak, static=static, slew=slew)
 
 
 def _ranges(items: list[str]) -> dict[str, tuple[float, float]]:
-    """Return ranges of --range."""
+    """Return the ranges that the --range options give."""
     found = {}
     for item in items:
         name, is_, text = item.partition("=")
@@ -162,7 +162,7 @@ def live(
 
 
 def _serve(server: Any, browser: bool) -> None:
-    """Serve until Ctrl-C, and say where."""
+    """Serve the page until Ctrl-C, and print its address."""
     if not server.private:
         note(
             f"{server.host}: anybody who has the address below can drive the scene, and anybody who"

@@ -1,4 +1,4 @@
-"""Options of the commands that take a motion."""
+"""Options of the commands that accept a motion."""
 
 from __future__ import annotations
 
@@ -101,9 +101,9 @@ def motions_of(
         ),
     ] = None,
 ) -> tuple[dict[str, Any], float | None]:
-    """Return the motion of every input, and its duration if it was recorded.
+    """Return the motion of every input, and the duration if it was recorded.
 
-    With ``all_=False`` some inputs are enough.
+    With ``all_=False``, some inputs may be left without a motion.
     """
     from ..motion.recorded import Recording, parse_source, recording, served_by
     from ..motion.text import parse_map, parse_where
@@ -156,7 +156,7 @@ def motions_of(
 
 
 def _contact(recordings: Sequence[Recording]) -> Any:
-    """Return the contact of the only recording."""
+    """Return the contact of the recording; raise BadValue if there are several."""
     if len(recordings) > 1:
         raise BadValue(
             "contact: each recording has one; say which serves, such as --motion contact=my.csv"
@@ -169,7 +169,7 @@ def _is_file(text: str) -> bool:
 
 
 def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, str], str]:
-    """Return what --motion says of single inputs, and of all others."""
+    """Return the --motion of each named input, and the --motion of all others."""
     from ..motion.recorded import served_by
 
     own: dict[str, str] = {}
@@ -198,7 +198,7 @@ def _check_map(
     served: Mapping[str, str | None],
     recorded: bool,
 ) -> None:
-    """Check that each --map serves an input that takes a recording."""
+    """Check that each --map belongs to an input that is driven by a recording."""
     for column in columns:
         names = [name for name, by in served.items() if by == column]
         if not names:
@@ -219,9 +219,9 @@ def _check_map(
 
 
 def _unmapped(file: str, names: Sequence[str]) -> BadValue:
-    """Return the error of a recording without --map.
+    """Return the error for a recording that is given without --map.
 
-    Of a file that is none, the reader of tables reports first.
+    If the file is not a table, the table reader raises its error first.
     """
     from ..motion.table import read_table
 
@@ -237,7 +237,7 @@ def _max_speed(
 ) -> Any:
     """Return the speed limit of a recording.
 
-    A number is for what is in metres, NAME=NUMBER for what it names.
+    A number applies to columns in metres; NAME=NUMBER applies to the named column.
     """
     from ..motion.text import pairs
 

@@ -100,7 +100,7 @@ Marker = Annotated[
 
 @contextmanager
 def senders(texts: list[str]) -> Iterator[list[Any]]:
-    """Yield the senders of ``--send``, which are closed at the end."""
+    """Open the ``--send`` targets, and close them at the end."""
     from ..devices.transports import sender
 
     with ExitStack() as stack:
@@ -109,7 +109,7 @@ def senders(texts: list[str]) -> Iterator[list[Any]]:
 
 @contextmanager
 def rows_of(text: str | None) -> Iterator[Any]:
-    """Yield the receiver of ``--stream``, or None; it is closed at the end."""
+    """Open the ``--stream`` receiver, or yield None; close it at the end."""
     from ..devices.transports import receiver
 
     with nullcontext() if text is None else receiver(text) as receive:
@@ -117,14 +117,14 @@ def rows_of(text: str | None) -> Iterator[Any]:
 
 
 def calibration(path: Path | None) -> dict[str, Any]:
-    """Return the option of a sink for ``--calibration``."""
+    """Return the sink's calibration for ``--calibration``."""
     from ..devices.calibration import load_calibration
 
     return {} if path is None else {"calibration": load_calibration(path)}
 
 
 def channel_map(text: str | None) -> int | list[str | None] | None:
-    """Return the channels of ``--channels``: a number, or the output of each."""
+    """Return the channels for ``--channels``, a number or a list of outputs."""
     if text is None:
         return None
     if text.strip().isdecimal():
@@ -133,7 +133,7 @@ def channel_map(text: str | None) -> int | list[str | None] | None:
 
 
 def of_each(text: str | None, option: str) -> Any:
-    """Return the value for all outputs, or one for each: ``a=50,b=0.1``."""
+    """Return one value for all outputs, or one for each, such as ``a=50,b=0.1``."""
     from ..motion.text import pairs
 
     return (

@@ -22,14 +22,14 @@ if TYPE_CHECKING:  # --help and --version need no numpy
 
 
 def shipped() -> dict[str, Callable[..., Scene]]:
-    """Return scenes by name."""
+    """Return the shipped scenes by name."""
     from ..scenes import SHIPPED
 
     return SHIPPED
 
 
 def _begun(text: str) -> list[str]:
-    """Return the shipped scenes whose names begin so, for the shell's completion."""
+    """Return the shipped scenes whose names begin with a text, for shell completion."""
     return [name for name in shipped() if name.startswith(text)]
 
 
@@ -50,12 +50,12 @@ SceneText = Annotated[
 
 
 def scene_of(text: str) -> Scene:
-    """Return the scene for SCENE on the command line.
+    """Return the scene that SCENE on the command line stands for.
 
     Raises
     ------
     UnknownName, SceneError
-        Nothing of that name; a function that does not give a scene.
+        There is nothing of that name, or the function does not return a scene.
 
     Examples
     --------
@@ -81,9 +81,9 @@ def scene_of(text: str) -> Scene:
 
 
 def maker_of(text: str) -> Scene | Callable[..., Scene]:
-    """Return the scene, or the function that makes it, for a sweep.
+    """Return the scene for a sweep, or the function that makes it.
 
-    A function is not called, because rows may have its arguments.
+    A function is not called, because the rows of the sweep may hold its arguments.
 
     Raises
     ------
@@ -105,9 +105,9 @@ def maker_of(text: str) -> Scene | Callable[..., Scene]:
 def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
     """Return a scene, function or measure from a user's file, without calling it.
 
-    The file is run, and workers can then import it.
+    The file is executed, and worker processes can then import it.
 
-    What is of that kind may be named too.
+    An object of the wanted kind may be named as well as a function.
     """
     if (folder := str(Path(path).resolve().parent)) not in sys.path:
         sys.path.append(folder)
@@ -120,11 +120,10 @@ _ours: dict[str, bytes] = {}  # modules that _own has made, and the text that ea
 def _own(
     path: str, function: str | None = None, called: bool = True, kind: type | None = None
 ) -> Any:
-    """Run a user's file as the module by whose name scene files know its blocks.
+    """Run a user's file as a module, under the name that scene files refer to.
 
-    The result is what a function in it gives. A file that has run is not run again.
-
-    Where the file or the function raises, the error names their line.
+    Return the module, or the result of a function in it. A file that has run is not run
+    again. If the file or the function raises an error, the error names the line.
     """
     from ..core.scene import Scene
 
@@ -153,7 +152,7 @@ def _own(
 
 
 def _module(path: str) -> tuple[ModuleType, Any, bytes]:
-    """Return a user's file as a module, which may not have run, its spec and text."""
+    """Return a user's file as a module that has not yet run, with its spec and text."""
     text = safe_files.read(path, "scene_bytes", SceneError)  # a regular file
     spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
     if spec is None or spec.loader is None:
@@ -170,7 +169,7 @@ def _module(path: str) -> tuple[ModuleType, Any, bytes]:
 
 
 def _missing(path: str, module: ModuleType, function: str, kind: type) -> str:
-    """Return what is said where a file has no such function, and what it has."""
+    """Return the error for a file without the wanted function, naming those it has."""
     of = kind.__name__.lower()
     if function in vars(module):
         what = f"{function} is a {type(vars(module)[function]).__name__}, no {kind.__name__}"
@@ -184,7 +183,7 @@ def _missing(path: str, module: ModuleType, function: str, kind: type) -> str:
 
 
 def _told(e: Exception, path: str, origin: str | None, function: str | None) -> Exception:
-    """Return an error with the line of the user's file that raised it."""
+    """Return an error prefixed with the line of the user's file that raised it."""
     frames = traceback.extract_tb(e.__traceback__)
     at = [frame.lineno for frame in frames if frame.filename == origin]
     line = at[-1] if at else e.lineno if isinstance(e, SyntaxError) else None
@@ -195,7 +194,7 @@ def _told(e: Exception, path: str, origin: str | None, function: str | None) -> 
 
 
 def _makes(module: ModuleType, found: Any) -> bool:
-    """Return whether a user's function may make a scene: it needs no argument."""
+    """Return whether a user's function can make a scene without arguments."""
     if (
         not inspect.isfunction(found)
         or found.__module__ != module.__name__
@@ -209,7 +208,7 @@ def _makes(module: ModuleType, found: Any) -> bool:
 
 
 def run_files(files: list[str]) -> None:
-    """Run the files of --import, so that their blocks are known."""
+    """Run the --import files, so that their blocks are known."""
     for path in files:
         _own(path)
 
@@ -235,13 +234,13 @@ def _shipped(name: str, words: str) -> Scene:
 
 
 def touching(text: str) -> str:
-    """Return how to get an input contact for SCENE on the command line."""
+    """Return a hint on how to get the input ``contact`` for SCENE."""
     name = text.partition("(")[0]
     return f"use {name}(contact=True)" if name in shipped() else ""
 
 
 def params_of(items: list[str], scene: Scene) -> dict[str, float]:
-    """Return the parameters of --set: numbers, or levels such as ``2 m/s^2 rms``."""
+    """Return the --set values as numbers; a level may be ``2 m/s^2 rms``."""
     from ..design.levels import amplitude
     from ..motion.text import pairs
 
@@ -259,7 +258,7 @@ def params_of(items: list[str], scene: Scene) -> dict[str, float]:
 
 
 def number(text: str, option: str) -> float:
-    """Return the number of an option, or raise BadValue that names it."""
+    """Return the number that an option gives; raise BadValue that names the option."""
     try:
         return float(text)
     except ValueError:

@@ -99,7 +99,7 @@ def list_(json_: opt.Json = False):
 
 
 def _facts(scene: Scene) -> dict[str, Any]:
-    """Return what a scene takes and gives, as plain data."""
+    """Return the inputs, parameters, outputs and hash of a scene as plain data."""
     return {
         "inputs": {n: {"unit": str(b.dim)} for n, b in scene.inputs.items()},
         "params": {n: {"value": b.value, "unit": str(b.dim)} for n, b in scene.params.items()},
@@ -109,9 +109,9 @@ def _facts(scene: Scene) -> dict[str, Any]:
 
 
 def _call(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return what a function is for, and its arguments with their defaults.
+    """Return the summary of a function, and its arguments with their defaults.
 
-    None where an argument must be given.
+    A required argument has the default None.
     """
     known = inspect.signature(function).parameters.values()
     defaults = {p.name: None if p.default is p.empty else p.default for p in known}

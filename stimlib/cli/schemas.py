@@ -1,4 +1,4 @@
-"""The command ``schema``: what files of stimlib have in them, for any program."""
+"""The command ``schema``: JSON Schemas of the files that stimlib writes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Kind: Any = Literal[tuple(TABLES)]
 
 
 def schema_of(kind: str) -> dict[str, Any]:
-    """Return the JSON Schema of a kind of file in ``TABLES``.
+    """Return the JSON Schema of one kind of file listed in ``TABLES``.
 
     Examples
     --------

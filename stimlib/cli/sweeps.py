@@ -133,7 +133,7 @@ def sweep_(
 
 
 def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
-    """Print what came out, and what failed."""
+    """Print the results of a sweep, and the failures."""
     if json_:
         print_json(facts)
     elif not quiet:
@@ -148,7 +148,7 @@ def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
 
 
 def _axis(text: str) -> tuple[str, list[Any]]:
-    """Return a column of --axis."""
+    """Return the name and values of an --axis option."""
     name, equals, values = text.partition("=")
     what = f"--axis {text}"
     if not equals or not name.isidentifier() or not values:
@@ -175,7 +175,7 @@ def _axis(text: str) -> tuple[str, list[Any]]:
 
 
 def _cluster(address: str, files: list[str]) -> Any:
-    """Return a client of a cluster whose workers have the user's own files."""
+    """Return a client of a cluster whose workers have the user's files."""
     from ..sweep.engines import connected
 
     client = connected(address)
@@ -185,9 +185,9 @@ def _cluster(address: str, files: list[str]) -> Any:
 
 
 def _facts(table: Any) -> dict[str, Any]:
-    """Return what a sweep gave, as plain data.
+    """Return the results of a sweep as plain data.
 
-    Each figure has its unit, and its least, middle and largest value.
+    Each figure has its unit and its smallest, median and largest value.
     """
     import numpy as np
 

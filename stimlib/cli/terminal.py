@@ -1,4 +1,4 @@
-"""The front end of an experiment in a terminal: texts, and answers by keyboard."""
+"""The terminal front end of an experiment: texts, and answers by keyboard."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class Terminal(Keyed):
     Parameters
     ----------
     fd : int
-        The terminal whose keys are read; below 0, lines of stdin are.
+        The terminal whose keys are read; if below 0, lines are read from stdin.
     keys, lines : list
-        Its attributes, as of termios, while nothing is asked or a key is, and while a
-        line is typed.
+        Terminal attributes (termios): ``keys`` while no question or a single key is
+        awaited, ``lines`` while a line is typed.
     """
 
     def __init__(self, fd: int = -1, keys: list[Any] | None = None, lines: list[Any] | None = None):
@@ -41,7 +41,7 @@ class Terminal(Keyed):
         print(shown(text), flush=True)
 
     def rest(self, seconds: float) -> None:
-        """Count down; only the end of the command cuts it short."""
+        """Count down a rest, which only ending the command can shorten."""
         self.tell(f"Please rest for {round(seconds)} s.")
         end = time.monotonic() + seconds
         with progress("rest", seconds) as advance:
@@ -50,7 +50,7 @@ class Terminal(Keyed):
                 advance(min(left, 1.0))
 
     def read(self, prompt: Prompt) -> str:
-        """Read a key, or a line of it."""
+        """Return the key or the line with which the participant answers."""
         keys = ", ".join(f"{key} = {says}" for key, says in prompt.keys.items() if key and says)
         text = (
             f"{prompt.text}: {prompt.keys['']}"
@@ -88,7 +88,7 @@ class Terminal(Keyed):
 
 
 def _windows_key(text: str) -> str:
-    """Return the next key of the console; those hit before do not count."""
+    """Return the next key of the console; keys pressed earlier are ignored."""
     msvcrt = import_module("msvcrt")
     while msvcrt.kbhit():
         msvcrt.getwch()
@@ -103,11 +103,10 @@ def _windows_key(text: str) -> str:
 
 @contextmanager
 def terminal() -> Iterator[Terminal]:
-    """Yield the front end at stdin.
+    """Yield the front end that reads from stdin.
 
-    In a terminal, keys that are hit while nothing is asked are neither shown nor taken.
-
-    Whatever ends it, the terminal is as it was before, and so it is while Ctrl-Z
+    In a terminal, keys pressed while no question is open are neither shown nor used.
+    The terminal's settings are restored at the end, after any error, and while Ctrl-Z
     suspends the command.
     """
     if not sys.stdin.isatty():
@@ -144,9 +143,9 @@ def terminal() -> Iterator[Terminal]:
 
 
 def _become(fd: int, attributes: list[Any] | None) -> None:
-    """Set the attributes of a terminal, where there is one.
+    """Set the attributes of a terminal, if there is one.
 
-    What was typed before is dropped, or the shell would get it.
+    Earlier input is discarded; otherwise the shell would receive it.
     """
     if attributes is not None:  # as on Windows
         termios.tcflush(fd, termios.TCIFLUSH)

@@ -1,6 +1,6 @@
 """The commands ``verify``, ``replay`` and ``mutate``.
 
-``mutate`` says which wrong numbers verification would notice.
+The command ``mutate`` lists which wrong numbers verification would detect.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def verify_(
 
 
 def _what(scene: str | None, wav: Path | None, log: Path | None) -> tuple[str | None, Path | None]:
-    """Return the scene and the file that were meant, of what was typed."""
+    """Return the scene and the file that the arguments mean."""
     from ..files.formats import FORMATS
 
     if scene is not None and Path(scene).suffix[1:].upper() in FORMATS:
@@ -119,7 +119,7 @@ def _given(motions: Any) -> bool:
 
 
 def _of_log(log: Path, scene: str | None, wav: Path | None, motions: Any) -> Any:
-    """Return the report of a log, against a scene where one is expected."""
+    """Return the verification report of a log, against the expected scene if given."""
     if wav is not None or _given(motions):
         raise BadValue(
             "a log has its motion and its samples: give --log without --wav and --motion"
@@ -133,7 +133,7 @@ def _of_log(log: Path, scene: str | None, wav: Path | None, motions: Any) -> Any
 
 
 def _of_file(scene: str | None, wav: Path | None, motions: Any) -> Any:
-    """Return the report of a file, against scene and motion where they are given."""
+    """Return the report of a file, checked against the scene and motion if given."""
     from ..checks.verification import scene_told, verify
 
     if wav is None:

@@ -1,4 +1,4 @@
-"""The sinks on which a scene can be played, and what is missing for the rest."""
+"""The available sinks, and what is missing for the others."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Device:
     how : str
         How to play on it, or how to get it.
     fs : float, optional
-        Its sample rate in Hz, where it has one of its own.
+        Sample rate of the device in Hz, if it is fixed.
     """
 
     sink: str
@@ -64,8 +64,8 @@ def devices(server: str | None = None) -> list[Device]:
 def first_ready(server: str | None = None) -> Device:
     """Return the device on which ``stimlib play`` plays by default.
 
-    It is the first that is ready in the order of ``SINKS``: JACK, then PortAudio, then
-    NI-DAQ.  Without any it is that of the sink ``null``.
+    JACK is tried before PortAudio.  If neither is ready, the null device is returned:
+    stimlib plays on another device, such as NI-DAQ, only when it is named.
 
     Parameters
     ----------
@@ -79,13 +79,13 @@ def first_ready(server: str | None = None) -> Device:
     True
     """
     none, *others = devices(server)
-    return next((d for d in others if d.ready), none)
+    return next((d for d in others if d.ready and SINKS[d.sink].default), none)
 
 
 def option(sink: str, name: str, value: Any) -> dict[str, Any]:
-    """Return the keyword argument of a sink for an option of the command line.
+    """Return the keyword argument of a sink for a command-line option.
 
-    It comes with its value.
+    The result is a dict with the argument's name and value.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def option(sink: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def make(sink: str, scene: Any, safety: Any, **options: Any) -> Any:
-    """Return the sink with this name in ``SINKS``, for a scene and its safety stage.
+    """Make the sink with a name in ``SINKS`` for a scene and its safety stage.
 
     Examples
     --------
@@ -187,12 +187,13 @@ def _on_nidaq(server: str | None) -> Found:
 
 
 class Kind(NamedTuple):
-    """The facts about a kind of sink, in one place."""
+    """All facts about one kind of sink."""
 
     place: str  # module and class
     found: Callable[[str | None], Found]
     takes: Mapping[str, str]  # arguments of the class, by options of the command line
     device: str = ""  # help of --device
+    default: bool = False  # whether it plays where no sink was named
 
 
 SINKS: dict[str, Kind] = {
@@ -206,12 +207,14 @@ SINKS: dict[str, Kind] = {
         _on_jack,
         {"device": "server", "client": "name", "connect": "connect"},
         "JACK: name of the server.",
+        default=True,
     ),
     "portaudio": Kind(
         "stimlib.devices.portaudio:PortAudioSink",
         _on_portaudio,
         {"device": "name", "fast": "clocked"},
         "PortAudio: name of the device, part of it, or its number.",
+        default=True,
     ),
     "nidaq": Kind(
         "stimlib.devices.nidaq:NidaqSink",

@@ -1,7 +1,8 @@
-"""Calibration: what 1.0 at the device makes, in m/s^2, m or N, over frequency.
+"""Calibration: the output of a device, in m/s^2, m or N, over frequency.
 
-It is measured with a sensor at the actuator (``record_sweep``), kept in a file, and
-turns amplitudes in physical units into what the device is given.
+A calibration gives the output for a sinusoid of amplitude 1.0. It is measured with a
+sensor at the actuator (``record_sweep``), kept in a file, and converts amplitudes in
+physical units into samples for the device.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ FIELDS = {
 @public
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The response of a device with its amplifier and actuator.
+    """The frequency response of a device with its amplifier and actuator.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ class Calibration:
     unit : str
         Such as ``"m/s^2"``.
     date : str
-        Of the measurement, such as ``"2026-11-25"``.
+        Date of the measurement, such as ``"2026-11-25"``.
     parts : dict of str to str
         What was measured, with serial numbers: ``{"actuator": "BM3C 0042"}``.
 
@@ -103,14 +104,14 @@ class Calibration:
         return f"Calibration({self.unit} from {low:g} to {high:g} Hz, {self.date or 'no date'})"
 
     def full_scale(self, freq: float) -> float:
-        """Return the amplitude that 1.0 at the device makes, in ``unit``.
+        """Return the output amplitude, in ``unit``, for a sample amplitude of 1.0.
 
-        It is the full scale of a sink that plays vibrations of this frequency.
+        Use it as the full scale of a sink that plays vibrations of this frequency.
 
         Parameters
         ----------
         freq : float
-            Hz, within what was measured.
+            In Hz, within the measured range.
 
         Raises
         ------
@@ -120,12 +121,12 @@ class Calibration:
         return float(abs(self._at(freq, self.gain)))
 
     def error(self, freq: float) -> float:
-        """Return the relative uncertainty of ``full_scale`` at a frequency, 95 %.
+        """Return the relative uncertainty (95 %) of ``full_scale`` at a frequency.
 
         Raises
         ------
         BadValue
-            A frequency outside of what was measured.
+            A frequency outside the measured range.
         """
         return float(self._at(freq, self.uncertainty))
 
@@ -138,9 +139,9 @@ class Calibration:
         return np.interp(freq, self.freq, row)
 
     def inverse(self, fs: float, taps: int | None = None) -> Array:
-        """Return the taps of the filter that undoes the response within the band.
+        """Return the taps of a filter that equalises the response within the band.
 
-        It delays by (taps - 1)/2 samples.
+        The filter delays by (taps - 1)/2 samples.
 
         Parameters
         ----------
@@ -181,8 +182,8 @@ class Calibration:
     def _inverse(self, fs: float, taps: int) -> tuple[Array, float]:
         """Return the taps of the inverse filter, and its largest relative error.
 
-        They are the least squares of the whole chain's error over frequency; what is
-        loud outside of the band costs a little.
+        The taps minimise the squared error of filter and device over frequency; a small
+        penalty keeps the gain outside the band low.
         """
         delay, n = taps // 2, np.arange(taps)
         f = np.linspace(self.freq[0], self.freq[-1], 4 * taps)
@@ -195,7 +196,7 @@ class Calibration:
         return found, float(np.abs((found @ waves.conj()) * gain - waves[delay].conj()).max())
 
     def _fits(self, scene: Scene) -> None:
-        """Refuse outputs in another unit; those without a unit are only delayed."""
+        """Raise UnitError for outputs in a unit other than the calibration's."""
         dims = {name: block.dim for name, block in scene.outputs.items()}
         wrong = [name for name, dim in dims.items() if dim not in (ONE, unit_of(self.unit))]
         if wrong or all(dim == ONE for dim in dims.values()):
@@ -205,10 +206,10 @@ class Calibration:
             )
 
     def limits(self, scene: Scene) -> Safety:
-        """Return the limits of a sink where none are given.
+        """Return the default limits of a sink with this calibration.
 
-        They are, for outputs in ``unit``, the most that the device makes anywhere in
-        the band; 1.0 for outputs without a unit.
+        The limit of outputs in ``unit`` is the largest amplitude that the device
+        reaches in the band; outputs without a unit have the limit 1.0.
 
         Raises
         ------
@@ -220,14 +221,14 @@ class Calibration:
         return Safety({n: 1.0 if b.dim == ONE else most for n, b in scene.outputs.items()})
 
     def safety(self, scene: Scene, safety: Safety, fs: float) -> Safety:
-        """Return the limits of a scene with the inverse filter behind them.
+        """Return the safety limits of a scene, with the inverse filter after them.
 
         Sinks and experiments call it for ``calibration=``.
 
         Parameters
         ----------
         scene : Scene
-            Of outputs in ``unit``, and others without a unit.
+            A scene with outputs in ``unit`` or without a unit.
         safety : Safety
             With limits in the outputs' units.
         fs : float
@@ -244,16 +245,16 @@ class Calibration:
         return replace(safety, inverse=self.inverse(fs).tolist())
 
     def drive(self, scene: Scene, fs: float, taps: int | None = None) -> Scene:
-        """Return a scene whose outputs drive the device so that it makes the scene's.
+        """Return a scene that drives the device so that it produces a scene's outputs.
 
-        Each output passes the filter ``inverse`` and comes (taps - 1)/2 samples later;
-        frequencies outside of the band are not to be in it.  It is for renderings and
-        files: a sink takes the calibration itself.
+        Each output passes through the filter ``inverse``, which delays it by (taps -
+        1)/2 samples; it must not contain frequencies outside the band.  Use it for
+        renderings and files; a sink accepts the calibration directly.
 
         Parameters
         ----------
         scene : Scene
-            Of outputs in ``unit``.
+            A scene with outputs in ``unit``.
         fs : float
             Hz, at which it will be rendered.
         taps : int, optional
@@ -262,7 +263,7 @@ class Calibration:
         Returns
         -------
         Scene
-            Of outputs without a unit: give the file a full scale of 1.0.
+            A scene whose outputs have no unit: give the file a full scale of 1.0.
 
         Raises
         ------
@@ -336,21 +337,21 @@ def calibrate(
     on: str | None = None,
     parts: Mapping[str, str] | None = None,
 ) -> Calibration:
-    """Find the response of a device in several takes of one sweep.
+    """Estimate the response of a device from repeated takes of one sweep.
 
-    Each take gives a gain in each band of ``resolution`` Hz, by least squares of a
-    straight line over frequency; the calibration is their mean, and their spread its
-    uncertainty (Student's t, n - 1 degrees of freedom).
+    For each take, the gain in each band of ``resolution`` Hz is a least-squares
+    straight line over frequency. The calibration is the mean gain of all takes, and its
+    uncertainty comes from their spread (Student's t, n - 1 degrees of freedom).
 
     Parameters
     ----------
     sweep : Sweep
-        Of ``record_sweep(.., full_scale=1.0, points=range(n))``: drive in parts of full
-        scale, response in ``unit``, three takes or more.
+        Result of ``record_sweep(.., full_scale=1.0, points=range(n))``: drive as
+        fractions of full scale, response in ``unit``, three takes or more.
     unit : str
-        Of the response.
+        Unit of the response.
     band : (float, float)
-        Hz, within what was swept.
+        In Hz, within the range of the sweep.
     resolution : float
         Hz; less than half the width of the sharpest resonance.
     sensor : float
@@ -419,7 +420,7 @@ def calibrate(
 
 
 def _gain(f: Any, drive: Any, response: Any, at: float, width: float) -> Any:
-    """Return each take's gain at a frequency, of a line over what is around it."""
+    """Return each take's gain at a frequency, from a line fitted around it."""
     near = np.abs(f - at) <= width / 2
     u, y, x = drive[:, near], response[:, near], (f[near] - at) / width
     a, b, c = (np.sum(np.abs(u) ** 2 * x**k, axis=1) for k in range(3))
@@ -428,7 +429,7 @@ def _gain(f: Any, drive: Any, response: Any, at: float, width: float) -> Any:
 
 
 def difference(one: Calibration, other: Calibration, freq: ArrayLike) -> Array:
-    """Return by how much the gain of another calibration differs, relative to one's.
+    """Return the relative difference in gain between two calibrations.
 
     Examples
     --------

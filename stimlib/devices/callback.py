@@ -1,12 +1,12 @@
-"""The compiled body that a device calls: it runs a program and moves its samples.
+"""The compiled callback of a device: it runs a program and moves its samples.
 
-The interpreter is not involved.
+The Python interpreter is not involved.
 
-Like ``runtime.py`` its text is compiled from the cache.  Everything it needs lies in
-one int64 array, the context c, that ``stimlib.devices.engine.Pump`` fills; each word
-below is named by its place.  Rings have one writer and one reader: the writer stores
-its count with release, the reader loads it with acquire, so neither ever waits for the
-other.
+Like ``runtime.py``, this source is compiled through the cache.  All state lies in one
+int64 array, the context c, which ``stimlib.devices.engine.Pump`` fills; the constants
+below name the index of each word.  Each ring buffer has one writer and one reader: the
+writer stores its count with release order, and the reader loads it with acquire order,
+so neither ever waits for the other.
 """
 
 from llvmlite import ir
@@ -71,7 +71,7 @@ F4 = types.CPointer(f4)
 # memory and calls ---------------------------------------------------------------------
 @intrinsic
 def load(ctx, p, o):
-    """Return word o, ordered after all that its writer wrote before it."""
+    """Return word o of a ring, together with all that its writer wrote before it."""
     return types.int64(p, types.int64), lambda c, b, s, v: b.load_atomic(
         b.gep(v[0], [v[1]]), "acquire", 8
     )
@@ -79,7 +79,7 @@ def load(ctx, p, o):
 
 @intrinsic
 def store(ctx, p, o, value):
-    """Set word o after everything written before."""
+    """Set word o, after everything that was written before."""
 
     def code(c, b, s, v):
         b.store_atomic(v[2], b.gep(v[0], [v[1]]), "release", 8)
@@ -96,7 +96,7 @@ def f4_at(ctx, n):
 
 @intrinsic
 def float_of(ctx, n):
-    """Return the float64 with these bits."""
+    """Return the float64 that has the given bits."""
     return types.float64(types.int64), lambda c, b, s, v: b.bitcast(v[0], ir.DoubleType())
 
 
@@ -107,7 +107,7 @@ def bits_of(ctx, x):
 
 
 def _function(result, *args):
-    """Call the C function at an address; pointers go as numbers."""
+    """Return a compiled call of the C function at an address; pointers are integers."""
 
     @intrinsic
     def some(ctx, address, a, b_):
@@ -135,7 +135,7 @@ clock_gettime, get_buffer, frame_time, sleep_us = (
 
 @plain
 def now(c):
-    """Return nanoseconds of the monotonic clock."""
+    """Return the monotonic clock's time in nanoseconds."""
     t, ticks = i8_at(c[TIME]), c[TICKS]
     if ticks > 0:  # Windows
         frame_time(c[CLOCK], c[TIME], 0)
@@ -146,14 +146,14 @@ def now(c):
 
 @plain
 def sleep(c, us):
-    """Wait some microseconds, which on Windows are whole milliseconds."""
+    """Wait a number of microseconds, rounded up to milliseconds on Windows."""
     sleep_us(c[SLEEP], (us + 999) // 1000 if c[TICKS] > 0 else us, 0)
 
 
 # commands and events ------------------------------------------------------------------
 @plain
 def event(c, at_, kind, a, b, d):
-    """Write an event into the ring of events."""
+    """Write an event into the ring buffer of events."""
     w = c[E_WRITE]
     if w - load(c, E_READ) >= EVENTS:
         c[DROPPED] += 1
@@ -165,7 +165,7 @@ def event(c, at_, kind, a, b, d):
 
 @plain
 def set_param(c, i, slot, value, ramp):
-    """Ramp a parameter to a value (as bits) over so many samples, from sample i on."""
+    """Ramp a parameter to a value (as bits) over ``ramp`` samples, from sample i."""
     q = at(i8_at(c[PENDING]), 4 * slot)
     q[2], q[3], q[0] = value, bits_of(float(ramp)), 1
     event(c, i, SET, slot, value, ramp)
@@ -173,13 +173,13 @@ def set_param(c, i, slot, value, ramp):
 
 @plain
 def set_gain(c, i, value):
-    """Ramp the gain to a value, from sample i on."""
+    """Ramp the gain to a value, starting at sample i."""
     set_param(c, i, c[GAIN_SLOT], bits_of(value), c[FADE])
 
 
 @plain
 def commands(c, i):
-    """Apply at sample i the commands that were queued since the last block."""
+    """Apply, at sample i, the commands queued since the last block."""
     r, w = c[C_READ], load(c, C_WRITE)
     while r < w:
         q = at(i8_at(c[C_RING]), RECORD * (r % (COMMANDS + SPARE)))
@@ -199,9 +199,9 @@ def commands(c, i):
 # motion -------------------------------------------------------------------------------
 @plain
 def fill(c, i, m, done):
-    """Copy columns i .. i + m of the motion into x (n_in, m).
+    """Copy columns i .. i + m of the motion into x, shape (n_in, m).
 
-    The result is how many of the last have only been held.
+    Return how many of the last columns repeat a held position.
     """
     x, hold, inputs = f8_at(c[X]), f8_at(c[HOLD]), c[N_IN]
     held = 0
@@ -250,7 +250,7 @@ def fill(c, i, m, done):
 
 @plain
 def judge(c, i, m, held):
-    """Fade the gain out when motion is late, and in again when it arrives."""
+    """Fade the gain out when motion is late, and back in when it arrives."""
     before = c[RUN]
     c[RUN] = before + m if held >= m else held
     if c[STALE] == 0 and held >= m and before >= c[STALE_AFTER]:
@@ -267,7 +267,7 @@ def judge(c, i, m, held):
 
 @plain
 def room(c, m):
-    """Return 1 if the log's rings have room for m samples more."""
+    """Return 1 if the ring buffers of the log have room for m more samples."""
     full = (
         c[X_WRITE] + m - load(c, X_READ) > c[L_SIZE]
         or c[F_STAGED] + m - load(c, F_READ) > c[L_SIZE]
@@ -277,9 +277,9 @@ def room(c, m):
 
 @plain
 def ready(c, i, m):
-    """Return 1 unless a ring would hold up the device.
+    """Return 1 unless a full or empty ring buffer would hold up the device.
 
-    A device without a clock can wait.
+    Only a device without a clock can wait.
     """
     if c[MOTION] == TIMED and load(c, M_WRITE) < i + m:
         return 0
@@ -289,9 +289,9 @@ def ready(c, i, m):
 # the body -----------------------------------------------------------------------------
 @plain
 def deliver(c, start, m, log):
-    """Deliver m frames of y to the device's buffers, and to the log.
+    """Deliver m frames of y to the device's buffers and to the log.
 
-    The first goes to frame ``start``.
+    The first frame is written at frame ``start``.
     """
     y, outs, scales, channel = f8_at(c[Y]), i8_at(c[OUTS]), f8_at(c[SCALES]), i8_at(c[MAP])
     stride, channels = c[STRIDE], c[CHANNELS]
@@ -316,7 +316,7 @@ def deliver(c, start, m, log):
 
 @plain
 def commit(c):
-    """Count the block as taken by the device."""
+    """Count the block as accepted by the device."""
     c[DELIVERED] += c[STAGED]
     c[STAGED] = 0
     store(c, F_WRITE, c[F_STAGED])
@@ -324,7 +324,7 @@ def commit(c):
 
 @plain
 def withdraw(c):
-    """Count the block as lost, because it came too late."""
+    """Count the block as lost because it came too late."""
     n = c[STAGED]
     c[LOST] += n
     if c[LOG] == 0 or c[F_STAGED] > c[F_WRITE]:  # else it is in a gap already
@@ -341,9 +341,9 @@ def lose(c, i, n):
 
 @plain
 def ramp(c, k, part):
-    """Compute frame k of a block as a part of the levels.
+    """Compute frame k of a fade as a fraction of the output levels.
 
-    The levels are the first sample or the last.
+    The levels are those of the first or the last sample.
     """
     for a in range(c[N_OUT]):
         f8_at(c[Y])[a] = part * f8_at(c[LEVELS])[a]
@@ -352,9 +352,9 @@ def ramp(c, k, part):
 
 @plain
 def rise(c, n):
-    """Write the frames that lead from silence to the first sample, or back.
+    """Write the fade-in frames from silence to the first sample, or back.
 
-    The result is how many of n were made.
+    Return how many of the n frames were written.
     """
     done = 0
     if c[LEAD] > 0:
@@ -376,9 +376,9 @@ def rise(c, n):
 
 @plain
 def fall(c, done, n):
-    """Write frames done .. n - 1, from the last sample down to silence.
+    """Write the fade-out frames done .. n - 1, from the last sample to silence.
 
-    The result is how many there are then.
+    Return the number of frames written by then.
     """
     if c[END] >= c[FADE_AT] + c[FADE]:  # the gain is 0 already
         c[TAIL] = 0
@@ -396,7 +396,7 @@ def fall(c, done, n):
 
 @plain
 def marked(c, i, m):
-    """Write an event where an output that marks rises to 0.5 or more."""
+    """Write an event where a marker output rises to 0.5 or more."""
     y, which, last = f8_at(c[Y]), i8_at(c[MARKED]), f8_at(c[MARK_LAST])
     for j in range(c[MARKS]):
         for k in range(m):
@@ -408,7 +408,7 @@ def marked(c, i, m):
 
 @plain
 def timed(c, i, ns):
-    """Record at what time the block of sample i began."""
+    """Record the time at which the block of sample i began."""
     store(c, TIMES, c[TIMES] + 1)
     store(c, TIMED_AT, i)
     store(c, TIMED_NS, ns)
@@ -419,7 +419,7 @@ def timed(c, i, ns):
 def advance(c, done, n, keep):
     """Run up to n - done samples, and deliver them from frame ``done`` on.
 
-    With keep = 0 they are discarded. The result is the frame after them.
+    With keep = 0 the samples are discarded. Return the index of the next frame.
     """
     program = i8_at(c[CONTEXT])
     gone = 0  # discarded since the last event
@@ -469,9 +469,9 @@ def advance(c, done, n, keep):
 
 @njit(error_model="numpy")
 def produce(c, n, lost):
-    """Make one block of a device, after ``lost`` frames that it has skipped.
+    """Make one block of n frames, after ``lost`` frames that the device skipped.
 
-    It has n frames. Commit or withdraw it afterwards.
+    Commit or withdraw the block afterwards.
     """
     store(c, CALLS, c[CALLS] + 1)
     start = now(c)
@@ -517,18 +517,19 @@ def pump(c, n, lost):
 # what devices call --------------------------------------------------------------------
 @plain
 def begin_at(c, t):
-    """Begin a block at the device's time t: that of sample 0, until it is there."""
+    """Record the device's time t at a block's beginning, until sample 0 has passed."""
     if i8_at(c[CONTEXT])[15] == 0:
         c[ORIGIN] = t + c[LEAD]
 
 
 @njit(error_model="numpy")
 def jack_block(c, n):
-    """Make a cycle of JACK: find its buffers and the frames that it has skipped.
+    """Make the block of one JACK cycle in JACK's buffers.
 
-    A client that comes too late is called again for the cycle that has begun meanwhile,
-    and what follows it in the graph runs only once.  So a late block is withdrawn, the
-    buffers get the samples of the cycle that is on, and they stay when it calls.
+    Frames that JACK skipped are counted first. JACK calls a late client again for the
+    cycle that has begun in the meantime, while the clients after it in the graph run
+    only once.  A late block is therefore withdrawn, the buffers get the samples of the
+    current cycle, and they are left unchanged at JACK's second call.
     """
     outs, ports, ins, in_ports = i8_at(c[OUTS]), i8_at(c[PORTS]), i8_at(c[INS]), i8_at(c[IN_PORTS])
     for j in range(c[CHANNELS]):
@@ -568,29 +569,28 @@ def jack_block(c, n):
 
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")
 def jack(n, c):
-    """Run as a JackProcessCallback; its argument is the context."""
+    """Run as JACK's process callback; its argument is the context."""
     jack_block(c, types.int64(n))
     return 0
 
 
 @cfunc(types.void(i4, I8), cache=True, error_model="numpy")
 def jack_freewheel(starting, c):
-    """Run as a JackFreewheelCallback.
+    """Run as JACK's freewheel callback.
 
-    Without a clock there is time to wait for a motion and a log.
+    While JACK runs without a clock, the callback can wait for the motion and the log.
     """
     store(c, WAIT, 1000000 if starting else 0)
 
 
 @cfunc(i4(u4, I8), cache=True, error_model="numpy")
 def jack_capture(n, c):
-    """Run as a JackProcessCallback that records.
+    """Run as the process callback of a JACK client that records.
 
-    Its argument is the words of ``stimlib.devices.loopback_test.Capture``.
-
-    Of a client that comes too late the buffers may belong to two cycles, so such a
-    block is not kept: its times are missing. It is called again for the cycle that has
-    begun meanwhile, and only what it reads then is sure to be of that cycle.
+    Its argument is the word array of ``stimlib.devices.loopback_test.Capture``. If the
+    client is late, its buffers may mix two cycles, so the block is dropped and its
+    times are missing. JACK then calls the client again for the cycle that has begun in
+    the meantime, and only the data read then belong to that cycle for certain.
     """
     get, ports, channels, frames, size, w, times_at, time_of, client = (
         c[0],
@@ -624,12 +624,12 @@ def jack_capture(n, c):
 
 @njit(error_model="numpy")
 def portaudio_block(c, source, out, n, dac, flags):
-    """Make a block of PortAudio: interleaved frames at ``source`` and ``out``.
+    """Make a block for PortAudio, with interleaved frames at ``source`` and ``out``.
 
-    dac is the time in s at which its first is heard.
-
-    PortAudio reports that frames were skipped, not how many: that is how much later
-    than expected the block is heard, in whole blocks (its clock is not exact).
+    Argument ``dac`` is the time in s at which its first frame is played. PortAudio
+    reports that frames were skipped, but not how many: their number is derived from how
+    much later than expected the block is played, rounded to whole blocks because
+    PortAudio's clock is not exact.
     """
     outs, ins = i8_at(c[OUTS]), i8_at(c[INS])
     for j in range(c[CHANNELS]):
@@ -655,7 +655,7 @@ def portaudio_block(c, source, out, n, dac, flags):
     error_model="numpy",
 )
 def portaudio(source, out, n, time, flags, c):
-    """Run as a PaStreamCallback for interleaved float32; userData is the context."""
+    """Run as PortAudio's stream callback for interleaved float32 samples."""
     portaudio_block(
         c, source, out, types.int64(n), f8_at(time)[2] if time != 0 else 0.0, types.int64(flags)
     )
@@ -666,9 +666,9 @@ COLUMNS = types.Array(types.float64, 2, "C", readonly=True)
 
 
 def from_python(*args, **options):
-    """Compile a function of the context, as an array, and of these arguments.
+    """Compile a function so that Python can call it with the context as an array.
 
-    Its result is a whole number.
+    The function returns an integer.
     """
     return njit(
         [types.int64(types.Array(types.int64, 1, "C"), *args)],
@@ -680,33 +680,31 @@ def from_python(*args, **options):
 
 @from_python(types.int64, types.int64, nogil=True)
 def block(c, n, lost):
-    """Run one block of ``pump`` from Python: fallback, tests and warm-up."""
+    """Run one block of ``pump`` from Python, for fallback, tests and warm-up."""
     pump(data(c), n, lost)
     return 0
 
 
 @from_python(types.int64, nogil=True)
 def jack_from_python(c, n):
-    """Make a cycle of JACK from Python."""
+    """Make the block of one JACK cycle from Python."""
     jack_block(data(c), n)
     return 0
 
 
 @from_python(types.int64, types.int64, types.int64, types.float64, types.int64, nogil=True)
 def portaudio_from_python(c, source, out, n, dac, flags):
-    """Make a block of PortAudio from Python."""
+    """Make a block for PortAudio from Python."""
     portaudio_block(data(c), source, out, n, dac, flags)
     return 0
 
 
 @from_python(types.int64, types.float64, types.int64, nogil=True)
 def null(c_, n, fs, clocked):
-    """Run as a simulated device, until it is closed.
+    """Run as a simulated device until it is closed.
 
-    Blocks of n come in real time, or as fast as possible.
-
-    The clock is that of a sound card with two buffers: who comes a buffer late has lost
-    blocks.
+    Blocks of n frames are made in real time or as fast as possible. The clock is that
+    of a sound card with two buffers: a block that is late by a buffer is lost.
     """
     c = data(c_)
     period = n * 1e9 / fs
@@ -744,7 +742,7 @@ def put_command(c_, kind, a, b, d):
 
 @from_python(COLUMNS)
 def put_motion(c_, x):
-    """Put columns of x (n_in, n) into the ring; return how many had room."""
+    """Put columns of x, shape (n_in, n), into the ring; return how many fitted."""
     c = data(c_)
     w, ring, inputs = c[M_WRITE], f8_at(c[M_RING]), c[N_IN]
     n = min(x.shape[1], c[M_SIZE] - (w - load(c, M_READ)))
@@ -759,7 +757,7 @@ def put_motion(c_, x):
 def next_motion(c_):
     """Return the index of the column that a timed motion writes next.
 
-    It never writes what has been passed already.
+    Columns that the device has already passed are skipped.
     """
     c = data(c_)
     w, r = c[M_WRITE], load(c, M_READ)
@@ -771,9 +769,9 @@ def next_motion(c_):
 
 @plain
 def take(c, ring, width, size, read, write, out):
-    """Copy what was added to a ring since the last call into rows of out (n, width).
+    """Copy what was added to a ring buffer since the last call into rows of ``out``.
 
-    The result is how many rows.
+    ``out`` has shape (n, width). Return the number of rows.
     """
     r = c[read]
     n = min(load(c, write) - r, out.shape[0])
@@ -786,27 +784,27 @@ def take(c, ring, width, size, read, write, out):
 
 @from_python(types.Array(types.int64, 2, "C"))
 def get_events(c_, out):
-    """Return records: at, kind, three numbers."""
+    """Copy new events: sample index, kind and three numbers each."""
     c = data(c_)
     return take(c, i8_at(c[E_RING]), RECORD, EVENTS, E_READ, E_WRITE, out)
 
 
 @from_python(types.Array(types.float64, 2, "C"))
 def get_motion(c_, out):
-    """Copy columns of the motion as processed."""
+    """Copy the new columns of motion, as they were processed."""
     c = data(c_)
     return take(c, f8_at(c[X_RING]), c[N_IN], c[L_SIZE], X_READ, X_WRITE, out)
 
 
 @from_python(types.Array(types.float32, 2, "C"))
 def get_frames(c_, out):
-    """Copy delivered frames."""
+    """Copy the newly delivered frames."""
     c = data(c_)
     return take(c, f4_at(c[F_RING]), c[CHANNELS], c[L_SIZE], F_READ, F_WRITE, out)
 
 
 @from_python(types.int64, types.int64)
 def write(c, word, value):
-    """Set a word of the context for the callback to see."""
+    """Set a word of the context, so that the callback sees it."""
     store(data(c), word, value)
     return 0

@@ -1,4 +1,4 @@
-"""A control loop in Python: read a position, make samples, write a force."""
+"""A control loop in Python: read a position, compute samples, write a force."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ MISSES = 100_000
 
 
 class ControlLoop(Sink):
-    """A sink for your own device: each period it reads, computes and writes.
+    """A sink for your own device, which reads, computes and writes in each period.
 
-    For force devices, motor drivers and microcontrollers at some 1 kHz; the samples,
-    the safety stage, the log and its replay are those of every sink.
+    Use it for force devices, motor drivers and microcontrollers at about 1 kHz.
+    Samples, safety stage, log and replay are the same as for every sink.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ class ControlLoop(Sink):
     safety : Safety or float
         Limits, in the outputs' units; nothing beyond ``full_scale`` is written.
     read : callable
-        Returns the inputs, shape (n_inputs,) or, of several samples, (n_inputs, n), in
-        their units, or None where there is nothing new: the last position is held, and
-        after 50 ms without one the outputs fade out until there is one again.  A scene
-        without inputs needs none.
+        Returns the inputs in their units, shape (n_inputs,) or, for several samples,
+        (n_inputs, n), or None if there is no new value: the last position is then held,
+        and after 50 ms without a value the outputs fade out until one arrives.  A scene
+        without inputs needs no ``read``.
     write : callable
         Takes the outputs in their units, shape (n_outputs,), or (n_outputs, block).
     watchdog : float
-        Where a period does not end within so many seconds, as when ``read`` hangs,
-        another thread writes zeros once, and the session ends.
+        If a period takes longer than this many seconds, for instance because ``read``
+        hangs, another thread writes zeros once, and the session ends.
     spin : float
         Seconds before each deadline that are waited for without sleeping; it lowers the
         lateness and keeps one core busy.
@@ -58,12 +58,12 @@ class ControlLoop(Sink):
 
     Notes
     -----
-    Deadlines are absolute: a late period does not move those after it.  Who comes a
-    whole period late has lost its samples, which the report and the log tell one by
-    one; where every period takes longer than it lasts, most samples are lost, and
-    nothing else says so.  Python's garbage collector, other threads of the program and
-    the system decide how late a period is; a servo loop that must never be late is
-    written in C.
+    Deadlines are absolute: a late period does not delay later ones.  A period that is
+    late by its whole length loses its samples, which the report and the log list one by
+    one. If every period takes longer than its length, most samples are lost, and only
+    the report and the log show it.  Python's garbage collector, other threads of the
+    program and the system decide how late a period is; write a servo loop that must
+    never be late in C.
 
     Examples
     --------
@@ -114,7 +114,7 @@ class ControlLoop(Sink):
         self._late = np.zeros(2000, np.int64)  # periods by lateness, in steps of 10 us
 
     def lateness(self, *percent: float) -> list[float]:
-        """Return percentiles of how late the periods began, in s, at most 10 us high.
+        """Return percentiles, in s, of the lateness of periods; at most 10 us high.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class ControlLoop(Sink):
         self._put(np.zeros_like(self._frames))
 
     def _period(self, n: int, lost: int) -> None:
-        """Read, make a block and write it."""
+        """Read the inputs, compute one block and write it."""
         if self.pump.state == self.pump.native.RUNNING and self._read is not None:
             try:
                 if (x := self._read()) is not None:
@@ -177,7 +177,7 @@ class ControlLoop(Sink):
             self._put(self._frames)
 
     def _columns(self, x: ArrayLike) -> NDArray[np.float64]:
-        """Return what was read as columns, shape (n_inputs, n)."""
+        """Return the inputs just read as columns, shape (n_inputs, n)."""
         names, found = self.proc.inputs, np.asarray(x)
         columns = found[:, None] if found.ndim == 1 else found
         if columns.ndim != 2 or len(columns) != len(names) or found.dtype.kind not in "biuf":
@@ -198,7 +198,7 @@ class ControlLoop(Sink):
                 self._device_lost(f"write failed: {account(e)}")
 
     def _device_lost(self, why: str) -> None:
-        """Write zeros from this thread where the loop hangs; note the loss."""
+        """Write zeros from this thread if the loop hangs, and record the loss."""
         super()._device_lost(why)
         if self._hangs:
             self._put(np.zeros_like(self._frames))

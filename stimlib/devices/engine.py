@@ -1,4 +1,4 @@
-"""The engine of a sink: a processor, the compiled callback, and their shared memory."""
+"""The engine of a sink: a processor, the compiled callback and their shared memory."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .process import libc
 from .sources import SILENT, Live, Recorded, Scripted, Signals, Source, Stream
 
 LOG_SECONDS = 4.0
-"""What the log may be behind before samples are missing in it."""
+"""Seconds by which the log may lag before it misses samples."""
 
 FOREVER = 2**62
 REASONS = ("stop", "fault", "error", "close")
@@ -37,24 +37,24 @@ def _native() -> ModuleType:
 class Pump:
     """A processor with the memory that the compiled callback works on.
 
-    A device fills in its own words with ``write`` and ``address_of``, and gives its
-    callback ``pump.context`` as user data: ``pump.callback("jack")`` and
-    ``pump.callback("portaudio")`` are the addresses of the callbacks.  It keeps this
-    object alive as long as the device may call.
+    A sink sets its device's words with ``write`` and ``address_of``, and passes
+    ``pump.context`` to the callback as user data: ``pump.callback("jack")`` and
+    ``pump.callback("portaudio")`` are the addresses of the callbacks.  The sink must
+    keep this object alive as long as the device may call.
 
     Parameters
     ----------
     proc : Processor
-        Of a protected scene, target numba, at sample 0.
+        Processor of a protected scene, target numba, at sample 0.
     safety : Safety
     channels : sequence of int
         For each channel the number of its output, or -1 for silence.
     source : Source or None
         See ``stimlib.devices.sources``.
     log : bool
-        Keep motion, frames for ``drain``; events are always kept.
+        Keep motion and frames for the log; events are always kept.
     markers : sequence of str
-        Outputs that mark: where one rises to 0.5 or more, there is an event.
+        Marker outputs: an event is written where one rises to 0.5 or more.
     """
 
     def __init__(
@@ -156,24 +156,25 @@ class Pump:
             self.words[getattr(self.native, name)] = v
 
     def address_of(self, a: np.ndarray) -> int:
-        """Return the address of an array, which lives as long as the pump."""
+        """Return the address of an array, and keep the array alive."""
         self.arrays.append(a)
         return a.ctypes.data
 
     def buffers(self, word: str) -> np.ndarray:
-        """Return the array at the address that a word holds.
+        """Return the array of addresses that a word of the context points to.
 
-        OUTS, INS, PORTS or IN_PORTS: one address for each channel or input.
+        The word is OUTS, INS, PORTS or IN_PORTS; there is one address per channel or
+        input.
         """
         return next(a for a in self.arrays if a.ctypes.data == self.read(word))
 
     def _function(self, *names: str) -> int:
-        """Return the address of the first function that the system has."""
+        """Return the address of the first of these functions that the system has."""
         found = next(getattr(self._libc, name) for name in names if hasattr(self._libc, name))
         return int(ctypes.cast(found, ctypes.c_void_p).value or 0)
 
     def _ticks(self) -> int:
-        """Return the ticks of Windows' clock in a second; 0 where it has ns."""
+        """Return the clock ticks per second on Windows, and 0 on other systems."""
         ticks = ctypes.c_int64(0)
         if not hasattr(self._libc, "clock_gettime"):
             self._libc.QueryPerformanceFrequency(ctypes.byref(ticks))
@@ -184,46 +185,46 @@ class Pump:
         return int(self.words[getattr(self.native, word)])
 
     def write(self, word: str, value: int) -> None:
-        """Set one word of the callback's memory."""
+        """Set a word of the context, by its name in ``devices/callback.py``."""
         self.native.write(self.words, getattr(self.native, word), value)
 
     @property
     def context(self) -> int:
-        """Address of the context: the callback's user data."""
+        """Address of the context, which the callback gets as user data."""
         return self.words.ctypes.data
 
     def callback(self, device: str) -> int:
-        """Return the address of a device's compiled callback.
+        """Return the address of the compiled callback for a device.
 
         The device is "jack" or "portaudio".
         """
         return int(getattr(self.native, device).address)
 
     def block(self, n: int, lost: int = 0) -> None:
-        """Make one block from Python, with the buffers in OUTS."""
+        """Make one block from Python, in the buffers that OUTS points to."""
         self.native.block(self.words, n, lost)
 
     # Course ---------------------------------------------------------------------------
     @property
     def index(self) -> int:
-        """Samples produced."""
+        """Number of samples produced so far."""
         return self.proc.index
 
     @property
     def state(self) -> int:
-        """IDLE, RUNNING, DONE or CLOSED of ``devices/callback.py``."""
+        """State of the session: IDLE, RUNNING, DONE or CLOSED."""
         return self.read("STATE")
 
     @property
     def hurried(self) -> bool:
-        """Whether the device runs without a clock."""
+        """Whether the device runs without a clock, as fast as it can."""
         return self.read("WAIT") > 0
 
     def start(self, frames: int | None, first: np.ndarray | None = None) -> None:
-        """Start with the next block, for a number of samples.
+        """Start playing a number of samples with the next block.
 
-        The device rises to the outputs of sample 0, ``first``, before it; without them,
-        the gain rises along the samples.
+        Given the outputs of sample 0 as ``first``, the device fades in to them
+        beforehand; otherwise the gain rises during the first samples.
         """
         if frames is not None:
             self.write("END", frames)
@@ -235,9 +236,9 @@ class Pump:
         self.write("STATE", self.native.RUNNING)
 
     def set(self, name: str, value: float, ramp: int) -> bool:
-        """Request a parameter's change over ``ramp`` samples.
+        """Request the change of a parameter over ``ramp`` samples.
 
-        False when the ring is full.
+        Return False when the ring buffer is full.
         """
         bits = int(np.float64(value).view(np.int64))
         return bool(
@@ -245,44 +246,44 @@ class Pump:
         )
 
     def stop(self, reason: str, earliest: int = 0) -> None:
-        """Request the fade-out, not before sample ``earliest``.
+        """Request a fade-out, at sample ``earliest`` or later.
 
-        The pump is DONE when it is over.
+        The state is DONE when the fade-out has ended.
         """
         self.native.put_command(self.words, self.native.STOP, REASONS.index(reason), earliest, 0)
 
     # Rings ----------------------------------------------------------------------------
     def put_motion(self, x: np.ndarray) -> int:
-        """Put columns (n_inputs, n) into the ring; return how many had room."""
+        """Put columns, shape (n_inputs, n), into the ring; return how many fitted."""
         return self.native.put_motion(self.words, x)
 
     def next_motion(self) -> int:
-        """Return the index of the column that comes next."""
+        """Return the index of the next column of motion to write."""
         return self.native.next_motion(self.words)
 
     def motion_room(self) -> int:
-        """Return how many columns may be put now."""
+        """Return how many columns of motion can be written now."""
         ahead = self.read("M_WRITE") - self.read("M_READ")
         return min(
             self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * self.native.CHUNK) - ahead
         )
 
     def frames(self) -> np.ndarray:
-        """Return delivered frames since the last call, up to 4096.
+        """Return up to 4096 frames delivered since the last call.
 
-        They are valid until the next call.
+        The array is valid until the next call.
         """
         return self._frames[: self.native.get_frames(self.words, self._frames)]
 
     def motion(self) -> np.ndarray:
-        """Return motion as processed since the last call, (n, n_inputs).
+        """Return the motion processed since the last call, shape (n, n_inputs).
 
-        There are up to 4096 columns, valid until the next call.
+        The array has up to 4096 rows and is valid until the next call.
         """
         return self._columns[: self.native.get_motion(self.words, self._columns)]
 
     def events(self) -> list[tuple[int, str, dict[str, Any]]]:
-        """Return (sample index, kind, data) of events since the last call."""
+        """Return (sample index, kind, data) for each event since the last call."""
         n, names, found = self.native, list(self.slots), []
         while count := n.get_events(self.words, self._records):
             for at, kind, a, b, c in self._records[:count].tolist():
@@ -307,7 +308,7 @@ class Pump:
         return found
 
     def timed(self) -> tuple[int, int] | None:
-        """Return a sample and the ns of the monotonic clock when its block began."""
+        """Return a sample, and the monotonic time in ns when its block began."""
         for _ in range(10):
             before = self.read("TIMES")
             pair = self.read("TIMED_AT"), self.read("TIMED_NS")
@@ -316,7 +317,7 @@ class Pump:
         return None
 
     def percentiles(self, *q: float) -> list[float]:
-        """Return percentiles of the time of a block in s, at most 12.5 % too high."""
+        """Return percentiles of the block time in s, at most 12.5 % too high."""
         counts = np.cumsum(self.histogram)
         if not counts[-1]:
             return [0.0 for _ in q]

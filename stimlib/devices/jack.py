@@ -1,9 +1,9 @@
-"""A sink on a JACK server: the compiled program runs in JACK's own process callback.
+"""A sink for a JACK server, whose process callback runs the compiled program.
 
-JACK-Client gives callbacks in Python only.  To have the compiled one called without the
-interpreter, this file uses inner parts of it (``jack._lib``, ``jack._ffi``, ``_ptr``),
-so its version is pinned; where they are missing, a Python callback does the same, with
-a warning.
+JACK-Client offers callbacks in Python only.  To call the compiled callback without the
+interpreter, this file uses private parts of JACK-Client (``jack._lib``, ``jack._ffi``,
+``_ptr``), so its version is pinned; if they are missing, a Python callback takes over,
+with a warning.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .sink import Sink
 from .sources import Signals
 
 SILENT_FOR = 2.0
-"""Seconds without a callback after which a server is taken for gone: in synchronous
-mode a client that was killed holds it up.
+"""Seconds without a callback after which a server counts as gone; in synchronous mode a
+killed client can block it for a while.
 """
 
 INSTALL = (
@@ -50,8 +50,8 @@ class JackSink(Sink):
     scene, safety, **options
         See ``Sink``.
     name : str
-        Of the client; its ports are named like the outputs.  There must be no other
-        client of this name.
+        Name of the client; its ports are named like the outputs.  No other client may
+        have this name.
     server : str, optional
         Name of the server, "default" by default.
     connect : "system", sequence of str or None
@@ -147,9 +147,9 @@ class JackSink(Sink):
         )
 
     def _is_there(self) -> bool:
-        """Return whether the server has a client of this name.
+        """Return whether the server already has a client of this name.
 
-        jackd reports only that something went wrong.
+        jackd itself reports only that something went wrong.
         """
         jack = _jack()
         try:
@@ -183,7 +183,7 @@ class JackSink(Sink):
         self._targets(client)
 
     def _targets(self, client: Any) -> list[Any]:
-        """Return the ports that the channels are connected to."""
+        """Return the ports to connect the channels to."""
         if self.connect is None:
             return []
         if self.connect == "system":
@@ -250,10 +250,9 @@ class JackSink(Sink):
     def freewheel(self, on: bool) -> None:
         """Run the server as fast as possible, or in real time again.
 
-        Nothing is lost meanwhile, and nothing is heard.
-
-        It goes at its pace again before the sink is closed: libjack may end a process
-        whose graph a client leaves otherwise.
+        While it runs as fast as possible, no sample is lost and nothing is audible. The
+        sink returns to real time before it closes, because libjack may otherwise end
+        the process when a client leaves the graph.
         """
         self.check()
         if self._client is None:
@@ -296,4 +295,4 @@ class JackSink(Sink):
 
 
 def _quiet(message: str) -> None:
-    """Silence libjack, which prints what its callbacks have reported already."""
+    """Ignore messages of libjack, which repeat what its callbacks have reported."""

@@ -1,6 +1,6 @@
-"""Play a scene on a JACK server, record it there, and compare.
+"""Loopback test: play a scene on a JACK server, record it, and compare.
 
-Does what arrives equal the offline render, and how late is it?
+It tests whether the recording equals the offline rendering, and measures the delay.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .engine import _native
 from .jack import INSTALL, JackSink, _jack
 
 ROUND_TRIP = 1.0
-"""Longest delay of a cable, in s, that is searched for."""
+"""Longest delay of a cable, in s, that the search covers."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,15 @@ class Loopback:
     compared : int
         Delivered frames that were recorded; the recording client may be late too.
     wrong : int or None
-        Index of the first sample that is not equal; None where all are, or where a
-        cable was measured.
+        Index of the first differing sample; None if all are equal, or if a cable was
+        measured.
     cable : bool
         Recorded from other ports than the sink's own.
     latency : float, s
         Through the cable; without one, what JACK reports for the way to the outputs.
     gain, residual : float
-        Of the cable: amplitude, and what is left after gain and delay, relative to the
-        signal.  1 and 0 without a cable.
+        With a cable: amplitude, and the remainder after correcting gain and delay,
+        relative to the signal.  Without a cable: 1 and 0.
     tolerance : float
         Largest residual that passes.
     """
@@ -64,7 +64,7 @@ class Loopback:
 
     @property
     def passed(self) -> bool:
-        """Whether the recording equals the log's rendering."""
+        """Whether the recording equals the rendering of the session's log."""
         if self.compared == 0:
             return False
         return self.residual <= self.tolerance if self.cable else self.wrong is None
@@ -91,7 +91,7 @@ class Loopback:
 
 
 class Capture:
-    """A JACK client that records from now on, in a compiled callback.
+    """A JACK client that records from its creation on, in a compiled callback.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Capture:
     size : int
         Most frames.
     name : str
-        Of the client.
+        Name of the client.
     """
 
     def __init__(
@@ -172,12 +172,12 @@ class Capture:
 
     @property
     def frames(self) -> NDArray[np.float32]:
-        """What was recorded so far, shape (n, channels)."""
+        """The frames recorded so far, shape (n, channels)."""
         return self._data[:, : self._words[5]].T
 
     @property
     def times(self) -> NDArray[np.int64]:
-        """JACK's frame time of each."""
+        """JACK's time, in frames, of each recorded frame."""
         return self._times[: self._words[5]]
 
     def __enter__(self) -> Self:
@@ -204,9 +204,9 @@ def loopback(
     tolerance: float = 0.05,
     **options: Any,
 ) -> Loopback:
-    """Play a scene through ``JackSink``, record it, and compare with its log.
+    """Play a scene through ``JackSink``, record it, and compare it with its log.
 
-    A second client records; the log of the session is rendered offline.
+    A second JACK client records, and the log of the session is rendered offline.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def loopback(
     log : path, optional
         Folder to keep the session's log in.
     tolerance : float
-        Of a cable: largest residual, relative to the signal.
+        With a cable: largest residual, relative to the signal.
 
     Raises
     ------
@@ -313,18 +313,18 @@ def through(
     given: NDArray[np.bool_],
     longest: int,
 ) -> tuple[int, float, float, int]:
-    """Return the delay and gain of a cable between two ports.
+    """Estimate the delay and gain of a cable between two ports.
 
-    They leave the smallest part of the recording unexplained.
+    They are the least-squares fit of the played signal to the recording.
 
-    Frames that either side lost are no evidence of the cable, so they are left out.
+    Frames that either side lost say nothing about the cable, so they are left out.
 
     Parameters
     ----------
     frames, index : arrays (m, channels) and (m,)
-        What was recorded, and the sample of the session at whose time it was.
+        The recorded frames, and the session's sample index of each.
     expected, given : arrays (n, channels) and (n,)
-        What was played (silence before and after), and which frames of it were
+        The played frames (with silence before and after), and which of them were
         delivered.
     longest : int
         Delay that is searched for, in samples.
@@ -353,7 +353,7 @@ def through(
     played *= sent[:, None]
 
     def at_every_lag(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
-        """Return the sum over n of a[n] b[n - lag]."""
+        """Return, for each lag, the sum over n of a[n] b[n - lag]."""
         size = 2 * n
         return np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)[
             : longest + 1

@@ -1,7 +1,8 @@
-"""Markers: the samples at which something happened, told to other programs.
+"""Markers: samples at which something happened, sent to other programs.
 
-A marker is stamped with the time at which its sample leaves the device, not with that
-of the call that tells of it: the device's clock is fitted to the host's while it plays.
+A marker is stamped with the time at which its sample leaves the device, not with the
+time of the call that reports it. To this end, the device's clock is fitted to the
+host's clock during playback.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ import numpy as np
 from ..errors import SinkError
 
 WINDOW = 30.0
-"""Seconds of the fit of the device's clock."""
+"""Length in s of the window for fitting the device's clock."""
 
 FEW, EARLY = 20, 2e-3
-"""With fewer calls than this, their spread is not known, and the uncertainty is at
-least so many seconds.
+"""With fewer calls than FEW, their spread is not known, and the uncertainty is at least
+EARLY seconds.
 """
 
 
@@ -32,7 +33,7 @@ class Marker:
     Attributes
     ----------
     name : str
-        Of the output that rose, or as given to ``Sink.mark``.
+        Name of the output that rose, or the name given to ``Sink.mark``.
     value : float
         The output's value there, or as given.
     sample : int
@@ -40,10 +41,10 @@ class Marker:
         When the sample leaves the device, on the host's monotonic clock
         (``time.monotonic``); the device's own latency is included as it reports it.
     uncertainty : float, s
-        95 % of the device's calls were nearer than this to the fitted clock; at least
-        2 ms during the first 20 calls.
+        95 % of the device's calls deviated less than this from the fitted clock; at
+        least 2 ms during the first 20 calls.
     lost : bool
-        Whether the device skipped the sample: nobody felt it.
+        Whether the device skipped the sample, so that nobody felt it.
     """
 
     name: str
@@ -55,10 +56,10 @@ class Marker:
 
 
 class Clock:
-    """The device's clock against the host's, fitted to the beginnings of its blocks.
+    """The device's clock as a line over the host's, fitted to block start times.
 
-    A call may come late, and never early: so the line is fitted to the earliest call
-    of each second.
+    A call can be late but never early, so the line is fitted to the earliest call of
+    each second.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ class Clock:
         self._lock = threading.Lock()
 
     def add(self, sample: int, ns: int) -> None:
-        """Add the sample with which a block began, and its time in ns."""
+        """Add the first sample of a block and the time in ns when the block began."""
         with self._lock:
             if not self._pairs or self._pairs[-1][0] != sample:
                 self._pairs.append((sample, ns))
@@ -91,7 +92,7 @@ class Clock:
                 self._pairs.popleft()
 
     def time(self, sample: int) -> tuple[float, float]:
-        """Return the time of a sample in s, and its uncertainty; nan before a block."""
+        """Return a sample's time in s, and its uncertainty; nan before any block."""
         with self._lock:
             if not self._pairs:
                 return float("nan"), float("nan")
@@ -121,9 +122,9 @@ Send = Callable[[Marker], None]
 
 
 class Markers:
-    """The markers of a session, from the device to the functions that send them.
+    """The markers of a session, on their way from the device to the senders.
 
-    A thread of its own calls them, so that a slow one holds up nothing.
+    A separate thread calls the senders, so a slow one does not delay the device.
 
     Parameters
     ----------
@@ -147,17 +148,17 @@ class Markers:
         self.thread = threading.Thread(target=self._run, name="stimlib markers", daemon=True)
 
     def add(self, sample: int, name: str, value: float) -> None:
-        """Add a marker, which is sent as soon as its sample has left the device."""
+        """Add a marker, to be sent as soon as its sample has left the device."""
         with self._lock:
             self._waiting.append((sample, name, value))
             self._waiting.sort(key=lambda m: m[0])
 
     def gap(self, sample: int, frames: int) -> None:
-        """Record a stretch of samples that the device has skipped."""
+        """Record a range of samples that the device has skipped."""
         self._gaps = [*self._gaps[-99:], (sample, sample + frames)]
 
     def due(self, until: int, latency: Callable[[], float]) -> list[Marker]:
-        """Send, and return, the markers of samples before ``until``."""
+        """Send and return the markers of samples before ``until``."""
         with self._lock:
             n = sum(sample < until for sample, _, _ in self._waiting)
             ready, self._waiting = self._waiting[:n], self._waiting[n:]
@@ -172,7 +173,7 @@ class Markers:
         return told
 
     def end(self, seconds: float) -> None:
-        """Wait until all are sent, at most so many seconds; count what is not."""
+        """Wait a limited time until all markers are sent, and count the unsent ones."""
         self._queue.put(None)
         self.thread.join(seconds)
         self.unsent = self.count - self._sent if self._send else 0

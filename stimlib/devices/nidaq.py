@@ -1,7 +1,7 @@
 """A sink for the analogue outputs of National Instruments devices, over nidaqmx.
 
-Not tried on hardware: the calls are tested against a stand-in that does what the
-package's documentation says.
+It has not been tried on hardware: the calls are tested against a mock that follows the
+package's documentation.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class NidaqSink(Sink):
         Outputs as NI-DAQmx names them, such as ``"Dev1/ao0"`` or ``"Dev1/ao0:1"``, one
         for each channel.
     volts : float
-        Voltage at 1.0, at most what the device has.
+        Voltage at 1.0, at most the device's largest.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""A sink without a device: in real time, or as fast as it goes."""
+"""A sink without a device, in real time or as fast as possible."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .sink import Sink
 
 
 class NullSink(Sink):
-    """A sink without a device, through the same compiled code as a device.
+    """A sink without a device that runs the same compiled code as one with a device.
 
     Parameters
     ----------
     clocked : bool
-        At the pace of the clock, with losses when the machine is late; otherwise as
-        fast as the processor runs, without.
+        If true, run in real time, and lose samples when the machine is late; otherwise
+        run as fast as possible, without losses.
     **options
         See ``Sink``.
 

@@ -1,4 +1,4 @@
-"""A rendering on a device: ``Rendering.play``."""
+"""Playback of a rendering on a device, as ``Rendering.play``."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def play(
     channels : int or sequence of str or None, optional
         As for ``Sink.open``.
     **options
-        Of the sink, such as ``name`` of a PortAudio device, ``log`` or ``calibration``,
-        with which ``full_scale`` may be left out.
+        Options of the sink, such as ``name`` of a PortAudio device, ``log`` or
+        ``calibration``, with which ``full_scale`` may be left out.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""A sink on a device of PortAudio: ALSA, JACK, PulseAudio, Core Audio, ASIO, WASAPI.
+"""A sink for PortAudio devices: ALSA, JACK, PulseAudio, Core Audio, ASIO, WASAPI.
 
-sounddevice gives callbacks in Python only.  To have the compiled one called without the
-interpreter, this file uses inner parts of it (``_StreamBase``, ``_ffi``), so its
-version is pinned; where they are missing, a Python callback does the same, with a
+sounddevice offers callbacks in Python only.  To call the compiled callback without the
+interpreter, this file uses private parts of sounddevice (``_StreamBase``, ``_ffi``), so
+its version is pinned; if they are missing, a Python callback takes over, with a
 warning.
 """
 
@@ -27,13 +27,13 @@ from .sources import Signals
 
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
 SILENT_FOR = 0.8
-"""Seconds without a callback after which a device is taken for gone."""
+"""Seconds without a callback after which a device counts as gone."""
 SETTLES_IN = 3.0
-"""Seconds in which a device may come to its pace: PulseAudio first takes up to two
-seconds of samples at once, then none.
+"""Seconds that a device may need to reach regular intervals: PulseAudio first takes up
+to two seconds of samples at once, then none.
 """
 EVEN_FOR = 0.2
-"""Seconds of callbacks at one pace after which it is there."""
+"""Seconds of regular callbacks after which the device counts as settled."""
 
 
 _library = threading.Lock()
@@ -41,7 +41,7 @@ _library = threading.Lock()
 
 @contextmanager
 def _alone(seconds: float = -1) -> Iterator[None]:
-    """Return PortAudio's calls are not made for several threads at once."""
+    """Hold the lock that allows only one thread at a time to call PortAudio."""
     if not _library.acquire(timeout=seconds):
         raise SinkError(
             f"portaudio: another sink's device has kept PortAudio busy for {seconds:g} s: close"
@@ -70,13 +70,13 @@ def _sounddevice() -> ModuleType:
 
 
 def _fade_first() -> None:
-    """Close our sinks before sounddevice ends PortAudio at the program's end."""
+    """Close all sinks at exit before sounddevice shuts PortAudio down."""
     atexit.unregister(close_all)
     atexit.register(close_all)
 
 
 class PortAudioSink(Sink):
-    """A sink for a device of PortAudio; ``stimlib devices`` lists them.
+    """A sink for a PortAudio device; ``stimlib devices`` lists them.
 
     Parameters
     ----------
@@ -84,9 +84,9 @@ class PortAudioSink(Sink):
         See ``Sink``.  The inputs of ``Signals`` are the device's input channels in
         their order.
     name : str or int, optional
-        Of the device, part of it, or its number; by default the system's.
+        Name of the device, part of it, or its number; by default the system's device.
     latency : "low", "high" or float, s
-        What the device buffers; high where it stutters.
+        Size of the device's buffer; choose high if playback stutters.
     clocked : bool
         False for a device without a clock, such as ALSA's ``null`` and ``file``, which
         take samples as fast as they come.
@@ -96,13 +96,13 @@ class PortAudioSink(Sink):
 
     Notes
     -----
-    PortAudio finds devices and servers when ``sounddevice`` is first imported: those
-    that come later need a new process.  It reports that frames were skipped, not how
-    many: the report's ``lost`` follows from its clock, in whole blocks.
+    PortAudio finds devices and servers when ``sounddevice`` is first imported; a device
+    that is connected later needs a new process.  It reports that frames were skipped,
+    not how many: the report's ``lost`` follows from its clock, in whole blocks.
 
     PulseAudio and PipeWire match channels by the names of loudspeakers, which ALSA
     gives in an order of its own, and mix what does not match:
-    ``docs/howto/hardware.rst`` says how each channel stays itself.
+    ``docs/howto/hardware.rst`` explains how to keep the channels unmixed.
 
     Examples
     --------
@@ -183,7 +183,7 @@ class PortAudioSink(Sink):
         self.block = self._stream.blocksize or None
 
     def _fits(self, sd: ModuleType, inputs: int) -> None:
-        """Return errors that have a remedy, before PortAudio's own."""
+        """Check the settings, and raise clearer errors than PortAudio's."""
         try:
             info = sd.query_devices(self.name, "output")
             source = sd.query_devices(self.name, "input") if inputs else None
@@ -222,9 +222,9 @@ class PortAudioSink(Sink):
         return f"device {info['name']!r} ({sd.query_hostapis(info['hostapi'])['name']})"
 
     def _compiled(self, sd: ModuleType, both: bool, common: dict[str, Any]) -> Any:
-        """Return the stream with the compiled callback.
+        """Return the stream with the compiled callback, or None.
 
-        None, and a warning, where sounddevice is not as expected.
+        If sounddevice lacks the expected private parts, it warns and returns None.
         """
         try:
             ffi = sd._ffi
@@ -264,9 +264,9 @@ class PortAudioSink(Sink):
             self._settle()
 
     def _settle(self) -> None:
-        """Wait, in silence, until callbacks come at an even pace.
+        """Play silence until callbacks come at regular intervals.
 
-        What is played before is heard late, and its fades are cut.
+        Samples played earlier would come late, with their fades cut off.
         """
         pace = max(0.1, 3.0 * self._latency())
         began = even = last = time.monotonic()
@@ -283,9 +283,9 @@ class PortAudioSink(Sink):
             time.sleep(0.002)
 
     def _finished(self) -> None:
-        """Notice that a device is gone; it may end its stream without a word.
+        """Record that the device has gone, as a device may end its stream silently.
 
-        PortAudio calls it.
+        PortAudio calls this method when a stream ends.
         """
         if not self._closed:
             self._device_lost(

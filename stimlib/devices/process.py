@@ -1,4 +1,4 @@
-"""What all sinks of a process share: signals, locked memory, and a last fade-out."""
+"""What the sinks of a process share: signals, locked memory and a final fade-out."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ MCL_CURRENT, MCL_ONFAULT = 1, 4
 
 
 def _lock_memory() -> bool:
-    """Lock present and future memory; return False where that is not permitted."""
+    """Lock current and future memory; return False if that is not permitted."""
     library = libc()
     return hasattr(library, "mlockall") and library.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
 
 
 def libc() -> Any:
-    """Return the C library of this process; None on Windows."""
+    """Return the C library of this process, or None on Windows."""
     try:
         return ctypes.CDLL(None)
     except TypeError:
@@ -34,15 +34,15 @@ def libc() -> Any:
 
 
 def keep_loaded(library: str) -> None:
-    """Keep a library in memory until the process has ended.
+    """Keep a library in memory until the process ends.
 
-    Its threads run on where a device hangs.
+    The threads of a library may still run when its device hangs.
     """
     ctypes.CDLL(library, mode=getattr(os, "RTLD_NOW", 0) | getattr(os, "RTLD_NODELETE", 0))
 
 
 def begin(thread: threading.Thread) -> threading.Thread:
-    """Start a thread; raise SinkError where the system has none left."""
+    """Start a thread; raise SinkError if the system allows no more threads."""
     try:
         thread.start()
     except RuntimeError as e:
@@ -53,10 +53,10 @@ def begin(thread: threading.Thread) -> threading.Thread:
 
 
 def account(e: BaseException) -> str:
-    """Return kind, text and place of an error that a user's function raised.
+    """Return kind, text and location of an error that a user's function raised.
 
-    Each of them may be missing: asking for it runs code of the user's, which may fail
-    too.
+    Each of the three may be missing, because reading them runs the user's code, which
+    may fail as well.
     """
     kind, text, place = "an error", "its text cannot be made", "its place cannot be found"
     with suppress(BaseException):
@@ -72,7 +72,7 @@ def account(e: BaseException) -> str:
 
 
 def fifo(priority: int = 60) -> bool:
-    """Give the calling thread SCHED_FIFO; return False where that is not permitted."""
+    """Give the calling thread real-time priority (SCHED_FIFO), if permitted."""
     system: Any = os
     try:
         system.sched_setscheduler(0, system.SCHED_FIFO, system.sched_param(priority))
@@ -83,8 +83,8 @@ def fifo(priority: int = 60) -> bool:
 
 # The process, which several sinks may share -------------------------------------------
 ENDS = tuple(getattr(signal, n) for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n))
-"""Signals that end a program at once if nobody takes them: `kill`, and a terminal that
-is closed.
+"""Signals that end a program at once unless they are handled: `kill`, and a closed
+terminal.
 """
 
 abandoned: list[Any] = []  # memory that a device which never let go may still use
@@ -103,11 +103,11 @@ def _in_main_thread() -> bool:
 
 
 def begin_playing(sink: Any) -> list[str]:
-    """Let signals end the program like an exception does.
+    """Make termination signals end the program like an exception.
 
-    Then ``with`` and atexit fade out. Old objects are not collected.
-
-    What real time needs and is not permitted here is returned, in words.
+    The ``with`` statement and atexit can then fade out. The garbage collector is kept
+    away from existing objects. Return, in words, what real time needs but is not
+    permitted here.
     """
     with _process:
         playing.add(sink)
@@ -124,7 +124,7 @@ def begin_playing(sink: Any) -> list[str]:
 
 
 def end_playing(sink: Any) -> None:
-    """Restore, after the last sink, what the first one has changed."""
+    """Restore the process settings that the first sink changed, after the last sink."""
     with _process:
         if sink not in playing:
             return
@@ -141,9 +141,9 @@ def end_playing(sink: Any) -> None:
 
 @contextmanager
 def signals_wait() -> Iterator[None]:
-    """Defer Ctrl-C and the like until the body is done.
+    """Defer Ctrl-C and other termination signals until the body has finished.
 
-    In the middle of a fade they would make it a click.
+    A signal in the middle of a fade would turn the fade into a click.
     """
     if not _in_main_thread():
         yield

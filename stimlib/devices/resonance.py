@@ -1,6 +1,6 @@
-"""Sweeps through a device: a drive is played, and a sensor's answer is recorded.
+"""Sweeps through a device: play a drive signal and record a sensor's response.
 
-This is done at one point or at many.
+A sweep can be recorded at one point or at many.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Ready = Callable[[int, Any, RecordingError | None], None]
 
 
 class _Kept:
-    """A log in memory."""
+    """A session log that is kept in memory."""
 
     def __init__(self) -> None:
         self.x: list[np.ndarray] = []
@@ -43,10 +43,10 @@ class _Kept:
         self.frames.append(frames)
 
     def event(self, at: int, kind: str, **more: Any) -> None:
-        """Ignore losses, which are in the report."""
+        """Ignore an event, because losses are in the report."""
 
     def close(self, report: dict[str, Any]) -> None:
-        """Do nothing: the take stays in memory."""
+        """Do nothing, because the take stays in memory."""
 
 
 @public
@@ -70,26 +70,27 @@ def record_sweep(
 
     ``identify(*sweep)`` finds the resonance in it.
 
-    Each point is a session of its own.  The drive is what the device was given, limits
-    included, or what ``drive`` recorded: then no delay is between the two, and gains
-    are exact.
+    Each point is a session of its own.  The drive is the signal that the device was
+    given, after the limits, or the signal recorded at the input ``drive``; in the
+    latter case there is no delay between drive and response, and gains are exact.
 
     Parameters
     ----------
     sink : class or function
-        ``JackSink``, ``PortAudioSink``, ``NullSink``, or what makes one from ``(scene,
-        safety, motion=, log=, **options)``.
+        ``JackSink``, ``PortAudioSink``, ``NullSink``, or a function that makes a sink
+        from ``(scene, safety, motion=, log=, **options)``.
     full_scale : float
         Voltage that 1.0 makes at the device.
     response : Signal, or a motion of one input
-        The device's input that the sensor is at: ``Signal(scale, connect=port)``, its
-        scale in m, m/s or m/s^2 for 1.0.  An array or a function of time rehearses.
+        The device input that the sensor is connected to: ``Signal(scale,
+        connect=port)``, with the scale in m, m/s or m/s^2 for 1.0.  Use an array or a
+        function of time for a rehearsal.
     rate : float
-        Of the device, in Hz.
+        Sample rate of the device in Hz.
     band : (float, float)
         Frequencies in Hz between which it sweeps; the default is the thesis'.
     seconds, rest : float
-        Length of the sweep, and of the silence behind it, in which the plate must come
+        Length of the sweep, and of the silence after it, in which the plate must come
         to rest.
     amplitude : float, optional
         In V; by default full scale.
@@ -99,16 +100,18 @@ def record_sweep(
         A row for each point to measure, such as its x and y; by default one point.
     ready : function, optional
         ``ready(k, points[k], error)`` is called before each session and returns when
-        the sensor is there.  ``error`` is None, or why the last take of this point must
-        be done again (three times at most); whatever it raises ends all.
+        the sensor is there.  ``error`` is None, or the reason why this point must be
+        taken again (three times at most). An exception from ``ready`` ends the
+        measurement.
     channels : int or sequence
         As for ``Sink.open``: ``[None, "drive"]`` plays on the second channel.
     keep : path, optional
-        An npz file that has every point as soon as it is taken: ``t``, ``drive0``,
-        ``response0``, ``drive1`` and so on, for ``read_sweep``.  Points that it has are
-        not asked for again, so a session that was ended goes on where it was.
+        An npz file to which every point is written as soon as it is taken: ``t``,
+        ``drive0``, ``response0``, ``drive1`` and so on, for ``read_sweep``.  Points
+        already in the file are not taken again, so an interrupted measurement resumes
+        where it stopped.
     **options
-        Of the sink, such as ``connect=["system:playback_1"]``.
+        Options of the sink, such as ``connect=["system:playback_1"]``.
 
     Returns
     -------
@@ -118,13 +121,13 @@ def record_sweep(
     Raises
     ------
     BadValue
-        An amplitude above full scale, several points and nobody to ask, numbers that
-        make no chirp.
+        An amplitude above full scale, several points without ``ready``, or numbers that
+        do not define a chirp.
     RecordingError
-        A take that is clipped or silent, or of which the device lost frames; a file to
-        keep that is of another sweep.
+        A take that is clipped, silent or has lost frames; a ``keep`` file of another
+        sweep.
     SinkError
-        As ``Sink.open``; a file to keep that cannot be written.
+        As ``Sink.open``; a ``keep`` file that cannot be written.
 
     References
     ----------
@@ -205,7 +208,7 @@ def _check(
     channels: Any,
     points: Any,
 ) -> None:
-    """Refuse arguments of ``record_sweep`` that make no sweep."""
+    """Check the arguments of ``record_sweep``; raise BadValue if they are invalid."""
     if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
         raise BadValue(
             f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale ="
@@ -233,7 +236,7 @@ def _check(
 
 
 def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> Any:
-    """Take a point, again where it failed and somebody can do something about it."""
+    """Take a point, and repeat a failed take if ``ready`` can ask for it."""
     error = None
     for _ in range(TAKES if ready else 1):
         if ready:
@@ -247,9 +250,9 @@ def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> 
 
 
 def _kept(file: str | os.PathLike[str], rate: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the points that a file has, or make the file.
+    """Return the points that a file already has, or create the file.
 
-    It is made now so that a place that cannot be written loses no take.
+    The file is created before the first take, so no take is lost to an unwritable path.
     """
     if not Path(file).exists():
         _keep(file, [], rate)

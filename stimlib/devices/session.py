@@ -1,4 +1,4 @@
-"""The report of a session, and the thread that brings the session to its log."""
+"""The report of a session, and the thread that writes the session's log."""
 
 from __future__ import annotations
 
@@ -26,38 +26,39 @@ class SessionReport:
     delivered : int
         Frames that the device took.
     lost : int
-        Frames that the device skipped; they were produced and discarded, so that time
-        stays right.
+        Frames that the device skipped; they were produced and discarded, to keep the
+        timing correct.
     underruns : int
-        How often it skipped.
+        Number of times the device skipped frames.
     clips : dict
         Samples that the safety stage changed, {"peak", "static", "slew" or "clip":
         {output: count}}.
     faults : dict of str to int
-        Outputs that were stopped because they were not finite, and the sample index of
+        Outputs that were stopped because of NaN or infinity, with the sample index of
         each.
     block_time : dict of str to float, s
         Time of the callback: "p50", "p99", "p99.9", "max", at most 12.5 % too high.
     latency : float, s
         From the callback to the device, as the device reports it.
     stale : int
-        How often the motion stayed away.
+        Number of times the motion failed to arrive.
     unlogged : int
         Samples missing in the log because it was more than 4 s behind.
     skipped : int
-        Columns of a live motion that came too fast.
+        Columns of a live motion that were skipped because they came too fast.
     markers, lost_markers, unsent_markers : int
-        Markers that were told; those of them at samples that the device skipped; and,
-        at the end, those that a sender has not taken.
+        Markers reported; those at samples that the device skipped; and those that a
+        sender had not accepted by the end.
     rows, rejected : int
-        Rows of a stream that were taken, and that were no numbers or too short.
+        Rows of a stream that were accepted, and rows that were too short or not
+        numbers.
     jitter : float, s
-        Of a stream whose sender says times: 99 % of its rows came within so long after
-        the earliest.
+        For a stream with the sender's times: 99 % of the rows came within this time
+        after the earliest.
     rise, fall : int
-        Frames before sample 0, in which the device rose to it, and after the last
-        sample, in which it fell to silence. They are not among those produced.  Without
-        them the fades lie on the samples: of a hand in real time, of a stop.
+        Frames of the fade-in before sample 0, and of the fade-out after the last
+        sample. They do not count as produced.  If they are 0, the fades lie on the
+        samples, as with a real-time motion or after a stop.
     """
 
     produced: int
@@ -81,7 +82,7 @@ class SessionReport:
     jitter: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON data."""
+        """Return the report as plain JSON data."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -108,13 +109,13 @@ class SessionReport:
 
 
 class Recorder:
-    """The thread's reader of the ring buffers, which writes the log in order.
+    """The consumer of the ring buffers, which writes the log in sample order.
 
     Parameters
     ----------
     pump : Pump
     watch : Watch
-        Of the same processor.
+        Watch of the same processor.
     writer : LogWriter or None
         An object with the methods of ``stimlib.files.log_writer.LogWriter``.
     fail : callable
@@ -143,9 +144,9 @@ class Recorder:
         self._counted_at = time.monotonic()
 
     def drain(self) -> None:
-        """Log everything that has come, in the order of samples, then the counts.
+        """Log everything that has arrived, in sample order, and then the counts.
 
-        The counts are those of the safety stage.
+        The counts are those of samples that the safety stage changed.
         """
         writer, p = self.writer, self.pump
         # read first: what is lost of it has its event by now
@@ -189,7 +190,7 @@ class Recorder:
             self._put_counts()
 
     def end(self, report: Callable[[], SessionReport]) -> None:
-        """Log the rest and then the report."""
+        """Log the rest, and then the report."""
         for _ in range(3):
             self.drain()
         self._put_events(2**63)
@@ -200,7 +201,7 @@ class Recorder:
             self.writer.close(report().to_dict())
 
     def _tell(self, until: int) -> None:
-        """Tell the markers before a sample, and log them."""
+        """Send and log the markers before a sample."""
         for m in self.markers.due(until, self._latency):
             facts = asdict(m)
             self._put(facts.pop("sample"), "mark", **facts)

@@ -1,10 +1,10 @@
-"""The base of all sinks: the engine around the compiled callback.
+"""The base class of all sinks, around the engine and the compiled callback.
 
-A device fills in a protocol of four methods.
+A subclass implements four methods for its device.
 
-A sink owns one session: open, start, stop, close.  The samples are made by
-``stimlib/devices/callback.py`` inside the device's own callback; everything here runs
-in ordinary threads and talks to it through rings.
+A sink owns one session: open, start, stop, close.  The samples are computed by
+``stimlib/devices/callback.py`` inside the device's own callback; everything in this
+module runs in ordinary threads and communicates with it through ring buffers.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 CLOSE_WITHIN = 2.0
-"""Seconds in which ``close`` returns, whatever the device does."""
+"""Seconds within which ``close`` returns, whatever the device does."""
 
 LONGEST_BLOCK = 0.25
-"""Seconds of a device's block: a stop comes a block late, and must be over before
+"""Longest block of a device in s: a stop is late by a block, and must end before
 ``close`` returns.
 """
 
@@ -64,19 +64,20 @@ session.
 
 
 class Sink:
-    """A session on a device; ``NullSink``, ``JackSink`` and others derive from it.
+    """A session on a device; base class of ``NullSink``, ``JackSink`` and others.
 
-    They fill in the four methods at the end.
+    Subclasses implement the four methods at the end.
 
     Parameters
     ----------
     scene : Scene
-        Compiled with the safety stage around it.
+        It is compiled with the safety stage around it.
     safety : Safety or float
         A number is the full scale of all outputs.  With a calibration it may be left
-        out: the limit is then the most that the device makes anywhere in the band.
+        out: the limit is then the largest amplitude that the device reaches in the
+        band.
     motion : mapping, Recorded, Scripted, Live or Signals
-        See ``stimlib.devices.sources``; a mapping of input names is that of
+        See ``stimlib.devices.sources``; a mapping from input names is used as in
         ``stimlib.render``.
     seed : int
         Key of all noise.
@@ -86,34 +87,34 @@ class Sink:
         Folder for the session's log (``stimlib.files.log_writer``), or an object with
         the methods of its ``LogWriter``.
     markers : sequence of str, optional
-        Outputs that mark: a marker is told where one rises to 0.5 or more, whether it
-        is on a channel or not.  On a spare channel it is a trigger pulse as well.
+        Marker outputs: a marker is reported where one rises to 0.5 or more, whether or
+        not it is on a channel.  On a spare channel it is a trigger pulse as well.
     send : callable or sequence of callable, optional
         Each is called with every ``Marker``, in a thread of its own: ``lsl_markers``,
-        ``osc_markers``, ``udp_markers``, ``serial_markers`` or a function of yours.
+        ``osc_markers``, ``udp_markers``, ``serial_markers`` or your own function.
     calibration : Calibration, optional
-        Of the device: what an output asks for in the calibration's unit comes out as
-        such, and the limits are in that unit.  All comes later by half of the inverse
-        filter's taps, ``Safety.inverse``.
+        Calibration of the device: outputs and limits are then in the calibration's
+        unit, and the device reproduces them.  All outputs are delayed by half the taps
+        of the inverse filter, ``Safety.inverse``.
     realtime : bool, optional
-        Lock memory and keep the garbage collector away while it plays, with one warning
-        where that is not permitted. By default only devices with a clock of their own
-        do.
+        Lock memory and keep the garbage collector away during playback, with one
+        warning if that is not permitted. The default is True for devices with their own
+        clock only.
 
     Notes
     -----
     Leaving the ``with`` block, ``stop``, ``close``, an exception, Ctrl-C, SIGTERM and
-    SIGHUP all fade out before the device is let go; so does the end of the program.
-    ``start`` takes SIGTERM and SIGHUP where nobody else has, and only in the main
-    thread, as Python demands; of a program that starts its sinks elsewhere they are its
-    own business.
+    SIGHUP all fade out before the device is released; so does the end of the program.
+    ``start`` handles SIGTERM and SIGHUP if no other handler is set, and only in the
+    main thread, as Python requires; a program that starts sinks in another thread must
+    handle them itself.
 
-    A function of yours that the sink calls from its threads (a motion, ``feed``,
-    ``take``, the methods of a log) may do what it likes: when it raises, exits, gives
-    no finite numbers of the right shape or, as a motion, does not return for 2 s, the
-    session fades out, and ``wait``, ``check`` and the end of the ``with`` block raise a
-    ``SinkError`` that names it. In it ``stop`` returns at once, and ``wait`` and
-    ``close`` are refused.
+    Your own function that the sink calls from its threads (a motion, ``feed``,
+    ``take``, the methods of a log) cannot harm the session: when it raises, exits,
+    returns anything but finite numbers of the right shape or, as a motion, does not
+    return for 2 s, the session fades out, and ``wait``, ``check`` and the end of the
+    ``with`` block raise a ``SinkError`` that names it. Inside such a function ``stop``
+    returns at once, and ``wait`` and ``close`` raise an error.
 
     Examples
     --------
@@ -209,7 +210,7 @@ class Sink:
         channels: int | Sequence[str | None] | None = None,
         block: int | None = None,
     ) -> None:
-        """Compile for the device's rate and open it; it is silent until ``start``.
+        """Compile for the device's rate and open the device, silent until ``start``.
 
         Parameters
         ----------
@@ -286,9 +287,9 @@ class Sink:
         logger.info("%s: opened %r", self.device, self)
 
     def _warm_up(self) -> None:
-        """Run everything once and return to sample 0.
+        """Run every code path once and return to sample 0.
 
-        Then nothing is compiled or loaded later.
+        Nothing needs to be compiled or loaded during playback.
         """
         x = np.zeros((len(self.proc.inputs), 256))
         self.proc.process(x)
@@ -305,13 +306,13 @@ class Sink:
         self.proc.reset()
 
     def start(self, seconds: float | None = None) -> None:
-        """Play the scene from its sample 0 on.
+        """Start playing the scene from sample 0.
 
-        The fades lie outside of it: the device rises from silence to the outputs of
-        sample 0, plays the samples as they are, and falls to silence from the last.
-        ``stop`` fades at once, and so does a fault. With a hand in real time the gain
-        rises along the samples, from its first motion on: a force held meanwhile would
-        then jump.
+        The fades lie outside the scene: the device fades in from silence to the outputs
+        of sample 0, plays the samples unchanged, and fades out after the last one.
+        ``stop`` and faults fade out at once. With real-time motion the gain rises
+        during the samples, from the first motion on, because a force held until then
+        would jump.
 
         Parameters
         ----------
@@ -322,8 +323,8 @@ class Sink:
         Raises
         ------
         SinkError
-            Not open, or started before; the device cannot be started, or no thread: the
-            sink is closed then.
+            The sink is not open or was started before; or the device or a thread cannot
+            be started, and the sink is then closed.
         """
         if not self._opened or self._closed:
             raise SinkError(
@@ -377,9 +378,9 @@ class Sink:
             )
 
     def _first(self) -> np.ndarray | None:
-        """Return the outputs at sample 0, to which the fade before it leads.
+        """Return the outputs at sample 0, which the fade-in leads up to.
 
-        None where the motion of that moment is not known.
+        Return None if the motion at sample 0 is not known.
         """
         if self.pump.live or not self.leads:
             return None
@@ -395,7 +396,7 @@ class Sink:
         return y
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait until the session has ended, at most so many seconds.
+        """Wait, with an optional time limit, until the session has ended.
 
         Raises
         ------
@@ -418,21 +419,21 @@ class Sink:
         self.check()
 
     def check(self) -> None:
-        """Raise what has gone wrong in the device or its threads, if anything has."""
+        """Raise the error of the device or its threads, if there is one."""
         if self.error is not None:
             raise self.error
 
     @property
     def finished(self) -> bool:
-        """Whether the session has faded out."""
+        """Whether the session has ended and faded out."""
         return self._started and self.pump.state >= self.pump.native.DONE
 
     def stop(self, reason: str = "stop") -> None:
-        """Fade out and wait until the last sample has left.
+        """Fade out and wait until the last sample has left the device.
 
         The device stays open, and silent.
 
-        In a function that the sink calls, such as a motion, it returns at once.
+        Inside a function that the sink calls, such as a motion, it returns at once.
         """
         if self._inside():
             return self.pump.stop(reason, self._earliest)
@@ -455,12 +456,12 @@ class Sink:
                 time.sleep(min(self._latency() + (self.block or 64) / self.rate, 0.25))
 
     def close(self) -> None:
-        """Fade out, release the device and end the log, within 2 s.
+        """Fade out, release the device and finish the log, within 2 s.
 
         Raises
         ------
         SinkError
-            It is called in a function that the sink calls, such as a motion.
+            It was called inside a function that the sink calls, such as a motion.
         """
         if self._inside():
             raise SinkError(
@@ -507,9 +508,9 @@ class Sink:
             )
 
     def _inside(self) -> bool:
-        """Return whether this thread is computing the sink's next samples.
+        """Return whether the current thread computes the sink's next samples.
 
-        It calls functions of the user's.
+        That thread also runs the user's functions.
         """
         return threading.current_thread() in (self._feeder, self._thread)
 
@@ -522,9 +523,9 @@ class Sink:
             self.check()
 
     def _let_it_go(self, seconds: float) -> bool:
-        """Have the device closed; return False when that does not come back in time.
+        """Close the device; return False if closing does not finish in time.
 
-        The memory it works on is then kept.
+        In that case the memory that the device uses is kept.
         """
         self._let_go.set()
         self._closer.join(seconds)
@@ -543,9 +544,9 @@ class Sink:
 
     # While it plays -------------------------------------------------------------------
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
-        """Change a parameter from the next block on; the log has the sample.
+        """Change a parameter from the next block on; the log records the sample.
 
-        A session that has faded out keeps it as it was.
+        After the session has faded out, the parameter no longer changes.
 
         Parameters
         ----------
@@ -587,7 +588,7 @@ class Sink:
             )
 
     def push(self, x: np.ndarray) -> int:
-        """Add columns of live motion, one for each sample; return how many fitted.
+        """Add columns of live motion, one per sample; return how many fitted.
 
         Parameters
         ----------
@@ -612,14 +613,14 @@ class Sink:
         return self.pump.put_motion(columns_of("push: ", x, self.proc.inputs))
 
     def mark(self, name: str, value: float = 1.0, sample: int | None = None) -> None:
-        """Set a marker, which is sent when its sample has left the device.
+        """Set a marker, to be sent when its sample has left the device.
 
         Parameters
         ----------
         name : str
         value : float
         sample : int, optional
-            Of the session; by default the next that is made.
+            Sample index in the session; by default the next sample to be made.
 
         Raises
         ------
@@ -639,14 +640,15 @@ class Sink:
         self._telling.add(at, name, _number(f"mark: {name}", value))
 
     def time_of(self, sample: int) -> tuple[float, float]:
-        """Return when a sample leaves the device, past or future, and how precisely.
+        """Return the time at which a sample leaves the device, and its uncertainty.
 
-        A picture that is drawn at that time appears together with what is felt.
+        The sample may be past or future. A picture drawn at that time appears together
+        with the haptic stimulus.
 
         Parameters
         ----------
         sample : int
-            Of the session.
+            Sample index in the session.
 
         Returns
         -------
@@ -666,7 +668,7 @@ class Sink:
         return at + latency, uncertainty
 
     def report(self) -> SessionReport:
-        """Return what has happened so far."""
+        """Return the report of the session so far."""
         if not self._opened:
             raise SinkError("report: the sink was never open")
         p = self.pump
@@ -699,7 +701,7 @@ class Sink:
     _last_latency = 0.0
 
     def _device_lost(self, why: str) -> None:
-        """Note, from any thread, that no callback will come any more."""
+        """Record, from any thread, that the device will make no further calls."""
         self._device_gone = True
         self._fail(SinkError(f"{self.device}: {why}"))
 
@@ -708,8 +710,8 @@ class Sink:
 
         It may be called from any thread; ``check`` raises the error.
 
-        What a function of the user's has raised becomes a ``SinkError``; ``what`` says
-        which one has failed.
+        An error raised by a user's function becomes a ``SinkError``; ``what`` names the
+        function that failed.
         """
         self._earliest = max(self._earliest, earliest)
         if self.error is None and isinstance(e, (SinkError, FaultError)):
@@ -724,9 +726,9 @@ class Sink:
             self.pump.stop("fault" if isinstance(e, FaultError) else "error", self._earliest)
 
     def _watch_device(self, seconds: float) -> None:
-        """Notice a device that hangs, which calls no more.
+        """Detect a device that hangs and no longer calls.
 
-        ``seconds`` have passed since the last look.
+        ``seconds`` is the time since the last check.
         """
         calls = self.pump.read("CALLS")
         even = calls != self._calls or self.pump.state == self.pump.native.IDLE
@@ -756,9 +758,9 @@ class Sink:
         return self._log_to
 
     def header(self) -> dict[str, Any]:
-        """Return the header of a log.
+        """Return the header of the session's log.
 
-        It has everything that the samples depend on besides motion and events.
+        It contains everything that the samples depend on, except motion and events.
         """
         packages = ("numpy", "numba", "llvmlite")
         return {
@@ -800,27 +802,27 @@ class Sink:
 
     # What a device fills in -----------------------------------------------------------
     def _open(self) -> None:
-        """Take the device and give it ``self.pump``; raise SinkError if not possible.
+        """Open the device and connect it to ``self.pump``, or raise SinkError.
 
-        Its settings are ``self.rate``, ``self.channels``, ``self.block``.
+        The settings are ``self.rate``, ``self.channels`` and ``self.block``.
         """
         raise NotImplementedError
 
     def _start(self) -> None:
-        """Let callbacks begin, if they have not yet.
+        """Let the device begin its callbacks, unless they have begun.
 
-        The pump is IDLE and gives silence.
+        The pump is IDLE and outputs silence.
         """
 
     def _close(self) -> None:
-        """End the callbacks and let the device go.
+        """Stop the callbacks and release the device.
 
         It may be called after a failed ``_open``.
         """
         raise NotImplementedError
 
     def _latency(self) -> float:
-        """Return the seconds from the callback to the device."""
+        """Return the latency in s from the callback to the device's output."""
         return 0.0
 
 
@@ -835,7 +837,7 @@ def _number(what: str, v: Any) -> float:
 
 
 def _samples(what: str, seconds: Any, rate: float) -> int:
-    """Return a time in samples."""
+    """Convert a time in s to a number of samples."""
     number = _number(what, seconds)
     if not 0 <= number * rate < 2**53:
         raise BadValue(

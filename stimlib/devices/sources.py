@@ -1,8 +1,8 @@
-"""Where a sink's motion comes from.
+"""The sources of a sink's motion.
 
-A mapping of input names to arrays is a recording in real time; with functions of time
-in it, a scripted source.  ``Live`` takes what ``Sink.push`` is given, and ``Signals``
-reads the inputs of an audio device.
+A mapping from input names to arrays plays as a recording in real time; if it contains
+functions of time, it is a scripted source.  ``Live`` uses the motion passed to
+``Sink.push``, and ``Signals`` reads the inputs of an audio device.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from ..motion.source import check_names, positions, sources_of
 @public
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A recorded motion: column i drives sample i, whatever the device loses.
+    """A recorded motion, whose column i always drives sample i.
 
     Parameters
     ----------
     x : ndarray of float64, shape (n_inputs, n)
-        Rows in the order of the processor's inputs, in their units.  What is not finite
-        is stopped by the guard.
+        Rows in the order of the processor's inputs, in their units.  NaN and infinity
+        stop the outputs.
     """
 
     x: np.ndarray
@@ -46,9 +46,9 @@ class Recorded:
 @public
 @dataclass(frozen=True, eq=False)
 class Scripted:
-    """A source that follows functions of time.
+    """A motion given by functions of time.
 
-    An ordinary thread computes it a little ahead.
+    An ordinary thread computes the motion slightly ahead of playback.
 
     Parameters
     ----------
@@ -62,16 +62,16 @@ class Scripted:
 @public
 @dataclass(frozen=True)
 class Live:
-    """Motion from ``Sink.push`` while the sink plays, such as a tracker's.
+    """Motion from ``Sink.push`` during playback, for instance from a tracker.
 
-    Each column is one sample's motion.  When none is there the last is held; a tracker
-    slower than the sample rate may push one column per report.
+    Each column is the motion of one sample.  When no column is waiting, the last is
+    held, so a tracker slower than the sample rate may push one column per report.
 
     Parameters
     ----------
     keep : float
-        Seconds of columns that may wait; what is older is skipped, so that no delay
-        grows.
+        Length, in seconds, of the queue of columns; older ones are skipped, so that the
+        delay does not grow.
     """
 
     keep: float = 0.05
@@ -82,7 +82,7 @@ class Live:
 
 
 SILENT = 0.05
-"""Seconds without motion after which it is taken for silent."""
+"""Seconds without motion after which a source counts as silent."""
 Receive = Callable[[float], tuple[Sequence[Sequence[float]], Sequence[float]]]
 JUMP = 1.0  # s: by more, a sender's clock was set
 SILENCES = ("fade", "hold", "stop")
@@ -91,24 +91,24 @@ SILENCES = ("fade", "hold", "stop")
 @public
 @dataclass(frozen=True, eq=False)
 class Stream(Live):
-    """Motion that another program or device sends while the sink plays.
+    """Motion that another program or device sends during playback.
 
     Parameters
     ----------
     keep : float
         See ``Live``.
     receive : callable
-        ``receive(timeout)`` waits at most so many seconds and returns rows of numbers
-        and the sender's time of each in s (nan where it says none), both empty where
+        ``receive(timeout)`` waits at most ``timeout`` seconds and returns rows of
+        numbers and the sender's time of each in s (nan if it sends none), both empty if
         nothing came: ``lsl_motion``, ``osc_motion``, ``udp_motion``, ``serial_motion``
-        or a function of yours.  It may connect again by itself.
+        or your own function.  It may reconnect by itself.
     columns : dict of str to int
-        Which number of a row is which input.
+        For each input, the index of its number in a row.
     scale : dict of str to float, optional
         Factor of an input where the sender has another unit, such as 1e-3 for mm.
     limits : dict of str to (float, float), optional
-        Range of an input, in its unit: a row beyond it is rejected, as one that is no
-        number, so that one wild row moves nothing.
+        Range of an input, in its unit: a row outside the range is rejected like one
+        that is not a number, so that an outlier causes no motion.
     silence : {"fade", "hold", "stop"}
         After 50 ms without a row: fade out until there is one again, hold the last
         position, or end the session with an error.
@@ -141,7 +141,7 @@ class Stream(Live):
 @public
 @dataclass(frozen=True)
 class Signal:
-    """An audio input as a position: scale * sample + offset.
+    """An audio input used as a position, scale * sample + offset.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class Signal:
     offset : float
         Value of a sample of 0.
     connect : str, optional
-        Port to connect to, such as ``"system:capture_1"``; by default none is.
+        Port to connect to, such as ``"system:capture_1"``; none by default.
     """
 
     scale: float
@@ -166,7 +166,7 @@ class Signal:
 @public
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Motion from the device's inputs, one ``Signal`` for each scene input."""
+    """Motion from a device's inputs, with one ``Signal`` for each scene input."""
 
     inputs: Mapping[str, Signal] = field(default_factory=dict)
 
@@ -231,7 +231,7 @@ def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
 
 
 def length(source: Source | None) -> int | None:
-    """Return the number of samples until a source ends; None if it does not."""
+    """Return the length of a source in samples, or None if it is unlimited."""
     if isinstance(source, Recorded):
         return source.x.shape[1]
     if isinstance(source, Scripted):
@@ -240,18 +240,18 @@ def length(source: Source | None) -> int | None:
 
 
 def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None) -> np.ndarray:
-    """Return the columns of a motion that a user gave, as a new array of float64.
+    """Return the motion that a user gave as a new float64 array of columns.
 
     Parameters
     ----------
     what : str
-        Begins each error, such as "push: ".
+        Prefix of error messages, such as "push: ".
     given : array_like, shape (n_inputs, n)
         Real numbers of any type and layout.
     names : sequence of str
-        Of the inputs, one for each row.
+        Names of the inputs, one for each row.
     n : int, optional
-        Number of columns that there must be; by default any.
+        Required number of columns; by default any.
 
     Raises
     ------
@@ -284,7 +284,7 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
 
 
 class Receiver(threading.Thread):
-    """A thread that turns the rows of a stream into motion.
+    """A thread that converts the rows of a stream into motion.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ class Receiver(threading.Thread):
     source : Stream
     failed : callable
         ``failed(error, what=text)`` is called when ``receive`` raises, or when a stream
-        that must not be silent is.
+        with ``silence="stop"`` falls silent.
     """
 
     turns = 0
@@ -311,12 +311,12 @@ class Receiver(threading.Thread):
 
     @property
     def jitter(self) -> float:
-        """Seconds after the earliest, within which 99 % of the rows came."""
+        """Time in s after the earliest, within which 99 % of the rows arrived."""
         late = np.array(self._late)
         return float(np.quantile(late, 0.99) - late.min()) if late.size else 0.0
 
     def run(self) -> None:
-        """Take rows until the session ends; report an error to the session."""
+        """Receive rows until the session ends; report an error to the session."""
         heard = None
         while not self._over.is_set():
             try:
@@ -331,7 +331,7 @@ class Receiver(threading.Thread):
                 return
 
     def _take(self, rows: Sequence[Sequence[float]], times: Sequence[float]) -> int:
-        """Put rows into the ring; return how many were good."""
+        """Put the valid rows into the ring buffer, and return how many there were."""
         now, need = time.monotonic(), max(self._columns) + 1
         found = [[row[k] for k in self._columns] for row in rows if len(row) >= need]
         x = np.array(found, np.float64).reshape(-1, len(self._columns)) * self._scale[:, 0]
@@ -354,7 +354,7 @@ class Receiver(threading.Thread):
 
 
 class Feeder(threading.Thread):
-    """A thread that writes a scripted motion ahead of the samples.
+    """A thread that computes a scripted motion ahead of playback.
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ class Feeder(threading.Thread):
     source : Scripted
     failed : callable
         ``failed(error, what="the motion failed")`` is called when a function of the
-        motion raises or gives no finite numbers.
+        motion raises or does not return finite numbers.
     """
 
     # how often it has looked for room; while a function does not return they stay the
@@ -396,7 +396,7 @@ class Feeder(threading.Thread):
         return positions(self._sources, at, stop, self._pump.proc.fs)
 
     def run(self) -> None:
-        """Write motion until it ends; on an error hold the last position."""
+        """Write the motion until it ends; after an error, hold the last position."""
         while not self._over.is_set():
             try:
                 self.fill()

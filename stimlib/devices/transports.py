@@ -1,8 +1,9 @@
-"""Markers out and motion in: Lab Streaming Layer, OSC, UDP and serial ports.
+"""Transports for markers and motion: Lab Streaming Layer, OSC, UDP and serial ports.
 
-A transport is a function with a method ``close``.  One of markers takes each
-``Marker``; one of motion waits for rows of numbers, as ``Stream`` describes.  It serves
-one session after the other: whoever made it closes it.
+A transport is a function with a method ``close``.  A transport of markers is called
+with each ``Marker``; a transport of motion waits for rows of numbers, as ``Stream``
+describes.  It can serve several sessions in turn, and the code that created it must
+close it.
 """
 
 from __future__ import annotations
@@ -21,18 +22,18 @@ from ..system.packages import package
 from .markers import Marker
 
 Rows = tuple[list[list[float]], list[float]]
-"""Rows of numbers, and the sender's time of each in s, nan where it says none."""
+"""Rows of numbers, with the sender's time of each in s, or nan if it sends none."""
 MOST = 256  # datagrams or lines that are taken at once
 
 
 class Transport:
-    """A function that sends markers or receives motion, with a ``close``."""
+    """A function that sends markers or receives motion, with a method ``close``."""
 
     def __init__(self, function: Callable[[Any], Any], close: Callable[[], Any]):
         self._function, self.close = function, close
 
     def __call__(self, given: Any) -> Any:
-        """Send a marker, or wait at most so many seconds for rows."""
+        """Send a marker, or wait for rows for at most the given number of seconds."""
         return self._function(given)
 
     def __enter__(self) -> Self:
@@ -43,7 +44,7 @@ class Transport:
 
 
 def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | None:
-    """Return the numbers of a line and the sender's time, or None of no numbers.
+    """Return the numbers of a line and the sender's time, or None if it has no numbers.
 
     Examples
     --------
@@ -63,7 +64,7 @@ def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | None:
 
 
 def listening(what: str, host: str, port: int) -> socket.socket:
-    """Return a UDP socket that receives at a port."""
+    """Return a UDP socket that listens on a port."""
     here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         here.bind((host, port))
@@ -74,7 +75,7 @@ def listening(what: str, host: str, port: int) -> socket.socket:
 
 
 def sending(what: str, host: str, port: int) -> tuple[Callable[[bytes], None], Callable[[], None]]:
-    """Return a function that sends datagrams, and one that ends it."""
+    """Return a function that sends datagrams, and a function that closes its socket."""
     there = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         there.connect((host, port))
@@ -96,7 +97,7 @@ def _why(e: Exception) -> str:
 
 
 def datagrams(here: socket.socket, timeout: float) -> list[bytes]:
-    """Return what has come, after waiting for the first at most so many seconds."""
+    """Return the received datagrams, after waiting a limited time for the first."""
     found: list[bytes] = []
     here.settimeout(timeout)
     with suppress(TimeoutError, BlockingIOError):
@@ -107,7 +108,7 @@ def datagrams(here: socket.socket, timeout: float) -> list[bytes]:
 
 
 def opened(what: str, port: str, baudrate: int) -> Any:
-    """Return an open serial port."""
+    """Open a serial port and return it."""
     serial = package("serial", what)
     try:
         return serial.Serial(port, baudrate, timeout=0.0, write_timeout=1.0)
@@ -123,7 +124,7 @@ def lsl_markers(name: str = "stimlib", numeric: bool = False) -> Transport:
     Parameters
     ----------
     name : str
-        Of the stream; its type is ``Markers``.
+        Name of the stream; its type is ``Markers``.
     numeric : bool
         Send the value as a number instead of the name as a text.
 
@@ -157,7 +158,7 @@ def osc_markers(host: str, port: int, address: str = "/stimlib/marker") -> Trans
     host : str
     port : int
     address : str
-        Of the message, whose arguments are name, value, sample (text), time and
+        Address of the message, whose arguments are name, value, sample (text), time and
         uncertainty in s, and whether it was lost.
 
     Returns
@@ -272,13 +273,13 @@ def serial_markers(port: str, codes: Mapping[str, int], baudrate: int = 115200) 
 
 @public
 def sender(text: str) -> Transport:
-    """Return the sender of markers that a text names, as ``--send`` has it.
+    """Return the sender of markers that a text describes, in the form of ``--send``.
 
     Parameters
     ----------
     text : str
         ``lsl:NAME``, ``osc:HOST:PORT``, ``udp:HOST:PORT``, or
-        ``serial:PORT:onset=1,stimulus=2`` with the byte of each marker's name.
+        ``serial:PORT:onset=1,stimulus=2`` with the byte for each marker name.
 
     Raises
     ------
@@ -312,7 +313,7 @@ def sender(text: str) -> Transport:
 # motion -------------------------------------------------------------------------------
 @public
 def receiver(text: str) -> Transport:
-    """Return the receiver of rows that a text names, as ``--stream`` has it.
+    """Return the receiver of rows that a text describes, in the form of ``--stream``.
 
     Parameters
     ----------
@@ -353,15 +354,15 @@ def lsl_motion(name: str, wait: float = 10.0) -> Transport:
     Parameters
     ----------
     name : str
-        Of the stream; the first of this name.
+        Name of the stream; the first stream with this name is used.
     wait : float
         Seconds in which it must appear.
 
     Returns
     -------
     callable
-        Rows with the sender's times on LSL's clock.  A stream that goes away and comes
-        back is taken up again.
+        Returns rows with the sender's times on LSL's clock.  A stream that disappears
+        is reconnected when it comes back.
 
     Raises
     ------
@@ -389,7 +390,7 @@ def lsl_motion(name: str, wait: float = 10.0) -> Transport:
 
 @public
 def lsl_streams(wait: float = 1.0) -> list[dict[str, Any]]:
-    """Return the Lab Streaming Layer streams that can be seen from here.
+    """Return the Lab Streaming Layer streams that this machine can see.
 
     Parameters
     ----------
@@ -428,7 +429,7 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
     port : int
         To listen to.
     address : str
-        Of the messages; others are passed over.
+        Address of the messages; others are ignored.
     host : str
         Address to listen on; ``""`` is every one of this machine.
 
@@ -481,8 +482,8 @@ def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Trans
     Returns
     -------
     callable
-        Each line of a datagram is a row of numbers in text, with blanks or commas
-        between them; what is none is passed over.
+        Returns rows of numbers: each line of a datagram is text with numbers separated
+        by blanks or commas; other lines are ignored.
 
     Raises
     ------
@@ -529,9 +530,9 @@ def serial_motion(port: str, baudrate: int = 115200, timed: bool = False) -> Tra
     Returns
     -------
     callable
-        Each line is a row of numbers in text, with blanks or commas between them; what
-        is none is passed over.  A device that is unplugged is opened again when it is
-        back.
+        Returns rows of numbers: each line is text with numbers separated by blanks or
+        commas; other lines are ignored.  A device that was unplugged is opened again
+        when it is back.
 
     Raises
     ------

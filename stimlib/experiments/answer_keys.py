@@ -1,6 +1,6 @@
-"""What a participant answers by: a text and its keys.
+"""Prompts: a text for the participant, and the keys that answer it.
 
-They are the same in a terminal and on a page of the browser.
+A prompt is the same in a terminal and on a browser page.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 REPLAY = "r"
 MOST_KEYS = 9
-"""A rating up to here is one key."""
+"""Largest rating that is answered by a single key."""
 
 
 @dc.dataclass(frozen=True)
@@ -29,11 +29,11 @@ class Prompt:
     ----------
     text : str
     keys : dict of str to str
-        What each key says; the key "" is any key.
+        The meaning of each key; the key "" stands for any key.
     line : bool
-        A line is typed; a key beside it is a line by itself.
+        Whether a line is typed; a key is then typed as a line of its own.
     words : tuple of str
-        What a line is made of, where it is made of words.
+        The words that a line may consist of, if it consists of words.
     """
 
     text: str
@@ -44,13 +44,13 @@ class Prompt:
 
 @public
 def prompted(question: Question, replays: int = 0) -> Prompt:
-    """Return the prompt of a question.
+    """Return the prompt for a question.
 
     Parameters
     ----------
     question : Question
     replays : int
-        How often the stimuli may still be asked for again.
+        Number of replays that are still allowed.
 
     Examples
     --------
@@ -95,15 +95,15 @@ class Keyed:
         raise NotImplementedError
 
     def tell(self, text: str) -> None:
-        """Show a text."""
+        """Show a text to the participant."""
         raise NotImplementedError
 
     def ready(self, text: str) -> None:
-        """Go on with any key."""
+        """Wait until the participant presses any key."""
         self.read(Prompt(text, {"": "any key begins"}))
 
     def pick(self, names: list[str]) -> str | None:
-        """Return the stimulus whose number was chosen; 0 begins the experiment."""
+        """Return the name of a stimulus chosen by its number, or None to begin."""
         keys = {str(i): name for i, name in enumerate(names, 1)}
         while (key := self.read(Prompt("Get to know the stimuli:", keys | {"0": "begin"}))) not in (
             "0",
@@ -114,7 +114,7 @@ class Keyed:
         return None
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """Ask until there is an answer; None for a replay."""
+        """Ask a question until it is answered; return None if a replay is requested."""
         prompt = prompted(question, replays)
         while True:
             text = self.read(prompt)

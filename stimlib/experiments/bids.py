@@ -1,6 +1,6 @@
-"""Sessions as datasets for other tools: BIDS and Psych-DS.
+"""Export of sessions as datasets for other tools: BIDS and Psych-DS.
 
-BIDS, the Brain Imaging Data Structure: Gorgolewski et al., Scientific Data 3 (2016);
+BIDS is the Brain Imaging Data Structure: Gorgolewski et al., Scientific Data 3 (2016);
 the specification is version 1.10. Psych-DS: https://psych-ds.github.io, version 0.4.
 """
 
@@ -55,13 +55,14 @@ def to_bids(
     ----------
     experiment : Experiment
     found : sequence of Saved
-        Of ``sessions``.
+        Result of ``sessions``.
     folder : path
         A new or empty folder.
     authors : sequence of str
         For the dataset's description.
     signals : bool
-        Whether the trials that have a log come with what was displayed and felt.
+        Whether to include the displayed signals and the motion of trials that have a
+        log.
 
     Returns
     -------
@@ -197,7 +198,7 @@ def to_psych_ds(
     ----------
     experiment : Experiment
     found : sequence of Saved
-        Of ``sessions``.
+        Result of ``sessions``.
     folder : path
         A new or empty folder.
     authors : sequence of str
@@ -252,7 +253,7 @@ def to_psych_ds(
 def _told(
     what: str, experiment: Experiment, found: Sequence[Saved], folder: str | os.PathLike[str]
 ) -> list[Saved]:
-    """Return the sessions with answers; refuse a folder that has files."""
+    """Return the sessions that have answers; raise BadValue if the folder has files."""
     at = Path(folder)
     if at.is_dir() and any(at.iterdir()):
         raise BadValue(f"{what}: {at} has files: give a new folder")
@@ -272,7 +273,7 @@ def _described(experiment: Experiment) -> dict[str, dict[str, str]]:
 
 
 def _written(at: Path, files: Mapping[str, str | bytes]) -> list[Path]:
-    """Write all files, or leave no folder."""
+    """Write all files; after an error, remove the folder."""
     try:
         for name, data in files.items():
             safe_files.make_folder((at / name).parent)
@@ -284,14 +285,14 @@ def _written(at: Path, files: Mapping[str, str | bytes]) -> list[Path]:
 
 
 def _rows(values: np.ndarray) -> str:
-    """Return samples as lines of numbers, without a header, as BIDS has them."""
+    """Return samples as tab-separated lines without a header, as BIDS requires."""
     text = io.StringIO()
     np.savetxt(text, values, "%.9g", "\t")
     return text.getvalue()
 
 
 def label(text: str) -> str:
-    """Return a text as a label of BIDS, which has letters and digits only.
+    """Return a text as a BIDS label, which has letters and digits only.
 
     Examples
     --------

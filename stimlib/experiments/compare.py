@@ -1,4 +1,4 @@
-"""Tests between groups and within participants, each named by what it assumes."""
+"""Statistical tests between groups and within participants."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ SIDES = ("two-sided", "one-sided")
 
 @dataclass(frozen=True)
 class Statistic:
-    """A test and its result.
+    """A statistical test and its result.
 
     Attributes
     ----------
     name : str
     value : float
     df : tuple of float
-        Degrees of freedom, where there are any.
+        Degrees of freedom, if the test has any.
     p : float
     """
 
@@ -41,12 +41,12 @@ class Statistic:
 # Between groups -----------------------------------------------------------------------
 @public
 def shapiro(values: ArrayLike) -> Statistic:
-    """Run Shapiro and Wilk's test; a small p means that the values are NOT normal.
+    """Run the Shapiro-Wilk test, in which a small p means that values are NOT normal.
 
     Parameters
     ----------
     values : array_like, shape (n,)
-        Of at least three.
+        At least three values.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def shapiro(values: ArrayLike) -> Statistic:
     Raises
     ------
     BadValue
-        Fewer values, not finite ones, or all the same.
+        Fewer than three values, NaN or infinite values, or all values equal.
 
     References
     ----------
@@ -83,13 +83,13 @@ def shapiro(values: ArrayLike) -> Statistic:
 
 @public
 def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
-    """Run Kruskal and Wallis' test of whether any group tends to larger values.
+    """Run the Kruskal-Wallis test of whether groups differ in their ranks.
 
     Parameters
     ----------
     groups : dict of str to array_like, shape (n,)
-        Independent of each other; for answers of the same people in several conditions
-        take `repeated` or `mixed`.
+        Independent groups; for answers of the same people in several conditions use
+        `repeated` or `mixed`.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two groups compared.
+    """The comparison of two groups.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class Pair:
 def dunn(
     groups: Mapping[str, ArrayLike], sides: str = "two-sided", adjustment: str = "bonferroni"
 ) -> tuple[Pair, ...]:
-    """Run Dunn's test of every pair of groups, by their mean ranks among all values.
+    """Run Dunn's test on every pair of groups, by their mean ranks among all values.
 
     z = (Ra - Rb)/sqrt((N(N + 1)/12 - sum(t^3 - t)/(12(N - 1))) (1/na + 1/nb)), t the
     sizes of ties.
@@ -156,10 +156,10 @@ def dunn(
     ----------
     groups : dict of str to array_like, shape (n,)
     sides : {"two-sided", "one-sided"}
-        One-sided is P(Z > abs(z)), half of the other; some programs print it and say no
-        word.
+        One-sided is P(Z > abs(z)), half of the two-sided p; some programs print it
+        without saying so.
     adjustment : {"bonferroni", "none"}
-        Times the number of pairs, at most 1.
+        "bonferroni" multiplies p by the number of pairs, up to 1.
 
     Returns
     -------
@@ -214,8 +214,8 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
     Parameters
     ----------
     groups : dict of str to array_like, shape (n,)
-        Of different people; taken for the same people in several conditions it has the
-        wrong error and too many degrees of freedom: `repeated` is for that.
+        Groups of different people. For the same people in several conditions, this test
+        has the wrong error term and too many degrees of freedom: use `repeated`.
 
     Returns
     -------
@@ -263,8 +263,8 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
     Raises
     ------
     BadValue
-        Rows of different lengths, of fewer than two, not finite, or of equal
-        differences.
+        Different lengths, fewer than two values, NaN or infinity, or differences that
+        are all equal.
 
     Examples
     --------
@@ -291,7 +291,7 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
 class Effect:
     """One effect of a repeated-measures analysis of variance.
 
-    Every number has the shape of the batch, () for one experiment.
+    Each number has the shape of the batch of experiments, () for one experiment.
 
     Attributes
     ----------
@@ -300,11 +300,11 @@ class Effect:
     F : float or ndarray
     df : (float, float)
     p : float or ndarray
-        As if spherical.
+        Uncorrected, valid under sphericity.
     epsilon : float or ndarray
-        Greenhouse and Geisser's: 1 where sphericity holds, 1/df at the least.
+        Greenhouse and Geisser's epsilon: 1 under sphericity, at least 1/df.
     p_corrected : float or ndarray
-        With both degrees of freedom times epsilon.
+        With both degrees of freedom multiplied by epsilon.
     eta2 : float or ndarray
         Partial eta squared, SS/(SS + SS of its error).
     """
@@ -322,18 +322,18 @@ class Effect:
 def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tuple[Effect, ...]:
     """Run a repeated-measures analysis of variance.
 
-    The same people are in all conditions; there may be any number of factors.
+    All participants take part in all conditions; there may be any number of factors.
 
     Each effect is a set of orthonormal contrasts of the conditions.  With d their
     values for one person, and n people: F = n |mean d|^2 (n - 1)/sum |d - mean d|^2.
-    Its error is how much people differ in that effect, so it needs one value of each
-    person in each condition: the mean of the trials.
+    The error term is the variation of the effect between people, so each person needs
+    one value in each condition: the mean of the trials.
 
     Parameters
     ----------
     values : array_like, shape (.., participants, levels of the first factor, levels of
     the second, ..)
-        Axes before these are experiments, each analysed alone (for simulations).
+        Leading axes are separate experiments (for simulations).
     factors : sequence of str
         Their names.
 
@@ -407,9 +407,9 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
 
 
 def _contrasts(levels: Sequence[int], some: Sequence[int]) -> Array:
-    """Return orthonormal columns for the named factors.
+    """Return orthonormal contrasts for the named factors.
 
-    They are differences within these factors, and means over the others.
+    The contrasts are differences within these factors and means over the others.
     """
     matrix = np.ones((1, 1))
     for k, m in enumerate(levels):
@@ -438,16 +438,16 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class Mixed:
-    """A mixed model.
+    """A fitted linear mixed model.
 
     Attributes
     ----------
     coefficients : tuple of Coefficient
-        Of the fixed effects.
+        Coefficients of the fixed effects.
     group_variance, residual_variance : float
         Between participants (of the intercept), and within.
     converged : bool
-        False: the numbers are not to be used.
+        If False, do not use the numbers.
     loglik : float
     """
 
@@ -462,19 +462,19 @@ class Mixed:
 def mixed(
     columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant"
 ) -> Mixed:
-    """Fit a linear mixed model with an intercept for each participant.
+    """Fit a linear mixed model with a random intercept for each participant.
 
-    It serves for gaps, covariates such as the trial's number, and drift.
+    Use it for incomplete data, covariates such as the trial number, and drift.
 
     Parameters
     ----------
     columns : dict of str to sequence, or DataFrame
         A row for each answer.
     formula : str
-        Of patsy, such as ``"rating ~ C(amplitude) + trial"``.  Its terms are Python,
-        which is run: take none from strangers.
+        A patsy formula, such as ``"rating ~ C(amplitude) + trial"``.  Its terms are
+        executed as Python code: never use one from an untrusted source.
     participant : str
-        The column that says whose answer it is.
+        The column with the participant of each answer.
 
     Returns
     -------

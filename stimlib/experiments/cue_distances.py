@@ -1,6 +1,6 @@
-"""The cues that participants went by: how far each recorded cue separates the answers.
+"""Cues that participants used: how far each recorded cue separates the answers.
 
-It is compared with the d' of the same trials.
+The distance of each cue is compared with the d' of the same trials.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from .reader import Saved, columns
 from .trial import Record
 
 FAR = 10.0
-"""A distance that no answers tell: of a z of 5 the other answer comes once in three
+"""A distance too large to be determined: at z = 5 the other answer occurs once in three
 million trials.
 """
 
 
 @dataclass(frozen=True)
 class Distance:
-    """The distance by which a physical cue separates the answers.
+    """The distance by which a physical cue separates the two answers.
 
     Attributes
     ----------
     cue : str
     value : float
-        Normalised distance: mean z of the trials taken for signals, less that of the
-        others; nan where it is not determined.
+        Normalised distance: mean z of the trials classified as signals minus mean z of
+        the others; nan if it cannot be determined.
     ratio : float
-        Over d', if that was given.
+        The distance divided by d', if d' was given.
     slope : float
-        Of the probit over one unit of the cue; above 0 where more of the cue means more
-        answers "signal".
+        Slope of the probit per unit of the cue; positive if more of the cue means more
+        "signal" answers.
     problem : str
-        ``""``, ``"separated"`` (the cue parts the answers wholly, or but for trials in
-        which it hardly differs, so that z is not determined or above `FAR`), ``"few"``
-        (one answer or one value only), or ``"one side"`` (no trial, or all of them,
-        would be taken for a signal).
+        ``""``, ``"separated"`` (the cue separates the answers completely, or except for
+        trials in which it hardly differs, so that z is undetermined or above `FAR`),
+        ``"few"`` (a single answer or value only), or ``"one side"`` (no trial, or every
+        trial, would be classified as a signal).
     """
 
     cue: str
@@ -63,26 +63,27 @@ class Distance:
 def distances(
     cues: Mapping[str, ArrayLike], answers: ArrayLike, d: float = math.nan
 ) -> tuple[Distance, ...]:
-    """Return normalised distances of physical cues, the largest first.
+    """Return the normalised distances of physical cues, the largest first.
 
     For each cue a probit z = a + b cue is fitted to the answers; a trial with z > 0 is
-    taken for a signal, and the distance is mean(z of signals) - mean(z of the others).
-    A cue that people went by has a distance near d', one that they did not has a small
-    one.
+    classified as a signal, and the distance is mean(z of signals) - mean(z of the
+    others). A cue that people used has a distance near d'; a cue that they did not use
+    has a small distance.
 
     Parameters
     ----------
     cues : dict of str to array_like, shape (trials,)
-        Such as the columns of `stimlib.analysis.physical_cues.cues` of every trial.
+        For instance the values of `stimlib.analysis.physical_cues.cues` for every
+        trial.
     answers : array_like, shape (trials,)
-        1 where the answer was "signal", else 0.
+        1 if the answer was "signal", otherwise 0.
     d : float, optional
         d' of the same trials, `stimlib.experiments.signal_detection.detection`.
 
     Returns
     -------
     tuple of Distance
-        Those without a value at the end.
+        Cues without a value come last.
 
     Raises
     ------
@@ -145,14 +146,14 @@ def _distance(name: str, cue: np.ndarray, said: np.ndarray, d: float) -> Distanc
 def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64]]]:
     """Return the signals of each interval of a trial, from its log.
 
-    They are the motion, and the outputs as they were delivered, in their units.
+    They are the motion, and the outputs as delivered to the device, in their units.
 
     Parameters
     ----------
     folder : Path
-        Of the session.
+        Folder of the session.
     record : Record
-        Of a trial with a log; of its presentations the last.
+        Record of a trial with a log; the last presentation is used.
 
     Returns
     -------
@@ -162,7 +163,7 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
     Raises
     ------
     BadValue
-        The trial has no log: it was not displayed, or without one.
+        The trial has no log: it was not displayed, or displayed without a log.
     SinkError
         The log is missing or damaged.
     """
@@ -185,9 +186,9 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
 def recorded(
     sessions: Sequence[Saved], position: str, force: str, progress: bool = True, **how: Any
 ) -> dict[str, list[Any]]:
-    """Return the physical cues of all trials that count, from their logs.
+    """Return the physical cues of all non-training trials, from their logs.
 
-    They are computed from the motion and from what was displayed.
+    They are computed from the motion and from the displayed outputs.
 
     Parameters
     ----------
@@ -204,15 +205,16 @@ def recorded(
     -------
     dict of str to list
         As `stimlib.experiments.reader.columns`, and one column for each of
-        `stimlib.analysis.Cues`: nan in all of them for a trial in which the hand did
-        not move, or for less than two periods.
+        `stimlib.analysis.Cues`: all nan for a trial in which the hand did not move or
+        moved for less than two periods.
 
     Raises
     ------
     UnknownName
         No such input or output.
     BadValue
-        A trial without a log, or of several intervals; what ``cues`` does not take.
+        A trial without a log or with several intervals, or a signal that ``cues``
+        rejects.
     SinkError
         A log is missing or damaged.
 

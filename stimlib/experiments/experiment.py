@@ -1,4 +1,4 @@
-"""An experiment as a value: what a page of Python defines, and what a session needs."""
+"""The definition of an experiment, as a plain value that sessions use."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from .user_code import called
 @public
 @dc.dataclass(frozen=True)
 class Timing:
-    """The times of a trial's stimuli, in s.
+    """The durations in a trial, in s.
 
     Parameters
     ----------
     interval : float
-        Length of each stimulus: the time to explore it.
+        Duration of each stimulus, in which the participant explores it.
     gap : float
         Silence between two stimuli of a trial.
     before : float
         Silence before the first.
     ramp : float
-        Each stimulus begins and ends over so long, within its interval.
+        Duration of the fade-in and fade-out of each stimulus, within its interval.
     pause : float
-        At least so long from an answer to the next trial.
+        Minimum time from an answer to the next trial.
     """
 
     interval: float = 3.0
@@ -60,9 +60,9 @@ class Timing:
 @public
 @dc.dataclass(frozen=True)
 class Cursor:
-    """A reference to follow on the screen: amplitude * sin(2 pi frequency t).
+    """A moving reference to follow on screen, amplitude * sin(2 pi frequency t).
 
-    It is on one input (Çaldıran's thesis, section 3.5).
+    The reference is for one input (Çaldıran's thesis, section 3.5).
     """
 
     input: str
@@ -80,9 +80,9 @@ class Cursor:
 @public
 @dc.dataclass(frozen=True)
 class Masking:
-    """White noise on a channel of its own during stimuli.
+    """White masking noise on a separate channel during stimuli.
 
-    rms is relative to the device's full scale.
+    Its ``rms`` is relative to the device's full scale.
     """
 
     output: str = "masking"
@@ -97,54 +97,56 @@ class Experiment:
     Parameters
     ----------
     name, version : str
-        A log belongs to one name, version and definition, and to no other.
+        A log belongs to exactly one name, version and definition.
     scenes : dict of str to Scene
-        What the stimuli of trials name.
+        The scenes that stimuli refer to by name.
     design : Design, or callable
-        ``design(participant, session) -> Design`` where the order depends on who it is
-        (a code such as "P07") and on the number of the session; see
+        ``design(participant, session) -> Design`` if the order depends on the
+        participant (a code such as "P07") and the session number; see
         `stimlib.experiments.designs`.
     questions : tuple of Question
     fs : float
         Hz.
     safety : Safety or float
-        As every sink has it.
+        As for every sink.
     bounds : dict of str to (float, float)
-        Least and largest value of parameters; no trial passes them. They protect a
-        hand.
+        Smallest and largest value of parameters, which no trial may exceed. They
+        protect the participant's hand.
     motion : any
-        What drives the inputs, as a sink takes it: functions of time for a simulated
-        hand, ``Live()`` or ``Signals`` for a real one.
+        The motion of the inputs, as for a sink: functions of time for a simulated hand,
+        ``Live()`` or ``Signals`` for a real one.
     hand : callable, optional
-        Of ``Live()``: ``hand(sink)`` pushes positions (``Sink.push``) until
+        For ``Live()``: ``hand(sink)`` pushes positions (``Sink.push``) until
         ``sink.finished``.
     timing : Timing
     familiarisation : dict of str to Stimulus, or callable
-        Stimuli that the participant may feel at will before the first trial;
-        ``familiarisation(participant, session)`` where they depend on it.
+        Stimuli that the participant may explore freely before the first trial; use
+        ``familiarisation(participant, session)`` if they depend on these.
     sessions : int
-        Of each participant: a simulation has all of them.
+        Number of sessions per participant; a simulation runs all of them.
     replays : int
-        How often the stimuli of a trial may be asked for again.
+        Number of replays that the participant may request in a trial.
     feedback : bool
-        Tell whether the answer was right.
+        Whether to tell the participant if the answer was right.
     cursor : Cursor, optional
     masking : Masking, optional
     seed : int
-        Of the whole experiment; each participant and session draws from their own.
+        Seed of the whole experiment; each participant and session has its own random
+        streams.
     instructions : str
-        What the participant reads first.
+        The text that the participant reads first.
     observer : callable, optional
-        Who answers in a simulation: ``observer(trial, rng) -> Answer``.
+        The simulated participant: ``observer(trial, rng) -> Answer``.
     analysis : callable, optional
-        ``analysis(sessions) -> any``, of a list of `stimlib.experiments.reader.Saved`;
-        what it gives is printed. A log does not depend on these two.
+        ``analysis(sessions) -> any``, called with a list of
+        `stimlib.experiments.reader.Saved`; the result is printed. A log does not depend
+        on ``observer`` and ``analysis``.
 
     Raises
     ------
     BadValue, UnknownName
-        Something missing, of a wrong kind, or two questions of one name; bounds of a
-        parameter that no scene has.
+        Something is missing or of a wrong kind, two questions have the same name, or no
+        scene has a parameter with bounds.
 
     Examples
     --------
@@ -252,19 +254,19 @@ class Experiment:
 
     @property
     def outputs(self) -> dict[str, Unit]:
-        """The outputs of all scenes, in their order: the channels of every trial.
+        """Outputs of all scenes in their order, which are the channels of every trial.
 
-        So no channel moves from trial to trial.
+        Each output thus has the same channel in all trials.
         """
         return {name: block.dim for s in self.scenes.values() for name, block in s.outputs.items()}
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """The inputs of all scenes, in the order of first use."""
+        """Inputs of all scenes, in the order of first use."""
         return tuple({name: None for s in self.scenes.values() for name in s.inputs})
 
     def question(self, name: str) -> Question:
-        """Return a question by its name; raise UnknownName if there is none."""
+        """Return the question with a name; raise UnknownName if there is none."""
         for q in self.questions:
             if q.name == name:
                 return q
@@ -273,7 +275,7 @@ class Experiment:
         )
 
     def designed(self, participant: str, session: int = 1) -> Design:
-        """Return the design of one participant's session."""
+        """Return the design for one session of a participant."""
         if isinstance(self.design, Design):
             return self.design
         made = called(
@@ -290,7 +292,7 @@ class Experiment:
         return made
 
     def familiar(self, participant: str, session: int = 1) -> Mapping[str, Stimulus]:
-        """Return the stimuli that a participant may try before a session."""
+        """Return the stimuli that a participant may explore before a session."""
         return (
             self.familiarisation(participant, session)
             if callable(self.familiarisation)
@@ -298,14 +300,14 @@ class Experiment:
         )
 
     def seeded(self, participant: str, session: int = 1) -> int:
-        """Return the seed of one participant's session."""
+        """Return the seed for one session of a participant."""
         return seed_of(self.seed, "session", participant, session)
 
     def check(self, trial: Trial) -> None:
-        """Raise unless a trial can be presented.
+        """Raise an error unless a trial can be presented.
 
-        Its scenes, parameters and questions must be known, and no parameter may pass
-        its bounds.
+        Its scenes, parameters and questions must be known, and all parameters must lie
+        within their bounds.
         """
         if not trial.questions:
             raise BadValue(f"condition {trial.condition!r}: a trial asks one question at least")
@@ -355,8 +357,8 @@ class Experiment:
 
         ``key`` is the SHA-256 of the rest.
 
-        Functions (of a motion, or a design that depends on the participant) count by
-        their name.
+        Functions (a motion, or a design that depends on the participant) are described
+        by their name only.
         """
         told = {
             f.name: _plain(getattr(self, f.name))
@@ -374,7 +376,7 @@ class Experiment:
 
 
 def _plain(v: Any) -> Any:
-    """Return JSON data that says what a value is."""
+    """Return the description of a value as JSON data."""
     if isinstance(v, Scene):
         return v.hash
     if dc.is_dataclass(v) and not isinstance(v, type):

@@ -1,6 +1,6 @@
-"""Simulated observers, which answer trials before participants come.
+"""Simulated observers, to test a design before participants come.
 
-Each is called with a trial and a generator.
+An observer is called with a trial and a random generator.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ By = float | Mapping[str, float]
 @public
 @dataclass(frozen=True)
 class Psychometric:
-    """An observer with a psychometric function, who uses a trial's level alone.
+    """An observer with a psychometric function, which uses only a trial's level.
 
-    Says "more" with the probability g + (1 - g - l) F((level - PSE)/sigma), where g is
-    the trial's chance level; of a comparison, g = l.
+    It answers "more" with the probability g + (1 - g - l) F((level - PSE)/sigma), where
+    l is the lapse rate and g is the trial's chance level; for a comparison, g = l.
 
     Parameters
     ----------
     pse, sigma : float or dict of str to float
-        In the unit of the level (of log10 of it with ``log``: sigma), or one for each
-        condition.
+        In the unit of the level (with ``log``, sigma is in units of log10), or one
+        value for each condition.
     lapse : float
-        Half the part of the trials in which the answer is a coin's; of a detection, the
-        rate of misses.
+        Half the proportion of trials answered by a coin toss; for a detection, the rate
+        of misses.
     log : bool
-        Spread over log10 of the level.
+        Use log10 of the level.
     link : {"probit", "logit"}
 
     Raises
@@ -86,7 +86,7 @@ class Psychometric:
     link: str = "probit"
 
     def chance(self, trial: Trial) -> float:
-        """Return the probability of "more"."""
+        """Return the probability of the answer "more"."""
         if trial.level is None:
             raise BadValue(
                 f"condition {trial.condition!r}: the trial has no level, so an observer of"
@@ -106,7 +106,7 @@ class Psychometric:
         return float(probability(away / sigma, self.link, guess, self.lapse)[0])
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
-        """Answer the first question; one number is drawn."""
+        """Answer the first question of a trial, with one random draw."""
         chance = self.chance(trial)
         return _answer(trial, bool(rng.random() < chance))
 
@@ -114,46 +114,47 @@ class Psychometric:
 @public
 @dataclass(frozen=True)
 class Listener:
-    """An observer who perceives one figure of the rendered samples, with noise.
+    """An observer that perceives one figure of the rendered signal, with noise.
 
-    Two intervals: says "more" where the comparison's figure is larger.  One: where it
-    is above the criterion.  A rating: the nearest whole number to offset + gain times
-    the figure, from 1 to ``most``.
+    With two intervals, it answers "more" if the comparison's figure is larger.  With
+    one interval, it answers "more" if the figure is above the criterion.  A rating is
+    the whole number nearest to offset + gain times the figure, from 1 to ``most``.
 
     Parameters
     ----------
     scenes : dict of str to Scene
     motion : dict
-        As ``render`` takes it; a scene takes its own inputs of it.
+        As for ``render``; each scene uses the motion of its own inputs.
     fs, seconds : float
         Hz; length of an interval.
     measure : str or Measure
-        As a sweep has it: ``"rms(force1)"``, ``"band(20, 1000, force1)"``, ``"cues(x1,
+        As for a sweep: ``"rms(force1)"``, ``"band(20, 1000, force1)"``, ``"cues(x1,
         force1)"``.
     sigma : float
         Standard deviation of the error of each interval, in the figure's unit (of log10
         of it with ``log``).
     figure : str, optional
-        Which of the measure's figures, such as ``"W_force1"`` (work) or
-        ``"k_fit_force1"`` (stiffness by regression); needed where it has several.
+        Which of the measure's figures to use, such as ``"W_force1"`` (work) or
+        ``"k_fit_force1"`` (stiffness by regression); required if the measure has
+        several.
     log : bool
-        Feel log10 of the figure.
+        Perceive log10 of the figure.
     criterion : float, optional
         For one interval; on the axis of the errors.
     offset, gain, most
         For ratings; on the axis of the errors.
     lapse : float
-        Half the part of the trials in which the answer is a coin's.
+        Half the proportion of trials answered by a coin toss.
 
     Raises
     ------
     BadValue, UnknownName
-        When called: what the trial needs and is not given; what ``render`` and the
-        measure say.
+        When called: something that the trial needs is missing, or ``render`` or the
+        measure raises it.
 
     Notes
     -----
-    Limits of a sink are not in what it feels: the rendering is that of the scene.
+    The observer perceives the rendering of the scene, without the limits of a sink.
 
     Examples
     --------
@@ -196,7 +197,7 @@ class Listener:
     lapse: float = 0.0
 
     def figure_of(self, stimulus: Stimulus) -> float:
-        """Return the figure of a stimulus, rendered."""
+        """Return the perceived figure of a stimulus, from its rendering."""
         if stimulus.scene not in self.scenes:
             raise UnknownName(
                 f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}"
@@ -216,9 +217,9 @@ class Listener:
         return figures[self.figure] if self.figure else next(iter(figures.values()))
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
-        """Answer the first question.
+        """Answer the first question of a trial.
 
-        One normal number is drawn for each interval, and two for lapses.
+        It draws one normal random number for each interval and two numbers for lapses.
         """
         felt = {}
         for s in trial.stimuli:
@@ -261,7 +262,7 @@ def _compiled(scene: Scene, fs: float) -> Processor:
 
 
 def _again(scene: Scene, motion: Any, fs: float, seconds: float, stimulus: Stimulus) -> Rendering:
-    """Return ``render`` of a stimulus, its scene compiled at the first time only."""
+    """Render a stimulus; its scene is compiled only the first time."""
     proc = _compiled(scene, fs)
     proc.reset(stimulus.seed)
     for name, value in stimulus.params.items():
@@ -282,7 +283,7 @@ def _again(scene: Scene, motion: Any, fs: float, seconds: float, stimulus: Stimu
 
 
 def _answer(trial: Trial, more: bool) -> Answer:
-    """Return the choice that counts for more, or for less."""
+    """Return the answer whose choice scores as "more", or as "less"."""
     for choice, score in trial.scores.items():
         if (score > 0.5) == more:
             return Answer({trial.questions[0]: choice})
@@ -323,15 +324,16 @@ def simulate(
     ----------
     experiment : Experiment
     observer : callable or dict of str to callable
-        ``observer(trial, rng) -> Answer``: one for all, or each participant's own.
+        ``observer(trial, rng) -> Answer``: one for all participants, or one for each.
     participants : int or sequence of str
         How many (P01, P02, ..), or their codes.
     session : int, optional
-        One of them only; by default all ``experiment.sessions``.
+        A single session to simulate; by default all ``experiment.sessions``.
     seed : int
-        Of the observers; each participant draws from their own stream.
+        Seed of the observers; each participant has a random stream.
     workers : int or None
-        Processes; None is one for each core, which pays where stimuli are rendered.
+        Number of processes; None is one per core, which is worthwhile if stimuli are
+        rendered.
     progress : bool
         A progress bar on stderr, if that is a terminal.
 
@@ -346,8 +348,8 @@ def simulate(
     Raises
     ------
     BadValue, UnknownName
-        What a trial or an observer finds wrong; a participant without an observer; a
-        design without a trial; one code alone.
+        A trial or an observer raises it; a participant has no observer; a design has no
+        trial; or ``participants`` is a single text.
     MissingPackage
         Several workers and no cloudpickle: ``pip install 'stimlib[sweep]'``.
 
@@ -418,7 +420,7 @@ def _unpacked(data: bytes) -> list[tuple]:
 def _participant(
     experiment: Experiment, observer: Observer, code: str, session: int, seed: int
 ) -> list[tuple]:
-    """Return the trials of one participant's session."""
+    """Return the simulated trials of one session of a participant."""
     design, rng = experiment.designed(code, session), stream(seed, "observer", code, session)
     rows, number = [], 0
     for number, (trial, answer) in enumerate(
@@ -446,22 +448,22 @@ def _participant(
 
 @dataclass(frozen=True)
 class Power:
-    """The power of an experiment with n participants.
+    """The power of an experiment with a given number of participants.
 
     Attributes
     ----------
     found : float
-        Part of the experiments whose p is below alpha: the power, or where nothing
-        differs the rate of false positives.
+        Proportion of experiments with p below alpha: the power or, without a true
+        difference, the rate of false positives.
     interval : (float, float)
-        Of it, Wilson's, 95 %: from the number of experiments that were simulated.
+        Wilson's 95 % interval of ``found``, from the number of simulated experiments.
     estimate, bias, spread : float
-        Mean of the estimates, that less the truth, and their standard deviation; of
-        experiments that gave one.
+        Mean of the estimates, its difference from the truth, and the standard deviation
+        of the estimates, over experiments with an estimate.
     failed : int
         Experiments without an estimate.
     trials : (float, int)
-        Of a participant: mean, and the most there were.
+        Trials per participant: mean and maximum.
     """
 
     found: float
@@ -487,25 +489,25 @@ def power(
     workers: int | None = 1,
     progress: bool = True,
 ) -> Power:
-    """Simulate an experiment many times, and return its power.
+    """Simulate an experiment many times, and return its statistical power.
 
-    The result says how often it finds what is there, how far it errs, and how long it
-    is.
+    The result contains the rate of detection, the error of the estimates, and the
+    length of the experiment.
 
     Parameters
     ----------
     experiment : Experiment
     observer : callable
-        ``observer(rng) -> Observer``: a participant as drawn from the population.
+        ``observer(rng) -> Observer``: draws a participant from the population.
     analyse : callable
-        ``analyse(columns) -> (estimate, p)`` of what `simulate` gives; an estimate that
-        is nan counts as a failure.
+        ``analyse(columns) -> (estimate, p)``, called with the result of `simulate`; an
+        estimate that is nan counts as a failure.
     participants : int
-        Of one experiment.
+        Number of participants in one experiment.
     truth : float
-        What the estimate should be.
+        The true value of the estimate.
     experiments : int
-        How many are simulated.
+        Number of simulated experiments.
     alpha : float
     seed, workers, progress
         As `simulate`.

@@ -1,8 +1,8 @@
-"""A trial on a sink: its intervals as one program, and what was displayed.
+"""Presentation of a trial on a sink, and the record of what was displayed.
 
-A stimulus of an interval is a segment: its scene as it is rendered alone, times a
-window. So a trial is one scene with one log, on any sink, with a hand that moves as it
-likes; it is replayed and verified like any other session.
+The stimulus of an interval is a segment: its scene as rendered on its own, multiplied
+by a window. A trial is therefore one scene with one log, on any sink, with any movement
+of the hand; it is replayed and verified like any other session.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .session import Session
 
 TOLD = {"produced", "delivered", "lost", "underruns", "clips", "faults", "stale", "rise", "fall"}
-"""Of a sink's report, in the record of a trial."""
+"""Fields of a sink's report that the record of a trial contains."""
 
 MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 
@@ -47,10 +47,10 @@ MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
 # The program --------------------------------------------------------------------------
 @public
 def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
-    """Return the first sample of each interval, and the one after its last.
+    """Return the first sample of each interval and the one after its last.
 
-    Before the first there are ``timing.before`` s and the sink's fade, so that no
-    stimulus is faded by anything else.
+    The first interval comes after ``timing.before`` s and the sink's fade-in, so that
+    this fade affects no stimulus.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
 
 @public
 def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, float]]:
-    """Return a trial as one scene, and its initial parameters.
+    """Return a trial as one scene, with its initial parameters.
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     -------
     scene : Scene
         All outputs of the experiment, in the order of its scenes, so that each has the
-        same channel in every trial; 0 outside of their intervals. And the masking
-        noise, if there is any.
+        same channel in every trial; each is 0 outside its intervals. The masking noise
+        is included, if there is any.
     params : dict of str to float
-        Parameters that differ from the scenes'. Of several intervals each has its own,
-        with its number behind the name: ``k_1``, ``k_2``.
+        Parameters that differ from the scenes'. With several intervals, each interval
+        has its own, numbered after the name: ``k_1``, ``k_2``.
 
     Raises
     ------
@@ -90,8 +90,8 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
 
     Notes
     -----
-    The run has the seed of the first stimulus. In its interval each stimulus has its
-    own: of two equal ones, the noises are the same samples.
+    The run uses the seed of the first stimulus. Within its interval each stimulus uses
+    its own seed: stimuli with equal seeds have identical noise samples.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def _safety(experiment: Experiment) -> Safety:
 
 
 def _protection(experiment: Experiment, scene: Scene) -> Safety:
-    """Return the experiment's safety, with a full scale of 1 for the masking noise."""
+    """Return the experiment's safety stage, with full scale 1 for the masking noise."""
     s, m = _safety(experiment), experiment.masking
     if m is None:
         return s
@@ -183,7 +183,7 @@ def _protection(experiment: Experiment, scene: Scene) -> Safety:
 def _moves(experiment: Experiment, scene: Scene) -> Any:
     """Return the motions of the inputs that this trial's scene has.
 
-    A real-time motion is taken whole: its rows go by the inputs' order.
+    A real-time motion is returned whole, with its rows in the order of the inputs.
     """
     m = experiment.motion
     if isinstance(m, (Live, Signals)) and tuple(scene.inputs) != experiment.inputs:
@@ -198,34 +198,35 @@ def _moves(experiment: Experiment, scene: Scene) -> Any:
 
 # Sinks by name ------------------------------------------------------------------------
 FAST = ("offline", "file")
-"""Sinks without a clock, before which nobody waits: "offline" runs as fast as it goes,
-"file" also keeps delivered.caf in the log.
+"""Sinks without a clock: "offline" runs as fast as possible, and "file" also keeps
+delivered.caf in the log.
 """
 SINKS = (*KINDS, *FAST)
-"""Names of sinks."""
+"""Names of all sinks."""
 AHEAD = 1000
-"""Trials of a session of which the programs are compiled before it begins."""
+"""Number of trials whose programs are compiled before a session begins."""
 
 
 @public
 def prepare(session: Session, sink: str, calibration: Calibration | None = None) -> int:
-    """Compile the programs of a session before it begins.
+    """Compile all programs of a session before it begins.
 
-    Later it would cause a delay once for each kind of stimulus, and reveal it.
+    Compiling them later would delay the first stimulus of each kind, which reveals the
+    kind.
 
     Parameters
     ----------
     session : Session
-        Opened by ``with``; it stays as it is.
+        Opened by ``with``; it is not changed.
     sink : str
         Name in ``SINKS``; for one without a clock nothing is compiled.
     calibration : Calibration, optional
-        Of the sink.
+        Calibration of the sink.
 
     Returns
     -------
     int
-        Programs that were compiled: one for all trials that have the same scenes.
+        Number of compiled programs; trials with the same scenes share one.
     """
     e, done = session.experiment, set()
     with suppress(Exception):  # of a design, on an answer that nobody may give
@@ -263,23 +264,23 @@ def present(
     sink : str
         Name in ``SINKS``.
     log : path, optional
-        Folder for the log of this presentation; needed for what was displayed.
+        Folder for the log of this presentation; required to record what was displayed.
     began : callable, optional
-        ``began(sink)`` is called once sample 0 is on its way.
+        ``began(sink)`` is called when sample 0 has been sent.
     **options
         More for the sink, such as ``server`` of JACK, ``calibration``, or ``send``: the
-        sink marks the trial at sample 0, and each stimulus where it begins, its number
-        as the value.
+        sink sends a marker for the trial at sample 0, and one at the onset of each
+        stimulus, with its number as the value.
 
     Returns
     -------
     dict
         JSON data: ``sink``, ``fs``, ``scene`` (hash of the program), ``seed``,
         ``params`` at its start, ``intervals`` (first sample and the one after the
-        last), ``time`` ("own", see `stimlib.experiments.trial.Record.time`), what the
-        sink reports (``produced``, ``delivered``, ``lost``, ``underruns``, ``clips``,
-        ``faults``, ``stale``); with a log its name, and ``peak`` and ``rms`` of each
-        output in each interval as they were delivered, after all limits; with a cursor
+        last), ``time`` ("own", see `stimlib.experiments.trial.Record.time`), the sink's
+        report (``produced``, ``delivered``, ``lost``, ``underruns``, ``clips``,
+        ``faults``, ``stale``); with a log also its name, and ``peak`` and ``rms`` of
+        each output in each interval as delivered, after all limits; with a cursor also
         ``following``, see `followed`.
 
     Raises
@@ -340,17 +341,16 @@ def measured(
 ) -> dict[str, Any]:
     """Return peak and RMS of each output in each interval, in the outputs' units.
 
-    They are of the samples that the log says were delivered; of a calibrated device, of
-    what it was asked for.
-
-    Where there is a reference, how well the hand followed it; None of an interval that
-    was stopped.
+    They are computed from the samples delivered according to the log; for a calibrated
+    device, from the outputs before the inverse filter. If there is a reference to
+    follow, the result includes how well the hand followed it. An interval that was
+    stopped gives None.
 
     Parameters
     ----------
     experiment : Experiment
     folder : path
-        Of a log.
+        Folder of a log.
     at : list of (int, int)
         As `spans` has them.
     """
@@ -383,12 +383,12 @@ def measured(
 def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, float]:
     """Return how well a motion followed the reference.
 
-    Least squares fit a sine and a cosine of its frequency and a constant.
+    A sine and a cosine at its frequency, and a constant, are fitted by least squares.
 
     Parameters
     ----------
     x : ndarray, shape (n,)
-        Position, from the moment on at which the reference began.
+        Position, beginning when the reference began.
     cursor : Cursor
     fs : float
         Hz.

@@ -1,4 +1,4 @@
-"""What is asked after a trial, and which answers there are."""
+"""The questions that follow a trial, and their possible answers."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
 KINDS = ("choice", "rating", "ranking", "places")
 NONE = "n"
-"""Typed where there are no places: Enter alone may be a slip."""
+"""Key for "no places", because Enter alone may be a slip."""
 
 
 @public
 @dc.dataclass(frozen=True)
 class Question:
-    """One question; made by `choice`, `rating`, `ranking` or `places`.
+    """A question; made by `choice`, `rating`, `ranking` or `places`.
 
     Attributes
     ----------
@@ -30,7 +30,8 @@ class Question:
     kind : str
         One of choice, rating, ranking, places.
     choices : tuple of str
-        The choices; the two ends of a rating; what is put in order; empty for places.
+        The choices, the two ends of a rating, or the names to put in order; empty for
+        places.
     keys : tuple of str
         A key for each choice.
     most : int
@@ -69,15 +70,15 @@ class Question:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 
     def answer(self, text: str) -> Any:
-        """Return the answer for a key or a typed text.
+        """Return the answer that a key or a typed text stands for.
 
-        It is the key of a choice, a number, words in order, or places as ``x y; x y``,
-        ``n`` for none.
+        The text is the key of a choice, a number, words in order, or places as ``x y; x
+        y``, with ``n`` for none.
 
         Raises
         ------
         BadValue
-            It answers nothing; the message says what would.
+            The text is not an answer; the message lists valid ones.
 
         Examples
         --------
@@ -104,7 +105,7 @@ class Question:
         return value
 
     def guess(self, rng: np.random.Generator) -> Any:
-        """Return a random answer, whatever was presented.
+        """Return a random answer that ignores the stimulus.
 
         Examples
         --------
@@ -128,21 +129,21 @@ def _place(v: Any) -> bool:
 
 @public
 def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
-    """Make a question with several words to choose from.
+    """Make a question with several answers to choose from.
 
     Parameters
     ----------
     name, text : str
     *choices : str
-        Two at least.
+        At least two.
     keys : str
         A letter or digit for each choice; by default 1, 2, ..
 
     Raises
     ------
     BadValue
-        Fewer than two choices, one twice, or keys that are not one for each; a blank is
-        no key.
+        Fewer than two choices, a repeated choice, or keys that do not match the choices
+        one to one; a blank cannot be a key.
 
     Examples
     --------
@@ -167,7 +168,7 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
 
 @public
 def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question:
-    """Make a question for a number from 1 (low) to most (high).
+    """Make a question that asks for a number from 1 (low) to ``most`` (high).
 
     An example is an adjective pair of the touch-screen thesis, section 4.3.
 
@@ -185,7 +186,7 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
 
 @public
 def ranking(name: str, text: str, *items: str) -> Question:
-    """Make a question that puts names in order; the first is the most.
+    """Make a question that asks to put names in order, beginning with the most.
 
     Examples
     --------
@@ -201,9 +202,9 @@ def ranking(name: str, text: str, *items: str) -> Question:
 
 @public
 def places(name: str, text: str, most: int) -> Question:
-    """Make a question for positions at which something was felt.
+    """Make a question that asks for the positions where something was felt.
 
-    There are at most so many, in the units of the scene's inputs.
+    At most ``most`` positions are allowed, in the units of the scene's inputs.
 
     Examples
     --------

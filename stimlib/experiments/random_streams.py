@@ -1,6 +1,6 @@
-"""Random numbers by purpose: a stream for each key of words.
+"""Random numbers by purpose, with an independent stream for each key of words.
 
-One more condition changes no other draw.
+Adding a condition does not change any other random draw.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
     Parameters
     ----------
     seed : int
-        Of the session, 0 to 2**64 - 1.
+        Seed of the session, 0 to 2**64 - 1.
     *words : str or int
-        What they are for, such as ``"order", "noise", 12``.
+        The purpose, such as ``"order", "noise", 12``.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
     Raises
     ------
     BadValue
-        A seed that is none.
+        The seed is invalid.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def stream(seed: int, *words: str | int) -> np.random.Generator:
 
 @public
 def seed_of(seed: int, *words: str | int) -> int:
-    """Return a seed of 53 bits for one purpose, such as the noise of a trial.
+    """Return a 53-bit seed for one purpose, such as the noise of a trial.
 
     Parameters are as for `stream`.
 

@@ -1,4 +1,4 @@
-"""Reading sessions: answers, checked line by line, and blinded conditions."""
+"""Reading of session logs, with every line checked and conditions blinded."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ LINE = {
 
 @public
 def blinded(seed: int, name: str) -> str:
-    """Return what an experimenter sees instead of a condition.
+    """Return the blinded name that an experimenter sees instead of a condition.
 
-    It is a letter and digits that differ from session to session.
+    The name is a letter with digits and differs from session to session.
 
     Examples
     --------
@@ -68,9 +68,9 @@ def folder_of(
     Raises
     ------
     BadValue
-        A participant that is no code of letters and digits, such as P07: names of
-        people do not belong into data; a session below 1; an experiment's name that is
-        no name of a folder.
+        A participant that is not a code of letters and digits such as P07 (names of
+        people do not belong in data), a session below 1, or an experiment name that
+        cannot name a folder.
     """
     if not re.fullmatch(r"[A-Za-z]{1,4}[0-9]{1,6}", participant):
         raise BadValue(
@@ -88,7 +88,7 @@ def folder_of(
 
 
 def sealed(before: str, body: Mapping[str, Any]) -> tuple[str, str]:
-    """Return a line, and the SHA-256 of it and all before."""
+    """Return a log line, and the SHA-256 of this line and all lines before."""
     text = json.dumps(body, allow_nan=False, sort_keys=True)
     chain = hashlib.sha256((before + text).encode()).hexdigest()
     return f'{text[:-1]}, "chain": "{chain}"}}', chain
@@ -105,9 +105,9 @@ class Saved:
         session.json.
     records : list of Record
     size : int
-        Bytes of whole lines.
+        Number of bytes in complete lines.
     chain : str
-        The last line's.
+        The SHA-256 of the last line.
     """
 
     folder: Path
@@ -118,7 +118,7 @@ class Saved:
 
     @property
     def data(self) -> list[Record]:
-        """The trials that count: those that are not for training."""
+        """Trials that count for the analysis, without training trials."""
         return [r for r in self.records if not r.trial.training]
 
 
@@ -139,10 +139,10 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     Raises
     ------
     SinkError
-        No session; a line that was edited, is missing or is damaged: file and line are
-        named; lines that are missing at the end: their trials are named.
+        There is no session; a line was edited, is missing or is damaged (file and line
+        are named); or lines are missing at the end (their trials are named).
     BadValue
-        A pilot where data are wanted, or data where a pilot is.
+        The session is a pilot but data are wanted, or the reverse.
     """
     folder = Path(folder)
     if not os.path.lexists(folder / "session.json"):
@@ -175,9 +175,9 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
 
 
 def _answered(folder: Path) -> int:
-    """Return how many trials were answered at least.
+    """Return the minimum number of trials that must have been answered.
 
-    The file ``answered`` and the logs of what was displayed say so.
+    It is derived from the file ``answered`` and the logs of presentations.
     """
     logs = [re.match(r"trial-(\d{4,9})-", p.name) for p in folder.glob("trial-*.stimlog")]
     # the last may have no answer
@@ -193,7 +193,7 @@ def _answered(folder: Path) -> int:
 
 
 def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]:
-    """Return records, bytes of whole lines, and the last seal."""
+    """Return the records, the size in bytes of complete lines, and the last hash."""
     records: list[Record] = []
     size = 0
     data = safe_files.read(path, "events_bytes") if os.path.lexists(path) else b""
@@ -220,9 +220,9 @@ def _lines(path: Path, chain: str, pilot: bool) -> tuple[list[Record], int, str]
 
 @public
 def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False) -> list[Saved]:
-    """Read all sessions of an experiment, data or pilots.
+    """Read all sessions of an experiment, either data or pilots.
 
-    They are in the order of their folders' names.
+    Sessions are sorted by folder name.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
     Raises
     ------
     SinkError, BadValue
-        As `read`; sessions of different definitions; a folder that has another
+        As `read`; sessions with different definitions; or a folder with another
         session's name, such as a copy.
     """
     folders = sorted(p.parent for p in (Path(data) / experiment).glob("*/session.json"))
@@ -258,16 +258,16 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
 def status(saved: Saved) -> dict[str, Any]:
     """Return a session's progress with conditions blinded.
 
-    It is how far it is, with its conditions blinded.
+    An experimenter can read it during the experiment without learning the conditions.
 
     Returns
     -------
     dict
         ``participant``, ``session``, ``pilot``, ``trials``, ``training``,
         ``conditions`` (trials by blinded name), ``replays``, ``unanswered`` (logs of
-        presentations to which no answer came, as the device failed or the session was
-        left), ``shared`` (trials whose intervals have a shared time, as older sessions
-        have it: see `stimlib.experiments.trial.Record.time`), ``lost`` samples,
+        presentations without an answer, because the device failed or the session was
+        interrupted), ``shared`` (trials whose intervals share one time axis, as in
+        older sessions: see `stimlib.experiments.trial.Record.time`), ``lost`` samples,
         ``limited`` samples, ``last`` (date and time).
     """
     counts: dict[str, int] = {}
@@ -294,23 +294,22 @@ def status(saved: Saved) -> dict[str, Any]:
 
 @public
 def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[Any]]:
-    """Return the trials that count as columns, for an analysis or pandas.
+    """Return the non-training trials as columns, for an analysis or pandas.
 
-    Those of `simulate` are like them.
+    `simulate` returns columns of the same form.
 
     Parameters
     ----------
     found : sequence of Saved
     training : bool
-        Also the trials for training: the column ``training`` tells them apart.
+        Whether to include training trials, which the column ``training`` identifies.
 
     Returns
     -------
     dict of str to list
         ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``,
         ``chance`` (of the task), ``outcome``, ``seconds``, ``replays``, ``training``,
-        and each question that was asked by its name; None where a trial has not asked
-        it.
+        and each question under its name; None for a trial without that question.
     """
     rows = [(s, r) for s in found for r in (s.records if training else s.data)]
     questions = list(dict.fromkeys(q for _, r in rows for q in r.trial.questions))
@@ -330,7 +329,7 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
 
 
 def csv_of(table: Mapping[str, Sequence[Any]]) -> str:
-    """Return columns as CSV text, their names first.
+    """Return columns as CSV text, with a header of their names.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The page of an experiment: one file without code, complete in itself."""
+"""The report page of an experiment: a self-contained file without scripts."""
 
 from __future__ import annotations
 
@@ -56,38 +56,38 @@ def write_report(
     notes: Sequence[str] = (),
     unit: str = "",
 ) -> None:
-    """Write one self-contained page with method, curves, tracks and tables.
+    """Write a self-contained page with method, curves, tracks and tables.
 
-    The tracks are those of staircases. The same answers give the same bytes.
+    The tracks show the levels of staircases. The same answers give the same bytes.
 
     Parameters
     ----------
     path : path
     title : str
     method : str
-        How the data were taken and analysed, as a paper says it; paragraphs are parted
-        by an empty line.
+        How the data were collected and analysed, as in a paper; an empty line separates
+        paragraphs.
     columns : dict of str to sequence
         All answers: ``participant``, ``condition``, ``level``, ``outcome``, ``track``,
         ``number``.
     fits : dict, optional
-        Of `stimlib.experiments.tables.fitted`, over the same ``by``.
+        Result of `stimlib.experiments.tables.fitted` for the same ``by``.
     by : sequence of str
-        What the keys of the fits are.
+        Columns that the keys of the fits refer to.
     tables : dict of str to results, optional
         By title: sequences of dataclasses, such as those of
         `stimlib.experiments.compare`.
     notes : sequence of str
-        What a reader should know: what does not add up, what was left out.
+        Remarks for the reader, such as discrepancies and omissions.
     unit : str
-        Of the level.
+        Unit of the level.
 
     Raises
     ------
     SinkError
         The file cannot be written.
     UnknownName
-        A column is missing, or the answers to a fit.
+        A column is missing, or a fit has no answers.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def _q(text: object) -> str:
 
 
 def _label(text: str) -> str:
-    """Return a label of a picture, where $ would begin a formula."""
+    """Return a text as a plot label, with $ escaped."""
     return shown(text).replace("$", r"\$")
 
 
@@ -192,7 +192,7 @@ def _fits(
 ) -> list[dict[str, Any]]:
     """Return a row for each fit.
 
-    A JND of a logarithmic axis is a part of the PSE, and has no unit.
+    On a logarithmic axis, the JND is a fraction of the PSE and has no unit.
     """
     what = " or ".join(dict.fromkeys(fit.name for fit in fits.values()))
     in_unit = f" / {unit}" if unit else ""
@@ -236,7 +236,7 @@ def _axes(figure: Any, n: int) -> Any:
 
 
 def _curves(figure: Any, fits: Mapping[tuple, Fit], label: str) -> None:
-    """Draw each fit, with its answers and the interval of its middle."""
+    """Draw each fit with its answers and the confidence interval of its midpoint."""
     for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
         fit.draw(ax)
         ax.set_title(
@@ -267,7 +267,7 @@ def _residuals(figure: Any, fits: Mapping[tuple, Fit], answers: Mapping[tuple, C
 
 
 def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
-    """Return the levels over trials, a line for each staircase."""
+    """Draw the levels over trials, with a line for each staircase."""
     for ax, (key, rows) in zip(_axes(figure, len(tracks)), tracks.items(), strict=True):
         for one in grouped(rows, ("track",)).values():
             ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7)

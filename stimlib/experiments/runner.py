@@ -1,8 +1,7 @@
-"""The session loop: presents each trial, asks about it, and records the answer.
+"""The session loop, which presents trials, asks questions and records answers.
 
-A front end talks to the participant.
-
-The front end is the only part that knows a keyboard, a page or a simulated observer.
+A front end communicates with the participant. It is the only part that deals with a
+keyboard, a page or a simulated observer.
 """
 
 from __future__ import annotations
@@ -23,30 +22,31 @@ from .session import Session
 from .trial import Answer, Observer, Record, Stimulus, Trial, answered
 
 Display = Callable[[Trial, Path], dict[str, Any]]
-"""Displays a trial, with a folder for the log; what came out. Where that says
-``missed``, the participant was not there for all of it, and it is displayed once more;
-both are kept."""
+"""Function that displays a trial, with a folder for the log, and returns its record. If
+the record says ``missed``, the participant was not present throughout, and the trial is
+displayed again; both records are kept.
+"""
 
 
 class FrontEnd(Protocol):
-    """The part of a session that a participant sees and uses."""
+    """The part of a session that a participant sees and operates."""
 
     def tell(self, text: str) -> None:
-        """Show a text."""
+        """Show a text to the participant."""
 
     def rest(self, seconds: float) -> None:
-        """Wait for the seconds of a rest; it cannot be shortened."""
+        """Wait for a rest of some seconds, which the participant cannot shorten."""
 
     def ready(self, text: str) -> None:
         """Wait until the participant wants to continue."""
 
     def pick(self, names: list[str]) -> str | None:
-        """Return a stimulus to get familiar with, or None to begin."""
+        """Return a stimulus to explore before the session, or None to begin."""
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
-        """Return the answer, or None to repeat the stimuli.
+        """Return the answer to a question, or None to repeat the stimuli.
 
-        That is possible where replays are left.
+        The stimuli can be repeated as long as replays are left.
         """
 
 
@@ -62,8 +62,8 @@ def run(
         Opened by ``with``.
     front_end : FrontEnd
     sink : str or callable
-        Name of a sink, see `stimlib.experiments.presentation.SINKS`, or what displays a
-        trial itself: ``sink(trial, folder) -> dict``.
+        Name of a sink, see `stimlib.experiments.presentation.SINKS`, or a function that
+        displays a trial itself: ``sink(trial, folder) -> dict``.
     **options
         More for the sink.
 
@@ -120,9 +120,9 @@ def _familiarise(
     front_end: FrontEnd,
     show: Callable[[Trial, str], list[dict[str, Any]]],
 ) -> None:
-    """Show stimuli at will, before the first trial and after a resume.
+    """Let the participant explore stimuli before the first trial and after a resume.
 
-    Nothing of it counts.
+    These presentations do not count as trials.
     """
     familiar = session.experiment.familiar(session.participant, session.session)
     for n in count():
@@ -142,9 +142,9 @@ def _one(
     front_end: FrontEnd,
     show: Callable[[Trial, str], list[dict[str, Any]]],
 ) -> Record:
-    """Run a trial: display it, ask about it, and write it.
+    """Run one trial: display it, ask the questions and write the record.
 
-    It is displayed once more where that is wanted and allowed.
+    The trial is displayed again if the participant requests an allowed replay.
     """
     name_of_log = f"trial-{session.number:04}"
     shown, replays = show(trial, name_of_log), 0
@@ -164,7 +164,7 @@ def _one(
 
 @public
 class Simulated:
-    """The front end of a simulated observer, who needs no rest.
+    """The front end of a simulated observer, which needs no rest.
 
     See `stimlib.experiments.trial.Observer`.
 
@@ -173,24 +173,24 @@ class Simulated:
     session : Session
     observer : callable
         ``observer(trial, rng) -> Answer``; its draws for a trial depend on the
-        session's seed and the trial's number alone, so that a session that was resumed
-        goes on as it would have.
+        session's seed and the trial's number alone, so that a resumed session continues
+        as it would have without the interruption.
     """
 
     def __init__(self, session: Session, observer: Observer):
         self._session, self._observer = session, observer
 
     def tell(self, text: str) -> None:
-        """Ignore the text."""
+        """Ignore a text."""
 
     def rest(self, seconds: float) -> None:
-        """Continue at once."""
+        """Skip a rest."""
 
     def ready(self, text: str) -> None:
         """Continue at once."""
 
     def pick(self, names: list[str]) -> str | None:
-        """Begin at once: all stimuli are known."""
+        """Begin at once, because a simulated observer knows all stimuli."""
         return None
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:

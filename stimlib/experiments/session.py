@@ -1,26 +1,26 @@
-"""The log of a session: one line a trial, on the disk before the next stimulus.
+"""The log of a session: one line per trial, on disk before the next stimulus.
 
-Reading it gives the state again.
+Reading the log restores the state of the session.
 
 A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the name if it
-is none of the data:
+is a pilot:
 
 ``session.json``
     experiment, participant, number of the session, seed, versions; written once
 ``trials.jsonl``
-    one JSON object a trial: the trial as asked for, the answer, what was displayed, and
-    a SHA-256 over this line and all before
+    one JSON object a trial: the trial as requested, the answer, what was displayed, and
+    a SHA-256 over this line and all lines before
 ``answered``
-    how many lines ``trials.jsonl`` has at least: one that lost lines at its end is
-    refused
+    the minimum number of lines in ``trials.jsonl``, so that lines lost at its end are
+    detected
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.log_replay`
 ``spare``
-    while the session is open: room for one answer more on a disk that gets full; a
-    trial begins where its log has room, too
+    while the session is open: reserved space for one more answer on a full disk; a
+    trial begins only if there is room for its log, too
 
-A trial counts when its answer is written. Whatever else a killed process leaves is
-dropped, and that trial comes once more.
+A trial counts when its answer is written. Anything else that a killed process leaves is
+dropped, and that trial is presented again.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ LOG = 1 << 20  # bytes of a trial's log beside its samples: the scene, with maps
 
 @public
 class Session:
-    """A participant's running session: the next trial, and the answers so far.
+    """A participant's running session, with its next trial and the answers so far.
 
     Parameters
     ----------
@@ -61,16 +61,16 @@ class Session:
     session : int
         From 1 on.
     pilot : bool
-        None of the data: its folder is called PILOT-.., each of its lines says so, and
-        `read` refuses it.
+        Whether the session is a pilot: its folder is called PILOT-.., each line is
+        marked as a pilot, and `read` rejects it as data.
     resume : bool
-        Go on with a session that was left; otherwise there must be none.
+        Whether to continue an interrupted session; otherwise none may exist.
 
     Raises
     ------
     BadValue
-        No code; a session that is there already, or is not; a log of another
-        experiment, version or definition.
+        An invalid participant code; a session that already exists, or does not exist;
+        or a log of another experiment, version or definition.
     SinkError
         Another process has this session; a log that was edited or is damaged; the
         folder cannot be written.
@@ -170,7 +170,7 @@ class Session:
         }
 
     def _same(self, saved: Saved) -> None:
-        """Raise unless the log is of this experiment, as it is defined now."""
+        """Raise an error unless the log matches the current definition."""
         told, mine = saved.header, json.loads(json.dumps(self._header()))
         wrong = [k for k in ("participant", "session", "pilot", "seed") if told[k] != mine[k]]
         a, b = told["experiment"], mine["experiment"]
@@ -195,7 +195,7 @@ class Session:
     # What a runner does ---------------------------------------------------------------
     @property
     def number(self) -> int:
-        """Number of the next trial, from 1 on."""
+        """Number of the next trial, starting at 1."""
         return len(self.records) + 1
 
     def due(self) -> Trial | None:
@@ -204,7 +204,7 @@ class Session:
         Raises
         ------
         BadValue, UnknownName
-            A trial that the experiment does not allow, such as beyond its bounds.
+            A trial that the experiment does not allow, such as one outside the bounds.
         SinkError
             The disk has no room for its answer, or for the log of what is displayed; or
             as `put`.
@@ -217,9 +217,9 @@ class Session:
         return trial
 
     def ahead(self) -> Iterator[Trial]:
-        """Return trials that may come, and the stimuli to get familiar with.
+        """Return possible future trials, and the stimuli for familiarisation.
 
-        The trials are those that somebody who guesses would get.
+        The trials are those that a guessing participant would get.
         """
 
         def guess(trial: Trial, rng: np.random.Generator) -> Answer:
@@ -237,7 +237,7 @@ class Session:
     def rest(self, trial: Trial) -> float:
         """Return the remaining seconds of a rest.
 
-        A session that was left meanwhile counts too.
+        Time during which the session was interrupted counts as rest.
         """
         wanted = max(trial.pause, self.experiment.timing.pause)
         if not self.records or wanted <= 0:
@@ -253,11 +253,12 @@ class Session:
         Raises
         ------
         BadValue
-            A question that is not answered, or with no answer of its kind; an answer or
-            what was displayed is no JSON data; nothing is written then.
+            A question has no answer or an invalid one, or an answer or display record
+            is not JSON data; nothing is written.
         SinkError
-            It cannot be written; another program replaced or changed ``trials.jsonl``;
-            or this is a copy of the process (``os.fork``) that opened the session.
+            The answer cannot be written; another program replaced or changed
+            ``trials.jsonl``; or this process is a fork (``os.fork``) of the one that
+            opened the session.
         """
         self._check_kept()
         trial = self.design.next(self.state)
@@ -277,13 +278,14 @@ class Session:
         return record
 
     def blind(self, trial: Trial) -> str:
-        """Return the part of a trial's condition that may be shown."""
+        """Return the blinded name of a trial's condition."""
         return blinded(self.seed, trial.condition)
 
     def _check_kept(self) -> None:
-        """Raise SinkError where an answer would not be kept.
+        """Raise SinkError if an answer would be lost.
 
-        That is so in a fork, or in a file that others replaced or changed.
+        This happens in a forked process, or if another program replaced or changed the
+        file.
         """
         if self._process not in (os.getpid(), -1):
             raise SinkError(
@@ -306,7 +308,7 @@ class Session:
 
     # The disk -------------------------------------------------------------------------
     def _make_room(self, trial: Trial) -> None:
-        """Keep a spare file for the answer, and free space for the log."""
+        """Reserve disk space for the next answer and for the log of the trial."""
         spare = self.folder / "spare"
         then = "so no stimulus is displayed: free some space, and resume the session"
         if not spare.is_file():
@@ -324,9 +326,9 @@ class Session:
             )
 
     def _log_bytes(self, trial: Trial) -> int:
-        """Return the most that a presentation's log takes.
+        """Return the largest possible size of a presentation's log in bytes.
 
-        It is its motion as float64, what was delivered as float32, and the rest.
+        It covers the motion as float64, the delivered samples as float32, and the rest.
         """
         e, t = self.experiment, self.experiment.timing
         seconds = t.before + len(trial.stimuli) * (t.interval + t.gap) + 1.0  # with the fades
@@ -363,7 +365,7 @@ class Session:
             safe_files.publish(self.folder / "answered", f"{record.number}\n")
 
     def _write(self, data: bytes) -> None:
-        """Write all of a text to the disk, or nothing."""
+        """Write data to the disk completely, or leave the file unchanged."""
         try:
             done = 0
             while done < len(data):

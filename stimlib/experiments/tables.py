@@ -1,4 +1,4 @@
-"""Answers as columns, grouped and fitted; results as tables."""
+"""Answers as columns, grouped and fitted, and results as tables."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from ..system.packages import package
 from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
-"""A row for each trial, as `stimlib.experiments.observers.simulate` gives them; a
-DataFrame is one, too.
+"""Columns with a row for each trial, as `stimlib.experiments.observers.simulate`
+returns them; a DataFrame is accepted, too.
 """
 
 
@@ -23,7 +23,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     Parameters
     ----------
     columns : dict of str to sequence
-        Of one length.
+        All of the same length.
     by : sequence of str
         Columns whose values make a group.
 
@@ -32,7 +32,7 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     UnknownName
         No such column.
     BadValue
-        Columns of different lengths; ``by`` that is one text.
+        The columns have different lengths, or ``by`` is a single text.
 
     Examples
     --------
@@ -102,9 +102,9 @@ def plain(
     Parameters
     ----------
     rows : iterable of dataclass, or dict of key to dataclass
-        Keys become columns of their own.
+        Keys become separate columns.
     names : sequence of str
-        Of those columns.
+        Names of those columns.
 
     Examples
     --------
@@ -155,8 +155,8 @@ def to_pandas(rows: Iterable[Any] | Mapping[Any, Any], names: Sequence[str] = ()
     Raises
     ------
     MissingPackage
-        pandas is not installed: ``pip install 'stimlib[experiments]'``; `plain` needs
-        it not.
+        pandas is not installed: ``pip install 'stimlib[experiments]'``; `plain` does
+        not need it.
 
     Examples
     --------

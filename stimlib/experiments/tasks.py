@@ -1,7 +1,7 @@
-"""Tasks: how a level becomes a trial, and what its answers count for.
+"""Tasks: how a level becomes a trial, and how its answers are scored.
 
 A task is a value with ``trial(level, seed, n)``; ``n`` counts the trials of its design.
-What is drawn has a stream of its own for each purpose, condition and trial.
+Each purpose, condition and trial has an independent random stream.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .trial import Stimulus, Trial
 
 @runtime_checkable
 class Task(Protocol):
-    """A maker of trials of one condition."""
+    """A maker of trials for one condition."""
 
     @property
     def condition(self) -> str:
@@ -30,9 +30,9 @@ class Task(Protocol):
 @public
 @dc.dataclass(frozen=True)
 class TwoInterval:
-    """Sequential two-alternative forced choice (2IFC): standard and comparison.
+    """Sequential two-alternative forced choice (2IFC) of standard and comparison.
 
-    Their order is random (the UGrip paper, section 2.2).
+    The order of the two is random (the UGrip paper, section 2.2).
 
     Parameters
     ----------
@@ -41,16 +41,16 @@ class TwoInterval:
         Name of a question with two choices, the first and the second interval.
     standard, comparison : Stimulus
     varies : str
-        Parameter of the comparison that is the level.
+        Parameter of the comparison that the level sets.
     choices : (str, str)
-        Of the question: what says the first, what the second interval.
+        Choices of the question for the first and for the second interval.
     asks_less : bool
-        Whether the question asks which has less of what the level raises, such as
-        "softer" of a stiffness.
+        Whether the question asks for less of the quantity that the level raises, such
+        as "softer" when the level is a stiffness.
     detection : bool, optional
-        Whether the standard is no stimulus at all, so that chance level is 0.5.  By
-        default it is where ``standard`` sets ``varies`` to 0; say True where the
-        standard is a scene of its own.
+        Whether the standard is the absence of a stimulus, so that the chance level is
+        0.5.  By default this is so if ``standard`` sets ``varies`` to 0; pass True if
+        the standard is a separate scene.
 
     Raises
     ------
@@ -59,9 +59,9 @@ class TwoInterval:
 
     Notes
     -----
-    The score of an answer is 1 where it says that the comparison has more.  Each trial
-    says its chance level, and `stimlib.experiments.fits.psychometric` and
-    `stimlib.experiments.quest.Quest` take it from there.
+    The score of an answer is 1 if it says that the comparison has more.  Each trial
+    states its chance level, which `stimlib.experiments.fits.psychometric` and
+    `stimlib.experiments.quest.Quest` use.
 
     Examples
     --------
@@ -102,14 +102,14 @@ class TwoInterval:
 
     @property
     def chance(self) -> float | None:
-        """Chance level of a detection, 0.5; None of a comparison."""
+        """Chance level: 0.5 for a detection, None for a comparison."""
         silent = self.standard.params.get(self.varies) == 0
         return 0.5 if (silent if self.detection is None else self.detection) else None
 
     def trial(self, level: float, seed: int, n: int) -> Trial:
-        """Return both stimuli, and the score of each choice.
+        """Return the trial with both stimuli and the score of each choice.
 
-        Each has noise of its own.
+        Each stimulus has its own noise.
         """
         comparison = dc.replace(
             self.comparison,
@@ -151,8 +151,8 @@ class OneInterval:
     question : str
         Name of a question whose choices are the names of the stimuli.
     stimuli : dict of str to Stimulus
-        Two, by the choice that is right; the first is the signal, whose choice counts
-        1.
+        Two stimuli under the choice that is right for each; the first is the signal,
+        whose choice scores 1.
 
     Raises
     ------
@@ -181,7 +181,7 @@ class OneInterval:
             )
 
     def trial(self, level: str, seed: int, n: int) -> Trial:
-        """Return the stimulus of this name; its level is 1 for the signal, else 0."""
+        """Return the trial with a named stimulus; level 1 means signal, 0 not."""
         if level not in self.stimuli:
             raise UnknownName(
                 f"OneInterval {self.condition!r}: no stimulus {level!r}; there are"
@@ -204,10 +204,10 @@ class OneInterval:
 @public
 @dc.dataclass(frozen=True)
 class Rate:
-    """A stimulus and questions about it.
+    """A task that presents one stimulus and asks questions about it.
 
-    Examples are ratings (the touch-screen thesis), nodules to find and to rank (Li et
-    al. 2016).
+    Examples are ratings (the touch-screen thesis), and finding and ranking nodules (Li
+    et al. 2016).
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ class Rate:
     questions : tuple of str
     stimulus : Stimulus
     correct : dict of str to JSON data
-        The right answers by question, where there are any.
+        The right answer to each question, if there is one.
 
     Examples
     --------
@@ -232,6 +232,6 @@ class Rate:
     correct: Mapping[str, Any] = dc.field(default_factory=dict)
 
     def trial(self, level: Any, seed: int, n: int) -> Trial:
-        """Return the stimulus with its own noise."""
+        """Return the trial, whose stimulus has its own noise."""
         shown = dc.replace(self.stimulus, seed=seed_of(seed, "noise", self.condition, n))
         return Trial(self.condition, (shown,), self.questions, correct=self.correct)

@@ -1,16 +1,16 @@
-"""Trials as plain data: stimuli in their order, what is asked, what was answered.
+"""Trials as plain data: stimuli in their order, questions and answers.
 
-A *design* decides what comes next.  It is a value with three pure functions over plain
-JSON data, so that the answers in a log, put through ``update`` one after the other,
-give the state in which a session was left:
+A *design* decides which trial comes next.  It has three pure functions over plain JSON
+data, so that passing the answers in a log through ``update``, one after the other,
+restores the state in which a session was left:
 
 ``init(seed) -> State``
-    the state before the first trial; everything that is drawn is drawn from
+    the state before the first trial; all random numbers are drawn from
     `stimlib.experiments.random_streams.stream`
 ``next(state) -> Trial or None``
     the trial that is due, None at the end
 ``update(state, answer) -> State``
-    the state after that trial was answered; the state that was given stays as it is
+    the state after that trial was answered; the given state is not changed
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..errors import BadValue, public
 from .user_code import called
 
 State = dict[str, Any]
-"""Of a design: JSON data."""
+"""State of a design, as JSON data."""
 
 
 @public
@@ -40,10 +40,10 @@ class Stimulus:
     params : dict of str to float
         Parameters that differ from the scene's.
     seed : int
-        Key of its noise in its interval: stimuli of one seed have the same noise, those
-        of different seeds independent ones.
+        Seed of its noise: stimuli with the same seed have the same noise, and different
+        seeds give independent noise.
     name : str
-        What it is called in the analysis, such as "standard"; nobody sees it during the
+        Its name in the analysis, such as "standard"; it is not shown during the
         session.
     """
 
@@ -64,10 +64,10 @@ class Answer:
         By the name of the question: one of its choices, a rating, a ranking (list of
         names), places (list of [x, y]).
     seconds : float, optional
-        From the first question on, which is asked some tenths of a second after the end
-        of the last stimulus.
+        Time since the first question, which is asked some tenths of a second after the
+        last stimulus ends.
     replays : int
-        How often the stimuli were asked for again.
+        Number of replays.
     """
 
     values: Mapping[str, Any]
@@ -75,7 +75,7 @@ class Answer:
     replays: int = 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON data; ``Answer(**data)`` makes it again."""
+        """Return the answer as plain JSON data; ``Answer(**data)`` restores it."""
         return dc.asdict(self)
 
 
@@ -93,24 +93,24 @@ class Trial:
     questions : tuple of str
         Names in ``Experiment.questions``.
     level : float, optional
-        What was varied, after the bounds.
+        The varied value, after limiting to the bounds.
     wanted : float, optional
-        The level that the design asked for, before the bounds.
+        The level that the design requested, before limiting to the bounds.
     track : str
         The staircase that this trial belongs to, if there are several.
     scores : dict of str to float
-        What each choice of the first question counts for: 1 for "the comparison is
-        more", or for "yes, it was the signal".
+        Score of each choice of the first question: 1 for "the comparison is more", or
+        for "yes, it was the signal".
     correct : dict of str to JSON data
-        The right answers by question, where there are any: for feedback.
+        The right answer to each question, if there is one, for feedback.
     training : bool
-        To be discarded by the analysis.
+        Whether the analysis ignores the trial.
     pause : float
-        Seconds of rest that are due before this trial; they cannot be cut short.
+        Seconds of rest before this trial, which cannot be shortened.
     chance : float, optional
-        Chance level: how often the outcome is 1 where the stimulus cannot be felt, 1/m
-        where the right one of m intervals is to be found, 0 for yes or no.  None: a
-        comparison, whose curve is symmetric.  Fits take it from here.
+        Chance level: the probability of outcome 1 if the stimulus cannot be felt; 1/m
+        if the right one of m intervals must be found, 0 for yes or no.  None for a
+        comparison, whose curve is symmetric.  Fits use this value.
 
     Examples
     --------
@@ -144,7 +144,7 @@ class Trial:
     chance: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON data."""
+        """Return the trial as plain JSON data."""
         return dc.asdict(self) | {
             "stimuli": [dc.asdict(s) for s in self.stimuli],
             "questions": list(self.questions),
@@ -159,19 +159,19 @@ class Trial:
 
 @dc.dataclass(frozen=True)
 class Record:
-    """A trial that was answered: one line of a session's log.
+    """An answered trial, which is one line of a session's log.
 
-    Analyses are made from these.
+    Analyses are based on these records.
 
     Attributes
     ----------
     number : int
         From 1 on.
     trial : Trial
-        As it was asked for.
+        The trial as requested.
     answer : Answer
     displayed : list of dict
-        What came out, each time that it was displayed: see
+        What was delivered at each presentation; see
         `stimlib.experiments.presentation.present`.
     ended : str
         Date and time of the answer, ISO 8601, UTC.
@@ -185,18 +185,19 @@ class Record:
 
     @property
     def time(self) -> str:
-        """How the intervals of the last presentation were made.
+        """Time axis of the intervals in the last presentation.
 
-        "own": each is a rendering of its stimulus alone. "shared", as older sessions
-        have it: all are windows on one run, whose time, states and noise begin with the
-        trial. "": it was not displayed by `present`.
+        "own" means that each interval is an independent rendering of its stimulus.
+        "shared" (older sessions) means that all intervals are windows on one run, whose
+        time, states and noise begin with the trial. An empty text means that the trial
+        was not displayed by `present`.
         """
         shown = self.displayed[-1] if self.displayed else {}
         return shown.get("time", "shared" if "intervals" in shown else "")
 
     @property
     def outcome(self) -> Any:
-        """What the answer to the first question counts for; see `outcome`."""
+        """Score of the answer to the first question; see `outcome`."""
         return outcome(self.trial, self.answer)
 
 
@@ -205,31 +206,31 @@ class Design(Protocol):
     """The rule that decides which trial comes next; see the top of this page."""
 
     def init(self, seed: int) -> State:
-        """Return the first state for a seed."""
+        """Return the initial state for a seed."""
 
     def next(self, state: State) -> Trial | None:
-        """Return the trial that is due, or None at the end."""
+        """Return the next trial, or None at the end."""
 
     def update(self, state: State, answer: Answer) -> State:
-        """Return the state after an answer."""
+        """Return the state that follows an answer."""
 
 
 Observer = Callable[[Trial, np.random.Generator], Answer]
-"""Somebody who answers: a simulated one draws from the generator and from nothing
-else.
+"""Function that answers trials; a simulated observer uses no other randomness than the
+generator.
 """
 
 
 @public
 def outcome(trial: Trial, answer: Answer) -> Any:
-    """Return what an answer to the first question counts for.
+    """Return the score of the answer to the first question.
 
-    It is its score where the trial has scores, else the answer itself.
+    If the trial has no scores, it is the answer itself.
 
     Raises
     ------
     BadValue
-        The first question was not answered, or the answer is none of the choices.
+        The first question was not answered, or the answer is not one of the choices.
     """
     name = trial.questions[0]
     if name not in answer.values:
@@ -243,12 +244,13 @@ def outcome(trial: Trial, answer: Answer) -> Any:
 
 
 def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answer:
-    """Return what an observer answers to a trial.
+    """Return an observer's answer to a trial.
 
     Raises
     ------
     BadValue
-        The observer raises, with its line; or it gives something else than an `Answer`.
+        The observer raises an error, whose line is named, or returns something other
+        than an `Answer`.
     """
     answer = called("the observer", observer, trial, rng)
     if not isinstance(answer, Answer):
@@ -269,11 +271,11 @@ def observed(
     ----------
     design : Design
     seed : int
-        Of the session.
+        Seed of the session.
     observer : callable
         ``observer(trial, rng) -> Answer``.
     rng : numpy.random.Generator
-        The observer's own.
+        Random generator of the observer.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""Calls of an experimenter's own code, whose errors are reported as such."""
+"""Calls of an experimenter's own code, with errors reported as such."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ def called(what: str, function: Callable[..., Any], *words: Any) -> Any:
     Parameters
     ----------
     what : str
-        What it is to the experiment, such as ``"the observer"``.
+        The role of the function in the experiment, such as ``"the observer"``.
     function : callable
     *words
-        What it is called with.
+        The arguments of the function.
 
     Raises
     ------
     BadValue
-        It raises: the line in its file is named.
+        The function raises an error; the line in its file is named.
 
     Examples
     --------

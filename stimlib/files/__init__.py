@@ -1,4 +1,4 @@
-"""What is kept: audio files with their sidecars, logs of sessions, sets of files."""
+"""Stored data: sound files with sidecars, logs of sessions, and sets of files."""
 
 import lazy_loader
 

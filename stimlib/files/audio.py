@@ -1,13 +1,13 @@
-"""The file sink: a processor's outputs in an audio file, and back.
+"""The file sink: writes a processor's outputs to a sound file, and reads it back.
 
-Every file NAME has a sidecar NAME.json that says what the samples are, because no audio
-format has room for a unit. Both are complete or absent: they are written beside their
-place and moved there at the end. The bytes of both depend on the signal and on the
-versions in the sidecar only; there are no dates in them.
+Every file NAME has a sidecar NAME.json that describes its samples, because no audio
+format can store a unit. Both are written to temporary names and moved into place
+together at the end, so both are complete or absent. Their bytes depend only on the
+signal and on the versions in the sidecar; they contain no dates.
 
-While a file is written, NAME.part has its samples so far and NAME.part.json says what
-they are. The header of NAME.part is kept up to date, so a run that is killed leaves a
-file that can be read; `recover` makes NAME of it.
+While a file is written, NAME.part contains the samples so far and NAME.part.json
+describes them. The header of NAME.part is kept up to date, so a run that is killed
+leaves a readable file; `recover` turns it into NAME.
 """
 
 from __future__ import annotations
@@ -74,25 +74,25 @@ def write(
 ) -> FileReport:
     """Render a processor along a motion into an audio file with a sidecar.
 
-    The processor goes on from the state it is in; time 0 of the motion is the first
+    The processor continues from its current state; time 0 of the motion is the first
     sample written. The file's samples are value / full_scale: rounded once to float32
-    in FLOAT, as they are in DOUBLE. In PCM_16, PCM_24 and PCM_32 they are the whole
-    numbers rint(value / full_scale * 2**(bits - 1)), half to even, limited to what the
-    bits hold; the samples limited are counted.
+    in FLOAT, and exact in DOUBLE. In PCM_16, PCM_24 and PCM_32 they are the whole
+    numbers rint(value / full_scale * 2**(bits - 1)), half to even, limited to the range
+    of the format; limited samples are counted.
 
-    Memory does not grow with the duration. What was written is read back and compared
-    before it gets its name. If anything fails, or on an interrupt, whatever was at
-    ``path`` before is still there and nothing is left beside it. A run that is killed
-    outright leaves ``path`` + ".part", of which `recover` makes a file; it lacks three
-    seconds of signal at most.
+    Memory use does not grow with the duration. The written data are read back and
+    compared before the file gets its name. After an error or an interrupt, a previous
+    file at ``path`` is still there and no temporary file is left. A run that is killed
+    outright leaves ``path`` + ".part", from which `recover` makes a file; at most the
+    last three seconds of signal are lost.
 
-    The motion is asked for and the processor runs in the thread that calls; hashing,
-    coding and writing go on in others.
+    Motion and processor run in the calling thread; hashing, encoding and writing run in
+    other threads.
 
     Parameters
     ----------
     path : path
-        Where to write; the sidecar is ``path`` + ".json". The suffix says the format:
+        Where to write; the sidecar is ``path`` + ".json". The suffix sets the format:
         .wav (up to 4 GiB), .rf64, .w64, .caf or .flac.
     proc : Processor
         x (n_inputs, n) -> y (n_outputs, n); one channel per output, in the processor's
@@ -104,24 +104,24 @@ def write(
     seconds : float, s
         Duration, rounded to whole samples.
     format : {"wav", "rf64", "w64", "caf", "flac"}, optional
-        Format, if the suffix does not say it.
+        Format, if it differs from the suffix.
     subtype : {"FLOAT", "DOUBLE", "PCM_16", "PCM_24", "PCM_32"}, optional
         FLOAT by default; in FLAC PCM_24 (default) or PCM_16.
     full_scale : float or mapping of output name to float, optional
         Value, in the output's unit, that is 1.0 in the file; 1 in the output's unit by
-        default. One number serves all outputs only if they have the same unit. PCM
-        needs it: it has nothing above full scale.
+        default. A single number is allowed only if all outputs have the same unit. PCM
+        requires a full scale, because it cannot store values above it.
     dither : int, optional
-        Seed of triangular dither of one step, added before PCM is rounded: the error is
-        then a steady noise that does not depend on the signal.  By default none.
+        Seed of triangular dither of one step, added before PCM is rounded, so that the
+        rounding error is stationary noise, independent of the signal.  None by default.
     block : int
-        Samples per call of the processor; no effect on the bytes.
+        Samples per call of the processor; it does not affect the bytes.
     progress : bool or "always"
         A progress bar on stderr: True if that is a terminal, "always" even if not,
         False never.
     overwrite : bool
-        Whether a file that exists may be replaced; a link there is replaced, not
-        followed. If not, a file that comes while this one is written is left alone too.
+        Whether an existing file may be replaced; a link is replaced, not followed. If
+        not, a file that appears during writing is kept as well.
 
     Returns
     -------
@@ -137,19 +137,19 @@ def write(
     UnitError
         One full scale for outputs with different units.
     SinkError
-        The place cannot be written, or is just being written by another run; the disk
-        is full; the format cannot hold the signal; another program changed the file
-        while it was written; a link or a pipe has one of the names NAME.part,
-        NAME.part.json, NAME.new.part and NAME.json.part.
+        The path cannot be written, or another run is writing it; the disk is full; the
+        format cannot hold the signal; another program changed the file during writing;
+        a link or a pipe has one of the names NAME.part, NAME.part.json, NAME.new.part
+        and NAME.json.part.
     FaultError
         The processor reports a fault; no file is written.
 
     Warns
     -----
     RuntimeWarning
-        Samples pass full scale: a float format keeps them, and players and most sound
-        cards clip them; PCM has clipped them. A generator moves faster than a hand, as
-        for ``render``.
+        Samples exceed full scale: a float format keeps them, but players and most sound
+        cards clip them; PCM has clipped them. Or a generator moves faster than a hand,
+        as for ``render``.
 
     Examples
     --------
@@ -209,7 +209,7 @@ def save(
     progress: bool | str = False,
     overwrite: bool = True,
 ) -> FileReport:
-    """Write the samples of a rendering as `write` would have; see ``Rendering.save``.
+    """Write the samples of a rendering as `write` would; see ``Rendering.save``.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def save(
     BadValue, UnitError, SinkError
         As `write`.
     FaultError
-        An output of the rendering was not finite; no file is written.
+        An output of the rendering was NaN or infinite; no file is written.
 
     Examples
     --------
@@ -282,7 +282,7 @@ def _write(
     progress: bool | str,
     overwrite: bool,
 ) -> FileReport:
-    """Check, and write what blocks(checked motion, most samples) gives."""
+    """Check the arguments, then write the samples that ``blocks`` yields."""
     format, subtype = format_of(path, format, subtype)
     check_format(format, subtype, proc.fs, len(proc.outputs), frames)
     sources = sources_of(motion, proc.inputs, frames)
@@ -345,7 +345,7 @@ def _run(
 ) -> tuple[NDArray[np.int64], Array, str]:
     """Write the samples to a temporary file.
 
-    The result has clips and peaks per output, and the hash of the signal.
+    Return clips and peaks per output, and the hash of the signal.
     """
     outputs, fs, first, subtype = proc.outputs, proc.fs, proc.index, info["subtype"]
     done = 0
@@ -385,9 +385,9 @@ def _run(
 
 
 def _beyond(report: FileReport, info: dict[str, Any]) -> str:
-    """Return which outputs pass full scale, what becomes of them, and the remedy.
+    """Return a warning for outputs that exceed full scale, with its remedy.
 
-    It is empty where none does.
+    The text is empty if no output does.
     """
     peaks = {c["name"]: report.peak[c["name"]] for c in info["channels"]}
     passed = [c for c in info["channels"] if peaks[c["name"]] > c["full_scale"]]
@@ -418,7 +418,7 @@ def write_frames(
 ) -> FileReport:
     """Write frames unchanged, such as those that a device was given.
 
-    The rules are those of `write`.
+    The same rules as for `write` apply.
 
     Parameters
     ----------
@@ -427,7 +427,7 @@ def write_frames(
     blocks : iterable of ndarray of float32, shape (n, channels)
     info : dict
         The sidecar, with fs, frames and channels (a list of name, unit, full_scale); it
-        is completed here, as that of a file without a scene.
+        is completed as for a file without a scene.
 
     Returns
     -------
@@ -496,26 +496,24 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
     Returns
     -------
     y : ndarray of float64, shape (n_outputs, frames)
-        The file's samples times full scale, in the units of ``sidecar["channels"]``.
-        With a full scale that is a power of two, DOUBLE gives back every bit of the
-        signal and FLOAT its float32 rounding.
+        The file's samples times full scale, in the units of ``sidecar["channels"]``. If
+        full scale is a power of two, DOUBLE returns every bit of the signal, and FLOAT
+        its float32 rounding.
     sidecar : dict
         stimlib (version), format, subtype, dither (its seed or None), fs (Hz), frames,
-        channels (a list of name, unit, full_scale, clips, peak), seed, params (when the
-        file began), index (samples that the processor had done before), log (what
-        `Processor.set` had changed, the `Change`s), motion, scene, scene_hash,
-        definitions (the files of your own blocks: a record), versions, sha256 (of the
-        signal before it was scaled
-        and rounded: the float64 values in physical units, little-endian, all outputs of
+        channels (a list of name, unit, full_scale, clips, peak), seed, params (at the
+        start of the file), index (samples processed before), log (the `Change`s made by
+        `Processor.set`), motion, scene, scene_hash, definitions (the files of your own
+        blocks: a record), versions, sha256 (of the signal before it was scaled and
+        rounded: the float64 values in physical units, little-endian, all outputs of
         sample 0, then of sample 1, ...) and file_sha256 (of the audio file). With index
-        0, scene, seed, log and motion give the signal again. A file that was recovered
-        also has recovered; see `recover`.
+        0, scene, seed, log and motion reproduce the signal. A recovered file also has
+        recovered; see `recover`.
 
     Raises
     ------
     SinkError
-        When a file is missing, cannot be read, is truncated, or does not belong to its
-        sidecar.
+        A file is missing, cannot be read, is truncated, or does not match its sidecar.
 
     Examples
     --------
@@ -530,7 +528,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
 
 
 class Stored:
-    """A file that `write` wrote, checked, whose samples are read on demand.
+    """A checked file written by `write`, whose samples are read on demand.
 
     Attributes
     ----------
@@ -598,15 +596,15 @@ def _unreadable(path: Path, e: Exception) -> str:
 
 @public
 def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], float]:
-    """Return a sound file as a scene, what drives it, and its sample rate.
+    """Return a sound file as a scene, with its motion and its sample rate.
 
-    The scene passes the file's channels on.
+    The outputs of the scene are the file's channels.
 
     Parameters
     ----------
     path : path
-        A file of `write` is in its physical units; of any other sound file the outputs
-        are channel1, channel2, .., without a unit.
+        A file written by `write` keeps its physical units; for any other sound file the
+        outputs are channel1, channel2, .., without a unit.
 
     Returns
     -------
@@ -618,7 +616,7 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     Raises
     ------
     SinkError
-        As `read`; a file that is no sound, or has samples that are not finite.
+        As `read`; or the file is not a sound file, or has NaN or infinite samples.
     BadValue
         More samples than ``stimlib.limits.render_bytes``.
 
@@ -662,9 +660,9 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
 
 
 def _samples(path: Path, f: Any, scales: Array, first: int, stop: int) -> Array:
-    """Return samples first .. stop - 1 of an open sound in physical units.
+    """Return samples first .. stop - 1 of an open sound file in physical units.
 
-    Their shape is (n_outputs, stop - first).
+    The shape is (n_outputs, stop - first).
     """
     try:
         y = np.empty((len(scales), stop - first))

@@ -1,4 +1,4 @@
-"""Many scenes into many files: the stimuli of an experiment and their order."""
+"""Rendering of stimulus sets: many scenes into many files, with their order."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from . import audio as file
 def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
     """Return a random order of n stimuli for each repetition.
 
-    It is the same on every machine and in every version.
+    The order is the same on every machine and in every version.
 
     Parameters
     ----------
@@ -58,13 +58,13 @@ def render_set(
     workers: int | None = None,
     progress: bool = True,
 ) -> Path:
-    """Render scenes into FOLDER/NAME.wav each, with an index of the presentation.
+    """Render each scene into FOLDER/NAME.wav, with an index of the presentation order.
 
-    It is FOLDER/index.json.
+    The index is FOLDER/index.json.
 
-    Files that are already there and whole, from the same scene, motion, length and
-    seed, are kept: a set that was interrupted is resumed.  Each file appears whole or
-    not at all; the bytes do not depend on the number of workers.
+    Complete files from the same scene, motion, length and seed are kept, so an
+    interrupted set is resumed.  Each file is written atomically; the bytes do not
+    depend on the number of workers.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ def render_set(
     scenes : dict of str to Scene
         By file name without suffix.
     motion : dict of str to motion
-        Of every scene's inputs: generators of ``stimlib.motion.generators``, or float64
-        arrays.
+        Motions of all scenes' inputs: generators of ``stimlib.motion.generators``, or
+        float64 arrays.
     seconds, fs : float
         Length in s, sample rate in Hz.
     seed : int
-        Of all noise, and of the order.
+        Seed of all noise, and of the order.
     repetitions : int
         How often each stimulus is presented.
     suffix : str
@@ -86,14 +86,14 @@ def render_set(
     full_scale : float, optional
         See ``stimlib.files.audio.write``.
     workers : int, optional
-        Processes; by default one for each core.
+        Number of processes; by default one per core.
     progress : bool
         A progress bar on stderr, if that is a terminal.
 
     Returns
     -------
     Path
-        Of the index.
+        Path of the index.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def _is_there(
     seed: int,
     full_scale: float | None,
 ) -> bool:
-    """Return whether a whole file of exactly this job is there already."""
+    """Return whether a complete file of exactly this job exists already."""
     try:
         _, sidecar = file.read(path)
     except SinkError:

@@ -19,15 +19,17 @@ from .partial import TYPES, Draft, comment_of, disk, fill, move, reading, reason
 from .sidecar import BEGUN, FileReport, load, part_of, report_of, sidecar_of, text_of, versions
 
 Put = Callable[[NDArray[Any]], None]
-"""Takes the next samples, shape (n, channels), of the type of the subtype."""
+"""Function that takes the next samples, shape (n, channels), in the subtype's data
+type.
+"""
 Run = Callable[[Put], tuple[NDArray[np.int64], Array, str | None]]
-"""What fills a file: samples clipped and peak of each output, and the hash of the
-signal.
+"""Function that fills a file, and returns clipped samples and peak of each output, and
+the hash of the signal.
 """
 
 
 def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
-    """Raise SinkError where a file or its sidecar cannot be written."""
+    """Raise SinkError if a file or its sidecar cannot be written."""
     if not path.name or os.path.isdir(path):
         raise SinkError(f"{path} is a folder; give the name of a file in it")
     if not os.path.isdir(path.parent):
@@ -44,9 +46,9 @@ def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
 
 
 def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> FileReport:
-    """Let run fill a file, and move it and its sidecar into place, or nothing.
+    """Write a file with ``run``, and move it and its sidecar into place, or neither.
 
-    Meanwhile NAME.part has the samples so far.
+    During writing, NAME.part has the samples so far.
     """
     try:
         with _locked(path) as begun:
@@ -62,7 +64,7 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
 
 
 def _fill(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> None:
-    """Let run fill a file, and move it and its sidecar into place."""
+    """Write a file with ``run``, and move it and its sidecar into place."""
     part, format = part_of(path), info["format"]
     with ExitStack() as stack:
         draft = stack.enter_context(
@@ -92,7 +94,7 @@ def _draft(path: Path, at: Path, info: dict[str, Any], format: str) -> Draft:
 
 
 def _move(draft: Draft, path: Path, info: dict[str, Any], overwrite: bool) -> None:
-    """Move a file and its sidecar into place, when it has been verified."""
+    """Verify a file, then move it and its sidecar into place."""
     sidecar, ready = sidecar_of(path), part_of(sidecar_of(path))
     info["versions"], info["file_sha256"] = versions(), draft.seal()
     complete = False
@@ -124,23 +126,23 @@ def recover(
     *,
     overwrite: bool = False,
 ) -> FileReport:
-    """Make a file of what a run of `stimlib.files.audio.write` left when it was killed.
+    """Make a file from the data that a killed run of `stimlib.files.audio.write` left.
 
-    The samples are those that `write` would have written in a shorter run, and so are
-    the file's bytes. Its sidecar says ``"recovered"``: the frames that were wanted. In
-    it, sha256 (of the signal before it was rounded) and, for FLAC, the number of
-    samples clipped are None, since nobody knows them; peak is that of the samples as
-    stored. `read` takes the file, and ``stimlib verify`` proves it, like any other.
+    Samples and bytes are those that `write` would have written in a shorter run. In the
+    sidecar, ``"recovered"`` is the number of frames that the run was to write. The
+    sha256 of the unrounded signal and, for FLAC, the number of clipped samples are
+    unknown and None; the peak is that of the stored samples. `read` and ``stimlib
+    verify`` accept the file like any other.
 
     Parameters
     ----------
     path : path
-        The file that was to be written; what is left is ``path`` + ".part" and ``path``
+        The file that the run was to write; the run left ``path`` + ".part" and ``path``
         + ".part.json".
     to : path, optional
         Where to write instead, with the same suffix.
     overwrite : bool
-        Whether a file that exists may be replaced.
+        Whether an existing file may be replaced.
 
     Returns
     -------
@@ -149,9 +151,9 @@ def recover(
     Raises
     ------
     SinkError
-        There is nothing to recover, or not one sample; the run is still alive; what is
-        left was changed; a file is there already; the place cannot be written. What is
-        left stays there then.
+        There is nothing to recover, or not a single sample; the run is still alive; the
+        leftover files were changed; a file already exists; or the path cannot be
+        written. The leftover files are then kept.
 
     Examples
     --------
@@ -201,7 +203,7 @@ def recover(
 
 
 def _finish_move(path: Path) -> FileReport | None:
-    """Do the second move of a run that was killed between the two."""
+    """Finish the move of a run that was killed between moving file and sidecar."""
     ready = part_of(sidecar_of(path))
     if not (os.path.isfile(path) and os.path.isfile(ready)):
         return None
@@ -222,9 +224,9 @@ def _finish_move(path: Path) -> FileReport | None:
 
 
 def _frames_left(part: Path, raw: Any, info: dict[str, Any]) -> int:
-    """Return the frames of an open file that a run left.
+    """Return the number of frames in an open file that a killed run left.
 
-    The file must be of the kind that its sidecar says.
+    The file must have the format that its sidecar states.
     """
     try:
         with reading(raw) as f:
@@ -254,7 +256,7 @@ def _frames_left(part: Path, raw: Any, info: dict[str, Any]) -> int:
 
 
 def check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
-    """Raise where a file, or its samples in memory, would pass the limits."""
+    """Raise an error if a file, or its samples in memory, would exceed the limits."""
     limits.check(
         "audio_bytes", 8.0 * frames * channels, f"{path}: bytes of samples in memory", SinkError
     )
@@ -262,9 +264,9 @@ def check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
 
 
 def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
-    """Copy the frames of an open file into a draft; return the peak per output.
+    """Copy the frames of an open file into a draft, and return the peak of each output.
 
-    info says how many.
+    The number of frames is in ``info``.
     """
     frames, scales = info["frames"], np.array([c["full_scale"] for c in info["channels"]])
     peak = np.zeros(len(scales))
@@ -288,12 +290,12 @@ def _copy(source: Path, raw: Any, draft: Draft, info: dict[str, Any]) -> Array:
 
 
 def _new(path: Path) -> Path:
-    """Make a new file that is not NAME.part: FLAC, or one being recovered."""
+    """Return the temporary path of a file when NAME.part is used for something else."""
     return path.with_name(path.name + ".new.part")
 
 
 def _clean(path: Path) -> None:
-    """Remove what a failed run left, if it is not another run's."""
+    """Remove the files of a failed run, unless they belong to another run."""
     begun = sidecar_of(part_of(path))
     with suppress(OSError), open(safe_files.opened(begun, os.O_RDWR), "rb", buffering=0) as f:
         if safe_files.held(f.fileno()) and os.path.samestat(os.fstat(f.fileno()), os.lstat(begun)):
@@ -303,9 +305,9 @@ def _clean(path: Path) -> None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[Any]:
-    """Open NAME.part.json for us alone as long as we are at it.
+    """Open NAME.part.json under an exclusive lock.
 
-    The system lets go of it when we are killed.
+    The operating system releases the lock if the process is killed.
     """
     sidecar = sidecar_of(part_of(path))
     with ExitStack() as stack:

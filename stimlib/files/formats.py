@@ -1,4 +1,4 @@
-"""Formats of sound files: what each can hold, and how samples are coded in it."""
+"""Formats of sound files: what each can hold, and how it encodes samples."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
 
 
 def format_of(path: Path, format: str | None, subtype: str | None) -> tuple[str, str]:
-    """Return the format and subtype of a file, from its name or as given."""
+    """Return the format and subtype of a file, as given or from its name."""
     name = (path.suffix[1:] if format is None else str(format).lstrip(".")).upper()
     if name not in FORMATS:
         known = ", ".join("." + f.lower() for f in FORMATS)
@@ -69,7 +69,7 @@ def check_format(format: str, subtype: str, fs: float, channels: int, frames: in
 
 
 def full_scales(full_scale: Any, proc: Processor, subtype: str) -> Array:
-    """Return the full scale of each output, checked."""
+    """Return the full scale of each output, after checking it."""
     outputs = proc.outputs
     units = {proc.units[name] for name in outputs}
     if full_scale is None and subtype in BITS:
@@ -102,7 +102,7 @@ def full_scales(full_scale: Any, proc: Processor, subtype: str) -> Array:
 
 
 def interleaved(y: NDArray[Any], type: Any) -> NDArray[Any]:
-    """Return rows (n_outputs, n) as frames (n, n_outputs) of a type."""
+    """Return samples, shape (n_outputs, n), as frames, shape (n, n_outputs)."""
     frames = np.empty(y.shape[::-1], type)
     for c, row in enumerate(y):  # four times as fast as frames.T[:] = y
         frames[:, c] = row
@@ -112,10 +112,12 @@ def interleaved(y: NDArray[Any], type: Any) -> NDArray[Any]:
 def dither_of(seed: int, channels: int, at: int, n: int) -> Array:
     """Return triangular dither of samples at .. at + n - 1, shape (channels, n).
 
-    Between -1 and 1 step, the same for a sample wherever the file is cut.
+    It lies between -1 and 1 step. A sample has the same dither, however the file is
+    cut.
 
-    Source: Vanderkooy and Lipshitz, J. Audio Eng. Soc. 32 (1984): of two uniform
-    numbers, so that mean and variance of the rounding do not depend on the signal.
+    Source: Vanderkooy and Lipshitz, J. Audio Eng. Soc. 32 (1984): the sum of two
+    uniform numbers, so that mean and variance of the rounding error do not depend on
+    the signal.
 
     Examples
     --------
@@ -145,10 +147,10 @@ def encode(
     at: int = 0,
     dither: int | None = None,
 ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-    """Return samples as libsndfile takes them, and how many were limited.
+    """Return samples as libsndfile expects them, and the number of limited samples.
 
-    The samples are (n, n_outputs), the counts per output.  The first is the file's
-    sample ``at``; ``dither`` is the seed of the dither, None for none.
+    The samples have shape (n, n_outputs), and the counts are per output.  The first
+    sample is the file's sample ``at``; ``dither`` is the seed of the dither, or None.
     """
     with np.errstate(over="ignore"):
         v = y / scales[:, None]
@@ -170,7 +172,7 @@ def encode(
 
 
 def physical(samples: NDArray[Any], scales: Array) -> Array:
-    """Convert samples (n, n_outputs) of a file to physical units, (n_outputs, n)."""
+    """Convert file samples, shape (n, n_outputs), to physical units, (n_outputs, n)."""
     with np.errstate(over="ignore", invalid="ignore"):  # of files that stimlib did not write
         values = (
             samples * 2.0**-31
@@ -181,16 +183,16 @@ def physical(samples: NDArray[Any], scales: Array) -> Array:
 
 
 def stored(y: Array, sidecar: dict[str, Any], at: int = 0) -> Array:
-    """Return a signal as a file in this sidecar's format keeps it.
+    """Return a signal as it reads from a file in this sidecar's format.
 
-    It is rounded as `stimlib.files.read` returns it.
+    It is rounded like the result of `stimlib.files.read`.
 
     Parameters
     ----------
     y : ndarray of float64, shape (n_outputs, n)
     sidecar : dict
     at : int
-        Sample of the file that is the first.
+        Index in the file of the first sample.
 
     Returns
     -------

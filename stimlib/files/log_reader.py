@@ -1,22 +1,22 @@
-"""Session logs: everything that shaped what a device was given, by sample index.
+"""Session logs: everything that determined the delivered samples, by sample index.
 
 A log is a folder:
 
 ``session.json``
-    what was compiled: the scene, seed, parameters, safety stage, channels, versions
+    the compiled program: scene, seed, parameters, safety stage, channels, versions
 ``events.jsonl``
-    one JSON object a line: parameters that were set, frames that were lost, hashes of
-    what was delivered and of the motion
+    one JSON object per line: parameters set, frames lost, hashes of the delivered
+    frames and of the motion
 ``motion.f64``
     the motion as the processor saw it: float64, little-endian, all inputs of sample 0,
     then of sample 1, ...
 ``delivered.caf``
-    what was delivered, if the writer was asked to record it
+    the delivered frames, if the writer was asked to record them
 ``report.json``
     at a clean end only
 
-Nothing of it waits in memory for long, so a process that is killed leaves a log that
-lacks half a second at most. A log is data: reading it runs nothing of it.
+Data are written promptly, so the log of a killed process lacks at most half a second. A
+log is plain data: reading it executes nothing.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ EVENTS: dict[str, dict[str, fields.Test]] = {
 
 
 class Event(NamedTuple):
-    """Something that happened at a sample."""
+    """An event of the session at a sample index."""
 
     at: int
     kind: str
@@ -95,7 +95,8 @@ class Event(NamedTuple):
 class Span(NamedTuple):
     """A range of frames and its SHA-256.
 
-    The hash is over little-endian words, all channels of a frame, then the next.
+    The hash covers little-endian words, frame by frame, with all channels of a frame
+    together.
     """
 
     at: int
@@ -104,7 +105,7 @@ class Span(NamedTuple):
 
 
 class Header(NamedTuple):
-    """The first record of a log."""
+    """The header of a log, which is its first record."""
 
     scene: Scene
     safety: Safety
@@ -119,8 +120,8 @@ class Header(NamedTuple):
 class MotionFile:
     """The rows of motion.f64, read on demand.
 
-    It is not mapped: a file that another program cuts would end the process then. Here
-    that is a SinkError.
+    The file is not memory-mapped, because the process would crash if another program
+    truncated it. Reading a truncated file raises SinkError instead.
 
     Attributes
     ----------
@@ -137,7 +138,7 @@ class MotionFile:
         return self.shape[0]
 
     def beyond(self, row: int) -> int:
-        """Return the bytes stored beyond a row; negative where rows are missing."""
+        """Return the number of bytes after a row; negative if rows are missing."""
         return 8 * self.shape[1] * (len(self) - row) + self.rest
 
     @property
@@ -184,9 +185,9 @@ class SessionLog:
     ----------
     folder : Path
     header : dict
-        session.json as it is.
+        The contents of session.json, unchanged.
     scene : Scene
-        As the researcher wrote it; what ran is ``protect(scene, safety)``.
+        The scene as written; the session ran ``protect(scene, safety)``.
     safety : Safety
     fs : float, Hz
     seed : int
@@ -194,27 +195,27 @@ class SessionLog:
         Parameters that differed from the scene's at the start.
     inputs, outputs : tuple of str
     channels : tuple of int
-        For each channel of the device the number of its output, or -1.
+        For each channel of the device, the number of its output, or -1.
     events : list of Event
         All lines of events.jsonl, in their order.
     spans : list of Span
-        Delivered frames (float32) under a hash, in order.
+        Ranges of delivered frames (float32) with a hash, in order.
     motion_spans : list of Span
-        Rows of motion (float64) under a hash, in order.
+        Ranges of motion rows (float64) with a hash, in order.
     lost : list of (at, frames)
-        Produced and not delivered.
+        Frames that were produced but not delivered.
     motion : MotionFile of float64, shape (n, n_inputs)
-        As the processor saw it; slices of it are read from the file,
-        ``numpy.asarray(log.motion)`` reads all.
+        The motion as the processor received it; slices are read from the file on
+        demand, and ``numpy.asarray(log.motion)`` reads all of it.
     frames : int
-        Samples that can be replayed and are accounted for, as delivered or lost.
+        Number of samples that can be replayed and are recorded as delivered or lost.
     logged : int
-        Samples that the session produced, as far as the log tells; more than frames
-        where motion or lines are missing.
+        Number of samples that the session produced according to the log; larger than
+        ``frames`` if motion or lines are missing.
     report : dict or None
-        What the sink reported at a clean end.
+        The sink's report, if the session ended cleanly.
     notes : list of str
-        What is odd about the log.
+        Irregularities of the log.
     """
 
     folder: Path
@@ -239,7 +240,7 @@ class SessionLog:
 
     @property
     def changes(self) -> list[Change]:
-        """The ``set`` events in order of sample index, for `Processor.set`."""
+        """The ``set`` events in order of sample index, as for `Processor.set`."""
         sets = [
             Change(e.at, e.data["name"], e.data["value"], e.data["ramp"] / self.fs)
             for e in self.events
@@ -250,7 +251,7 @@ class SessionLog:
 
 @public
 def read_log(folder: str | os.PathLike[str]) -> SessionLog:
-    """Read and check a session's log, also of a session that was killed.
+    """Read and check the log of a session, even of a killed one.
 
     Parameters
     ----------
@@ -263,9 +264,9 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     Raises
     ------
     SinkError
-        A file is missing or is not what a log has there; the message names file, line
-        and what is wrong. What a killed process leaves (a last line cut short, no
-        report) is no error; ``notes`` tells it.
+        A file is missing or invalid; the message names file, line and problem. The
+        traces of a killed process (an incomplete last line, no report) are not errors;
+        ``notes`` lists them.
 
     Examples
     --------
@@ -329,9 +330,9 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
 def _spans(
     events: Sequence[Event],
 ) -> tuple[list[Span], list[Span], list[tuple[int, int]], list[Span]]:
-    """Return what hashes cover, of frames and of motion, what was lost, and the gaps.
+    """Return the hashed ranges of frames and motion, the lost ranges, and the gaps.
 
-    A gap that follows another is one with it.
+    Adjacent gaps are merged.
     """
     spans, seen = (
         [Span(e.at, e.data["to"], e.data["sha256"]) for e in events if e.kind == kind]
@@ -349,7 +350,7 @@ def _spans(
 
 
 def _produced(report: dict[str, Any] | None, end: int, notes: list[str]) -> int:
-    """Return the samples produced as the report says, or ``end``; note what is odd."""
+    """Return the number of produced samples, and note irregularities of the report."""
     if report is None:
         notes.append("no report: the session was killed, or its log could not be ended")
         return end
@@ -370,7 +371,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Header:
-    """Return the header that session.json states, or raise an error."""
+    """Return the header that session.json describes, or raise an error."""
 
     def need(good: bool, what: str) -> None:
         if not good:
@@ -419,9 +420,9 @@ def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Head
 
 
 def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
-    """Read events.jsonl and check it line by line.
+    """Read events.jsonl and check every line.
 
-    Frames are accounted for from 0 on, without a hole, each once.
+    Each frame from 0 on must be recorded exactly once, without gaps.
     """
     params = set(head.scene.params) | {GAIN}
     found: list[Event] = []
@@ -449,7 +450,7 @@ def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
 
 
 def _event(line: bytes, fs: float, params: set[str]) -> Event:
-    """Return one line; ValueError tells what is wrong with it."""
+    """Return the event of one line; raise ValueError with the problem of the line."""
 
     def need(good: bool, what: str) -> None:
         if not good:
@@ -473,7 +474,7 @@ def _event(line: bytes, fs: float, params: set[str]) -> Event:
 
 
 def _account(e: Event, end: dict[str, int]) -> None:
-    """Count the samples of an event; raise ValueError where there is a gap."""
+    """Count the samples of an event; raise ValueError if there is a gap before it."""
     if e.kind in ("hash", "lost", "gap", "motion"):
         what = "motion" if e.kind == "motion" else "delivered"
         if e.at != end[what]:

@@ -1,4 +1,4 @@
-"""The samples of a session computed again from its log, and their comparison."""
+"""Replay of a session from its log, and comparison with the log's hashes."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from .log_reader import SessionLog, Span
 
 @dataclass(frozen=True)
 class Replay:
-    """The result of ``replay``; its str is one line, ``matches`` the verdict.
+    """The result of ``replay``; its str is one line, and ``matches`` is the verdict.
 
     Attributes
     ----------
     frames : int
-        Samples replayed, delivered or lost.
+        Number of replayed samples, whether delivered or lost.
     lost : int
-        Of these, lost.
+        Number of lost samples among these.
     spans : int
-        Hashes that were compared.
+        Number of compared hashes.
     wrong : list of (at, to)
-        Delivered frames that are not those of the replay.
+        Ranges of delivered frames that differ from the replay.
     missing : int
-        Samples that the log accounts for and that could not be replayed.
+        Number of samples in the log that could not be replayed.
     changed : list of (at, to)
-        Rows of the motion that are not those that were written.
+        Ranges of motion rows that have changed since they were written.
     notes : list of str
     """
 
@@ -51,7 +51,7 @@ class Replay:
 
     @property
     def matches(self) -> bool:
-        """Whether every hash of the log is that of the replayed data."""
+        """Whether every hash of the log agrees with the replayed data."""
         return not (self.wrong or self.missing or self.changed)
 
     def __str__(self) -> str:
@@ -74,9 +74,9 @@ class Replay:
 
 
 def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba") -> Processor:
-    """Return the processor as the session had it before its first sample.
+    """Return the processor in its state before the session's first sample.
 
-    By default it has the safety stage.
+    By default it includes the safety stage.
 
     Raises
     ------
@@ -97,10 +97,10 @@ def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba"
 
 
 def without_inverse(log: SessionLog) -> SessionLog:
-    """Return a log whose frames are those that a calibrated device was asked for.
+    """Return a log with frames as they were before the calibration's inverse filter.
 
-    They are replayed in the outputs' units and not delayed; their hashes are not those
-    of the log.
+    The frames are replayed in the outputs' units and without delay; their hashes differ
+    from those of the log.
     """
     return changed(log, safety=changed(log.safety, inverse=None))
 
@@ -111,7 +111,7 @@ def motion_of(log: SessionLog, proc: Processor) -> Rows:
     Raises
     ------
     SinkError
-        The log has not the motion of an input.
+        The log lacks the motion of an input.
     """
     if missing := set(proc.inputs) - set(log.inputs):
         raise SinkError(f"{log.folder}: the log has no motion of {', '.join(sorted(missing))}")
@@ -122,19 +122,18 @@ def motion_of(log: SessionLog, proc: Processor) -> Rows:
 
 
 def changes_of(log: SessionLog, proc: Processor) -> list[Change]:
-    """Return the logged changes of parameters that the processor has."""
+    """Return the logged changes of those parameters that the processor has."""
     return [c for c in log.changes if c.name in proc.params]
 
 
 def delivered(
     log: SessionLog, block: int = 8192, proc: Processor | None = None
 ) -> Iterator[tuple[int, NDArray[np.float32], bool]]:
-    """Yield replayed frames in order and without a hole.
+    """Yield the replayed frames in order and without gaps.
 
-    Each item is (at, frames (n, channels), whether they were delivered or lost).
-
-    A processor, if given, must be one of ``processor(log)``; it then tells what
-    happened, as its faults.
+    Each item is (at, frames (n, channels), whether they were delivered or lost). A
+    given processor must come from ``processor(log)``; afterwards it can be inspected,
+    for instance for faults.
     """
     proc, scales = processor(log) if proc is None else proc, log.safety.scales(log.outputs)
     lost = [(a, a + n) for a, n in log.lost if n]
@@ -155,16 +154,16 @@ def delivered(
 
 @public
 def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: int = 8192) -> Replay:
-    """Make the delivered samples again and compare them with the log's hashes.
+    """Compute the delivered samples again and compare them with the log's hashes.
 
     Parameters
     ----------
     log : SessionLog
     out : path, optional
-        A sound file to write them to, FLOAT: what the device was given, lost frames
-        left out.
+        A FLOAT sound file to write the samples to, as given to the device, without lost
+        frames.
     block : int
-        Samples at a time; no effect on the result.
+        Samples computed at a time; it does not affect the result.
 
     Returns
     -------
@@ -235,9 +234,9 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
 
 
 def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
-    """Return spans (at, to) of the motion whose hash has changed.
+    """Return the ranges (at, to) of the motion whose hash has changed.
 
-    Only rows that are there count.
+    Only rows that exist are compared.
     """
     rows = len(log.motion)
 
@@ -248,9 +247,9 @@ def changed_motion(log: SessionLog) -> list[tuple[int, int]]:
 
 
 class Hashes:
-    """A comparison of frames, given in order, with spans of a log.
+    """A comparison of frames, given in order, with the hashed ranges of a log.
 
-    ``done`` spans were compared, ``wrong`` lists those that differ.
+    ``done`` is the number of compared ranges, and ``wrong`` lists those that differ.
     """
 
     def __init__(self, spans: list[Span]):
@@ -259,7 +258,7 @@ class Hashes:
         self._digest, self._bad = hashlib.sha256(), False
 
     def add(self, at: int, frames: NDArray[np.float32]) -> None:
-        """Add frames from sample ``at`` on, all of them delivered."""
+        """Add delivered frames, beginning at sample ``at``."""
         while len(frames) and self.done < len(self.spans):
             span = self.spans[self.done]
             frames, at = frames[max(0, span.at - at) :], max(at, span.at)  # a gap has no hash

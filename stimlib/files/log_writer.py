@@ -1,4 +1,4 @@
-"""Writing the log of a session while it plays; `log_reader` describes and reads it."""
+"""Writing of a session's log during playback; see `log_reader` for its format."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ SPAN = 0.25  # s of delivered samples under one hash
 
 
 class LogWriter:
-    """A writer of a session's log while it plays, called from one thread.
+    """A writer of a session's log during playback, called from one thread.
 
-    Every call is on its way to the disk when it returns. After an error every further
-    call raises it again, except ``close``.
+    The data of every call have been handed to the operating system when it returns.
+    After an error, every further call except ``close`` raises it again.
 
     Parameters
     ----------
     folder : path
-        Made; it must not exist, or be empty.
+        The folder to create; it must be missing or empty.
     header : dict
-        What the session is made of, see ``stimlib.devices.sink.Sink.header``.
+        Description of the session, see ``stimlib.devices.sink.Sink.header``.
     record : bool
         Also write the delivered frames, to delivered.caf.
 
     Raises
     ------
     SinkError
-        The folder is there already or cannot be made; later: the disk is full.
+        The folder already exists or cannot be created; later: the disk is full.
     BadValue
         A header that cannot be replayed.
 
@@ -133,9 +133,9 @@ class LogWriter:
         self.close()
 
     def motion(self, x: NDArray[np.float64]) -> None:
-        """Append motion, shape (n_inputs, n), of the samples that were produced next.
+        """Append the motion of the samples produced next, shape (n_inputs, n).
 
-        They were delivered or lost.
+        The samples may have been delivered or lost.
         """
         if self._motion is None:
             return
@@ -154,7 +154,7 @@ class LogWriter:
                 self._hash_motion()
 
     def delivered(self, frames: NDArray[np.float32]) -> None:
-        """Append frames, shape (n, channels), as they went to the device."""
+        """Append frames, shape (n, channels), as delivered to the device."""
         if frames.ndim != 2 or frames.shape[1] != self._channels or frames.dtype != np.float32:
             raise BadValue(
                 f"log: frames must be float32 of shape (n, {self._channels}); got {frames.dtype}"
@@ -180,9 +180,10 @@ class LogWriter:
     def event(self, at: int, kind: str, **data: Any) -> None:
         """Append an event at a sample index.
 
-        ``set`` has name, value and ramp, in samples as applied. ``lost`` has frames: so
-        many from ``at`` on were produced and not delivered. ``gap`` has frames of which
-        the log knows nothing. Others are kept as they are.
+        ``set`` has name, value and ramp (in samples, as applied). ``lost`` has the
+        number of frames from ``at`` on that were produced but not delivered. ``gap``
+        has the number of frames that the log does not cover. Other events are kept
+        unchanged.
         """
         self._check()
         event = {"at": at, "kind": kind} | data
@@ -205,7 +206,7 @@ class LogWriter:
             self._line(event)
 
     def close(self, report: Mapping[str, Any] | None = None) -> None:
-        """End the log; with a report, as a clean end.
+        """Close the log; with a report, mark it as cleanly ended.
 
         The report is JSON data with the number of samples ``produced``.
         """
@@ -224,7 +225,7 @@ class LogWriter:
             self._end()
 
     def _jump(self) -> None:
-        """Jump over what is lost, where it begins."""
+        """Skip lost frames where they begin."""
         while self._jumps and self._jumps[0]["at"] == self._at:
             self._hash()
             self._line(self._jumps[0])
@@ -286,7 +287,7 @@ class LogWriter:
         raise self._error from e
 
     def _end(self) -> None:
-        """Close the files; what they have is what there will be."""
+        """Close the files with their current contents."""
         with suppress(OSError):
             self._open.close()
 
@@ -314,12 +315,12 @@ def header(
     fs : float
         Hz.
     seed, params
-        Of the run; params are parameters that differ from the scene's at the start.
+        Seed and parameters of the run; params differ from the scene's at the start.
     channels : list of str or None, optional
         The output of each channel of the device, None for silence; by default every
         output in order.
     device, block, started
-        For the reader only.
+        Information for a reader, without effect on a replay.
 
     Returns
     -------

@@ -1,7 +1,8 @@
-"""A sound file while it is being written, and the comparison with what was put in it.
+"""A sound file during writing, and the check that it holds what was written.
 
-Libsndfile gets the descriptor and no name, so nobody can put a link or a pipe in its
-way; what is read back is what has been written, whatever has that name by then.
+Libsndfile gets a file descriptor instead of a name, so no link or pipe can be put in
+its place; reading back checks the written file, even if another file has its name by
+then.
 """
 
 from __future__ import annotations
@@ -35,25 +36,25 @@ PIECE = 1 << 16  # frames that are read at once
 
 
 class Draft:
-    """A new sound file, open for writing.
+    """A new sound file that is open for writing.
 
-    Its header is right after every write, so that a killed run leaves a file.
+    Its header is updated at every write, so a killed run leaves a readable file.
 
     Parameters
     ----------
     path : Path
-        What it will be; for messages.
+        The final name, for messages.
     at : Path
-        Where it is for now.
+        The temporary name.
     fs, channels, format, subtype
-        As libsndfile wants them.
+        As for libsndfile.
     comment : str
-        A text inside the file, where its format has a place for one.
+        A text stored in the file, if the format allows one.
 
     Raises
     ------
     SinkError
-        The place cannot be written; later: the disk is full, or another program changed
+        The path cannot be written; later: the disk is full, or another program changed
         the file.
     """
 
@@ -100,15 +101,15 @@ class Draft:
         self.raw.close()
 
     def put(self, samples: NDArray[Any]) -> None:
-        """Append samples, shape (n, channels), of the type of the subtype.
+        """Append samples, shape (n, channels), in the data type of the subtype.
 
-        ``seal`` verifies that they are there.
+        ``seal`` verifies the samples.
         """
         self._put.update(np.ascontiguousarray(samples).data)
         self.append(samples)
 
     def append(self, samples: NDArray[Any]) -> None:
-        """Append samples to a file that is not sealed."""
+        """Append samples to a file that will not be verified by ``seal``."""
         self.frames += len(samples)
         with self._busy, disk(self.path, self.raw):
             self._sound.write(samples)
@@ -117,7 +118,7 @@ class Draft:
                 raise AssertionError("short write")
 
     def seal(self) -> str:
-        """Complete the file on the disk, verify its contents, and return its sha256."""
+        """Complete the file on disk, verify its contents, and return its SHA-256."""
         with disk(self.path, self.raw):
             self._sound.close()
             _undate(self.raw)
@@ -156,7 +157,7 @@ class Draft:
         return SinkError(f"cannot write {self.path}: {_reason(self.raw) or changed}")
 
     def is_at(self, path: Path) -> bool:
-        """Return whether this file has that name."""
+        """Return whether a path still refers to this file."""
         try:
             return os.path.samestat(os.lstat(path), os.fstat(self.raw.fileno()))
         except (OSError, ValueError):  # on Windows it is closed before it is moved
@@ -171,7 +172,7 @@ class Draft:
 
 
 def comment_of(info: dict[str, Any]) -> str:
-    """Return the comment on a file's channels, in case its sidecar is lost.
+    """Return a comment that describes the channels, in case the sidecar is lost.
 
     Examples
     --------
@@ -186,8 +187,8 @@ def comment_of(info: dict[str, Any]) -> str:
 def move(source: Path, path: Path, overwrite: bool) -> None:
     """Rename a file to its final name.
 
-    Without overwrite, SinkError is raised where something has this name, from whenever
-    it may be.
+    Without ``overwrite``, SinkError is raised if anything has this name, even if it
+    appeared just now.
     """
     if overwrite:
         os.replace(source, path)
@@ -228,29 +229,31 @@ def sha256(f: Any) -> str:
 
 
 def reading(f: Any) -> Any:
-    """Return the sound of an open file, from its beginning."""
+    """Return an open file as a sound file, positioned at its beginning."""
     f.seek(0)
     return soundfile().SoundFile(sound_of(f), closefd=False)
 
 
 def sound_of(f: Any) -> Any:
-    """Return what libsndfile takes of an open file: its descriptor, or itself.
+    """Return the form of an open file that libsndfile accepts.
 
-    On Windows the descriptors of Python and of libsndfile are not the same.
+    This is the file descriptor, except on Windows, where the descriptors of Python and
+    of libsndfile differ.
     """
     return f.fileno() if safe_files.NOFOLLOW else f
 
 
 def reason(error: Exception) -> str:
-    """Return the error of libsndfile, without the number that it has for a file."""
+    """Return the message of a libsndfile error, without the number of the file."""
     return getattr(error, "error_string", None) or str(error)
 
 
 @contextmanager
 def disk(path: Path, raw: Any = None) -> Iterator[None]:
-    """Convert exceptions inside the block to errors of disk or libsndfile.
+    """Convert exceptions inside the block to errors of the disk or of libsndfile.
 
-    They are not errors of the processor or the motion.
+    The processor and the motion must run outside the block, so that their errors are
+    not converted.
     """
     try:
         yield
@@ -263,9 +266,9 @@ def disk(path: Path, raw: Any = None) -> Iterator[None]:
 
 
 def _reason(raw: Any) -> str | None:
-    """Return why the system does not let us write.
+    """Return the reason why the system does not allow writing.
 
-    libsndfile keeps it to itself, so try again without it.
+    libsndfile does not report it, so a write is tried without libsndfile.
     """
     try:
         if raw is not None:
@@ -295,8 +298,8 @@ def _undate(f: Any) -> None:
 
 
 def soundfile() -> Any:
-    """Import the package.
+    """Import and return the package soundfile.
 
-    It is imported here and not above, because it loads a shared library.
+    It is imported only when needed, because it loads a shared library.
     """
     return import_module("soundfile")

@@ -1,4 +1,4 @@
-"""The sidecar of a sound file: what the samples are, checked wherever it is read."""
+"""The sidecar of a sound file, which describes the samples and is always checked."""
 
 from __future__ import annotations
 
@@ -62,11 +62,11 @@ class FileReport:
     seconds : float, s
         frames / fs.
     clips : dict of str to int
-        Per output, how many samples were limited to full scale; 0 in formats that hold
-        floats, None where a file of whole numbers was recovered.
+        For each output, the number of samples limited to full scale; 0 in float
+        formats, None for a recovered file of integers.
     peak : dict of str to float
-        Per output, the largest absolute value, in the output's unit; of the samples as
-        stored where they were recovered.
+        For each output, the largest absolute value, in the output's unit; for a
+        recovered file, of the stored samples.
     sidecar : Path
         The JSON file.
 
@@ -100,7 +100,7 @@ class FileReport:
 
 
 def report_of(path: Path, info: dict[str, Any]) -> FileReport:
-    """Return the report of a file from its sidecar's data."""
+    """Return the report of a file, from its sidecar's data."""
     clips, peak = ({c["name"]: c[what] for c in info["channels"]} for what in ("clips", "peak"))
     return FileReport(
         path, info["frames"], info["frames"] / info["fs"], clips, peak, sidecar_of(path)
@@ -113,19 +113,19 @@ def sidecar_of(path: Path) -> Path:
 
 
 def part_of(path: Path) -> Path:
-    """Return the path of a file while it is being written."""
+    """Return the path of a file during writing."""
     return path.with_name(path.name + ".part")
 
 
 def told(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read and check the sidecar of a file, without the file.
+    """Read and check the sidecar of a file, without reading the file.
 
-    `stimlib.files.read` compares it with the file too.
+    `stimlib.files.read` also compares it with the file.
 
     Raises
     ------
     SinkError
-        It is missing, or stimlib did not write it.
+        The sidecar is missing, or was not written by stimlib.
     """
     return load(Path(path), sidecar_of(Path(path)))
 
@@ -152,13 +152,13 @@ def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dic
 
 
 def hint(path: Path) -> str:
-    """Return a hint at what a killed run has left."""
+    """Return a hint, for an error message, at files that a killed run left."""
     left = next((p for p in (part_of(path), part_of(sidecar_of(path))) if os.path.isfile(p)), None)
     return f"; a run that was killed left {left.name}: try stimlib recover {path}" if left else ""
 
 
 def text_of(info: dict[str, Any]) -> bytes:
-    """Return the text of a sidecar."""
+    """Return the text of a sidecar, as bytes."""
     return (json.dumps(info, indent=1, allow_nan=False) + "\n").encode()
 
 
@@ -171,7 +171,7 @@ def describe(source: Any) -> str:
 
 
 def versions() -> dict[str, str | None]:
-    """Return the versions of the packages that affect a file."""
+    """Return the versions of the packages that affect the bytes of a file."""
     sf = soundfile()
     return {
         "numpy": np.__version__,

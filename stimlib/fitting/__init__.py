@@ -1,4 +1,4 @@
-"""Numbers from measurements: materials from tests, parameters of scenes."""
+"""Fits to measurements: material models from tests, parameters of scenes."""
 
 import lazy_loader
 

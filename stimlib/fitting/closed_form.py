@@ -1,8 +1,8 @@
-"""The answers of a springpot and of Maxwell arms to a motion sampled at any times.
+"""Closed-form responses of a springpot and of Maxwell arms to a sampled motion.
 
-Between its samples the displacement is taken as straight, and what a model answers to
-that is known in closed form.  So a fit has no integration step, and gaps and log-spaced
-time stamps need no resampling.
+The displacement is assumed linear between samples, for which the response of each model
+is known in closed form.  A fit therefore needs no integration step, and neither gaps
+nor log-spaced time stamps need resampling.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot h
 def springpot_force(
     t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, onset: str = "steady"
 ) -> np.ndarray:
-    """Return chi D^alpha y at the times t, exactly for straight lines between them.
+    """Return the force chi D^alpha y of a springpot at the times t.
 
-    f(t) = chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 -
-    alpha)), without cancellation.
+    The force is exact for a displacement that is linear between the times: f(t) =
+    chi/Gamma(2 - alpha) sum_i slope_i ((t - t_i)^(1 - alpha) - (t - t_i+1)^(1 -
+    alpha)), computed without cancellation.
 
     Parameters
     ----------
     t : array_like, shape (n,)
-        Times in s, rising, at any distances.
+        Times in s, rising, with any spacing.
     y : array_like, shape (n,)
         Displacement in m.
     chi : float
@@ -40,7 +41,7 @@ def springpot_force(
     alpha : float
         From 0 (spring) to 1 (dashpot).
     onset : {"steady", "step"}
-        Whether y has always been where it is at first, or jumps there from 0 (the force
+        Whether y was at its first value before t[0], or jumps there from 0 (the force
         at that time is then infinite).
 
     Returns
@@ -56,7 +57,7 @@ def springpot_force(
 
     References
     ----------
-    Çaldıran's thesis, eq. (2.8); the sum over straight pieces is the L1 formula on an
+    Çaldıran's thesis, eq. (2.8); the sum over linear pieces is the L1 formula on an
     uneven grid.
 
     Examples
@@ -84,14 +85,14 @@ def maxwell_force(
     *,
     onset: str = "steady",
 ) -> np.ndarray:
-    """Return the force of a spring and Maxwell arms at the times t.
+    """Return the force of a spring with parallel Maxwell arms at the times t.
 
-    It is exact when y is straight between them.
+    The force is exact if y is linear between the times.
 
     Parameters
     ----------
     t, y, onset
-        As for ``springpot_force``; y counts from where the spring has no force.
+        As for ``springpot_force``; y is 0 where the spring exerts no force.
     k0 : float
         Stiffness of the spring in N/m.
     arms : sequence of (k, tau)
@@ -132,7 +133,7 @@ def maxwell_force(
 
 
 class Pairs:
-    """The springpot's answer for chi = 1 at some times, and its derivative by alpha."""
+    """The unit springpot's response at given times, with its derivative by alpha."""
 
     def __init__(self, t: np.ndarray, y: np.ndarray, some: np.ndarray, onset: str):
         slope = np.diff(y) / np.diff(t)
@@ -150,7 +151,7 @@ class Pairs:
         self.jump = y[0] if onset == "step" else 0.0
 
     def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return answer and derivative at an order."""
+        """Return the response and its derivative for an order alpha."""
         from scipy.special import digamma
 
         b, size = 1 - alpha, math.gamma(2 - alpha)
@@ -182,7 +183,7 @@ class Pairs:
 def arm_forces(
     t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return forces of unit arms, (t.size, tau.size), and derivatives by log(tau)."""
+    """Return the forces of unit Maxwell arms and their derivatives by log(tau)."""
     a = np.diff(t)[:, None] / tau
     e = -np.expm1(-a)
     p, g, dy = 1 - e, np.where(a > 0, e / np.where(a > 0, a, 1.0), 1.0), np.diff(y)[:, None]
@@ -197,7 +198,7 @@ def arm_forces(
 
 # Input --------------------------------------------------------------------------------
 def signals_at(t, *signals) -> list[np.ndarray]:
-    """Return signals as float64 arrays over ascending times, checked."""
+    """Return signals as float64 arrays over rising times, after checking them."""
     out: list[np.ndarray] = []
     names = (
         ("t", "y", "f")
@@ -229,7 +230,7 @@ def signals_at(t, *signals) -> list[np.ndarray]:
 
 
 def check_material(chi: float, alpha: float, onset: str) -> None:
-    """Raise BadValue unless a material's numbers make sense."""
+    """Raise BadValue unless the numbers of a material are valid."""
     if not (math.isfinite(chi) and chi >= 0):
         raise BadValue(f"springpot: chi = {chi} must not be below 0")
     if not 0 <= alpha <= 1:
@@ -242,12 +243,13 @@ def check_material(chi: float, alpha: float, onset: str) -> None:
 def thin(
     t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, before: int = 200
 ) -> list[np.ndarray]:
-    """Average samples into bins, even then logarithmic.
+    """Average samples into time bins, which are logarithmic after a start time.
 
-    The bins are equal before a time, and of equal ratio after it.
+    Bins have equal length before ``start``, and equal ratio after it.
 
-    A relaxation sampled evenly has nearly all of its samples where nothing happens any
-    more.  Averages over bins weigh every decade of time alike, and have less noise.
+    An evenly sampled relaxation has nearly all of its samples in the late, almost
+    constant part.  Averages over logarithmic bins give every decade of time equal
+    weight and have less noise.
 
     Parameters
     ----------
@@ -256,12 +258,12 @@ def thin(
     *signals : array_like, shape (n,)
         Such as displacement and force.
     start : float
-        Time in s after which bins are even in the logarithm of the time since then: the
-        start of the hold.
+        Time in s at which the hold begins; later bins are evenly spaced in the
+        logarithm of the time since then.
     per_decade : int
-        Bins in a factor of 10 in time.
+        Number of bins per factor of 10 in time.
     before : int
-        Bins before ``start``; as many as there are samples at most.
+        Number of bins before ``start``, at most the number of samples.
 
     Returns
     -------

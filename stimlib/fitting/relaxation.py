@@ -1,6 +1,6 @@
-"""Material models from recorded relaxation, sampled at any times.
+"""Fits of material models to recorded relaxation, sampled at any times.
 
-``closed_form`` has the models.
+Module ``closed_form`` computes the responses of the models.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ ALPHAS = (0.05, 0.15, 0.35, 0.65, 0.9)  # where a springpot's search starts
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MaterialFit:
-    """A fitted material model, its numbers, and its errors.
+    """A fitted material model with its numbers and errors.
 
     Attributes
     ----------
     values : dict of str to float
         Numbers of the model.
     intervals : dict of str to (float, float)
-        95 % confidence intervals, from the curvature at the minimum, as if the errors
-        of samples were independent.  Where a model is wrong in shape they are too
-        narrow: neighbouring errors are then alike.
+        95 % confidence intervals, from the curvature at the minimum, assuming
+        independent errors.  They are too narrow if the model has the wrong shape,
+        because neighbouring errors are then correlated.
     t, y, f : ndarray, shape (n,)
-        What was given.
+        The given data.
     fitted : ndarray, shape (n,)
         The model's force.
     used : ndarray of bool, shape (n,)
-        Samples that the fit looked at.
+        Samples that the fit used.
     """
 
     values: dict[str, float]
@@ -61,23 +61,23 @@ class MaterialFit:
 
     @property
     def residual(self) -> np.ndarray:
-        """The residual fitted - f, at all samples."""
+        """Residual fitted - f at all samples."""
         return self.fitted - self.f
 
     @property
     def relative(self) -> np.ndarray:
-        """(fitted - f)/f at the samples in use where f is not 0."""
+        """Relative error (fitted - f)/f at the used samples where f is not 0."""
         some = self.used & (self.f != 0)
         return self.residual[some] / self.f[some]
 
     @property
     def relative_error(self) -> float:
-        """Root mean square of ``relative``."""
+        """Root mean square of the relative errors ``relative``."""
         return float(np.sqrt(np.mean(self.relative**2)))
 
     @property
     def largest_relative_error(self) -> float:
-        """Largest modulus of ``relative``."""
+        """Largest absolute value of the relative errors ``relative``."""
         return float(np.max(np.abs(self.relative)))
 
     def __repr__(self):
@@ -91,9 +91,9 @@ class MaterialFit:
         )
 
     def plot(self, path: str | os.PathLike) -> None:
-        """Draw force and model over the time since the motion began, and the error.
+        """Draw measured and fitted force over time, with the relative error.
 
-        The error is relative.
+        Time 0 is the beginning of the motion.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class MaterialFit:
             raise SinkError(f"cannot write the picture {path}: {e}") from e
 
     def draw(self, ax: Any, below: Any, label: str = "recorded", color: str = "C0") -> None:
-        """Draw into two axes of matplotlib: forces, and relative errors in percent.
+        """Draw the forces into one axes and the relative errors (percent) into another.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class SpringpotFit(MaterialFit):
 
     @property
     def chi(self) -> float:
-        """Coefficient chi in the unit of f, times s^alpha, over that of y."""
+        """Coefficient chi, in the unit of f times s^alpha over the unit of y."""
         return self.values["chi"]
 
     @property
@@ -154,14 +154,14 @@ class SpringpotFit(MaterialFit):
         return self.values["alpha"]
 
     def block(self, y: Block, **options) -> Block:
-        """Return the springpot for a scene, when y was in m and f in N.
+        """Return the fitted springpot as a block; y must be in m and f in N.
 
         Parameters
         ----------
         y : Block
             Position in m.
         **options
-            Of ``stimlib.blocks.springpot``.
+            Options of ``stimlib.blocks.springpot``.
 
         Returns
         -------
@@ -175,31 +175,31 @@ class SpringpotFit(MaterialFit):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MaxwellFit(MaterialFit):
-    """A spring and Maxwell arms fitted to a recording; see ``MaterialFit``.
+    """A spring with Maxwell arms fitted to a recording; see ``MaterialFit``.
 
-    ``values`` has k0, k1, tau1, k2, .. with rising time constants.
+    ``values`` contains k0, k1, tau1, k2, .. with rising time constants.
     """
 
     @property
     def k0(self) -> float:
-        """Stiffness of the spring; 0 without."""
+        """Stiffness of the spring; 0 if the model has none."""
         return self.values.get("k0", 0.0)
 
     @property
     def arms(self) -> list[tuple[float, float]]:
-        """(stiffness, time constant in s) of each arm."""
+        """Pairs (stiffness, time constant in s), one for each arm."""
         n = sum(name.startswith("tau") for name in self.values)
         return [(self.values[f"k{i}"], self.values[f"tau{i}"]) for i in range(1, n + 1)]
 
     def block(self, y: Block, **options) -> Block:
-        """Return the model for a scene, when y was in m and f in N.
+        """Return the fitted model as a block; y must be in m and f in N.
 
         Parameters
         ----------
         y : Block
             Position in m.
         **options
-            Of ``stimlib.blocks.viscoelastic.generalized_maxwell``.
+            Options of ``stimlib.blocks.viscoelastic.generalized_maxwell``.
 
         Returns
         -------
@@ -220,19 +220,19 @@ def fit_springpot(
     Parameters
     ----------
     t : array_like, shape (n,)
-        Times in s, rising, at any distances; from before the motion on.
+        Times in s, rising, with any spacing, beginning before the motion.
     y : array_like, shape (n,)
         Displacement, in m if the result is to become a stimulus.
     f : array_like, shape (n,)
         Force, in N if the result is to become a stimulus.
     where : array_like of bool, shape (n,), optional
-        Samples to fit, such as the hold only; the motion before them still acts.
-        Default: all after the motion has begun.
+        Samples to fit, such as those of the hold only; earlier motion still has its
+        effect. By default, all samples after the motion has begun.
     sigma : {"relative", "absolute"} or array_like, shape (n,)
-        What the errors are measured with: each force itself, the same for all, or the
-        given standard deviations.
+        Scale of the errors: the force itself, the same for all samples, or the given
+        standard deviations.
     onset : {"steady", "step"}
-        Whether y has always been where it is at first, or jumps there from 0 at t[0].
+        Whether y was at its first value before t[0], or jumps there from 0 at t[0].
 
     Returns
     -------
@@ -243,9 +243,9 @@ def fit_springpot(
     Raises
     ------
     BadValue
-        t not rising, not finite numbers, different lengths; less than 3 samples to fit;
-        a force of 0 with relative errors; a position that never moves; too many samples
-        at once (``thin`` them).
+        Times that do not rise, NaN or infinity, different lengths, fewer than 3 samples
+        to fit, a force of 0 with relative errors, a position that never moves, or too
+        many samples (``thin`` them).
 
     References
     ----------
@@ -339,16 +339,18 @@ def fit_generalized_maxwell(
 ) -> MaxwellFit:
     """Fit a generalized Maxwell model to a recorded motion and force.
 
-    Its numbers are stiffnesses and time constants.
+    The fitted numbers are stiffnesses and time constants.
 
     Parameters
     ----------
     t, y, f, where, sigma, onset
-        See ``fit_springpot``; y counts from where the spring has no force.
+        See ``fit_springpot``; y is 0 where the spring exerts no force.
     arms : int
-        Number of Maxwell arms.  A recording determines about one in a decade of time.
+        Number of Maxwell arms.  A recording determines about one arm per decade of
+        time.
     spring : bool
-        Whether there is a spring beside the arms, so that some force is left for ever.
+        Whether there is a spring parallel to the arms, so that part of the force never
+        relaxes.
 
     Returns
     -------
@@ -363,8 +365,8 @@ def fit_generalized_maxwell(
 
     Notes
     -----
-    All numbers are fitted as logarithms.  An interval up to infinity: the recording
-    does not determine that number.
+    All numbers are fitted as logarithms.  An interval that reaches infinity means that
+    the recording does not determine that number.
 
     References
     ----------
@@ -458,7 +460,7 @@ def fit_generalized_maxwell(
 
 
 def _first_motion(y: np.ndarray, onset: str) -> int:
-    """Return the index of the first sample at which the model can have answered."""
+    """Return the index of the first sample at which the model can respond."""
     moved = np.flatnonzero(np.diff(y))
     if onset == "step" and y[0] != 0:
         return 1
@@ -513,7 +515,7 @@ def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.
 def _intervals(
     x: np.ndarray, jacobian: np.ndarray, miss: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return 95 % confidence intervals x -+ t s.
+    """Return the 95 % confidence intervals x -+ t s.
 
     s^2 is the diagonal of (J' J)^-1 times the variance of the errors.
     """

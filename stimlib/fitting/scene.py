@@ -1,7 +1,8 @@
-"""System identification: the parameters of a scene that fit a target, by gradients.
+"""System identification: fits a scene's parameters to a target by gradients.
 
-A number is searched in relative units: p = start exp(u), or its like between bounds, so
-that one step of u means as much for 1e-9 as for 1e9, and no step can leave the bounds.
+Numbers are searched in relative units, p = start exp(u) or a similar mapping between
+bounds, so that one step of u means the same for 1e-9 as for 1e9, and no step can leave
+the bounds.
 """
 
 from __future__ import annotations
@@ -28,16 +29,16 @@ FAR = 300.0  # where the coordinate of a number with a bound ends: exp(FAR) is a
 
 # Coordinates --------------------------------------------------------------------------
 class Range(NamedTuple):
-    """The range of a number, and where its search starts."""
+    """The range of a parameter, with the start of its search."""
 
     start: float
     low: float
     high: float
 
     def value(self, u: Any, xp: Any = np) -> Any:
-        """Return the number at the coordinate u.
+        """Return the parameter's value at the search coordinate u.
 
-        It is start at 0, rising, within low .. high for all u.
+        The value is ``start`` at u = 0, rises with u, and stays within low .. high.
         """
         start, low, high = self
         if math.isinf(low) and math.isinf(high):
@@ -93,7 +94,7 @@ def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
 
 # What is compared ---------------------------------------------------------------------
 def welch(x: Any, fs: float, segment: int) -> Any:
-    """Return one-sided PSD under JAX: Hann windows, half overlapping, means removed.
+    """Return a one-sided PSD by Welch's method, in JAX.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ def welch(x: Any, fs: float, segment: int) -> Any:
 
 
 class View(NamedTuple):
-    """The part of a signal that counts in a fit.
+    """The transformation of a signal that a loss compares with its target.
 
     The loss is the mean square of view(signal) - wanted.
     """
@@ -235,7 +236,7 @@ def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
 
 
 def _given_psd(name: str, target: tuple[Any, ...], f: np.ndarray) -> np.ndarray:
-    """Return a PSD that was given as (f, P) at other frequencies, f rising."""
+    """Interpolate a PSD, given as (f, P), at other frequencies."""
     two = len(target) == 2
     g, density = (np.asarray(v, float) for v in target) if two else (np.zeros(0), np.zeros(0))
     if g.ndim != 1 or g.shape != density.shape or g.size < 2 or not (np.diff(g) > 0).all():
@@ -284,29 +285,31 @@ def _view(loss: str, targets: Mapping[str, Any], n: int, fs: float, weight: Any,
 # The result ---------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The result of ``stimlib.fit``; ``print`` shows it as a table."""
+    """The result of ``stimlib.fit``, which ``print`` shows as a table."""
 
     params: dict[str, float]
-    """The numbers found, in their units."""
+    """The fitted parameters, in their units."""
     intervals: dict[str, tuple[float, float]]
-    """95 % confidence of each, for the loss "force"; else empty."""
+    """95 % confidence interval of each parameter, for the loss "force"; otherwise
+    empty.
+    """
     loss: float
-    """The least loss, that of ``params``."""
+    """The smallest loss, reached with ``params``."""
     history: np.ndarray
     """Loss at the start and after each step, shape (steps + 1,)."""
     steps: int
     converged: bool
-    """Whether the last step changed no number by more than ``tol``, relatively, where
-    the loss is least and flat.
+    """Whether the last step changed no parameter by more than the relative amount
+    ``tol``, and the loss is flat at its minimum.
     """
     signals: dict[str, np.ndarray]
-    """Every output with ``params``, each of shape (n,)."""
+    """Every output of the fitted scene, each of shape (n,)."""
     scene: Scene
     """The scene that was fitted, with ``params`` as its initial values."""
     start: dict[str, float]
     units: dict[str, str]
     measure: str
-    """What the root of the loss is."""
+    """Meaning of the square root of the loss."""
 
     def __repr__(self):
         values = ", ".join(f"{name}={value:.6g}" for name, value in self.params.items())
@@ -371,48 +374,48 @@ def fit(
 ) -> Fit:
     """Fit the parameters of a scene so that its signals come closest to a target.
 
-    The scene is driven along a motion.
+    The inputs of the scene follow a given motion.
 
     Parameters
     ----------
     scene : Scene
-        Parameters that are not searched stay at their values.
+        Parameters that are not fitted keep their values.
     motion : dict of str to callable or ndarray
         Every input, as for ``stimlib.render``.
     target : array_like or dict of str to array_like
-        What the output should be, or each of some outputs by name; see ``loss``.
+        Target of the output, or of several outputs by name; see ``loss``.
     params : dict of str to float or (start, low, high)
-        Numbers to find.  With bounds, either of them may be infinite and is never
-        reached; without, a number keeps the sign of its start.
+        Parameters to fit.  A bound may be infinite and is never reached; without
+        bounds, a parameter keeps the sign of its start.
     loss : {"force", "log_psd", "rms"} or callable
         "force": mean square of the difference, over the mean square of the target, a
         signal (n,). "log_psd": mean square of the difference of the natural logarithms
         of the Welch PSDs in ``band``.  The target is a signal of any length, a pair of
         arrays (f, P), or a function of f; P is one-sided, in units^2/Hz. "rms": square
         of the natural logarithm of the ratio of the RMS values.  The target is a
-        signal, or a number. Or a function (signals, target) -> scalar of ``jax.numpy``,
-        of all outputs by name and of the target as it was given.
+        signal, or a number. Or a function (signals, target) -> scalar in ``jax.numpy``,
+        called with all outputs by name and with the target as given.
     fs : float
-        Sample rate in Hz, of arrays of motion and of target too.
+        Sample rate in Hz, also of motion arrays and of the target.
     seconds : float, optional
-        Length of the run; by default that of the target of "force", else of the
-        shortest array of motion.
+        Length of the run; by default that of the target of "force", otherwise of the
+        shortest motion array.
     weight : array_like, shape (n,), optional
-        With "force", of each squared difference and of each square of the target: 0
+        With "force", weight of each squared difference and of each squared target: 0
         leaves a sample out, 1/target**2 makes errors relative.
     band : (low, high), optional
         With "log_psd", in Hz.
     seed : int
-        Key of all noise, the same at every step.
+        Seed of all noise, the same at every step.
     surrogate : float, optional
-        Relative width of the smooth edge whose derivative gates borrow; see
+        Relative width of the smooth edge whose derivative replaces that of a gate; see
         ``stimlib.compile``.
     steps : int
-        The most that are made.
+        Maximum number of steps.
     tol : float
-        The search ends where a step changes every number by less than this, relatively,
-        and the loss is flat: its slope is below sqrt(tol) times that at the start, or
-        times the loss, but for no number exactly 0.
+        The search ends when a step changes every number by less than this relative
+        amount, and the loss is flat: its slope is below sqrt(tol) times that at the
+        start, or times the loss, and for no number exactly 0.
     optimiser : optax.GradientTransformation, optional
         By default ``optax.lbfgs()``, with its line search.
     progress : bool
@@ -424,16 +427,16 @@ def fit(
         Parameters, inputs or outputs that the scene does not have.
     BadValue
         A target, weight or band of a wrong shape, not finite, or 0 throughout; a start
-        that is not between its bounds; a number that makes no difference at its start
-        (its derivative is exactly 0); a loss that is not finite there.
+        that is not between its bounds; a parameter without effect at its start (its
+        derivative is exactly 0); a loss that is not finite there.
 
     Notes
     -----
-    A search by gradients finds the minimum of the valley in which it starts, and ends,
-    not converged, where a line search finds nothing lower.  Intervals come from the
-    Gauss-Newton matrix and take errors of samples as independent and equal (with
-    ``weight``, as weighted).  A loss on noise compares one run of it, so its numbers
-    scatter as those of one recording do.
+    A gradient search finds the minimum of the valley in which it starts, and ends
+    unconverged if a line search finds nothing lower.  Intervals come from the
+    Gauss-Newton matrix and assume independent and equal errors (with ``weight``,
+    weighted errors).  A loss on noise compares one realisation, so its results scatter
+    like those of one recording.
 
     Examples
     --------
@@ -585,7 +588,7 @@ def _searched(
 
 
 def _check_search(loss: Any, steps: Any, tol: Any, weight: Any, band: Any) -> None:
-    """Refuse a loss that is none, and what does not fit it."""
+    """Check the options of a search; raise BadValue if they do not fit together."""
     if not (callable(loss) or loss in LOSSES):
         raise BadValue(
             f"fit: loss = {loss!r}: choose one of {', '.join(LOSSES)}, or a function of (signals,"
@@ -601,7 +604,7 @@ def _check_search(loss: Any, steps: Any, tol: Any, weight: Any, band: Any) -> No
 
 
 def _targets(target: Any, outputs: tuple[str, ...]) -> dict[str, Any]:
-    """Return the targets by output."""
+    """Return the target of each output."""
     if isinstance(target, Mapping):
         for name in target:
             if name not in outputs:
@@ -626,7 +629,7 @@ def _length(
     seconds: float | None,
     fs: float,
 ) -> int:
-    """Return the samples of the run."""
+    """Return the number of samples of the run."""
     lengths = {name: np.size(target) for name, target in signals.items()}
     if len(set(lengths.values())) > 1:
         raise BadValue(
@@ -652,7 +655,7 @@ def _length(
 
 
 def _check_start(value: Any, grad: Any, ranges: Mapping[str, Range]) -> None:
-    """Raise BadValue where a search cannot begin."""
+    """Raise BadValue if a search cannot begin at its start."""
     starts = ", ".join(f"{name} = {r.start:g}" for name, r in ranges.items())
     if not math.isfinite(value):
         raise BadValue(
@@ -679,10 +682,10 @@ def _check_start(value: Any, grad: Any, ranges: Mapping[str, Range]) -> None:
 def _confidence(
     u: np.ndarray, slopes: Mapping[str, Any], misses: Mapping[str, Any], ranges: Mapping[str, Range]
 ) -> dict:
-    """Return 95 % intervals by name.
+    """Return the 95 % confidence intervals by name.
 
-    There are none where there are no more samples than numbers. Samples without weight
-    do not count.
+    There are none unless there are more samples than numbers. Samples of weight 0 do
+    not count.
     """
     J = np.concatenate([np.asarray(slopes[name]) for name in misses])
     r = np.concatenate([np.asarray(v) for v in misses.values()])
@@ -698,7 +701,7 @@ def _confidence(
 
 
 def _with(scene: Scene, params: Mapping[str, float]) -> Scene:
-    """Return the scene with other initial values."""
+    """Return the scene with other initial parameter values."""
     data = scene.to_dict()
     for b in data["blocks"]:
         if b["class"] == "Param" and b["fields"]["name"] in params:

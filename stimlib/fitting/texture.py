@@ -1,6 +1,6 @@
-"""Textures from recordings: an accelerometer on a tool that strokes a surface.
+"""Fits of textures to recordings of an accelerometer on a stroking tool.
 
-Speeds and forces may vary freely.
+Speed and force may vary freely during the recording.
 
 Sources: Culbertson, Unwin and Kuchenbecker, "Modeling and rendering realistic textures
 from unconstrained tool-surface interactions", IEEE Trans. Haptics 7 (2014); de Waele
@@ -25,7 +25,7 @@ SHORTEST = 4  # samples for each coefficient in a stretch that is used
 
 
 class Bin(NamedTuple):
-    """A range of speeds and forces, and what was found in it."""
+    """A range of speeds and forces, with the data found in it."""
 
     speed: tuple[float, float]  # m/s, from and to
     force: tuple[float, float]  # N
@@ -34,7 +34,7 @@ class Bin(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A model and its speed and force."""
+    """A model, with the speed and force that it belongs to."""
 
     speed: float
     force: float
@@ -44,14 +44,14 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TextureFit:
-    """A fitted texture, and the recording that it was fitted to.
+    """A fitted texture, with the recording that it was fitted to.
 
     Attributes
     ----------
     model : TextureModel
         For ``stimlib.blocks.texture`` and ``save_texture``.
     bins : list of Bin
-        All, also those that are left out.
+        All bins, including those that are left out.
     """
 
     model: TextureModel
@@ -59,9 +59,9 @@ class TextureFit:
 
     @property
     def left_out(self) -> list[Bin]:
-        """Bins without a model, because there was too little data in them.
+        """Bins without a model because they had too little data.
 
-        Their neighbours stand in.
+        The models of neighbouring bins are used instead.
         """
         return [b for b in self.bins if b.left_out]
 
@@ -80,18 +80,18 @@ class TextureFit:
 
 
 def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float]:
-    """Fit the autoregressive model of several stretches, by Burg's method for segments.
+    """Fit an autoregressive model to several segments by Burg's method.
 
-    The stretches are of one process.
+    All segments are realisations of one process.
 
-    Each reflection coefficient k makes the forward and backward errors of all stretches
-    together least, so abs(k) < 1 and the model is stable, whatever the data; and unlike
-    an autocorrelation, no stretch is taken as 0 beyond its ends.
+    Each reflection coefficient k minimises the summed forward and backward errors of
+    all segments, so abs(k) < 1 and the model is stable for any data. Unlike an
+    autocorrelation, the method does not assume that a segment is 0 beyond its ends.
 
     Parameters
     ----------
     stretches : sequence of ndarray
-        Each longer than the order.
+        Segments, each longer than the order.
     order : int
 
     Returns
@@ -99,7 +99,7 @@ def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float
     a : ndarray, shape (order + 1,)
         1 + sum a_k z^-k.
     power : float
-        Mean square of what drives it.
+        Mean square of the driving noise.
 
     Examples
     --------
@@ -143,56 +143,56 @@ def fit_texture(
     seconds: float = 1.0,
     name: str = "",
 ) -> TextureFit:
-    """Fit a texture to a recording.
+    """Fit a texture model to a recording.
 
     There is one autoregressive model for each range of speeds and forces that has
     enough data.
 
-    A model stands at the mean speed and force of its bin.  At speed 0 and at force 0
-    there is no vibration; at the largest speed and force the border of the rectangle
-    has the models of the bins beside it.  Triangles are those of Delaunay in speed and
-    force over their largest.
+    Each model is placed at the mean speed and force of its bin.  At speed 0 and at
+    force 0 there is no vibration; at the largest speed and force, the border of the
+    rectangle has the models of the nearest bins.  Interpolation uses the Delaunay
+    triangulation in speed and force, each divided by its largest value.
 
     Parameters
     ----------
     acceleration : array_like, shape (n,)
-        In m/s^2, one axis, or three put together (``Notes``).
+        In m/s^2, from one axis, or three axes combined (see ``Notes``).
     speed, force : array_like, shape (n,)
-        In m/s along the surface, whose sign does not count, and in N normal to it.
+        Speed along the surface in m/s, whose sign is ignored, and normal force in N.
     fs : float
-        Of all three, in Hz; the model runs at this rate.  Bring a faster recording to
-        1000 Hz first (``scipy.signal.resample_poly``).
+        Sample rate of all three in Hz; the model runs at this rate.  Resample a faster
+        recording to 1000 Hz first (``scipy.signal.resample_poly``).
     order : int
-        Of the models.
+        Order of the models.
     speeds, forces : int or array_like
-        How many ranges, each with about as many samples; or the edges of the ranges in
-        m/s and N.
+        Number of ranges, each with about the same number of samples; or the edges of
+        the ranges in m/s and N.
     seconds : float
-        A bin with less than this, in stretches of at least 4 samples for each
+        A bin with less data than this, in segments of at least 4 samples per
         coefficient, is left out.
     name : str
 
     Returns
     -------
     TextureFit
-        Its ``model``, and which ``bins`` were left out.
+        The ``model``, and its ``bins``, some of which may be left out.
 
     Raises
     ------
     BadValue
-        Signals that are not finite, or of several lengths; edges that do not rise; an
-        order, a rate or seconds out of range; no bin that has enough.
+        Signals that contain NaN or infinity or differ in length; edges that do not
+        rise; order, rate or seconds out of range; or no bin with enough data.
 
     Notes
     -----
-    Skin hardly feels the direction of a vibration, so the toolkit's authors made one
-    signal of three axes: the sum of the axes' spectra, with the phase of the sum
-    (DFT321: Landin, Romano, McMahan, Kuchenbecker, EuroHaptics 2010).
+    The skin hardly perceives the direction of a vibration, so the toolkit's authors
+    combined three axes into one signal: the sum of the axes' spectra, with the phase of
+    the sum (DFT321: Landin, Romano, McMahan, Kuchenbecker, EuroHaptics 2010).
 
     References
     ----------
-    As at the head of the module; the published models are cut by the stationarity of
-    the signal, these by speed and force alone.
+    See the head of the module. The published models segment the signal by its
+    stationarity; these segment it by speed and force alone.
 
     Examples
     --------
@@ -266,7 +266,7 @@ def fit_texture(
 
 
 def _point(a: np.ndarray, v: np.ndarray, f: np.ndarray, runs: list[slice], order: int) -> Point:
-    """Return the model of some stretches; raise BadValue where they have no noise."""
+    """Return the model of some segments; raise BadValue if they contain no noise."""
     speed, force, mean = (float(np.concatenate([x[r] for r in runs]).mean()) for x in (v, f, a))
     stretches = [a[r] - mean for r in runs]
     if not any(x.any() for x in stretches):
@@ -276,9 +276,9 @@ def _point(a: np.ndarray, v: np.ndarray, f: np.ndarray, runs: list[slice], order
 
 
 def _joined(found: dict[tuple[int, int], Point], fs: float, name: str) -> TextureModel:
-    """Return models at their places, and those on the border of their rectangle.
+    """Return the models at their points, and those on the border of the rectangle.
 
-    The rectangle goes from 0 on.
+    The rectangle begins at speed and force 0.
     """
     from scipy.spatial import Delaunay
 
@@ -349,7 +349,7 @@ def _signals(**signals) -> list[np.ndarray]:
 def _edges(what: str, given, x: np.ndarray) -> np.ndarray:
     """Return the edges of the ranges.
 
-    They are as given, or so that each range has as many samples.
+    They are as given, or chosen so that all ranges have equally many samples.
     """
     if not x.size:
         raise BadValue(
@@ -382,6 +382,6 @@ def _edges(what: str, given, x: np.ndarray) -> np.ndarray:
 
 
 def _runs(where: np.ndarray) -> list[slice]:
-    """Return stretches of neighbouring samples."""
+    """Return slices for the runs of neighbouring selected samples."""
     change = np.flatnonzero(np.diff(np.r_[0, where.astype(np.int8), 0]))
     return [slice(a, b) for a, b in zip(change[::2], change[1::2], strict=True)]

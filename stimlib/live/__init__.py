@@ -1,4 +1,5 @@
-"""A scene live on a page of a browser.
+"""Live scenes: explore a scene on a browser page in real time.
 
-``protocol`` (messages), ``inputs`` (what drives it), ``stream``, ``server``.
+The modules are ``protocol`` (messages), ``inputs`` (sources of motion), ``stream``
+(sessions) and ``server``.
 """

@@ -1,4 +1,4 @@
-"""What a page gets to know of a scene: ranges, full scales, and its visual surface."""
+"""The description of a scene for a page: ranges, full scales and visual surface."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from ..scenes import ROWS
 
 Range = tuple[float, float]
 UNITS: dict[str, Range] = {"m": (0.0, 0.1), "N": (0.0, 2.0), "m/s": (-0.5, 0.5)}
-"""Ranges of inputs by their unit; of others 0 to 1."""
+"""Ranges of inputs by unit; 0 to 1 for other units."""
 MAP = 128
-"""Most columns and rows of a surface that a page is sent."""
+"""Largest number of columns and rows of a surface sent to a page."""
 
 
 def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[str, Range]:
-    """Return a range for every input, for the pointer, and for every parameter.
+    """Return a range for every input (for the pointer) and every parameter.
 
     Parameters
     ----------
     scene : Scene
     given : mapping of str to (low, high), optional
-        In the units of the scene; goes before what the law, the unit or the value
-        suggest.
+        In the units of the scene; they override the ranges suggested by law, unit or
+        value.
 
     Raises
     ------
     UnknownName
-        A name that is no input and no parameter.
+        A name that is neither an input nor a parameter.
     BadValue
-        A range that is none, or does not hold the parameter's value.
+        A range that is invalid, or does not contain the parameter's value.
 
     Examples
     --------
@@ -82,16 +82,17 @@ def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[st
 
 
 def _around(value: float, unit: str) -> Range:
-    """Return a slider's range around the value that a parameter has."""
+    """Return a range for a slider around a parameter's value."""
     if value == 0 or (unit == "1" and 0 < value <= 1):
         return 0.0, 1.0
     return (0.0, 2.5 * value) if value > 0 else (2.5 * value, 0.0)
 
 
 def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[str, float]:
-    """Return the full scale of each output where nobody sets it.
+    """Return default full scales for the outputs of a scene.
 
-    It is at least twice the peak of a second in which every input sweeps its range.
+    Each is at least twice the output's peak during one second in which every input
+    sweeps its range.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
     Returns
     -------
     dict of str to float
-        Rounded up to 1, 2 or 5 times a power of ten; 1 of an output that is 0 or not
+        Rounded up to 1, 2 or 5 times a power of ten; 1 for an output that is 0 or not
         finite.
 
     Examples
@@ -144,15 +145,15 @@ def description(
 ) -> dict[str, Any]:
     """Return the scene's fields of the first message to a page.
 
-    They are inputs, params, outputs, view; see ``protocol``.
+    The fields are inputs, params, outputs and view; see ``protocol``.
 
     Parameters
     ----------
     scene : Scene
     ranges, full : mapping
-        Of ``ranges_of`` and ``full_scales``.
+        Results of ``ranges_of`` and ``full_scales``.
     given : mapping
-        Inputs that have a generator or recording of the caller's.
+        Inputs for which the caller gave a generator or recording.
 
     Examples
     --------
@@ -178,7 +179,7 @@ def description(
 
 
 def _surface(scene: Scene) -> dict[str, Any] | None:
-    """Return what a page draws of a soft object: its map, and its avatars' names."""
+    """Return the parts of a soft object that a page draws: its map and its avatars."""
     maps = [
         b for b in reach(scene.outputs.values()) if isinstance(b, (CubicGrid, Cursor, CursorFrames))
     ]

@@ -1,6 +1,6 @@
-"""The front end of an experiment on a page of the browser.
+"""The front end of an experiment on a browser page.
 
-It decides what a participant may see, and takes the answers.
+It decides what a participant may see, and receives the answers.
 
 Page and server talk over the WebSocket of `stimlib.live.protocol`: the same ``hello``,
 limits and codes of closing. After it
@@ -25,12 +25,11 @@ state       number, phase, trial, told,  after hello and after every change. tri
                                          with seconds; ``feel`` with intervals (list of
                                          [begin, end] in s) and cursor (Hz of a
                                          reference to follow, or null); ``end``
-error       about, text                  the answer is refused, and why
+error       about, text                  the answer is rejected, and why
 =========== ============================ ===============================================
 
-Nothing else is sent: no condition, level, parameter, seed, or which of the answers is
-right. The server closes with 4409 when another page was opened, and with 4410 at the
-end.
+Nothing else is sent: no condition, level, parameter, seed or right answer. The server
+closes with 4409 when another page was opened, and with 4410 at the end.
 """
 
 from __future__ import annotations
@@ -55,7 +54,9 @@ from . import protocol
 from .site import Page
 
 LONGEST = 4000
-"""Characters of an answer, as of a ranking of many words; `ask.html` says the same."""
+"""Largest number of characters in an answer, such as a ranking of many words;
+`ask.html` has the same limit.
+"""
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
     "answer": {
@@ -67,22 +68,23 @@ FIELDS = {
     },
 }
 GOODBYE = 2.0
-"""Seconds in which a page must have taken its last words."""
+"""Seconds within which a page must accept its last texts."""
 
 
 class ExperimentPage(Keyed):
-    """A session's front end on a page, for `stimlib.experiments.run`.
+    """The front end of a session on a browser page, for `stimlib.experiments.run`.
 
-    It is also the site of a `stimlib.live.server.Server`.
+    It is also the site that a `stimlib.live.server.Server` serves.
 
-    The session runs in a thread that waits here for answers; pages are of the server's
-    event loop. The newest page counts: one that is opened later, as after a lost
-    connection, closes the one before. Texts go as they are: a page shows them as text.
+    The session runs in a thread that waits here for answers; pages belong to the
+    server's event loop. Only the newest page counts: a page opened later, for instance
+    after a lost connection, closes the earlier one. Texts are sent unchanged, and a
+    page shows them as text, not as HTML.
 
     Parameters
     ----------
     note : callable
-        ``note(text)`` tells the experimenter how far the session is; called from both
+        ``note(text)`` reports the progress to the experimenter; called from both
         threads.
 
     Examples
@@ -111,9 +113,10 @@ class ExperimentPage(Keyed):
 
     @contextmanager
     def _held(self) -> Iterator[None]:
-        """Hold the lock for the session's thread.
+        """Hold the lock, from the session's thread.
 
-        Ctrl-C between its taking and the ``with`` would leave it taken for ever.
+        Otherwise Ctrl-C between acquiring the lock and entering ``with`` would never
+        release it.
         """
         with signals_wait(), self._changed:
             yield
@@ -124,7 +127,7 @@ class ExperimentPage(Keyed):
         self._told = [*self._told, text]
 
     def rest(self, seconds: float) -> None:
-        """Wait, whatever the page does meanwhile."""
+        """Wait for a rest, regardless of what the page does."""
         self._note(f"rest of {round(seconds)} s")
         self._become("rest", seconds=seconds)
         end = time.monotonic() + seconds
@@ -132,13 +135,13 @@ class ExperimentPage(Keyed):
             time.sleep(left)
 
     def ready(self, text: str) -> None:
-        """Go on with any key; the experimenter sees which trial it is."""
+        """Wait for any key of the participant; show the experimenter the trial."""
         self._trial = text
         self._note(text)
         super().ready(text)
 
     def read(self, prompt: Prompt) -> str:
-        """Return the first answer to this prompt.
+        """Return the first answer to a prompt.
 
         Raises
         ------
@@ -155,7 +158,7 @@ class ExperimentPage(Keyed):
         return said.strip()
 
     def _waited(self) -> str | None:
-        """Return the answer, if it comes soon, so that Ctrl-C is heard, too."""
+        """Return the answer if it comes within a short wait, so that Ctrl-C works."""
         with self._held():
             if self._said is None and not self._over:
                 self._changed.wait(0.2)
@@ -164,16 +167,16 @@ class ExperimentPage(Keyed):
     def display(
         self, experiment: Experiment, sink: str, **options: Any
     ) -> Callable[[Trial, Path], dict[str, Any]]:
-        """Return what ``run`` takes as a sink.
+        """Return the function that displays trials, to pass to ``run`` as its sink.
 
-        The page shows when there is something to feel, and a stimulus without a page
-        fades out.
+        The page shows when there is something to feel; if the page goes away, the
+        stimulus fades out.
 
         Parameters
         ----------
         experiment : Experiment
         sink, **options
-            As `stimlib.experiments.presentation.present` has them.
+            As for `stimlib.experiments.presentation.present`.
         """
 
         def show(trial: Trial, folder: Path) -> dict[str, Any]:
@@ -208,7 +211,7 @@ class ExperimentPage(Keyed):
         return protocol.message(text, FIELDS)
 
     def join(self, page: Page) -> None:
-        """Tell a page that has connected where the session is."""
+        """Send the state of the session to a page that has connected."""
         for other in self.pages:
             other.close(4409, "this session was opened on another page")
         self.pages.append(page)
@@ -217,7 +220,7 @@ class ExperimentPage(Keyed):
         self._note("the page is open")
 
     def leave(self, page: Page) -> None:
-        """Let the session wait, and a stimulus fade out, while there is no page."""
+        """Handle the loss of a page: a stimulus fades out, and the session waits."""
         self.pages.remove(page)
         with self._changed:
             sink = self._sink
@@ -230,7 +233,7 @@ class ExperimentPage(Keyed):
             self._loop.run_in_executor(None, sink.stop)
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
-        """Take an answer, once."""
+        """Accept an answer, once."""
         with self._changed:
             why = self._refusal(page, message)
             if not why:
@@ -240,7 +243,7 @@ class ExperimentPage(Keyed):
             page.tell({"is": "error", "about": message["do"], "text": why})
 
     def _refusal(self, page: Page, message: dict[str, Any]) -> str:
-        """Return why what a page says changes nothing."""
+        """Return the reason for rejecting a message, or an empty text."""
         if message["do"] == "hello":
             return "hello is said once, as the first word"
         if page is not self.pages[-1]:
@@ -296,7 +299,7 @@ class ExperimentPage(Keyed):
         return self
 
     def __exit__(self, kind: Any, *_: object) -> None:
-        """Send the page its last words."""
+        """Send the page its last texts and end it."""
         if kind is not None:
             self.tell(
                 "The session has stopped. All answers are kept. Please tell the experimenter."

@@ -1,4 +1,4 @@
-"""What drives a live scene: pointers, a sine, a held value, a motion, a stream."""
+"""Sources of motion for a live scene: pointers, a sine, a held value, a stream."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from .protocol import FINGERS, POINTERS
 
 Array = NDArray[np.float64]
 SMOOTH = 40.0
-"""Bandwidth in Hz of what follows a pointer: 8 ms late."""
+"""Bandwidth in Hz of the smoothing of a pointer, which delays by 8 ms."""
 CHANGE = 0.1
-"""Seconds in which an input goes over to a new source."""
+"""Seconds in which an input blends to a new source."""
 
 
 class Inputs:
-    """The motion of a live scene, made block by block.
+    """The motion of a live scene, computed block by block.
 
-    What a page sends arrives 60 to 1000 times a second, so u, v, pressure and value are
-    followed by ``stimlib.blocks.track``: a hand does not jump.  Contact jumps as it
-    does.  Where an input is told of contact or pressure, a finger that hovers moves
-    nothing, and one that comes back begins where it lands.
+    Messages of a page arrive 60 to 1000 times a second, so u, v, pressure and value are
+    smoothed by ``stimlib.blocks.track``, because a hand does not jump.  Contact is not
+    smoothed.  If the scene has an input for contact or pressure, a hovering finger
+    moves nothing, and a returning finger begins where it lands.
 
-    ``columns`` is called by one thread; everything else may be called by another
-    meanwhile, and waits for nobody.
+    One thread calls ``columns``; another may call the other methods at the same time,
+    and none of them blocks.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ class Inputs:
     fs : float
         Hz.
     ranges : mapping of str to (low, high)
-        Of the inputs.
+        Ranges of the inputs.
     given : mapping of str to callable, optional
-        Motions of inputs, functions of time as for ``stimlib.render``: they begin as
-        these.
+        Motions of inputs, as functions of time for ``stimlib.render``; they are the
+        initial sources of these inputs.
     bandwidth : float
-        Of the follower in Hz.
+        Bandwidth of the smoothing in Hz.
     stream : callable, optional
         Receives rows from another program or device, as for
         ``stimlib.devices.Stream``; a thread calls it from now on.
@@ -57,9 +57,9 @@ class Inputs:
     Raises
     ------
     UnknownName
-        A motion of an input that does not exist.
+        A motion for an input that does not exist.
     BadValue
-        A motion that is no function of time; a bandwidth above fs/2.
+        A motion that is not a function of time, or a bandwidth above fs/2.
 
     Examples
     --------
@@ -119,9 +119,9 @@ class Inputs:
     def _first(
         self, scene: Scene, ranges: Mapping[str, tuple[float, float]]
     ) -> dict[str, dict[str, Any]]:
-        """Return a source for every input.
+        """Return the initial source of every input.
 
-        x1, x2, .. share an axis, and what is no place is held.
+        Inputs x1, x2, .. share an axis, and inputs that are not positions hold a value.
         """
         found: dict[str, dict[str, Any]] = {}
         axes: dict[str, str] = {}
@@ -152,7 +152,7 @@ class Inputs:
         return found
 
     def _listen(self) -> None:
-        """Keep the newest row of the stream, until that fails."""
+        """Keep the newest row of the stream, until the stream fails."""
         assert self.stream is not None
         try:
             while True:
@@ -167,7 +167,7 @@ class Inputs:
         self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
 
     def move(self, finger: int, u: float, v: float, p: float, on: float, t: float = 0.0) -> None:
-        """Move a finger; the next block uses its position."""
+        """Move a finger, with effect from the next block."""
         if not (on or not self.touches):
             u, v = self.fingers[finger][:2]
         self.fingers[finger] = (u, v, p if on else 0.0, float(on))
@@ -178,15 +178,15 @@ class Inputs:
         self.fingers = [(u, v, 0.0, 0.0) for u, v, _, _ in self.fingers]
 
     def choose(self, name: str, **source: Any) -> None:
-        """Choose another source for an input, or other numbers for it.
+        """Choose another source for an input, or change the numbers of its source.
 
         Raises
         ------
         UnknownName
             No such input.
         BadValue
-            A range that does not rise; ``given`` where nothing was given, ``stream``
-        without one.
+            A range that does not rise; source ``given`` without a given motion, or
+            ``stream`` without a stream.
         """
         if name not in self.sources:
             raise UnknownName(
@@ -215,7 +215,7 @@ class Inputs:
         Raises
         ------
         BadValue
-            A motion of the caller's that is not finite, or ends.
+            A given motion that is not finite, or ends.
         """
         x = np.empty((len(self.names), n))
         if self._follow is None:
@@ -237,7 +237,7 @@ class Inputs:
         return x
 
     def _held(self, source: Mapping[str, Any]) -> tuple[float, float]:
-        """Return where the follower is to go, and whether it is in contact."""
+        """Return the target of the smoothing, and whether the finger is in contact."""
         kind, low, high = source["from"], source["low"], source["high"]
         if kind == "stream":
             there = source["channel"] < len(self.row)
@@ -259,7 +259,7 @@ class Inputs:
         return sinusoid((high - low) / 2, source["freq"], (high + low) / 2, -math.pi / 2)
 
     def _go_over(self, k: int, name: str, row: Array, at: int) -> None:
-        """Move from the old source to the new one along a straight line."""
+        """Blend linearly from the old source of an input to the new one."""
         since = self._changed[name]
         if since is None:
             since = self._changed[name] = at

@@ -1,4 +1,4 @@
-"""A scene live in a cell of a notebook, or in a browser beside a program."""
+"""A live scene in a notebook cell, or in a browser next to a running program."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .server import Server
 from .stream import Stream
 
 NEAR = "http://127.0.0.1:* http://localhost:*"
-"""Who may show the page in a frame: notebooks of this machine."""
+"""Sites that may show the page in a frame: notebooks on this machine."""
 _shown: dict[str, Server] = {}
 
 
@@ -22,20 +22,20 @@ def show(
     port: int = 0,
     **options: Any,
 ) -> Server:
-    """Serve a scene in a thread, as ``Scene.live`` does.
+    """Serve a live scene in a thread, as ``Scene.live`` does.
 
     Parameters
     ----------
     scene, fs, safety, **options
         As for ``stimlib.live.stream.Stream``.
     port : int
-        0 takes a free one.
+        0 chooses a free port.
 
     Returns
     -------
     Server
-        A notebook shows its page; ``url`` is its address, ``close()`` fades out and
-        ends it.  Of a scene that is shown already the earlier server is closed.
+        A notebook shows its page; ``url`` is its address, and ``close()`` fades out and
+        ends it.  If the scene is shown already, the earlier server is closed.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""What page and server say to each other over the one WebSocket, ``/ws``.
+"""The messages between page and server over the single WebSocket, ``/ws``.
 
-Text is one JSON object. What the page says has ``do``, what the server says has ``is``;
-other fields are as in the tables.
+Text is one JSON object. Messages of the page have ``do``, messages of the server have
+``is``; other fields are as in the tables.
 
 =========== ============================ ===============================================
 page: do    fields                       meaning
@@ -15,15 +15,14 @@ move        finger, u, v, p, on, t       finger 0 .. 9 is at (u, v), 0 to 1 from
                                          its samples
 set         name, value                  a parameter, in its unit, within the range that
                                          hello has; 20 ms ramp
-source      input, from, finger, low,    what drives an input, from: ``u``, ``v``,
+source      input, from, finger, low,    source of an input, from: ``u``, ``v``,
             high, freq, value, channel,  ``pressure`` (low at 0, high at 1), ``contact``
             scale                        (0, 1), each of a finger; ``sine`` (between low
                                          and high, freq in Hz), ``value`` (held),
                                          ``given`` (what --motion gave), ``stream``
                                          (number ``channel`` of the rows that another
                                          program sends, times ``scale``, within low and
-                                         high). Fields that are left out stay as they
-                                         are
+                                         high). Omitted fields do not change
 mark                                     a marker of the name ``page``, at the next
                                          sample
 start                                    a new session from sample 0, faded in; ends one
@@ -34,8 +33,8 @@ record                                   as start, with a log; ``stop`` ends it.
                                          tells its folder
 control                                  take control; the page that has it watches from
                                          then on
-seen        at                           answer to each report, with its at: who is
-                                         silent for 2 s is gone
+seen        at                           answer to each report, with its at; a page that
+                                         is silent for 2 s counts as gone
 =========== ============================ ===============================================
 
 =========== ============================ ===============================================
@@ -56,8 +55,8 @@ report      session, at, seconds, lost,  five times a second while a session run
                                          skipped: blocks that this page was too slow
                                          for; clips, faults as in a sink's report; time:
                                          Unix time in s; busy: part of a block's time
-error       about, text                  what was asked for is refused, and why; about:
-                                         its ``do``
+error       about, text                  the request is rejected, and why; about: its
+                                         ``do``
 =========== ============================ ===============================================
 
 hello has
@@ -84,14 +83,14 @@ Samples are binary, little-endian: HEAD float64
 ====== ==================================================================
 
 then float32: n of each input (in its unit, as the scene had them), n of each output (of
-full scale, -1 to 1, as a device is given them). Indices that are missing were lost or
-skipped. Every session has its own log's index, so what is drawn can be found in a
+full scale, -1 to 1, as a device is given them). Missing indices were lost or
+skipped. The index is that of the session's log, so drawn samples can be found in a
 recording.
 
 The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4408
 (silent, or reads nothing), 4409 (two pages are there already) or 4429 (too many
-messages): trying again does not help. Anything else does: a page asks again for a
-server that it has lost.
+messages): trying again does not help. In all other cases it does: a page reconnects
+to a server that it has lost.
 """
 
 from __future__ import annotations
@@ -107,19 +106,19 @@ from ..system import fields
 
 VERSION = 1
 HEAD = 6
-"""Numbers of float64 ahead of the samples."""
+"""Number of float64 values before the samples."""
 
 MESSAGE = 1024
-"""Most bytes of a page's message."""
+"""Largest size of a page's message in bytes."""
 RATE, BURST = 1200.0, 300.0
-"""Most messages of a page in a second, and at once."""
+"""Largest number of messages of a page per second, and at once."""
 WRONG = 20
-"""Messages that a page may send and that are not understood."""
+"""Number of invalid messages that a page may send."""
 PAGES = 2
 SILENT = 2.0
-"""Seconds without an answer after which a page is gone."""
+"""Seconds without an answer after which a page counts as gone."""
 REPORTS = 0.2
-"""Seconds from report to report."""
+"""Seconds between reports."""
 
 FINGERS = 10
 POINTERS = ("u", "v", "pressure", "contact")
@@ -156,7 +155,7 @@ OPTIONS: dict[str, fields.Test] = {
     "channel": fields.whole(999),
     "scale": _WIDE,
 }
-"""What a source may have besides."""
+"""Optional fields of a source."""
 
 
 def message(
@@ -164,12 +163,12 @@ def message(
 ) -> dict[str, Any]:
     """Parse and check a message from a page.
 
-    Its field ``do`` names a row of the table.
+    Its field ``do`` names a row of the first table above.
 
     Raises
     ------
     BadValue
-        It is none of the table's.
+        The message is not in the table.
 
     Examples
     --------
@@ -199,7 +198,7 @@ def message(
 
 
 def samples(head: tuple[float, ...], x: NDArray[np.float64], y: NDArray[np.float32]) -> bytes:
-    """Return a binary message with samples.
+    """Return a block of samples as a binary message.
 
     Parameters
     ----------

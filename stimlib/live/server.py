@@ -1,4 +1,4 @@
-"""The server of the page: its files and one WebSocket, for one machine, behind a token.
+"""The server of the page: its files and one WebSocket, protected by a token.
 
 Importing this needs the packages of ``pip install 'stimlib[live]'``.
 """
@@ -41,25 +41,25 @@ POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; connect-src"
     " 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors "
 )
-"""Content security policy: what the page loads comes from here, and nothing in it is
-run from text.
+"""Content security policy: the page loads only from this server and runs no inline
+code.
 """
 HELLO = 2.0
 """Seconds in which a page must show its token."""
 REQUEST = 3.0
 """Seconds in which a connection must have sent the head of its request."""
 WITHOUT = 16
-"""Connections that may be open without a request."""
+"""Largest number of open connections without a request."""
 
 
 class Connection(H11Protocol):
-    """An HTTP connection that ends when its request does not come in time.
+    """An HTTP connection that is closed if its request does not arrive in time.
 
-    The oldest that still waits for its request also ends when more than ``WITHOUT`` do.
+    If more than ``WITHOUT`` connections wait for their request, the oldest is closed.
     """
 
     def connection_made(self, transport: Any) -> None:
-        """Give it a time limit, and make room for it."""
+        """Start a new connection's time limit; close the oldest if too many wait."""
         super().connection_made(transport)
         self.limit = self.loop.call_later(REQUEST, self.leave)
         waiting = [c for c in self.connections if isinstance(c, Connection) and c.waits()]
@@ -67,19 +67,19 @@ class Connection(H11Protocol):
             min(waiting, key=lambda c: c.limit.when()).leave()
 
     def waits(self) -> bool:
-        """Return whether it is open, and has not sent the head of a request."""
+        """Return whether the connection is open and still waits for its request."""
         return self.cycle is None and self in self.connections and not self.transport.is_closing()
 
     def leave(self) -> None:
-        """Close it, unless it has a request."""
+        """Close the connection if it still waits for its request."""
         if self.waits():
             self.transport.close()
 
 
 def page_files(index: str) -> dict[str, tuple[str, bytes]]:
-    """Return path, media type and content of every file of ``stimlib/live/page``.
+    """Return path, media type and content of every file in ``stimlib/live/page``.
 
-    They are read once; ``index`` is the page.
+    The files are read once; ``index`` is the file of the page.
     """
     found = {}
     for f in Path(__file__).with_name("page").iterdir():
@@ -89,25 +89,26 @@ def page_files(index: str) -> dict[str, tuple[str, bytes]]:
 
 
 class Server:
-    """The server of the pages of a stream or an experiment, on a port.
+    """The server of a stream's or an experiment's pages, on one port.
 
     Parameters
     ----------
     stream : Stream or other Site
     host : str
-        Address to listen at.
+        Address to listen on.
     port : int
         0 takes a free one.
     token : str, optional
-        By default, and instead of an empty one, a new one of 192 bits.
+        By default, or if empty, a new random token of 192 bits.
     framed_by : str
-        Sources of the policy's ``frame-ancestors``: who may show the page in a frame.
+        Sources for ``frame-ancestors`` in the content security policy: the sites that
+        may show the page in a frame.
 
     Raises
     ------
     SinkError
-        The port is taken, or the address is not this machine's; or a server that has
-        been started is to be started again.
+        The port is in use, the address does not belong to this machine, or the server
+        was started before.
     """
 
     def __init__(
@@ -152,7 +153,7 @@ class Server:
     def url(self) -> str:
         """Address of the page.
 
-        Its token is behind ``#``, which a browser keeps to itself.
+        The token follows ``#``, which a browser does not send.
         """
         return f"http://{_netloc(_name(self.host), self.port)}/#{self.token}"
 
@@ -172,7 +173,7 @@ class Server:
         self._serve()
 
     def _begin(self) -> None:
-        """Begin once only: two loops over one stream would end the process."""
+        """Mark the server as started; raise SinkError if it was started before."""
         if self._begun:
             raise SinkError(
                 f"the live page at {self.host}:{self.port} runs already, or has ended: make another"
@@ -180,12 +181,12 @@ class Server:
         self._begun = True
 
     def _serve(self) -> None:
-        """Serve one page, from its first word to its last."""
+        """Run the web server until it ends."""
         with self._socket, _closed_terminal_ends():
             self._uvicorn.run(sockets=[self._socket])
 
     def start(self) -> Server:
-        """Serve in a thread, until ``close``; one that is served already goes on."""
+        """Serve in a thread until ``close``; a running server is left running."""
         if self._thread is not None and self._thread.is_alive():
             return self
         self._begin()
@@ -199,7 +200,7 @@ class Server:
         return self
 
     def close(self) -> None:
-        """Fade out and end."""
+        """Fade out and end the server."""
         self._uvicorn.should_exit = True
         if not self._begun:
             self._begun = True
@@ -239,7 +240,7 @@ class Server:
         headers = [(name.lower().encode(), value.encode()) for name, value in self._headers.items()]
 
         async def guarded(scope: Any, receive: Any, send: Any) -> None:
-            """Answer with our headers, and only a host of our name."""
+            """Answer with security headers, if the Host header names this machine."""
 
             async def answer(part: Any) -> None:
                 await send(
@@ -258,9 +259,9 @@ class Server:
         return guarded
 
     def _known(self, host: str) -> bool:
-        """Return whether a Host is this machine's.
+        """Return whether a Host header names this machine.
 
-        Under another name, a stranger's page would be of our origin.
+        If any name were accepted, an attacker's page could share this server's origin.
         """
         if self.port == 80 and not host.endswith(":80"):  # which browsers leave out
             host += ":80"
@@ -275,7 +276,7 @@ class Server:
         return name in ("localhost", socket.gethostname())
 
     async def _talk(self, ws: Any) -> None:
-        """Return one page, from its first word to its last."""
+        """Serve the WebSocket of one page, from its first message to its last."""
         host = ws.headers.get("host", "")
         if not self._known(host) or ws.headers.get("origin") != f"http://{host}":
             return await _bye(ws, 1000, "")  # before it is accepted: HTTP 403
@@ -298,7 +299,7 @@ class Server:
             await _bye(ws, *page.end)
 
     async def _greet(self, ws: Any) -> tuple[int, str] | None:
-        """Return why a page is refused."""
+        """Return why a page is rejected, or None."""
         try:
             first = await asyncio.wait_for(ws.receive(), HELLO)
             hello = self.stream.message(first.get("text") or first.get("bytes") or b"")
@@ -314,7 +315,7 @@ class Server:
         return None
 
     async def _listen(self, ws: Any, page: Page) -> None:
-        """Handle what the page says, while it is not too much and well formed."""
+        """Handle the messages of a page, unless they are too many or malformed."""
         budget, then, wrong = BURST, time.monotonic(), 0
         while (got := await ws.receive())["type"] == "websocket.receive":
             now = time.monotonic()
@@ -332,7 +333,7 @@ class Server:
             self.stream.do(page, said)
 
     async def _speak(self, ws: Any, page: Page) -> None:
-        """Send what waits for the page: texts first, which describe the samples."""
+        """Send queued messages: texts before the samples that they describe."""
         while True:
             await page.wake.wait()
             page.wake.clear()
@@ -359,9 +360,9 @@ def _listen(host: str, port: int) -> socket.socket:
 
 @contextmanager
 def _closed_terminal_ends() -> Iterator[None]:
-    """Let SIGHUP end the server as SIGTERM does, with a fade and a whole log.
+    """Let SIGHUP end the server like SIGTERM, with a fade and a complete log.
 
-    ``nohup`` still ignores it.
+    Under ``nohup``, SIGHUP is still ignored.
     """
     hup: Any = getattr(signal, "SIGHUP", None)
     ours = (
@@ -379,7 +380,7 @@ def _closed_terminal_ends() -> Iterator[None]:
 
 
 async def _bye(ws: Any, code: int, why: str) -> None:
-    """Close a connection, which may be closed already, or take nothing."""
+    """Close a connection, even if it is already closed or unresponsive."""
     from starlette.websockets import WebSocketDisconnect
 
     with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
@@ -391,5 +392,5 @@ def _netloc(host: str, port: int) -> str:
 
 
 def _name(host: str) -> str:
-    """Return what others call this machine; where it listens everywhere, its name."""
+    """Return the host name under which others reach this machine."""
     return socket.gethostname() if host in ("0.0.0.0", "::") else host

@@ -1,4 +1,4 @@
-"""The sink whose device is a page: it makes blocks in real time and hands them on."""
+"""The sink of a page, which makes blocks in real time and passes them on."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from ..errors import place
 from ..run.safety import Safety
 
 LATE = 0.25
-"""Seconds behind the clock that are caught up; what is more is lost, as in a device
-that had no samples.
+"""Largest delay behind the clock, in s, that is caught up; samples beyond that are
+lost, as on a device without samples.
 """
 MOST_LOST = 0.5
-"""Seconds that are lost at once; a process that was stopped for longer goes on from
-there.
+"""Largest number of seconds lost at once; a process that was stopped for longer
+continues from there.
 """
 
 
 class PageSink(Sink):
-    """A sink whose device is a page in the browser.
+    """A sink whose device is a browser page.
 
     Parameters
     ----------
     scene, safety, **options
         See ``Sink``.
     feed : callable
-        ``feed(at, n)`` gives the motion of samples at .. at + n - 1, shape (n_inputs,
-        n): finite real numbers of any type, which are copied.
+        ``feed(at, n)`` returns the motion of samples at .. at + n - 1, shape (n_inputs,
+        n), as finite real numbers of any type, which are copied.
     take : callable
-        ``take(at, x, y)`` is given each block: motion (float64), and frames as a device
-        gets them, shape (n_outputs, n) of float32, which change after it returns. What
-        it returns is ignored.
+        ``take(at, x, y)`` receives each block: motion (float64), and frames as for a
+        device, shape (n_outputs, n) of float32. The arrays are overwritten after it
+        returns, and its result is ignored.
 
     Notes
     -----
-    Both are called in the sink's own thread and must not wait: after 2 s in one of them
-    the session ends with a ``SinkError``, and without a fade.  When ``feed`` fails, see
-    ``Sink``, it is called no more, and the motion stands still while the session fades;
-    ``take`` gets the fade in any case.  Blocks that are late are made at once, up to
-    0.25 s of them, so that jitter of the machine shortens no sound; then samples are
-    lost, and told.
+    Both are called in the sink's own thread and must not block: after 2 s in one of
+    them the session ends with a ``SinkError`` and without a fade.  If ``feed`` fails,
+    see ``Sink``, it is not called again, and the motion is held while the session fades
+    out; ``take`` always receives the fade.  Late blocks, up to 0.25 s of them, are made
+    at once, so that scheduling jitter loses no sound; beyond that, samples are lost and
+    reported.
 
     Examples
     --------
@@ -120,7 +120,7 @@ class PageSink(Sink):
                 self.pump.block(self.block or 1)  # silence: the device is still there
 
     def _make(self, lost: int) -> None:
-        """Make one block, after ``lost`` samples that nobody gets."""
+        """Make one block, after ``lost`` samples that are discarded."""
         pump, n, begun = self.pump, self.block or 1, self.pump.read("DELIVERED")
         x = np.repeat(self._x, lost + n, axis=1)
         if not self._stands:

@@ -1,4 +1,4 @@
-"""What a server serves: the site that it talks for, and a connection of one page."""
+"""The content that a server serves, and the connection of one page."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 WAITING = 64
-"""Messages that may wait for a page: a quarter of a second of samples; then the oldest
-are skipped.
+"""Largest number of messages queued for a page: a quarter of a second of samples;
+beyond that the oldest are skipped.
 """
 
 
@@ -28,9 +28,9 @@ class Page:
         self.end = 1000, ""  # the code and the reason with which it is closed
 
     def tell(self, message: Mapping[str, Any]) -> None:
-        """Send a text; of states, the newest counts.
+        """Send a text; a new state replaces one that is still queued.
 
-        A page that reads nothing is closed, so that nothing heaps up.
+        A page that reads nothing is disconnected, so that the queue cannot grow.
         """
         if self.texts and message["is"] == "state" == self.texts[-1][0]:
             self.texts.pop()
@@ -40,20 +40,20 @@ class Page:
             self.close(4408, "this page reads nothing")
 
     def close(self, code: int, why: str) -> None:
-        """End the connection."""
+        """End the connection of the page."""
         if not self.ended.is_set():
             self.end = code, why
             self.ended.set()
 
     def put(self, data: bytes) -> None:
-        """Send samples, or count them as skipped where the page is behind."""
+        """Send samples; drop the oldest block, and count it, if the page is behind."""
         self.skipped += len(self.blocks) == WAITING
         self.blocks.append(data)
         self.wake.set()
 
 
 class Site(Protocol):
-    """The connected pages; everything here runs in the server's event loop.
+    """The pages connected to a server, handled in the server's event loop.
 
     Attributes
     ----------
@@ -61,9 +61,9 @@ class Site(Protocol):
     index : str
         File of ``stimlib/live/page`` that is served as the page.
     most : int
-        Pages that may be open at once.
+        Maximum number of open pages.
     longest : int
-        Bytes of a page's message, at most.
+        Maximum size of a message from a page, in bytes.
     pages : list of Page
     """
 
@@ -74,16 +74,16 @@ class Site(Protocol):
     pages: list[Page]
 
     def message(self, text: str | bytes) -> dict[str, Any]:
-        """Parse and check a message from a page; raise BadValue where it is wrong."""
+        """Parse and check a message from a page; raise BadValue if it is invalid."""
 
     def join(self, page: Page) -> None:
-        """Greet a page that has said hello."""
+        """Accept a page that has sent a valid hello."""
 
     def leave(self, page: Page) -> None:
-        """Forget a page that has gone."""
+        """Remove a page that has disconnected."""
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
-        """Do what a page has said."""
+        """Carry out a message of a page."""
 
     async def run(self) -> None:
-        """Run from the server's begin to its end, by which it is cancelled."""
+        """Run from the server's start until the server cancels this task at its end."""

@@ -1,4 +1,4 @@
-"""One live scene: its sessions, and the pages that hear them."""
+"""A live scene with its sessions and its connected pages."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from .site import Page
 
 logger = logging.getLogger(__name__)
 RAMP = 0.02
-"""Seconds of a slider's change."""
+"""Duration in s of a slider's change."""
 
 
 class Stream:
-    """A scene that pages start, drive, record and play.
+    """A live scene that pages can start, drive, record and listen to.
 
     A session is one ``PageSink``, from ``start`` to ``stop``.  It runs in threads of
-    its own; everything here is of the event loop, and whatever takes long (compiling,
-    fading out, ending a log) runs beside it.  One page has control: the first, or the
-    one that takes it.  When it goes, the session fades out.
+    its own; this object belongs to the event loop, and slow tasks (compiling, fading
+    out, finishing a log) run in other threads.  One page has control: the first, or the
+    one that takes control.  When it disconnects, the session fades out.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Stream:
     fs : float
         Hz.
     safety : Safety, float or None
-        As for a sink; None takes ``full_scales``.
+        As for a sink; None uses ``full_scales``.
     title : str
     ranges : mapping of str to (low, high), optional
         See ``ranges_of``.
@@ -51,17 +51,17 @@ class Stream:
     block : int, optional
         Samples made at once; by default 4 ms.
     params : mapping of str to float, optional
-        That differ from the scene's.
+        Parameters that differ from the scene's.
     seed : int
     folder : path
-        Where recordings are put, each a log in a folder of its own.
+        Folder for recordings, each of which is a log in a folder of its own.
     bandwidth : float
-        Of what follows a pointer, in Hz.
+        Bandwidth of the smoothing of pointer motion, in Hz.
     stream : callable, optional
-        Rows that another program or device sends, a source to choose on the page; see
-        ``Inputs``.
+        Receiver of rows from another program or device, which the page offers as a
+        source; see ``Inputs``.
     markers, send
-        As for a sink; the page then has a button that marks.
+        As for a sink; the page then has a button that sets a marker.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class Stream:
         self._hands = ThreadPoolExecutor(1, "stimlib live")
 
     def warm_up(self) -> None:
-        """Compile what a session needs, so that the first one begins at once."""
+        """Compile everything that a session needs, so that the first begins at once."""
         sink = self._made(None)
         sink.open(self.fs, block=self.block)
         self.inputs.columns(0, self.block)
@@ -136,7 +136,7 @@ class Stream:
 
     # Pages ----------------------------------------------------------------------------
     def join(self, page: Page) -> None:
-        """Take in a page that has said hello; the first has control."""
+        """Accept a page that has sent a valid hello; the first gets control."""
         self.pages.append(page)
         self.control = self.control or page
         values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
@@ -144,7 +144,7 @@ class Stream:
         self._tell_state()
 
     def leave(self, page: Page) -> None:
-        """Forget a page that has gone; if it had control, the session fades out."""
+        """Remove a disconnected page; if it had control, fade the session out."""
         self.pages.remove(page)
         if self.control is page:
             self.control, self._left = None, True
@@ -152,7 +152,7 @@ class Stream:
         self._tell_state()
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
-        """Do what a page says, of ``protocol.message``, and report refusals to it."""
+        """Carry out a message of a page, and report a rejection to it."""
         about = message.pop("do")
         try:
             if about == "seen":
@@ -184,14 +184,14 @@ class Stream:
             page.tell({"is": "error", "about": about, "text": str(e)})
 
     def set(self, name: str, value: float) -> None:
-        """Change a parameter, of the session that runs and of those to come.
+        """Change a parameter for the running session and for later ones.
 
         Raises
         ------
         UnknownName
             No such parameter.
         BadValue
-            Outside its range.
+            The value is outside the parameter's range.
         """
         if name not in self.params:
             raise UnknownName(
@@ -208,12 +208,12 @@ class Stream:
 
     # Course ---------------------------------------------------------------------------
     def _ask(self, what: str, why: str) -> None:
-        """Keep the newest wish."""
+        """Store the newest request, which replaces an earlier one."""
         self._asked = what, why
         self._wake.set()
 
     async def run(self) -> None:
-        """Run sessions as they are asked for, with reports, until it is cancelled."""
+        """Run the requested sessions and send reports, until this task is cancelled."""
         self._loop = asyncio.get_running_loop()
         reports = asyncio.create_task(self._report())
         try:
@@ -357,7 +357,7 @@ class Stream:
 
 
 def _why(e: Exception) -> str:
-    """Return what the page says of an error; a defect is logged too."""
+    """Return the text of an error for the page; log unexpected errors."""
     if isinstance(e, StimlibError):
         return str(e)
     logger.exception("the session could not be started or ended")

@@ -1,4 +1,4 @@
-"""What drives the inputs: functions of time, recordings, samples."""
+"""Motion of the inputs: functions of time, recordings and samples."""
 
 import lazy_loader
 

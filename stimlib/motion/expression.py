@@ -15,7 +15,7 @@ MAX_EXPRESSION = 1000  # characters
 
 @dataclass(frozen=True)
 class Linear:
-    """scale * column + offset; a number where column is None."""
+    """The conversion scale * column + offset, or a constant if ``column`` is None."""
 
     column: str | None
     scale: float
@@ -23,14 +23,14 @@ class Linear:
 
 
 def expression(what: str, text: str, names: Iterable[str]) -> Linear:
-    """Parse a linear conversion.
+    """Parse a linear conversion of a column.
 
-    A text that is one of the names is that column.
+    A text that equals a column name means that column.
 
     Raises
     ------
     BadValue
-        Anything but one column, times and plus finite numbers.
+        The text is not a single column multiplied by and added to finite numbers.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def expression(what: str, text: str, names: Iterable[str]) -> Linear:
 
 
 def _linear(node: ast.expr) -> Linear:
-    """Return the value of one node of the syntax tree.
+    """Return the linear conversion that a node of the syntax tree stands for.
 
     ValueError is raised if it is not linear in one column.
     """

@@ -1,16 +1,15 @@
 """Motion generators: positions as pure functions of time.
 
-A generator is called with times in seconds and gives positions in metres. It has no
-state, so any part of a motion can be had in any order, and every position has the same
-bits however the time axis is cut, on every machine: only
-+ - * /, fmod, rint, floor, comparisons and integer arithmetic are used, which round the
-  same way everywhere. numpy's
-own sin and cos are not used, because their last bit may depend on the processor and on
-the length of the array.
+A generator is called with times in seconds and returns positions in metres. It has no
+state, so parts of a motion can be computed in any order, and every position has the
+same bits on every machine, however the time axis is divided. Only plus, minus, times,
+divide, fmod, rint, floor, comparisons and integer arithmetic are used, which round the
+same way everywhere. numpy's own sin and cos are not used, because their last bit may
+depend on the processor and on the length of the array.
 
-The classes have lower-case names because they are what users call, and because the repr
-of a motion is then the call that makes it: ``text.parse_motion(repr(m)) == m``. A
-motion goes into a sidecar or a command line as that one line.
+The classes have lower-case names because users call them like functions, and because
+the repr of a motion is then the call that makes it: ``text.parse_motion(repr(m)) ==
+m``. A sidecar or a command line contains a motion as this one line.
 """
 
 from collections.abc import Callable
@@ -60,16 +59,15 @@ Function = Annotated[
 class Motion:
     """A position in metres as a function of the time in seconds.
 
-    It is the base of all generators.
-
-    A generator defines ``_position(t)`` for a one-dimensional float64 array, element by
-    element, and annotates its fields with what they take.
+    This is the base class of all generators. A generator defines ``_position(t)``,
+    element by element, for a one-dimensional float64 array, and annotates its fields
+    with their permitted types and ranges.
 
     Raises
     ------
     BadValue
-        At construction, when a field is something else, such as a number that is not
-        finite or not in its range.
+        At construction, if a field has an invalid value, such as a number that is not
+        finite or out of range.
     """
 
     def __call__(self, t: ArrayLike) -> Array:
@@ -96,9 +94,9 @@ class Motion:
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        """Convert each field to what its annotation asks for.
+        """Convert each field to the type of its annotation.
 
-        Numbers become plain, as a numpy scalar has another repr.
+        Numpy scalars become plain numbers, because their repr differs.
         """
         for f in fields(self):  # type: ignore[arg-type]
             given = getattr(self, f.name)
@@ -116,7 +114,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class minimum_jerk(Motion):
-    """Repeated squeezes: minimum jerk in, hold, minimum jerk out, rest.
+    """Repeated squeezes: a minimum-jerk rise, a hold, a minimum-jerk fall and a rest.
 
     The rise is ``start + depth (10 s^3 - 15 s^4 + 6 s^5)`` with s from 0 to 1 over
     ``rise`` seconds; the fall is its mirror image. The period is rise + hold + fall +
@@ -133,7 +131,7 @@ class minimum_jerk(Motion):
     hold, rest : float, s
         Durations at ``start + depth`` and at ``start``, 0 or above.
     repeats : int or None
-        Number of squeezes; None for ever.
+        Number of squeezes; None for no end.
 
     References
     ----------
@@ -169,16 +167,16 @@ class minimum_jerk(Motion):
 
 @dataclass(frozen=True)
 class sinusoid(Motion):
-    """``mean + amplitude sin(2 pi freq t + phase)``.
+    """A sinusoid, ``mean + amplitude sin(2 pi freq t + phase)``.
 
-    The phase is reduced in turns, not in radians, so a motion of hours has no drift,
-    and sin is a polynomial of fixed order (error below 3e-16 of the amplitude) with the
-    same bits on every machine.
+    The phase is reduced in turns, not in radians, so a motion of several hours has no
+    drift, and sin is a polynomial of fixed order (error below 3e-16 of the amplitude)
+    with the same bits on every machine.
 
     Parameters
     ----------
     amplitude : float, m
-        Half of the distance between the two ends.
+        Half the distance between the two ends.
     freq : float, Hz
         Frequency, above 0.
     mean : float, m
@@ -203,9 +201,9 @@ class sinusoid(Motion):
 
 @dataclass(frozen=True)
 class ramp_and_hold(Motion):
-    """A ramp from 0 to ``depth``, a hold, and optionally the way back.
+    """A ramp at constant speed from 0 to ``depth``, a hold and an optional return.
 
-    The speed is constant.
+    The return is a ramp at constant speed as well.
 
     Parameters
     ----------
@@ -216,14 +214,15 @@ class ramp_and_hold(Motion):
     start_time : float, s
         When the ramp starts, 0 or above.
     hold : float or None, s
-        Duration of the hold; None for ever.
+        Duration of the hold; None for no end.
     fall : float or None, s
-        Duration of the ramp back to 0; given exactly when ``hold`` is.
+        Duration of the ramp back to 0; required if ``hold`` is given, and otherwise not
+        allowed.
 
     Raises
     ------
     BadValue
-        Also when only one of hold and fall is given.
+        As for all motions, and if only one of hold and fall is given.
 
     Examples
     --------
@@ -255,11 +254,11 @@ class ramp_and_hold(Motion):
 
 @dataclass(frozen=True)
 class constant_speed(Motion):
-    """Strokes at constant speed.
+    """Strokes at constant speed, once or back and forth.
 
-    Back and forth, the position is a triangle between ``start`` and ``start + length``
-    for ever; otherwise it is one stroke, and then the far end. The position is
-    ``start`` before time 0.
+    Back and forth, the position is an endless triangle wave between ``start`` and
+    ``start + length``; otherwise it is one stroke, after which it stays at the far end.
+    The position is ``start`` before time 0.
 
     Parameters
     ----------
@@ -295,17 +294,16 @@ class constant_speed(Motion):
 
 @dataclass(frozen=True)
 class staircase_hold(Motion):
-    """A staircase of held positions.
+    """A staircase of positions, each held for a time.
 
-    It is ``start``, then one ``step`` further after each ``dwell``, ``n_steps`` times.
-
-    A dwell of a whole number of samples changes on exactly that sample. The last
-    position is held for ever.
+    The position begins at ``start`` and moves by one ``step`` after each ``dwell``,
+    ``n_steps`` times. If the dwell is a whole number of samples, the position changes
+    on exactly that sample. The last position is held without end.
 
     Parameters
     ----------
     step : float, m
-        Height of a step; negative for stairs that go down.
+        Height of a step; negative for a descending staircase.
     n_steps : int
         Number of steps, 0 or above; there are n_steps + 1 positions.
     dwell : float, s
@@ -331,12 +329,12 @@ class staircase_hold(Motion):
 
 @dataclass(frozen=True)
 class quantised(Motion):
-    """A motion as an encoder reports it: rounded to whole codes, half to even.
+    """A motion as an encoder reports it, rounded to whole codes (half to even).
 
     Parameters
     ----------
     motion : Motion
-        The true motion; any function of time that gives metres will do.
+        The true motion: any function of time that returns metres.
     resolution : float, m
         Distance between two codes, above 0; the squeeze device of the UGrip paper has 1
         um.
@@ -359,19 +357,19 @@ class jittered(Motion):
     """A motion with the toggling of an encoder at the edge between two codes.
 
     ``amplitude_codes * resolution`` is added during about half of the intervals of
-    1/rate seconds. Inside `quantised`, with one code of amplitude, a held position then
+    1/rate seconds. Inside `quantised`, with an amplitude of one code, a held position
     toggles between two adjacent codes: ``quantised(jittered(m, q, rate, seed), q)``.
-    Half an amplitude is added in the mean.
+    The mean position increases by half the amplitude.
 
     Interval i = floor(t rate) adds the amplitude when the top bit of number i of a
-    SplitMix64 generator is set. That generator is a function of the number's index, so
-    any interval can be had without those before it. An interval of a whole number of
+    SplitMix64 generator is set. That generator is a function of the index, so any
+    interval can be computed without the earlier ones. An interval of a whole number of
     samples starts on exactly that sample.
 
     Parameters
     ----------
     motion : Motion
-        The motion without jitter; any function of time that gives metres will do.
+        The motion without jitter: any function of time that returns metres.
     resolution : float, m
         Distance between two codes, above 0.
     rate : float, Hz
@@ -425,10 +423,10 @@ GENERATORS: dict[str, type[Motion]] = {
 
 
 def _floor(q: Array) -> Array:
-    """Return the floor of a quotient q of two rounded numbers, as if q were exact.
+    """Return the floor of a rounded quotient q, as if q had no rounding error.
 
-    q may be up to 1.5 ulp below a whole number that it should be, which would put an
-    edge one sample late.
+    A quotient q that should be a whole number may be up to 1.5 ulp too small, which
+    would delay an edge by one sample.
     """
     return np.floor(q * (1 + 4 * ulp(1.0)))
 
@@ -459,7 +457,7 @@ COS = [
 
 
 def _sin_turns(turns: Array) -> Array:
-    """Return sin(2 pi turns), from + - * and rint only."""
+    """Return sin(2 pi turns), computed from + - * and rint only."""
     r = turns - np.rint(turns)  # exact, as is the next difference
     quarter = np.rint(4.0 * r)  # -2 .. 2
     x = 2 * pi * (r - 0.25 * quarter)
@@ -478,7 +476,7 @@ def _horner(coefficients: list[float], x: Array) -> Array:
 
 
 def _splitmix64(start: NDArray[np.uint64], index: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return number ``index`` of the SplitMix64 generator with this state.
+    """Return number ``index`` of the SplitMix64 generator with the given state.
 
     Arithmetic is modulo 2**64.
     """

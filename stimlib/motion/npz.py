@@ -1,4 +1,4 @@
-"""Loading of arrays from .npz files, with sizes checked before allocation."""
+"""Reading of arrays from .npz files, with sizes checked before allocation."""
 
 import ast
 import io
@@ -38,7 +38,7 @@ ODD = (
 
 @dataclass(frozen=True)
 class _Member:
-    """An array of a file: where its values are, and how many of which kind."""
+    """An array in a file: position, number and type of its values."""
 
     info: zipfile.ZipInfo
     offset: int
@@ -47,7 +47,7 @@ class _Member:
 
 
 def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]]]:
-    """Return the names, number of rows, and the rows."""
+    """Return the column names, the number of rows and the rows of an npz file."""
     # one for each member
     limits.check("recording_columns", data.count(b"PK\1\2"), f"{file}: arrays", RecordingError)
     members: dict[str, _Member] = {}
@@ -92,7 +92,7 @@ def _odd(file: str, name: str | None, error: BaseException) -> RecordingError:
 
 
 def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Member:
-    """Read the header of an array, checked against the limits and the directory."""
+    """Read and check the header of an array in an npz file."""
     if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError("packed in another way than numpy does")
     with z.open(info) as f:
@@ -157,7 +157,7 @@ def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) ->
 
 @dataclass(frozen=True)
 class ArrayBatch:
-    """Some rows of columns that are arrays of numbers or of texts."""
+    """A batch of rows from columns that are arrays of numbers or texts."""
 
     column: Callable[[str], np.ndarray]
     part: slice

@@ -1,6 +1,6 @@
 """Monotone cubic interpolation (PCHIP) of reports, without overshoot.
 
-All stretches of a recording are done at once.
+All stretches of a recording are interpolated at once.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ BLOCK = 1 << 16  # intervals that are worked on at once
 
 
 def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:
-    """Return the coefficients of the cubics in t - t[i], highest power first.
+    """Return the coefficients of PCHIP cubics in t - t[i], highest power first.
 
     Parameters
     ----------
@@ -21,14 +21,14 @@ def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:
     x : ndarray, shape (n,)
         Values at these times.
     whole : ndarray of bool, shape (n - 1,)
-        Intervals that are joined; a run of them is one stretch.  In the others the
+        Intervals to interpolate; a run of them is one stretch.  In other intervals the
         value is held.
 
     Returns
     -------
     ndarray, shape (4, n)
-        The last column, after the last time, is constant too.  Not finite where a step
-        is too large for its time.
+        The last column applies after the last time and is constant, too.  Coefficients
+        are not finite where a step is too large for its interval.
 
     References
     ----------
@@ -65,9 +65,9 @@ def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:
 
 
 def _slopes(h: Array, m: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return slopes at both ends of each interval, from lengths and secants.
+    """Return the slopes at both ends of each interval, from lengths and secants.
 
-    Those of two stretches do not meet.
+    The slopes of different stretches are independent.
     """
     start, end = m.copy(), m.copy()  # a stretch of one interval is a line
     h0, h1, m0, m1 = h[:-1], h[1:], m[:-1], m[1:]
@@ -85,7 +85,7 @@ def _slopes(h: Array, m: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]
 
 
 def _edge(h0: Array, h1: Array, m0: Array, m1: Array) -> Array:
-    """Return the slope at the end of a stretch, beside interval 0."""
+    """Return the slope at the end of a stretch."""
     d = ((2 * h0 + h1) * m0 - h0 * m1) / (h0 + h1)
     steep = (np.sign(m0) != np.sign(m1)) & (np.abs(d) > 3.0 * np.abs(m0))
     return np.where(np.sign(d) != np.sign(m0), 0.0, np.where(steep, 3.0 * m0, d))

@@ -1,11 +1,11 @@
-"""Recorded motion: files and tables with time stamps, as positions at any time.
+"""Recorded motion: time-stamped files and tables as functions of time.
 
 Reports of touchpads, pens, load cells and encoders come at 10-1000 Hz with jitter,
-gaps, repeats and lifts. Holding them and taking differences at 8 kHz gives spikes a
-hundred times the true velocity, so each stretch in contact is joined by a piecewise
-cubic (PCHIP) that neither overshoots the reports nor reverses between them. Like a
-generator, a recording is a pure function of time: the same bits in any cut of the time
-axis.
+gaps, repeats and lifts. If the last report is held, its differences at 8 kHz have
+spikes a hundred times the true velocity. Each stretch in contact is therefore
+interpolated by a piecewise cubic (PCHIP) that neither overshoots the reports nor
+reverses between them. Like a generator, a recording is a pure function of time: its
+bits do not depend on how the time axis is divided.
 
 Terms: a *report* is one row; a *stretch* is a run of reports in contact, without a lift
 or a jump.
@@ -44,7 +44,7 @@ GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods
 
 
 class _Recorded(Motion):
-    """A recorded motion from knot to knot; its repr makes it again."""
+    """A recorded motion between knots, whose repr recreates it."""
 
     info: Mapping[str, Any]
 
@@ -56,7 +56,7 @@ class _Recorded(Motion):
 
 
 class RecordedInput(_Recorded):
-    """A recorded position over time: a cubic from knot to knot, constant outside."""
+    """A recorded position over time, cubic between knots and constant outside."""
 
     def _position(self, t: Array) -> Array:
         t = np.clip(t, self._knots[0], self._knots[-1])
@@ -67,7 +67,7 @@ class RecordedInput(_Recorded):
 
 
 class Contact(_Recorded):
-    """Contact over time: 1 in contact and 0 off contact."""
+    """Contact over time, 1 in contact and 0 off contact."""
 
     def _position(self, t: Array) -> Array:
         k = np.searchsorted(self._knots, t, side="right") - 1
@@ -78,13 +78,14 @@ class Contact(_Recorded):
 class Recording:
     """A recorded motion, made by `recording`.
 
-    Its repr is the call that makes it again, with the file's SHA-256; its str states
-    what was found.
+    Its repr is the call that recreates it, with the file's SHA-256; its str summarises
+    the recording.
 
     Attributes
     ----------
     motion : dict of str to Motion
-        Per mapped input, its value in the input's unit as a function of the time in s.
+        For each mapped input, its value in the input's unit as a function of the time
+        in s.
     contact : Motion
         1 in contact, 0 off contact and during jumps, as a function of the time in s.
     duration : float, s
@@ -93,12 +94,12 @@ class Recording:
         Whether a report is off contact.
     info : dict
         file, sha256, columns (input to expression), time (expression), contact (column
-        or None), reports (how many are used), repeats (how many came at the time of the
-        one before), start (s, the first report's own time stamp), period (s, median),
-        rate (Hz, 1/period), silences (how many were held, with reports="on_change"),
-        gaps (list of row and s: those silences that are longer than max_gap), lifts
-        (list of row and time in s), jumps (list of row and speed, largest of the
-        inputs, in the input's unit per second).
+        or None), reports (number used), repeats (number with the same time as the one
+        before), start (s, the first report's own time stamp), period (s, median), rate
+        (Hz, 1/period), silences (number held, with reports="on_change"), gaps (list of
+        row and s: those silences that are longer than max_gap), lifts (list of row and
+        time in s), jumps (list of row and speed, largest of the inputs, in the input's
+        unit per second).
 
     Examples
     --------
@@ -126,17 +127,17 @@ class Recording:
         )
 
     def motion_for(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
-        r"""Return this recording as the motion of a scene.
+        r"""Return the motion of a scene's inputs from this recording.
 
         Parameters
         ----------
         inputs : iterable of str
-            Names of the scene's inputs. One named ``contact`` gets `contact`. What is
-            recorded for ``x`` serves ``x1``, ``x2``, ... where the scene has no ``x``
-            and the recording has nothing of their own.
+            Names of the scene's inputs. An input named ``contact`` gets `contact`. The
+            column for ``x`` also drives ``x1``, ``x2``, ... if the scene has no ``x``
+            and the recording has no columns for them.
         contact : str
-            How the scene gets an input ``contact``, such as ``"use
-            bumps(contact=True)"``, for the error where it needs one.
+            A hint for the error message on how the scene gets an input ``contact``,
+            such as ``"use bumps(contact=True)"``.
 
         Returns
         -------
@@ -146,7 +147,7 @@ class Recording:
         Raises
         ------
         UnknownName
-            An input without a column, or a mapped input that the scene does not have.
+            An input without a column, or a mapped input that the scene lacks.
         BadValue
             The recording has lifts or jumps, and the scene has no input for them.
 
@@ -211,58 +212,59 @@ def recording(
     r"""Read a recorded motion from a file or a table in memory.
 
     Between two reports in contact the position is a PCHIP cubic; before the first and
-    after the last it is held. Off contact it is held where contact was lost, and before
-    the first contact where contact will be made.
+    after the last it is held. Off contact the position is held where contact was lost;
+    before the first contact it is held where contact will be made.
 
-    A step that is faster than ``max_speed`` is a fault of the device, not a motion: the
-    stretch ends there and contact is 0 until the next report, so that velocity
-    estimates start anew. When there are many (3 or more, and more than 1 % of the
-    reports, or nothing but jumps), the unit is wrong, which is an error.
+    A step faster than ``max_speed`` is treated as a fault of the device, not as motion:
+    the stretch ends there and contact is 0 until the next report, so that velocity
+    estimates start anew. Many such jumps (3 or more, and more than 1 % of the reports,
+    or nothing but jumps) mean that the unit is wrong, and raise an error.
 
     Parameters
     ----------
     source : path, DataFrame or mapping of str to array
         A ``.npz`` file holds one-dimensional arrays of equal length, by name; row
         numbers are their indices. Any other file is read as CSV: UTF-8 text, commas,
-        names in the first line; row numbers are line numbers. Where the names are
-        separated by semicolons so are the rows, and a comma in a number is its decimal
-        point. A table in memory, of pandas or any mapping of names to one-dimensional
-        arrays, is taken like an npz file.
+        names in the first line; row numbers are line numbers. If the names are
+        separated by semicolons, so are the values, and a comma in a number is the
+        decimal point. A table in memory (pandas, or any mapping of names to
+        one-dimensional arrays) is treated like an npz file.
     columns : mapping of str to str
-        Per input of the scene, a column in the input's unit, or a linear conversion of
-        one: ``"force_N*5e-4"``, ``"(x_raw - 1472)*2e-5"``. Inputs may share a column.
-        Quote names that are not words: ``"'Force (N)'*5e-4"``.
+        For each input of the scene, a column in the input's unit, or a linear
+        conversion of one: ``"force_N*5e-4"``, ``"(x_raw - 1472)*2e-5"``. Inputs may
+        share a column. Quote names that are not words: ``"'Force (N)'*5e-4"``.
     where : mapping of column to value, optional
         Rows to use; numbers are compared as numbers, anything else as text.
     time : str
         Column of the time stamps, in s, or a linear conversion such as ``"t_ms*1e-3"``.
         The first report used is moved to time 0.
     contact : str or bool, optional
-        Column that is 1 in contact and 0 in the air; by default "contact", if there is
-        one. False follows the position in the air.
+        Column that is 1 in contact and 0 in the air; by default "contact", if it
+        exists. With False, the motion follows the position in the air as well.
     reports : {"always", "on_change"}
-        What silence means. "always": the device reports all the time, so silence in
-        contact beyond max_gap is an error. "on_change": nothing changed, so after more
-        than 2.5 median periods without a report the point is held, in contact, until
-        one median period before the next report.
+        The meaning of a silence. "always": the device reports all the time, so a
+        silence in contact longer than max_gap is an error. "on_change": the device
+        reports changes only, so after more than 2.5 median periods without a report the
+        position is held, in contact, until one median period before the next report.
     max_speed : float, None or mapping of input to float or None, m/s
-        Largest speed of movement, in the unit of every input per second; None for no
-        limit. A mapping limits the inputs in it, each in its own unit per second.
+        Largest speed of movement, in each input's unit per second; None for no limit. A
+        mapping limits only its inputs, each in its own unit per second.
     max_gap : float, s, optional
-        Longest silence that is joined when reports="always"; by default 10 median
-        periods, at least 0.1 s, and a median period above 0.5 s is refused as time in
-        another unit. Any max_gap not below the median period confirms that it is not.
+        Longest silence that is interpolated if reports="always"; by default 10 median
+        periods, at least 0.1 s. By default, a median period above 0.5 s is rejected
+        because the time unit is probably wrong; a max_gap of at least the median period
+        confirms the unit.
     sha256 : str, optional
-        First 8 to 64 hex digits of the file's SHA-256, which must fit; of a table in
-        memory, that of its names and values.
+        First 8 to 64 hex digits of the file's SHA-256, which must match; for a table in
+        memory, of the SHA-256 of its names and values.
 
     Raises
     ------
     RecordingError
-        When the table cannot be used, or is larger than ``stimlib.limits`` allow; the
+        The table cannot be used, or is larger than ``stimlib.limits`` allow; the
         message names file, row, column and remedy.
     BadValue
-        When an argument is out of its range or cannot be understood.
+        An argument is out of range or cannot be understood.
 
     References
     ----------
@@ -340,7 +342,7 @@ def recording(
 
 
 def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, Motion]:
-    """Return cubics between the reports in contact, for each input."""
+    """Return, for each input, the cubics between reports in contact."""
     t, x, rows = s.t, s.x, s.rows
     if not s.contact.all():
         at = np.flatnonzero(s.contact)
@@ -371,10 +373,10 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     ----------
     text : str
         A call of a generator, see `parse_motion`, or of `recording` with literal
-        arguments; after that may be ``.motion['x']`` or ``.contact``.
+        arguments, optionally followed by ``.motion['x']`` or ``.contact``.
     pinned : bool
-        Whether a recording must have the SHA-256 of its file, as one from a text of
-        others should.
+        Whether a recording must state the SHA-256 of its file, as it should if the text
+        comes from someone else.
 
     Returns
     -------
@@ -383,9 +385,9 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     Raises
     ------
     BadValue
-        When the text is anything else.
+        The text is anything else.
     RecordingError
-        As `recording`; the file is not there, or is not the one with that SHA-256.
+        As `recording`; or the file is missing or has another SHA-256.
 
     Examples
     --------
@@ -439,7 +441,8 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
 def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> str | None:
     """Return the recorded column that drives an input.
 
-    It is its own, or without its number where the scene has no input of that name.
+    It is the input's own column, or the column without the input's number if the scene
+    has no input of that name.
 
     Examples
     --------
@@ -486,7 +489,7 @@ def _check_options(
 
 
 def _check_meanings(columns: Any, reports: Any, repeats: Any, max_speed: Any, max_gap: Any) -> None:
-    """Refuse what silence, repeats, speeds and gaps cannot mean."""
+    """Check the options on silence, repeats, speeds and gaps."""
     if reports not in ("always", "on_change"):
         raise BadValue(f'reports must be "always" or "on_change", got {reports!r}')
     if repeats not in (None, "last", "mean", "spread"):
@@ -515,7 +518,7 @@ def _is_positive(value: Any) -> bool:
 
 
 def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
-    """Return the call that makes this recording again, on one line."""
+    """Return the call, on one line, that recreates this recording."""
     usual = inspect.signature(recording).parameters
     words = [repr(table.file), repr(dict(columns))]
     words += [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
@@ -523,7 +526,7 @@ def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return the same with numbers of Python, whose repr any program can read."""
+    """Return a value with plain Python numbers, whose repr any program can read."""
     if isinstance(value, Mapping):
         return {name: _plain(v) for name, v in value.items()}
     return value.item() if isinstance(value, np.generic) else value

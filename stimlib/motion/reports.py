@@ -1,4 +1,4 @@
-"""From the rows of a table to reports in order of time.
+"""Conversion of table rows to reports in order of time.
 
 The steps are selection, conversion, repeats, silence and jumps.
 """
@@ -35,7 +35,7 @@ VALUES = 1000  # so many different values of a column are listed or counted
 
 @dataclass(frozen=True)
 class Reports:
-    """Reports in order of time. x has one row per input."""
+    """Reports in order of time, with one row of ``x`` per input."""
 
     inputs: tuple[str, ...]
     t: Array
@@ -88,16 +88,17 @@ def series(
 
 
 def column_of(table: TableFile, what: str, text: str) -> Linear:
-    """Return a column, and its conversion, from a text such as ``t_ms*1e-3``."""
+    """Return the column and its conversion for a text such as ``t_ms*1e-3``."""
     linear = expression(what, text, table.names)
     assert linear.column is not None
     return replace(linear, column=_find(table, linear.column, what))
 
 
 def _find(table: TableFile, column: str, what: str) -> str:
-    """Return the table's column of that name.
+    """Return the table's column with a given name.
 
-    Python reads a name in its NFKC form, in which the two signs for micro are one.
+    Names are compared in NFKC form, as in Python, where the two Unicode micro signs are
+    equal.
     """
     names = table.names
     for name in names:
@@ -132,7 +133,7 @@ def _list(words: Sequence[str], most: int = 12) -> str:
 
 
 def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
-    """Return which rows have all the values."""
+    """Return a mask of the rows that have all the selected values."""
     keep = np.zeros(0, dtype=bool)
     for i, (column, value) in enumerate(where.items()):
         equal = _equal(table, _find(table, str(column), "where"), value)
@@ -146,10 +147,9 @@ def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
 
 
 def _equal(table: TableFile, column: str, value: Any) -> Mask:
-    """Return which cells equal a text.
+    """Return a mask of the cells that equal a text.
 
-    Numbers are compared as numbers where the whole column is numbers, anything else as
-    text.
+    Cells are compared as numbers if the whole column is numeric, otherwise as text.
     """
     wanted = table.number(str(value))
     try:
@@ -166,7 +166,7 @@ def _equal(table: TableFile, column: str, value: Any) -> Mask:
 
 
 def _values(batches: Iterable[Batch], column: str) -> list[str]:
-    """Return the different values, in order of appearance."""
+    """Return the distinct values of a column, in order of appearance."""
     found: dict[str, None] = {}
     for batch in batches:
         found.update(dict.fromkeys(text.strip() for text in batch.texts(column)))
@@ -218,7 +218,7 @@ def _converted(
 
 
 def _numbers(table: TableFile, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
-    """Return the chosen cells of a batch as finite numbers, (columns, chosen)."""
+    """Return the selected cells of a batch as finite numbers, (columns, selected)."""
     try:
         values = batch.numbers(columns)
         values = values if len(which) == values.shape[1] else values[:, which]
@@ -280,7 +280,7 @@ def _check_rising(
 def _several(
     table: TableFile, chosen: Mask | None, used: set[str | None]
 ) -> list[tuple[str, list[str]]]:
-    """Return columns by which recordings differ: they have 2 to 20 values."""
+    """Return columns with 2 to 20 distinct values, which may separate recordings."""
     found: dict[str, dict[str, None]] = {name: {} for name in table.names if name not in used}
     read = 0
     for batch in table.batches():
@@ -297,9 +297,9 @@ def _several(
 
 
 def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
-    """Return one report for each time.
+    """Return the reports with one report for each time.
 
-    Equal ones are taken once, others as ``repeats`` asks for.
+    Identical reports are merged; others are handled as ``repeats`` says.
     """
     again = np.append(False, s.t[1:] == s.t[:-1])
     count = int(again.sum())
@@ -337,9 +337,9 @@ def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
 
 
 def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
-    """Spread the times of reports that share a stamp evenly up to the next one.
+    """Spread the times of reports with the same time stamp evenly up to the next stamp.
 
-    After the last, and before a silence, the usual period is taken.
+    After the last stamp, and before a silence, the median period is used.
     """
     first = np.flatnonzero(~again)
     each = np.diff(np.append(first, len(s.t)))
@@ -358,9 +358,9 @@ def _spread(table: TableFile, s: Reports, again: Mask) -> Array:
 
 
 def check_period(table: TableFile, s: Reports, period: float, time: str) -> None:
-    """Raise unless the median time between reports is plausible.
+    """Raise an error unless the median time between reports is plausible.
 
-    A unit is then taken for seconds.
+    An implausible period means that times are probably not in seconds.
     """
     if FASTEST <= period <= SLOWEST:
         return
@@ -389,16 +389,16 @@ def check_period(table: TableFile, s: Reports, period: float, time: str) -> None
 
 
 def _enough(s: Reports) -> str:
-    """Return a max_gap that joins everything."""
+    """Return, as text, a ``max_gap`` that is long enough for all silences."""
     return f"{ceil(100 * float(np.diff(s.t).max()) - 1e-6) / 100 + 0.01:g}"
 
 
 def check_gaps(
     table: TableFile, s: Reports, max_gap: float
 ) -> tuple[Reports, list[tuple[int, float]]]:
-    """Return the reports, if no silence in contact is longer than max_gap.
+    """Return the reports unless a silence in contact is longer than ``max_gap``.
 
-    Off contact there is nothing to miss.
+    Silences off contact are allowed.
     """
     dt = np.diff(s.t)
     for i in np.flatnonzero((dt > max_gap) & s.contact[:-1] & s.contact[1:]):
@@ -418,9 +418,10 @@ def check_gaps(
 def hold_silences(
     s: Reports, period: float, max_gap: float
 ) -> tuple[Reports, list[tuple[int, float]]]:
-    """End each silence with a copy of the report before it.
+    """Insert, at the end of each silence, a copy of the report before it.
 
-    It is one median period before the next report. The long silences are returned too.
+    The copy comes one median period before the next report. The long silences are
+    returned, too.
     """
     dt = np.diff(s.t)
     i = np.flatnonzero(dt > SILENCE * period)
@@ -441,7 +442,7 @@ def hold_silences(
 def joined(
     table: TableFile, s: Reports, max_speed: float | Mapping[str, float | None] | None
 ) -> tuple[Mask, list[tuple[int, float]]]:
-    """Return which intervals are a motion in contact; the jumps, as row and speed."""
+    """Return a mask of intervals in contact without jumps, and the jumps."""
     touching = s.contact[:-1] & s.contact[1:]
     given = max_speed if isinstance(max_speed, Mapping) else dict.fromkeys(s.inputs, max_speed)
     most = [np.inf if (speed := given.get(name)) is None else float(speed) for name in s.inputs]
@@ -489,7 +490,7 @@ def _refuse_jumps(
 
 
 def lifts(s: Reports) -> list[tuple[int, float]]:
-    """Return where contact is lost, or missing from the start: row and time."""
+    """Return row and time of each lift, including a missing contact at the start."""
     off = ~s.contact
     off[1:] &= s.contact[:-1]
     return [(int(s.rows[i]), float(s.t[i])) for i in np.flatnonzero(off)]

@@ -1,4 +1,4 @@
-"""Some rows of a table, of whatever format, and how an error in one begins."""
+"""Batches of rows of a table in any format, and the errors about them."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -13,29 +13,29 @@ Rows = NDArray[np.int64]
 
 
 class Batch(Protocol):
-    """Some rows of a table."""
+    """A batch of rows of a table."""
 
     @property
     def rows(self) -> Rows:
-        """The numbers of these rows, for messages."""
+        """Numbers of these rows, for error messages."""
         ...
 
     def numbers(self, columns: Sequence[str]) -> Array:
-        """Return all cells of columns; ValueError where one is no number.
+        """Return the cells of some columns as numbers, or raise ValueError.
 
         The shape is (columns, rows).
         """
         ...
 
     def texts(self, column: str) -> Sequence[str]:
-        """Return all cells of a column."""
+        """Return the cells of a column as texts."""
         ...
 
 
 def table_error(
     file: str, problem: str, remedy: str, row: Any = None, column: str | None = None
 ) -> RecordingError:
-    """Return an error of a table with file, row, column and remedy."""
+    """Return an error about a table, with file, row, column and remedy."""
     place = (
         file
         + ("" if row is None else f", row {row}")

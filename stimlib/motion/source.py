@@ -1,4 +1,4 @@
-"""What drives the inputs of a scene: functions of time, or samples."""
+"""Sources of motion for a scene's inputs: functions of time, or samples."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
-"""Input name to position: a function of time (array of s), or samples at fs."""
+"""Mapping from input names to positions: functions of time (arrays in s), or samples at
+fs.
+"""
 
 HAND = 1.0
-"""The largest speed of a hand, m/s."""
+"""The largest speed of a human hand in m/s."""
 
 
 def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:
-    """Warn if a motion is faster than a hand.
+    """Warn if a motion is faster than a human hand.
 
-    Generators and arrays of metres are looked at every 10 ms within their first 100 s.
-
-    Arrays are looked at where ``fs`` is given; recordings have their own ``max_speed``.
+    The first 100 s of generators and arrays in metres are checked every 10 ms, arrays
+    only if ``fs`` is given; recordings have their own ``max_speed``.
     """
     t = np.arange(0.0, min(seconds, 100.0), 0.01)
     for name, source in sources.items():
@@ -59,9 +60,9 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
 
 
 def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], kind: str) -> None:
-    """Raise UnknownName unless the names are the same.
+    """Raise UnknownName unless two collections of names agree.
 
-    The error lists what is wrong and what was expected.
+    The error lists the wrong names and the expected ones.
     """
     wrong = [f"{n} is missing" for n in expected if n not in given]
     wrong += [f"there is no {kind} {n}" for n in given if n not in expected]
@@ -72,7 +73,7 @@ def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], 
 
 
 def frames_of(seconds: float | None, fs: float) -> int:
-    """Return the whole samples of a duration, at least one."""
+    """Return the number of samples in a duration, at least one."""
     if not isinstance(seconds, NUMBERS):
         raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
     try:
@@ -90,9 +91,10 @@ def frames_of(seconds: float | None, fs: float) -> int:
 def sources_of(
     motion: Mapping[str, Any] | None, inputs: tuple[str, ...], frames: int
 ) -> dict[str, Any]:
-    """Return functions and float64 arrays, one per input, in the processor's order.
+    """Return the source of each input, a function or a float64 array.
 
-    None serves a scene without inputs.
+    The sources are in the processor's order. None is allowed for a scene without
+    inputs.
     """
     motion = {} if motion is None else motion
     if not isinstance(motion, Mapping):
@@ -132,9 +134,9 @@ def sources_of(
 
 
 def _hint(given: Any) -> str:
-    """Return how a recording or a table becomes the motion of a scene.
+    """Return a hint on how a recording or a table becomes a scene's motion.
 
-    The table is none yet.
+    It is for errors about a table that is passed directly.
     """
     if hasattr(given, "motion_for"):
         return ": give rec.motion_for(scene.inputs) of a recording rec"
@@ -147,12 +149,12 @@ def _hint(given: Any) -> str:
 
 
 def _still(given: Array) -> str:
-    """Return how one number becomes the motion of an input."""
+    """Return a hint on how a single number becomes an input's motion."""
     return "" if given.ndim else "; for one that stands still give lambda t: np.full_like(t, 1.0)"
 
 
 def _shaped(given: Array) -> str:
-    """Return how a column, or times with positions, becomes the motion of an input."""
+    """Return a hint on how a 2-D array becomes an input's motion."""
     if given.ndim != 2:
         return _still(given)
     return (

@@ -1,10 +1,10 @@
-"""Foreign tables, CSV, npz or in memory, read a batch of rows at a time.
+"""Reader of external tables (CSV, npz or in memory), one batch of rows at a time.
 
-Of a file nothing is kept but what is asked for.
+Only the requested parts of a file are kept in memory.
 
-A table of millions of rows has most of them plain: as many fields as names, no quotes.
-numpy's own reader takes those. From the first piece that is not plain, Python's csv
-reader goes on row by row; it is exact about what is wrong, and where.
+In a table of millions of rows, most rows are plain: as many fields as names, and no
+quotes. numpy's reader handles these. From the first piece that is not plain, Python's
+csv reader continues row by row, so that errors can be located exactly.
 """
 
 import csv
@@ -34,18 +34,18 @@ LONGEST = 1 << 17
 
 @dataclass(frozen=True)
 class TableFile:
-    """A table file: its column names, and its rows in batches.
+    """A table file with its column names and its rows in batches.
 
     Attributes
     ----------
     file, sha256 : str
     names : tuple of str
     most : int
-        There are at most so many rows.
+        Upper bound on the number of rows.
     batches : function
-        The rows from the first on, as often as it is called.
+        Returns the rows from the first on; it can be called repeatedly.
     decimal : str
-        What a number may have for its point.
+        Decimal sign of numbers.
     """
 
     file: str
@@ -58,22 +58,22 @@ class TableFile:
     def error(
         self, problem: str, remedy: str, row: Any = None, column: str | None = None
     ) -> RecordingError:
-        """Return an error of this table."""
+        """Return an error about this table."""
         return table_error(self.file, problem, remedy, row, column)
 
     def closed(self) -> "TableFile":
-        """Return the table without its rows, which frees the memory."""
+        """Return the table without its rows, to free the memory."""
         return replace(self, batches=lambda: iter(()))
 
     def number(self, text: str) -> float | None:
-        """Return a cell as a number, or None."""
+        """Return a cell as a number, or None if it is not one."""
         return number(text.replace(self.decimal, "."))
 
 
 def number(text: str) -> float | None:
-    """Return a cell as a number, None if it is not one.
+    """Return a cell as a number, or None if it is not one.
 
-    float() alone takes underscores and the digits of other scripts too.
+    Unlike float(), it rejects underscores and digits of other scripts.
     """
     if not text.isascii() or "_" in text:
         return None
@@ -84,9 +84,9 @@ def number(text: str) -> float | None:
 
 
 class Columns(Protocol):
-    """A table in memory: names of columns, and each as an array.
+    """A table in memory, with an array under each column name.
 
-    Examples are a DataFrame of pandas and a dict.
+    Examples are a pandas DataFrame and a dict.
     """
 
     def keys(self) -> Iterable[Any]:
@@ -96,24 +96,24 @@ class Columns(Protocol):
 
 
 def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = None) -> TableFile:
-    r"""Open the table in a CSV or npz file, or in memory.
+    r"""Open a table in a CSV or npz file, or in memory.
 
     Parameters
     ----------
     source : path or Columns
-        A name that ends in .npz is read as npz, any other as CSV; or arrays of equal
-        length by name.
+        A file whose name ends in .npz is read as npz, any other as CSV; or arrays of
+        equal length under their names.
     sha256 : str, optional
-        First 8 to 64 hex digits of the file's SHA-256, or that of the table's names and
-        values, which must fit.
+        First 8 to 64 hex digits of the SHA-256 of the file, or of the table's names and
+        values, which must match.
 
     Raises
     ------
     RecordingError
-        A file that is no such table, or is larger than ``stimlib.limits`` allow; rows
+        The file is not such a table, or is larger than ``stimlib.limits`` allow; rows
         are checked as they are read.
     BadValue
-        A path or digest that is not one.
+        The path or the digest is invalid.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def _in_memory(source: Columns, sha256: str | None) -> TableFile:
 
 
 def _column(file: str, name: str, given: Any) -> np.ndarray:
-    """Return a column as numbers, or as texts where a cell is none."""
+    """Return a column as numbers, or as texts if any cell is not a number."""
     try:
         values = np.asarray(given)
     except ValueError:  # rows of several lengths
@@ -210,7 +210,7 @@ def _check_digest(file: str, digest: str, sha256: str) -> None:
 
 @dataclass(frozen=True)
 class _Form:
-    """The form of a CSV file: separator, decimal sign and header."""
+    """The format of a CSV file: separator, decimal sign and header."""
 
     file: str
     names: tuple[str, ...]
@@ -247,7 +247,7 @@ def _read_csv(file: str, digest: str, data: bytes) -> TableFile:
 
 
 def _ends(piece: bytes) -> int:
-    """Return how many ends of lines there are at most."""
+    """Return an upper bound on the number of line ends."""
     text = np.frombuffer(piece, np.uint8)
     return int(np.count_nonzero(text == 10)) + (piece.count(b"\r") if b"\r" in piece else 0)
 
@@ -276,9 +276,9 @@ def _check_text(file: str, data: bytes) -> None:
 def _records(
     file: str, data: bytes, at: int, row: int, separator: str
 ) -> Iterator[tuple[list[str], int]]:
-    """Yield fields and line number of every record from a byte on.
+    """Yield the fields and the line number of every record, from a byte offset on.
 
-    The byte is the start of that line.
+    The offset must be the start of a line.
     """
     with io.BytesIO(data) as raw:
         raw.seek(at)
@@ -307,10 +307,10 @@ def _lines(file: str, raw: io.BytesIO, row: int) -> Iterator[str]:
 
 
 def _leading(file: str, data: bytes, at: int) -> tuple[int, int, str]:
-    """Return where the names begin, and what separates columns.
+    """Return where the column names begin, and the separator of columns.
 
-    They come after a hint of Excel's and comments; byte and number of the line are
-    given.
+    The names come after comments and Excel's separator line; their line is returned as
+    byte offset and line number.
     """
     hint, row, above = "", 1, ""
     with io.BytesIO(data) as raw:
@@ -340,7 +340,7 @@ def _separator(line: str) -> str:
 def _header(
     file: str, data: bytes, start: int, first: int, separator: str
 ) -> tuple[tuple[str, ...], int]:
-    """Return the names, and the number of the last line they take."""
+    """Return the column names and the number of their last line."""
     blank = 0
     for fields, row in _records(file, data, start, first, separator):
         if _is_blank(fields):
@@ -364,7 +364,7 @@ def _is_blank(fields: list[str]) -> bool:
 
 
 def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
-    """Return whole lines, if all have as many fields as names and no quotes."""
+    """Return complete lines if all have the right number of fields and no quotes."""
     if (
         b'"' in piece
         or len(form.names) < 2
@@ -408,7 +408,7 @@ class _Plain:
 
 
 def _exact(data: bytes, at: int, row: int, form: _Form) -> Iterator["_Exact"]:
-    """Yield the rows from a byte on, checked one by one; the names are skipped."""
+    """Yield the rows from a byte offset on, each one checked, without the header."""
     cells: list[list[str]] = []
     rows: list[int] = []
     blank = 0  # the first blank line since the last row; at the end they do no harm

@@ -1,6 +1,6 @@
 """Motions and selections as text, on a command line or in a sidecar.
 
-Nothing in a text is executed.
+No text is executed.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ MAX_SPEC = 10_000  # characters of a text that is looked at
 
 @public
 def parse_motion(text: str) -> Motion:
-    """Return the motion written as a call, such as one typed on a command line.
+    """Return the motion that a text, such as one from a command line, describes.
 
     Parameters
     ----------
     text : str
         A call of one of ``stimlib.motion.generators``. Arguments are number literals,
-        None, True, False and, where a motion is wanted, another such call.
+        None, True, False and, for a parameter that is a motion, another such call.
 
     Returns
     -------
@@ -34,8 +34,8 @@ def parse_motion(text: str) -> Motion:
     Raises
     ------
     BadValue
-        When the text is anything else (the message lists the generators), or a
-        generator refuses an argument.
+        The text is anything else (the message lists the generators), or a generator
+        rejects an argument.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def parse_map(items: Iterable[str]) -> dict[str, str]:
     Raises
     ------
     BadValue
-        When an item has another form, or an input comes twice.
+        An item has another form, or an input occurs twice.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def parse_where(text: str) -> dict[str, str]:
     Raises
     ------
     BadValue
-        When the text has another form, or a column comes twice.
+        The text has another form, or a column occurs twice.
 
     Examples
     --------
@@ -158,9 +158,9 @@ def parse_where(text: str) -> dict[str, str]:
 
 
 def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
-    """Return NAME=VALUE texts as a table.
+    """Return NAME=VALUE texts as a dict.
 
-    BadValue is raised where one is not of this form, or a name comes twice.
+    BadValue is raised if a text has another form, or a name occurs twice.
     """
     if isinstance(items, str):
         raise BadValue(f"{what}: give a list of texts, not one text")

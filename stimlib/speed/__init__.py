@@ -1,1 +1,1 @@
-"""Speed on this machine: the noise chain, numpy + scipy, and the core's limit."""
+"""Speed on this machine: the noise chain, numpy + scipy, and the limit of a core."""

@@ -25,19 +25,18 @@ HOUR = 3_600_000  # samples at 1 kHz
 
 
 class Speed(NamedTuple):
-    """The time of a job, and if known its peer's and the core's limit."""
+    """The time of a job, with that of its peer and the core's limit if known."""
 
     what: str
     ns: float
-    """For each sample of each output's signal; median."""
+    """Nanoseconds per sample of each output, median."""
     peer: str = ""
     peer_ns: float | None = None
     times: float | None = None
-    """How many times as long the peer takes: the median of the ratios within a
-    round.
-    """
+    """Time of the peer relative to stimlib: the median of the ratios within a round."""
     share: float | None = None
-    """Of the limit, the time of as many independent FMAs."""
+    """Fraction of the limit, which is the time of the same number of independent FMAs.
+    """
 
 
 def measure(samples: int = SAMPLES, hour: int = HOUR, rounds: int = 9) -> list[Speed]:
@@ -46,12 +45,12 @@ def measure(samples: int = SAMPLES, hour: int = HOUR, rounds: int = 9) -> list[S
     Parameters
     ----------
     samples : int
-        Of a job; a multiple of those of ``stimlib.speed.chain.CHUNKS`` that are not
+        Samples per job; a multiple of every ``stimlib.speed.chain.CHUNKS`` that is not
         longer.
     hour : int
         Samples of the springpot's job.
     rounds : int
-        How often each job is timed.
+        Number of times that each job is timed.
 
     Returns
     -------
@@ -112,7 +111,7 @@ def _beside(
 
 
 def _springpot(n: int, alpha: float = 0.4) -> tuple[Job, dict[str, Job]]:
-    """Return a springpot, and the full Gruenwald-Letnikov sum by FFT."""
+    """Return jobs for a springpot and for the full Gruenwald-Letnikov sum by FFT."""
     from scipy.signal import oaconvolve
 
     y = 0.01 * np.sin(2 * np.pi * np.arange(n) / 1000)
@@ -123,7 +122,7 @@ def _springpot(n: int, alpha: float = 0.4) -> tuple[Job, dict[str, Job]]:
 
 
 def table(speeds: list[Speed]) -> Table:
-    """Return the figures as a table for a terminal.
+    """Return the benchmark figures as a table for a terminal.
 
     Examples
     --------
@@ -157,7 +156,7 @@ def table(speeds: list[Speed]) -> Table:
 
 
 def picture(speeds: list[Speed], path: str | os.PathLike) -> None:
-    """Draw the figures: a row each, nanoseconds a sample on a logarithmic axis.
+    """Draw the figures, one row each, in nanoseconds per sample on a log axis.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The noise chain of the squeeze and its stages, and numpy + scipy as a peer.
+"""The noise chain of the squeeze with its stages, and numpy + scipy as a peer.
 
-Both sides do the same work for each sample, from the same design.  The peer runs in
-chunks that stay in the cache, carries its states on, and keeps its memory.
+Both do the same work for each sample, from the same filter design.  The peer runs in
+chunks that fit in the cache, keeps its states between chunks, and reuses its memory.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ FIR = 136 + 7
 
 
 class Stage(NamedTuple):
-    """A stage of the noise chain as a scene, and the implementations to compare."""
+    """A stage of the noise chain as a scene, with the implementations to compare."""
 
     scene: Scene
     peers: dict[str, Job]
     operations: float
-    """For each sample; ``stimlib.speed.peak.peak(operations * samples)`` is the
+    """Operations per sample; ``stimlib.speed.peak.peak(operations * samples)`` is the
     limit.
     """
 
 
 def design() -> tuple[np.ndarray, np.ndarray]:
-    """Return the sections (n, 6) and taps (129,) that all peers are given.
+    """Return the sections (n, 6) and taps (129,) that all peers use.
 
-    They are those of the pink filter and the differentiator.
+    The sections are those of the pink filter, and the taps those of the differentiator.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def design() -> tuple[np.ndarray, np.ndarray]:
 
 
 class Peer:
-    """The chain by numpy and scipy in chunks: PCG64, ``sosfilt``, taps in 3 ways.
+    """The noise chain in numpy and scipy, in chunks, with three ways to run the taps.
 
     Parameters
     ----------
@@ -121,12 +121,12 @@ class Peer:
         return self.rng.standard_normal(out=self.w)
 
     def pink(self, w: np.ndarray) -> np.ndarray:
-        """Return the next chunk, filtered to 3 dB/octave."""
+        """Return the next chunk of noise, filtered to -3 dB/octave."""
         y, self.zi = signal.sosfilt(self.sos, w, zi=self.zi)
         return y
 
     def fir(self, x: np.ndarray) -> np.ndarray:
-        """Return the next chunk, differentiated."""
+        """Return the next chunk of noise, differentiated."""
         h = self.taps.size - 1
         self.line[h:] = x
         y = self.run_taps()
@@ -138,19 +138,19 @@ WAYS = {"convolve": "np.convolve", "oaconvolve": "oaconvolve", "matrix": "matrix
 
 
 def stages(samples: int = SAMPLES) -> dict[str, Stage]:
-    """Return the stages and the whole chain, with the peers of each.
+    """Return all stages and the whole chain, with the peers of each.
 
     Parameters
     ----------
     samples : int
-        That a job of a peer makes; a multiple of those of ``CHUNKS`` that are not
+        Samples per job of a peer; a multiple of every one of ``CHUNKS`` that is not
         longer.
 
     Returns
     -------
     dict of str to Stage
-        Each peer in all chunks (and all ways to run the taps); ``fastest_peer`` finds
-        the best.
+        Each peer with all chunk lengths (and all ways to run the taps);
+        ``fastest_peer`` finds the best.
 
     Examples
     --------
@@ -211,7 +211,7 @@ def stages(samples: int = SAMPLES) -> dict[str, Stage]:
 
 
 def fastest_peer(stage: Stage, rounds: int = 3) -> dict[str, Job]:
-    """Return the peer of a stage that is fastest here, under its name.
+    """Return the fastest peer of a stage on this machine, under its name.
 
     Examples
     --------
@@ -235,13 +235,14 @@ def fastest_peer(stage: Stage, rounds: int = 3) -> dict[str, Job]:
 def puller(
     scene: Scene, x: np.ndarray | None = None, samples: int = SAMPLES, fs: float = FS
 ) -> Job:
-    """Return a job that streams a scene in blocks of 8192 from sample 0 on.
+    """Return a job that streams a scene in blocks of 8192 samples.
 
     Parameters
     ----------
     scene : Scene
     x : ndarray, optional
-        Inputs, shape (n_inputs, samples); one row serves all. Without it they are 0.
+        Inputs, shape (n_inputs, samples); a single row is used for all inputs. By
+        default they are 0.
     samples : int
     fs : float
         In Hz.
@@ -271,7 +272,7 @@ def puller(
 
 
 def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
-    """Return positions in m, shape (samples,), for a gate open, in bursts, or closed.
+    """Return positions in m for a gate that is open, open in bursts, or closed.
 
     Examples
     --------
@@ -296,7 +297,7 @@ def caller(proc: Processor, x: np.ndarray, n: int) -> Job:
     proc : Processor
     x : ndarray, shape (n_inputs, samples)
     n : int
-        Samples of a call.
+        Samples per call.
 
     Examples
     --------

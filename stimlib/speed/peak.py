@@ -1,7 +1,7 @@
 """The peak throughput of a core: independent fused multiply-adds (FMA) in float64.
 
-The time of this loop for as many operations as a chain has is the chain's limit; what a
-chain takes longer is for loads, stores, latency and loops.
+The time that this loop takes for the number of operations of a chain is the lower limit
+for the chain; additional time is due to loads, stores, latency and loops.
 """
 
 from __future__ import annotations
@@ -19,20 +19,21 @@ LANES = (2, 4, 8)  # float64 in a vector of 128, 256 and 512 bits
 
 
 def peak(count: float) -> Callable[[], float]:
-    """Return a job of so many independent FMAs in float64 on one core.
+    """Return a job of a given number of independent FMAs in float64 on one core.
 
-    The vectors have the width that is fastest here.
+    It uses the vector width that is fastest on this machine.
 
     Parameters
     ----------
     count : float
-        FMAs, a multiply and an add each; rounded up to whole vectors of all sums.
+        Number of FMAs (a multiply and an add each), rounded up to whole vectors of all
+        sums.
 
     Returns
     -------
     callable
-        Without arguments; what it returns has no meaning, but that nothing was left
-        out.
+        A function without arguments; its result only keeps the compiler from skipping
+        work.
 
     Examples
     --------
@@ -45,7 +46,7 @@ def peak(count: float) -> Callable[[], float]:
 
 @cache
 def _width() -> int:
-    """Return the lanes of the vectors that do most."""
+    """Return the vector width, in lanes, with the highest throughput."""
     return int(fastest({str(lanes): _job(lanes, 2e7) for lanes in LANES}))
 
 
@@ -56,7 +57,7 @@ def _job(lanes: int, count: float) -> Callable[[], float]:
 
 @cache
 def _loop(lanes: int) -> Callable[[int], float]:
-    """Multiply and add in turns, each of SUMS vectors for itself (compiled)."""
+    """Return a compiled loop of FMAs over SUMS independent vectors."""
     from llvmlite import ir
     from numba import njit, types
     from numba.core import cgutils

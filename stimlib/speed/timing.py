@@ -1,6 +1,6 @@
-"""Times of jobs that take turns in one process.
+"""Timing of jobs that take turns in one process.
 
-So a machine whose speed drifts disturbs all of them alike.
+A drift in the machine's speed therefore affects all jobs alike.
 """
 
 from __future__ import annotations
@@ -19,20 +19,19 @@ Times = Mapping[str, list[float]]
 def interleaved(
     jobs: Jobs, rounds: int = 15, warm_up: int = 2, clock: Callable[[], float] = time.perf_counter
 ) -> dict[str, list[float]]:
-    """Return the seconds of every job in every round, A B C A B C ..
+    """Return the seconds of every job in every round, in the order A B C A B C ..
 
     Parameters
     ----------
     jobs : dict of str to callable
     rounds : int
-        How often each is timed.
+        Number of times that each job is timed.
     warm_up : int
-        Rounds before that, which are not counted: for caches, and what is compiled on
-        the first call.
+        Initial rounds that are not counted, to fill caches and compile code.
 
     clock : callable
-        What time is read from; ``time.process_time`` counts only what this process
-        computes, whatever else the machine does.
+        The clock; ``time.process_time`` counts only the computing time of this process,
+        whatever else the machine does.
 
     Returns
     -------
@@ -64,7 +63,7 @@ def interleaved(
 
 
 def medians(times: Times) -> dict[str, float]:
-    """Return the median seconds of each job.
+    """Return the median time of each job in s.
 
     Examples
     --------
@@ -92,7 +91,7 @@ def ratio(times: Times, slow: str, fast: str) -> float:
 def fastest(jobs: Jobs, rounds: int = 3) -> str:
     """Return the name of the job with the shortest time.
 
-    It finds which form of a peer to compare with.
+    Use it to choose the variant of a peer to compare with.
 
     Examples
     --------
@@ -105,7 +104,7 @@ def fastest(jobs: Jobs, rounds: int = 3) -> str:
 
 
 def machine() -> str:
-    """Return one line: processor, Python and the versions that matter.
+    """Return one line that describes processor, Python and relevant versions.
 
     Examples
     --------

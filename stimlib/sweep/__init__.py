@@ -1,6 +1,6 @@
-"""Sweeps: one scene, many rows of numbers, a few figures of each rendering.
+"""Sweeps: render a scene for many rows of numbers, and keep a few figures of each.
 
-They run on this machine or on a Dask cluster.
+A sweep runs on this machine or on a Dask cluster.
 """
 
 from .measures import measure, measured

@@ -1,4 +1,4 @@
-"""Where the rows of a sweep run: in processes beside this one, or on a Dask cluster."""
+"""Engines that run the rows of a sweep: local processes, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ SWEEPS = 4
 
 
 class Here:
-    """The driver's own process, where a debugger can follow.
+    """An engine that runs rows in the calling process, where a debugger can follow.
 
-    Nothing protects it from what a row does.
+    The process is not protected from what a row does.
     """
 
     def __init__(self, plan: Plan, motions: Motions):
@@ -46,7 +46,7 @@ class Here:
         pass
 
     def room(self) -> int:
-        """Return how many jobs can be submitted."""
+        """Return how many jobs can be submitted now."""
         return 1 - len(self._done)
 
     def workers(self) -> int:
@@ -60,12 +60,12 @@ class Here:
         self._done.append((what, (as_bytes(table), time.perf_counter() - began)))
 
     def take(self) -> tuple[Any, tuple[bytes, float]]:
-        """Return a job that is done."""
+        """Return a finished job."""
         return self._done.pop()
 
 
 class Local:
-    """Processes of one thread each on this machine; one, until more are asked for."""
+    """An engine of single-threaded processes on this machine; at first only one."""
 
     def __init__(self, plan: Plan, motions: Motions):
         self._seconds, memory = (
@@ -81,11 +81,11 @@ class Local:
         self._pool.__exit__(*error)
 
     def widen(self, workers: int) -> None:
-        """Use so many processes from now on."""
+        """Use the given number of processes from now on."""
         self._pool.widen(workers)
 
     def room(self) -> int:
-        """Return how many jobs can be submitted."""
+        """Return how many jobs can be submitted now."""
         return self._pool.room
 
     def workers(self) -> int:
@@ -95,11 +95,11 @@ class Local:
     def submit(
         self, what: Any, data: bytes, look: bool, seconds: float, motions: bytes = b""
     ) -> None:
-        """Give a job to a worker."""
+        """Submit a job to a worker process."""
         self._pool.submit(what, run_kept, data, look, seconds, motions, seconds=self._seconds)
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
-        """Return a job that is done, or the death of its worker."""
+        """Return a finished job, or the death of its worker."""
         what, result, error = self._pool.take()
         if isinstance(error, WorkerDied):
             return what, Death(str(error), error.at, error.data, isinstance(error, TimedOut))
@@ -109,7 +109,7 @@ class Local:
 
 
 def packed(what: Any) -> bytes:
-    """Return a pickle that also carries functions of a script or a notebook."""
+    """Return a pickle that can include functions of a script or a notebook."""
     try:
         return package("cloudpickle", "a sweep in several processes").dumps(what)
     except Exception as e:  # of objects of the user's, too
@@ -119,12 +119,11 @@ def packed(what: Any) -> bytes:
 
 
 class Cluster:
-    """A Dask cluster: the same jobs as futures, some for each thread.
+    """An engine that runs jobs on a Dask cluster, as a few futures per thread.
 
-    So a million rows are never a million futures.
-
-    Plan and motions are tasks and not scattered: data that was scattered dies with the
-    worker that holds it.
+    A million rows are therefore never a million futures. Plan and motions are sent as
+    tasks instead of scattered, because scattered data are lost with the worker that
+    holds them.
     """
 
     def __init__(self, on: Any, plan: Plan, motions: Motions):
@@ -173,7 +172,7 @@ class Cluster:
             self._client.close(timeout=5)
 
     def _check(self) -> None:
-        """Raise unless every worker has the packages that this process has."""
+        """Raise an error unless every worker has this process's package versions."""
         for worker, found in self._client.run(versions, on_error="return").items():
             if isinstance(found, BaseException):
                 raise MissingPackage(
@@ -187,7 +186,7 @@ class Cluster:
                 )
 
     def workers(self) -> int:
-        """Return the number of threads of all workers."""
+        """Return the total number of threads of all workers."""
         if time.monotonic() > self._asked + 2.0:
             self._threads, self._asked = (
                 max(1, sum(self._client.nthreads().values())),
@@ -196,11 +195,11 @@ class Cluster:
         return self._threads
 
     def room(self) -> int:
-        """Return how many jobs can be submitted."""
+        """Return how many jobs can be submitted now."""
         return max(0, max(BESIDE * self.workers(), FEWEST) - len(self._flying))
 
     def widen(self, workers: int) -> None:
-        """Leave it to the cluster."""
+        """Ignore the number of workers, because the cluster decides it."""
 
     def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
         """Submit a job as a future."""
@@ -215,7 +214,7 @@ class Cluster:
         self._done.add(future)
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
-        """Return a job that is done, or the death of its worker."""
+        """Return a finished job, or the death of its worker."""
         self._wait()
         future = next(self._done)
         what = self._flying.pop(future)
@@ -232,10 +231,10 @@ class Cluster:
             future.release()
 
     def _wait(self) -> None:
-        """Wait until a job is done.
+        """Wait until a job has finished.
 
-        A cluster without workers is reported, and waited for: a queue may take its
-        time.
+        If the cluster has no workers, this is reported, and the wait continues, because
+        a batch queue may take some time.
         """
         said, look = False, time.monotonic() + LONELY
         while not self._done.has_ready():
@@ -264,7 +263,7 @@ def connected(address: str) -> Any:
     Raises
     ------
     SinkError
-        There is none.
+        There is no scheduler at this address.
     MissingPackage
         distributed is not installed.
     """
@@ -275,13 +274,13 @@ def connected(address: str) -> Any:
 
 
 def same(what: Any) -> Any:
-    """Return the argument: a task that holds something."""
+    """Return the argument unchanged, so that a Dask task can hold it."""
     return what
 
 
 _beside: dict[tuple[int, str], tuple[Local, set[bytes]]] = {}
-"""In a worker of Dask, by thread and name of the sweep: the process beside it, and the
-motions that it has.
+"""In a Dask worker, by thread and name of the sweep: the process next to it, and its
+motions.
 """
 
 
@@ -294,9 +293,9 @@ def run_beside(
     look: bool,
     seconds: float,
 ) -> tuple[bytes, float] | Death:
-    """Run a job in a process next to a worker of Dask.
+    """Run a job in a separate process next to a Dask worker.
 
-    What ends that process is one row, and the worker goes on.
+    If a row crashes that process, only the row fails, and the worker continues.
     """
     if (here := versions()) != plan.versions:
         raise BadValue(f"this worker has other versions: {differing(here, plan.versions)}")
@@ -315,7 +314,7 @@ def run_beside(
 
 
 def end_beside(sweep: str) -> None:
-    """End the processes beside a worker of Dask that a sweep has started."""
+    """End the processes that a sweep has started next to a Dask worker."""
     for key in list(_beside):
         if key[1] == sweep:
             _end(key)

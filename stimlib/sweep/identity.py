@@ -1,4 +1,4 @@
-"""The hash of the code and data behind a user's function, as they are in memory."""
+"""Hashes of the code and data behind a user's function, as they are in memory."""
 
 from __future__ import annotations
 
@@ -70,28 +70,28 @@ NOT_RUN = {
     "_abc_impl",
     "__slotnames__",  # which copying and pickling add
 }
-"""Attributes of a class that nothing is computed from."""
+"""Attributes of a class that do not affect computations."""
 BY_NAME = {"eval", "exec", "globals", "__import__", "import_module", "modules", "resolve_name"}
 BY_NAME |= {"_getframe", "currentframe", "getmodule"}
 """What finds code by a name that is computed."""
 LISTS = {"__globals__", "f_globals", "__subclasses__", "__annotations__"}
-"""Attributes through which code finds what it does not name."""
+"""Attributes through which code can find objects that it does not name."""
 
 
 def identity(what: Any, called: str) -> str:
-    """Return a hash that changes whenever what a function computes changes.
+    """Return a hash that changes whenever the results of a function change.
 
-    It follows the bytecode as Python loaded it, and everything that the code reaches:
+    The hash covers the bytecode as Python loaded it, and everything that the code uses:
     global variables, imported modules, defaults, closures, attributes, classes with
-    their bases and methods.  A function or class of an installed package counts with
-    its name and version.
+    their bases and methods.  A function or class of an installed package enters by its
+    name and version.
 
     Parameters
     ----------
     what : object
         A measure, function, class, or data.
     called : str
-        What an error calls it.
+        Its name in an error message.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def identity(what: Any, called: str) -> str:
     Raises
     ------
     BadValue
-        The code reaches something whose content cannot be seen, such as an open file.
+        The code uses something whose content cannot be inspected, such as an open file.
 
     Examples
     --------
@@ -116,9 +116,9 @@ def identity(what: Any, called: str) -> str:
 
 
 def own_classes(scene: Scene) -> list[type[Block]]:
-    """Return the classes of a scene's own blocks, in the order of first use.
+    """Return the classes of a scene's user-defined blocks, in order of first use.
 
-    They are those that are not stimlib's.
+    These are the block classes that are not part of stimlib.
     """
     kinds = dict.fromkeys(type(b) for b in reach(scene.outputs.values()))
     return [k for k in kinds if _is_own(k.__module__)]
@@ -134,7 +134,7 @@ def _hidden(path: str, what: Any) -> BadValue:
 
 
 class _Walk:
-    """One pass over a function and what it reaches, each object once."""
+    """A traversal of a function and everything it uses, visiting each object once."""
 
     def __init__(self) -> None:
         # the object is kept, so that its id stays its own
@@ -145,7 +145,7 @@ class _Walk:
         self._cyclic = 0
 
     def of(self, what: Any, path: str) -> str:
-        """Return the hash of an object; path is how an error names it."""
+        """Return the hash of an object, which errors call ``path``."""
         if type(what) in ATOMS:
             return _hash(type(what).__name__, repr(what))
         if isinstance(what, np.generic) and type(what).__module__ == "numpy":
@@ -175,7 +175,7 @@ class _Walk:
         return [self.of(v, path) for v in values]
 
     def _items(self, values: Any, path: str) -> list[str]:
-        """Return names and hashes of a mapping's values."""
+        """Return the hashes of the names and values of a mapping."""
         parts = []
         for name, value in values.items():
             parts += [
@@ -274,7 +274,7 @@ class _Walk:
         return parts
 
     def _named(self, name: str, value: Any, code: types.CodeType, path: str) -> list[str]:
-        """Return the parts of what a function's code calls by a name."""
+        """Return the hash parts of the object that code calls by a name."""
         if isinstance(value, types.ModuleType):
             whole = [self.of(m, path) for m in _whole(code, name, value)]
             return [name, *whole, *self._attributes(value, _words(code), path)]
@@ -286,7 +286,7 @@ class _Walk:
 
     # Modules and classes --------------------------------------------------------------
     def _attributes(self, module: types.ModuleType, names: set[str], path: str) -> list[str]:
-        """Return the parts of those attributes of a module that code names."""
+        """Return the hash parts of those attributes of a module that code uses."""
         own = _is_own(module.__name__)
         if wrong := BY_NAME & names & vars(module).keys():
             raise BadValue(
@@ -345,9 +345,9 @@ class _Walk:
         ]
 
     def _compiled(self, f: Any, path: str) -> list[str]:
-        """Return the parts of a function that is not Python's.
+        """Return the hash parts of a function that is not written in Python.
 
-        They are its name, and what it is bound to.
+        They are its name and the object to which it is bound.
         """
         bound = getattr(f, "__self__", None)
         name = f.__name__
@@ -365,7 +365,7 @@ class _Walk:
 
     # Objects --------------------------------------------------------------------------
     def _instance(self, what: Any, path: str) -> list[str]:
-        """Return the parts of an object: class and content, and what it wraps."""
+        """Return the hash parts of an object: class, content and wrapped objects."""
         kind = type(what)
         name, holder = getattr(what, "__qualname__", None), getattr(what, "__module__", None)
         if isinstance(name, str) and isinstance(holder, str):  # compiled by Cython, say
@@ -388,7 +388,7 @@ class _Walk:
         return parts + self._reduced(what, base, path)
 
     def _wrapped(self, what: Any, path: str) -> list[str]:
-        """Return the parts of a cached or compiled function, or nothing."""
+        """Return the hash parts of a cached or compiled function, or nothing."""
         kind = type(what)
         if isinstance(what, functools._lru_cache_wrapper):
             # it has the attributes of another function
@@ -408,7 +408,7 @@ class _Walk:
         return []
 
     def _reduced(self, what: Any, base: Any, path: str) -> list[str]:
-        """Return the parts that an object is pickled as."""
+        """Return the hash parts of an object from its pickled form."""
         try:
             reduce: Any = dispatch_table.get(type(what))
             state = reduce(what) if reduce else base.__reduce_ex__(what, 4)
@@ -434,7 +434,7 @@ def _hash(*parts: str) -> str:
 
 
 def _content(what: Any) -> dict[str, Any]:
-    """Return the attributes of an object, of slots too."""
+    """Return the attributes of an object, including those in slots."""
     held = {}
     for kind in type(what).__mro__:
         for name, member in vars(kind).items():
@@ -462,14 +462,14 @@ def _loaded(code: types.CodeType) -> set[str]:
 
 
 def _words(code: types.CodeType) -> set[str]:
-    """Return the names of all attributes that code may ask for, as text too."""
+    """Return all attribute names that code may use, including those in strings."""
     return {w for c in _codes(code) for w in (*c.co_names, *c.co_consts) if isinstance(w, str)}
 
 
 def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator[types.ModuleType]:
-    """Yield the own modules that code uses as a whole.
+    """Yield the user's modules that code uses as a whole.
 
-    value is what it calls name; uses of one attribute do not count.
+    The code knows ``value`` by ``name``; uses of a single attribute do not count.
     """
     for c in _codes(code):
         steps = [i for i in dis.get_instructions(c) if i.opname != "EXTENDED_ARG"]
@@ -498,7 +498,7 @@ def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator
 
 
 def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set[str]]]:
-    """Yield the modules that a function imports when it runs, with their names."""
+    """Yield the modules, with their names, that a function imports when it runs."""
     package = f.__globals__.get("__package__") or ""
     for code in _codes(f.__code__):
         steps = [i for i in dis.get_instructions(code) if i.opname != "EXTENDED_ARG"]
@@ -536,9 +536,9 @@ def _installed(file: str) -> bool:
 
 
 def _is_own(name: str) -> bool:
-    """Return whether a module is the user's.
+    """Return whether a module belongs to the user.
 
-    It is a file outside of installed packages, a script, or a notebook.
+    This is a file outside installed packages, a script or a notebook.
     """
     if name in sys.builtin_module_names or name in sys.stdlib_module_names:
         return False
@@ -549,13 +549,13 @@ def _is_own(name: str) -> bool:
 
 
 def _extension(name: str) -> str:
-    """Return the file of a user's compiled extension, or an empty text."""
+    """Return the file of a user's compiled extension module, or an empty text."""
     file = getattr(sys.modules.get(name), "__file__", None) or ""
     return "" if file.endswith(".py") or not _is_own(name) else file
 
 
 def _is_named(what: Any) -> bool:
-    """Return whether an installed package has this very object under its name."""
+    """Return whether an installed package has this same object under its name."""
     if _is_own(getattr(what, "__module__", None) or ""):
         return False
     found: Any = sys.modules.get(what.__module__)

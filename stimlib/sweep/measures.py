@@ -1,4 +1,4 @@
-"""Measures: figures of a rendering with units, by name or by your own functions."""
+"""Measures of a sweep: figures of a rendering, by name or by your own functions."""
 
 from __future__ import annotations
 
@@ -26,22 +26,24 @@ NOMINAL = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)
 
 @dataclass(frozen=True)
 class Measure:
-    """Figures of a rendering.  Made by `measure`, or from a name."""
+    """A measure of a rendering, made by `measure` or from a name."""
 
     name: str
     units: Mapping[str, str]
-    """Of each figure, in their order."""
+    """Unit of each figure, in order."""
     function: Callable[..., Any]
-    """Of a rendering and of what ``prepare`` gave: one number for each figure."""
+    """Function of a rendering and the result of ``prepare``, which returns one number
+    for each figure.
+    """
     prepare: Callable[[dict[str, Array], float], Any] | None = None
-    """Of the inputs (name to samples) and fs: what depends on the motion alone, made
-    once for each motion.
+    """Function of the inputs (name to samples) and fs, called once for each motion, for
+    everything that depends on the motion alone.
     """
     version: str | None = None
-    """Stated by the author, where it stands for the content of the functions."""
+    """Version stated by the author, in place of the content of the functions."""
 
     def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
-        """Return the figures of a rendering; raise BadValue for anything else."""
+        """Return the figures of a rendering, or raise BadValue."""
         try:
             given = np.ravel(self.function(rendering, ready))
             if given.dtype.kind in "cUS":
@@ -68,32 +70,32 @@ def measure(
     version: str | None = None,
     **figures: str,
 ) -> Callable[[Callable[..., Any]], Measure]:
-    """Make a function of a rendering a measure of a sweep.
+    """Turn a function of a rendering into a measure for a sweep.
 
     Parameters
     ----------
     unit_ : str, optional
-        Of the one figure, which has the function's name.
+        Unit of a single figure, which has the function's name.
     prepare : callable, optional
         ``prepare(inputs, fs)``, called once for each motion with its samples by input
-        name, shape (n,): what it gives comes as second argument of the function.
+        name, shape (n,); its result is the second argument of the function.
     version : str, optional
-        What the figures count as in a kept sweep, in place of the content of the
-        functions: state it where a function uses something whose content cannot be
-        seen, and state another one after each change.
+        A version that identifies the figures in a stored sweep, instead of the content
+        of the functions. Give it if a function uses something whose content cannot be
+        inspected, and change it after each change.
     **figures : str
-        Names and units of several figures: the function then gives a number for each,
+        Names and units of several figures; the function then returns a number for each,
         in this order.
 
     Returns
     -------
     decorator
-        That gives a ``Measure``.
+        A decorator that returns a ``Measure``.
 
     Raises
     ------
     BadValue, UnitError
-        Neither a unit nor figures, or both; a unit that is none.
+        Neither a unit nor figures, or both; or an invalid unit.
 
     Examples
     --------
@@ -142,7 +144,7 @@ def _alone(function: Callable[[Rendering], Any], rendering: Rendering, _: None) 
 
 
 def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) -> list[Measure]:
-    """Return the measures for this scene, from names, calls and functions.
+    """Return the measures of a scene from names, calls and functions.
 
     Parameters
     ----------
@@ -154,7 +156,7 @@ def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) ->
     UnknownName
         No such measure, or no such output or input.
     BadValue
-        A text that is none, a function without units, or a figure that is there twice.
+        An invalid text, a function without units, or a figure that occurs twice.
 
     Examples
     --------
@@ -178,7 +180,7 @@ def measures_of(asked: Sequence[str | Measure] | str | Measure, scene: Scene) ->
 def measured(
     rendering: Rendering, measures: Sequence[str | Measure] | str | Measure
 ) -> dict[str, float]:
-    """Return the figures of one rendering, as a sweep has them.
+    """Return the figures of one rendering, as a sweep computes them.
 
     Parameters
     ----------
@@ -189,7 +191,7 @@ def measured(
     Returns
     -------
     dict of str to float
-        In the units that the measures say.
+        In the units of the measures.
 
     Raises
     ------
@@ -226,7 +228,7 @@ def measured(
 def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: float) -> list[Any]:
     """Return the part of each measure that depends on the inputs alone.
 
-    None of them can change the samples.
+    The measures cannot change the samples.
     """
     given = dict(zip(inputs, unwritable(x), strict=True)) or {"": np.empty(x.shape[1])}
     return [m.prepare(given, fs) if m.prepare else None for m in found]
@@ -235,7 +237,7 @@ def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: floa
 def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[Any]) -> list[float]:
     """Return the figures of all measures.
 
-    None can change what the next one sees.
+    A measure cannot change the data of the next one.
     """
     motion = {
         name: unwritable(s) if isinstance(s, np.ndarray) else s
@@ -246,7 +248,7 @@ def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[A
 
 
 def unwritable(a: Array) -> Array:
-    """Return the samples as a read-only array."""
+    """Return a read-only view of samples."""
     view = a.view()
     view.flags.writeable = False
     return view
@@ -274,9 +276,9 @@ def _measure(asked: Any, scene: Scene) -> Measure:
 
 
 def _call(text: str) -> tuple[str, list[float | str]]:
-    """Parse the name of a measure and its arguments.
+    """Parse a measure's name and its arguments.
 
-    They are numbers or names; nothing is evaluated.
+    Arguments are numbers or names; nothing is evaluated.
     """
     try:
         match ast.parse(text.strip(), mode="eval").body:
@@ -301,7 +303,7 @@ def _number(node: ast.expr) -> float:
 
 # Those with names ---------------------------------------------------------------------
 def _outputs(scene: Scene, names: Sequence[Any], what: str) -> list[str]:
-    """Return the outputs that are named, or all."""
+    """Return the named outputs, or all outputs."""
     if wrong := [n for n in names if n not in scene.outputs]:
         raise UnknownName(
             f"measures: {what}: the scene has no output {wrong[0]!r}; it has"
@@ -321,7 +323,7 @@ def _of_each(
 
 
 def rms(scene: Scene, *outputs: Any) -> Measure:
-    """Return the root of the mean square, sqrt(mean(y^2))."""
+    """Return the measure RMS, the root of the mean square sqrt(mean(y^2))."""
     names = _outputs(scene, outputs, "rms")
     return Measure(
         "rms", {f"rms_{n}": _dim(scene, n) for n in names}, partial(_of_each, _rms, names)
@@ -333,7 +335,7 @@ def _rms(y: Array, _: Any) -> float:
 
 
 def peak(scene: Scene, *outputs: Any) -> Measure:
-    """Return the largest magnitude, max |y|."""
+    """Return the measure peak, the largest magnitude max |y|."""
     names = _outputs(scene, outputs, "peak")
     return Measure(
         "peak", {f"peak_{n}": _dim(scene, n) for n in names}, partial(_of_each, _peak, names)
@@ -345,11 +347,10 @@ def _peak(y: Array, _: Any) -> float:
 
 
 def band(scene: Scene, low: Any, high: Any, *outputs: Any) -> Measure:
-    """Return the RMS in a band.
+    """Return the measure band, the RMS within a frequency band.
 
-    It is the root of the integral of the PSD from low (Hz) to below high.
-
-    Of the whole record without its mean, under a Hann window:
+    It is the root of the integral of the PSD from low (Hz) to below high. The PSD is
+    that of the whole record without its mean, under a Hann window:
     ``scipy.signal.periodogram(y, fs, "hann")``.  A band above fs/2, or between two
     lines of the spectrum (of a short record), is nan.
     """
@@ -367,12 +368,11 @@ def _band(y: Array, ready: Any) -> float:
 
 
 def psd(scene: Scene, low: Any = 10.0, high: Any = 1000.0, *outputs: Any) -> Measure:
-    """Return the mean one-sided PSD in each third octave, in unit^2/Hz.
+    """Return the measure psd, the mean PSD in each third octave, in unit^2/Hz.
 
-    Their middles are from low to high (Hz).
-
-    The same spectrum as ``band``; middles 10^(k/10) Hz, the names of IEC 61260-1.  A
-    third octave between two lines of the spectrum (of a short record) is nan.
+    The PSD is one-sided, as for ``band``. Centre frequencies 10^(k/10) Hz are from low
+    to high (Hz), with the names of IEC 61260-1.  A third octave between two lines of
+    the spectrum (of a short record) is nan.
     """
     low, high = _edges(low, high, "psd")
     names = _outputs(scene, outputs, "psd")
@@ -404,9 +404,9 @@ def _edges(low: Any, high: Any, what: str) -> tuple[float, float]:
 def _bins(
     edges: Sequence[tuple[float, float]], x: dict[str, Array], fs: float
 ) -> tuple[Array, list[slice], float]:
-    """Return the window, the lines of the spectrum in each band, and their distance.
+    """Return the window, the spectral lines in each band, and the line spacing.
 
-    The window has the scale of a density; the distance is in Hz.
+    The window is scaled to give a density; the spacing is in Hz.
     """
     n = next(iter(x.values())).size
     window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n) / n)
@@ -416,18 +416,18 @@ def _bins(
 
 
 def _density(y: Array, window: Array, part: slice) -> Array:
-    """Return one-sided power spectral density at some lines, in unit^2/Hz."""
+    """Return the one-sided power spectral density at some lines, in unit^2/Hz."""
     power = np.square(np.abs(np.fft.rfft((y - np.mean(y)) * window)))
     power[1 : None if y.size % 2 else -1] *= 2
     return power[part]
 
 
 def cues(scene: Scene, *names: Any) -> Measure:
-    """Return the physical cues of a displacement and a force: ``cues(x1, force1)``.
+    """Return the measure of physical cues, such as ``cues(x1, force1)``.
 
     See `stimlib.analysis.cues`.
 
-    By default of the only input in m and the only output in N.
+    By default, displacement and force are the only input in m and the only output in N.
     """
     pair = list(names) or [
         *(n for n, b in scene.inputs.items() if b.dim == unit("m")),
@@ -452,7 +452,7 @@ def _cues(force: str, rendering: Rendering, ready: Any) -> Sequence[float]:
 
 
 def verified(scene: Scene) -> Measure:
-    """Return 1 if ``stimlib.verify`` passes the rendering, else 0."""
+    """Return the measure that is 1 if ``stimlib.verify`` passes, else 0."""
     return Measure("verify", {"verified": "1"}, _verified)
 
 
@@ -472,7 +472,7 @@ CUE_UNITS |= {"frequency": "1/s", "phi": "1", "W": "J"}
 NAMED: dict[str, Callable[..., Measure]] = {
     "rms": rms, "peak": peak, "band": band, "psd": psd, "cues": cues, "verify": verified,
 }  # fmt: skip
-"""Measures by name; ``rms`` is of all outputs, ``rms(force1)`` of one."""
+"""Measures by name; ``rms`` applies to all outputs, ``rms(force1)`` to one."""
 EXAMPLES = {
     "rms": "rms or rms(force1)",
     "peak": "peak or peak(force1)",

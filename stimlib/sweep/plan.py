@@ -1,6 +1,6 @@
-"""What all rows of a sweep share, and the keys by which rows are recognised.
+"""What all rows of a sweep share, and the keys that identify rows.
 
-A key is from content, never from order, place or name.
+A key depends on content, never on order, place or name.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CHUNK = 100_000  # rows that are Python objects at once
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of everything that a figure's bits may depend on."""
+    """Return the versions of everything that the bits of a figure may depend on."""
     return {
         "python": platform.python_version(),
         **{p: version(p) for p in PACKAGES},
@@ -49,7 +49,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def _source_hash() -> str:
-    """Return a hash of stimlib's own files, which may change without its version."""
+    """Return a hash of stimlib's source files, which can change within a version."""
     h = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):
         h.update(path.read_bytes())
@@ -58,26 +58,24 @@ def _source_hash() -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """A sweep without its rows and motions; it travels to every worker once."""
+    """A sweep without its rows and motions, sent to every worker once."""
 
     make: Scene | Callable[..., Scene]
     measures: tuple[str | Measure, ...]
     units: dict[str, str]
-    """Of the figures, in their order."""
+    """Units of the figures, in order."""
     fs: float
     seconds: float | None
     roles: Roles
     versions: dict[str, str]
     key: str
-    """sha256 of what every row's figures depend on."""
+    """SHA-256 of everything that the figures of all rows depend on."""
     measure_keys: list[str]
-    """What each measure counts as; none where nothing is kept."""
+    """Key of each measure; empty if nothing is stored."""
     limits: dict[str, float]
-    """Those in force where the sweep began."""
+    """Limits in force when the sweep began."""
     code_keys: dict[str, str]
-    """What the code counts as that makes scenes and motions, as a new process imports
-    it.
-    """
+    """Hashes of the code that makes scenes and motions, as a new process imports it."""
 
     def scene(self, row: Mapping[str, Any]) -> Scene:
         """Return the scene of a row."""
@@ -93,8 +91,8 @@ class Plan:
 def motion_of(given: Any, scene: Scene) -> dict[str, Any]:
     """Return the motion of every input of a scene.
 
-    It is by name as ``render`` takes it; one function, array or recording is of all
-    inputs.
+    It is a mapping by name, as for ``render``; a single function, array or recording
+    applies to all inputs.
     """
     if isinstance(given, Recording):
         return given.motion_for(scene.inputs)
@@ -102,9 +100,9 @@ def motion_of(given: Any, scene: Scene) -> dict[str, Any]:
 
 
 def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
-    """Return the samples of a run.
+    """Return the number of samples of a run.
 
-    They are those of ``seconds``, else of the recording or the shortest array.
+    It comes from ``seconds``, otherwise from the recording or the shortest array.
     """
     if seconds is None:
         lengths = [len(s) / fs for s in motion.values() if not callable(s)]
@@ -123,9 +121,9 @@ def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
 
 
 def motion_digest(given: Any, name: str, fs: float, seconds: float | None) -> bytes:
-    """Return 16 bytes that identify a motion, and how much of it is used.
+    """Return 16 bytes that identify a motion, and the number of samples used.
 
-    A function counts with its name: its samples are part of the content of each row.
+    A function enters by its name, because its samples are part of each row's content.
     """
     parts = dict(given) if isinstance(given, Mapping) else {"": given}
     text = [float(seconds).hex() if seconds is not None else "own length"]
@@ -147,8 +145,8 @@ def _source(source: Any, name: str) -> str:
 def scene_digest(scene: Scene, fs: float, design: list[tuple[Any, Any]] | None = None) -> bytes:
     """Return 32 bytes that identify a scene as it runs.
 
-    That is its blocks with their numbers, what their design gives at this sample rate,
-    and the code of all blocks that are not stimlib's.
+    They depend on its blocks with their numbers, on their design at this sample rate,
+    and on the code of all user-defined blocks.
 
     Parameters
     ----------
@@ -156,7 +154,7 @@ def scene_digest(scene: Scene, fs: float, design: list[tuple[Any, Any]] | None =
     fs : float
         Sample rate in Hz.
     design : list, optional
-        What ``design_of`` gave, where it is known.
+        Result of ``design_of``, if known.
     """
     h = hashlib.sha256(scene.hash.encode())
     for p, s in design_of(scene.program, fs) if design is None else design:
@@ -170,9 +168,9 @@ def scene_digest(scene: Scene, fs: float, design: list[tuple[Any, Any]] | None =
 def shared_key(
     make: Any, measures: list[str], fs: float, roles: Roles
 ) -> tuple[str, dict[str, Any]]:
-    """Return the key of a plan, and the facts that it is made of.
+    """Return the key of a plan, and the facts that enter the key.
 
-    What a scene is made of is no part of it, but of each row's content.
+    The content of a scene enters the content of each row instead.
     """
     facts = {
         "scene": make.hash if isinstance(make, Scene) else "made",
@@ -191,9 +189,9 @@ def measure_keys(measures: tuple[str | Measure, ...]) -> list[str]:
 
 
 def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
-    """Return the hashes of a factory and of functions of motion.
+    """Return the hashes of a factory and of motions that are functions.
 
-    There is none where the content cannot be seen.
+    There is no hash if the content cannot be inspected.
     """
     parts = {"scene": make}
     for name, motion in motions.items():
@@ -214,10 +212,10 @@ def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
 
 # Rows ---------------------------------------------------------------------------------
 def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Array:
-    """Return 16 bytes for each row, of the plan, its numbers and its motion.
+    """Return 16 bytes for each row, from the plan, its numbers and its motion.
 
-    Not of order, number or names of motions: a sweep may grow, and parts may have any
-    size.
+    They do not depend on the order or number of rows, or on the names of motions, so a
+    sweep may grow, and parts may have any size.
     """
     pa = arrow()
     n = table.num_rows
@@ -246,7 +244,7 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
 
 
 def _words(pa: Any, column: Any) -> np.ndarray:
-    """Return a column as bytes, (rows, 16): type and value, or digest of a text."""
+    """Return a column as bytes, (rows, 16): type and value, or the digest of a text."""
     kind = str(column.type)
     if kind == "string":
         return _digests(pa, column, None)
@@ -272,9 +270,9 @@ def _digests(pa: Any, column: Any, known: Mapping[str, bytes] | None) -> np.ndar
 
 
 def in_order(table: pa.Table, roles: Roles) -> np.ndarray:
-    """Return row indices by arguments, then motion, then seed.
+    """Return row indices sorted by arguments, then motion, then seed.
 
-    So little is made twice.
+    In this order, little is computed twice.
     """
     names = [n for n in (*roles.arguments, "motion", "seed") if n in table.column_names]
     codes = []

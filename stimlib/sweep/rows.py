@@ -1,4 +1,4 @@
-"""The rows of a sweep: a grid or a table as Arrow columns, and the role of each."""
+"""The rows of a sweep: a grid or table as Arrow columns, with the role of each."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MADE = ("content", "error", "fault", "key")  # columns that a sweep adds
 
 
 def arrow(module: str = "pyarrow") -> Any:
-    """Import Apache Arrow, which keeps the tables of sweeps."""
+    """Import Apache Arrow, which stores the tables of sweeps."""
     return package(module, "a sweep")
 
 
@@ -38,8 +38,8 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
     Parameters
     ----------
     **axes : iterable
-        The values of each column: numbers, texts or truth values, of one kind.  Of a
-        mapping its keys, so that motions by name can be an axis.
+        The values of each column: numbers, texts or truth values, all of one kind.  For
+        a mapping, its keys, so that named motions can be an axis.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
     Raises
     ------
     BadValue
-        No axis; one without values, or with values that are no list.
+        There is no axis, or an axis has no values or values that are not a list.
 
     Examples
     --------
@@ -105,9 +105,9 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
 
 
 def whole_numbers(name: str, column: Any) -> Any:
-    """Return a column, as uint64 where whole numbers need the 64th bit.
+    """Return a column, as uint64 if its integers need the 64th bit.
 
-    Seeds may. BadValue is raised where that is not enough.
+    Seeds may need it. BadValue is raised if 64 bits are not enough.
     """
     whole = [int(v) for v in column if isinstance(v, int | np.integer) and not isinstance(v, bool)]
     least, most = min(whole, default=0), max(whole, default=0)
@@ -126,19 +126,19 @@ def whole_numbers(name: str, column: Any) -> Any:
 def table_of(rows: Any) -> pa.Table:
     """Return rows as an Arrow table without missing values.
 
-    The columns are of int64, uint64, float64, bool and string.
+    The column types are int64, uint64, float64, bool and string.
 
     Parameters
     ----------
     rows : mapping of str to sequence, table, or path
-        Columns by name; a table of pandas, or of polars, Arrow and others that speak
-        Arrow's C stream; a CSV or Parquet file.
+        Columns by name; a table of pandas, polars, Arrow or others that support Arrow's
+        C stream; or a CSV or Parquet file.
 
     Raises
     ------
     BadValue
-        No rows; columns of unequal length; a missing value; values that are no numbers,
-        texts or truth values.
+        No rows; columns of unequal length; a missing value; or values other than
+        numbers, texts or truth values.
     MissingPackage
         pyarrow is not installed.
 
@@ -204,7 +204,7 @@ def _read(pa: Any, rows: Any) -> pa.Table:
 
 
 def _plain(pa: Any, field: Any, column: Any) -> Any:
-    """Return a column as one array of one of the allowed types."""
+    """Return a column as a single array of one of the allowed types."""
     kind, types = field.type, pa.types
     if types.is_dictionary(kind):
         kind = kind.value_type
@@ -237,14 +237,14 @@ def _plain(pa: Any, field: Any, column: Any) -> Any:
 
 
 class Roles(NamedTuple):
-    """The role of each column, besides ``seed`` and ``motion``."""
+    """The roles of all columns other than ``seed`` and ``motion``."""
 
     live: tuple[str, ...]
     """Parameters, set before the first sample as ``render(params=..)`` does: the
     program stays the same.
     """
     arguments: tuple[str, ...]
-    """Of the factory: a scene of its own for each combination."""
+    """Arguments of the factory: each combination gives a separate scene."""
 
 
 def roles_of(
@@ -255,29 +255,30 @@ def roles_of(
 ) -> Roles:
     """Return the role of each column.
 
-    A parameter that shapes what runs before sample 0, such as the level of a filtered
-    noise, is not the same as live number and as argument: the lead ran with the other
-    value.  So nothing is guessed where a name is both.
+    A parameter that affects what runs before sample 0, such as the level of a filtered
+    noise, gives different samples as a live parameter than as an argument, because the
+    lead-in ran with the other value.  If a name is both, the role is therefore not
+    guessed.
 
     Parameters
     ----------
     make : Scene or callable
-        What was given.
+        The scene or factory, as given.
     scene : Scene
-        That, or what the factory makes of some row.
+        The same scene, or the factory's result for some row.
     names : collection of str
-        Of the columns.
+        Names of the columns.
     live : collection of str, optional
-        Which of them are parameters; needed where a name is a parameter and an argument
-        of the factory.
+        Columns that are parameters; required if a name is both a parameter and an
+        argument of the factory.
 
     Raises
     ------
     UnknownName
-        A column, or a name in ``live``, that means nothing.
+        A column, or a name in ``live``, has no meaning.
     BadValue
-        A name that is both a parameter and an argument, and ``live`` does not say which
-        is meant.
+        A name is both a parameter and an argument, and ``live`` does not say which is
+        meant.
     """
     columns = [n for n in names if n not in OWN]
     if own := [n for n in columns if n in MADE]:
@@ -306,7 +307,7 @@ def roles_of(
 
 
 def _said(live: Collection[str], params: list[str], columns: list[str]) -> set[str]:
-    """Return the live columns as they were given, checked."""
+    """Return the ``live`` columns as given, after checking them."""
     wrong = [n for n in live if n not in params]
     absent = [n for n in live if n not in columns]
     if wrong or absent:
@@ -324,7 +325,7 @@ def name_of(make: Any) -> str:
 
 
 def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:
-    """Return the arguments that a factory takes by name; none of a scene."""
+    """Return the arguments that a factory takes by name; a scene has none."""
     if isinstance(make, Scene):
         return []
     kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
@@ -334,15 +335,15 @@ def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:
 def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str]) -> pa.Table:
     """Return the table with checked columns.
 
-    Live columns are finite float64, seeds uint64, and the column ``motion`` has known
-    names.
+    Live columns become finite float64 and seeds uint64; the column ``motion`` must have
+    known names.
 
     Raises
     ------
     BadValue
-        Values that cannot be meant, with column and row; a motion that is not there.
+        Invalid values, with column and row; or an unknown motion.
     UnitError
-        A column that says another unit than its parameter has.
+        The unit of a column differs from that of its parameter.
     """
     for at, field in enumerate(table.schema):
         column = table[field.name]
@@ -357,7 +358,7 @@ def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str
 
 
 def _live(field: Any, column: Any, dim: Any) -> tuple[Any, list[np.ndarray]]:
-    """Return the field and the values of a live column, checked."""
+    """Return the field and the values of a live column, after checking them."""
     pa, name = arrow(), field.name
     said = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
     if said and unit(said) != dim:

@@ -1,4 +1,4 @@
-"""From rows to jobs of about a second and back, and what happens when workers die."""
+"""The scheduler of a sweep, which groups rows into jobs and handles dead workers."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ DEATHS = 3  # of a process by one row alone, until the row is what is wrong
 
 
 class Death(NamedTuple):
-    """How a process ended in the middle of a job."""
+    """The death of a process in the middle of a job."""
 
     why: str
     at: int
-    """Number of the row that it was at."""
+    """Number of the row that was running."""
     content: bytes
-    """Of that row, as far as it was known."""
+    """Content of that row, if known."""
     final: bool
-    """Whether the row shall not run again: it went past a limit."""
+    """Whether the row must not run again because it exceeded a limit."""
 
 
 class Engine(Protocol):
     """A place where jobs run."""
 
     def room(self) -> int:
-        """Return how many jobs it can take now."""
+        """Return how many jobs the engine can accept now."""
 
     def workers(self) -> int:
-        """Return how many jobs run at once."""
+        """Return how many jobs the engine runs at once."""
 
     def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
         """Submit a job."""
 
     def take(self) -> tuple[Any, tuple[bytes, float] | Death]:
-        """Return the next job that has ended: its result, or how its process died."""
+        """Return the next finished job, with its result or the death of its process."""
 
 
 class Job(NamedTuple):
-    """Some rows that run together."""
+    """A group of rows that run together."""
 
     rows: Any
     deaths: int = 0
@@ -64,9 +64,9 @@ def drive(
     advance: Callable[..., None],
     look: bool = False,
 ) -> None:
-    """Run all rows in jobs of about a second.
+    """Run all rows of a sweep in jobs of about a second.
 
-    No more of them run at once than keep all workers busy.
+    The number of jobs at once is just enough to keep all workers busy.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ def drive(
         The rows.
     engine : Engine
     keep : callable
-        Gets rows with their figures, some at a time.
+        Called with rows and their figures, some at a time.
     row_seconds : float
-        How long a row takes, as far as that is known.
+        Estimated time of a row.
     advance : callable
-        Gets how many rows are done.
+        Called with the number of finished rows.
     look : bool
-        Find the content of the rows, and run nothing.
+        Only determine the content of the rows, without running them.
     """
     again: deque[Job] = deque()
     at = flying = 0
@@ -124,19 +124,19 @@ def drive(
 def job_seconds(workers: int) -> float:
     """Return how long a job runs before it returns its results.
 
-    It is so long that no worker waits for the client.
+    It is long enough that no worker has to wait for the client.
     """
     return max(TASK, SENT * workers)
 
 
 def job_rows(left: int, workers: int, row_seconds: float) -> int:
-    """Return how many rows the next job has; fewer towards the end."""
+    """Return the number of rows in the next job, which decreases towards the end."""
     seconds = max(SENT * workers, min(TASK, left * row_seconds / (2 * workers)))
     return max(1, min(int(seconds / row_seconds), left, MOST_ROWS))
 
 
 def joined(plan: Plan, rows: pa.Table, figures: pa.Table) -> pa.Table:
-    """Return rows with their figures, in the columns of a part."""
+    """Return rows with their figures, as the columns of a stored part."""
     for name in figures.column_names:
         field = figures.field(name)
         rows = rows.append_column(

@@ -1,4 +1,4 @@
-"""The folder of a sweep: Parquet parts, each written atomically, and a sidecar."""
+"""The folder of a sweep: atomically written Parquet parts, and a sidecar."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ LARGEST = 200_000  # rows of a part
 
 
 class Store:
-    """The stored parts of a sweep, and the place for new ones.
+    """The stored parts of a sweep, to which new parts can be added.
 
-    Without a folder they are in memory.
+    Without a folder, the parts are kept in memory.
 
     Parameters
     ----------
     folder : path or None
-        Made if missing.
+        The folder, created if missing.
     facts : dict
-        What the rows depend on, with ``key``; a folder belongs to one of them.
+        Everything that the rows depend on, with ``key``; a folder belongs to one key.
     about : dict
-        More for the sidecar: units, motions.
+        Further contents of the sidecar: units and motions.
     dry : bool
-        Only look.
+        Only read.
 
     Raises
     ------
     SinkError
-        The folder cannot be made or written, belongs to something else, or another
-        sweep is writing into it.
+        The folder cannot be created or written, contains something else, or another
+        sweep is writing to it.
     BadValue
-        It has another sweep; the message says in what that differs.
+        The folder has another sweep; the message names the differences.
     """
 
     def __init__(
@@ -148,9 +148,9 @@ class Store:
         return known
 
     def done(self, names: Sequence[str]) -> pa.Table:
-        """Return keys, contents and some columns of all stored rows.
+        """Return keys, contents and selected columns of all stored rows.
 
-        What was added last comes first, and rows that failed come after all others.
+        The newest rows come first, and failed rows come last.
         """
         pa, pc = arrow(), arrow("pyarrow.compute")
         kinds = dict.fromkeys(("key", "content"), pa.binary(KEY)) | dict.fromkeys(names, pa.null())
@@ -163,7 +163,7 @@ class Store:
         return table.combine_chunks()
 
     def add(self, table: pa.Table) -> None:
-        """Store some rows with their keys; a part is written every few seconds."""
+        """Store rows with their keys; a part is written every few seconds."""
         self.tables.append(table)
         self.rows += table.num_rows
         if self.folder is None or self.dry:
@@ -189,12 +189,12 @@ class Store:
 
 
 def _name(data: bytes) -> str:
-    """Return the name of a part: its content, so that damage is seen."""
+    """Return the name of a part, a hash of its content that reveals damage."""
     return f"part-{hashlib.sha256(data).hexdigest()[:32]}.parquet"
 
 
 def _part(path: Path, names: Collection[str]) -> pa.Table | None:
-    """Return a part with these columns; None where it is damaged or foreign."""
+    """Return selected columns of a part, or None if it is damaged or unknown."""
     data = safe_files.read(path, "audio_bytes")
     try:
         table = (

@@ -1,4 +1,4 @@
-"""A sweep from its call to its table."""
+"""The course of a sweep, from the call to the resulting table."""
 
 from __future__ import annotations
 
@@ -49,20 +49,20 @@ QUICK = 4.0  # s of work for which one process is enough
 
 
 class Forecast(NamedTuple):
-    """An estimate of what a sweep will take, from a few of its rows."""
+    """An estimate of the time and memory of a sweep, from a few of its rows."""
 
     rows: int
     there: int
-    """Rows that are in the folder already."""
+    """Number of rows already in the folder."""
     row_seconds: float
-    """Of one core."""
+    """Seconds per row on one core."""
     samples: int
-    """Of a row."""
+    """Samples per row."""
     memory: float
-    """Bytes of all figures."""
+    """Memory of all figures in bytes."""
 
     def hours(self, workers: int) -> float:
-        """Return the hours on so many cores of this kind that are otherwise idle."""
+        """Return the hours that a number of otherwise idle cores of this kind need."""
         return (self.rows - self.there) * self.row_seconds / workers / 3600
 
     def __str__(self) -> str:
@@ -103,78 +103,79 @@ def sweep(
 ) -> pa.Table | Forecast:
     """Run a scene for every row of a table, and keep a few figures of each rendering.
 
-    A row that fails is a row with its error; the others go on.  With ``out``, what is
-    done is kept: a sweep that was stopped or killed goes on when it is called again,
-    and one with more rows runs only those.  The figures of a row are the same bits
-    whatever ran beside it, in any order, number of workers or engine; processors of
-    another kind may round differently.
+    A row that fails keeps its error, and the others continue.  With ``out``, finished
+    rows are stored: calling a stopped or killed sweep again resumes it, and a sweep
+    with additional rows runs only those.  The figures of a row have the same bits for
+    any other rows, order, number of workers or engine; a different type of processor
+    may round differently.
 
-    All rows run in processes beside this one.  A row that takes longer than
-    ``stimlib.limits.row_seconds`` or more memory than ``row_bytes``, or that ends its
-    process, is a row with that error.
+    All rows run in separate processes.  A row that takes longer than
+    ``stimlib.limits.row_seconds``, needs more memory than ``row_bytes``, or crashes its
+    process, fails with that error.
 
     Parameters
     ----------
     make : Scene or callable
-        The scene; or a function that makes one, where rows change its arguments.
+        The scene, or a function that makes one if rows change its arguments.
     rows : mapping of str to sequence, table, or path
         ``grid(..)``, columns by name, a table of Arrow, pandas or polars, a CSV or
-        Parquet file.  The column ``seed`` is that of the noise (0 without it),
+        Parquet file.  The column ``seed`` is the seed of the noise (default 0), and
         ``motion`` the name of a motion; all others are parameters or arguments.
     motion : motion, Recording or dict, optional
-        As ``render`` takes it: input to function of time or samples.  One function,
-        array or recording is of all inputs.  Where the rows have a column ``motion``: a
-        dict of such motions by name.  A scene without inputs needs none.
+        As for ``render``: a function of time or samples for each input.  A single
+        function, array or recording applies to all inputs.  If the rows have a column
+        ``motion``, a dict of such motions by name.  A scene without inputs needs no
+        motion.
     measures : str, Measure or sequence of them
         Names, such as ``"rms"``, ``"band(20, 1000)"``, ``"peak(force1)"``, ``"psd"``,
-        ``"cues"``, ``"verify"`` (``stimlib.sweep.measures.NAMED``), and functions of a
-        rendering with ``@measure``.
+        ``"cues"``, ``"verify"`` (``stimlib.sweep.measures.NAMED``), and your own
+        functions of a rendering with ``@measure``.
     fs : float
         Sample rate in Hz.
     seconds : float, optional
         Length of a run; by default that of its recording or array.
     live : collection of str, optional
-        With a function: which columns are parameters that are set, and not arguments.
-        Needed where a name is both.
+        If ``make`` is a function: columns that are parameters, not arguments. Required
+        if a name is both.
     out : path, optional
         Folder for the figures, as Parquet.
     on : distributed.Client or str, optional
         A Dask cluster, or its address such as ``"tcp://head:8786"``; by default this
         machine.
     workers : int, optional
-        Processes on this machine; by default one for each core, and a single one where
-        the work takes only seconds.  0: the rows run in this process, where a debugger
-        can follow, without a limit and without protection from what they do.
+        Number of processes on this machine; by default one per core, or a single one if
+        the work takes only seconds.  With 0, the rows run in this process, where a
+        debugger can follow, without limits and without protection from crashes.
     retry : bool
-        Run rows that failed before once more.
+        Run rows that failed before again.
     dry : bool
-        Run a few rows only, and tell what all will take.
+        Run a few rows only, and estimate what all rows will take.
     progress : bool
         A progress bar on stderr, if that is a terminal.
 
     Returns
     -------
     pyarrow.Table, or Forecast
-        The rows in their order, with a column of float64 for each figure (null where
-        the row failed), ``fault`` (output and sample from which on a rendering was not
-        finite, or null) and ``error`` (or null).  The field metadata has units.
+        The rows in their order, with a column of float64 for each figure (null if the
+        row failed), ``fault`` (output and sample at which a rendering became NaN or
+        infinite, or null) and ``error`` (or null).  The field metadata has units.
 
     Raises
     ------
     UnknownName, BadValue, UnitError, SceneError
-        What is wrong with rows, motion, measures or scene, before the first run; an
-        error that the first, the middle and the last row have in common; versions on a
-        cluster that differ from those here; a folder with figures that another scene,
-        motion or version of them gave; with ``out``, a measure that uses something
-        whose content cannot be seen.
+        Rows, motion, measures or scene are invalid, which is found before the first
+        run; the first, the middle and the last row have the same error; versions on a
+        cluster differ from those here; the folder has figures of another scene, motion
+        or version; or, with ``out``, a measure uses something whose content cannot be
+        inspected.
     SinkError
-        The folder cannot be written or is that of something else; the cluster went
-        away.
+        The folder cannot be written or contains something else, or the cluster
+        disappeared.
     MissingPackage
         pyarrow, or for a cluster distributed, is not installed: ``pip install
         'stimlib[sweep]'``.
     KeyboardInterrupt
-        On Ctrl-C; it says how many rows were done.
+        On Ctrl-C; the message has the number of finished rows.
 
     Examples
     --------
@@ -269,9 +270,9 @@ def rendering(
     seconds: float | None = None,
     live: Collection[str] | None = None,
 ) -> Rendering:
-    """Render one row of a sweep alone.
+    """Render a single row of a sweep.
 
-    The samples are those of which its figures were made, bit for bit.
+    The samples are bit-identical to those from which its figures were computed.
 
     Parameters
     ----------
@@ -283,12 +284,13 @@ def rendering(
     Returns
     -------
     Rendering
-        ``measured`` gives its figures, ``plot`` shows it, ``stimlib.verify`` proves it.
+        ``measured`` returns its figures, ``plot`` shows it, and ``stimlib.verify``
+        checks it.
 
     Raises
     ------
     BadValue
-        No such row; and what the row's error says.
+        There is no such row, or the row fails.
 
     Examples
     --------
@@ -322,21 +324,21 @@ def rendering(
 
 # Before the first run -----------------------------------------------------------------
 class Planned(NamedTuple):
-    """The facts that are known before the first run."""
+    """The facts of a sweep that are known before the first run."""
 
     table: pa.Table
     plan: Plan
     motions: Motions
     facts: dict[str, Any]
-    """What the key of a folder is made of."""
+    """Facts from which the key of a folder is computed."""
     about: dict[str, Any]
-    """More for its sidecar."""
+    """Further contents of the sidecar."""
     samples: int
-    """Of a row."""
+    """Samples per row."""
 
 
 class Seen(NamedTuple):
-    """Facts found with the scene of some row, as plain data."""
+    """The facts found with the scene of one row, as plain data."""
 
     table: bytes
     units: dict[str, str]
@@ -352,17 +354,17 @@ class Seen(NamedTuple):
 
 
 def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
-    """Return the facts that are known before the first run, checked.
+    """Check a sweep, and return the facts known before the first run.
 
-    The scene of some row is made here.
+    The scene of one row is made in this process.
     """
     return _complete(make, words, seen(make, table, words, 0))
 
 
 def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
-    """Return what `planned` does, with scenes made in another process.
+    """Return the result of `planned`, with scenes made in another process.
 
-    They may end that process.
+    Making a scene may crash that process.
     """
     given = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
     memory = int(min(limits.row_bytes, 2**62))
@@ -411,7 +413,7 @@ def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
 
 
 def take_given(data: bytes) -> None:
-    """Take what `seen_apart` needs, in a process of the pool."""
+    """Store the data that `seen_apart` needs, in a process of the pool."""
     global _given
     _given = pickle.loads(data)
     for name, value in _given[2]["limits"].items():
@@ -422,7 +424,7 @@ _given: tuple[Any, bytes, dict[str, Any]]
 
 
 def seen_apart(first: int) -> Seen:
-    """Return what `seen` finds, in a process of the pool."""
+    """Return the result of `seen`, in a process of the pool."""
     make, table, words = _given
     with warnings.catch_warnings(record=True) as caught:
         found = seen(make, from_bytes(table), words, first)
@@ -430,7 +432,7 @@ def seen_apart(first: int) -> Seen:
 
 
 def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Seen:
-    """Check rows, motions and measures against the scene of some row."""
+    """Check rows, motions and measures against the scene of one row."""
     if not isinstance(make, Scene) and not callable(make):
         raise BadValue(
             f"a sweep is of a scene, or of a function that makes one; got {type(make).__name__}"
@@ -487,14 +489,14 @@ def _asked(words: Mapping[str, Any]) -> tuple[str | Measure, ...]:
 
 
 def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int = 0) -> Scene:
-    """Return the scene, or the first that the factory makes of some rows.
+    """Return the given scene, or the first that the factory makes from some rows.
 
     Parameters
     ----------
     make : Scene or callable
     table : Table
     first : int
-        How many of these rows are left out.
+        Number of these rows to skip.
     """
     if isinstance(make, Scene):
         return make
@@ -523,7 +525,7 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
 
 
 def _rows_to_try(n: int) -> list[int]:
-    """Return some rows, the first, the last and the middle one before others."""
+    """Return the indices of rows to try: first, last, middle, then some between."""
     return list(
         dict.fromkeys(
             int(n * part) for part in (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
@@ -537,7 +539,7 @@ def _is_folder(out: Any) -> bool:
 
 # The runs -----------------------------------------------------------------------------
 def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
-    """Return where each row is among those that are done, or null."""
+    """Return the index of each row among the finished rows, or null."""
     return arrow("pyarrow.compute").index_in(
         keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks()
     )
@@ -546,12 +548,11 @@ def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
 def _confirmed(
     plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool
 ) -> pa.Table:
-    """Return the rows that are done.
+    """Return the finished rows that are still valid.
 
-    Those that failed with another scene or motion than today's are left out.
-
-    The scene of every row that is there is made again, once for each combination of
-    arguments and motion, and compared with the one that was run.
+    Rows that failed with a scene or motion that has changed since are left out. The
+    scene of every stored row is made again, once for each combination of arguments and
+    motion, and compared with the one that was run.
     """
     pa, pc = arrow(), arrow("pyarrow.compute")
     places = _places(keyed, done)
@@ -591,7 +592,7 @@ def _confirmed(
 
 
 def _missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
-    """Return the rows that are not there yet, each once; with retry failed ones too."""
+    """Return the rows that have not run, each once; with ``retry``, failed ones too."""
     pa, pc = arrow(), arrow("pyarrow.compute")
     places = _places(keyed, done)
     if retry:
@@ -613,10 +614,10 @@ def _run(
     dry: bool,
     progress: bool,
 ) -> float:
-    """Run the rows, a few of them first; return how long one of those took.
+    """Run the rows, a few of them first, and return the time of a row.
 
-    An error of one kind that the first, the middle and the last row have is raised
-    before the others run.
+    If the first, the middle and the last row fail with the same kind of error, it is
+    raised before the others run.
     """
     todo = todo.take(arrow().array(in_order(todo, plan.roles)))
     n, new = todo.num_rows, not store.tables

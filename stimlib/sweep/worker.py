@@ -1,6 +1,6 @@
-"""The work of one process: rows of a sweep, one after another.
+"""The work of one process of a sweep: rows, one after another.
 
-Programs, motions and buffers are kept from row to row.
+Programs, motions and buffers are reused from row to row.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .rows import arrow
 
 T = TypeVar("T")
 Motions = Mapping[str, tuple[bytes, Any]]
-"""By name: digest of the content, and the motion as it was given."""
+"""For each name, the digest of the content, and the motion as given."""
 PROGRAMS = 4  # kept by a worker; rows come sorted
 SCENES = 64  # kept by a worker, not compiled
 MOTION_BYTES = 64e6  # of motions that are kept, at least one
@@ -42,7 +42,7 @@ NO_SCENE = bytes(KEY)
 
 @dataclass(frozen=True)
 class Program:
-    """A compiled scene, and the measures of its renderings."""
+    """A compiled scene with the measures of its renderings."""
 
     scene: Scene
     proc: Processor
@@ -51,7 +51,7 @@ class Program:
 
 @dataclass(frozen=True)
 class Made:
-    """A scene, and the digest of what it is made of."""
+    """A scene with the digest of its content."""
 
     scene: Scene
     digest: bytes
@@ -59,7 +59,7 @@ class Made:
 
 @dataclass
 class Moved:
-    """A sampled motion, and what the measures prepared from it."""
+    """A sampled motion with the data that the measures prepared from it."""
 
     motion: dict[str, Any]
     x: np.ndarray
@@ -67,10 +67,10 @@ class Moved:
 
 
 class Kept(OrderedDict[Any, T]):
-    """The last few things that were made, by key."""
+    """A cache of the most recently used objects, by key."""
 
     def get_or(self, key: Any, most: int, make: Callable[[], T]) -> T:
-        """Return what is kept under a key, made where it is not there."""
+        """Return the object under a key; make it if it is missing."""
         if key not in self:
             self[key] = make()
             while len(self) > most:
@@ -80,10 +80,10 @@ class Kept(OrderedDict[Any, T]):
 
 
 class Runner:
-    """The runs of one plan's rows, one after another, in one thread.
+    """A runner of one plan's rows, one after another, in one thread.
 
-    A row is reset, set and processed: the bits are those of ``render`` with its
-    numbers, whatever ran before.
+    For each row the processor is reset, set and run, so the bits are those of
+    ``render`` with the row's numbers, whatever ran before.
     """
 
     def __init__(self, plan: Plan, motions: Motions):
@@ -106,7 +106,7 @@ class Runner:
         return hashlib.sha256(made.digest + self._digests[key]).digest()[:KEY]
 
     def rendering(self, row: Mapping[str, Any]) -> tuple[Rendering, Program, Moved]:
-        """Return a row's rendering, whose samples are valid until the next."""
+        """Return a row's rendering, whose samples are valid until the next call."""
         plan = self.plan
         program = self._programs.get_or(self._arguments(row), PROGRAMS, lambda: self._compiled(row))
         proc = program.proc
@@ -133,7 +133,7 @@ class Runner:
         return made, program, moved
 
     def figures(self, row: Mapping[str, Any]) -> tuple[list[float], str | None]:
-        """Return a row's figures, and its fault."""
+        """Return a row's figures and its fault, if any."""
         rendering, program, moved = self.rendering(row)
         values = figures_of(program.measures, rendering, moved.ready or [])
         return values, (
@@ -141,19 +141,18 @@ class Runner:
         )
 
     def run(self, rows: list[dict[str, Any]], look: bool = False, seconds: float = math.inf) -> Any:
-        """Return figures, fault, error and content of the first rows.
+        """Return figures, fault, error and content of as many rows as time allows.
 
-        There are as many as the time allows.
-
-        An error is what that row says, not the end of the others.
+        The rows are taken in order from the first. An error concerns its row only, and
+        the others continue.
 
         Parameters
         ----------
         rows : list of dict
         look : bool
-            Find the content alone, and run nothing.
+            Only determine the content, without running the rows.
         seconds : float
-            After which no other row is begun.
+            Time after which no other row is begun.
         """
         until = time.perf_counter() + seconds
         done: list[dict[str, Any]] = []
@@ -219,7 +218,7 @@ class Runner:
 
 
 def error_text(e: BaseException) -> str:
-    """Return an error as text for a row."""
+    """Return an error as text, for the column ``error``."""
     try:
         text = str(e)
     except BaseException as other:  # of a class of the user's
@@ -231,7 +230,7 @@ def error_text(e: BaseException) -> str:
 
 # As a job -----------------------------------------------------------------------------
 def begin(data: bytes) -> None:
-    """Take plan and motions, in a process of the pool."""
+    """Store plan and motions, in a process of the pool."""
     global _runner
     plan, motions = pickle.loads(data)
     for name, value in plan.limits.items():
@@ -256,9 +255,10 @@ _runner: Runner
 
 
 def run_kept(data: bytes, look: bool, seconds: float, motions: bytes) -> tuple[bytes, float]:
-    """Return the figures of rows, both as bytes of Arrow, and the seconds that took.
+    """Run rows, and return their figures as Arrow bytes with the seconds it took.
 
-    Plan and motions are those of `begin`; more motions may come with a job.
+    The rows are Arrow bytes as well. Plan and motions are those of `begin`; more
+    motions may come with a job.
     """
     began = time.perf_counter()
     if motions:
@@ -268,14 +268,14 @@ def run_kept(data: bytes, look: bool, seconds: float, motions: bytes) -> tuple[b
 
 
 def differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """Return the packages whose versions differ between two processes."""
+    """Return a text with the packages whose versions differ between two processes."""
     return ", ".join(
         f"{p} {here.get(p)}, and not {v}" for p, v in there.items() if here.get(p) != v
     )
 
 
 def figures_table(plan: Plan, rows: list[dict[str, Any]]) -> Any:
-    """Return results of some rows as columns."""
+    """Return the results of some rows as a table."""
     pa = arrow()
     kinds = dict.fromkeys(plan.units, pa.float64())
     kinds |= {"fault": pa.string(), "error": pa.string(), "content": pa.binary(KEY)}
@@ -285,7 +285,7 @@ def figures_table(plan: Plan, rows: list[dict[str, Any]]) -> Any:
 
 
 def as_bytes(table: Any) -> bytes:
-    """Return a table as a stream of Arrow."""
+    """Return a table as bytes in Arrow's stream format."""
     sink = arrow().BufferOutputStream()
     with arrow("pyarrow.ipc").new_stream(sink, table.schema) as writer:
         writer.write_table(table)

@@ -1,1 +1,1 @@
-"""The experiments of the papers, each in a module of its own."""
+"""Experiments from the papers, one module for each."""

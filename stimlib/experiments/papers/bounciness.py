@@ -1,4 +1,4 @@
-"""How finely is bounciness felt?  The first experiment of Çaldıran's thesis, chapter 3.
+"""Discrimination of bounciness: the first experiment of Çaldıran's thesis, chapter 3.
 
 Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see
 docs/reference/papers.rst.
@@ -35,7 +35,7 @@ from ..trial import Answer, Observer, Stimulus, Trial
 REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
 ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1)}
 SQUARE = "βA γD ζB θC", "γB βC θA ζD", "ζC θB βD γA", "θD ζA γC βB"
-"""Table 3.1: a row for each place in the order, a column for each participant."""
+"""Table 3.1: a row for each position in the order, a column for each participant."""
 STEP = 0.05  # of alpha; ours: the thesis shows the increments in figure 3.1 and prints no number
 PAIRS = {
     f"{a:g} and {a + n * STEP:g}": (a, a + n * STEP) for a in REFERENCES.values() for n in (1, 2, 3)
@@ -47,21 +47,22 @@ HAND = {"y": sinusoid(0.01, 1.0)}
 
 @public
 def bounciness() -> Experiment:
-    """Make the experiment: one interval, identified as one of two materials.
+    """Make the experiment: identify a stimulus as one of two materials.
 
-    Twelve sessions of 120 trials, one for each reference and comparison, in the order
-    of a Graeco-Latin square.  The first ten trials of each half are for training.
+    There are twelve sessions of 120 trials, one for each pair of reference and
+    comparison, in the order of a Graeco-Latin square.  The first ten trials of each
+    half are for training.
 
     Returns
     -------
     Experiment
-        Its ``observer`` feels the phase of the rendered force, see `person`; its
-        ``analysis`` has `jnds` and, where trials were displayed, `explained`.
+        Its ``observer`` judges the phase of the rendered force, see `person`; its
+        ``analysis`` contains `jnds` and, if trials were displayed, `explained`.
 
     References
     ----------
-    Çaldıran's thesis, sections 3.1 to 3.7.  Ours: increments of alpha, amplitude of the
-    movement, length of the break.
+    Çaldıran's thesis, sections 3.1 to 3.7.  Our own choices: increments of alpha,
+    amplitude of the movement, length of the break.
 
     Examples
     --------
@@ -104,14 +105,14 @@ def bounciness() -> Experiment:
 
 @public
 def pair_of(participant: str, session: int) -> str:
-    """Return the condition of a session.
+    """Return the pair of reference and comparison for a session.
 
-    Table 3.1 has the reference, the Latin letter the order of its comparisons.
+    Table 3.1 gives the reference, and its Latin letter the order of the comparisons.
 
     Raises
     ------
     BadValue
-        A session beyond 1 to 12; a participant without a number.
+        A session outside 1 to 12, or a participant code without a number.
 
     Examples
     --------
@@ -129,15 +130,16 @@ def pair_of(participant: str, session: int) -> str:
 
 
 def known(participant: str, session: int) -> Mapping[str, Stimulus]:
-    """Return the two stimuli of a session, by the colour that stands for them."""
+    """Return the two known stimuli of a session, under their colours."""
     reference, comparison = PAIRS[pair_of(participant, session)]
     return {"green": Stimulus(f"{comparison:g}"), "red": Stimulus(f"{reference:g}")}
 
 
 def session(participant: str, session: int) -> Sequential:
-    """Return two halves with a break: ten trials for training and 50 that count.
+    """Return the design of a session: two halves with a break between them.
 
-    Half of each are the reference.
+    Each half has ten trials for training and 50 that count; of both, half present the
+    reference.
     """
     task = OneInterval(pair_of(participant, session), "bouncier", known(participant, session))
     both = (task, "red"), (task, "green")
@@ -159,9 +161,9 @@ JNDS = {
 @public
 @cache
 def phase(alpha: float) -> float:
-    """Return the phase by which the rendered force leads displacement, in rad.
+    """Return the phase, in rad, by which the rendered force leads displacement.
 
-    It is alpha pi/2 once the material has forgotten its beginning.
+    It is alpha pi/2 once the initial transient has decayed.
 
     Examples
     --------
@@ -176,19 +178,19 @@ def phase(alpha: float) -> float:
 
 @public
 def person(felt: Callable[[float], float] = phase) -> Observer:
-    """Return a simulated participant who knows both materials and feels the phase.
+    """Return a simulated participant who knows both materials and judges the phase.
 
-    The error is the JND that the thesis found.
+    Its error is the JND reported in the thesis.
 
     Parameters
     ----------
     felt : callable
-        Phase in rad of the material of an order alpha.
+        Function that returns the phase in rad for a material of order alpha.
 
     Returns
     -------
     callable
-        An observer: says green where the phase is nearer to the comparison's.
+        An observer, which answers green if the phase is nearer to the comparison's.
 
     Examples
     --------
@@ -209,16 +211,16 @@ def person(felt: Callable[[float], float] = phase) -> Observer:
 # What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Jnds:
-    """The result of the thesis, figure 3.6.
+    """The main result of the thesis, figure 3.6.
 
     Attributes
     ----------
     d : dict of (participant, reference) to tuple of float
         d' of the three comparisons.
     jnd : dict of float to float
-        By reference: one over the mean of all slopes d'/(difference of alpha).
+        For each reference, one over the mean of all slopes d'/(difference of alpha).
     line : Line
-        Of the JNDs over the references above 0.
+        Line through the JNDs over the references above 0.
     """
 
     d: Mapping[tuple[str, float], tuple[float, ...]]
@@ -228,7 +230,7 @@ class Jnds:
 
 @public
 def jnds(answers: Columns) -> Jnds:
-    """Return d' of each pair, the JND of each reference, and its line.
+    """Return d' of each pair, the JND of each reference, and a line through the JNDs.
 
     Parameters
     ----------
@@ -273,7 +275,7 @@ def jnds(answers: Columns) -> Jnds:
 
 
 def _sensitivity(rows: Columns) -> float:
-    """Return d' of one session."""
+    """Return d' for one session."""
     counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
     for level, outcome in zip(rows["level"], rows["outcome"], strict=True):
         counts[level][0] += int(outcome)
@@ -283,7 +285,7 @@ def _sensitivity(rows: Columns) -> float:
 
 
 def text(found: Jnds) -> str:
-    """Return the result as lines for a terminal, next to what the thesis prints.
+    """Return the result as lines of text, next to the values that the thesis prints.
 
     Examples
     --------
@@ -300,12 +302,12 @@ def text(found: Jnds) -> str:
 
 # What they went by --------------------------------------------------------------------
 CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed"))
-"""The fifteen of section 3.8, the loss factor as it is usually defined."""
+"""The fifteen cues of section 3.8, with the usual definition of the loss factor."""
 
 
 @dataclass(frozen=True)
 class Explained:
-    """Normalised distances of physical cues beside d', figure 3.7 of the thesis.
+    """Normalised distances of physical cues compared with d', figure 3.7 of the thesis.
 
     Attributes
     ----------
@@ -313,8 +315,8 @@ class Explained:
         By reference: mean d' of the sessions.
     ratio : dict of (float, str) to (float, float, int)
         By reference and cue: mean of the sessions' normalised distances over their d',
-        its standard error, and of how many sessions; the others' distances are not
-        determined, see `stimlib.experiments.cue_distances.Distance`.
+        its standard error, and the number of sessions; in other sessions the distance
+        cannot be determined, see `stimlib.experiments.cue_distances.Distance`.
     left_out : int
         Trials without cues, because the hand hardly moved; they are in none of these
         numbers.
@@ -327,10 +329,10 @@ class Explained:
 
 @public
 def explained(trials: Columns) -> Explained:
-    """Return which physical cue explains the answers.
+    """Return how well each physical cue explains the answers.
 
-    For each session and cue there is a probit model, and its distance over the
-    session's d'.
+    For each session and cue, a probit model is fitted, and its distance is divided by
+    the session's d'.
 
     Parameters
     ----------
@@ -377,9 +379,9 @@ def explained(trials: Columns) -> Explained:
 
 
 def _mean(values: list[float]) -> tuple[float, float, int]:
-    """Return the mean, its standard error, and of how many.
+    """Return the mean of the determined values, its standard error, and their number.
 
-    Only those that are determined count.
+    Undetermined values are ignored.
     """
     v = [value for value in values if isfinite(value)]
     return fmean(v) if v else nan, stdev(v) / len(v) ** 0.5 if len(v) > 1 else nan, len(v)
@@ -387,9 +389,9 @@ def _mean(values: list[float]) -> tuple[float, float, int]:
 
 @public
 def cues_text(found: Explained) -> str:
-    """Return a row for each cue and a column for each reference.
+    """Return a text table with a row for each cue and a column for each reference.
 
-    Asterisks mark the three largest of each, as in the thesis.
+    Asterisks mark the three largest values of each column, as in the thesis.
 
     Examples
     --------
@@ -418,9 +420,9 @@ def _cell(found: Explained, reference: float, name: str) -> str:
 
 @public
 def analysis(sessions: Sequence[Saved]) -> str:
-    """Analyse just-noticeable differences, and the cues next to d'.
+    """Analyse the just-noticeable differences, and the physical cues.
 
-    The cues need logs of what was displayed in all trials.
+    The analysis of cues requires a log of every trial.
     """
     told = text(jnds(columns(sessions)))
     if not all(r.displayed and "log" in r.displayed[-1] for s in sessions for r in s.data):

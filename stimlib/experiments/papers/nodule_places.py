@@ -1,4 +1,4 @@
-"""Localisation of nodules with a pen: one avatar, three avatars or a vibration.
+"""Localisation of nodules with a pen, with one avatar, three avatars or vibration.
 
 Source: Li et al. (2016).
 
@@ -32,12 +32,12 @@ from .nodule_sizes import PEN
 FEEDBACK = {"single-point": "combined", "multi-point": "multipoint", "vibration": "vibration"}
 """Mode of ``soft_surface`` by the paper's name."""
 TURNS = (30, 60, 90)
-"""Of the block in degrees; ours: no two have a nodule at the same place, nor has the
-experiment of sizes.
+"""Rotations of the block in degrees (our own choice): no two have a nodule at the same
+place, and none shares one with the experiment on sizes.
 """
 SURFACES = {f"{name}, {turn} degrees": (name, turn) for name in FEEDBACK for turn in TURNS}
 FOUND = {"single-point": 55, "multi-point": 53, "vibration": 57}
-"""Nodules found of 60, three of each of 20 people: 91.7, 88.3 and 95 %."""
+"""Nodules found of 60, three for each of 20 people: 91.7, 88.3 and 95 %."""
 PRINTED = {
     "single-point": (91.7, 82.0, 96.4),
     "multi-point": (88.3, 77.8, 94.2),
@@ -45,27 +45,27 @@ PRINTED = {
 }
 """Figure 8 and text: sensitivity and its interval, in per cent."""
 NEAR = 0.01
-"""A nodule is found where a place is so near to its middle, in m; ours: nodules are 52
-mm apart.
+"""Largest distance, in m, between a mark and the centre of a found nodule (our own
+choice): nodules are 52 mm apart.
 """
 
 
 @public
 def nodule_places() -> Experiment:
-    """Make the experiment: mark the three nodules, with three kinds of feedback.
+    """Make the experiment: mark three nodules, with each of three kinds of feedback.
 
     Returns
     -------
     Experiment
-        Its ``observer`` finds as many as the paper's participants, see `person`; its
-        ``analysis`` is `located`.
+        Its ``observer`` finds as many nodules as the paper's participants did, see
+        `person`; its ``analysis`` is `located`.
 
     References
     ----------
     Li et al. (2016), "Single-point interaction vs. three-point interaction and
-    vibration", figs. 4 and 8.  Ours: the map, its turns, how near a mark must be
-    (`NEAR`), and 90 s for each, where the paper lets people look as long as they like
-    and stops the time.
+    vibration", figs. 4 and 8.  Our own choices: the map, its rotations, how near a mark
+    must be (`NEAR`), and 90 s for each trial, whereas the paper sets no limit and
+    measures the time.
 
     Examples
     --------
@@ -107,9 +107,10 @@ def nodule_places() -> Experiment:
 
 
 def one_after_another(participant: str, session: int) -> Sequential:
-    """Return one kind of feedback after another, on blocks turned differently.
+    """Return a design with one kind of feedback after the other.
 
-    Each of nine people has another order.
+    Each block of trials has a differently rotated map, and each of nine people has a
+    different order.
     """
     n, names = turn_of(participant, 9), tuple(FEEDBACK)
     tests = [(names[(n + k) % 3], TURNS[(n // 3 + k) % 3]) for k in range(3)]
@@ -130,9 +131,9 @@ def _buried(condition: str) -> dict[str, tuple[float, float]]:
 # Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Return a simulated participant who finds nodules as often as the paper's.
+    """Answer a trial as a simulated participant who finds nodules at the paper's rate.
 
-    Marks are within 2 mm; no rendering is looked at.
+    Marks are within 2 mm of a nodule; the rendering is not used.
     """
     chance = FOUND[SURFACES[trial.condition][0]] / 60
     return Answer(
@@ -149,19 +150,20 @@ def person(trial: Trial, rng: np.random.Generator) -> Answer:
 # What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Located:
-    """The result of the paper, figure 8.
+    """The result of the paper's localisation experiment, figure 8.
 
     Attributes
     ----------
     rates : dict of str to Proportion
-        By feedback: nodules found, with Wilson's interval.
+        For each kind of feedback, the proportion of nodules found, with Wilson's
+        interval.
     nodules : dict of (str, str) to Proportion
         By feedback and nodule.
     test : Statistic or None
-        Kruskal and Wallis' test of how many each participant found; None where all
-        found as many.
+        Kruskal-Wallis test of how many nodules each participant found; None if all
+        found equally many.
     pairs : tuple of Pair
-        Dunn's, one-sided and times 3 as the paper has them.
+        Dunn's test, one-sided and multiplied by 3, as in the paper.
     """
 
     rates: Mapping[str, Proportion]
@@ -172,7 +174,7 @@ class Located:
 
 @public
 def located(answers: Columns) -> Located:
-    """Return how many nodules were found with each feedback.
+    """Return how many nodules were found with each kind of feedback.
 
     Parameters
     ----------
@@ -192,7 +194,7 @@ def located(answers: Columns) -> Located:
 
     References
     ----------
-    Li et al. (2016), "Nodule localization": a point for each nodule.
+    Li et al. (2016), "Nodule localization", which scores one point per nodule.
 
     Examples
     --------
@@ -222,7 +224,7 @@ def located(answers: Columns) -> Located:
 
 @public
 def hit(condition: str, marks: Sequence[tuple[float, float]]) -> dict[str, bool]:
-    """Return which nodules of a surface have a mark within `NEAR`.
+    """Return which nodules of a surface have a mark within a distance of `NEAR`.
 
     Examples
     --------
@@ -237,9 +239,9 @@ def hit(condition: str, marks: Sequence[tuple[float, float]]) -> dict[str, bool]
 
 
 def text(found: Located) -> str:
-    """Return rates and tests as lines for a terminal.
+    """Return the rates and tests as lines of text.
 
-    The paper's numbers are next to them.
+    The paper's values are printed next to them.
     """
     lines = []
     for how, p in found.rates.items():

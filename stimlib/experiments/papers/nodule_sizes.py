@@ -1,4 +1,4 @@
-"""Size discrimination of three nodules with a pen.
+"""Size discrimination of three nodules, felt with a pen.
 
 Source: Li et al. (2016).
 
@@ -30,25 +30,25 @@ from ..trial import Answer, Stimulus, Trial
 from .nodules import HAND
 
 NODULES = ("A", "B", "C")
-"""From the hardest on."""
+"""Nodules, the hardest first."""
 MARKS = ("1", "2", "3")
-"""Blue dots on the surface, over the nodules: 1 straight ahead, then against the
-clock.
+"""Blue dots on the surface, over the nodules: 1 straight ahead, then counter-clockwise.
 """
 UNDER = {
     f"A under {MARKS[k]}": dict(zip(MARKS, NODULES[-k:] + NODULES[:-k], strict=True))
     for k in range(3)
 }
-"""The nodule under each mark, by condition: the block is turned by so many thirds."""
+"""The nodule under each mark, by condition: the block is rotated by thirds of a turn.
+"""
 PRINTED = {("A", "B"): 85.0, ("A", "C"): 90.0, ("B", "C"): 70.0}
-"""Of 20 people, in per cent: who put the first before the second."""
+"""Percentage of 20 people who put the first nodule before the second."""
 PRINTED_RANK = {"A": 1.25, "B": 2.15, "C": 2.6}
 ORDERS = {"ABC": 11, "ACB": 5, "BAC": 2, "BCA": 1, "CAB": 1}
-"""Orders of 20 people that give the printed rates; six sets of orders do."""
+"""One of six sets of orders of 20 people that give the printed rates."""
 
 
 def held(t):
-    """Return half of the force level that a pen can report, 0.83 N; ours."""
+    """Return half the force level that a pen can report, 0.83 N (our own choice)."""
     return 0.5 + 0.0 * t
 
 
@@ -64,14 +64,14 @@ def nodule_sizes() -> Experiment:
     Returns
     -------
     Experiment
-        Its ``observer`` draws an order as often as the paper's participants may have
+        Its ``observer`` draws each order as often as the paper's participants may have
         given it, see `person`; its ``analysis`` is `sorted_rightly`.
 
     References
     ----------
-    Li et al. (2016), "Single-point interaction study", second part.  Ours: what is
-    measured in the paper (the map, `stimlib.soft.block`), which mark has which nodule,
-    and 60 s, where the paper lets people look as long as they like.
+    Li et al. (2016), "Single-point interaction study", second part.  Our own choices:
+    the map (`stimlib.soft.block`), which the paper measured, the mark of each nodule,
+    and 60 s per trial, whereas the paper sets no limit.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def nodule_sizes() -> Experiment:
 
 
 def surface_of(participant: str, session: int) -> ConstantStimuli:
-    """Return one surface; the participant's number decides which nodule is largest."""
+    """Return a design with one surface, chosen by the participant's number."""
     name = tuple(UNDER)[turn_of(participant, 3)]
     mark_of = {nodule: mark for mark, nodule in UNDER[name].items()}
     return ConstantStimuli(
@@ -116,9 +116,9 @@ def surface_of(participant: str, session: int) -> ConstantStimuli:
 # Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Return a simulated participant who sorts as the paper's may have done.
+    """Answer a trial as a simulated participant who sorts as in the paper.
 
-    See `ORDERS`; no rendering is looked at.
+    See `ORDERS`; the rendering is not used.
     """
     order = rng.choice(list(ORDERS), p=np.array(list(ORDERS.values())) / sum(ORDERS.values()))
     mark_of = {nodule: mark for mark, nodule in UNDER[trial.condition].items()}
@@ -128,17 +128,18 @@ def person(trial: Trial, rng: np.random.Generator) -> Answer:
 # What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Sorted:
-    """The result of the paper, "Nodule size discrimination".
+    """The result of the paper's section "Nodule size discrimination".
 
     Attributes
     ----------
     pairs : dict of (str, str) to Proportion
-        Who put the harder one of a pair first, with Wilson's interval.
+        Proportion of participants who put the harder nodule of a pair first, with
+        Wilson's interval.
     every : Proportion
-        Of all pairs together; three pairs of one order are not independent, so its
-        interval is too narrow.
+        The same for all pairs together; the three pairs of one order are not
+        independent, so the interval is too narrow.
     rank : dict of str to float
-        Mean place of each nodule, 1 for the first.
+        Mean rank of each nodule, 1 for the first.
     """
 
     pairs: Mapping[tuple[str, str], Proportion]
@@ -150,7 +151,7 @@ class Sorted:
 def sorted_rightly(answers: Columns) -> Sorted:
     """Return how often each pair of nodules was sorted correctly.
 
-    The mean place of each is there as well.
+    The result also contains the mean rank of each nodule.
 
     Parameters
     ----------
@@ -171,7 +172,7 @@ def sorted_rightly(answers: Columns) -> Sorted:
 
     References
     ----------
-    Li et al. (2016), "Nodule size discrimination": a point for each pair.
+    Li et al. (2016), "Nodule size discrimination", which scores one point per pair.
 
     Examples
     --------
@@ -197,9 +198,9 @@ def sorted_rightly(answers: Columns) -> Sorted:
 
 
 def text(found: Sorted) -> str:
-    """Return rates and places as lines for a terminal.
+    """Return the rates and ranks as lines of text.
 
-    The paper's numbers are next to them.
+    The paper's values are printed next to them.
     """
     named = [(f"{a} before {b}", p, PRINTED[a, b]) for (a, b), p in found.pairs.items()] + [
         ("all pairs", found.every, 81.7)

@@ -1,4 +1,4 @@
-"""Detection of nodules with a mouse: "Single-point interaction study".
+"""Detection of nodules with a mouse, from the paper's "Single-point interaction study".
 
 Source: Li et al. (2016).
 
@@ -37,14 +37,14 @@ PRINTED = {
 }
 """Figure 6 and text: sensitivity, specificity and accuracy in per cent."""
 COUNTS = {"deformation": (183, 111), "cursor": (236, 107), "combined": (239, 112)}
-"""What gives these rates: nodules found of 252 (18 of each of 14 people), and empty
-sides seen to be empty of 112 (8 of each).
+"""Counts that give these rates: nodules found of 252 (18 for each of 14 people), and
+empty sides recognised as empty of 112 (8 for each).
 """
 SIDES = ("left", "right")
 SURFACES = {
     f"{mode}, {left} and {right}": (mode, left, right) for mode in MODES for left, right in THIRTEEN
 }
-"""Technique, and what is under the left and the right side, by condition."""
+"""Technique, and the nodules under the left and the right side, by condition."""
 # of a simulated mouse, line by line; ours
 HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}
 
@@ -53,20 +53,20 @@ HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}
 def nodules() -> Experiment:
     """Make the experiment: report whether a nodule is under each of two sides.
 
-    Thirteen surfaces with each of three techniques: the depth of the cursor, its speed,
-    both.  Each participant begins with another technique.
+    There are thirteen surfaces with each of three techniques: depth of the cursor,
+    speed of the cursor, or both.  Participants begin with different techniques.
 
     Returns
     -------
     Experiment
-        Its ``observer`` answers as often rightly as the paper's participants, see
+        Its ``observer`` answers correctly as often as the paper's participants did, see
         `person`; its ``analysis`` is `found`.
 
     References
     ----------
-    Li et al. (2016), "Single-point interaction study", fig. 5.  Ours: which thirteen
-    (`stimlib.soft.THIRTEEN`), the radii of the nodules, and 30 s for each surface,
-    where the paper lets people look as long as they like and stops the time.
+    Li et al. (2016), "Single-point interaction study", fig. 5.  Our own choices: the
+    thirteen surfaces (`stimlib.soft.THIRTEEN`), the radii of the nodules, and 30 s for
+    each surface, whereas the paper sets no limit and measures the time.
 
     Examples
     --------
@@ -101,16 +101,17 @@ def nodules() -> Experiment:
 
 
 def _scene(mode: str, left: str, right: str) -> Scene:
-    """Return what the screen shows; where a technique shows no depth it is 0."""
+    """Return the scene of the screen, with a depth of 0 if the technique shows none."""
     shown = soft_surface(mode, device="mouse", S=sides(left, right)).outputs
     depth = shown["depth1"] if "depth1" in shown else 0.0 * shown["x1"]
     return Scene({"x": shown["x1"], "y": shown["y1"], "depth": depth})
 
 
 def techniques(participant: str, session: int) -> Sequential:
-    """Return one technique after another, in an order by the participant's number.
+    """Return a design with one technique after the other.
 
-    Surfaces are in random order.
+    The order of techniques depends on the participant's number; surfaces are in random
+    order.
     """
     first = turn_of(participant, 3)
     return Sequential({mode: _surfaces(mode) for mode in MODES[first:] + MODES[:first]})
@@ -124,7 +125,7 @@ def _surfaces(mode: str) -> ConstantStimuli:
 
 
 def right_answers(condition: str) -> dict[str, str]:
-    """Return what is under the sides of a surface.
+    """Return the right answer for each side of a surface.
 
     Examples
     --------
@@ -141,9 +142,9 @@ def right_answers(condition: str) -> dict[str, str]:
 # Who answers --------------------------------------------------------------------------
 @public
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
-    """Return a simulated participant who detects nodules as often as the paper's.
+    """Answer a trial as a simulated participant with the paper's detection rates.
 
-    As many empty sides are seen to be empty.
+    The rates are those of nodules found, and of empty sides recognised as empty.
     """
     hits, rejections = COUNTS[SURFACES[trial.condition][0]]
     values = {}
@@ -156,17 +157,17 @@ def person(trial: Trial, rng: np.random.Generator) -> Answer:
 # What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Found:
-    """The result of the paper, figure 6 and table 1.
+    """The result of the paper's detection experiment, figure 6 and table 1.
 
     Attributes
     ----------
     rates : dict of str to Diagnosis
-        By technique: sensitivity, specificity and accuracy, with Wilson intervals of as
-        many sides as there were.
+        For each technique, sensitivity, specificity and accuracy, with Wilson intervals
+        for the number of sides.
     tests : dict of str to (Statistic, tuple of Pair)
-        By "Se", "Sp" and "ACC": Kruskal and Wallis' test of the participants' rates,
-        and Dunn's of each pair, one-sided and times 3 as the paper has them.  Where all
-        rates are the same there is none.
+        For "Se", "Sp" and "ACC", the Kruskal-Wallis test of the participants' rates,
+        and Dunn's test of each pair, one-sided and multiplied by 3, as in the paper.
+        There is no test if all rates are equal.
     """
 
     rates: Mapping[str, Diagnosis]
@@ -175,7 +176,7 @@ class Found:
 
 @public
 def found(answers: Columns) -> Found:
-    """Return the rates and tests of each technique.
+    """Return the detection rates and tests of each technique.
 
     Parameters
     ----------
@@ -217,7 +218,7 @@ def found(answers: Columns) -> Found:
 
 
 Counts = tuple[int, int, int, int]
-"""Nodules found, nodules, empty sides seen to be empty, empty sides."""
+"""Nodules found, all nodules, empty sides recognised as empty, all empty sides."""
 RATES = {
     "Se": lambda hits, nodules, rejections, empty: hits / nodules,
     "Sp": lambda hits, nodules, rejections, empty: rejections / empty,
@@ -237,9 +238,9 @@ def _counts(rows: Columns) -> Counts:
 
 
 def text(result: Found) -> str:
-    """Return rates and tests as lines for a terminal.
+    """Return the rates and tests as lines of text.
 
-    The paper's numbers are next to them.
+    The paper's values are printed next to them.
     """
     lines = []
     for mode, rates in result.rates.items():

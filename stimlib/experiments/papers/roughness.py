@@ -41,7 +41,7 @@ STIMULI = {
     f"{s.waveform}, {s.bumps} bumps, duty {s.duty:g}, {s.amplitude:g} V": s for s in bumps_set()
 }
 Cell = tuple[float, float, str]
-"""Amplitude, duty, waveform: of the number of bumps the RMS does not depend."""
+"""Amplitude, duty and waveform; the RMS does not depend on the number of bumps."""
 CELLS = tuple(product(AMPLITUDES, DUTIES, WAVEFORMS))
 PRINTED = dict(
     zip(
@@ -104,24 +104,24 @@ FS, SECONDS, GAIN = 8000.0, 15.0, 50.0
 
 @public
 def roughness() -> Experiment:
-    """Make the experiment: 81 stimuli, four times each, rated in two ways.
+    """Make the experiment: rate 81 stimuli four times each, on two scales.
 
     The scales are from smooth to rough and from flat to bumpy.
 
-    Two days with two sets each, the first after 48 trials for training; one replay of
-    each trial; white noise meanwhile.
+    There are two days with two sets each, and 48 training trials before the first set.
+    Each trial can be replayed once, and white noise masks the sound.
 
     Returns
     -------
     Experiment
-        Its ``observer`` goes by the RMS of the rendered voltage, see `person`; its
+        Its ``observer`` judges the RMS of the rendered voltage, see `person`; its
         ``analysis`` is `ratings`.
 
     References
     ----------
-    The touch-screen thesis, sections 4.1 to 4.3, appendix C.  Ours: the 48 for
-    training, and **an order of its own for each participant**: the thesis' one order
-    for all confounds stimuli with drift.
+    The touch-screen thesis, sections 4.1 to 4.3, appendix C.  Our own choices: the 48
+    training trials, and **a different order for each participant**: the thesis used a
+    single order for all, which confounds stimuli with drift.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def roughness() -> Experiment:
 
 
 def day(participant: str, session: int) -> Sequential:
-    """Return two sets of all stimuli, on the first day after training."""
+    """Return the design of one day: two sets of stimuli, with training on day one."""
     items = tuple(
         (
             Rate(
@@ -181,12 +181,12 @@ def day(participant: str, session: int) -> Sequential:
 def rms(name: str) -> float:
     """Return the RMS of a stimulus in V before the amplifier, eq. (18).
 
-    The voltage is as rendered for the moving finger.
+    The voltage is the one rendered for the moving finger.
 
     Parameters
     ----------
     name : str
-        Of ``STIMULI``.
+        A name in ``STIMULI``.
 
     Examples
     --------
@@ -204,22 +204,24 @@ def rms(name: str) -> float:
 
 @public
 def person(rng: np.random.Generator | None = None) -> Observer:
-    """Return a simulated participant who goes by the RMS.
+    """Return a simulated participant who judges by the RMS.
 
     Roughness is 3.92 + 2.25 log10(RMS/V), bumpiness depends on the amplitude alone,
-    both with errors.
+    both with random errors.
 
     Parameters
     ----------
     rng : Generator, optional
-        Draws a level of its own for each participant; None is the mean.
+        Draws an individual rating level for each participant; None is the mean
+        participant.
 
     Returns
     -------
     callable
-        An observer.  Roughness is Fechner's law of the thesis' own tables; more bumps
-        are rougher where the amplitude is 4 V or more, as figure 6.2 has it.  The sizes
-        of this, of the errors and of bumpiness are ours.
+        An observer.  Roughness follows Fechner's law as fitted to the thesis' own
+        tables; more bumps are rougher if the amplitude is 4 V or more, as in figure
+        6.2.  The sizes of this effect, of the errors and of bumpiness are our own
+        choices.
     """
     own = 0.0 if rng is None else 0.5 * rng.normal()
 
@@ -241,21 +243,21 @@ def person(rng: np.random.Generator | None = None) -> Observer:
 # What they answered -------------------------------------------------------------------
 @dataclass(frozen=True)
 class Ratings:
-    """The result of the thesis.
+    """The result of the thesis: tables, effects and Fechner's law.
 
     Attributes
     ----------
     rms, mean, sd : dict of Cell to float
         Table 6.1 as rendered (V), and table 6.2: mean and standard deviation over
-        people and numbers of bumps.
+        people and bump counts.
     effects : tuple of Effect
         Four-way analysis of variance within people; main effects come first.
     pairs : dict of (factor, level, level) to float
-        p of paired t tests of people's means, times 3 (Bonferroni), at most 1.
+        p of paired t tests of people's means, multiplied by 3 (Bonferroni), at most 1.
     pearson : float
         Correlation of mean and RMS over the 27 cells.
     law : Law
-        Fechner's, of the same.
+        Fechner's law, fitted to the same cells.
     """
 
     rms: Mapping[Cell, float]
@@ -269,7 +271,7 @@ class Ratings:
 
 @public
 def ratings(answers: Columns, question: str = "outcome") -> Ratings:
-    """Return the thesis' tables and tests of one question.
+    """Return the thesis' tables and tests for one question.
 
     Parameters
     ----------
@@ -277,7 +279,7 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
         As `stimlib.experiments.reader.columns` gives them, or
         `stimlib.experiments.observers.simulate`: without training.
     question : str
-        Its column: ``"outcome"`` is that of the first question, roughness.
+        Column of the question: ``"outcome"`` is the first question, roughness.
 
     Returns
     -------
@@ -328,9 +330,9 @@ def _means(answers: Columns, question: str) -> np.ndarray:
 
 
 def text(found: Ratings) -> str:
-    """Return tables and tests as lines for a terminal.
+    """Return the tables and tests as lines of text.
 
-    The thesis' numbers are next to them.
+    The thesis' values are printed next to them.
     """
     lines = ["A, V  duty  waveform  RMS, V (printed)  roughness (printed)"]
     for a, d, w in CELLS:

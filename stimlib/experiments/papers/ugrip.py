@@ -1,4 +1,4 @@
-"""Does vibration make an object feel softer?  The UGrip paper's experiment, section 2.
+"""Perceived softness under vibration: the UGrip paper's experiment, section 2.
 
 "A Device and Method for Multimodal Haptic Rendering of Volumetric Stiffness"; see
 docs/reference/papers.rst.
@@ -45,20 +45,19 @@ TIMING = Timing(interval=3.0, gap=0.5)
 def ugrip(reversals: int = 20) -> Experiment:
     """Make the experiment: say which of two objects is softer.
 
-    There are four pairs of interleaved staircases.
-
-    One pair for each of one or two fingers, with and without vibration of the
-    comparison: 64 staircases of 8 participants, and 32 fits.
+    There are four pairs of interleaved staircases, for one or two fingers, with and
+    without vibration of the comparison. For 8 participants this gives 64 staircases and
+    32 fits.
 
     Parameters
     ----------
     reversals : int
-        Of each staircase.
+        Number of reversals of each staircase.
 
     Returns
     -------
     Experiment
-        Its ``observer`` feels the rendered forces, see `feels`; its ``analysis`` is
+        Its ``observer`` judges the rendered forces, see `feels`; its ``analysis`` is
         `comparisons`.
 
     Raises
@@ -68,8 +67,8 @@ def ugrip(reversals: int = 20) -> Experiment:
 
     References
     ----------
-    The UGrip paper, sections 2.1 to 2.3.  Ours: bounds, length of an interval, gap, and
-    the movement of a simulated hand.
+    The UGrip paper, sections 2.1 to 2.3.  Our own choices: bounds, length of an
+    interval, gap, and the movement of a simulated hand.
 
     Examples
     --------
@@ -112,7 +111,7 @@ def ugrip(reversals: int = 20) -> Experiment:
 
 
 def _pair(scene: str, name: str, reversals: int) -> Interleaved:
-    """Return a staircase from above and one from below, of one condition."""
+    """Return the two staircases of a condition, one from above and one from below."""
     standard, comparison = (
         Stimulus(scene, {"k": K0, "A": 0.0}),
         Stimulus(scene, {"A": VIBRATION[name]}),
@@ -138,21 +137,23 @@ SOFTER = {"one finger": 316.0, "two fingers": 0.0}
 
 @public
 def feels(softer: float) -> Measure:
-    """Return the stiffness felt by a participant who takes vibration for displacement.
+    """Return a measure of felt stiffness, for a participant misled by vibration.
 
-    Source: the paper's discussion.
+    The participant takes vibration for displacement, as the paper's discussion
+    suggests.
 
-    k = sum(F x)/sum(x x), less by the factor 1 + softer rms(F - k x)/rms(k x).
+    The felt stiffness is k = sum(F x)/sum(x x), divided by 1 + softer rms(F - k
+    x)/rms(k x).
 
     Parameters
     ----------
     softer : float
-        0 for somebody whom vibration does not deceive.
+        0 for a participant who is not deceived by vibration.
 
     Returns
     -------
     Measure
-        ``stiffness`` in N/m, of a rendering of `stimlib.scenes.squeeze`.
+        Measure ``stiffness`` in N/m, for renderings of `stimlib.scenes.squeeze`.
 
     Examples
     --------
@@ -183,18 +184,20 @@ def feels(softer: float) -> Measure:
 def person(rng: np.random.Generator | None = None) -> Observer:
     """Return a simulated participant who compares felt stiffness.
 
-    It is log10, with an error of each interval.
+    The participant compares log10 of the stiffness, with a random error in each
+    interval.
 
     Parameters
     ----------
     rng : Generator, optional
-        Draws how much vibration deceives, with a standard deviation of 0.8 of the mean:
-        one of ten feels the contrary (of the paper's eight two did).  None is the mean.
+        Draws how strongly vibration deceives, with a standard deviation of 0.8 of the
+        mean: one in ten feels the opposite (two of the paper's eight did).  None is the
+        mean participant.
 
     Returns
     -------
     callable
-        An observer, as `stimlib.experiments.observers.simulate` takes it.
+        An observer for `stimlib.experiments.observers.simulate`.
 
     Examples
     --------
@@ -225,8 +228,8 @@ QUESTIONS = (
     ("pse", "one finger, silent", "two fingers, silent", "F > 2.3, p > .15"),
     ("slope", "one finger, silent", "two fingers, silent", "7.9, 17.5: F = 4.7, p < .05"),
 )
-"""Section 2.3, in its order: what is compared, of which conditions, and what is
-printed.
+"""The comparisons of section 2.3, in its order: quantity, conditions and printed
+values.
 """
 
 
@@ -241,14 +244,14 @@ class Comparison:
         the conditions.
     mean_a, mean_b : float
     people : int
-        With a fit in both.
+        Number of participants with a fit in both conditions.
     F, p : float
-        Within people, F(1, n - 1).
+        Within participants, F(1, n - 1).
     F_as_printed, p_as_printed : float
-        Of the same numbers taken for those of different people, F(1, 2n - 2): what the
-        paper's pairs of F and p fit.
+        The same values treated as different people, F(1, 2n - 2), which matches the
+        paper's pairs of F and p.
     printed : str
-        In the paper.
+        Values printed in the paper.
     """
 
     what: str
@@ -268,7 +271,7 @@ class Comparison:
 def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], Fit]:
     """Fit the 32 psychometric functions, by participant and condition.
 
-    They are probit over log10 of the comparison's stiffness in N/mm.
+    They are probit functions over log10 of the comparison's stiffness in N/mm.
 
     Parameters
     ----------
@@ -290,7 +293,7 @@ def fits(answers: Columns, interval: str = "profile") -> dict[tuple[Any, ...], F
 
 @public
 def comparisons(answers: Columns) -> tuple[Comparison, ...]:
-    """Return the comparisons of section 2.3, in its order.
+    """Return the comparisons of section 2.3, in the paper's order.
 
     Parameters
     ----------
@@ -333,7 +336,7 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
 
 @public
 def text(rows: Iterable[Comparison]) -> str:
-    """Return the comparisons as lines for a terminal.
+    """Return the comparisons as lines of text.
 
     Examples
     --------
