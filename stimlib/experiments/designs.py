@@ -458,16 +458,17 @@ class ConstantStimuli:
     items : tuple of (Task, level)
         The level is what the task takes: a number, the name of a stimulus, None.
     repeats : int
-    shuffle : {"all", "each", "none"}
+    shuffle : {"all", "each", "apart", "none"}
         All together; each repeat by itself, so that none comes before all others had
-        their turn; as they are listed.
+        their turn (randomised blocks); blocks of which none begins with the item that
+        ended the one before; as they are listed.
     training : bool
         Discarded by the analysis.
 
     Raises
     ------
     BadValue
-        No items, repeats below 1, an unknown shuffle.
+        No items, repeats below 1, an unknown shuffle, "apart" of a single item.
 
     Examples
     --------
@@ -501,11 +502,13 @@ class ConstantStimuli:
         if (
             not self.items
             or not _counts(self.repeats)
-            or self.shuffle not in ("all", "each", "none")
+            or self.shuffle not in ("all", "each", "apart", "none")
+            or (self.shuffle == "apart" and len(self.items) == 1 < self.repeats)
         ):
             raise BadValue(
                 f"ConstantStimuli: repeats = {self.repeats!r}, shuffle = {self.shuffle!r}: give"
-                " items (task, level), whole repeats of at least 1, shuffle one of all, each, none"
+                " items (task, level), whole repeats of at least 1, shuffle one of all, each, none,"
+                " or, of two items or more, apart"
             )
         if len(set(self._names)) != len(self.items):
             raise BadValue(
@@ -524,9 +527,15 @@ class ConstantStimuli:
         keys = list(number)
         if self.shuffle != "none":
             keys = shuffled(seed, "shuffle", keys)
-        if self.shuffle == "each":
+        if self.shuffle in ("each", "apart"):
             keys.sort(key=lambda key: int(key.partition(" ")[0]))
-        return {"seed": seed, "n": 0, "order": [number[key] for key in keys]}
+        order, names = [number[key] for key in keys], self._names
+        for at in range(len(names), len(order), len(names)) if self.shuffle == "apart" else ():
+            tries = 0
+            while order[at] == order[at - 1]:
+                block = shuffled(seed, f"shuffle {at} again {(tries := tries + 1)}", names)
+                order[at : at + len(names)] = map(names.index, block)
+        return {"seed": seed, "n": 0, "order": order}
 
     def next(self, state: State) -> Trial | None:
         """Return the next trial of the order."""
