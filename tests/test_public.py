@@ -21,6 +21,7 @@ from stimlib import Input, blocks as b, constant
 from stimlib.core.graph import Block
 from stimlib.design.texture import made_up
 from stimlib.errors import RecordingError, SceneFileError, SinkError, StimlibError
+from stimlib.experiments.assignments import assign
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Cursor
 from stimlib.experiments.likelihood import Sets
@@ -97,6 +98,7 @@ def made(tmp_path_factory):
     simulate(folder / "data")
     result = stimlib.render(SPRING, {"x": HAND}, FS, target="python")
     SPRING.save(folder / "scene.json")
+    assign(folder / "orders.json", "P01", ["A", "B"])
     return {"folder": folder, "saved": read(folder / "data/pair/P01-s1"), "rendering": result}
 
 
@@ -299,8 +301,11 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "Sequential": {"parts": {"a": ConstantStimuli(((TASK, 2.0),))}},
         "shuffled": {"purpose": "parts", "names": ["a", "b"]},
         "turn_of": {"turns": 4},
+        "assign": {"path": "orders.json", "orders": ["A", "B"]},
+        "assigned": {"path": folder / "orders.json"},
         "Quest": {"levels": (1.0, 2.0), "means": (1.0, 2.0), "deviations": (0.5, 1.0)},
         "graeco_latin": {"n": 4},
+        "williams": {"n": 4},
         "check_graeco_latin": {"square": stimlib.experiments.latin_squares.graeco_latin(4)},
         "Question": {"choices": ("a", "b")},
         "prompted": {"question": QUESTION},

@@ -1,4 +1,5 @@
 from .answer_keys import Keyed as Keyed, Prompt as Prompt, prompted as prompted
+from .assignments import assign as assign, assigned as assigned
 from .bids import to_bids as to_bids
 from .compare import (
     Effect as Effect,
@@ -39,7 +40,11 @@ from .fits import (
     psychometric as psychometric,
     psychometrics as psychometrics,
 )
-from .latin_squares import check_graeco_latin as check_graeco_latin, graeco_latin as graeco_latin
+from .latin_squares import (
+    check_graeco_latin as check_graeco_latin,
+    graeco_latin as graeco_latin,
+    williams as williams,
+)
 from .observers import (
     Listener as Listener,
     Power as Power,

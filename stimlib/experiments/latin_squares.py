@@ -1,6 +1,8 @@
-"""Graeco-Latin squares: orders that balance places, participants and two conditions.
+"""Squares: orders that balance conditions over places and participants.
 
-Each condition meets each place, each participant and each second condition once.
+In a Graeco-Latin square each condition meets each place, each participant and each
+second condition once. In a Williams square each condition follows each other one
+equally often.
 """
 
 from __future__ import annotations
@@ -193,6 +195,51 @@ def check_graeco_latin(square: ArrayLike) -> None:
             f"the pair {twice} is there {counts.max()} times: the two Latin squares are not"
             " orthogonal"
         )
+
+
+@public
+def williams(n: int) -> NDArray[np.int64]:
+    """Return orders that are balanced for first-order carry-over.
+
+    Source: Williams 1949, Australian Journal of Scientific Research A 2, 149-168.
+
+    Parameters
+    ----------
+    n : int
+        Conditions, 2 to 1000.
+
+    Returns
+    -------
+    ndarray of int, shape (n, n) where n is even, (n, 2 n) where it is odd
+        [place in the order, participant] -> condition, 0 to n - 1. Each condition
+        comes once in each order, equally often at each place, and directly after each
+        other condition once (even n) or twice (odd n).
+
+    Raises
+    ------
+    BadValue
+        Another number of conditions.
+
+    Examples
+    --------
+    The orders of four participants, one a line:
+
+    >>> from stimlib.experiments import williams
+    >>> for order in williams(4).T:
+    ...     print(*("ABCD"[k] for k in order))
+    A B D C
+    B C A D
+    C D B A
+    D A C B
+    >>> williams(3).shape
+    (3, 6)
+    """
+    if not 2 <= n <= 1000:
+        raise BadValue(f"williams: n = {n!r} must be a number of conditions from 2 to 1000")
+    k = np.arange(n)
+    first = np.where(k % 2, (k + 1) // 2, -(k // 2)) % n  # 0, 1, n - 1, 2, n - 2 ..
+    square = (first[:, None] + k) % n
+    return np.hstack([square, square[::-1]]) if n % 2 else square
 
 
 def _cyclic(n: int) -> NDArray[np.int64]:

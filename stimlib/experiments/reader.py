@@ -55,6 +55,15 @@ def blinded(seed: int, name: str) -> str:
     return f"c{seed_of(seed, 'blind', name) % 10000:04}"
 
 
+def check_code(participant: str) -> None:
+    """Raise BadValue unless a participant is a code of letters and digits."""
+    if not re.fullmatch(r"[A-Za-z]{1,4}[0-9]{1,6}", participant):
+        raise BadValue(
+            f"participant {participant!r} must be a code, up to four letters and a number such as"
+            " P07, and no name"
+        )
+
+
 @public
 def folder_of(
     experiment: str,
@@ -72,11 +81,7 @@ def folder_of(
         people do not belong in data), a session below 1, or an experiment name that
         cannot name a folder.
     """
-    if not re.fullmatch(r"[A-Za-z]{1,4}[0-9]{1,6}", participant):
-        raise BadValue(
-            f"participant {participant!r} must be a code, up to four letters and a number such as"
-            " P07, and no name"
-        )
+    check_code(participant)
     if isinstance(session, bool) or not isinstance(session, int) or not 1 <= session < 10**6:
         raise BadValue(f"session = {session!r} must be a whole number from 1 on")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}", experiment):

@@ -1,0 +1,333 @@
+"""Staircases: types of steps, targets, and the estimate from reversals."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from refusals import refused
+from scipy.special import ndtr
+
+from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments.designs import Interleaved, Staircase
+from stimlib.experiments.fits import psychometric
+from stimlib.experiments.observers import Psychometric
+from stimlib.experiments.random_streams import stream
+from stimlib.experiments.tasks import TwoInterval
+from stimlib.experiments.trial import Answer, Stimulus, Trial, observed, outcome
+
+
+class Quick:
+    """A comparison without stimuli."""
+
+    condition = "quick"
+
+    def trial(self, level, seed, n):
+        scores = {"less": 0.0, "more": 1.0}
+        return Trial("quick", (), ("which",), level, scores=scores)
+
+
+PAIR = Quick()
+FELT = TwoInterval("felt", "which", Stimulus("a", {"k": 0.0}), Stimulus("a"), "k")
+WIDE = {"start": 0.0, "bounds": (-6.0, 6.0), "step_type": "lin"}
+
+
+def after(stairs, state, more):
+    trial = stairs.next(state)
+    says = next(c for c, score in trial.scores.items() if score == more)
+    return stairs.update(state, Answer({"which": says}))
+
+
+def asked(stairs, outcomes):
+    """The levels of one track, and its outcomes, until it ends or these do."""
+    state, table = stairs.init(1), {"level": [], "outcome": []}
+    for more in outcomes:
+        if (trial := stairs.next(state)) is None:
+            break
+        table["level"].append(trial.level)
+        table["outcome"].append(float(more))
+        state = after(stairs, state, more)
+    return table, state
+
+
+def simulated(stairs, rng, observer=ndtr):
+    """As `asked`, without trials, whose checks would take most of the time."""
+    state, table = stairs.init(1), {"level": [], "outcome": []}
+    while len(state["reversals"]) < (stairs.reversals or 10**6) and state["n"] < stairs.max_trials:
+        more = bool(rng.random() < observer(state["level"]))
+        table["level"].append(state["level"])
+        table["outcome"].append(float(more))
+        state = stairs._after(state, more)
+    return table
+
+
+# PsychoPy -----------------------------------------------------------------------------
+ANSWERS = [c == "1" for c in "110111010111011101111100"]
+PSYCHOPY = {  # what StairHandler of PsychoPy 2026.2.5 does with nUp=1, nDown=2
+    "db": (
+        (5.0, (8.0, 4.0, 2.0), (0.9, 20.0)),
+        "5 1.990536 0.9 1.426404 1.426404 1.133033 1.133033 1.426404 1.426404 1.795736 1.795736"
+        " 1.426404 1.426404 1.795736 1.795736 1.426404 1.426404 1.795736 1.795736 1.426404"
+        " 1.426404 1.133033 1.133033 1.426404",
+        "0.9 1.426404 1.133033 1.795736 1.426404 1.795736 1.426404 1.795736 1.133033",
+    ),
+    "log": (
+        (2.0, (0.5, 0.2, 0.1), (0.1, 20.0)),
+        "2 0.632456 0.2 0.316979 0.316979 0.251785 0.251785 0.316979 0.316979 0.399052 0.399052"
+        " 0.316979 0.316979 0.399052 0.399052 0.316979 0.316979 0.399052 0.399052 0.316979"
+        " 0.316979 0.251785 0.251785 0.316979",
+        "0.2 0.316979 0.251785 0.399052 0.316979 0.399052 0.316979 0.399052 0.251785",
+    ),
+    "lin": (
+        (0.5, (1.0, 0.5, 0.25), (-1.0, 2.0)),
+        "0.5 -0.5 -1 -0.5 -0.5 -0.75 -0.75 -0.5 -0.5 -0.25 -0.25 -0.5 -0.5 -0.25 -0.25 -0.5 -0.5"
+        " -0.25 -0.25 -0.5 -0.5 -0.75 -0.75 -0.5",
+        "-1 -0.5 -0.75 -0.25 -0.5 -0.25 -0.5 -0.25 -0.75",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", PSYCHOPY)
+def test_levels_and_reversals_are_those_of_psychopy(kind):
+    (start, steps, bounds), levels, reversals = PSYCHOPY[kind]
+    stairs = Staircase(PAIR, start, bounds, steps, None, down=2, step_type=kind)
+    table, state = asked(stairs, ANSWERS)
+    assert table["level"] == pytest.approx([float(v) for v in levels.split()], abs=1e-6)
+    assert state["reversals"] == pytest.approx([float(v) for v in reversals.split()], abs=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_any_staircase_is_psychopys():
+    """2000 such were, with the class of PsychoPy 2026.2.5."""
+    psychopy = pytest.importorskip("psychopy.data")
+    rng = np.random.default_rng(7)
+    for k in range(90):
+        kind, n = ("db", "log", "lin")[k % 3], int(rng.integers(1, 5))
+        steps = tuple((rng.uniform(0.05, 1.0, n) * {"db": 12, "log": 0.5, "lin": 2}[kind]).tolist())
+        bounds = (-5.0, 6.0) if kind == "lin" else (0.2, 50.0)
+        up, down, reversals = int(rng.integers(1, 4)), int(rng.integers(1, 5)), 12
+        theirs = psychopy.StairHandler(
+            4.0,
+            nReversals=reversals,
+            stepSizes=list(steps),
+            nUp=up,
+            nDown=down,
+            stepType=kind,
+            minVal=bounds[0],
+            maxVal=bounds[1],
+            autoLog=False,
+        )
+        answers, levels = (rng.random(80) < rng.uniform(0.3, 0.9)).tolist(), []
+        for more, level in zip(answers, theirs, strict=False):
+            levels.append(level)
+            theirs.addResponse(int(more))
+        table, state = asked(
+            Staircase(PAIR, 4.0, bounds, steps, reversals, up, down, 1000, 1000, kind), answers
+        )
+        assert table["level"] == pytest.approx(levels, abs=1e-12)
+        assert state["reversals"] == pytest.approx(theirs.reversalIntensities, abs=1e-12)
+
+
+# Targets ------------------------------------------------------------------------------
+def settled(stairs):
+    """The exact proportion of 1 in the long run, and at the mean of the reversals, of
+    an observer who is a standard cumulative normal. The states of its last step are a
+    Markov chain, whose stationary distribution is solved for.
+    """
+
+    def key(state):
+        return round(state["level"], 9), state["run"], state["way"]
+
+    begin = stairs.init(1) | {"reversals": [0.0] * len(stairs.steps), "way": 1}
+    known, todo, moves = {key(begin): 0}, [begin], []
+    while todo:
+        state = todo.pop()
+        for more in (False, True):
+            then = after(stairs, state, more)
+            turned = len(then["reversals"]) > len(state["reversals"])
+            then |= {"reversals": state["reversals"], "n": 0, "still": 0}
+            if key(then) not in known:
+                known[key(then)] = len(known)
+                todo.append(then)
+            p = ndtr(state["level"] if more else -state["level"])
+            moves.append((known[key(state)], known[key(then)], p, turned, state["level"]))
+    n, (i, j, p, turned, level) = len(known), map(np.array, zip(*moves, strict=True))
+    chain = np.zeros((n, n))
+    np.add.at(chain, (i, j), p)
+    equations = chain.T - np.eye(n)
+    equations[-1] = 1.0
+    often = np.linalg.solve(equations, np.eye(n)[-1])
+    turns = often[i] * p * turned
+    return often @ ndtr([k[0] for k in known]), ndtr(turns @ level / turns.sum())
+
+
+TARGETS = {
+    "50 %": ({}, 0.5, 0.5),
+    "70.7 %": ({"down": 2}, 0.5**0.5, 0.708),
+    "79.4 %": ({"down": 3}, 0.5 ** (1 / 3), 0.795),
+    "29.3 %": ({"up": 2}, 1 - 0.5**0.5, 0.292),
+    "75 %": ({"target": 0.75}, 0.75, 0.7825),
+    "25 %": ({"target": 0.25}, 0.25, 0.239),
+    "90 %": ({"target": 0.9}, 0.9, 0.963),
+}
+
+
+@pytest.mark.parametrize("rule", TARGETS)
+def test_a_staircase_settles_at_its_target(rule):
+    """With steps of a quarter of the observer's sigma, within 0.5 %; a weighted one
+    exactly (Kaernbach 1991). The mean of its reversals does so only with small steps.
+    """
+    words, target, at_reversals = TARGETS[rule]
+    stairs = Staircase(PAIR, **WIDE, steps=(0.25,), **words)
+    ones, turns = settled(stairs)
+    assert ones == pytest.approx(target, abs=2e-5 if "target" in words else 0.002)
+    assert turns == pytest.approx(at_reversals, abs=0.001)
+
+
+def test_a_weighted_transformed_staircase_settles_at_its_target():
+    """Runs of two and a ratio of steps that is no whole number: by 30000 trials."""
+    stairs = Staircase(
+        PAIR, **WIDE, steps=(0.1,), down=2, target=0.85, reversals=None, max_trials=30000
+    )
+    first, second = (asked(stairs, [False, True, False])[0]["level"][k] for k in (0, 1))
+    assert second - first == pytest.approx(0.1 * 0.85**2 / (1 - 0.85**2))
+    ones = simulated(stairs, np.random.default_rng(3))["outcome"]
+    assert np.mean(ones[1000:]) == pytest.approx(0.85, abs=0.005)
+
+
+def test_steps_through_0_and_a_schedule():
+    stairs = Staircase(PAIR, 1.0, (-3.0, 3.0), (2.0, 1.0, 0.5), 4, step_type="lin")
+    levels = asked(stairs, [True, True, False, True, True, False, True])[0]["level"]
+    assert levels == [1.0, -1.0, -3.0, -2.0, -2.5, -3.0, -2.5]  # it ends with reversal 4
+    with_target = Staircase(PAIR, 1.0, (-9.0, 9.0), (1.0,), step_type="lin", target=0.75)
+    assert asked(with_target, [True, False, False])[0]["level"] == [1.0, 0.0, 3.0]
+    geometric = Staircase(PAIR, 1.0, (0.01, 99.0), (0.1,), step_type="log", target=0.75)
+    assert asked(geometric, 2 * [False])[0]["level"] == pytest.approx([1.0, 10**0.3])
+
+
+@pytest.mark.parametrize("more", [False, True])
+def test_a_staircase_by_trials_ends_for_whoever_is_always_wrong(more):
+    by_trials = Staircase(PAIR, **WIDE, steps=(0.5,), reversals=None, max_trials=50, stuck=99)
+    assert len(asked(by_trials, 99 * [more])[0]["level"]) == 50
+    assert len(asked(by_trials, 99 * [True, False])[0]["level"]) == 50
+    stuck = Staircase(PAIR, **WIDE, steps=(0.5,), reversals=None)
+    assert len(asked(stuck, 99 * [more])[0]["level"]) == 12 + 20
+
+
+def test_weighted_staircases_are_interleaved():
+    tracks = {
+        str(p): Staircase(PAIR, **WIDE, steps=(0.5, 0.25), target=p, reversals=30)
+        for p in (0.25, 0.75)
+    }
+    tables = {name: {"level": [], "outcome": []} for name in tracks}
+    observer = Psychometric(0.0, 1.0)
+    for trial, answer in observed(Interleaved(tracks), 1, observer, stream(1, "observer")):
+        tables[trial.track]["level"].append(trial.level)
+        tables[trial.track]["outcome"].append(outcome(trial, answer))
+    low, high = (tracks[name].estimate(tables[name])["level"] for name in tracks)
+    assert -1.5 < low < -0.3 and 0.3 < high < 1.5
+    refused(BadValue, "trial . has the level", tracks["0.25"].estimate, tables["0.75"])
+
+
+# The estimate -------------------------------------------------------------------------
+@pytest.mark.parametrize("kind", ["db", "log", "lin"])
+def test_the_mean_of_the_last_reversals(kind):
+    start, steps = (4.0, (0.4, 0.2, 0.1)) if kind == "log" else (4.0, (2.0, 1.0, 0.5))
+    stairs = Staircase(PAIR, start, (0.5, 9.0), steps, 9, down=2, step_type=kind, stuck=99)
+    table, state = asked(stairs, ANSWERS)
+    turns = np.array(state["reversals"])
+    assert len(turns) == 9 and json.loads(json.dumps(state)) == state
+    z = {"db": 20 * np.log10(turns), "log": np.log10(turns), "lin": turns}[kind]
+    found = stairs.estimate(table)
+    assert found["reversals"] == 6  # after the step became the last one: 7, of which 6 are pairs
+    back = {"db": lambda v: 10 ** (v / 20), "log": lambda v: 10**v, "lin": lambda v: v}[kind]
+    assert found["level"] == pytest.approx(back(z[-6:].mean()), rel=1e-12)
+    pairs = z[-6:].reshape(3, 2).mean(1)
+    off = pairs - pairs.mean()
+    rho = max(0.0, (off[1:] * off[:-1]).sum() / (off**2).sum())
+    plain = pairs.std(ddof=1) / math.sqrt(3)
+    assert found["error"] == pytest.approx(plain * math.sqrt((1 + rho) / (1 - rho)), rel=1e-9)
+    assert stairs.estimate(table, 2)["level"] == pytest.approx(back(z[-2:].mean()), rel=1e-12)
+    assert math.isnan(stairs.estimate(table, 2)["error"])
+    assert stairs.estimate(table, 20)["reversals"] == 8
+
+
+def test_an_estimate_of_few_reversals_is_none():
+    stairs = Staircase(PAIR, **WIDE, steps=(0.5,))
+    for n in (0, 1, 3):
+        found = stairs.estimate(asked(stairs, n * [True])[0])
+        assert math.isnan(found["level"]) and math.isnan(found["error"])
+        assert found["reversals"] == 0
+    steady = stairs.estimate(asked(stairs, 9 * [True, False])[0])
+    assert steady == {"level": -0.25, "error": 0.0, "reversals": 16}
+
+
+@pytest.mark.parametrize("words", [{}, {"down": 2}, {"down": 3}, {"target": 0.75}], ids=str)
+def test_the_error_of_the_estimate_is_the_true_one(words):
+    """As if pairs of reversals were independent it would be 0.5 to 0.7 of it."""
+    stairs = Staircase(PAIR, **WIDE, steps=(1.0, 0.5, 0.25), reversals=42, **words)
+    rng = np.random.default_rng(5)
+    found = [stairs.estimate(simulated(stairs, rng)) for _ in range(200)]
+    spread = np.std([f["level"] for f in found])
+    assert np.sqrt(np.mean([f["error"] ** 2 for f in found])) / spread == pytest.approx(1, abs=0.15)
+
+
+def test_the_estimate_agrees_with_the_fit():
+    rng = np.random.default_rng(8)
+    stairs = Staircase(PAIR, **WIDE, steps=(1.0, 0.25), reversals=200)
+    table = simulated(stairs, rng, lambda x: ndtr((x - 1.0) / 0.8))
+    found, fit = stairs.estimate(table), psychometric(table["level"], table["outcome"])
+    assert found["level"] == pytest.approx(1.0, abs=3 * found["error"])
+    assert found["level"] == pytest.approx(fit.pse, abs=found["error"])
+
+
+# Errors -------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "wrong, why",
+    [
+        ({"step_type": "dB"}, "step_type = 'dB' must be one of db, log, lin"),
+        ({"step_type": "db"}, "rise from a level above 0: steps are in dB; .*step_type='lin'"),
+        ({"step_type": "log"}, "above 0: steps are in log10 units"),
+        ({"step_type": "log", "bounds": (0.1, 9.0), "steps": (11.0,)}, "log10 units .* at most 10"),
+        ({"bounds": (5.0, 5.0)}, r"bounds = \(5.0, 5.0\) must rise$"),
+        ({"bounds": (-math.inf, 5.0)}, "must be numbers"),
+        ({"steps": (-1.0,)}, "units of the level above 0, up and down at most 10"),
+        ({"steps": (11.0,)}, "at most 10"),
+        ({"steps": (4.0,), "target": 0.75}, "at most 10"),  # that up would be 12
+        ({"steps": Staircase.steps}, "units of the level"),  # its dB were not meant
+        ({"target": 0.0}, "target = 0.0 .* probability between 0 and 1"),
+        ({"target": 1.0}, "target = 1.0 .* probability between 0 and 1"),
+        ({"target": math.nan}, "target = nan"),
+        ({"target": 0.9999}, "at most a factor of 1000"),
+        ({"target": 0.1, "down": 4}, "at most a factor of 1000"),
+        ({"reversals": 0}, "reversals = 0"),
+        ({"task": FELT, "target": 0.5}, "target = 0.5 settle at or below 0.5, the chance level"),
+        ({"task": FELT, "down": 2, "up": 2}, "chance level of this task; give down=3"),
+    ],
+)
+def test_a_staircase_that_makes_no_sense(wrong, why):
+    usual = {"task": PAIR, "start": 5.0, "bounds": (-5.0, 5.0), "step_type": "lin", "steps": (1.0,)}
+    refused(BadValue, why, Staircase, **usual | wrong)
+
+
+def test_a_target_above_chance_is_taken():
+    assert Staircase(FELT, 0.5, (0.1, 9.0), target=0.75).target == 0.75
+
+
+@pytest.mark.parametrize(
+    "answers, last, why",
+    [
+        ({"level": [0.0, 1.0]}, None, "no column 'outcome'"),
+        ({"level": [0.0, 1.0], "outcome": [1.0]}, None, "two rows of finite numbers"),
+        ({"level": [0.0, math.nan], "outcome": [0, 0]}, None, "two rows of finite numbers"),
+        ({"level": ["a"], "outcome": [0]}, None, "two rows of finite numbers"),
+        ({"level": [None], "outcome": [0]}, None, "two rows of finite numbers"),
+        ({"level": [0.0, 1.0], "outcome": [1, 0]}, None, "trial 2 has the level 1, where .* -0.5"),
+        ({"level": [0.0], "outcome": [1]}, 3, "last = 3 must be an even number"),
+        ({"level": [0.0], "outcome": [1]}, 0, "last = 0 must be an even number"),
+    ],
+)
+def test_an_estimate_of_other_answers_is_refused(answers, last, why):
+    stairs = Staircase(PAIR, **WIDE, steps=(0.5,))
+    error = UnknownName if "column" in why else BadValue
+    refused(error, f"Staircase.estimate: .*{why}", stairs.estimate, answers, last)
