@@ -83,8 +83,10 @@ from .scaling import (
 from .session import Session as Session
 from .signal_detection import (
     Detection as Detection,
+    ForcedChoice as ForcedChoice,
     detection as detection,
     diagnosis as diagnosis,
+    forced_choice as forced_choice,
     wilson as wilson,
 )
 from .tables import fitted as fitted, grouped as grouped, plain as plain, to_pandas as to_pandas

@@ -23,6 +23,18 @@ CORRECTIONS = {
 Çaldıran's thesis, section 3.7, ``half`` from Macmillan and Kaplan (1985), ``loglinear``
 from Hautus (1995)."""
 
+PROBLEMS = {
+    "ceiling": (
+        "all answers are right: d' is infinite, and only the lower end of its interval is known;"
+        " add trials with weaker stimuli"
+    ),
+    "chance": "the answers may be guesses, because d' = 0 is in the interval; add trials",
+    "below chance": (
+        "fewer answers are right than by guessing; check which answer is counted as right"
+    ),
+}
+"""What can be wrong with an estimate, and what to do; ``problems`` names them."""
+
 
 @dataclass(frozen=True)
 class Detection:
@@ -220,6 +232,115 @@ def diagnosis(
         wilson(correct_rejections, noises, confidence),
         wilson(hits + correct_rejections, signals + noises, confidence),
     )
+
+
+@dataclass(frozen=True)
+class ForcedChoice:
+    """The sensitivity in a forced choice between m alternatives.
+
+    Attributes
+    ----------
+    d : float
+        Sensitivity d'; inf where all answers are right, -inf where all are wrong.
+    interval : (float, float)
+        Of d'.
+    proportion : Proportion
+        Right answers, with the Clopper-Pearson interval.
+    alternatives : int
+        m.
+    problems : tuple of str
+        Names out of `PROBLEMS`, empty where there are none.
+    """
+
+    d: float
+    interval: tuple[float, float]
+    proportion: Proportion
+    alternatives: int
+    problems: tuple[str, ...]
+
+
+@public
+def forced_choice(
+    correct: float, trials: float, alternatives: int = 2, confidence: float = 0.95
+) -> ForcedChoice:
+    """Return d' of a forced choice between m alternatives, one of which has the signal.
+
+    The proportion of right answers is P(d') = integral of phi(x - d') Phi(x)^(m - 1):
+    the signal is chosen where it is felt stronger than all m - 1 others.  The ends of
+    the interval of d' are those of the proportion's, because P rises with d'.  The
+    model has no bias towards an interval or a place; of two alternatives, `detection`
+    removes it: count "first" answers where the signal was first (hits) and second
+    (false alarms), and divide d' by sqrt(2).
+
+    Parameters
+    ----------
+    correct, trials : int
+        Right answers, of so many.
+    alternatives : int
+        m, from 2 to 1000.
+    confidence : float
+        At least this part of intervals contains d' (Clopper and Pearson).
+
+    Returns
+    -------
+    ForcedChoice
+
+    Raises
+    ------
+    BadValue
+        Counts as in `detection`; alternatives or a confidence out of range.
+
+    References
+    ----------
+    Hacker and Ratcliff (1979), Perception and Psychophysics 26:168; Macmillan and
+    Creelman (2005), Detection Theory, chapter 10 and table A5.7; Clopper and Pearson
+    (1934), Biometrika 26:404.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import forced_choice
+    >>> found = forced_choice(32, 40, alternatives=4)
+    >>> round(found.d, 3), [round(end, 3) for end in found.interval], found.problems
+    (1.893, [1.297, 2.523], ())
+    >>> forced_choice(40, 40).problems
+    ('ceiling',)
+    """
+    from scipy.special import betaincinv
+
+    _counts("forced_choice", correct, trials)
+    if not 2 <= alternatives <= 1000:
+        raise BadValue(f"forced_choice: alternatives = {alternatives} must be from 2 to 1000")
+    if not 0 < confidence < 1:
+        raise BadValue(f"forced_choice: confidence = {confidence!r} must be between 0 and 1")
+    k, n, tail = int(correct), int(trials), (1 - confidence) / 2
+    low = float(betaincinv(k, n - k + 1, tail)) if k else 0.0
+    high = float(betaincinv(k + 1, n - k, 1 - tail)) if k < n else 1.0
+    d, *ends = (_sensitivity(p, alternatives) for p in (k / n, low, high))
+    happens = {"ceiling": k == n, "chance": ends[0] <= 0 <= ends[1], "below chance": ends[1] < 0}
+    return ForcedChoice(
+        d,
+        (ends[0], ends[1]),
+        Proportion(k / n, low, high, k, n),
+        alternatives,
+        tuple(name for name, here in happens.items() if here),
+    )
+
+
+def _sensitivity(p: float, m: int) -> float:
+    """Return the d' at which the signal wins against m - 1 others with probability p.
+
+    The integral is a sum in steps of 0.05 standard deviations, whose error for these
+    smooth functions is that of rounding.
+    """
+    from scipy.optimize import brentq
+
+    F, density, _ = curve("probit")
+    x = np.linspace(-12.0, 12.0, 481)
+
+    def too_many(d: float) -> float:
+        return float(np.sum(density(x) * F(x + d) ** (m - 1)) * 0.05 - p)
+
+    return float(brentq(too_many, -40, 40, xtol=1e-13)) if 0 < p < 1 else math.inf * (p - 0.5)
 
 
 def _counts(what: str, k: float, n: float) -> None:
