@@ -83,10 +83,13 @@ from .scaling import (
 from .session import Session as Session
 from .signal_detection import (
     Detection as Detection,
+    Estimate as Estimate,
     ForcedChoice as ForcedChoice,
+    Roc as Roc,
     detection as detection,
     diagnosis as diagnosis,
     forced_choice as forced_choice,
+    roc as roc,
     wilson as wilson,
 )
 from .tables import fitted as fitted, grouped as grouped, plain as plain, to_pandas as to_pandas
