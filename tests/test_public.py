@@ -327,6 +327,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "jnd_from_dprime": {"d": [1.0, 2.0], "increment": [1.0, 2.0]},
         "line": {"x": LEVELS, "y": YES},
         "fechner": {"intensity": LEVELS, "rating": LEVELS},
+        "bradley_terry": {"rankings": [("a", "b"), ("b", "a")]},
         "stevens": {"intensity": LEVELS, "rating": LEVELS},
         "shapiro": {"values": [1.0, 2.0, 4.0, 3.0]},
         "anova": {"groups": groups},
@@ -406,10 +407,11 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
 
 RESULTS = set("""
     Rendering Report Check Shows Drawing Against Recording Cues Power Effect Detection Distance
-    ForcedChoice Estimate Roc Jnds Explained Found Located Sorted Ratings Law Comparison Fit
-    MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit Placement Resonance Sweep Drift
-    FileReport Replay SessionReport MotionFile SessionLog Loopback Device Saved Record Forecast
-    Copies Levels TextureModel stimlib.plate.Answer Prompt""".split())  # fmt: skip
+    Coefficient ForcedChoice Estimate Roc Jnds Explained Found Located Sorted Ratings Law
+    Comparison Fit MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit Placement
+    Resonance Sweep Drift FileReport Replay SessionReport MotionFile SessionLog Loopback Device
+    Saved Record Forecast Copies Levels TextureModel stimlib.plate.Answer Prompt
+""".split())  # fmt: skip
 """Classes that functions return, and nobody else makes."""
 
 ELSEWHERE = {

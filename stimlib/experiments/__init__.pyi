@@ -1,6 +1,7 @@
 from .answer_keys import Keyed as Keyed, Prompt as Prompt, prompted as prompted
 from .bids import to_bids as to_bids
 from .compare import (
+    Coefficient as Coefficient,
     Effect as Effect,
     anova as anova,
     dunn as dunn,
@@ -75,6 +76,7 @@ from .report import write_report as write_report
 from .runner import FrontEnd as FrontEnd, Simulated as Simulated, run as run
 from .scaling import (
     Law as Law,
+    bradley_terry as bradley_terry,
     fechner as fechner,
     jnd_from_dprime as jnd_from_dprime,
     line as line,

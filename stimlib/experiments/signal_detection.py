@@ -182,7 +182,7 @@ def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
     from scipy.stats import binomtest
 
     _counts("wilson", k, n)
-    _quantile("wilson", confidence)
+    quantile("wilson", confidence)
     found = binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson")
     return Proportion(k / n, float(found.low), float(found.high), int(k), int(n))
 
@@ -319,18 +319,19 @@ def forced_choice(
     _counts("forced_choice", correct, trials)
     if not 2 <= alternatives <= 1000:
         raise BadValue(f"forced_choice: alternatives = {alternatives} must be from 2 to 1000")
-    _quantile("forced_choice", confidence)
+    quantile("forced_choice", confidence)
     k, n, tail = int(correct), int(trials), (1 - confidence) / 2
     low = float(betaincinv(k, n - k + 1, tail)) if k else 0.0
     high = float(betaincinv(k + 1, n - k, 1 - tail)) if k < n else 1.0
     d, *ends = (_sensitivity(p, alternatives) for p in (k / n, low, high))
-    happens = {"ceiling": k == n, "chance": ends[0] <= 0 <= ends[1], "below chance": ends[1] < 0}
     return ForcedChoice(
         d,
         (ends[0], ends[1]),
         Proportion(k / n, low, high, k, n),
         alternatives,
-        tuple(name for name, here in happens.items() if here),
+        ("ceiling",) * (k == n)
+        + ("chance",) * (ends[0] <= 0 <= ends[1])
+        + ("below chance",) * (ends[1] < 0),
     )
 
 
@@ -455,7 +456,7 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
         )
     for k, trials in zip(np.concatenate(rows), np.repeat([m, n], S.size), strict=True):
         _counts("roc", float(k), float(trials))
-    z = _quantile("roc", confidence)
+    z = quantile("roc", confidence)
     # the part of noise that is below a signal of each rating, of signals above a noise
     below, above = (np.cumsum(N) - N / 2) / n, 1 - (np.cumsum(S) - S / 2) / m
     area = float(S @ below / m)
@@ -470,7 +471,6 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
     by = math.sqrt(2 / (1 + b * b)) * np.array([1, -a * b / (1 + b * b)])  # of d_a, by a and b
     d, off_d, off_b = a * float(by[0]), float(by @ covariance @ by) ** 0.5, covariance[1, 1] ** 0.5
     factor = math.exp(min(z * off_b / b, 700.0))
-    happens = {"apart": variance == 0, "slope": math.isnan(b)}
     return Roc(
         tuple(map(float, hits)),
         tuple(map(float, false_alarms)),
@@ -479,7 +479,7 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
         Estimate(d, off_d, d - z * off_d, d + z * off_d),
         float(ndtr(d / 2**0.5)),
         tuple(map(float, theta[2:])),
-        tuple(name for name, here in happens.items() if here),
+        ("apart",) * bool(variance == 0) + ("slope",) * math.isnan(b),
     )
 
 
@@ -515,8 +515,15 @@ def _binormal(S: np.ndarray, N: np.ndarray, rounds: int) -> tuple[np.ndarray, np
     return np.full(2, np.nan), np.full((2, 2), np.nan)
 
 
-def _quantile(what: str, confidence: float) -> float:
-    """Return the normal quantile of an interval, 1.96 of 95 %."""
+def quantile(what: str, confidence: float) -> float:
+    """Return the normal quantile of an interval.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.signal_detection import quantile
+    >>> round(quantile("wilson", 0.95), 4)
+    1.96
+    """
     if not 0 < confidence < 1:
         raise BadValue(f"{what}: confidence = {confidence!r} must be between 0 and 1")
     return float(curve("probit")[2]((1 + confidence) / 2))
