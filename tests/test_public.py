@@ -324,12 +324,15 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "detection": {"hits": 8, "signals": 10, "false_alarms": 2, "noises": 10},
         "diagnosis": {"hits": 8, "signals": 10, "correct_rejections": 7, "noises": 10},
         "wilson": {"k": 3, "n": 10},
+        "forced_choice": {"correct": 8, "trials": 10},
+        "roc": {"signal": [1, 2, 3, 4], "noise": [4, 3, 2, 1]},
         "distances": {"cues": {"a": [1.0, 2.0, 3.0, 4.0]}, "answers": [0, 0, 1, 1]},
         "recorded": {"position": "x", "force": "force"},
         "displayed": {"folder": folder, "record": saved.records[0]},
         "jnd_from_dprime": {"d": [1.0, 2.0], "increment": [1.0, 2.0]},
         "line": {"x": LEVELS, "y": YES},
         "fechner": {"intensity": LEVELS, "rating": LEVELS},
+        "bradley_terry": {"rankings": [("a", "b"), ("b", "a")]},
         "stevens": {"intensity": LEVELS, "rating": LEVELS},
         "shapiro": {"values": [1.0, 2.0, 4.0, 3.0]},
         "anova": {"groups": groups},
@@ -409,10 +412,11 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
 
 RESULTS = set("""
     Rendering Report Check Shows Drawing Against Recording Cues Power Effect Detection Distance
-    Jnds Explained Found Located Sorted Ratings Law Comparison Fit MaterialFit SpringpotFit
-    MaxwellFit Bin TextureFit FrameFit Placement Resonance Sweep Drift FileReport Replay
-    SessionReport MotionFile SessionLog Loopback Device Saved Record Forecast Copies Levels
-    TextureModel stimlib.plate.Answer Prompt""".split())  # fmt: skip
+    Coefficient ForcedChoice Estimate Roc Jnds Explained Found Located Sorted Ratings Law
+    Comparison Fit MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit Placement
+    Resonance Sweep Drift FileReport Replay SessionReport MotionFile SessionLog Loopback Device
+    Saved Record Forecast Copies Levels TextureModel stimlib.plate.Answer Prompt
+""".split())  # fmt: skip
 """Classes that functions return, and nobody else makes."""
 
 ELSEWHERE = {

@@ -2,6 +2,7 @@ from .answer_keys import Keyed as Keyed, Prompt as Prompt, prompted as prompted
 from .assignments import assign as assign, assigned as assigned
 from .bids import to_bids as to_bids
 from .compare import (
+    Coefficient as Coefficient,
     Effect as Effect,
     anova as anova,
     dunn as dunn,
@@ -82,6 +83,7 @@ from .report import write_report as write_report
 from .runner import FrontEnd as FrontEnd, Simulated as Simulated, run as run
 from .scaling import (
     Law as Law,
+    bradley_terry as bradley_terry,
     fechner as fechner,
     jnd_from_dprime as jnd_from_dprime,
     line as line,
@@ -90,8 +92,13 @@ from .scaling import (
 from .session import Session as Session
 from .signal_detection import (
     Detection as Detection,
+    Estimate as Estimate,
+    ForcedChoice as ForcedChoice,
+    Roc as Roc,
     detection as detection,
     diagnosis as diagnosis,
+    forced_choice as forced_choice,
+    roc as roc,
     wilson as wilson,
 )
 from .tables import fitted as fitted, grouped as grouped, plain as plain, to_pandas as to_pandas

@@ -30,12 +30,17 @@ class Statistic:
     df : tuple of float
         Degrees of freedom, if the test has any.
     p : float
+    effect : float
+        Effect size: of `paired` d_z, the mean difference divided by the standard
+        deviation of differences; of `anova` eta squared, SS between groups/total SS; of
+        `kruskal` epsilon squared, H/(N - 1); nan of others.
     """
 
     name: str
     value: float
     df: tuple[float, ...]
     p: float
+    effect: float = float("nan")
 
 
 # Between groups -----------------------------------------------------------------------
@@ -116,7 +121,11 @@ def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
 
     found = test(*_groups("kruskal", groups).values())
     return Statistic(
-        "Kruskal-Wallis", float(found.statistic), (len(groups) - 1.0,), float(found.pvalue)
+        "Kruskal-Wallis",
+        float(found.statistic),
+        (len(groups) - 1.0,),
+        float(found.pvalue),
+        float(found.statistic) / (sum(map(np.size, groups.values())) - 1),
     )
 
 
@@ -241,7 +250,13 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
     if df[1] == 0:
         raise BadValue("anova: every group has one value, so there is no error to compare with")
     found = f_oneway(*rows.values())
-    return Statistic("ANOVA, independent groups", float(found.statistic), df, float(found.pvalue))
+    return Statistic(
+        "ANOVA, independent groups",
+        float(found.statistic),
+        df,
+        float(found.pvalue),
+        1 - df[1] / (df[1] + df[0] * float(found.statistic)),
+    )
 
 
 # Within participants ------------------------------------------------------------------
@@ -284,7 +299,13 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
     if np.ptp(a - b) <= 1e-14 * np.abs(a).max():
         raise BadValue("paired: all differences are the same: there is no spread to compare with")
     found = ttest_rel(a, b)
-    return Statistic("paired t", float(found.statistic), (a.size - 1.0,), float(found.pvalue))
+    return Statistic(
+        "paired t",
+        float(found.statistic),
+        (a.size - 1.0,),
+        float(found.pvalue),
+        float(found.statistic) / a.size**0.5,
+    )
 
 
 @dataclass(frozen=True)
@@ -307,6 +328,10 @@ class Effect:
         With both degrees of freedom multiplied by epsilon.
     eta2 : float or ndarray
         Partial eta squared, SS/(SS + SS of its error).
+    generalized_eta2 : float or ndarray
+        SS/(SS + SS of all differences between people within conditions).  Unlike the
+        partial one it counts how much people differ on average, so that it can be
+        compared with studies of different people in each condition.
     """
 
     name: str
@@ -316,6 +341,7 @@ class Effect:
     epsilon: Any
     p_corrected: Any
     eta2: Any
+    generalized_eta2: Any
 
 
 @public
@@ -351,7 +377,9 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     References
     ----------
     Maxwell and Delaney (2004), Designing Experiments and Analyzing Data, chapters 11 to
-    13; Greenhouse and Geisser (1959), Psychometrika 24:95.
+    13; Greenhouse and Geisser (1959), Psychometrika 24:95; of generalized eta squared
+    Olejnik and Algina (2003), Psychological Methods 8:434, and Bakeman (2005), Behavior
+    Research Methods 37:379.
 
     Examples
     --------
@@ -359,6 +387,8 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     >>> (effect,) = repeated([[2.0, 2.4], [2.1, 2.3], [2.1, 2.6], [2.0, 2.1]])
     >>> round(float(effect.F), 4), effect.df, round(float(effect.p), 4)
     (10.8, (1.0, 3.0), 0.0462)
+    >>> round(float(effect.eta2), 4), round(float(effect.generalized_eta2), 4)
+    (0.7826, 0.5625)
     """
     from scipy.stats import f
 
@@ -384,6 +414,7 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
         )
     n = shape[0]
     rows = y.reshape(*y.shape[: y.ndim - len(shape)], n, -1)
+    within = np.sum((rows - rows.mean(axis=-2, keepdims=True)) ** 2, axis=(-2, -1))
     found = []
     for size in range(1, len(names) + 1):
         for some in combinations(range(len(names)), size):
@@ -401,7 +432,16 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
             corrected = f.sf(F, df[0] * epsilon, df[1] * epsilon)
             name = ":".join(names[k] for k in some)
             found.append(
-                Effect(name, F, df, f.sf(F, *df), epsilon, corrected, effect / (effect + error))
+                Effect(
+                    name,
+                    F,
+                    df,
+                    f.sf(F, *df),
+                    epsilon,
+                    corrected,
+                    effect / (effect + error),
+                    effect / (effect + within),
+                )
             )
     return tuple(found)
 

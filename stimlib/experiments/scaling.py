@@ -1,14 +1,17 @@
-"""Laws of sensation: Weber's line, Fechner's and Stevens' laws, the JND from d'."""
+"""Laws of sensation, the JND from d', and scales from pairs and rankings."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, public
+from ..errors import BadValue, UnknownName, public
+from .compare import Coefficient
 from .likelihood import numbers
+from .signal_detection import quantile
 
 
 @dataclass(frozen=True)
@@ -246,6 +249,127 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     _above("jnd_from_dprime", "increment", np.atleast_1d(step))
     slope = float(np.mean(d / step))
     return 1 / slope if slope > 0 else float("nan")
+
+
+@public
+def bradley_terry(
+    rankings: Sequence[Sequence[str | int]],
+    participants: Sequence[str | int] | None = None,
+    reference: str | int | None = None,
+    confidence: float = 0.95,
+) -> tuple[Coefficient, ...]:
+    """Estimate a scale from pairs (Bradley-Terry) or rankings (Plackett-Luce).
+
+    Item i is preferred to j with probability exp(a_i)/(exp(a_i) + exp(a_j)).  A ranking
+    is a row of choices: its first out of all, its second out of the rest, and so on; a
+    pair is a ranking of two.  The abilities a are those of the largest likelihood, by
+    Newton's method.
+
+    Parameters
+    ----------
+    rankings : sequence of sequences
+        Of names, the most (preferred, rough, ..) first: pairs (winner, loser), or
+        answers of `ranking`.  They may have different lengths and leave items out.
+    participants : sequence, optional
+        Whose ranking each is.  Errors then allow for people who differ from each other
+        (sandwich estimate, t with one degree of freedom less than people); without, all
+        rankings count as independent, and errors are too small if people differ and
+        answer several times.
+    reference : optional
+        The name whose ability is 0; by default the mean of all is.
+    confidence : float
+
+    Returns
+    -------
+    tuple of Coefficient
+        The ability of each item, in the order of first appearance, with its standard
+        error, z, two-sided p against 0, and interval.
+
+    Raises
+    ------
+    BadValue
+        Rankings of fewer than two names, or with a name twice; participants that are
+        not one for each ranking, or fewer than two of them; items that were always or
+        never preferred to the others, or not compared with them, so that their ability
+        is infinite or unknown.
+    UnknownName
+        The reference is in no ranking.
+
+    References
+    ----------
+    Bradley and Terry (1952), Biometrika 39:324; Plackett (1975), Applied Statistics
+    24:193; Hunter (2004), Annals of Statistics 32:384, of when there is a maximum.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import bradley_terry
+    >>> pairs = [("silk", "felt")] * 8 + [("felt", "silk")] * 2
+    >>> pairs += [("felt", "cork")] * 7 + [("cork", "felt")] * 3
+    >>> for a in bradley_terry(pairs, reference="cork"):
+    ...     print(f"{a.name} {a.value:.2f} +- {a.error:.2f}")
+    silk 2.23 +- 1.05
+    felt 0.85 +- 0.69
+    cork 0.00 +- 0.00
+    """
+    from scipy.sparse.csgraph import connected_components
+    from scipy.special import softmax
+    from scipy.stats import t
+
+    quantile("bradley_terry", confidence)
+    for k, row in enumerate(list(rankings) or [()]):
+        if not 1 < len(row) == len(set(row)):
+            raise BadValue(
+                f"bradley_terry: ranking {k}, {row!r:.80}, must be a list of at least two names,"
+                " each once, the most first"
+            )
+    items = list(dict.fromkeys(item for row in rankings for item in row))
+    stages = [(k, row[i:]) for k, row in enumerate(rankings) for i in range(len(row) - 1)]
+    there = np.array([[item in left for item in items] for _, left in stages])
+    won = np.array([[item == left[0] for item in items] for _, left in stages])
+    count, group = connected_components(won.T.astype(float) @ there > 0, connection="strong")
+    if count != 1:
+        raise BadValue(
+            "bradley_terry: the groups "
+            + " | ".join(
+                ", ".join(str(i) for i, g in zip(items, group, strict=True) if g == k)
+                for k in dict.fromkeys(group)
+            )
+            + " have no finite distance, because no item of one was ever preferred to any of"
+            " another, or they were not compared; ask for more pairs across the groups, or leave a"
+            " group out"
+        )
+    theta = np.zeros(len(items))
+    for _ in range(100):
+        chance = softmax(np.where(there, theta, -np.inf), axis=1)
+        # ones: the mean of all is free, and taken away below
+        inverse = np.linalg.inv(np.diag(chance.sum(axis=0)) - chance.T @ chance + 1)
+        step = inverse @ (won - chance).sum(axis=0)
+        most = 2 * np.abs(step).max()
+        if most < 1e-10:
+            break
+        theta = theta + step * np.log1p(most) / most  # so far the likelihood rises for sure
+    people = [] if participants is None else list(dict.fromkeys(participants))
+    df = len(people) - 1 if people else np.inf
+    if participants is not None:
+        if len(participants) != len(rankings) or len(people) < 2:
+            raise BadValue(
+                f"bradley_terry: {len(participants)} participants, {len(people)} different, of"
+                f" {len(rankings)} rankings; give whose each ranking is, of at least two people"
+            )
+        whose = np.array([[participants[k] == one for k, _ in stages] for one in people], float)
+        inverse = np.cov((whose @ (won - chance) @ inverse).T) * len(people)
+    if reference not in (None, *items):
+        raise UnknownName(
+            f"bradley_terry: there is no item {reference!r}; there are {', '.join(map(str, items))}"
+        )
+    at = np.array([reference in (None, item) for item in items], float)
+    contrast = np.eye(len(items)) - at / at.sum()
+    values, errors = contrast @ theta, np.sqrt(np.diag(contrast @ inverse @ contrast.T))
+    z, width = values / np.where(errors > 0, errors, np.nan), t.ppf((1 + confidence) / 2, df)
+    return tuple(
+        Coefficient(str(i), *map(float, (v, e, one, p, v - width * e, v + width * e)))
+        for i, v, e, one, p in zip(items, values, errors, z, 2 * t.sf(np.abs(z), df), strict=True)
+    )
 
 
 def _points(what: str, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -244,6 +244,41 @@ def test_repeated_measures_are_those_of_statsmodels():
         assert (effect.F, effect.p) == pytest.approx((F, p), rel=1e-8) and effect.df == tuple(df)
 
 
+def test_effect_sizes_are_those_of_pingouin():
+    """Of its rm_anova (0.7.0), printed with effsize "np2" and "ng2"; the generalized
+    one leaves out only the other effects.
+    """
+    rng = np.random.default_rng(1)
+    y = rng.normal(size=(8, 3, 2)) + np.arange(3)[:, None] * 0.5 + rng.normal(size=(8, 1, 1))
+    found = repeated(y, ("a", "b"))
+    assert [e.eta2 for e in found] == pytest.approx([0.689457, 0.009509, 0.026852], abs=5e-7)
+    assert [e.generalized_eta2 for e in found] == pytest.approx(
+        [0.321108, 0.000318, 0.006388], abs=5e-7
+    )
+    cells = y.mean(axis=0)
+    a = 16 * np.sum((cells.mean(axis=1) - y.mean()) ** 2)
+    others = 8 * np.sum((cells - y.mean()) ** 2) - a
+    rest = np.sum((y - y.mean()) ** 2) - others
+    assert found[0].generalized_eta2 == pytest.approx(a / rest, rel=1e-10)
+    assert repeated(np.array([y, 2 * y]), ("a", "b"))[0].generalized_eta2.shape == (2,)
+
+
+def test_effect_sizes_of_groups_and_pairs():
+    a, b = np.array([2.4, 2.3, 2.6, 2.1]), np.array([2.0, 2.1, 2.1, 2.0])
+    assert paired(a, b).effect == pytest.approx((a - b).mean() / (a - b).std(ddof=1), rel=1e-12)
+    both = np.append(a, b)
+    between = sum(4 * (x.mean() - both.mean()) ** 2 for x in (a, b))
+    assert anova({"a": a, "b": b}).effect == pytest.approx(
+        between / np.sum((both - both.mean()) ** 2), rel=1e-12
+    )
+    assert anova({"a": [1, 1], "b": [2, 2]}).effect == 1
+    assert anova({"a": [1, 2], "b": [2, 1]}).effect == pytest.approx(0, abs=1e-12)
+    # of groups that do not overlap it is the largest that ranks allow
+    apart = kruskal({"a": [1, 2, 3], "b": [4, 5, 6]})
+    assert apart.effect == pytest.approx(apart.value / 5) == pytest.approx(27 / 35)
+    assert np.isnan(shapiro([1.0, 2.0, 4.0, 3.0]).effect)
+
+
 def test_epsilon_is_one_of_spherical_data_and_small_of_a_trend():
     from scipy.stats import f
 

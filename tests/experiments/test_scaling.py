@@ -1,12 +1,12 @@
-"""Weber, Fechner and Stevens, and the JND from d': the papers' own numbers, other
-programs, simulated people.
+"""Weber, Fechner and Stevens, the JND from d', and scales of pairs and rankings: the
+papers' own numbers, other programs, simulated people.
 """
 
 import numpy as np
 import pytest
 
-from stimlib.errors import BadValue
-from stimlib.experiments.scaling import fechner, jnd_from_dprime, line, stevens
+from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments.scaling import bradley_terry, fechner, jnd_from_dprime, line, stevens
 from stimlib.experiments.signal_detection import detection
 
 RMS = [
@@ -120,6 +120,143 @@ def test_jnds_of_simulated_people_follow_their_line():
     assert mean.intercept == pytest.approx(-0.0012, abs=0.001)
 
 
+# Pairs and rankings -------------------------------------------------------------------
+TEAMS = ("Milwaukee", "Detroit", "Toronto", "New York", "Boston", "Cleveland", "Baltimore")
+WINS = [  # of each row against each column; Agresti (2002), table 10.10, home and away
+    [0, 7, 9, 7, 7, 9, 11],
+    [6, 0, 7, 5, 11, 9, 9],
+    [4, 6, 0, 7, 7, 8, 12],
+    [6, 8, 6, 0, 6, 7, 10],
+    [6, 2, 6, 7, 0, 7, 12],
+    [4, 4, 5, 6, 6, 0, 6],
+    [2, 4, 1, 3, 1, 7, 0],
+]
+GAMES = [
+    (a, b)
+    for a, row in zip(TEAMS, WINS, strict=True)
+    for b, k in zip(TEAMS, row, strict=True)
+    for _ in range(k)
+]
+
+
+def test_baseball_of_agresti():
+    """Categorical Data Analysis (2002), table 10.11, and errors as R's BradleyTerry2
+    prints them; a mean of 0 changes no difference.
+    """
+    found = {c.name: c for c in bradley_terry(GAMES, reference="Baltimore")}
+    values = [1.58, 1.44, 1.29, 1.25, 1.11, 0.68, 0.0]
+    errors = [0.343, 0.340, 0.337, 0.336, 0.334, 0.332, 0.0]
+    assert [round(found[t].value, 2) for t in TEAMS] == values
+    assert [round(found[t].error, 3) for t in TEAMS] == errors
+    first = found["Milwaukee"]
+    assert first.z == pytest.approx(first.value / first.error)
+    assert first.high - first.low == pytest.approx(2 * 1.959964 * first.error, rel=1e-6)
+    middle = {c.name: c.value for c in bradley_terry(GAMES)}
+    assert sum(middle.values()) == pytest.approx(0, abs=1e-12)
+    assert middle["Milwaukee"] - middle["Boston"] == pytest.approx(
+        first.value - found["Boston"].value
+    )
+
+
+def luce(theta, orders):
+    """Return minus the log-likelihood of rankings, choice by choice."""
+    from scipy.special import logsumexp
+
+    return -sum(
+        theta[order[i]] - logsumexp(theta[list(order[i:])])
+        for order in orders
+        for i in range(len(order) - 1)
+    )
+
+
+def test_rankings_of_any_length_have_the_largest_likelihood():
+    """As scipy's BFGS finds it, with the errors of its second differences."""
+    from scipy.optimize import minimize
+
+    rng = np.random.default_rng(8)
+    true, orders = np.array([0.0, 0.5, 1.0, -0.4, 1.4]), []
+    for size in (2, 3, 5, 4, 2) * 8:
+        shown = rng.choice(5, size, replace=False)
+        heard = true[shown] + rng.gumbel(size=size)
+        orders.append([int(i) for i in shown[np.argsort(-heard)]])
+    found = {int(c.name): c for c in bradley_terry(orders, reference=0)}
+    theta = np.array([found[i].value for i in range(5)])
+
+    def free(x):
+        return luce(np.append(0.0, x), orders)
+
+    best = minimize(free, np.zeros(4), method="BFGS", options={"gtol": 1e-7})
+    assert theta[1:] == pytest.approx(best.x, abs=1e-5)
+    assert free(theta[1:]) <= best.fun + 1e-10
+    h, one = 1e-3, 1e-3 * np.eye(4)
+    second = [
+        [
+            sum(s * r * free(theta[1:] + s * a + r * b) for s in (1, -1) for r in (1, -1))
+            for a in one
+        ]
+        for b in one
+    ]
+    errors = np.sqrt(np.diag(np.linalg.inv(np.array(second) / (4 * h * h))))
+    assert [found[i].error for i in range(1, 5)] == pytest.approx(errors, rel=1e-4)
+
+
+def test_extreme_pairs_converge():
+    """Of two items the ability is the logit of the wins, however many."""
+    one, other = bradley_terry([("a", "b")] * 5000 + [("b", "a")], reference="b")
+    assert one.value == pytest.approx(np.log(5000)) and other.value == other.error == 0
+    assert one.error == pytest.approx(np.sqrt(1 + 1 / 5000))
+
+
+def test_people_who_differ_have_wider_intervals():
+    """Of two items and one answer count for each person the sandwich is the error of a
+    mean of people; where people differ it is the spread of the estimates.
+    """
+    rng, estimates, plain, robust = np.random.default_rng(9), [], [], []
+    for _ in range(150):
+        wins = rng.binomial(10, 1 / (1 + np.exp(-(0.5 + rng.normal(size=20)))))
+        pairs = [("a", "b") if k < w else ("b", "a") for w in wins for k in range(10)]
+        whose = [person for person in range(20) for _ in range(10)]
+        a, b = (
+            next(c for c in bradley_terry(pairs, people, "b") if c.name == "a")
+            for people in (None, whose)
+        )
+        p, n = wins.mean() / 10, 200
+        assert b.error == pytest.approx(
+            np.sqrt(20 / 19 * np.sum((wins - 10 * p) ** 2)) / (n * p * (1 - p)), rel=1e-9
+        )
+        assert a.value == b.value and b.high - b.value == pytest.approx(2.093024 * b.error)
+        estimates.append(a.value)
+        plain.append(a.error)
+        robust.append(b.error)
+    spread = np.std(estimates)
+    assert np.mean(robust) == pytest.approx(spread, rel=0.15)
+    assert np.mean(plain) < 0.75 * spread
+
+
+@pytest.mark.parametrize(
+    ("pairs", "groups"),
+    [
+        ([("a", "b"), ("b", "a"), ("c", "a")], "a, b | c"),
+        ([("a", "b"), ("b", "a"), ("c", "d"), ("d", "c")], "a, b | c, d"),
+        ([("a", "b", "c")] * 5, "a | b | c"),
+        ([("a", "b"), ("b", "a"), ("a", "c"), ("c", "d"), ("d", "a")], None),
+        ([("a", "b", "c"), ("c", "a")], None),
+    ],
+)
+def test_items_without_a_finite_ability_are_named(pairs, groups):
+    """Those that a chain of preferences leads to and from have one (Hunter 2004)."""
+    if groups is None:
+        assert np.isfinite([c.error for c in bradley_terry(pairs)]).all()
+    else:
+        with pytest.raises(BadValue, match=f"the groups {groups} have".replace("|", r"\|")):
+            bradley_terry(pairs)
+
+
+def test_the_reference_is_one_of_the_items():
+    with pytest.raises(UnknownName, match="no item 'c'; there are a, b"):
+        bradley_terry([("a", "b"), ("b", "a")], reference="c")
+
+
 @pytest.mark.parametrize(
     ("call", "said"),
     [
@@ -135,6 +272,16 @@ def test_jnds_of_simulated_people_follow_their_line():
         (lambda: line([1, 2, "x"], [2, 2, 2]), "line: x = .* must be a list of numbers"),
         (lambda: jnd_from_dprime([], []), "no d'"),
         (lambda: jnd_from_dprime([1, 2], [0.0, 0.2]), r"increment\[0\]"),
+        (lambda: bradley_terry([("a", "b"), ("a",)]), "ranking 1"),
+        (lambda: bradley_terry([("a", "b", "a")]), "each once"),
+        (lambda: bradley_terry(["silk", "cork"]), "must be a list"),
+        (lambda: bradley_terry([]), r"ranking 0, \(\)"),
+        (
+            lambda: bradley_terry([("a", "b"), ("b", "a")], ["p"]),
+            "1 participants, 1 different, of 2",
+        ),
+        (lambda: bradley_terry([("a", "b"), ("b", "a")], ["p", "p"]), "at least two people"),
+        (lambda: bradley_terry([("a", "b"), ("b", "a")], confidence=2.0), "confidence = 2.0"),
     ],
 )
 def test_what_cannot_be_used_is_said(call, said):
