@@ -1,8 +1,9 @@
-"""The command ``experiment``: run, resume, simulate and analyse a user's experiment."""
+"""The command ``experiment``: run, simulate, plan and analyse a user's experiment."""
 
 from __future__ import annotations
 
 import importlib
+import math
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from ..system import safe_files
 from ..system.pool import terminable
 from ..system.progress import progress
 from . import options as opt
-from .app import command, group, note, print_json
+from .app import command, group, note, print_json, print_wide
 from .scene import own_of
 from .terminal import terminal
 
@@ -299,6 +300,145 @@ def simulate(
     if not quiet:
         print(f"{len(every)} sessions in {data / made.name}, kept as pilots")
         print(f"stimlib experiment analyse {defined} --data {data} --pilot")
+
+
+@command("power", experiment)
+def power(
+    defined: Defined,
+    jnd: Annotated[
+        float,
+        typer.Option(
+            help="Mean JND of the simulated people, in the unit of the levels.", show_default=False
+        ),
+    ],
+    pse: Annotated[
+        float,
+        typer.Option(
+            help="Their PSE, or their threshold in a detection, in the same unit.",
+            show_default=False,
+        ),
+    ],
+    between: Annotated[
+        float, typer.Option(help="Standard deviation of the JND between people, in the same unit.")
+    ] = 0.0,
+    participants: Annotated[
+        str, typer.Option(help="Numbers of participants to compare, separated by commas.")
+    ] = "4,8,16",
+    experiments: Annotated[int, typer.Option(help="Number of simulated experiments.", min=2)] = 100,
+    log: Annotated[
+        bool,
+        typer.Option("--log", help="Fit over log10 of the levels, which suits staircases in dB."),
+    ] = False,
+    link: Annotated[
+        str,
+        typer.Option(
+            help="Curve of people and fit: probit, logit, gumbel, or weibull (always over log10)."
+        ),
+    ] = "probit",
+    seed: Annotated[int, typer.Option(help="Seed of the simulated people.", min=0)] = 0,
+    workers: Annotated[int, typer.Option(help="Number of processes.", min=1)] = 1,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress bar.")] = False,
+):
+    """Estimate how many trials and participants a JND needs, before people come.
+
+    Simulated people with this JND and PSE take part, and their answers are fitted.
+    Nothing is rendered or kept. They neither lapse nor drift, so plan for more.
+
+    [bold]stimlib experiment power harder.py:harder --pse 2000 --jnd 250 --between 80[/]
+    """
+    from rich.table import Table
+
+    counts = [int(v) if v.strip().isdecimal() else 0 for v in participants.split(",")]
+    if min(counts) < 1:
+        raise BadValue(
+            f"--participants {participants}: give whole numbers from 1 on, such as 4,8,16"
+        )
+    log = log or link == "weibull"
+    if not 0 < jnd < math.inf:
+        raise BadValue(f"--jnd {jnd:g}: give a JND above 0, in the unit of the levels")
+    if not math.isfinite(pse) or (log and pse <= 0):
+        raise BadValue(f"--pse {pse:g}: give a finite PSE, above 0 for a fit over log10 of levels")
+    if not 0 <= between < math.inf:
+        raise BadValue(f"--between {between:g}: give a standard deviation of 0 or above")
+    found = _jnds(
+        experiment_of(defined),
+        (pse, jnd, between),
+        (experiments, max(counts)),
+        (link, log),
+        seed=seed,
+        workers=workers,
+        progress=not quiet,
+    )
+    table = Table()
+    for name in ("condition", "participants", "trials each"):
+        table.add_column(name, justify="left" if name == "condition" else "right")
+    for name in ("bias of the mean JND", "its spread", "within 10 %", "people without a fit"):
+        table.add_column(name, justify="right")
+    needed = []
+    for condition, (trials, errors) in found.items():
+        for n in counts:
+            means = errors[:, :n].mean(1).compressed()
+            table.add_row(
+                shown(condition),
+                str(n),
+                f"{trials:.0f}",
+                f"{means.mean():+.1%}",
+                f"{means.std(ddof=1):.1%}",
+                f"{(abs(means) <= 0.1).mean():.0%}",
+                f"{errors[:, :n].mask.mean():.1%}",
+            )
+        people = math.ceil((1.96 * errors.std(ddof=1) / 0.1) ** 2)
+        needed.append(
+            f"{shown(condition)}: {people} participants of {trials:.0f} trials for a mean JND"
+            f" within 10 % of its expectation in 95 of 100 experiments; its bias of"
+            f" {errors.mean():+.1%} stays with any number"
+        )
+    print_wide(table)
+    print("\n".join(needed))
+
+
+def _jnds(
+    made: Experiment,
+    people: tuple[float, float, float],
+    size: tuple[int, int],
+    fit: tuple[str, bool],
+    seed: int,
+    **how: Any,
+) -> dict[str, tuple[float, Any]]:
+    """Return the trials of each simulated person and the errors of JNDs, by condition.
+
+    Errors are parts of the mean JND, of shape (experiments, participants), masked where
+    there is no fit.
+    """
+    import numpy as np
+
+    from ..experiments.likelihood import curve
+    from ..experiments.observers import Psychometric, simulate
+    from ..experiments.random_streams import stream
+    from ..experiments.tables import fitted
+
+    (pse, jnd, between), (link, log) = people, fit
+    wide, spread = float(curve(link).inverse(0.75)), math.sqrt(math.log1p((between / jnd) ** 2))
+    observers = {}
+    for code in (f"E{e}-P{n:02d}" for e in range(size[0]) for n in range(1, size[1] + 1)):
+        # log-normal, so that no JND is 0 or below
+        own = jnd * math.exp(spread * stream(seed, "person", code).normal() - spread**2 / 2)
+        sigma = (math.log10(1 + own / pse) if log else own) / wide
+        observers[code] = Psychometric(pse, sigma, log=log, link=link)
+    answers = simulate(made, observers, [*observers], seed=seed, **how)
+    fits = fitted(answers, ["condition", "participant"], link=link, log=log, interval="none")
+    found = {}
+    for condition in dict.fromkeys(answers["condition"]):
+        each = [fits[condition, code] for code in observers]
+        errors = np.array([one.jnd * (one.pse if log else 1.0) / jnd - 1 for one in each])
+        if np.isfinite(errors).sum() < 2:
+            raise BadValue(
+                f"condition {condition!r}: no JND can be fitted to {each[0].trials} trials;"
+                f" {each[0].advice()[0]}"
+            )
+        trials = float(np.mean([one.trials for one in each]))
+        found[condition] = trials, np.ma.masked_invalid(errors.reshape(size))
+    return found
 
 
 def _none_of(made: Experiment, data: Path, pilot: bool) -> str:

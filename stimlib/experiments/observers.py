@@ -56,7 +56,7 @@ class Psychometric:
     ------
     BadValue
         When called: a trial without a level or scores; sigma not above 0; lapse not
-        from 0 to 0.5.
+        from 0 to 0.5; with ``log``, a level that is not above 0.
     UnknownName
         When called: no number for the trial's condition.
 
@@ -101,6 +101,11 @@ class Psychometric:
                 " 0 to 0.5"
             )
         logs = self.log or self.link == "weibull"
+        if logs and not trial.level / pse > 0:
+            raise BadValue(
+                f"Psychometric: condition {trial.condition!r} has the level {trial.level:g}, and"
+                f" pse = {pse:g}: log10 needs both above 0; give log=False"
+            )
         away = math.log10(trial.level / pse) if logs else trial.level - pse
         guess = self.lapse if trial.chance is None else trial.chance
         return float(probability(away / sigma, self.link, guess, self.lapse)[0])

@@ -271,7 +271,7 @@ def test_effect_sizes_of_groups_and_pairs():
     assert anova({"a": a, "b": b}).effect == pytest.approx(
         between / np.sum((both - both.mean()) ** 2), rel=1e-12
     )
-    assert anova({"a": [1, 1], "b": [2, 2]}).effect == 1
+    assert anova({"a": [1, 2], "b": [3, 4]}).effect == pytest.approx(0.8)
     assert anova({"a": [1, 2], "b": [2, 1]}).effect == pytest.approx(0, abs=1e-12)
     # of groups that do not overlap it is the largest that ranks allow
     apart = kruskal({"a": [1, 2, 3], "b": [4, 5, 6]})

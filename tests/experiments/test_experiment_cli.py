@@ -4,6 +4,7 @@ resumed, simulations, tables.
 
 import csv
 import json
+import math
 import os
 import re
 import select
@@ -12,18 +13,23 @@ import signal
 import termios
 from io import BytesIO, StringIO, TextIOWrapper
 from pathlib import Path
+from statistics import NormalDist
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from refusals import refused
 from typer.testing import CliRunner
 
 from stimlib.cli import app, terminal
+from stimlib.cli.experiments import experiment_of
 from stimlib.cli.terminal import Terminal
 from stimlib.errors import FaultError, SinkError
 from stimlib.experiments.answer_keys import Keyed, prompted
+from stimlib.experiments.observers import Psychometric, power
 from stimlib.experiments.questions import choice, places, ranking, rating
 from stimlib.experiments.reader import read
+from stimlib.experiments.tables import fitted
 
 FILE = """
 import sys
@@ -140,6 +146,64 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
         ("P1", True, 4),
         ("P2", True, 4),
     ]
+
+
+PLANNED = """
+levels = ConstantStimuli(tuple((TASK, k) for k in (1.0, 1.5, 2.0, 2.5, 3.0)), 6)
+planned = experiment(design=levels)
+"""
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log):
+    """With the same people, whose JNDs are log-normal: mean 0.4, spread 0.1."""
+    file.write_text(file.read_text() + PLANNED)
+    words = ["--jnd", 0.4, "--pse", 2, "--between", 0.1, "--participants", "2,3"]
+    words += ["--experiments", 4, "--seed", 3, *["--log"] * log]
+    said = stimlib("power", f"{file}:planned", *words)
+    wide = NormalDist().inv_cdf(0.75)
+
+    def person(rng):
+        spread = math.sqrt(math.log(1 + (0.1 / 0.4) ** 2))
+        jnd = 0.4 * math.exp(rng.normal(-(spread**2) / 2, spread))
+        return Psychometric(2.0, (math.log10(1 + jnd / 2) if log else jnd) / wide, log=log)
+
+    jnds = []
+
+    def mean_jnd(columns):
+        fits = fitted(columns, ["participant"], log=log, interval="none").values()
+        jnds.extend(v.jnd * v.pse if log else v.jnd for v in fits)
+        return np.nanmean(jnds[-len(fits) :]), np.nan
+
+    design = experiment_of(f"{file}:planned")
+    for n in (2, 3):
+        jnds.clear()
+        found = power(design, person, mean_jnd, n, truth=0.4, experiments=4, seed=3)
+        row = next(line for line in said.splitlines() if f" {n} │" in line)
+        assert row.split("│")[3:6] == [
+            f" {found.trials[0]:.0f} ".rjust(13),
+            f" {found.bias / 0.4:+.1%} ".rjust(22),
+            f" {found.spread / 0.4:.1%} ".rjust(12),
+        ]
+    people = math.ceil((1.96 * np.nanstd(jnds, ddof=1) / 0.04) ** 2)
+    assert f"silent: {people} participants of 30 trials for a mean JND within 10 %" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--jnd", "0"], "--jnd 0: give a JND above 0"),
+        (["--pse", "-2", "--log"], "--pse -2: give a finite PSE, above 0"),
+        (["--between", "nan"], "--between nan: give a standard deviation"),
+        (["--participants", "4,x"], "--participants 4,x: give whole numbers"),
+        (["--link", "cubic"], "--link = 'cubic' must be one of probit"),
+        (["--pse", "90"], "condition 'silent': no JND can be fitted to 30 trials; all answers"),
+    ],
+)
+def test_a_plan_that_cannot_be_computed_is_refused(file, words, text):
+    file.write_text(file.read_text() + PLANNED)
+    given = ["--jnd", 0.4, "--pse", 2, "--participants", 2, "--experiments", 2, *words]
+    assert f"error: {text}" in stimlib("power", f"{file}:planned", *given, status=2)
 
 
 def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):

@@ -266,6 +266,12 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
         (lambda t: Psychometric({"a": 1.0}, 1.0)(t, None), "pse of condition 'k'"),
         (lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",)), None), "no level"),
         (
+            lambda t: Psychometric(1.0, 1.0, log=True)(
+                Trial("k", t.stimuli, ("q",), -2.0), stream(1)
+            ),
+            "the level -2, and pse = 1: log10 needs both above 0",
+        ),
+        (
             lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",), 1.0), stream(1)),
             "no scores",
         ),
