@@ -98,8 +98,8 @@ def play(
         SinkName | None,
         typer.Option(
             help=(
-                "Kind of device; by default the first that is ready, as [bold]stimlib devices[/] "
-                "lists them."
+                "Kind of device; by default a JACK server or else a PortAudio device that is "
+                "ready, and [bold]null[/] if there is none. NI-DAQ must be named."
             )
         ),
     ] = None,
