@@ -9,7 +9,7 @@ import typer
 
 from ..devices import available
 from ..errors import BadValue, FaultError, SinkError
-from ..system.progress import progress
+from ..system.progress import compiling, progress
 from . import options as opt
 from .app import Output, command, end, errors, failed, print_json
 from .motions import motions_of
@@ -61,7 +61,8 @@ def _play(
 ) -> None:
     """Play to the end with a progress bar; the sink fades out even after an error."""
     with sink:
-        sink.open(fs, channels, block)
+        with compiling(wanted):
+            sink.open(fs, channels, block)
         sink.start(seconds)
         with progress(
             "playing; Ctrl-C ends", None if seconds is None else round(seconds * fs), wanted
@@ -98,8 +99,8 @@ def play(
         SinkName | None,
         typer.Option(
             help=(
-                "Kind of device; by default the first that is ready, as [bold]stimlib devices[/] "
-                "lists them."
+                "Kind of device; by default a JACK server or else a PortAudio device that is "
+                "ready, and [bold]null[/] if there is none. NI-DAQ must be named."
             )
         ),
     ] = None,

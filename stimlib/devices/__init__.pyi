@@ -9,6 +9,7 @@ from .available import (
 from .calibration import (
     Calibration as Calibration,
     calibrate as calibrate,
+    check_level as check_level,
     load_calibration as load_calibration,
 )
 from .control import ControlLoop as ControlLoop

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date
 from typing import Any
@@ -21,10 +21,11 @@ from scipy.linalg import solve_toeplitz
 
 from ..core.scene import Scene
 from ..core.units import ONE, unit as unit_of
-from ..errors import BadValue, SinkError, UnitError, public
+from ..errors import BadValue, RecordingError, SinkError, UnitError, public
 from ..plate.identify import Sweep
 from ..run.safety import Safety, inverted
 from ..system import fields, safe_files
+from .resonance import record_sweep
 
 Array = NDArray[np.float64]
 LEAST, MOST = 1e-9, 1e12  # of a gain: below and beyond, it is an error of the file
@@ -426,6 +427,107 @@ def _gain(f: Any, drive: Any, response: Any, at: float, width: float) -> Any:
     a, b, c = (np.sum(np.abs(u) ** 2 * x**k, axis=1) for k in range(3))
     p, q = (np.sum(u.conj() * y * x**k, axis=1) for k in range(2))
     return (c * p - b * q) / (a * c - b * b)
+
+
+@public
+def check_level(
+    calibration: Calibration,
+    sink: Callable[..., Any],
+    response: Any,
+    rate: float,
+    freq: float,
+    level: float,
+    *,
+    tolerance: float | None = None,
+    seconds: float = 1.0,
+    **options: Any,
+) -> float:
+    """Play a tone on a calibrated device and check its level with a sensor.
+
+    Call it before a session. A changed amplifier setting, a loose cable or another way
+    of holding the actuator shows in the level.
+
+    The level is the amplitude of a least-squares sinusoid in the second half of the
+    tone, so that the actuator has settled, and a constant offset does not count.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Calibration of the device.
+    sink, response, rate
+        As for ``record_sweep``; the scale of ``response`` is in the calibration's unit.
+    freq : float
+        Frequency of the tone in Hz, within the measured range.
+    level : float
+        Peak amplitude of the tone, in the calibration's unit.
+    tolerance : float, optional
+        Largest difference that passes, in dB.  By default the uncertainty of the
+        calibration at this frequency plus that of this measurement (95 %), which
+        counts for 5 % at most.
+    seconds : float
+        Length of the tone.
+    **options
+        Other options of ``record_sweep`` and of the sink, such as ``channels``.
+
+    Returns
+    -------
+    float
+        Difference between the measured and the expected level in dB, if it passes.
+
+    Raises
+    ------
+    BadValue
+        A frequency outside the measured range; a level that the device does not reach.
+    RecordingError
+        A level that differs by more than the tolerance; a recording that is clipped,
+        silent or has lost frames.
+    SinkError
+        As ``Sink.open``.
+
+    Examples
+    --------
+    A rehearsal without a device; the sensor's signal is 1 dB below what it should be:
+
+    >>> import numpy as np
+    >>> from stimlib.devices import Calibration, NullSink, check_level
+    >>> actuator = Calibration(
+    ...     [50, 500], [4.0, 4.0], [0.02, 0.02], "m/s^2", "2026-11-25"
+    ... )
+    >>> sensor = 3.0 * np.sin(2 * np.pi * 180 * np.arange(4400) / 4000)
+    >>> device = dict(sink=NullSink, rate=4000, freq=180.0, level=3.0, clocked=False)
+    >>> print(f"{check_level(actuator, response=sensor, **device):.2f} dB")
+    0.00 dB
+    >>> check_level(actuator, response=0.891 * sensor, **device)
+    Traceback (most recent call last):
+    ...
+    stimlib.errors.RecordingError: check_level: 2.67 m/s^2 at 180 Hz instead of 3 m/s^2
+    is a difference of -1.00 dB, more than 0.17 dB; check the sensor, the amplifier's
+    setting and how the actuator is held, or calibrate again
+    """
+    y = record_sweep(
+        sink,
+        calibration.full_scale(freq),
+        response,
+        rate,
+        (freq, freq),
+        seconds,
+        rest=0.1,
+        amplitude=level,
+        **options,
+    ).response[0, round(seconds * rate / 2) : round(seconds * rate)]
+    wave = np.exp(2j * np.pi * freq / rate * np.arange(y.size))
+    fit, rest, *_ = np.linalg.lstsq(np.stack([wave.real, wave.imag, np.ones(y.size)], axis=1), y)
+    measured, noise = math.hypot(*fit[:2]), 1.96 * math.sqrt(2 * rest.sum()) / y.size / level
+    stated = 20 * math.log10(1 + calibration.error(freq) + min(noise, 0.05))
+    allowed = stated if tolerance is None else tolerance
+    if not abs(change := 20 * math.log10(measured / level)) <= allowed:
+        raise RecordingError(
+            f"check_level: {measured:.3g} {calibration.unit} at {freq:g} Hz instead of {level:g}"
+            f" {calibration.unit} is a difference of {change:.2f} dB, more than {allowed:.2f} dB;"
+            " check the sensor, the amplifier's setting and how the actuator is held, or"
+            " calibrate again"
+        )
+    return change
 
 
 def difference(one: Calibration, other: Calibration, freq: ArrayLike) -> Array:

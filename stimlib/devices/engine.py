@@ -26,11 +26,14 @@ FOREVER = 2**62
 REASONS = ("stop", "fault", "error", "close")
 
 
+PUMP = Path(__file__).with_name("callback.py").read_text(), "pump"
+
+
 @cache
 def _native() -> ModuleType:
     from ..targets.numba.cache import load
 
-    return load(Path(__file__).with_name("callback.py").read_text(), "pump")
+    return load(*PUMP)
 
 
 # The compiled pump and its memory -----------------------------------------------------

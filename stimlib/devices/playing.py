@@ -28,8 +28,9 @@ def play(
     ----------
     result : Rendering
         Its sample rate must be one that the device has.
-    sink : {"null", "jack", "portaudio"}, optional
-        By default the first that is ready, see ``first_ready``.
+    sink : {"null", "jack", "portaudio", "nidaq"}, optional
+        By default that of ``first_ready``: a JACK server or else a PortAudio device
+        that is ready, and null if there is none.  NI-DAQ must be named.
     full_scale : float or dict of str to float, optional
         The value, in each output's unit, that is 1.0 at the device; nothing goes
         beyond.  Outputs without a unit play 20 dB below it by default.

@@ -211,8 +211,8 @@ def _check(
     """Check the arguments of ``record_sweep``; raise BadValue if they are invalid."""
     if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
         raise BadValue(
-            f"record_sweep: amplitude = {amplitude!r} V must be above 0 and at most full_scale ="
-            f" {full_scale!r} V"
+            f"record_sweep: amplitude = {amplitude!r} must be above 0 and at most full_scale ="
+            f" {full_scale!r}"
         )
     if not rest > 0:
         raise BadValue(

@@ -29,7 +29,7 @@ from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from ..version import __version__
-from .engine import Pump
+from .engine import PUMP, Pump
 from .markers import Markers, Send
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .session import Recorder, SessionReport
@@ -246,6 +246,9 @@ class Sink:
         if self.calibration is not None:
             self.safety = self.calibration.safety(self.scene, self.safety, rate)
             self.protected = protect(self.scene, self.safety)
+        from ..targets.numba.engine import RUNTIME, expect
+
+        expect([RUNTIME, PUMP])
         self.proc = compile(self.protected, rate, seed=self.seed)
         self.rate, self.block = self.proc.fs, block
         self._warm_up()

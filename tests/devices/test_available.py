@@ -70,3 +70,21 @@ def test_a_number_is_the_number_of_a_device():
     scene = stimlib.Scene({"y": stimlib.constant(1.0)})
     made = [available.make("portaudio", scene, 1.0, name=n) for n in ("3", "card 3", None)]
     assert [sink.name for sink in made] == [3, "card 3", None]
+
+
+@pytest.mark.parametrize(
+    ("ready", "chosen"),
+    [
+        ({"nidaq"}, "null"),
+        ({"nidaq", "portaudio"}, "portaudio"),
+        ({"nidaq", "portaudio", "jack"}, "jack"),
+        (set(), "null"),
+    ],
+)
+def test_ni_daq_plays_only_when_it_is_named(monkeypatch, ready, chosen):
+    for name in ("jack", "portaudio", "nidaq"):
+        row = (name in ready, "a device", f"--sink {name}", None)
+        kind = SINKS[name]._replace(found=lambda server, row=row: [row])
+        monkeypatch.setitem(SINKS, name, kind)
+    assert {d.sink for d in devices.devices() if d.ready} == {"null", *ready}
+    assert devices.first_ready().sink == chosen

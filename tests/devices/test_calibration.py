@@ -1,6 +1,7 @@
 """Calibration: a simulated actuator is recovered, kept, and undone."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -10,12 +11,13 @@ from commands import ran
 from scipy.signal import lfilter
 
 import stimlib
-from stimlib import BadValue, SinkError, UnitError
+from stimlib import BadValue, RecordingError, SinkError, UnitError
 from stimlib.checks import verify, verify_log
 from stimlib.devices import (
     Calibration,
     NullSink,
     calibrate,
+    check_level,
     load_calibration,
     record_sweep,
 )
@@ -155,6 +157,64 @@ def test_a_change_is_seen():
     f = np.array([80.0, 400.0])
     monday, friday = (Calibration(f, g * np.ones(2), [0.01, 0.01], "N") for g in (2.0, 1.7))
     assert difference(monday, friday, 100.0) == pytest.approx([-0.15])
+
+
+def rig(rng, noise, gain=1.0):
+    """Return a sink whose input hears what the actuator makes of its output."""
+
+    def sink(scene, safety, motion, **options):
+        drive = stimlib.Scene({"drive": scene.outputs["drive"]})
+        u = stimlib.render(drive, fs=FS, seconds=1.1)["drive"] / safety.full_scale["drive"]
+        heard = gain * lfilter(*actuator(), u) + noise * rng.normal(size=u.size)
+        return NullSink(scene, safety, motion={"response": heard}, clocked=False, **options)
+
+    return sink
+
+
+def test_the_right_device_passes_and_one_of_1_db_more_or_less_is_refused():
+    """Each run its own noise, in the calibration and in the check."""
+    rng, passed = np.random.default_rng(7), 0
+    for k in range(100):
+        made = calibrate(taken(rng, 0.05), "m/s^2", BAND)
+        tone = (FS, *((180.0, 2.0), (300.0, 0.3))[k % 2])
+        with suppress(RecordingError):
+            check_level(made, rig(rng, 0.05), None, *tone)
+            passed += 1
+        if k < 20:
+            changed = rig(rng, 0.05, 10 ** ((-0.05, 0.05)[k // 2 % 2]))
+            with pytest.raises(RecordingError, match="check_level"):
+                check_level(made, changed, None, *tone)
+    assert passed >= 95, passed
+
+
+def test_a_level_says_what_it_is_and_what_it_should_be():
+    f, rng = np.arange(80.0, 401.0), np.random.default_rng(8)
+    made = Calibration(f, response(f), 0.02 + 0 * f, "m/s^2")
+    low, high = (10 ** (db / 20) for db in (-1, 0.5))
+
+    def checked(gain=1.0, noise=0.0, freq=180.0, level=2.0, **options):
+        return check_level(made, rig(rng, noise, gain), None, FS, freq, level, **options)
+
+    assert abs(checked()) < 1e-3
+    assert checked(low, tolerance=1.1) == pytest.approx(-1.0, abs=1e-3)
+    with pytest.raises(
+        RecordingError,
+        match=r"1\.78 m/s\^2 at 180 Hz instead of 2 m/s\^2 is a difference of -1\.00 dB, more than"
+        r" 0\.17 dB; check the sensor, .* or calibrate again",
+    ):
+        checked(low)
+    with pytest.raises(RecordingError, match=r"difference of 0\.50 dB, more than 0\.40 dB"):
+        checked(high, tolerance=0.4)
+    with pytest.raises(RecordingError, match="never changes: check the cable"):
+        checked(0.0)
+    for noise in (1e-3, 1.0, 10.0):
+        with pytest.raises(RecordingError, match=r"difference of -?\d+\.\d\d dB"):
+            checked(0.0, noise)
+    for level in (0.0, -1.0, 4.1):
+        with pytest.raises(BadValue, match=r"amplitude = .* at most full_scale = (4\.0|3\.99)"):
+            checked(level=level)
+    with pytest.raises(BadValue, match="outside of 80 to 400 Hz"):
+        checked(freq=79.0)
 
 
 def test_limits_are_in_the_unit_of_the_calibration():

@@ -24,7 +24,7 @@ import threading
 import time
 import types
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -42,7 +42,7 @@ from ...core import maths
 from ...core.steps import source
 from ...errors import SinkError
 from ...system import safe_files
-from ...system.progress import announce
+from ...system.progress import announce, counted
 from . import intrinsics, kernels, vectors
 
 logger = logging.getLogger(__name__)
@@ -155,6 +155,24 @@ def _salt() -> str:
     )
 
 
+def _name(text: str, stem: str) -> str:
+    return f"{stem}_{_sum((text + _salt()).encode())[:20]}"
+
+
+def expect(pieces: Iterable[tuple[str, str]]) -> None:
+    """Report how many lines have to be compiled before pieces can be loaded.
+
+    Pieces are arguments of ``load``. Nothing is done unless somebody counts.
+    """
+    for tell in counted:
+        new = {
+            name: text
+            for text, stem in pieces
+            if (name := _name(text, stem)) not in _loaded and not (folder() / name).exists()
+        }
+        tell("".join(new.values()).count("\n"), 0)
+
+
 def load(text: str, stem: str) -> types.ModuleType:
     """Import generated source, from the cache or newly compiled.
 
@@ -165,7 +183,7 @@ def load(text: str, stem: str) -> types.ModuleType:
     SinkError
         Not even a temporary folder can be written.
     """
-    name = f"{stem}_{_sum((text + _salt()).encode())[:20]}"
+    name = _name(text, stem)
     with _lock:
         if name not in _loaded:
             try:
@@ -230,6 +248,8 @@ def _turn(place: Path, text: str) -> Iterator[None]:
             stack.close()
             time.sleep(0.02)
         yield
+    for tell in counted:
+        tell(0, text.count("\n"))
 
 
 def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:

@@ -22,13 +22,14 @@ from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
 from . import entry_points, vectors
-from .cache import load
-from .segments import Form, kinds, segment
+from .cache import expect, load
+from .segments import Form, kinds, segment, written
 
 TILE = 64
 
 
 KERNELS = "fir", "modes", "memory"
+RUNTIME = Path(__file__).with_name("runtime.py").read_text(), "runtime"
 
 
 @cache
@@ -37,7 +38,7 @@ def runtime() -> types.ModuleType:
 
     Segments find its kernels by name, so it must be loaded before any of them.
     """
-    module = load(Path(__file__).with_name("runtime.py").read_text(), "runtime")
+    module = load(*RUNTIME)
     for name in KERNELS:
         llvmlite.binding.add_symbol(f"stimlib_{name}", getattr(module, name).address)
     return module
@@ -56,7 +57,7 @@ class _Table:
     """
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]]):
-        self.program, self.design, self.machine = program, design, runtime()
+        self.program, self.design = program, design
         self.slot: dict[Any, int] = {}
         self.rows: list[tuple[int, ...]] = []
         self.P: list[np.ndarray] = []
@@ -76,7 +77,15 @@ class _Table:
             elif q.kind == "pick":
                 self.listened.add((q.args[0], block.place))
         works: list[int] = []
-        for group in _order(program, design):
+        order = _order(program, design)
+        expect(
+            written(self.form(group))
+            for group in order
+            if (q := program.instances[group[0]]).kind == "block"
+            and q.block.definition not in vectors.OPERATIONS
+        )
+        self.machine = runtime()
+        for group in order:
             self.add(group)
             if program.instances[group[0]].block.definition.work:
                 works.append(len(self.A) - 1)
@@ -137,8 +146,8 @@ class _Table:
         """Return address, words and parameters of a segment of one block or of two."""
         i, instances = group[0], self.program.instances
         q, cls = instances[i], instances[i].block.definition
-        count = len(q.args) - cls.resettable
-        compiled = segment(self.form(group, count))
+        form = self.form(group)
+        compiled, count = segment(form), form.inputs
         resets = cls.resettable and not _always(instances[q.args[-1]])
         rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)
         address, words, starts = compiled._sl_segment.address, [], []
@@ -164,15 +173,23 @@ class _Table:
             words.append(-1)  # the slot of the scratch, which is behind all others
         return address, words, starts[0]
 
-    def form(self, group: tuple[int, ...], count: int) -> Form:
-        (p, s), cls = self.design[group[0]], self.program.instances[group[0]].block.definition
+    def form(self, group: tuple[int, ...]) -> Form:
+        (p, s), q = self.design[group[0]], self.program.instances[group[0]]
+        cls = q.block.definition
         f = cls.tile or cls.step
         assert f is not None, f"{cls.__name__} has neither step nor tile"
         meaning = () if str(f.__module__).startswith("stimlib.") else steps.meaning(f)
         outputs = range(len(cls.outputs))
         read = tuple((group[0], j) in self.listened for j in outputs) or (True,)
         types = type(p), kinds(p), type(s), kinds(s)
-        return Form(cls, (f.__code__, meaning), *types, count, len(group), read)
+        return Form(
+            cls,
+            (f.__code__, meaning),
+            *types,
+            inputs=len(q.args) - cls.resettable,
+            copies=len(group),
+            read=read,
+        )
 
 
 class Engine:

@@ -134,8 +134,8 @@ class Form(NamedTuple):
 
 
 @memo
-def segment(form: Form) -> types.ModuleType:
-    """Return the compiled segment of a form, from the cache if it is there."""
+def written(form: Form) -> tuple[str, str]:
+    """Return the source of a form's segment, and the name of the class that has it."""
     cls = form.cls
     f = cls.tile or cls.step
     steps.source(f)  # an error here names the step, not the first of its helpers
@@ -157,17 +157,26 @@ def segment(form: Form) -> types.ModuleType:
     body = [*taken, *_run(form, f, out), *kept]
     decorator = '@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")'
     out.append(f"{decorator}\n{codegen.define('_sl_segment', ['P', 'S', 'W', 'A', 'n'], body)}")
-    text = "\n".join(out)
+    # all classes on top of the one that wrote the step share one segment
+    owner = next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
+    return "\n".join(out), owner.__name__
+
+
+@memo
+def segment(form: Form) -> types.ModuleType:
+    """Return the compiled segment of a form, from the cache if it is there."""
+    text, owner = written(form)
     try:
-        # all classes on top of the one that wrote the step share one segment
-        owner = next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
-        return load(text, owner.__name__)
+        return load(text, owner)
     except SceneError as e:  # of lanes
-        raise SceneError(f"{place(f)}{cls.__name__}.tile: {e}") from None
-    except (numba.core.errors.NumbaError, TypeError) as e:
-        name = "tile" if f is cls.tile else "step"
         raise SceneError(
-            f"{_line(e, text, f)}{cls.__name__}.{name}: it does not compile: {_said(e)}"
+            f"{place(form.cls.tile or form.cls.step)}{form.cls.__name__}.tile: {e}"
+        ) from None
+    except (numba.core.errors.NumbaError, TypeError) as e:
+        f = form.cls.tile or form.cls.step
+        name = "tile" if form.cls.tile else "step"
+        raise SceneError(
+            f"{_line(e, text, f)}{form.cls.__name__}.{name}: it does not compile: {_said(e)}"
         ) from e
 
 
