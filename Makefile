@@ -100,7 +100,7 @@ docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
 # A quarter of an hour on an idle machine; `make bench RECORD=--record` keeps the figures, else no tracked file changes.
-BENCHMARKS := short chain latency channels compile springpot bumps path streaming page work_precision power sweep cluster vocabulary vocabulary_blocks elementary plate jax_target psychometric experiments
+BENCHMARKS := short chain latency channels compile springpot bumps path streaming page work_precision power sweep cluster vocabulary vocabulary_blocks elementary plate jax_target psychometric recovery experiments
 
 bench: .venv/ready
 	@set -e; for name in $(BENCHMARKS); do echo "# $$name"; PYTHONPATH=tests $(BIN)/python benchmarks/$$name.py $(RECORD); done
