@@ -46,8 +46,6 @@ DOCS = Path(__file__).parents[1] / "docs" / "explanation"
 TRIALS, BLOCK, SEED = 140, 20, 1
 SCORES = {"yes": 1.0, "no": 0.0}
 ANSWERS = {name: Answer({"more": name}) for name in SCORES}
-# the arguments of each trial are not checked here, which takes two thirds of the time
-Trial.__init__ = inspect.unwrap(Trial.__init__)  # type: ignore[method-assign]
 NO_CURVE = {"few", "separated", "falling", "flat"}
 Array = np.ndarray
 
@@ -320,10 +318,15 @@ def of_design(people: int, of: Curve, design: str) -> list[Row]:
     return rows
 
 
+def unchecked() -> None:
+    """Leave the arguments of trials unchecked, which takes two thirds of the time."""
+    Trial.__init__ = inspect.unwrap(Trial.__init__)  # type: ignore[method-assign]
+
+
 def recovery(people: int, workers: int) -> list[Row]:
     """All rows; the same with any number of processes."""
     each = [(of, design) for of, designs in DESIGNS.items() for design in designs]
-    with ProcessPoolExecutor(workers) as pool:
+    with ProcessPoolExecutor(workers, initializer=unchecked) as pool:
         jobs = [pool.submit(of_design, people, *which) for which in each]
         return [row for job in jobs for row in job.result()]
 
