@@ -212,7 +212,7 @@ def between(x, k, d):
 
 @dataclass(frozen=True, eq=False)
 class Scanned(Block):
-    """A recording, interpolated at times that are a signal.
+    """A recording, interpolated at the times that a signal gives.
 
     It interpolates between the samples of a table at 8 times the recording's rate.
     """
