@@ -266,7 +266,7 @@ class Scanned(Block):
 def playback(
     samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None
 ) -> Block:
-    """Play a recording from sample 0 on, or at any speed.
+    """Play a recording from sample 0 on, or at the times that a signal gives.
 
     A recording with another sample rate is resampled with a band limit.
 

@@ -198,7 +198,7 @@ def arm_forces(
 
 # Input --------------------------------------------------------------------------------
 def signals_at(t, *signals) -> list[np.ndarray]:
-    """Return signals as float64 arrays over rising times, after checking them."""
+    """Check signals over ascending times, and return them as float64 arrays."""
     out: list[np.ndarray] = []
     names = (
         ("t", "y", "f")
