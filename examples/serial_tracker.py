@@ -111,7 +111,7 @@ def main() -> None:
         session = read_log(log)
         x = np.asarray(session.motion)[:, 0]
         print(
-            f"{'many' if reader.reports > 100 * given.seconds else 'FEW'} reports; the hand ended"
+            f"{'many' if reader.reports > 10 * given.seconds else 'FEW'} reports; the hand ended"
             f" at {1000 * x[-1]:.2f} mm"
         )
         print(f"replay: {'equal, bit for bit' if replay(session).matches else 'DIFFERENT'}")

@@ -343,7 +343,7 @@ def _sensitivity(p: float, m: int) -> float:
     """
     from scipy.optimize import brentq
 
-    F, density, _ = curve("probit")
+    F, density, _, *_ = curve("probit")
     x = np.linspace(-12.0, 12.0, 481)
 
     def too_many(d: float) -> float:

@@ -393,6 +393,26 @@ def test_weibull_and_gumbel_are_what_they_are_called():
     assert plain.jnd == pytest.approx(at.ppf(0.75) - at.ppf(0.5))
 
 
+# threshold, and width from 5 to 95 % of the curve, of psignifit 4.3 with flat priors
+PSIGNIFIT = {
+    "probit": (2.401870752563032, 1.1853488130537215),
+    "logit": (2.4000127486235296, 1.1722228079428587),
+    "gumbel": (2.466192080284694, 1.428942297930309),
+    "weibull": (0.3849059145980645, 0.25275560350382376),  # of log10 of the levels
+}
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_curves_are_those_of_psignifit(link):
+    """Its maximum of the posterior ends within some 1e-5 of that of the likelihood."""
+    yes, asked = [11, 13, 16, 25, 29, 30], [30] * 6
+    fit = psychometric(LEVELS, yes, asked, link=link, guess=0.5, interval="none")
+    low, middle, high = fit.level(0.5 + 0.5 * np.array([0.05, 0.5, 0.95]))
+    if link == "weibull":
+        low, middle, high = np.log10([low, middle, high])
+    assert (middle, high - low) == pytest.approx(PSIGNIFIT[link], rel=1e-4)
+
+
 @pytest.mark.parametrize("link", LINKS)
 def test_a_link_is_a_distribution(link):
     """Its density, complement, inverse and bend belong to F, from end to end."""

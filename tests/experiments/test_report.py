@@ -71,8 +71,8 @@ def test_the_page_is_whole_and_tells_what_is_wrong(answers, tmp_path):
         and "&lt;as printed&gt;" in page
     )
     assert "P&lt;03&gt; silent: no level has both answers" in page and "P<03>" not in page
-    assert f"{fits['P01', 'silent'].pse:.4g}" in page and "0.75" in page and page.count("<svg") == 2
-    assert "level / N/mm" in page and page.count("<h2>") == 7
+    assert f"{fits['P01', 'silent'].pse:.4g}" in page and "0.75" in page and page.count("<svg") == 3
+    assert "level / N/mm" in page and page.count("<h2>") == 8
     asked = [answers["participant"].count(who) for who in ("P01", "P02", "P<03>")]
     assert asked[2] == 3 and f"{sum(asked)}; of a participant 3 to {max(asked)}" in page
     assert not re.search(r"<script|(?:src|href)=\"http", page)
@@ -106,7 +106,7 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
     }
     fits = {key: dc.replace(fit, pse_interval=(-np.inf, 1.0)) for key, fit in fitted(rows).items()}
     write_report(tmp_path / "a.html", "", "", rows, fits=fits)
-    (points,), (curve, interval), (track,) = drawn[0].collections, drawn[0].lines, drawn[1].lines
+    (points,), (curve, interval), (track,) = drawn[0].collections, drawn[0].lines, drawn[2].lines
     assert np.ma.getdata(points.get_offsets()).tolist() == [
         [-2, 0],
         [-1, 0.25],
@@ -121,6 +121,14 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
         and list(interval.get_xdata()) == [-2, 1]
     )
     assert [list(v) for v in track.get_data()] == [rows["number"], rows["level"]]
+    residual, low, high = drawn[1].lines  # of stretches of 4 and 3 trials
+    p, said = fits["a", "b"](rows["level"]), np.array(rows["outcome"])
+    first = (said[:4] - p[:4]).sum() / np.sqrt((p[:4] * (1 - p[:4])).sum())
+    last = (said[-3:] - p[-3:]).sum() / np.sqrt((p[-3:] * (1 - p[-3:])).sum())
+    at, sums = residual.get_data()
+    assert (len(at), at[0], at[-1]) == (10, 2.5, 31)
+    assert [sums[0], sums[-1]] == pytest.approx([first, last])
+    assert [*low.get_ydata(), *high.get_ydata()] == [-1.96, -1.96, 1.96, 1.96]
 
 
 def test_results_are_tables():
@@ -170,7 +178,7 @@ def test_hostile_names_and_levels_make_a_page(level, tmp_path):
     assert (
         "<script" not in page and "<b>" not in page and "\x00" not in page and "\u202e" not in page
     )
-    assert page.count("&lt;script&gt;x&lt;/script&gt;$\\frac{") >= 6 and page.count("<svg") == 2
+    assert page.count("&lt;script&gt;x&lt;/script&gt;$\\frac{") >= 6 and page.count("<svg") == 3
     assert [ax for ax in re.findall(r'id="(\w+tick_\d+)"', page)]
 
 

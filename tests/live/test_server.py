@@ -44,7 +44,7 @@ class Client:
         self.ws.send(json.dumps({"do": what} | more))
 
     def next(self):
-        m = self.ws.recv(timeout=5)
+        m = self.ws.recv(timeout=30)
         if isinstance(m, bytes):
             self.heads.append(np.frombuffer(m, "<f8", HEAD))
             self.blocks.append(
@@ -398,7 +398,7 @@ def knock(server, headers, messages):
             for message in messages:
                 client.ws.send(message)
             while True:
-                client.ws.recv(timeout=5)
+                client.ws.recv(timeout=30)
     except InvalidStatus as e:
         return e.response.status_code
     except ConnectionClosed as e:
@@ -425,7 +425,7 @@ def test_connections_without_a_request_keep_no_page_out(server, sent, monkeypatc
         for _ in range(100):
             many.append(stack.enter_context(socket.create_connection(("127.0.0.1", server.port))))
             many[-1].sendall(sent)
-        with urllib.request.urlopen(own(server), timeout=5) as answer:
+        with urllib.request.urlopen(own(server), timeout=30) as answer:
             assert answer.status == 200
         with greeted(server) as client:
             assert client.hello["is"] == "hello"
