@@ -42,7 +42,7 @@ registry: dict[str, type[Block]] = {}
 
 
 class Block(Refusals):
-    """Base class of all blocks, abstract (``class A(Block, abstract=True)``) or final.
+    """Base class of all blocks; a class is final unless it has ``abstract=True``.
 
     A final class, or an abstract one above it (a *primitive*), defines the output by
     either

@@ -306,7 +306,7 @@ class Staircase:
         }
 
     def next(self, state: State) -> Trial | None:
-        """Return the comparison at the present level."""
+        """Return the trial at the present level."""
         if (
             len(state["reversals"]) >= (self.reversals or math.inf)
             or state["n"] >= self.max_trials
