@@ -82,7 +82,7 @@ class Lanes:
         return self.v
 
     def of(self, kind: ir.Type) -> ir.VectorType:
-        """Return a vector type with as many lanes, of another kind of number."""
+        """Return the vector type for another kind of number, with as many lanes."""
         return ir.VectorType(kind, self.v.type.count)
 
     def __neg__(self):
