@@ -753,7 +753,7 @@ def before(i, n, size):
 
 @dataclass(frozen=True, eq=False)
 class DelayAvatar(Block):
-    """An avatar at the device's position of an earlier time u, which is a signal.
+    """An avatar at the position that the device had at an earlier time u, a signal.
 
     A rise of the force stops u; then u advances faster than time until it has caught
     up.

@@ -212,7 +212,7 @@ def between(x, k, d):
 
 @dataclass(frozen=True, eq=False)
 class Scanned(Block):
-    """A recording, interpolated at times that are a signal.
+    """A recording, interpolated at the times that a signal gives.
 
     It interpolates between the samples of a table at 8 times the recording's rate.
     """
@@ -266,7 +266,7 @@ class Scanned(Block):
 def playback(
     samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None
 ) -> Block:
-    """Play a recording from sample 0 on, or at any speed.
+    """Play a recording from sample 0 on, or at the times that a signal gives.
 
     A recording with another sample rate is resampled with a band limit.
 

@@ -1152,7 +1152,7 @@ def equalize(
     kind: str | Callable | None = None,
     outside: str = "hold",
 ) -> Block:
-    """Scale a voltage so that all positions move as much as the one that moves most.
+    """Scale a voltage so that all positions of a plate have the same displacement.
 
     y = signal d_max/d(x): the measured displacements are interpolated and the result is
     inverted (interpolating the gains instead is an order of magnitude worse), in the

@@ -61,7 +61,7 @@ SCRATCH = 512  # words that ``memory`` needs; differences stand behind them
 
 
 def check_lists(b: Any, values: np.ndarray, name: str) -> None:
-    """Raise BadValue unless two lists of a block have one length and are above 0."""
+    """Raise BadValue unless two lists have equal lengths and only values above 0."""
     if values.ndim != 1 or b.tau.shape != values.shape:
         raise BadValue(
             f"{name} and tau must be two lists of one length, got {values.shape} and {b.tau.shape}"

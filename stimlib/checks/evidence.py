@@ -53,7 +53,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Tap:
-    """A gated noise of the scene, before gate and rate, on its own clock."""
+    """A gated noise source, observed on its own clock before the gate."""
 
     block: Enabled
     output: str
@@ -132,7 +132,7 @@ class Evidence:
         return self.at + self.x.shape[1]
 
     def stretches(self) -> Iterator[Evidence]:
-        """Yield this stretch and the later ones, which are rendered each time.
+        """Yield this stretch and all later ones, rendering each of those anew.
 
         Together they contain every sample once.
         """
@@ -542,7 +542,7 @@ class Asked:
         )
 
     def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: float) -> None:
-        """Store the expected row of an output, or what makes it, for figures."""
+        """Store the expected row of an output, or a function that returns it."""
         if self.part.span is None:
             self.e.wanted[self.output(name)] = lambda: (want() if callable(want) else want, tol)
 

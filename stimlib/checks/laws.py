@@ -239,7 +239,7 @@ def squeeze_finger(
 
 
 def vibrating(finger: Finger, noise: np.ndarray, k: Any, A: Any) -> Finger:
-    """Return the finger with this noise, gain and stiffness."""
+    """Return the law of a finger with the given noise, gain and stiffness."""
     tau = 1 / 8000
     return finger._replace(force=finger.mean + A * (k * tau * finger.v) * (tau * noise))
 
@@ -317,7 +317,7 @@ def springpot_sum(
 def springpot_convolution(
     y: np.ndarray, fs: float, scheme: str, alpha: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return both sums at every sample, by Fourier transforms.
+    """Return both sums of `springpot_sum` at every sample, by Fourier transforms.
 
     In double precision they are exact to some 1e-14 of the largest.
 

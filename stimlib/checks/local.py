@@ -198,13 +198,13 @@ class Gated:
 
 @dataclass(frozen=True, eq=False)
 class Early(Block):
-    """A signal delayed by its lead, so that everything before sample 0 comes first."""
+    """A signal delayed by the lead, to render its samples before sample 0."""
 
     x: Block
     step = staticmethod(Delay.step)
 
     def design(self, fs):
-        """Return a delay of the lead."""
+        """Return the parameters and rest state of a delay by the lead."""
         return DelayParams(float(lead(fs))), DelayState(np.zeros(lead(fs)), NONE)
 
 

@@ -24,7 +24,7 @@ OF_IT = "of it"  # the unit of a part of a parameter
 
 
 class Shows(NamedTuple):
-    """The smallest error of one kind that a check detects, and with what probability.
+    """The smallest detectable error of one kind, and the probability of its detection.
 
     A size of NaN means that no error is detected, however large.
 

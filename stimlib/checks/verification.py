@@ -162,10 +162,10 @@ def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
 
 # a: linear blocks ---------------------------------------------------------------------
 def linear_blocks(e: Evidence) -> list[Check]:
-    """Check compiled impulse responses (a1) and physical laws (a2).
+    """Check the impulse responses of compiled linear blocks, and their physical laws.
 
-    a1 compares with the block's own discrete response, and a2 compares that response
-    with the law.
+    Check a1 compares the impulse response with the block's own discrete response, and
+    check a2 compares that response with the law.
     """
     checks, seen = [], set()
     for i, q in enumerate(e.proc.program.instances):

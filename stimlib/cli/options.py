@@ -133,7 +133,7 @@ def channel_map(text: str | None) -> int | list[str | None] | None:
 
 
 def of_each(text: str | None, option: str) -> Any:
-    """Return one value for all outputs, or one for each, such as ``a=50,b=0.1``."""
+    """Return one value for all outputs, or a value for each from ``a=50,b=0.1``."""
     from ..motion.text import pairs
 
     return (

@@ -41,7 +41,7 @@ class Terminal(Keyed):
         print(shown(text), flush=True)
 
     def rest(self, seconds: float) -> None:
-        """Count down a rest, which only ending the command can shorten."""
+        """Count down a rest; only ending the command can shorten it."""
         self.tell(f"Please rest for {round(seconds)} s.")
         end = time.monotonic() + seconds
         with progress("rest", seconds) as advance:

@@ -282,7 +282,7 @@ Cycle.__repr__ = _repr  # type: ignore[method-assign, assignment]  # Block gives
 
 # Its step -----------------------------------------------------------------------------
 class Member(NamedTuple):
-    """One node of a cycle, for the composed step."""
+    """One node of a cycle, as the composed step calls it."""
 
     number: int
     args: tuple[str, ...]  # last0 | x3 | c0 | v2 | v2_1
@@ -296,12 +296,12 @@ class Member(NamedTuple):
     contact: str | None  # None: not resettable; "": always; else a name as in args
 
     def named(self, what: str, t: type) -> list[str]:
-        """Return the names of its parameter or state fields within the whole cycle."""
+        """Return the names that the node's fields have in the whole cycle."""
         return codegen.each(f"{what}{self.number}_%s", fields(t))
 
     @property
     def values(self) -> list[str]:
-        """Names of its outputs."""
+        """Names of the node's outputs."""
         return _numbered(f"v{self.number}_", self.outputs) or [f"v{self.number}"]
 
 

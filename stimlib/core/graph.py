@@ -42,7 +42,7 @@ registry: dict[str, type[Block]] = {}
 
 
 class Block(Refusals):
-    """Base class of all blocks, abstract (``class A(Block, abstract=True)``) or final.
+    """Base class of all blocks; a class is final unless it has ``abstract=True``.
 
     A final class, or an abstract one above it (a *primitive*), defines the output by
     either
@@ -190,7 +190,7 @@ class Block(Refusals):
     def through(
         self, p: Any, fs: float, z: np.ndarray, H: Sequence[Any], value: Sequence[float | None]
     ) -> np.ndarray | None:
-        """Return the frequency response behind this block, or None if it has none.
+        """Return the frequency response after this block, or None if it has none.
 
         Its input signals have the responses H or are constant with a value (None where
         neither is known).
@@ -298,7 +298,7 @@ def type_name(cls: type[Block]) -> str:
 
 
 def head(cls: type[Block]) -> str:
-    """Return the start of a class's error messages, where it needs the class name.
+    """Return the prefix of a class's error messages: its name, or an empty text.
 
     Other blocks are named by the public functions that make them.
     """
@@ -971,7 +971,7 @@ class GuardParams(NamedTuple):
 
 
 class GuardState(NamedTuple):
-    """State of `Guard`: the last finite value, the samples left, and the fault."""
+    """State of `Guard`: the last finite value, the fade's progress, and the fault."""
 
     last: float
     left: float  # -1 while healthy, then samples of ramp to go

@@ -437,7 +437,7 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
 
 
 def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
-    """Raise SceneError if filters behind a noise need more samples than the lead.
+    """Raise SceneError if filters of a noise need more samples than the lead.
 
     The noise would start with a transient.
     """

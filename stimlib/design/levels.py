@@ -20,7 +20,7 @@ PEAK = {None: 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}
 
 @public
 def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
-    """Return the peak amplitude of a sinusoid from a level as papers state it.
+    """Return the peak amplitude of a sinusoid from its level in one of the usual forms.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
 
 
 def stop_band(passband: float, stopband: float, tol: float) -> Law:
-    """Return the law of a stop band: 0, relative to the response at the pass edge."""
+    """Return the law of a stop band, 0; errors scale with the gain at the pass edge."""
 
     def edge(f, fs):
         return np.full(f.shape, 2 * np.pi * passband)
@@ -157,7 +157,7 @@ def delay(samples: int) -> Law:
 
 
 def sum_of(taps: Numbers) -> Law:
-    """Return the law of an FIR filter, relative to its largest response.
+    """Return the law of an FIR filter; errors scale with its largest response.
 
     Two computations differ in the phase of a sample's delay by the rounding of a turn,
     at most 2e-15, and a sum of n taps changes with that phase by at most n times its
@@ -182,7 +182,7 @@ def mean_of(n: int) -> Law:
 
 
 def biquads(rows: np.ndarray) -> Law:
-    """Return the law of second-order sections, relative to their largest response.
+    """Return the law of second-order sections; errors scale with the largest response.
 
     They are polynomials in 1/z.
     """
@@ -286,7 +286,7 @@ def family(
 
 
 def ring(freq: float, decay: float, onset: str) -> Law:
-    """Return the law of a decaying sinusoid (sine or cosine), sampled.
+    """Return the law of a sampled decaying sine or cosine.
 
     The response is summed over exp(-t/decay) sin(2 pi freq t), or cos, at the samples
     until nothing is left.

@@ -106,7 +106,7 @@ def option(sink: str, name: str, value: Any) -> dict[str, Any]:
 
 
 def make(sink: str, scene: Any, safety: Any, **options: Any) -> Any:
-    """Make the sink with a name in ``SINKS`` for a scene and its safety stage.
+    """Make a sink, chosen by its name in ``SINKS``, for a scene and its safety stage.
 
     Examples
     --------

@@ -250,7 +250,7 @@ def fill(c, i, m, done):
 
 @plain
 def judge(c, i, m, held):
-    """Fade the gain out when motion is late, and back in when it arrives."""
+    """Fade the gain out when motion is late, and in again when motion arrives."""
     before = c[RUN]
     c[RUN] = before + m if held >= m else held
     if c[STALE] == 0 and held >= m and before >= c[STALE_AFTER]:

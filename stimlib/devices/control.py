@@ -114,7 +114,7 @@ class ControlLoop(Sink):
         self._late = np.zeros(2000, np.int64)  # periods by lateness, in steps of 10 us
 
     def lateness(self, *percent: float) -> list[float]:
-        """Return percentiles, in s, of the lateness of periods; at most 10 us high.
+        """Return percentiles, in s, of the lateness of periods, at most 10 us too high.
 
         Parameters
         ----------

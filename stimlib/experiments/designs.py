@@ -306,7 +306,7 @@ class Staircase:
         }
 
     def next(self, state: State) -> Trial | None:
-        """Return the comparison at the present level."""
+        """Return the trial at the present level."""
         if (
             len(state["reversals"]) >= (self.reversals or math.inf)
             or state["n"] >= self.max_trials
@@ -364,7 +364,7 @@ class Staircase:
     def estimate(
         self, answers: Mapping[str, Sequence[float]], last: int | None = None
     ) -> dict[str, float]:
-        """Return the mean of the levels at which the staircase last turned.
+        """Return the mean level of the staircase's last reversals.
 
         It assumes no curve. `stimlib.experiments.fits.psychometric` fits one to all
         answers.
@@ -610,7 +610,7 @@ class Interleaved:
         return due and dc.replace(due[1], track=f"{due[0]} {due[1].track}".rstrip())
 
     def update(self, state: State, answer: Answer) -> State:
-        """Pass the answer to the track that asked."""
+        """Pass the answer to the track whose trial it answers."""
         due = self._due(state)
         if due is None:
             raise BadValue(
@@ -634,7 +634,8 @@ class Sequential:
     pause : float
         Seconds of rest before each part but the first (the UGrip paper: 120).
     shuffle : bool
-        In random order, each participant in their own; else as they are given.
+        Whether to present the parts in random order, a different one for each
+        participant; otherwise they follow the order of ``parts``.
 
     Raises
     ------
@@ -685,7 +686,7 @@ class Sequential:
         return None
 
     def update(self, state: State, answer: Answer) -> State:
-        """Pass the answer to that part."""
+        """Pass the answer to the part whose trial it answers."""
         for k in state["order"]:
             if self.parts[k].next(state["parts"][k]) is not None:
                 after = self.parts[k].update(state["parts"][k], answer)

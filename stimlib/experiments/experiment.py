@@ -92,7 +92,7 @@ class Masking:
 @public
 @dc.dataclass(frozen=True)
 class Experiment:
-    """The definition of an experiment, without participants and device.
+    """The definition of an experiment, without its participants or device.
 
     Parameters
     ----------

@@ -168,9 +168,9 @@ class Fit:
 
     @property
     def aic(self) -> float:
-        """Akaike's information criterion; of two models, the lower is the better one.
+        """Akaike's information criterion; the model with the lower value is better.
 
-        Models are compared by it over the same answers.
+        Compare only models that were fitted to the same answers.
         """
         return 2 * (self.parameters + self.shared - self.loglik)
 
@@ -284,7 +284,7 @@ class Fit:
         return figure
 
     def draw(self, ax: Any) -> None:
-        """Draw into axes of matplotlib, as ``plot``.
+        """Draw the picture of ``plot`` into existing matplotlib axes.
 
         Parameters
         ----------
@@ -633,12 +633,12 @@ def _fitted(part: Sequence[Sets], model: Model, how: _How, shared: int) -> list[
 
 
 def allowed(dispersion: ArrayLike, freedom: ArrayLike, confidence: float = 0.95) -> Array:
-    """Return how far twice the log-likelihood falls to the ends of an interval.
+    """Return the drop in twice the log-likelihood at the ends of an interval.
 
     Parameters
     ----------
     dispersion : array_like
-        As estimated, or nan.
+        The estimated dispersion, or nan.
     freedom : array_like
         Its degrees of freedom.
     confidence : float
@@ -669,7 +669,7 @@ def allowed(dispersion: ArrayLike, freedom: ArrayLike, confidence: float = 0.95)
 
 
 def dispersion(sets: Sets, c: ArrayLike, model: Model, found: Found) -> Array:
-    """Return the variance of answers about their curve as a part of the binomial one.
+    """Return the ratio of the answers' variance about their curve to the binomial one.
 
     Parameters
     ----------
@@ -729,7 +729,7 @@ def parameters(model: Model) -> int:
 
 
 def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) -> float:
-    """Return how often answers drawn from a fit deviate as much as those of a set.
+    """Return the share of simulated sets that deviate at least as much as this set.
 
     Each draw is fitted anew by one step of Fisher scoring.
 
@@ -740,7 +740,7 @@ def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) ->
     c, model, found
         As `dispersion`.
     seed : int
-        Of the 1000 draws.
+        Seed of the 1000 simulated sets.
 
     Returns
     -------
@@ -988,9 +988,9 @@ def profile(
 def bootstrap(
     sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES
 ) -> Array:
-    """Return percentiles of fits to answers drawn from the fit of one set.
+    """Return parametric-bootstrap percentiles of the fit to one set of answers.
 
-    The levels are the same.
+    Each simulated set has the same levels.
 
     Parameters
     ----------
@@ -1157,9 +1157,9 @@ def _gap(sets: Sets, log: bool, guess: float | str | None) -> Interval:
 
 
 def undetermined(sets: Sets) -> tuple[str, ...]:
-    """Return why answers determine no finite slope above 0, or nothing.
+    """Return why answers determine no finite slope above 0; empty if they do.
 
-    Their order alone shows it.
+    Only the order of the answers matters.
     """
     some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
     if not some_no.size or not some_yes.size or sets.x.size < 2:

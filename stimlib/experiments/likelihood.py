@@ -44,7 +44,7 @@ class Sets(NamedTuple):
 
 
 def total(each: ArrayLike) -> Array:
-    """Return the sum over levels, one after another.
+    """Return the sum over levels, added in their order.
 
     Levels without trials, which pad a set, change no bit of it.
 
@@ -58,9 +58,9 @@ def total(each: ArrayLike) -> Array:
 
 
 class Model(NamedTuple):
-    """The model to fit: the link, the rates of guesses and of lapses.
+    """The model to fit: its link, guess rate and lapse rate.
 
-    A rate is a number or FREE; a guess of None is the rate of lapses.
+    A rate is a number or FREE; a guess rate of None equals the lapse rate.
     """
 
     link: str = "probit"
@@ -72,9 +72,9 @@ PROBIT = Model()
 
 
 class Found(NamedTuple):
-    """The maximum of each set, each field of shape (..).
+    """The maximum-likelihood fit of each set; every field has the shape (..).
 
-    These are the intercept at c, the slope, the rates of lapses and guesses, and the
+    The fields are the intercept at c, the slope, the lapse and guess rates, and the
     log-likelihood.
     """
 
@@ -107,7 +107,7 @@ def numbers(what: str, values: ArrayLike) -> Array:
 
 
 class Curve(NamedTuple):
-    """A link's F, density and inverse; 1 - F; and the density's relative slope."""
+    """A link function F, its density, inverse, 1 - F, and relative density slope."""
 
     F: Callable[[Any], Any]
     density: Callable[[Any], Any]
@@ -352,7 +352,7 @@ def _score(
 
 
 def directions(z: Array, eta: Array, slope: Array, model: Model, free: Sequence[bool]) -> Array:
-    """Return how p changes with intercept, slope, lapses and guesses, shape (.., 4, n).
+    """Return the derivatives of p with respect to its parameters, shape (.., 4, n).
 
     Parameters
     ----------
@@ -362,7 +362,8 @@ def directions(z: Array, eta: Array, slope: Array, model: Model, free: Sequence[
         dp/deta.
     model : Model
     free : sequence of bool
-        Which of the four are fitted; the others are 0.
+        Which of intercept, slope, lapse rate and guess rate are fitted; the
+        derivatives for the others are 0.
 
     Examples
     --------

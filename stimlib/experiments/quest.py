@@ -154,7 +154,7 @@ class Quest:
         return {"seed": seed, "levels": [], "outcomes": []}
 
     def next(self, state: State) -> Trial | None:
-        """Return the level of least expected entropy."""
+        """Return the trial at the level of least expected entropy."""
         n = len(state["levels"])
         if n >= self.trials:
             return None

@@ -43,7 +43,7 @@ class Line:
 
 @public
 def line(x: ArrayLike, y: ArrayLike) -> Line:
-    """Fit a line: of JNDs over their references it is Weber's, with an intercept.
+    """Fit a straight line, such as Weber's law with an intercept to JNDs.
 
     Parameters
     ----------

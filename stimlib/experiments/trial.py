@@ -203,7 +203,7 @@ class Record:
 
 @runtime_checkable
 class Design(Protocol):
-    """The rule that decides which trial comes next; see the top of this page."""
+    """The rule that decides which trial comes next, as a function of the answers."""
 
     def init(self, seed: int) -> State:
         """Return the initial state for a seed."""

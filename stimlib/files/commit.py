@@ -46,7 +46,7 @@ def check_place(path: Path, sidecar: Path, overwrite: bool) -> None:
 
 
 def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> FileReport:
-    """Write a file with ``run``, and move it and its sidecar into place, or neither.
+    """Write a file with ``run``; move file and sidecar into place together, or neither.
 
     During writing, NAME.part has the samples so far.
     """

@@ -133,7 +133,7 @@ def maxwell_force(
 
 
 class Pairs:
-    """The unit springpot's response at given times, with its derivative by alpha."""
+    """The response of a unit springpot at given times, and its sensitivity to alpha."""
 
     def __init__(self, t: np.ndarray, y: np.ndarray, some: np.ndarray, onset: str):
         slope = np.diff(y) / np.diff(t)
@@ -183,7 +183,7 @@ class Pairs:
 def arm_forces(
     t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the forces of unit Maxwell arms and their derivatives by log(tau)."""
+    """Return the forces of unit Maxwell arms, and their sensitivities to log(tau)."""
     a = np.diff(t)[:, None] / tau
     e = -np.expm1(-a)
     p, g, dy = 1 - e, np.where(a > 0, e / np.where(a > 0, a, 1.0), 1.0), np.diff(y)[:, None]
@@ -198,7 +198,7 @@ def arm_forces(
 
 # Input --------------------------------------------------------------------------------
 def signals_at(t, *signals) -> list[np.ndarray]:
-    """Return signals as float64 arrays over rising times, after checking them."""
+    """Check signals over ascending times, and return them as float64 arrays."""
     out: list[np.ndarray] = []
     names = (
         ("t", "y", "f")

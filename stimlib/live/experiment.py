@@ -233,7 +233,7 @@ class ExperimentPage(Keyed):
             self._loop.run_in_executor(None, sink.stop)
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
-        """Accept an answer, once."""
+        """Accept the first valid answer to a question; reject any other message."""
         with self._changed:
             why = self._refusal(page, message)
             if not why:

@@ -200,7 +200,7 @@ class Server:
         return self
 
     def close(self) -> None:
-        """Fade out and end the server."""
+        """Stop the server; a session that is playing fades out first."""
         self._uvicorn.should_exit = True
         if not self._begun:
             self._begun = True

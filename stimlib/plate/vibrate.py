@@ -109,7 +109,7 @@ def plate(
     weights: Sequence[float] | None = None,
     finger: Finger | None = None,
 ) -> Block:
-    """Make the displacement of a plate under a finger from the patches' voltage.
+    """Compute the displacement of a plate under a finger from the patches' voltage.
 
     It is a sum over modes of shape(x, y) times ``mode``.
 

@@ -75,7 +75,7 @@ def medians(times: Times) -> dict[str, float]:
 
 
 def ratio(times: Times, slow: str, fast: str) -> float:
-    """Return how many times as long one job took as another.
+    """Return the ratio of the times that two jobs took.
 
     It is the median of the ratios within a round.
 

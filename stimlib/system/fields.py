@@ -102,7 +102,7 @@ def between(low: float, high: float) -> Test:
 
 
 def whole(most: int) -> Test:
-    """Return a test for a whole number from 0 to most."""
+    """Return a test for a whole number from 0 to ``most``."""
     return Test(
         f"a whole number from 0 to {most}",
         lambda v: isinstance(v, int) and not isinstance(v, bool) and 0 <= v <= most,
@@ -120,7 +120,7 @@ def one_of(*values: str) -> Test:
 
 
 def table_of(test: Test) -> Test:
-    """Return a test for a table whose values all pass another test."""
+    """Return a test for a dict whose values all pass another test."""
     return Test(
         f"a table, each value {test.wanted}",
         lambda v: isinstance(v, dict) and all(map(test, v.values())),
@@ -138,7 +138,7 @@ def list_of(test: Test) -> Test:
 
 
 def record(tests: Mapping[str, Test]) -> Test:
-    """Return a test for a table that has these fields, each with a valid value."""
+    """Return a test for a dict that has these keys, each with a valid value."""
     wanted = ", ".join(f"{name} ({test.wanted})" for name, test in tests.items())
     properties = {n: {"description": t.wanted, **t.schema} for n, t in tests.items()}
     return Test(

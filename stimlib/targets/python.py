@@ -92,7 +92,7 @@ class Engine:
         return y
 
     def process(self, x: np.ndarray, out: np.ndarray) -> int:
-        """Fill out (n_outputs, n) from x (n_inputs, n); nonzero if shapes differ."""
+        """Compute ``out`` from x, shape (n_inputs, n); return 1 if they do not fit."""
         inputs, outputs = list(self.program.inputs.values()), list(self.program.outputs.values())
         if x.shape != (len(inputs), x.shape[1]) or out.shape != (len(outputs), x.shape[1]):
             return 1

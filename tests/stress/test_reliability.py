@@ -48,41 +48,44 @@ LINEAR = [pytest.param(e, id=e.name) for e in TABLE if e.lti]
 # What was seen ------------------------------------------------------------------------
 MUST = {
     "inputs": (
-        "The compiler gives the samples, states and faults of the interpreter, and every sample is"
-        " finite. No guard of a linear block closes where the input is finite."
+        "Compiler and interpreter give the same samples, states and faults, and every sample is"
+        " finite. No guard of a linear block stops its output while the input is finite."
     ),
     "linear": (
-        "Every block that is linear gives its impulse response convolved with the input, to 1e-12."
+        "The output of every linear block is its impulse response convolved with the input, to"
+        " 1e-12."
     ),
     "rates": (
-        "From 1 to 192 kHz: finite, and the same samples in blocks of one and at once; or refused"
-        " when it is compiled."
+        "From 1 to 192 kHz, samples are finite, and the same in blocks of one sample as in one"
+        " block; or the scene is rejected when it is compiled."
     ),
     "laws": (
-        "From 1 to 192 kHz: the response is the physical law within the tolerance of the block."
+        "From 1 to 192 kHz, the response agrees with the physical law within the tolerance of"
+        " the block."
     ),
     "blocks": (
-        "The same samples and state for blocks of 1 to 8193 samples, primes and random ones among"
-        " them."
+        "Samples and state are the same for blocks of 1 to 8193 samples, including primes and"
+        " random lengths."
     ),
     "states": (
-        "The state before each of 140 samples goes on in another processor with the same bits."
+        "From the state before each of 140 samples, another processor continues with bit-"
+        " identical samples."
     ),
     "parameters": (
-        "A parameter that changes at every sample, at once or by a ramp: as the interpreter in"
-        " every bit."
+        "With a parameter that changes at every sample, at once or by a ramp, compiler and"
+        " interpreter are bit-identical."
     ),
     "ends": (
-        "alpha and duty at their ends, and at the next floats to them: finite, and as near to the"
-        " value at the end as the operator is continuous."
+        "With alpha and duty at their limits, and at the floats next to them, samples are"
+        " finite, and as close to those at the limit as the operator is continuous."
     ),
-    "hands": "Each scene is proved (``verify``) whatever the hand does.",
+    "hands": "The verification of each scene passes for every motion of the hand.",
     "run": (
-        "1e8 samples really run: counters, phases, noise, sums and springpot are what formulas say."
+        "In a run of 1e8 samples, counters, phases, noise, sums and springpot agree with formulas."
     ),
     "jump": (
-        "A state moved on by 1e8, 1e9 and 1e12 samples: noise, phases and times are what formulas"
-        " say."
+        "In a state advanced by 1e8, 1e9 and 1e12 samples, noise, phases and times agree with"
+        " formulas."
     ),
 }
 SEEN: dict[str, Counter] = defaultdict(Counter)

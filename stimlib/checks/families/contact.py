@@ -399,7 +399,7 @@ def _button(b, fs, x, y):
 
 
 def forgotten(force: Callable[[float], Row], rest: bool) -> tuple[Row, Any]:
-    """Return a force from rest, or from the point where its past is forgotten.
+    """Return a force from rest, or from where it no longer depends on earlier samples.
 
     If the block started earlier, the force is known where both extremes of the initial
     state lead to the same value.

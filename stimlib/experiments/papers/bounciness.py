@@ -161,7 +161,7 @@ JNDS = {
 @public
 @cache
 def phase(alpha: float) -> float:
-    """Return the phase, in rad, by which the rendered force leads displacement.
+    """Return the phase, in rad, by which the force leads the displacement.
 
     It is alpha pi/2 once the initial transient has decayed.
 

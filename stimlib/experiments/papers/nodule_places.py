@@ -107,7 +107,7 @@ def nodule_places() -> Experiment:
 
 
 def one_after_another(participant: str, session: int) -> Sequential:
-    """Return a design with one kind of feedback after the other.
+    """Return a design that presents the kinds of feedback one after another.
 
     Each block of trials has a differently rotated map, and each of nine people has a
     different order.

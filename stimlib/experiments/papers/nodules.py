@@ -108,7 +108,7 @@ def _scene(mode: str, left: str, right: str) -> Scene:
 
 
 def techniques(participant: str, session: int) -> Sequential:
-    """Return a design with one technique after the other.
+    """Return a design that presents the techniques one after another.
 
     The order of techniques depends on the participant's number; surfaces are in random
     order.

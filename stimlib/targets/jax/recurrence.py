@@ -180,7 +180,7 @@ class Line:
 
 
 def scan_arrays(f: Callable, p: Any, first: Any, x: list[Any], n: int) -> Any:
-    """Run a step whose state has arrays as a loop, sample by sample."""
+    """Run a step that has arrays in its state, in a loop over samples."""
     s0 = [*map(jnp.asarray, first)]
 
     def one(s: list[Any], x: list[Any]) -> Any:

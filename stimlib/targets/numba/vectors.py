@@ -63,9 +63,9 @@ class Lanes:
         raise TypeError("each lane has a truth value of its own: use where(c, a, b)")
 
     def like(self, x: Any) -> ir.Value:
-        """Return a value of the same kind in every lane; TypeError for other kinds.
+        """Return a value in every lane; raise TypeError if it is of another kind.
 
-        numpy would convert one into the other.
+        Unlike numpy, this converts no kind into another.
         """
         if isinstance(x, Lanes):
             return x.are(self.kind)
@@ -76,13 +76,13 @@ class Lanes:
         return splat(self.b, ir.Constant(I64, int(x)), self.v.type.count)
 
     def are(self, kind: ir.Type) -> ir.Value:
-        """Return the vector; TypeError if it is of another kind."""
+        """Return the vector; raise TypeError if it is of another kind."""
         if self.kind != kind:
             raise TypeError(f"lanes of {self.kind}, not {kind}")
         return self.v
 
     def of(self, kind: ir.Type) -> ir.VectorType:
-        """Return a vector type with as many lanes, of another kind of number."""
+        """Return the vector type for another kind of number, with as many lanes."""
         return ir.VectorType(kind, self.v.type.count)
 
     def __neg__(self):
