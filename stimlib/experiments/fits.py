@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -72,7 +73,9 @@ AS_GOOD = -2.0
 SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
 BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
 RESAMPLES, DRAWS = 2000, 1000  # fits of a bootstrap, deviances of a goodness of fit
+SAME_FIT = 1e-2  # twice a difference in log-likelihood that the search may leave
 SHARED = "shared"  # a rate that is fitted to all sets together
+LATTICE = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)  # shared rates to begin from, of the highest
 # trials at a level, beyond which likelihoods are too coarse for intervals; size of a
 # level
 MOST, LARGEST = 1e9, 1e100
@@ -489,8 +492,8 @@ def psychometrics(
     link, log, dispersion, interval, confidence, seed, unit
         As `psychometric`.
     guess, lapse : float or {"free", "shared"}
-        As `psychometric`; "shared" fits one rate to all sets, which their intervals
-        take as known.
+        As `psychometric`; "shared" fits one rate to all sets of this call, which their
+        intervals take as known.  For a rate of each participant, call it for each.
 
     Returns
     -------
@@ -562,13 +565,16 @@ def _shared(parts: Sequence[Sequence[Sets]], model: Model) -> tuple[Model, int]:
         one = model._replace(**dict(zip(names, rates.tolist(), strict=True)))
         return -sum(float(maximum(s, _middle(s), one).loglik.sum()) for s in padded)
 
-    highest = [GUESSES if name == "guess" else LAPSES for name in names]
+    # such likelihoods have several peaks: search from the best point of a lattice
+    highest = np.array([GUESSES if name == "guess" else LAPSES for name in names])
+    start = min((np.array(v) * highest for v in product(LATTICE, repeat=len(names))), key=loss)
+    step = np.diag(np.where(start < highest / 2, 1, -1) * LATTICE[1] * highest)
     found = minimize(
         loss,
-        [0.2 * v for v in highest],
+        start,
         method="Nelder-Mead",
         bounds=[(0.0, v) for v in highest],
-        options={"xatol": 1e-6, "fatol": 1e-9},
+        options={"xatol": 1e-6, "fatol": 1e-9, "initial_simplex": [start, *(start + step)]},
     )
     return model._replace(**dict(zip(names, found.x.tolist(), strict=True))), len(names)
 
