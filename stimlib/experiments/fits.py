@@ -173,7 +173,9 @@ class Fit:
     def aic(self) -> float:
         """Akaike's information criterion; of two models, the lower is the better one.
 
-        Models are compared by it over the same answers.
+        Models are compared by it over the same answers. The criterion of a model of n
+        sets is the sum over its fits, less 2 (n - 1) for each shared rate, which every
+        fit counts.
         """
         return 2 * (self.parameters + self.shared - self.loglik)
 
@@ -858,7 +860,9 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     """Compare a model with a fuller one that contains it, over the same answers.
 
     For instance one curve for two conditions with one for each, or no lapses with
-    lapses that are fitted.
+    lapses that are fitted.  One curve for both means one threshold and one slope: the
+    test does not say which of them differs, for which `Fit.pse_interval` and
+    `Fit.sigma_interval` are a guide.
 
     Parameters
     ----------
@@ -874,7 +878,8 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     Raises
     ------
     BadValue
-        The answers differ, or the fuller model has no more parameters.
+        The answers differ, or the fuller model has no more parameters or a lower
+        log-likelihood, as where its shared rate was fitted to other sets as well.
 
     References
     ----------
@@ -893,7 +898,8 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     from scipy.stats import chi2, f
 
     one, other = list(simple), list(full)
-    if _pooled(one) != _pooled(other):
+    before, after = _pooled(one), _pooled(other)
+    if len(before) != len(after) or not np.allclose(before, after, rtol=2 * SAME, atol=0.0):
         raise BadValue("likelihood_ratio: both models must be fitted to the same answers")
     counts = [
         sum(fit.parameters for fit in fits) + max((fit.shared for fit in fits), default=0)
@@ -906,6 +912,12 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
             f" {counts[0]} of the simpler one"
         )
     gain = 2 * (sum(fit.loglik for fit in other) - sum(fit.loglik for fit in one))
+    if gain < -SAME_FIT:
+        raise BadValue(
+            f"likelihood_ratio: the log-likelihood of the fuller model is {-gain / 2:.2g} below"
+            " that of the simpler one, so it does not contain it; fit shared rates to the same"
+            " sets in both"
+        )
     gain = max(gain, 0.0)
     free = [(fit.levels - fit.parameters, fit.dispersion) for fit in other]
     free = [(k, v) for k, v in free if math.isfinite(v)]
@@ -915,12 +927,19 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     return LikelihoodRatio(gain, df, float(p))
 
 
-def _pooled(fits: Sequence[Fit]) -> dict[float, tuple[int, int]]:
-    """Return how many said yes, and were asked, at each level of all fits."""
-    found: dict[float, tuple[int, int]] = {}
-    for level, yes, asked in (row for fit in fits for row in fit.data):
-        before = found.get(level, (0, 0))
-        found[level] = before[0] + yes, before[1] + asked
+def _pooled(fits: Sequence[Fit]) -> list[list[float]]:
+    """Return each level of all fits, how many said yes there, and were asked.
+
+    Levels that differ by rounding, as those of two staircases in dB, are one.
+    """
+    found: list[list[float]] = []
+    before = -math.inf
+    for level, yes, asked in sorted(row for fit in fits for row in fit.data):
+        if level - before > SAME * abs(level):
+            found.append([level, 0, 0])
+        found[-1][1] += yes
+        found[-1][2] += asked
+        before = level
     return found
 
 

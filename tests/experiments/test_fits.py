@@ -493,6 +493,36 @@ def test_a_likelihood_ratio_is_chi_squared_or_f():
     refused(BadValue, "4 parameters .* must be more", likelihood_ratio, each, each)
 
 
+def test_a_likelihood_ratio_takes_levels_that_differ_by_rounding_as_one():
+    """Two staircases in dB reach one level by different steps."""
+    by_steps = np.nextafter(LEVELS, np.inf)
+    one, other = [1, 4, 9, 17, 19, 20], [0, 2, 8, 12, 19, 20]
+    how = {"log": True, "interval": "none"}
+    each = [
+        psychometric(LEVELS, one, ASKED, **how),
+        psychometric(by_steps, other, ASKED, **how),
+    ]
+    both = psychometric([*LEVELS, *by_steps], [*one, *other], np.tile(ASKED, 2), **how)
+    assert likelihood_ratio([both], each).df == 2
+    fewer = psychometric(by_steps, [0, 2, 8, 12, 19, 19], ASKED, **how)
+    refused(BadValue, "the same answers", likelihood_ratio, [both], [each[0], fewer])
+
+
+def test_a_likelihood_ratio_of_models_that_are_not_nested_is_an_error():
+    """The shared rate of the fuller model was fitted to two further sets."""
+    levels, asked, how = [0.01, 0.02, 0.04, 0.08, 0.16, 0.32], [30] * 6, {"guess": 0.5}
+    one, other = [15, 17, 22, 27, 29, 28], [15, 18, 23, 28, 29, 29]
+    more = {"c": [15, 17, 22, 27, 30, 30], "d": [15, 18, 23, 29, 30, 30]}
+    sets = {key: (levels, yes, asked) for key, yes in ({"a": one, "b": other} | more).items()}
+    how |= {"link": "weibull", "interval": "none"}
+    both = psychometric(levels * 2, one + other, asked * 2, lapse="free", **how)
+    wide = psychometrics(sets, lapse="shared", **how)
+    refused(BadValue, "does not contain it", likelihood_ratio, [both], [wide["a"], wide["b"]])
+    fits = psychometrics({key: sets[key] for key in "ab"}, lapse="shared", **how)
+    found = likelihood_ratio([both], fits.values())
+    assert found.df == 2 and found.statistic > 0
+
+
 @pytest.mark.longer
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such
