@@ -284,7 +284,7 @@ class Fit:
         self.draw(ax)
         ax.set(
             xlabel=f"level / {self.unit}" if self.unit else "level",
-            ylabel="proportion correct" if self.guess else "proportion of yes",
+            ylabel=f"proportion {'of yes' if self.comparison or not self.guess else 'correct'}",
         )
         return figure
 
