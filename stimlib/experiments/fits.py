@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -72,7 +73,9 @@ AS_GOOD = -2.0
 SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
 BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
 RESAMPLES, DRAWS = 2000, 1000  # fits of a bootstrap, deviances of a goodness of fit
+SAME_FIT = 1e-2  # twice a difference in log-likelihood that the search may leave
 SHARED = "shared"  # a rate that is fitted to all sets together
+LATTICE = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)  # shared rates to begin from, of the highest
 # trials at a level, beyond which likelihoods are too coarse for intervals; size of a
 # level
 MOST, LARGEST = 1e9, 1e100
@@ -170,7 +173,9 @@ class Fit:
     def aic(self) -> float:
         """Akaike's information criterion; the model with the lower value is better.
 
-        Compare only models that were fitted to the same answers.
+        Compare only models that were fitted to the same answers.  The criterion of a
+        model of n sets is the sum over its fits, less 2 (n - 1) for each shared rate,
+        which every fit counts.
         """
         return 2 * (self.parameters + self.shared - self.loglik)
 
@@ -279,7 +284,7 @@ class Fit:
         self.draw(ax)
         ax.set(
             xlabel=f"level / {self.unit}" if self.unit else "level",
-            ylabel="proportion correct" if self.guess else "proportion of yes",
+            ylabel=f"proportion {'of yes' if self.comparison or not self.guess else 'correct'}",
         )
         return figure
 
@@ -489,8 +494,8 @@ def psychometrics(
     link, log, dispersion, interval, confidence, seed, unit
         As `psychometric`.
     guess, lapse : float or {"free", "shared"}
-        As `psychometric`; "shared" fits one rate to all sets, which their intervals
-        take as known.
+        As `psychometric`; "shared" fits one rate to all sets of this call, which their
+        intervals take as known.  For a rate of each participant, call it for each.
 
     Returns
     -------
@@ -562,13 +567,16 @@ def _shared(parts: Sequence[Sequence[Sets]], model: Model) -> tuple[Model, int]:
         one = model._replace(**dict(zip(names, rates.tolist(), strict=True)))
         return -sum(float(maximum(s, _middle(s), one).loglik.sum()) for s in padded)
 
-    highest = [GUESSES if name == "guess" else LAPSES for name in names]
+    # such likelihoods have several peaks: search from the best point of a lattice
+    highest = np.array([GUESSES if name == "guess" else LAPSES for name in names])
+    start = min((np.array(v) * highest for v in product(LATTICE, repeat=len(names))), key=loss)
+    step = np.diag(np.where(start < highest / 2, 1, -1) * LATTICE[1] * highest)
     found = minimize(
         loss,
-        [0.2 * v for v in highest],
+        start,
         method="Nelder-Mead",
         bounds=[(0.0, v) for v in highest],
-        options={"xatol": 1e-6, "fatol": 1e-9},
+        options={"xatol": 1e-6, "fatol": 1e-9, "initial_simplex": [start, *(start + step)]},
     )
     return model._replace(**dict(zip(names, found.x.tolist(), strict=True))), len(names)
 
@@ -852,7 +860,9 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     """Compare a model with a fuller one that contains it, over the same answers.
 
     For instance one curve for two conditions with one for each, or no lapses with
-    lapses that are fitted.
+    lapses that are fitted.  One curve for both means one threshold and one slope: the
+    test does not say which of them differs, for which `Fit.pse_interval` and
+    `Fit.sigma_interval` are a guide.
 
     Parameters
     ----------
@@ -868,7 +878,8 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     Raises
     ------
     BadValue
-        The answers differ, or the fuller model has no more parameters.
+        The answers differ, or the fuller model has no more parameters or a lower
+        log-likelihood, as where its shared rate was fitted to other sets as well.
 
     References
     ----------
@@ -887,7 +898,8 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     from scipy.stats import chi2, f
 
     one, other = list(simple), list(full)
-    if _pooled(one) != _pooled(other):
+    before, after = _pooled(one), _pooled(other)
+    if len(before) != len(after) or not np.allclose(before, after, rtol=2 * SAME, atol=0.0):
         raise BadValue("likelihood_ratio: both models must be fitted to the same answers")
     counts = [
         sum(fit.parameters for fit in fits) + max((fit.shared for fit in fits), default=0)
@@ -900,6 +912,12 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
             f" {counts[0]} of the simpler one"
         )
     gain = 2 * (sum(fit.loglik for fit in other) - sum(fit.loglik for fit in one))
+    if gain < -SAME_FIT:
+        raise BadValue(
+            f"likelihood_ratio: the log-likelihood of the fuller model is {-gain / 2:.2g} below"
+            " that of the simpler one, so it does not contain it; fit shared rates to the same"
+            " sets in both"
+        )
     gain = max(gain, 0.0)
     free = [(fit.levels - fit.parameters, fit.dispersion) for fit in other]
     free = [(k, v) for k, v in free if math.isfinite(v)]
@@ -909,12 +927,19 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     return LikelihoodRatio(gain, df, float(p))
 
 
-def _pooled(fits: Sequence[Fit]) -> dict[float, tuple[int, int]]:
-    """Return how many said yes, and were asked, at each level of all fits."""
-    found: dict[float, tuple[int, int]] = {}
-    for level, yes, asked in (row for fit in fits for row in fit.data):
-        before = found.get(level, (0, 0))
-        found[level] = before[0] + yes, before[1] + asked
+def _pooled(fits: Sequence[Fit]) -> list[list[float]]:
+    """Return each level of all fits, how many said yes there, and were asked.
+
+    Levels that differ by rounding, as those of two staircases in dB, are one.
+    """
+    found: list[list[float]] = []
+    before = -math.inf
+    for level, yes, asked in sorted(row for fit in fits for row in fit.data):
+        if level - before > SAME * abs(level):
+            found.append([level, 0, 0])
+        found[-1][1] += yes
+        found[-1][2] += asked
+        before = level
     return found
 
 

@@ -50,7 +50,11 @@ class Psychometric:
         of misses.
     log : bool
         Use log10 of the level.
-    link : {"probit", "logit"}
+    link : {"probit", "logit", "gumbel", "weibull"}
+        As of `stimlib.experiments.fits.psychometric`; "weibull" uses log10 also without
+        ``log``.  A Weibull curve with the scale alpha (63 %) and the exponent beta has
+        ``pse=alpha * log(2) ** (1 / beta)`` and ``sigma=1 / (beta * log(10))``, with
+        natural logarithms.
 
     Raises
     ------

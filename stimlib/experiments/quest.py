@@ -181,7 +181,39 @@ class Quest:
         }
 
     def estimate(self, state: State) -> dict[str, float]:
-        """Return the posterior means: mean, deviation or slope, lapse and guess."""
+        """Return the posterior means: mean, deviation or slope, lapse and guess.
+
+        The mean of a Weibull curve is its scale alpha, where F is 63 %.  The threshold
+        of `stimlib.experiments.fits.psychometric` is where F is 50 %, and lower by the
+        factor log(2) ** (1 / slope), with the natural logarithm.
+
+        Parameters
+        ----------
+        state : State
+            After the answers, as ``init`` and ``update`` of this design return it.
+
+        Returns
+        -------
+        dict of str to float
+
+        Examples
+        --------
+        >>> import math
+        >>> from stimlib.experiments import Psychometric, Quest, Stimulus, TwoInterval
+        >>> from stimlib.experiments import observed, stream
+        >>> tone = Stimulus("tone", {"A": 0.0})
+        >>> task = TwoInterval("felt", "which", tone, Stimulus("tone"), "A")
+        >>> levels = tuple(0.01 * 2 ** (k / 2) for k in range(11))
+        >>> design = Quest(task, levels, means=levels[1:-1], slopes=(1.0, 2.0, 3.0))
+        >>> person = Psychometric(0.06, 0.2, link="weibull")
+        >>> state = design.init(seed=1)
+        >>> for _, answer in observed(design, 1, person, stream(1, "observer")):
+        ...     state = design.update(state, answer)
+        >>> found = design.estimate(state)
+        >>> threshold = found["mean"] * math.log(2) ** (1 / found["slope"])
+        >>> print(f"alpha {found['mean']:.3f}, threshold {threshold:.3f}")
+        alpha 0.076, threshold 0.064
+        """
         design, chance, *history = _facts(self, state)
         _, known = _posterior(design, chance, *history)
         return {

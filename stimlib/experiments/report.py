@@ -245,7 +245,9 @@ def _curves(figure: Any, fits: Mapping[tuple, Fit], label: str) -> None:
             )
         )
     figure.supxlabel(_label(label))
-    figure.supylabel("proportion of more")
+    # a comparison has a guess rate, too, that of its lapses
+    detections = all(fit.guess and not fit.comparison for fit in fits.values())
+    figure.supylabel("proportion correct" if detections else "proportion of more")
 
 
 def _residuals(figure: Any, fits: Mapping[tuple, Fit], answers: Mapping[tuple, Columns]) -> None:

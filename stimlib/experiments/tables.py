@@ -70,7 +70,8 @@ def fitted(
         one), and those of ``by``.
     by : sequence of str
     **how
-        As `stimlib.experiments.fits.psychometric`.
+        As `stimlib.experiments.fits.psychometrics`: with ``lapse="shared"`` all groups
+        have one lapse rate, those of different participants too.
 
     Raises
     ------

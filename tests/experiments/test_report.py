@@ -131,6 +131,25 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
     assert [*low.get_ydata(), *high.get_ydata()] == [-1.96, -1.96, 1.96, 1.96]
 
 
+@pytest.mark.parametrize(
+    ("guess", "label"), [(0.5, "proportion correct"), (None, "proportion of more")]
+)
+def test_curves_of_a_detection_are_proportions_correct(guess, label, tmp_path):
+    rows = {"participant": ["P01"] * 60, "condition": ["a"] * 60, "track": [""] * 60}
+    rows |= {"number": list(range(1, 61)), "level": [1.0, 2.0, 3.0] * 20}
+    rows["outcome"] = [1, 1, 1] * 10 + [0, 1, 1] * 9 + [0, 0, 1]
+    fits = fitted(rows, guess=guess, lapse=0.02, interval="none")
+    fit = fits["P01", "a"]
+    assert fit.guess == (guess or 0.02)
+    drawn = "proportion correct" if guess else "proportion of yes"
+    assert fit.plot().axes[0].get_ylabel() == drawn
+    write_report(tmp_path / "page.html", "Tones", "2IFC.", rows, fits=fits)
+    text = (tmp_path / "page.html").read_text()
+    assert {name for name in ("proportion correct", "proportion of more") if name in text} == {
+        label
+    }
+
+
 def test_results_are_tables():
     one = to_pandas({("P1", "a"): wilson(1, 4), ("P1", "b"): wilson(3, 4)}, ["who", "condition"])
     assert list(one.columns) == ["who", "condition", "value", "low", "high", "k", "n"] and list(
