@@ -68,8 +68,8 @@ MUST = {
         " random lengths."
     ),
     "states": (
-        "From the state before each of 140 samples, another processor continues with bit-"
-        " identical samples."
+        "From the state before each of 140 samples, another processor continues with"
+        " bit-identical samples."
     ),
     "parameters": (
         "With a parameter that changes at every sample, at once or by a ramp, compiler and"
