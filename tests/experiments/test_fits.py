@@ -349,7 +349,8 @@ def test_answers_that_scatter_are_named_and_their_intervals_are_wider():
     assert fit.problems == plain.problems == ("overdispersed",) and fit.p < 0.01
     assert fit.dispersion > 2 and fit.pse == plain.pse
     wider = np.sqrt(fit.dispersion * 7.708647422176786 / 3.841458820694124)  # F(1, 4), chi2(1)
-    assert f"wider by {wider:.2g}" in fit.advice()[0] and f"p = {fit.p:.2g}" in fit.advice()[0]
+    (advice,) = fit.advice()
+    assert f"wider by a factor of {wider:.2g}" in advice and f"p = {fit.p:.2g}" in advice
     same = psychometric(LEVELS, yes, ASKED, dispersion=wider**2)
     assert same.pse_interval == pytest.approx(fit.pse_interval, rel=1e-6)
     assert np.diff(fit.pse_interval) > 2 * np.diff(plain.pse_interval)
@@ -451,8 +452,52 @@ def test_a_shared_rate_makes_all_sets_together_most_likely():
     without = psychometrics(sets, lapse=0.0, interval="none").values()
     found = likelihood_ratio(without, fits.values())
     assert found.df == 1 and found.statistic == pytest.approx(2 * (best - loglik(0.0)))
+    first, second = ({k: sets[k] for k in names} for names in (("a",), ("b",)))
+    alone = [psychometrics(v, lapse="shared", interval="none") for v in (first, second)]
+    assert alone[0]["a"].lapse > rate > alone[1]["b"].lapse
     both = psychometrics(sets, lapse="shared", guess="shared", interval="none")
     assert both["a"].shared == 2 and sum(f.loglik for f in both.values()) >= best - 1e-9
+
+
+def test_a_rate_is_shared_by_tasks_of_different_chance_levels():
+    def table(yes, chance):
+        outcomes = [int(k < v) for v in yes for k in range(20)]
+        return {
+            "level": np.repeat(LEVELS, 20).tolist(),
+            "outcome": outcomes,
+            "chance": [chance] * len(outcomes),
+        }
+
+    sets = {
+        "a": table([0, 4, 10, 17, 20, 17], 0.0),
+        "b": table([10, 12, 15, 18, 20, 20], 0.5),
+    }
+    fits = psychometrics(sets, lapse="shared", interval="none")
+    rate = fits["a"].lapse
+    assert rate == fits["b"].lapse and 0 < rate < 0.1
+    assert [fit.guess for fit in fits.values()] == [0.0, 0.5]
+
+    def loglik(lapse):
+        return sum(f.loglik for f in psychometrics(sets, lapse=lapse, interval="none").values())
+
+    assert loglik(rate) > max(loglik(rate - 1e-3), loglik(rate + 1e-3))
+
+
+def test_a_likelihood_ratio_takes_levels_that_differ_by_rounding():
+    near = 0.1 + 0.2  # 0.30000000000000004
+    one, other = ([0.1, 0.2, near], [0, 1, 1]), ([0.1, 0.2, 0.3] * 2, [1, 0, 1, 0, 0, 1])
+    both = psychometric(one[0] + other[0], one[1] + other[1], interval="none")
+    each = [psychometric(*v, interval="none") for v in (one, other)]
+    for models in ((both,), each), (each[::-1], (both, both)):
+        if len(models[0]) == 1:
+            assert likelihood_ratio(*models).df == 2
+        else:
+            refused(BadValue, "the same answers", likelihood_ratio, *models)
+    logs = [psychometric(*v, log=True, interval="none") for v in (one, other)]
+    assert likelihood_ratio([both], logs).df == 2
+    moved = psychometric([*one[0], *[v + 1e-9 for v in other[0]]], one[1] + other[1])
+    refused(BadValue, "the same answers", likelihood_ratio, [moved], each)
+    refused(BadValue, "'a' is no Fit", likelihood_ratio, iter("a"), each)
 
 
 def test_a_likelihood_ratio_is_chi_squared_or_f():
@@ -644,6 +689,51 @@ def test_a_table_of_answers_is_taken_whole():
     refused(UnknownName, "no column 'outcome'; there are level", psychometric, {"level": [1, 2]})
 
 
+def test_numbers_of_every_kind_are_taken():
+    from fractions import Fraction
+
+    plain = psychometric(LEVELS, YES, ASKED, guess=0.25, lapse=0.0, confidence=0.5)
+    for number in (np.float32, np.float64, Fraction):
+        how = dict(guess=number(0.25), lapse=number(0), confidence=number(0.5))
+        assert repr(psychometric(LEVELS, YES, ASKED, **how)) == repr(plain)
+    assert psychometric(LEVELS, YES, ASKED, lapse=np.int64(0), interval="none").lapse == 0
+
+
+def test_a_chance_level_of_a_table_is_a_number_or_missing():
+    rows = {"level": [1, 1, 2, 2, 3, 3], "outcome": [0, 0, 1, 0, 1, 1]}
+    for given, chance in ((np.float32(0.5), 0.5), (np.int64(0), 0.0), (np.nan, 0.0)):
+        fit = psychometric(rows | {"chance": [given] * 6})
+        assert fit.guess == chance and fit.comparison == bool(given != given)
+    pandas = pytest.importorskip("pandas")
+    assert psychometric(rows | {"chance": [pandas.NA] * 6}).comparison
+    for given in ("0.5", "free", "shared", [0.5], True, 1.0, -0.1, np.inf):
+        why = "chance = .* must be a number from 0 to below 1, or None"
+        refused(BadValue, why, psychometric, rows | {"chance": [given] * 6})
+
+
+def test_a_fit_that_failed_over_logarithms_has_no_difference():
+    flat = psychometric([1, 2, 3, 4], [10, 9, 11, 10], [20] * 4, log=True)
+    assert flat.problems == ("flat",) and np.isnan([flat.jnd, *flat.jnd_interval]).all()
+
+
+def test_levels_below_0_are_not_on_a_logarithm():
+    fit = psychometric(LEVELS, YES, ASKED, log=True)
+    refused(BadValue, "fit: level = -1 must be 0 or above", fit, [1.0, -1.0])
+    assert psychometric(LEVELS, YES, ASKED)(-1.0) > 0
+
+
+def test_ends_beyond_a_float_are_infinite():
+    """Answers that rise just enough: the interval is hundreds of decades long."""
+    levels, asked = [1e-200, 1.0, 1e200], [1000] * 3
+    found = [
+        psychometric(levels, [500 - d, 500, 500 + d], asked, log=True, dispersion=1.0)
+        for d in range(22, 26)
+    ]
+    ends = [fit.pse_interval for fit in found if not fit.problems]
+    assert any(high == np.inf and low == 0 for low, high in ends)
+    assert float(found[-1].level(1 - 1e-12)) == np.inf
+
+
 def flagged(z, chance, people, n=20, **how):
     """How often of these people "guess" is among the problems."""
     p = chance + (1 - chance) * ndtr(z)
@@ -714,6 +804,10 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
         (dict(levels=[1, 2], yes=[0, 1], guess=-0.1), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse="free"), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], interval="wald"), "bootstrap"),
+        (dict(levels=[1, 2], yes=[0, 1], trials=[np.nan, 1]), r"trials\[0\] = nan"),
+        (dict(levels=[1, 2], yes=[0, 1], trials=[-1, 1]), r"trials\[0\] = -1"),
+        (dict(levels=[1, 2], yes=[0, 1], guess="free", lapse=0.2), "lapse = 0.2 must be below 0.2"),
+        (dict(levels=[1, 2], yes=[0, 1], guess="shared", lapse=0.3), "lapse = 0.3 .* 'shared'"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=95), "confidence"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=0.0), "confidence"),
     ],
