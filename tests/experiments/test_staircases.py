@@ -323,6 +323,7 @@ def test_a_target_above_chance_is_taken():
         ({"level": ["a"], "outcome": [0]}, None, "two rows of finite numbers"),
         ({"level": [None], "outcome": [0]}, None, "two rows of finite numbers"),
         ({"level": [0.0, 1.0], "outcome": [1, 0]}, None, "trial 2 has the level 1, where .* -0.5"),
+        ({"level": [0.0], "outcome": [0.5]}, None, "outcomes 0 or 1"),
         ({"level": [0.0], "outcome": [1]}, 3, "last = 3 must be an even number"),
         ({"level": [0.0], "outcome": [1]}, 0, "last = 0 must be an even number"),
     ],
