@@ -521,6 +521,9 @@ def test_a_likelihood_ratio_is_chi_squared_or_f():
     assert scatter > 1 and found.p == pytest.approx(f.sf(found.statistic / 2 / scatter, 2, 8))
     refused(BadValue, "the same answers", likelihood_ratio, [both], rough)
     refused(BadValue, "4 parameters .* must be more", likelihood_ratio, each, each)
+    worse = psychometric(LEVELS, one, ASKED, guess=0.25, lapse="free", interval="none")
+    found = likelihood_ratio(each[:1], [worse])  # which does not contain the other
+    assert worse.loglik < each[0].loglik and (found.statistic, found.p) == (0.0, 1.0)
 
 
 @pytest.mark.longer
@@ -687,6 +690,26 @@ def test_a_table_of_answers_is_taken_whole():
         rows | {"chance": [0.5] * 3 + [None] * 3},
     )
     refused(UnknownName, "no column 'outcome'; there are level", psychometric, {"level": [1, 2]})
+
+
+def test_an_interval_takes_the_dispersion_that_is_given():
+    from scipy.stats import chi2, f
+
+    wide, narrow = (psychometric(LEVELS, YES, ASKED, dispersion=v) for v in (1.0, 0.25))
+    for name in ("pse_interval", "sigma_interval"):
+        (low, high), (inner_low, inner_high) = getattr(wide, name), getattr(narrow, name)
+        assert low < inner_low < inner_high < high
+        assert (inner_high - inner_low) / (high - low) == pytest.approx(0.5, abs=0.06)
+    least = chi2.ppf(0.95, 1)
+    wanted = [least, 2 * f.ppf(0.95, 1, 1), 2 * f.ppf(0.95, 1, 2)]
+    assert allowed([2.0, 2.0, 2.0], [0, 1, 2]) == pytest.approx(wanted)
+
+
+def test_a_level_is_where_the_curve_has_a_probability():
+    fit = psychometric([1.0, 2.0, 3.0, 4.0], [11, 14, 19, 20], [20] * 4, guess=0.5, lapse=0.01)
+    p = np.array([0.51, 0.75, 0.98])
+    assert fit(fit.level(p)) == pytest.approx(p)
+    assert np.isnan(fit.level([0.0, 0.5, 0.99, 1.0])).all()
 
 
 def test_numbers_of_every_kind_are_taken():

@@ -61,6 +61,9 @@ def test_problems_of_a_forced_choice():
     assert 2.0 < ceiling.interval[0] < np.inf
     assert guessed.problems == ("chance",) and guessed.interval[0] < 0 < guessed.interval[1]
     assert mistaken.problems == none.problems == ("below chance",)
+    assert forced_choice(39, 40, 4).problems == ()
+    few = forced_choice(9, 40, 4)  # below chance, and chance itself is in the interval
+    assert few.d < 0 and few.problems == ("chance",)
     assert none.d == none.interval[0] == -np.inf
     # two of two: all right, and yet no evidence
     assert forced_choice(2, 2).problems == ("ceiling", "chance")
