@@ -1079,9 +1079,18 @@ def bootstrap(
     p = probability(eta, model.link, found.guess, found.lapse)[0]
     drawn = np.random.default_rng(seed).binomial(sets.n.astype(int), p, (n, p.size)).astype(float)
     fits = maximum(sets._replace(yes=drawn), middle, model)
-    each = np.stack([middle - fits.a / fits.b, 1 / np.abs(fits.b)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # of a flat resample at one half any PSE is as likely
+        each = np.stack([middle - np.where(fits.a == 0, 0.0, fits.a / fits.b), 1 / np.abs(fits.b)])
     tail = (1 - confidence) / 2
-    return np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
+    # infinities have no straight line between them
+    low, high = (
+        np.quantile(each, q, axis=1, method=method)
+        for q, method in ((tail, "lower"), (1 - tail, "higher"))
+    )
+    with np.errstate(invalid="ignore"):
+        found = np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
+    return np.where(np.isnan(found), np.stack([low, high], axis=1), found)
 
 
 # What is given ------------------------------------------------------------------------

@@ -312,6 +312,13 @@ def test_dispersion_is_that_of_the_answers():
         sets, c = drifting(nu, 4000, levels=9, asked=40), np.full(4000, 2.0)
         mean = np.mean(dispersion(sets, c, PROBIT, maximum(sets, c)))
         assert mean == pytest.approx(1 + 39 / (nu + 1), rel=off)
+    rng, at = np.random.default_rng(5), np.linspace(0, 4, 40)  # one answer a level
+    single = Sets(at, (rng.random(40) < ndtr(at - 2)).astype(float), np.ones(40))
+    found = maximum(single, 2.0)
+    p = ndtr(found.a + found.b * (at - 2))
+    left, spread = single.yes - p, p * (1 - p)
+    wanted = np.sum(left**2 / spread) / 38 / (1 + np.mean((1 - 2 * p) * left / spread))
+    assert dispersion(single, 2.0, PROBIT, found) == pytest.approx(wanted)
     two = Sets(np.array([1.0, 3.0]), np.array([3.0, 15.0]), np.array([20.0, 20.0]))
     assert np.isnan(dispersion(two, 2.0, PROBIT, maximum(two, 2.0)))
     assert psychometric([1.0, 3.0], [3, 15], [20, 20]).pse_interval[1] < 3  # as binomial
@@ -348,6 +355,8 @@ def test_answers_that_scatter_are_named_and_their_intervals_are_wider():
     fit, plain = (psychometric(LEVELS, yes, ASKED, dispersion=v) for v in (None, 1.0))
     assert fit.problems == plain.problems == ("overdispersed",) and fit.p < 0.01
     assert fit.dispersion > 2 and fit.pse == plain.pse
+    near = psychometric(LEVELS, [0, 7, 7, 18, 16, 20], ASKED, interval="none")
+    assert 0.01 < near.p < 0.03 and not near.problems
     wider = np.sqrt(fit.dispersion * 7.708647422176786 / 3.841458820694124)  # F(1, 4), chi2(1)
     (advice,) = fit.advice()
     assert f"wider by a factor of {wider:.2g}" in advice and f"p = {fit.p:.2g}" in advice
@@ -435,6 +444,20 @@ def test_free_rates_are_the_best_there_are(link):
     assert fit.aic == pytest.approx(2 * 4 + 2 * other.fun)
 
 
+@pytest.mark.parametrize("link", ["probit", "weibull"])
+def test_no_fixed_rates_are_more_likely_than_free_ones(link):
+    """Of 60 people, against every pair of 9 rates of guesses and 6 of lapses."""
+    at = np.linspace(0.5, 4, 8)
+    p = 0.3 + 0.65 * ndtr((at - 2) / 0.5)
+    yes = np.random.default_rng(6).binomial(20, p, (60, 8)).astype(float)
+    sets, c = Sets(np.broadcast_to(at, yes.shape), yes, np.full(yes.shape, 20.0)), np.full(60, 2.0)
+    best = maximum(sets, c, Model(link, "free", "free"))
+    for guess in np.linspace(0, 0.8, 9):
+        for lapse in np.linspace(0, 0.1, 6):
+            fixed = maximum(sets, c, Model(link, float(guess), float(lapse))).loglik
+            assert (best.loglik >= fixed - 1e-6).all(), (guess, lapse, (fixed - best.loglik).max())
+
+
 def test_a_shared_rate_makes_all_sets_together_most_likely():
     sets = {
         "a": (LEVELS, [0, 4, 10, 17, 20, 17], ASKED),
@@ -443,6 +466,7 @@ def test_a_shared_rate_makes_all_sets_together_most_likely():
     fits = psychometrics(sets, lapse="shared", interval="none")
     rate = fits["a"].lapse
     assert rate == fits["b"].lapse and 0 < rate < 0.1 and fits["a"].shared == 1
+    assert fits["a"].aic == pytest.approx(2 * (2 + 1 - fits["a"].loglik))
 
     def loglik(lapse):
         return sum(f.loglik for f in psychometrics(sets, lapse=lapse, interval="none").values())
@@ -522,6 +546,10 @@ def test_a_likelihood_ratio_is_chi_squared_or_f():
     refused(BadValue, "the same answers", likelihood_ratio, [both], rough)
     refused(BadValue, "4 parameters .* must be more", likelihood_ratio, each, each)
     worse = psychometric(LEVELS, one, ASKED, guess=0.25, lapse="free", interval="none")
+    uneven = [rough[0], dc.replace(rough[1], levels=12, dispersion=5.0)]  # 4 and 10 of freedom
+    scatter = (4 * rough[0].dispersion + 10 * 5.0) / 14
+    found = likelihood_ratio([joined], uneven)
+    assert found.p == pytest.approx(f.sf(found.statistic / 2 / scatter, 2, 14))
     found = likelihood_ratio(each[:1], [worse])  # which does not contain the other
     assert worse.loglik < each[0].loglik and (found.statistic, found.p) == (0.0, 1.0)
 
@@ -567,6 +595,14 @@ def test_bootstrap_draws_lapses_too():
         wanted,
         rtol=1e-9,
     )
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_bootstrap_with_flat_resamples_has_ends():
+    """Half said yes at both of two levels: resamples are flat, or steep either way."""
+    sets = Sets(np.array([1.0, 2.0]), np.array([4.0, 4.0]), np.array([8.0, 8.0]))
+    (low, high), (flat_low, flat_high) = bootstrap(sets)
+    assert low == -np.inf and high == np.inf and 0 < flat_low < 2 and flat_high == np.inf
 
 
 def test_bootstrap_and_profile_agree_where_there_are_many_answers():
