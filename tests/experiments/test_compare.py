@@ -272,6 +272,10 @@ def test_effect_sizes_of_groups_and_pairs():
     assert anova({"a": a, "b": b}).effect == pytest.approx(
         between / np.sum((both - both.mean()) ** 2), rel=1e-12
     )
+    three = {"a": a, "b": b, "c": np.array([1.0, 1.4, 1.9])}
+    every = np.concatenate([*three.values()])
+    between = sum(x.size * (x.mean() - every.mean()) ** 2 for x in three.values())
+    assert anova(three).effect == pytest.approx(between / np.sum((every - every.mean()) ** 2))
     assert anova({"a": [1, 1], "b": [2, 2]}).effect == 1
     assert anova({"a": [1, 2], "b": [2, 1]}).effect == pytest.approx(0, abs=1e-12)
     # of groups that do not overlap it is the largest that ranks allow

@@ -96,6 +96,13 @@ def test_roc_of_the_images_of_hanley_and_mcneil():
         assert one.low < other.low < one.value == other.value < other.high < one.high
 
 
+def test_the_interval_of_a_slope_is_on_the_log_scale():
+    slope = roc(SIGNAL, NOISE).slope
+    assert slope.high / slope.value == pytest.approx(slope.value / slope.low)
+    wanted = np.exp(1.959963985 * slope.error / slope.value)
+    assert slope.high / slope.value == pytest.approx(wanted)
+
+
 def test_the_area_is_the_part_of_pairs_that_are_ordered_rightly():
     """And its error that of DeLong's placements, trial by trial."""
     found = roc(SIGNAL, NOISE).area
