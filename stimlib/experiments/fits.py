@@ -1084,10 +1084,8 @@ def bootstrap(
         each = np.stack([middle - np.where(fits.a == 0, 0.0, fits.a / fits.b), 1 / np.abs(fits.b)])
     tail = (1 - confidence) / 2
     # infinities have no straight line between them
-    low, high = (
-        np.quantile(each, q, axis=1, method=method)
-        for q, method in ((tail, "lower"), (1 - tail, "higher"))
-    )
+    low = np.quantile(each, tail, axis=1, method="lower")
+    high = np.quantile(each, 1 - tail, axis=1, method="higher")
     with np.errstate(invalid="ignore"):
         found = np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
     return np.where(np.isnan(found), np.stack([low, high], axis=1), found)

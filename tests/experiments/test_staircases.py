@@ -230,6 +230,7 @@ def test_weighted_staircases_are_interleaved():
 
 
 # The estimate -------------------------------------------------------------------------
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", ["db", "log", "lin"])
 def test_the_mean_of_the_last_reversals(kind):
     start, steps = (4.0, (0.4, 0.2, 0.1)) if kind == "log" else (4.0, (2.0, 1.0, 0.5))
