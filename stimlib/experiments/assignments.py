@@ -60,10 +60,11 @@ def assign(
     ------
     BadValue
         A participant who has an order already, or is no code; no orders, or such that
-        are no JSON data; a file that was begun with other orders or another seed.
+        are no JSON data; a path that is a folder; a file that was begun with other
+        orders or another seed.
     SinkError
-        The file cannot be read or written, was edited, or another process writes it for
-        longer than 10 s.
+        The file cannot be read or written, is a link, was edited, or another process
+        writes it for longer than 10 s.
 
     Notes
     -----
@@ -89,8 +90,13 @@ def assign(
     stimlib.errors.BadValue: assign: ... participant P02 has the order [2, 3, 1, 0] ...
     """
     check_code(participant)
+    seed = int(seed)
     try:
         known = json.loads(json.dumps(list(orders), default=lambda v: v.tolist(), allow_nan=False))
+    except RecursionError:
+        raise BadValue(
+            "orders are nested too deeply; give names, numbers or lists of them"
+        ) from None
     except (AttributeError, TypeError, ValueError) as e:
         raise BadValue(
             f"orders = {orders!r:.80} must be names, numbers or lists of them, and finite: {e}"
@@ -98,6 +104,10 @@ def assign(
     if not known:
         raise BadValue("orders is empty; give at least one")
     path = Path(path)
+    if not path.name:
+        raise BadValue(f"path = {str(path)!r} is a folder; give the name of a file")
+    if path.is_symlink():  # a write would replace it, and leave the file behind it as it was
+        raise SinkError(f"{path} is a link; give the path of the file that it leads to")
     safe_files.make_folder(path.parent)
     lock, until = path.with_name(f"{path.name}.lock"), time.monotonic() + WAIT
     with ExitStack() as stack:

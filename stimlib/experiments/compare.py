@@ -17,6 +17,7 @@ from .likelihood import numbers
 Array = np.ndarray
 ADJUSTMENTS = ("bonferroni", "none")
 SIDES = ("two-sided", "one-sided")
+LARGEST = 1e100  # size of a value; a spread below 1 of it has no sum of squares
 
 
 @dataclass(frozen=True)
@@ -296,6 +297,7 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
             f"paired: {a.size} values and {b.size}: give both of every participant, in the same"
             " order"
         )
+    _spread("paired", a - b)
     if np.ptp(a - b) <= 1e-14 * np.abs(a).max():
         raise BadValue("paired: all differences are the same: there is no spread to compare with")
     found = ttest_rel(a, b)
@@ -366,13 +368,15 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     Returns
     -------
     tuple of Effect
-        Main effects, then interactions.
+        Main effects, then interactions.  Of separate experiments, those whose
+        differences are the same for all participants have F infinite or nan.
 
     Raises
     ------
     BadValue
         Fewer axes than factors and participants, fewer than two of either, values that
-        are not finite.
+        are not finite; of one experiment, differences that are the same for all
+        participants.
 
     References
     ----------
@@ -412,6 +416,8 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
             "repeated: a value is not finite: every participant needs one in every condition; for"
             " gaps take mixed"
         )
+    _size("repeated", y)
+    _spread("repeated", y)
     n = shape[0]
     rows = y.reshape(*y.shape[: y.ndim - len(shape)], n, -1)
     within = np.sum((rows - rows.mean(axis=-2, keepdims=True)) ** 2, axis=(-2, -1))
@@ -423,14 +429,19 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
             rest = d - middle[..., None, :]
             effect, error = n * np.sum(middle**2, axis=-1), np.sum(rest**2, axis=(-2, -1))
             df = float(d.shape[-1]), float(d.shape[-1] * (n - 1))
+            name = ":".join(names[k] for k in some)
+            if y.ndim == len(shape) and error <= 1e-28 * np.sum(y * y):
+                raise BadValue(
+                    f"repeated: {name}: the differences are the same for all participants, so there"
+                    " is no error to compare with"
+                )
             with np.errstate(divide="ignore", invalid="ignore"):
                 F = (effect / df[0]) / (error / df[1])
                 S = np.swapaxes(rest, -1, -2) @ rest
                 epsilon = np.trace(S, axis1=-2, axis2=-1) ** 2 / (
                     df[0] * np.sum(S * S, axis=(-2, -1))
                 )
-            corrected = f.sf(F, df[0] * epsilon, df[1] * epsilon)
-            name = ":".join(names[k] for k in some)
+                parts = effect / (effect + error), effect / (effect + within)
             found.append(
                 Effect(
                     name,
@@ -438,9 +449,8 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
                     df,
                     f.sf(F, *df),
                     epsilon,
-                    corrected,
-                    effect / (effect + error),
-                    effect / (effect + within),
+                    f.sf(F, df[0] * epsilon, df[1] * epsilon),
+                    *parts,
                 )
             )
     return tuple(found)
@@ -599,7 +609,17 @@ def _row(what: str, values: ArrayLike, least: int) -> Array:
         raise BadValue(f"{what}: give a row of at least {least} values, got shape {row.shape}")
     if not np.isfinite(row).all():
         raise BadValue(f"{what}: value {int(np.argmin(np.isfinite(row)))} is not finite")
+    _size(what, row)
     return row
+
+
+def _size(what: str, values: Array) -> None:
+    """Raise BadValue if values are too large for sums of their squares."""
+    if np.abs(values).max(initial=0.0) > LARGEST:
+        raise BadValue(
+            f"{what}: a value is larger than {LARGEST:g}, so that sums of squares do not exist;"
+            " give the values in another unit"
+        )
 
 
 def _groups(what: str, groups: Mapping[str, ArrayLike]) -> dict[str, Array]:
@@ -612,7 +632,17 @@ def _groups(what: str, groups: Mapping[str, ArrayLike]) -> dict[str, Array]:
         )
     if np.ptp(np.concatenate(list(rows.values()))) == 0:
         raise BadValue(f"{what}: all values are the same")
+    _spread(what, np.concatenate(list(rows.values())))
     return rows
+
+
+def _spread(what: str, values: Array) -> None:
+    """Raise BadValue if values differ by less than a float can square."""
+    if 0 < np.ptp(values) < 1 / LARGEST:
+        raise BadValue(
+            f"{what}: values or differences from {values.min():g} to {values.max():g} have no sum"
+            " of squares that a float can hold; give them in another unit"
+        )
 
 
 def _one_of(what: str, name: str, value: str, known: Sequence[str]) -> None:

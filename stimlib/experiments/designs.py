@@ -388,7 +388,8 @@ class Staircase:
         Raises
         ------
         BadValue
-            Levels that are not those of this staircase; an odd ``last``.
+            Levels that are not those of this staircase; outcomes other than 0 and 1; an
+            odd ``last``.
         UnknownName
             No level or outcome.
 
@@ -412,10 +413,10 @@ class Staircase:
             rows = np.array([answers["level"], answers["outcome"]], float)
         except (TypeError, ValueError):
             rows = np.array(math.nan)
-        if rows.ndim != 2 or not np.isfinite(rows).all():
+        if rows.ndim != 2 or not np.isfinite(rows).all() or not np.isin(rows[1], (0, 1)).all():
             raise BadValue(
                 "Staircase.estimate: level and outcome must be two rows of finite numbers, equally"
-                " long; give the trials of one track"
+                " long, and outcomes 0 or 1; give the trials of one track"
             )
         if last is not None and (not _counts(last) or last % 2):
             raise BadValue(f"Staircase.estimate: last = {last!r} must be an even number from 2 on")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -59,8 +60,8 @@ PROBLEMS = {
     "overdispersed": (
         "the answers scatter about the curve more than answers of one probability for each level"
         " do (p = {p:.2g}): the participant may have changed between blocks, or the curve has"
-        " another shape; intervals are wider by {wider:.2g}; look at the residuals over time, and"
-        " try another link"
+        " another shape; intervals are wider by a factor of {wider:.2g} unless dispersion is given;"
+        " look at the residuals over time, and try another link"
     ),
 }
 """What can be wrong with a fit, and what to do; ``Fit.problems`` names them."""
@@ -71,6 +72,7 @@ CHANCES = (0.0, 1 / 4, 1 / 3, 1 / 2)
 # well as a symmetric curve
 AS_GOOD = -2.0
 SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
+ROUNDED = 1e-11  # the same between fits, whose levels may have gone through a logarithm
 BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
 RESAMPLES, DRAWS = 2000, 1000  # fits of a bootstrap, deviances of a goodness of fit
 SAME_FIT = 1e-2  # twice a difference in log-likelihood that the search may leave
@@ -214,9 +216,19 @@ class Fit:
         Returns
         -------
         ndarray, of the same shape
+
+        Raises
+        ------
+        BadValue
+            A level below 0 with ``log``, or no numbers.
         """
         axis = numbers("fit: level", level)
         if self.log:
+            if (axis < 0).any():
+                raise BadValue(
+                    f"fit: level = {axis.min():g} must be 0 or above, because the curve is over"
+                    " the logarithm of the level"
+                )
             with np.errstate(divide="ignore"):
                 axis = np.log10(axis)
         eta = (axis - self._axis(self.pse)) / self.sigma
@@ -247,7 +259,7 @@ class Fit:
         part = (numbers("fit: p", p) - self.guess) / (1 - self.guess - self.lapse)
         part = np.where((part > 0) & (part < 1), part, np.nan)
         axis = self._axis(self.pse) + self.sigma * curve(self.link).inverse(part)
-        return 10**axis if self.log else axis
+        return _power(axis) if self.log else axis
 
     def advice(self) -> list[str]:
         """Return the problems of the fit, and what to do about them."""
@@ -315,7 +327,13 @@ class Fit:
         wide = float(curve(self.link).inverse(0.75)) * sigma
         if not self.log:
             return wide
-        return 10**wide - 1 if wide < 300 else math.inf
+        return float(_power(wide)) - 1
+
+
+def _power(exponent: ArrayLike) -> Array:
+    """Return 10 to a power: infinity where a float cannot hold it, and nan of nan."""
+    with np.errstate(over="ignore"):
+        return np.power(10.0, exponent)
 
 
 def logarithmic(axis: Any, scale: Callable[[str], Any]) -> None:
@@ -521,6 +539,9 @@ def psychometrics(
     """
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise BadValue(f"psychometric: seed = {seed!r} must be a whole number from 0 on")
+    guess = float(guess) if isinstance(guess, Real) else guess
+    lapse = float(lapse) if isinstance(lapse, Real) else lapse
+    dispersion, confidence = dispersion and float(dispersion), float(confidence)
     log = log or link == "weibull"
     how = _How(log, dispersion, interval, confidence, int(seed), unit)
     _model(link, guess, lapse, how)
@@ -532,14 +553,16 @@ def psychometrics(
         answers, chance = _answers(where, given)
         sets[key] = _set(where, answers, log)
         chances[key] = chance if guess is None else guess
+    parts: list[tuple[list[Any], Model]] = []
     for chance in dict.fromkeys(chances.values()):
+        _model(link, chance, lapse, how)
         keys = [key for key in data if chances[key] == chance]
-        parts = [keys[at : at + TOGETHER] for at in range(0, len(keys), TOGETHER)]
-        model, shared = _shared([[sets[k] for k in p] for p in parts], Model(link, chance, lapse))
-        _model(*model, how)
-        for part in parts:
-            found = _fitted([sets[key] for key in part], model, how, shared)
-            fits |= zip(part, found, strict=True)
+        model = Model(link, chance, lapse)
+        parts += [(keys[at : at + TOGETHER], model) for at in range(0, len(keys), TOGETHER)]
+    rates = _shared([([sets[key] for key in keys], model) for keys, model in parts])
+    for keys, model in parts:
+        found = _fitted([sets[key] for key in keys], _with(model, rates), how, len(rates))
+        fits |= zip(keys, found, strict=True)
     return {key: fits[key] for key in data}
 
 
@@ -554,18 +577,20 @@ class _How(NamedTuple):
     unit: str
 
 
-def _shared(parts: Sequence[Sequence[Sets]], model: Model) -> tuple[Model, int]:
-    """Return the model with its shared rates fitted, and how many these are."""
+def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
+    """Return the rates that all sets share, whatever else their models are."""
     from scipy.optimize import minimize
 
-    names = [name for name in ("guess", "lapse") if getattr(model, name) == SHARED]
+    names = [name for name in ("guess", "lapse") if parts and getattr(parts[0][1], name) == SHARED]
     if not names:
-        return model, 0
-    padded = [_padded(part) for part in parts]
+        return {}
+    padded = [(_padded(part), model) for part, model in parts]
 
     def loss(rates: Array) -> float:
-        one = model._replace(**dict(zip(names, rates.tolist(), strict=True)))
-        return -sum(float(maximum(s, _middle(s), one).loglik.sum()) for s in padded)
+        one = dict(zip(names, rates.tolist(), strict=True))
+        return -sum(
+            float(maximum(s, _middle(s), _with(model, one)).loglik.sum()) for s, model in padded
+        )
 
     # such likelihoods have several peaks: search from the best point of a lattice
     highest = np.array([GUESSES if name == "guess" else LAPSES for name in names])
@@ -578,7 +603,11 @@ def _shared(parts: Sequence[Sequence[Sets]], model: Model) -> tuple[Model, int]:
         bounds=[(0.0, v) for v in highest],
         options={"xatol": 1e-6, "fatol": 1e-9, "initial_simplex": [start, *(start + step)]},
     )
-    return model._replace(**dict(zip(names, found.x.tolist(), strict=True))), len(names)
+    return dict(zip(names, found.x.tolist(), strict=True))
+
+
+def _with(model: Model, rates: Mapping[str, float]) -> Model:
+    return Model(model.link, rates.get("guess", model.guess), rates.get("lapse", model.lapse))
 
 
 def _middle(sets: Sets) -> Array:
@@ -799,7 +828,8 @@ def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each
     PSE and sigma, and their intervals, are on the axis of the fit.
     """
     log = how.log
-    pse, low, high = (10 ** float(v) if log else float(v) for v in (found[0], *around[0]))
+    axis = np.array([found[0], *around[0]])
+    pse, low, high = (_power(axis) if log else axis).tolist()
     levels = 10**one.x if log else one.x
     rows = levels, one.yes.astype(int), one.n.astype(int)
     return Fit(
@@ -898,8 +928,10 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     from scipy.stats import chi2, f
 
     one, other = list(simple), list(full)
+    if wrong := [fit for fit in (*one, *other) if not isinstance(fit, Fit)]:
+        raise BadValue(f"likelihood_ratio: {wrong[0]!r:.80} is no Fit; give lists of fits")
     before, after = _pooled(one), _pooled(other)
-    if len(before) != len(after) or not np.allclose(before, after, rtol=2 * SAME, atol=0.0):
+    if len(before) != len(after) or not np.allclose(before, after, rtol=ROUNDED, atol=0.0):
         raise BadValue("likelihood_ratio: both models must be fitted to the same answers")
     counts = [
         sum(fit.parameters for fit in fits) + max((fit.shared for fit in fits), default=0)
@@ -935,7 +967,7 @@ def _pooled(fits: Sequence[Fit]) -> list[list[float]]:
     found: list[list[float]] = []
     before = -math.inf
     for level, yes, asked in sorted(row for fit in fits for row in fit.data):
-        if level - before > SAME * abs(level):
+        if level - before > ROUNDED * abs(level):
             found.append([level, 0, 0])
         found[-1][1] += yes
         found[-1][2] += asked
@@ -986,7 +1018,12 @@ def profile(
     shape, sets = each[0].shape[:-1], Sets(*(v.reshape(-1, v.shape[-1]) for v in each))
     middle = _middle(sets)
     best = maximum(sets, middle, model)
-    fall = allowed(math.nan, 0, confidence) if fall is None else fall
+    fall = allowed(math.nan, 0, confidence) if fall is None else numbers("profile: fall", fall)
+    if fall.ndim and fall.shape != shape or not (fall > 0).all():
+        raise BadValue(
+            f"profile: fall, of shape {fall.shape}, must be above 0, and one number or one for each"
+            f" set: {shape}"
+        )
     z = np.sqrt(np.broadcast_to(fall, shape).ravel())
     both = np.repeat([-1.0, 1.0], middle.size)  # the lower ends of all sets, then the upper ones
     width = np.sqrt(total(sets.n * (sets.x - middle[:, None]) ** 2) / total(sets.n)) / 8
@@ -1060,9 +1097,16 @@ def bootstrap(
     p = probability(eta, model.link, found.guess, found.lapse)[0]
     drawn = np.random.default_rng(seed).binomial(sets.n.astype(int), p, (n, p.size)).astype(float)
     fits = maximum(sets._replace(yes=drawn), middle, model)
-    each = np.stack([middle - fits.a / fits.b, 1 / np.abs(fits.b)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # of a flat resample at one half any PSE is as likely
+        each = np.stack([middle - np.where(fits.a == 0, 0.0, fits.a / fits.b), 1 / np.abs(fits.b)])
     tail = (1 - confidence) / 2
-    return np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
+    # infinities have no straight line between them
+    low = np.quantile(each, tail, axis=1, method="lower")
+    high = np.quantile(each, 1 - tail, axis=1, method="higher")
+    with np.errstate(invalid="ignore"):
+        found = np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
+    return np.where(np.isnan(found), np.stack([low, high], axis=1), found)
 
 
 # What is given ------------------------------------------------------------------------
@@ -1081,6 +1125,11 @@ def _model(link: str, guess: Any, lapse: Any, how: _How) -> None:
             " estimate it"
         )
     words = FREE, SHARED
+    if guess in words and isinstance(lapse, float) and lapse >= 1 - GUESSES:
+        raise BadValue(
+            f"psychometric: lapse = {lapse!r} must be below {1 - GUESSES:.3g} with guess ="
+            f" {guess!r}, which looks for rates up to {GUESSES}; give lapse = {FREE!r}, or a guess"
+        )
     if lapse not in words and not (isinstance(lapse, (int, float)) and 0 <= lapse < 0.5):
         raise BadValue(
             f"psychometric: lapse = {lapse!r} must be at least 0 and below 0.5, or {FREE!r} to fit"
@@ -1103,16 +1152,25 @@ def _answers(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | None]
     if not hasattr(given, "keys"):  # a DataFrame has some, too
         return given, None
     need(where, ("level", "outcome"), given)
-    chances = {
-        None if c is None or c != c else c
-        for c in (given["chance"] if "chance" in given else [None])
-    }
+    chances = {_chance(where, c) for c in (given["chance"] if "chance" in given else [None])}
     if len(chances) > 1:
         raise BadValue(
             f"{where}: the answers are of tasks with chance levels {chances}: fit each task by"
             " itself"
         )
     return (given["level"], given["outcome"]), chances.pop() if chances else None
+
+
+def _chance(where: str, given: Any) -> float | None:
+    """Return a chance level of a table as a float, or None where it is missing."""
+    if given is None or type(given).__name__ == "NAType":  # pandas' missing value
+        return None
+    if not isinstance(given, Real) or not (given != given or 0 <= float(given) < 1):
+        raise BadValue(
+            f"{where}: chance = {given!r:.80} must be a number from 0 to below 1, or None where the"
+            " task has no chance level"
+        )
+    return None if given != given else float(given)
 
 
 def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
@@ -1135,8 +1193,8 @@ def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
         )
     for name, bad in (
         ("levels", ~np.isfinite(x) | (log & (x <= 0))),
+        ("trials", ~((n >= 0) & (n <= MOST) & (n == np.floor(n)))),
         ("yes", ~((k >= 0) & (k <= n) & (k == np.floor(k)))),
-        ("trials", ~((n <= MOST) & (n == np.floor(n)))),
     ):
         if bad.any():
             at = int(np.argmax(bad))

@@ -63,8 +63,9 @@ class Quest:
     Raises
     ------
     BadValue
-        No levels or parameters, rows of something else, or trials below 1; a trial
-        whose chance level is another than the task's; all parameters as nuisance.
+        No levels or parameters, rows of something else, or trials below 1; rates of
+        guesses and lapses that add up to 1 or more; a trial whose chance level is
+        another than the task's; all parameters as nuisance.
     UnknownName
         A nuisance parameter that the curve does not have.
 
@@ -142,6 +143,11 @@ class Quest:
             raise BadValue("Quest: a Weibull curve needs means above 0 and levels of 0 or above")
         object.__setattr__(self, "nuisance", tuple(dict.fromkeys(self.nuisance)))
         names = _parameters(self, getattr(self.task, "chance", None))
+        if (most := max(names.get("guess", [0.0])) + max(self.lapses)) >= 1:
+            raise BadValue(
+                f"Quest: the largest guess and lapse rates add up to {most:.3g}, where no curve"
+                " rises; give rates whose sum is below 1"
+            )
         need("Quest: nuisance", self.nuisance, names, "parameter")
         if names.keys() <= set(self.nuisance):
             raise BadValue(
@@ -196,6 +202,11 @@ class Quest:
         -------
         dict of str to float
 
+        Raises
+        ------
+        BadValue, UnknownName
+            A state that is not one of this design.
+
         Examples
         --------
         >>> import math
@@ -214,7 +225,16 @@ class Quest:
         >>> print(f"alpha {found['mean']:.3f}, threshold {threshold:.3f}")
         alpha 0.076, threshold 0.064
         """
+        need("Quest.estimate", ("levels", "outcomes"), state)
         design, chance, *history = _facts(self, state)
+        wrong = [level for level in history[0] if level not in self.levels]
+        wrong += [more for more in history[1] if more not in (0, 1)]
+        if wrong or len(history[0]) != len(history[1]):
+            raise BadValue(
+                f"Quest.estimate: {len(history[0])} levels and {len(history[1])} outcomes"
+                + (f", with {wrong[0]!r:.80}," if wrong else "")
+                + " are no state of this design; give one that its update returned"
+            )
         _, known = _posterior(design, chance, *history)
         return {
             name: float((known.sum(tuple(k for k in range(known.ndim) if k != axis)) * row).sum())
@@ -250,10 +270,11 @@ def _likelihood(design: Quest, chance: float | None) -> Array:
     rows = _parameters(design, chance)
     mean, wide, lapse, *guess = np.ix_(*rows.values(), np.array(design.levels, float))[:-1]
     level = np.array(design.levels, float)
-    if "slope" in rows:
-        curve = 1 - np.exp(-((level / mean) ** wide))
-    else:
-        curve = ndtr((level - mean) / wide)
+    with np.errstate(over="ignore"):  # infinity is right
+        if "slope" in rows:
+            curve = 1 - np.exp(-((level / mean) ** wide))
+        else:
+            curve = ndtr((level - mean) / wide)
     low = guess[0] if guess else lapse
     more = low + (1 - low - lapse) * curve
     # no answer is impossible, or one slip would leave no curve

@@ -15,6 +15,7 @@ from ..checks.page import STYLE, facts, items
 from ..errors import UnknownName, need, public, shown
 from ..system import safe_files
 from .fits import Fit, logarithmic
+from .likelihood import FLOOR, numbers
 from .tables import Columns, grouped, plain
 
 SHOWN = (
@@ -88,6 +89,8 @@ def write_report(
         The file cannot be written.
     UnknownName
         A column is missing, or a fit has no answers.
+    BadValue
+        Numbers of trials, of which there are fits, that are no numbers.
 
     Examples
     --------
@@ -254,8 +257,9 @@ def _residuals(figure: Any, fits: Mapping[tuple, Fit], answers: Mapping[tuple, C
     """Draw how far the answers are from each curve, over the trials."""
     for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
         rows = answers[key]
-        order = np.argsort(np.asarray(rows["number"], float), kind="stable")
-        p = fit(np.asarray(rows["level"], float)[order])
+        order = np.argsort(numbers("report: number", rows["number"]), kind="stable")
+        # where the curve has reached 0 or 1, the deviation of nothing is 0
+        p = np.clip(fit(np.asarray(rows["level"], float)[order]), FLOOR, 1 - FLOOR)
         left = np.asarray(rows["outcome"], float)[order] - p
         stretches = np.array_split(np.arange(order.size), min(STRETCHES, order.size))
         sums = [np.sum(left[at]) / np.sqrt(np.sum((p * (1 - p))[at])) for at in stretches]

@@ -24,6 +24,7 @@ CORRECTIONS = {
 Çaldıran's thesis, section 3.7, ``half`` from Macmillan and Kaplan (1985), ``loglinear``
 from Hautus (1995)."""
 
+MOST = 1e15  # trials of a count, which a float holds exactly
 PROBLEMS = {
     "ceiling": (
         "all answers are right: d' is infinite, and only the lower end of its interval is known;"
@@ -447,7 +448,8 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
     from scipy.special import expit, logit, ndtr
 
     rows = S, N = numbers("roc: signal", signal), numbers("roc: noise", noise)
-    m, n = S.sum(), N.sum()
+    with np.errstate(over="ignore", invalid="ignore"):  # which is refused below
+        m, n = S.sum(), N.sum()
     if S.ndim != 1 or S.shape != N.shape or S.size < 2 or min(m, n) == 1:
         raise BadValue(
             f"roc: signal and noise have shapes {S.shape} and {N.shape} and sums {m:g} and {n:g};"
@@ -534,8 +536,8 @@ def _counts(what: str, k: float, n: float) -> None:
         isinstance(v, (int, float, np.integer, np.floating)) and math.isfinite(v) and v == int(v)
         for v in (k, n)
     )
-    if not (whole and 0 <= k <= n and n > 0):
+    if not (whole and 0 <= k <= n and 0 < n <= MOST):
         raise BadValue(
-            f"{what}: {k!r} of {n!r}: give whole numbers, the first from 0 to the second, the"
-            " second above 0"
+            f"{what}: {k!r:.80} of {n!r:.80}: give whole numbers, the first from 0 to the second,"
+            f" the second above 0 and at most {MOST:g}"
         )

@@ -197,6 +197,21 @@ def test_a_file_that_was_edited_is_refused(tmp_path, change, why):
         refused(SinkError, why, call)
 
 
+DEEP: list = []
+for _ in range(5000):
+    DEEP = [DEEP]
+
+
+def test_a_link_is_not_replaced(tmp_path):
+    """A write through it would leave the file that others use as it was."""
+    path, link = tmp_path / "orders.json", tmp_path / "link.json"
+    assign(path, "P01", ["A", "B"], np.int64(1))
+    link.symlink_to(path)
+    refused(SinkError, "link.json is a link; give the path", assign, link, "P02", ["A", "B"], 1)
+    assert link.is_symlink() and assigned(link, "P01") == assigned(path, "P01")
+    assign(path, "P02", ["A", "B"], 1)
+
+
 @pytest.mark.parametrize(
     "wrong, error, why",
     [
@@ -208,6 +223,9 @@ def test_a_file_that_was_edited_is_refused(tmp_path, change, why):
         ({"seed": -1}, BadValue, "seed = -1"),
         ({"seed": 1.5}, BadValue, "seed = 1.5 must be a whole number"),
         ({"path": 3}, BadValue, "path = 3 must be"),
+        ({"path": ""}, BadValue, "path = '.' is a folder; give the name of a file"),
+        ({"path": "/"}, BadValue, "path = '/' is a folder"),
+        ({"orders": DEEP}, BadValue, "orders are nested too deeply"),
         ({"path": "/dev/null/orders"}, SinkError, "cannot make the folder"),
     ],
 )

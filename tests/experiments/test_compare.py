@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.compare import anova, dunn, kruskal, mixed, paired, repeated, shapiro
@@ -272,6 +273,10 @@ def test_effect_sizes_of_groups_and_pairs():
         between / np.sum((both - both.mean()) ** 2), rel=1e-12
     )
     assert anova({"a": [1, 2], "b": [3, 4]}).effect == pytest.approx(0.8)
+    three = {"a": a, "b": b, "c": np.array([1.0, 1.4, 1.9])}
+    every = np.concatenate([*three.values()])
+    between = sum(x.size * (x.mean() - every.mean()) ** 2 for x in three.values())
+    assert anova(three).effect == pytest.approx(between / np.sum((every - every.mean()) ** 2))
     assert anova({"a": [1, 2], "b": [2, 1]}).effect == pytest.approx(0, abs=1e-12)
     # of groups that do not overlap it is the largest that ranks allow
     apart = kruskal({"a": [1, 2, 3], "b": [4, 5, 6]})
@@ -461,3 +466,23 @@ def test_proportions_of_the_nodules():
 def test_what_cannot_be_used_is_said(call, said):
     with pytest.raises((BadValue, UnknownName), match=said):
         call()
+
+
+def test_values_without_sums_of_squares_are_refused():
+    for call in (anova, kruskal, dunn):
+        for row, why in (([1e101, 1.0], "larger than 1e"), ([1e-200, 2e-200], "another unit")):
+            name = f"{call.__name__}.*{why}"
+            refused(BadValue, name, call, {"a": row, "b": [0.0, row[0]]})
+    refused(BadValue, "paired.*larger than", paired, [1e308, -1e308], [-1e308, 1e308])
+    refused(BadValue, "paired.*another unit", paired, [1e-200, 2e-200], [0.0, 3e-200])
+    refused(BadValue, "repeated.*larger than", repeated, [[1e308, -1e308], [1.0, 2.0]])
+    refused(BadValue, "repeated.*another unit", repeated, [[1e-200, 0.0], [0.0, 5e-200]])
+
+
+@pytest.mark.filterwarnings("error")
+def test_differences_without_error_are_refused_but_in_simulations():
+    for rows in ([[1.0, 1.0]] * 3, [[0.1, 0.3], [0.2, 0.4], [0.3, 0.5]]):
+        refused(BadValue, "repeated: condition: the differences are the same", repeated, rows)
+    (effect,) = repeated([[[0.0, 0.0]] * 3, [[1.0, 2.0]] * 3, [[1, 2], [1, 3], [2, 2]]])
+    assert np.isnan(effect.F[0]) and np.isinf(effect.F[1]) and np.isfinite(effect.F[2])
+    assert np.isnan(effect.eta2[0]) and effect.eta2[1] == 1

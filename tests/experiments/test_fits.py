@@ -312,6 +312,13 @@ def test_dispersion_is_that_of_the_answers():
         sets, c = drifting(nu, 4000, levels=9, asked=40), np.full(4000, 2.0)
         mean = np.mean(dispersion(sets, c, PROBIT, maximum(sets, c)))
         assert mean == pytest.approx(1 + 39 / (nu + 1), rel=off)
+    rng, at = np.random.default_rng(5), np.linspace(0, 4, 40)  # one answer a level
+    single = Sets(at, (rng.random(40) < ndtr(at - 2)).astype(float), np.ones(40))
+    found = maximum(single, 2.0)
+    p = ndtr(found.a + found.b * (at - 2))
+    left, spread = single.yes - p, p * (1 - p)
+    wanted = np.sum(left**2 / spread) / 38 / (1 + np.mean((1 - 2 * p) * left / spread))
+    assert dispersion(single, 2.0, PROBIT, found) == pytest.approx(wanted)
     two = Sets(np.array([1.0, 3.0]), np.array([3.0, 15.0]), np.array([20.0, 20.0]))
     assert np.isnan(dispersion(two, 2.0, PROBIT, maximum(two, 2.0)))
     assert psychometric([1.0, 3.0], [3, 15], [20, 20]).pse_interval[1] < 3  # as binomial
@@ -348,8 +355,11 @@ def test_answers_that_scatter_are_named_and_their_intervals_are_wider():
     fit, plain = (psychometric(LEVELS, yes, ASKED, dispersion=v) for v in (None, 1.0))
     assert fit.problems == plain.problems == ("overdispersed",) and fit.p < 0.01
     assert fit.dispersion > 2 and fit.pse == plain.pse
+    near = psychometric(LEVELS, [0, 7, 7, 18, 16, 20], ASKED, interval="none")
+    assert 0.01 < near.p < 0.03 and not near.problems
     wider = np.sqrt(fit.dispersion * 7.708647422176786 / 3.841458820694124)  # F(1, 4), chi2(1)
-    assert f"wider by {wider:.2g}" in fit.advice()[0] and f"p = {fit.p:.2g}" in fit.advice()[0]
+    (advice,) = fit.advice()
+    assert f"wider by a factor of {wider:.2g}" in advice and f"p = {fit.p:.2g}" in advice
     same = psychometric(LEVELS, yes, ASKED, dispersion=wider**2)
     assert same.pse_interval == pytest.approx(fit.pse_interval, rel=1e-6)
     assert np.diff(fit.pse_interval) > 2 * np.diff(plain.pse_interval)
@@ -454,6 +464,20 @@ def test_free_rates_are_the_best_there_are(link):
     assert fit.aic == pytest.approx(2 * 4 + 2 * other.fun)
 
 
+@pytest.mark.parametrize("link", ["probit", "weibull"])
+def test_no_fixed_rates_are_more_likely_than_free_ones(link):
+    """Of 60 people, against every pair of 9 rates of guesses and 6 of lapses."""
+    at = np.linspace(0.5, 4, 8)
+    p = 0.3 + 0.65 * ndtr((at - 2) / 0.5)
+    yes = np.random.default_rng(6).binomial(20, p, (60, 8)).astype(float)
+    sets, c = Sets(np.broadcast_to(at, yes.shape), yes, np.full(yes.shape, 20.0)), np.full(60, 2.0)
+    best = maximum(sets, c, Model(link, "free", "free"))
+    for guess in np.linspace(0, 0.8, 9):
+        for lapse in np.linspace(0, 0.1, 6):
+            fixed = maximum(sets, c, Model(link, float(guess), float(lapse))).loglik
+            assert (best.loglik >= fixed - 1e-6).all(), (guess, lapse, (fixed - best.loglik).max())
+
+
 def test_a_shared_rate_makes_all_sets_together_most_likely():
     sets = {
         "a": (LEVELS, [0, 4, 10, 17, 20, 17], ASKED),
@@ -462,6 +486,7 @@ def test_a_shared_rate_makes_all_sets_together_most_likely():
     fits = psychometrics(sets, lapse="shared", interval="none")
     rate = fits["a"].lapse
     assert rate == fits["b"].lapse and 0 < rate < 0.1 and fits["a"].shared == 1
+    assert fits["a"].aic == pytest.approx(2 * (2 + 1 - fits["a"].loglik))
 
     def loglik(lapse):
         return sum(f.loglik for f in psychometrics(sets, lapse=lapse, interval="none").values())
@@ -471,6 +496,9 @@ def test_a_shared_rate_makes_all_sets_together_most_likely():
     without = psychometrics(sets, lapse=0.0, interval="none").values()
     found = likelihood_ratio(without, fits.values())
     assert found.df == 1 and found.statistic == pytest.approx(2 * (best - loglik(0.0)))
+    first, second = ({k: sets[k] for k in names} for names in (("a",), ("b",)))
+    alone = [psychometrics(v, lapse="shared", interval="none") for v in (first, second)]
+    assert alone[0]["a"].lapse > rate > alone[1]["b"].lapse
     both = psychometrics(sets, lapse="shared", guess="shared", interval="none")
     assert both["a"].shared == 2 and sum(f.loglik for f in both.values()) >= best - 1e-9
 
@@ -488,6 +516,47 @@ def test_a_shared_lapse_rate_is_at_the_highest_of_several_peaks():
         return sum(fit.loglik for fit in fits.values())
 
     assert loglik("shared") >= max(map(loglik, np.linspace(0.0, 0.1, 11))) - 1e-6
+
+
+def test_a_rate_is_shared_by_tasks_of_different_chance_levels():
+    def table(yes, chance):
+        outcomes = [int(k < v) for v in yes for k in range(20)]
+        return {
+            "level": np.repeat(LEVELS, 20).tolist(),
+            "outcome": outcomes,
+            "chance": [chance] * len(outcomes),
+        }
+
+    sets = {
+        "a": table([0, 4, 10, 17, 20, 17], 0.0),
+        "b": table([10, 12, 15, 18, 20, 20], 0.5),
+    }
+    fits = psychometrics(sets, lapse="shared", interval="none")
+    rate = fits["a"].lapse
+    assert rate == fits["b"].lapse and 0 < rate < 0.1
+    assert [fit.guess for fit in fits.values()] == [0.0, 0.5]
+
+    def loglik(lapse):
+        return sum(f.loglik for f in psychometrics(sets, lapse=lapse, interval="none").values())
+
+    assert loglik(rate) > max(loglik(rate - 1e-3), loglik(rate + 1e-3))
+
+
+def test_a_likelihood_ratio_takes_levels_that_differ_by_rounding():
+    near = 0.1 + 0.2  # 0.30000000000000004
+    one, other = ([0.1, 0.2, near], [0, 1, 1]), ([0.1, 0.2, 0.3] * 2, [1, 0, 1, 0, 0, 1])
+    both = psychometric(one[0] + other[0], one[1] + other[1], interval="none")
+    each = [psychometric(*v, interval="none") for v in (one, other)]
+    for models in ((both,), each), (each[::-1], (both, both)):
+        if len(models[0]) == 1:
+            assert likelihood_ratio(*models).df == 2
+        else:
+            refused(BadValue, "the same answers", likelihood_ratio, *models)
+    logs = [psychometric(*v, log=True, interval="none") for v in (one, other)]
+    assert likelihood_ratio([both], logs).df == 2
+    moved = psychometric([*one[0], *[v + 1e-9 for v in other[0]]], one[1] + other[1])
+    refused(BadValue, "the same answers", likelihood_ratio, [moved], each)
+    refused(BadValue, "'a' is no Fit", likelihood_ratio, iter("a"), each)
 
 
 def test_a_likelihood_ratio_is_chi_squared_or_f():
@@ -511,6 +580,13 @@ def test_a_likelihood_ratio_is_chi_squared_or_f():
     assert scatter > 1 and found.p == pytest.approx(f.sf(found.statistic / 2 / scatter, 2, 8))
     refused(BadValue, "the same answers", likelihood_ratio, [both], rough)
     refused(BadValue, "4 parameters .* must be more", likelihood_ratio, each, each)
+    worse = psychometric(LEVELS, one, ASKED, guess=0.25, lapse="free", interval="none")
+    uneven = [rough[0], dc.replace(rough[1], levels=12, dispersion=5.0)]  # 4 and 10 of freedom
+    scatter = (4 * rough[0].dispersion + 10 * 5.0) / 14
+    found = likelihood_ratio([joined], uneven)
+    assert found.p == pytest.approx(f.sf(found.statistic / 2 / scatter, 2, 14))
+    found = likelihood_ratio(each[:1], [worse])  # which does not contain the other
+    assert worse.loglik < each[0].loglik and (found.statistic, found.p) == (0.0, 1.0)
 
 
 def test_a_likelihood_ratio_takes_levels_that_differ_by_rounding_as_one():
@@ -584,6 +660,14 @@ def test_bootstrap_draws_lapses_too():
         wanted,
         rtol=1e-9,
     )
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_bootstrap_with_flat_resamples_has_ends():
+    """Half said yes at both of two levels: resamples are flat, or steep either way."""
+    sets = Sets(np.array([1.0, 2.0]), np.array([4.0, 4.0]), np.array([8.0, 8.0]))
+    (low, high), (flat_low, flat_high) = bootstrap(sets)
+    assert low == -np.inf and high == np.inf and 0 < flat_low < 2 and flat_high == np.inf
 
 
 def test_bootstrap_and_profile_agree_where_there_are_many_answers():
@@ -709,6 +793,71 @@ def test_a_table_of_answers_is_taken_whole():
     refused(UnknownName, "no column 'outcome'; there are level", psychometric, {"level": [1, 2]})
 
 
+def test_an_interval_takes_the_dispersion_that_is_given():
+    from scipy.stats import chi2, f
+
+    wide, narrow = (psychometric(LEVELS, YES, ASKED, dispersion=v) for v in (1.0, 0.25))
+    for name in ("pse_interval", "sigma_interval"):
+        (low, high), (inner_low, inner_high) = getattr(wide, name), getattr(narrow, name)
+        assert low < inner_low < inner_high < high
+        assert (inner_high - inner_low) / (high - low) == pytest.approx(0.5, abs=0.06)
+    least = chi2.ppf(0.95, 1)
+    wanted = [least, 2 * f.ppf(0.95, 1, 1), 2 * f.ppf(0.95, 1, 2)]
+    assert allowed([2.0, 2.0, 2.0], [0, 1, 2]) == pytest.approx(wanted)
+
+
+def test_a_level_is_where_the_curve_has_a_probability():
+    fit = psychometric([1.0, 2.0, 3.0, 4.0], [11, 14, 19, 20], [20] * 4, guess=0.5, lapse=0.01)
+    p = np.array([0.51, 0.75, 0.98])
+    assert fit(fit.level(p)) == pytest.approx(p)
+    assert np.isnan(fit.level([0.0, 0.5, 0.99, 1.0])).all()
+
+
+def test_numbers_of_every_kind_are_taken():
+    from fractions import Fraction
+
+    plain = psychometric(LEVELS, YES, ASKED, guess=0.25, lapse=0.0, confidence=0.5)
+    for number in (np.float32, np.float64, Fraction):
+        how = dict(guess=number(0.25), lapse=number(0), confidence=number(0.5))
+        assert repr(psychometric(LEVELS, YES, ASKED, **how)) == repr(plain)
+    assert psychometric(LEVELS, YES, ASKED, lapse=np.int64(0), interval="none").lapse == 0
+
+
+def test_a_chance_level_of_a_table_is_a_number_or_missing():
+    rows = {"level": [1, 1, 2, 2, 3, 3], "outcome": [0, 0, 1, 0, 1, 1]}
+    for given, chance in ((np.float32(0.5), 0.5), (np.int64(0), 0.0), (np.nan, 0.0)):
+        fit = psychometric(rows | {"chance": [given] * 6})
+        assert fit.guess == chance and fit.comparison == bool(given != given)
+    pandas = pytest.importorskip("pandas")
+    assert psychometric(rows | {"chance": [pandas.NA] * 6}).comparison
+    for given in ("0.5", "free", "shared", [0.5], True, 1.0, -0.1, np.inf):
+        why = "chance = .* must be a number from 0 to below 1, or None"
+        refused(BadValue, why, psychometric, rows | {"chance": [given] * 6})
+
+
+def test_a_fit_that_failed_over_logarithms_has_no_difference():
+    flat = psychometric([1, 2, 3, 4], [10, 9, 11, 10], [20] * 4, log=True)
+    assert flat.problems == ("flat",) and np.isnan([flat.jnd, *flat.jnd_interval]).all()
+
+
+def test_levels_below_0_are_not_on_a_logarithm():
+    fit = psychometric(LEVELS, YES, ASKED, log=True)
+    refused(BadValue, "fit: level = -1 must be 0 or above", fit, [1.0, -1.0])
+    assert psychometric(LEVELS, YES, ASKED)(-1.0) > 0
+
+
+def test_ends_beyond_a_float_are_infinite():
+    """Answers that rise just enough: the interval is hundreds of decades long."""
+    levels, asked = [1e-200, 1.0, 1e200], [1000] * 3
+    found = [
+        psychometric(levels, [500 - d, 500, 500 + d], asked, log=True, dispersion=1.0)
+        for d in range(22, 26)
+    ]
+    ends = [fit.pse_interval for fit in found if not fit.problems]
+    assert any(high == np.inf and low == 0 for low, high in ends)
+    assert float(found[-1].level(1 - 1e-12)) == np.inf
+
+
 def flagged(z, chance, people, n=20, **how):
     """How often of these people "guess" is among the problems."""
     p = chance + (1 - chance) * ndtr(z)
@@ -779,6 +928,10 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
         (dict(levels=[1, 2], yes=[0, 1], guess=-0.1), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse="free"), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], interval="wald"), "bootstrap"),
+        (dict(levels=[1, 2], yes=[0, 1], trials=[np.nan, 1]), r"trials\[0\] = nan"),
+        (dict(levels=[1, 2], yes=[0, 1], trials=[-1, 1]), r"trials\[0\] = -1"),
+        (dict(levels=[1, 2], yes=[0, 1], guess="free", lapse=0.2), "lapse = 0.2 must be below 0.2"),
+        (dict(levels=[1, 2], yes=[0, 1], guess="shared", lapse=0.3), "lapse = 0.3 .* 'shared'"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=95), "confidence"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=0.0), "confidence"),
     ],

@@ -138,3 +138,36 @@ def test_a_list_of_nuisances_is_taken_and_each_counts_once():
     usual = {"task": PAIR, **ROWS, "deviations": (0.2, 0.4)}
     once, twice = Quest(**usual, nuisance=("lapse",)), Quest(**usual, nuisance=["lapse", "lapse"])
     assert once == twice and once.next(once.init(1)) == twice.next(twice.init(1))
+
+
+def test_rates_that_add_up_to_1_are_refused():
+    usual = {"task": PAIR, **ROWS, "deviations": (0.2, 0.4)}
+    why = "guess and lapse rates add up to 1, where no curve rises"
+    refused(BadValue, why, Quest, **usual | {"guesses": (0.1, 0.6), "lapses": (0.0, 0.4)})
+    Quest(**usual | {"guesses": (0.1, 0.6), "lapses": (0.0, 0.39)})
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_near_the_largest_are_taken():
+    usual = {"task": PAIR, **ROWS}
+    for rows in (
+        {"deviations": (5e-324,)},
+        {"deviations": (1.0,), "levels": (-1e308, 1e308), "means": (-1e308, 1e308)},
+        {"slopes": (1e300,)},
+    ):
+        design = Quest(**usual | rows)
+        assert np.isfinite(design.next(design.init(1)).level)
+
+
+@pytest.mark.parametrize(
+    "state, error, why",
+    [
+        ({"levels": [77.0], "outcomes": [1]}, BadValue, "1 levels and 1 outcomes, with 77.0, are"),
+        ({"levels": [], "outcomes": [1]}, BadValue, "0 levels and 1 outcomes are no state"),
+        ({"levels": [ROWS["levels"][0]], "outcomes": [2]}, BadValue, "with 2, are no state"),
+        ({"levels": []}, UnknownName, "no column 'outcomes'"),
+    ],
+)
+def test_a_state_of_another_design_is_refused(state, error, why):
+    design = Quest(PAIR, **ROWS, deviations=(0.2, 0.4))
+    refused(error, f"Quest.estimate: .*{why}", design.estimate, state)

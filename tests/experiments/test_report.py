@@ -150,6 +150,26 @@ def test_curves_of_a_detection_are_proportions_correct(guess, label, tmp_path):
     }
 
 
+@pytest.mark.filterwarnings("error")
+def test_residuals_of_a_curve_that_has_reached_1_are_0(tmp_path, monkeypatch):
+    from stimlib.experiments import report
+
+    drawn = []
+    monkeypatch.setattr(report, "svg", lambda draw, size: drawn.append(draw) or "")
+    level = [2.0] * 10 + [2.05] * 10 + [2.1] * 10 + [50.0] * 100
+    outcome = [0] * 9 + [1] + [0, 1] * 5 + [1] * 9 + [0] + [1] * 100
+    rows = {"level": level, "outcome": outcome, "number": list(range(130))}
+    rows |= {name: [""] * 130 for name in ("participant", "condition", "track")}
+    write_report(tmp_path / "a.html", "t", "m", rows, fits=fitted(rows))
+    figure = pytest.importorskip("matplotlib.figure").Figure()
+    drawn[1](figure)
+    sums = figure.axes[0].lines[0].get_ydata()
+    assert abs(sums[-5:]).max() < 1e-6 and np.isfinite(sums).all()
+    rows["number"] = ["x"] * 130
+    write_report(tmp_path / "a.html", "t", "m", rows, fits=fitted(rows))
+    refused(BadValue, "report: number must be rows of numbers", drawn[-1], figure)
+
+
 def test_results_are_tables():
     one = to_pandas({("P1", "a"): wilson(1, 4), ("P1", "b"): wilson(3, 4)}, ["who", "condition"])
     assert list(one.columns) == ["who", "condition", "value", "low", "high", "k", "n"] and list(

@@ -2,6 +2,8 @@
 papers' own numbers, other programs, simulated people.
 """
 
+import math
+
 import numpy as np
 import pytest
 
@@ -205,6 +207,9 @@ def test_extreme_pairs_converge():
     one, other = bradley_terry([("a", "b")] * 5000 + [("b", "a")], reference="b")
     assert one.value == pytest.approx(np.log(5000)) and other.value == other.error == 0
     assert one.error == pytest.approx(np.sqrt(1 + 1 / 5000))
+    (one, _) = bradley_terry([("a", "b")] * 9 + [("b", "a")] * 4, reference="b")
+    assert one.z == pytest.approx(one.value / one.error)
+    assert one.p == pytest.approx(math.erfc(one.z / math.sqrt(2)))  # of both sides
 
 
 def test_people_who_differ_have_wider_intervals():

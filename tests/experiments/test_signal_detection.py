@@ -61,6 +61,9 @@ def test_problems_of_a_forced_choice():
     assert 2.0 < ceiling.interval[0] < np.inf
     assert guessed.problems == ("chance",) and guessed.interval[0] < 0 < guessed.interval[1]
     assert mistaken.problems == none.problems == ("below chance",)
+    assert forced_choice(39, 40, 4).problems == ()
+    few = forced_choice(9, 40, 4)  # below chance, and chance itself is in the interval
+    assert few.d < 0 and few.problems == ("chance",)
     assert none.d == none.interval[0] == -np.inf
     # two of two: all right, and yet no evidence
     assert forced_choice(2, 2).problems == ("ceiling", "chance")
@@ -91,6 +94,13 @@ def test_roc_of_the_images_of_hanley_and_mcneil():
     less = roc(SIGNAL, NOISE, confidence=0.5)
     for one, other in ((found.area, less.area), (found.slope, less.slope), (found.d_a, less.d_a)):
         assert one.low < other.low < one.value == other.value < other.high < one.high
+
+
+def test_the_interval_of_a_slope_is_on_the_log_scale():
+    slope = roc(SIGNAL, NOISE).slope
+    assert slope.high / slope.value == pytest.approx(slope.value / slope.low)
+    wanted = np.exp(1.959963985 * slope.error / slope.value)
+    assert slope.high / slope.value == pytest.approx(wanted)
 
 
 def test_the_area_is_the_part_of_pairs_that_are_ordered_rightly():
@@ -166,6 +176,17 @@ def test_intervals_of_ratings_contain_the_truth():
         assert np.mean([one.error for one in found]) == pytest.approx(spread, rel=0.12)
 
 
+def test_as_many_trials_as_a_float_counts():
+    """1e15 of them: the ends of the interval and the area are numbers still."""
+    many = 10**15
+    for k in (0, 1, many - 1, many):
+        for m in (2, 1000):
+            found = forced_choice(k, many, m)
+            assert found.interval[0] <= found.d <= found.interval[1]
+    area = roc([1, many - 1], [many - 1, 1]).area
+    assert 0 < 1 - area.value < 1e-14 and area.low < area.value < area.high
+
+
 def test_problems_of_ratings():
     apart, single, pair = (
         roc([0, 0, 5, 5], [5, 5, 0, 0]),
@@ -196,8 +217,13 @@ def test_problems_of_ratings():
         (lambda: roc([1, 2], [2, -3]), "roc: 2.0 of -1.0"),
         (lambda: roc([1, 2], [2, np.nan]), "roc: 2.0 of nan"),
         (lambda: roc([1, 2], [2, 3], 1.0), "confidence = 1.0"),
+        (lambda: roc([np.inf, -np.inf], [1, 1]), "roc: inf of nan"),
+        (lambda: roc([1e308, 1e308], [1, 1]), r"roc: 1e\+308 of inf"),
+        (lambda: roc([1, 1e17], [1e17, 1]), r"at most 1e\+15"),
+        (lambda: forced_choice(1, 1e300), r"at most 1e\+15"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_what_cannot_be_used_is_said(call, said):
     with pytest.raises(BadValue, match=said):
         call()

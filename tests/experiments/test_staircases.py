@@ -230,6 +230,7 @@ def test_weighted_staircases_are_interleaved():
 
 
 # The estimate -------------------------------------------------------------------------
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", ["db", "log", "lin"])
 def test_the_mean_of_the_last_reversals(kind):
     start, steps = (4.0, (0.4, 0.2, 0.1)) if kind == "log" else (4.0, (2.0, 1.0, 0.5))
@@ -252,6 +253,21 @@ def test_the_mean_of_the_last_reversals(kind):
     assert stairs.estimate(table, 20)["reversals"] == 8
 
 
+@pytest.mark.parametrize("reversals", [9, 10, 11, 12])
+def test_reversals_are_used_in_pairs_from_the_last_step_on(reversals):
+    """Of random answers, whose turns differ: an odd one out is the first."""
+    stairs = Staircase(PAIR, 0.0, (-99.0, 99.0), (4.0, 2.0, 1.0), reversals, step_type="lin")
+    answers = (np.random.default_rng(reversals).random(80) < 0.5).tolist()
+    table, state = asked(stairs, answers)
+    turns = np.array(state["reversals"])
+    used = turns[2:] if reversals % 2 == 0 else turns[3:]
+    found = stairs.estimate(table)
+    assert len(turns) == reversals and found["reversals"] == used.size
+    assert found["level"] == pytest.approx(used.mean()) != pytest.approx(turns[:-1].mean())
+    assert used.mean() != pytest.approx(turns[-used.size - 1 : -1].mean())
+
+
+@pytest.mark.filterwarnings("error")
 def test_an_estimate_of_few_reversals_is_none():
     stairs = Staircase(PAIR, **WIDE, steps=(0.5,))
     for n in (0, 1, 3):
@@ -323,6 +339,7 @@ def test_a_target_above_chance_is_taken():
         ({"level": ["a"], "outcome": [0]}, None, "two rows of finite numbers"),
         ({"level": [None], "outcome": [0]}, None, "two rows of finite numbers"),
         ({"level": [0.0, 1.0], "outcome": [1, 0]}, None, "trial 2 has the level 1, where .* -0.5"),
+        ({"level": [0.0], "outcome": [0.5]}, None, "outcomes 0 or 1"),
         ({"level": [0.0], "outcome": [1]}, 3, "last = 3 must be an even number"),
         ({"level": [0.0], "outcome": [1]}, 0, "last = 0 must be an even number"),
     ],
