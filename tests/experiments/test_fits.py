@@ -585,8 +585,8 @@ def test_a_likelihood_ratio_is_chi_squared_or_f():
     scatter = (4 * rough[0].dispersion + 10 * 5.0) / 14
     found = likelihood_ratio([joined], uneven)
     assert found.p == pytest.approx(f.sf(found.statistic / 2 / scatter, 2, 14))
-    found = likelihood_ratio(each[:1], [worse])  # which does not contain the other
-    assert worse.loglik < each[0].loglik and (found.statistic, found.p) == (0.0, 1.0)
+    assert worse.loglik < each[0].loglik
+    refused(BadValue, "does not contain it", likelihood_ratio, each[:1], [worse])
 
 
 def test_a_likelihood_ratio_takes_levels_that_differ_by_rounding_as_one():
