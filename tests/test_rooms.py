@@ -3,6 +3,7 @@ another room keeps for itself.
 """
 
 import ast
+import importlib
 import re
 from functools import cache
 from pathlib import Path
@@ -57,6 +58,16 @@ def test_every_room_has_its_sentence_in_the_order_of_imports():
     assert re.findall(r"^``(\w+)`` +\w", table, re.M) == ORDER[:-1], (
         "docs/explanation/architecture.rst, Rooms: a line for each of ROOMS, in their order"
     )
+
+
+def test_the_page_on_architecture_names_what_is_there():
+    page = (STIMLIB.parent / "docs" / "explanation" / "architecture.rst").read_text()
+    table = page.partition("\nWhere something is\n")[2].partition("\nWhere something new goes\n")[0]
+    names = re.findall(r"``([\w.]+\.\w+)``", table)
+    assert len(names) >= 12
+    for name in names:
+        module, _, what = name.rpartition(".")
+        assert hasattr(importlib.import_module(f"stimlib.{module}"), what), f"{name} has moved"
 
 
 @pytest.mark.parametrize("module", sorted(MODULES.keys() - {"__init__"}))
