@@ -200,7 +200,11 @@ def test_one_number_is_not_for_outputs_of_different_units():
         Safety(50.0),
     )
     refused(
-        UnitError, "slew = 3 cannot apply", protect, scene, Safety({"force": 50.0, "x": 0.1}, slew=3.0)
+        UnitError,
+        "slew = 3 cannot apply",
+        protect,
+        scene,
+        Safety({"force": 50.0, "x": 0.1}, slew=3.0),
     )
     protect(scene, Safety({"force": 50.0, "x": 0.1}, slew={"force": 3.0}, peak=20.0))
 
