@@ -37,7 +37,8 @@ from stimlib.experiments import (
     Trial,
     psychometrics,
 )
-from stimlib.experiments.fits import Fit, allowed, dispersion
+from stimlib.experiments.fits import Fit
+from stimlib.experiments.goodness import allowed, dispersion
 from stimlib.experiments.likelihood import PROBIT, Model, Sets, curve, maximum
 from stimlib.experiments.trial import Design
 from stimlib.speed.timing import machine

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import BadValue, need, public, shortened
 from ..system.packages import package
+from .goodness import allowed, dispersion, goodness, parameters
 from .likelihood import (
     FREE,
     GUESSES,
@@ -24,7 +25,6 @@ from .likelihood import (
     Model,
     Sets,
     curve,
-    directions,
     ends,
     maximum,
     numbers,
@@ -74,7 +74,7 @@ AS_GOOD = -2.0
 SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
 ROUNDED = 1e-11  # the same between fits, whose levels may have gone through a logarithm
 BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
-RESAMPLES, DRAWS = 2000, 1000  # fits of a bootstrap, deviances of a goodness of fit
+RESAMPLES = 2000  # fits of a bootstrap
 SAME_FIT = 1e-2  # twice a difference in log-likelihood that the search may leave
 SHARED = "shared"  # a rate that is fitted to all sets together
 LATTICE = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)  # shared rates to begin from, of the highest
@@ -667,159 +667,6 @@ def _fitted(part: Sequence[Sets], model: Model, how: _How, shared: int) -> list[
         )
         for i, one in enumerate(part)
     ]
-
-
-def allowed(dispersion: ArrayLike, freedom: ArrayLike, confidence: float = 0.95) -> Array:
-    """Return the drop in twice the log-likelihood at the ends of an interval.
-
-    Parameters
-    ----------
-    dispersion : array_like
-        The estimated dispersion, or nan.
-    freedom : array_like
-        Its degrees of freedom.
-    confidence : float
-
-    Returns
-    -------
-    ndarray
-        The larger of the quantile of chi squared with one degree of freedom and
-        ``dispersion`` times that of F.
-
-    References
-    ----------
-    McCullagh and Nelder (1989), Generalized Linear Models, section 4.5.2.
-
-    Examples
-    --------
-    >>> from stimlib.experiments.fits import allowed
-    >>> allowed([0.5, 2.0], 5).round(2)
-    array([ 3.84, 13.22])
-    """
-    from scipy.special import chdtri, fdtri
-
-    least = chdtri(1, 1 - confidence)
-    freedom = np.asarray(freedom, float)
-    with np.errstate(invalid="ignore"):
-        scaled = np.asarray(dispersion) * fdtri(1, np.maximum(freedom, 1), confidence)
-        return np.where((freedom > 0) & (scaled > least), scaled, least)
-
-
-def dispersion(sets: Sets, c: ArrayLike, model: Model, found: Found) -> Array:
-    """Return the ratio of the answers' variance about their curve to the binomial one.
-
-    Parameters
-    ----------
-    sets : Sets
-        Shape (.., levels); levels without trials count for nothing.
-    c : array_like, shape (..)
-        Where the intercept of ``found`` is taken.
-    model : Model
-    found : Found
-        Its maximum.
-
-    Returns
-    -------
-    ndarray, shape (..)
-        Pearson's statistic over its degrees of freedom with Fletcher's correction,
-        which holds at few answers a level too; nan without a degree of freedom.
-
-    References
-    ----------
-    Fletcher (2012), Biometrika 99:230, eq. (5).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stimlib.experiments.fits import dispersion
-    >>> from stimlib.experiments.likelihood import PROBIT, Sets, maximum
-    >>> sets = Sets(np.arange(5.0), np.array([9, 0, 9, 17, 13]), np.full(5, 20))
-    >>> dispersion(sets, 2.0, PROBIT, maximum(sets, 2.0)).round(1)
-    np.float64(7.0)
-    """
-    p, q = _chances(sets, c, model, found)[1:]
-    asked, left = np.sum(sets.n > 0, axis=-1), sets.yes - sets.n * p
-    freedom = asked - parameters(model)
-    variance = np.maximum(sets.n, 1) * p * q
-    pearson, bend = total(left**2 / variance), total((1 - 2 * p) * left / variance) / asked
-    return np.where(freedom > 0, pearson / np.maximum(freedom, 1) / (1 + bend), np.nan)
-
-
-def _chances(sets: Sets, c: ArrayLike, model: Model, found: Found) -> tuple[Array, Array, Array]:
-    """Return the link, and the probabilities of yes and no, at each level of a fit."""
-    a, b, lapse, guess = (np.asarray(v)[..., None] for v in found[:4])
-    eta = a + b * (sets.x - np.asarray(c)[..., None])
-    return eta, *probability(eta, model.link, guess, lapse)
-
-
-def parameters(model: Model) -> int:
-    """Return how many parameters are fitted to a set.
-
-    Examples
-    --------
-    >>> from stimlib.experiments.fits import parameters
-    >>> from stimlib.experiments.likelihood import Model
-    >>> parameters(Model()), parameters(Model(lapse="free"))
-    (2, 3)
-    """
-    return 2 + (model.lapse == FREE) + (model.guess == FREE)
-
-
-def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) -> float:
-    """Return the share of simulated sets that deviate at least as much as this set.
-
-    Each draw is fitted anew by one step of Fisher scoring.
-
-    Parameters
-    ----------
-    sets : Sets
-        Shape (levels,).
-    c, model, found
-        As `dispersion`.
-    seed : int
-        Seed of the 1000 simulated sets.
-
-    Returns
-    -------
-    float
-        p of the deviance.
-
-    References
-    ----------
-    Davison and Hinkley (1997), Bootstrap Methods and their Application, section 7.2.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stimlib.experiments.fits import goodness
-    >>> from stimlib.experiments.likelihood import PROBIT, Sets, maximum
-    >>> sets = Sets(np.arange(5.0), np.array([9, 0, 9, 17, 13]), np.full(5, 20))
-    >>> goodness(sets, 2.0, PROBIT, maximum(sets, 2.0)) < 0.01
-    True
-    """
-    eta, p, q = _chances(sets, c, model, found)
-    slope = (1 - found.guess - found.lapse) * curve(model.link).density(eta)
-    free = (
-        True,
-        True,
-        model.lapse == FREE and bool(0 < found.lapse < LAPSES),
-        model.guess == FREE and bool(0 < found.guess < GUESSES),
-    )
-    d = directions(sets.x - c, eta, slope, model, free)[list(free)]
-    information = (d * (sets.n / (p * q))) @ d.T
-    drawn = np.random.default_rng(seed).binomial(sets.n.astype(int), p, (DRAWS, p.size))
-    score = ((drawn - sets.n * p) / (p * q)) @ d.T
-    gained = np.sum(score * np.linalg.lstsq(information, score.T, rcond=1e-12)[0].T, axis=1)
-    larger = _deviance(drawn, sets.n, p, q) - gained >= _deviance(sets.yes, sets.n, p, q)
-    return float((1 + np.sum(larger)) / (1 + DRAWS))
-
-
-def _deviance(yes: Array, n: Array, p: Array, q: Array) -> Array:
-    """Return the deviance of answers from probabilities."""
-    from scipy.special import xlogy
-
-    no = n - yes
-    return 2 * np.sum(xlogy(yes, yes / (n * p)) + xlogy(no, no / (n * q)), axis=-1)
 
 
 def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each: Any) -> Fit:

@@ -15,15 +15,13 @@ from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import (
-    allowed,
     bootstrap,
-    dispersion,
-    goodness,
     likelihood_ratio,
     profile,
     psychometric,
     psychometrics,
 )
+from stimlib.experiments.goodness import allowed, dispersion, goodness
 from stimlib.experiments.likelihood import (
     LINKS,
     PROBIT,
