@@ -101,6 +101,29 @@ def test_reading_stops_at_the_limit(tmp_path, monkeypatch):
     refused(SinkError, "limits.scene_bytes", safe_files.read, tmp_path / "a", "scene_bytes")
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/stat"), reason="a file without a size: Linux")
+def test_a_file_longer_than_its_size_is_not_read():
+    refused(
+        SinkError, "it grows while it is read", safe_files.read, "/proc/self/stat", "scene_bytes"
+    )
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no permissions of this kind")
+@pytest.mark.parametrize("umask", [0, 0o027])
+def test_new_files_have_the_permissions_that_the_user_asks_for(tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        made = [
+            safe_files.create(tmp_path / "a"),
+            safe_files.opened(tmp_path / "b", os.O_RDWR | os.O_CREAT),
+        ]
+    finally:
+        os.umask(before)
+    for fd in made:
+        assert os.fstat(fd).st_mode & 0o777 == 0o666 & ~umask
+        os.close(fd)
+
+
 def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
     victim = tmp_path / "victim"
     victim.write_text("precious")
