@@ -437,6 +437,7 @@ ELSEWHERE = {
     "analysis": "as jnds",
     "comparisons": "as jnds",
     "stimlib.experiments.papers.ugrip.fits": "as jnds",
+    "stimlib.experiments.papers.firmness.weber_fractions": "as jnds",
     "judged": "a step of verify",
     "tail": "a step of verify",
     "burg": "a step of fit_texture",

@@ -26,7 +26,15 @@ if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
     from ..live.experiment import ExperimentPage
 
-PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
+PAPERS = (
+    "ugrip",
+    "bounciness",
+    "firmness",
+    "roughness",
+    "nodules",
+    "nodule_sizes",
+    "nodule_places",
+)
 """Experiments of papers: a function of this name in stimlib.experiments.papers.NAME."""
 
 experiment = group("experiment", "Run, resume, simulate and analyse an experiment.")

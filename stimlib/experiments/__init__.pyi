@@ -102,7 +102,12 @@ from .signal_detection import (
     wilson as wilson,
 )
 from .tables import fitted as fitted, grouped as grouped, plain as plain, to_pandas as to_pandas
-from .tasks import OneInterval as OneInterval, Rate as Rate, TwoInterval as TwoInterval
+from .tasks import (
+    OneInterval as OneInterval,
+    Rate as Rate,
+    Roved as Roved,
+    TwoInterval as TwoInterval,
+)
 from .trial import (
     Answer as Answer,
     Record as Record,

@@ -235,3 +235,68 @@ class Rate:
         """Return the trial, whose stimulus has its own noise."""
         shown = dc.replace(self.stimulus, seed=seed_of(seed, "noise", self.condition, n))
         return Trial(self.condition, (shown,), self.questions, correct=self.correct)
+
+
+@public
+@dc.dataclass(frozen=True)
+class Roved:
+    """A task with a parameter that roves from stimulus to stimulus.
+
+    What the parameter changes is then no cue to the right answer.
+
+    Parameters
+    ----------
+    task : Task
+    varies : str
+        A parameter that each stimulus of the task sets.
+    factor : float
+        Above 1.  Each stimulus has its value multiplied by a factor drawn from
+        1/factor to factor, uniformly in its logarithm.
+
+    Raises
+    ------
+    BadValue
+        A factor that is not above 1; a stimulus that does not set the parameter.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import OneInterval, Roved, Stimulus
+    >>> pair = {
+    ...     "red": Stimulus("S1", {"firmness": 1.0}),
+    ...     "green": Stimulus("S2", {"firmness": 1.0}),
+    ... }
+    >>> task = Roved(OneInterval("0.25", "bouncier", pair), "firmness", 1.2)
+    >>> [
+    ...     round(task.trial("red", 1, n).stimuli[0].params["firmness"], 3)
+    ...     for n in (0, 1)
+    ... ]
+    [1.05, 0.972]
+    """
+
+    task: Task
+    varies: str
+    factor: float
+
+    def __post_init__(self):
+        if self.factor <= 1:
+            raise BadValue(f"Roved: factor {self.factor!r} must be above 1, such as 1.2")
+
+    @property
+    def condition(self) -> str:
+        """Name of the task's condition."""
+        return self.task.condition
+
+    def trial(self, level: Any, seed: int, n: int) -> Trial:
+        """Return the task's trial, its stimuli with the parameter multiplied."""
+        trial = self.task.trial(level, seed, n)
+        powers = stream(seed, "roving", self.condition, n).uniform(-1, 1, len(trial.stimuli))
+        roved = []
+        for stimulus, power in zip(trial.stimuli, powers, strict=True):
+            if self.varies not in stimulus.params:
+                raise BadValue(
+                    f"Roved {self.condition!r}: {stimulus.scene} does not set {self.varies!r}; give"
+                    f" it, such as Stimulus({stimulus.scene!r}, {{{self.varies!r}: 1.0}})"
+                )
+            value = stimulus.params[self.varies] * self.factor ** float(power)
+            roved.append(dc.replace(stimulus, params={**stimulus.params, self.varies: value}))
+        return dc.replace(trial, stimuli=tuple(roved))

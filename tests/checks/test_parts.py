@@ -34,6 +34,7 @@ from stimlib.core.parts import OWN, Part, Span, parts_of, plain
 from stimlib.devices.null import NullSink
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.papers.bounciness import bounciness
+from stimlib.experiments.papers.firmness import firmness
 from stimlib.experiments.papers.nodule_sizes import nodule_sizes
 from stimlib.experiments.papers.roughness import roughness
 from stimlib.experiments.papers.ugrip import ugrip
@@ -825,7 +826,7 @@ def test_a_session_with_a_wrong_carrier_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.stress
-@pytest.mark.parametrize("make", [ugrip, bounciness, roughness, nodule_sizes])
+@pytest.mark.parametrize("make", [ugrip, bounciness, firmness, roughness, nodule_sizes])
 def test_sessions_of_the_papers_are_verified_trial_by_trial(make, tmp_path):
     e, answers = make(), itertools.count()
 

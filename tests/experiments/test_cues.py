@@ -16,16 +16,8 @@ from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.cue_distances import displayed, recorded
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Timing
-from stimlib.experiments.papers.bounciness import (
-    CUES,
-    PAIRS,
-    Explained,
-    analysis,
-    bounciness,
-    cues_text,
-    explained,
-    known,
-)
+from stimlib.experiments.papers.bounciness import PAIRS, analysis, bounciness, known
+from stimlib.experiments.papers.springpots import CUES, Explained, cues_text, explained
 from stimlib.experiments.presentation import present, spans
 from stimlib.experiments.reader import read
 from stimlib.experiments.runner import Simulated, run

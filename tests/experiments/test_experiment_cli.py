@@ -239,7 +239,7 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         ),
         (
             ["run", "nothing", "--participant", "P1"],
-            "write FILE.py:NAME, or one of ugrip, bounciness, roughness, nodules",
+            "write FILE.py:NAME, or one of ugrip, bounciness, firmness, roughness, nodules",
         ),
         (["run", "{}:short", "--participant", "Anna"], "must be a code"),
         (

@@ -8,32 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from math import isfinite, nan, pi
-from statistics import fmean, stdev
+from functools import cache, partial
+from math import pi
 
 import numpy as np
 
-from ...analysis.physical_cues import Cues, cues
+from ...analysis.physical_cues import cues
 from ...core.scene import Scene
-from ...errors import BadValue, public
-from ...motion.generators import sinusoid
+from ...errors import public
 from ...run.rendering import render
 from ...run.safety import Safety
 from ...scenes import viscoelastic
-from ..cue_distances import distances, recorded
-from ..designs import ConstantStimuli, Sequential, turn_of
+from ..designs import Sequential
 from ..experiment import Cursor, Experiment, Timing
 from ..questions import choice
 from ..reader import Saved, columns
 from ..scaling import Line, jnd_from_dprime, line
-from ..signal_detection import detection
-from ..tables import Columns, grouped
-from ..tasks import OneInterval
+from ..tables import Columns
+from ..tasks import OneInterval, Roved, Task
 from ..trial import Answer, Observer, Stimulus, Trial
+from .springpots import HAND, cues_report, halves, place_of, sensitivities
 
 REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
-ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1)}
 SQUARE = "βA γD ζB θC", "γB βC θA ζD", "ζC θB βD γA", "θD ζA γC βB"
 """Table 3.1: a row for each position in the order, a column for each participant."""
 STEP = 0.05  # of alpha; ours: the thesis shows the increments in figure 3.1 and prints no number
@@ -41,17 +37,22 @@ PAIRS = {
     f"{a:g} and {a + n * STEP:g}": (a, a + n * STEP) for a in REFERENCES.values() for n in (1, 2, 3)
 }
 """Orders alpha of the reference and of the comparison, by condition."""
-# of a simulated hand that follows the reference; its amplitude is ours
-HAND = {"y": sinusoid(0.01, 1.0)}
 
 
 @public
-def bounciness() -> Experiment:
+def bounciness(rove: float = 0.0) -> Experiment:
     """Make the experiment: identify a stimulus as one of two materials.
 
     There are twelve sessions of 120 trials, one for each pair of reference and
     comparison, in the order of a Graeco-Latin square.  The first ten trials of each
     half are for training.
+
+    Parameters
+    ----------
+    rove : float
+        Firmness roves: in each trial it is multiplied by a factor between 1/(1 + rove)
+        and 1 + rove, so that the strength of the force does not reveal the material.
+        0, the thesis' way, keeps it.
 
     Returns
     -------
@@ -80,7 +81,7 @@ def bounciness() -> Experiment:
         name="bounciness",
         version="1",
         scenes={f"{alpha:g}": viscoelastic(alpha) for pair in PAIRS.values() for alpha in pair},
-        design=session,
+        design=partial(session, rove=rove),
         questions=(
             choice(
                 "bouncier",
@@ -120,33 +121,25 @@ def pair_of(participant: str, session: int) -> str:
     >>> [pair_of("P01", n) for n in (1, 2, 3, 4)]
     ['0 and 0.05', '0 and 0.1', '0 and 0.15', '0.25 and 0.35']
     """
-    if not 1 <= session <= 12:
-        raise BadValue(
-            f"bounciness: session {session}: there are 12, one for each reference and comparison"
-        )
-    letters = SQUARE[(session - 1) // 3].split()[turn_of(participant, 4)]
-    alpha = REFERENCES[letters[0]]
-    return f"{alpha:g} and {alpha + ORDERS[letters[1]][(session - 1) % 3] * STEP:g}"
+    letter, n = place_of(SQUARE, participant, session)
+    alpha = REFERENCES[letter]
+    return f"{alpha:g} and {alpha + n * STEP:g}"
 
 
 def known(participant: str, session: int) -> Mapping[str, Stimulus]:
     """Return the two known stimuli of a session, under their colours."""
     reference, comparison = PAIRS[pair_of(participant, session)]
-    return {"green": Stimulus(f"{comparison:g}"), "red": Stimulus(f"{reference:g}")}
+    return {
+        "green": Stimulus(f"{comparison:g}", {"firmness": 1.0}),
+        "red": Stimulus(f"{reference:g}", {"firmness": 1.0}),
+    }
 
 
-def session(participant: str, session: int) -> Sequential:
-    """Return the design of a session: two halves with a break between them.
-
-    Each half has ten trials for training and 50 that count; of both, half present the
-    reference.
-    """
-    task = OneInterval(pair_of(participant, session), "bouncier", known(participant, session))
-    both = (task, "red"), (task, "green")
-    half = Sequential(
-        {"training": ConstantStimuli(both, 5, training=True), "test": ConstantStimuli(both, 25)}
-    )
-    return Sequential({"first half": half, "second half": half}, pause=60.0)
+def session(participant: str, session: int, rove: float = 0.0) -> Sequential:
+    """Return the design of a session."""
+    pair = pair_of(participant, session)
+    task: Task = OneInterval(pair, "bouncier", known(participant, session))
+    return halves(Roved(task, "firmness", 1 + rove) if rove else task)
 
 
 # Who answers --------------------------------------------------------------------------
@@ -255,33 +248,12 @@ def jnds(answers: Columns) -> Jnds:
     --------
     See :doc:`/reference/experiments_bounciness`.
     """
-    sessions = grouped(answers, ("participant", "condition"))
-    d = {(who, condition): _sensitivity(rows) for (who, condition), rows in sessions.items()}
-    people = list(dict.fromkeys(who for who, _ in d))
-    if missing := [(who, c) for who in people for c in PAIRS if (who, c) not in d]:
-        raise BadValue(
-            f"bounciness: {missing[0][0]} has no session of {missing[0][1]}: all {len(PAIRS)} are"
-            " needed"
-        )
+    each = sensitivities(list(PAIRS), answers)
+    people = list(dict.fromkeys(who for who, _ in each))
     steps = [n * STEP for n in (1, 2, 3)]
-    each = {
-        (who, a): tuple(d[who, c] for c, (first, _) in PAIRS.items() if first == a)
-        for who in people
-        for a in REFERENCES.values()
-    }
     jnd = {a: jnd_from_dprime([each[who, a] for who in people], steps) for a in REFERENCES.values()}
     above = [a for a in jnd if a > 0]
     return Jnds(each, jnd, line(above, [jnd[a] for a in above]))
-
-
-def _sensitivity(rows: Columns) -> float:
-    """Return d' for one session."""
-    counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
-    for level, outcome in zip(rows["level"], rows["outcome"], strict=True):
-        counts[level][0] += int(outcome)
-        counts[level][1] += 1
-    (hits, signals), (alarms, noises) = counts[1.0], counts[0.0]
-    return detection(hits, signals, alarms, noises).d
 
 
 def text(found: Jnds) -> str:
@@ -300,135 +272,10 @@ def text(found: Jnds) -> str:
     return "\n".join(lines)
 
 
-# What they went by --------------------------------------------------------------------
-CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed"))
-"""The fifteen cues of section 3.8, with the usual definition of the loss factor."""
-
-
-@dataclass(frozen=True)
-class Explained:
-    """Normalised distances of physical cues compared with d', figure 3.7 of the thesis.
-
-    Attributes
-    ----------
-    d : dict of float to float
-        By reference: mean d' of the sessions.
-    ratio : dict of (float, str) to (float, float, int)
-        By reference and cue: mean of the sessions' normalised distances over their d',
-        its standard error, and the number of sessions; in other sessions the distance
-        cannot be determined, see `stimlib.experiments.cue_distances.Distance`.
-    left_out : int
-        Trials without cues, because the hand hardly moved; they are in none of these
-        numbers.
-    """
-
-    d: Mapping[float, float]
-    ratio: Mapping[tuple[float, str], tuple[float, float, int]]
-    left_out: int = 0
-
-
-@public
-def explained(trials: Columns) -> Explained:
-    """Return how well each physical cue explains the answers.
-
-    For each session and cue, a probit model is fitted, and its distance is divided by
-    the session's d'.
-
-    Parameters
-    ----------
-    trials : dict of str to sequence
-        As `stimlib.experiments.recorded` gives them: with the cues of each trial.
-
-    Returns
-    -------
-    Explained
-
-    Raises
-    ------
-    BadValue, UnknownName
-        As `stimlib.experiments.cue_distances.distances`; a column is missing.
-
-    References
-    ----------
-    Çaldıran's thesis, sections 3.8 and 3.9: averaged across the increments and the
-    participants.
-
-    Examples
-    --------
-    See :doc:`/reference/experiments_bounciness`.
-    """
-    moved = [k for k, frequency in enumerate(trials["frequency"]) if isfinite(frequency)]
-    there = {name: [column[k] for k in moved] for name, column in trials.items()}
-    d: dict[float, list[float]] = {}
-    ratios: dict[tuple[float, str], list[float]] = {}
-    for (_, condition), rows in grouped(there, ("participant", "condition")).items():
-        reference = PAIRS[condition][0]
-        d.setdefault(reference, []).append(_sensitivity(rows))
-        # a force may have had no peak
-        whole = {name: rows[name] for name in CUES if np.isfinite(rows[name]).all()}
-        ratio = {
-            found.cue: found.ratio for found in distances(whole, rows["outcome"], d[reference][-1])
-        }
-        for name in CUES:
-            ratios.setdefault((reference, name), []).append(ratio.get(name, nan))
-    return Explained(
-        {a: fmean(d[a]) for a in sorted(d)},
-        {key: _mean(v) for key, v in ratios.items()},
-        len(trials["frequency"]) - len(moved),
-    )
-
-
-def _mean(values: list[float]) -> tuple[float, float, int]:
-    """Return the mean of the determined values, its standard error, and their number.
-
-    Undetermined values are ignored.
-    """
-    v = [value for value in values if isfinite(value)]
-    return fmean(v) if v else nan, stdev(v) / len(v) ** 0.5 if len(v) > 1 else nan, len(v)
-
-
-@public
-def cues_text(found: Explained) -> str:
-    """Return a text table with a row for each cue and a column for each reference.
-
-    Asterisks mark the three largest values of each column, as in the thesis.
-
-    Examples
-    --------
-    See :doc:`/reference/experiments_bounciness`.
-    """
-    table = [
-        ["alpha", *(f"{a:g}" for a in found.d)],
-        ["mean d'", *(f"{d:.3f}" for d in found.d.values())],
-    ]
-    table += [[name, *(_cell(found, a, name) for a in found.d)] for name in CUES]
-    lines = ["".join(f"{cell:<20}" for cell in row).rstrip() for row in table]
-    if found.left_out:
-        lines.append(
-            f"trials left out, because the hand moved for less than two periods: {found.left_out}"
-        )
-    return "\n".join(lines)
-
-
-def _cell(found: Explained, reference: float, name: str) -> str:
-    mean, error, n = found.ratio[reference, name]
-    if not n:
-        return "-"
-    larger = sum(found.ratio[reference, other][0] > mean for other in CUES)
-    return f"{mean:.3f}{f' ±{error:.3f}' * (n > 1)} ({n}){'*' * (larger < 3)}"
-
-
 @public
 def analysis(sessions: Sequence[Saved]) -> str:
     """Analyse the just-noticeable differences, and the physical cues.
 
     The analysis of cues requires a log of every trial.
     """
-    told = text(jnds(columns(sessions)))
-    if not all(r.displayed and "log" in r.displayed[-1] for s in sessions for r in s.data):
-        return (
-            f"{told}\ncues: some trials have no log of what was displayed (simulate with --rendered"
-            " keeps them)"
-        )
-    title = "normalised distance over d', mean over sessions ± standard error (sessions)"
-    return f"{told}\n\n{title}\n{cues_text(explained(recorded(sessions, 'y', 'force')))}"
+    return f"{text(jnds(columns(sessions)))}\n{cues_report(sessions)}"

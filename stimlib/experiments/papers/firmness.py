@@ -1,0 +1,293 @@
+"""Discrimination of firmness: the second experiment of Çaldıran's thesis, chapter 4.
+
+Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see
+docs/reference/papers.rst.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.stats import t
+
+from ...analysis.physical_cues import cues
+from ...errors import public
+from ...run.rendering import render
+from ...run.safety import Safety
+from ...scenes import viscoelastic
+from ..compare import Effect, repeated
+from ..designs import Sequential
+from ..experiment import Experiment, Timing
+from ..latin_squares import graeco_latin
+from ..questions import choice
+from ..reader import Saved, columns
+from ..scaling import jnd_from_dprime
+from ..tables import Columns
+from ..tasks import OneInterval
+from ..trial import Answer, Observer, Stimulus, Trial
+from .springpots import HAND, cues_report, halves, place_of, sensitivities
+
+REFERENCES = {"α": 0.0, "β": 0.25, "γ": 0.5, "δ": 0.75, "ε": 1.0}
+"""Orders alpha of the references, section 4.1, by the letter of the square."""
+SQUARE = tuple(
+    " ".join("αβγδε"[greek] + "ABCDE"[latin] for greek, latin in row) for row in graeco_latin(5)
+)
+"""A row for each position in the order, a column for each participant; ours: the thesis
+says that its square is 5 by 5 and does not print it.
+"""
+# increments of chi as a part of the reference's; ours: figure 4.1 shows no numbers
+STEPS = 0.1, 0.2, 0.3
+PAIRS = {f"{a:g} and +{100 * step:g} %": (a, step) for a in REFERENCES.values() for step in STEPS}
+"""Order alpha and increment of firmness, by condition."""
+WEBER = 0.12  # of the simulated participant; ours: figure 4.2 shows no numbers
+
+
+@public
+def firmness() -> Experiment:
+    """Make the experiment: identify a stimulus as the firmer of two materials.
+
+    There are fifteen sessions of 120 trials, one for each pair of reference and
+    comparison, in the order of a Graeco-Latin square.  Both materials of a pair have
+    the same order alpha.  The first ten trials of each half are for training.  The hand
+    moves as it likes: unlike for bounciness, there is no cursor to follow.
+
+    Returns
+    -------
+    Experiment
+        Its ``observer`` judges the magnitude of the complex stiffness of the rendered
+        force, see `person`; its ``analysis`` contains `weber_fractions` and, if trials
+        were displayed, `stimlib.experiments.papers.springpots.explained`.
+
+    References
+    ----------
+    Çaldıran's thesis, sections 4.1 and 4.2.  Our own choices: increments of chi, the
+    square of the order of sessions, length of an exploration and of the break.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.firmness import firmness
+    >>> experiment = firmness()
+    >>> for n in (1, 2, 3, 4):
+    ...     design = experiment.designed("P02", n)
+    ...     print(design.next(design.init(seed=1)).condition)
+    0.25 and +20 %
+    0.25 and +30 %
+    0.25 and +10 %
+    0.5 and +30 %
+    """
+    return Experiment(
+        name="firmness",
+        version="1",
+        scenes={f"{alpha:g}": viscoelastic(alpha) for alpha in REFERENCES.values()},
+        design=session,
+        questions=(
+            choice(
+                "firmer",
+                "Was it the firmer one (green) or the other (red)?",
+                "red",
+                "green",
+                keys="rg",
+            ),
+        ),
+        fs=1000.0,
+        safety=Safety(full_scale=20.0),
+        motion=HAND,
+        timing=Timing(interval=3.0),
+        familiarisation=known,
+        sessions=15,
+        instructions="Explore the material. Then say which of the two materials it was.",
+        observer=person(),
+        analysis=analysis,
+    )
+
+
+@public
+def pair_of(participant: str, session: int) -> str:
+    """Return the pair of reference and comparison for a session.
+
+    The square gives the reference, and its Latin letter the order of the comparisons.
+
+    Raises
+    ------
+    BadValue
+        A session outside 1 to 15, or a participant code without a number.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.firmness import pair_of
+    >>> [pair_of("P01", n) for n in (1, 2, 3, 4)]
+    ['0 and +10 %', '0 and +20 %', '0 and +30 %', '0.25 and +30 %']
+    """
+    letter, n = place_of(SQUARE, participant, session)
+    return f"{REFERENCES[letter]:g} and +{100 * STEPS[n - 1]:g} %"
+
+
+def known(participant: str, session: int) -> Mapping[str, Stimulus]:
+    """Return the two known stimuli of a session, under their colours."""
+    alpha, step = PAIRS[pair_of(participant, session)]
+    return {
+        "green": Stimulus(f"{alpha:g}", {"firmness": 1 + step}),
+        "red": Stimulus(f"{alpha:g}", {"firmness": 1.0}),
+    }
+
+
+def session(participant: str, session: int) -> Sequential:
+    """Return the design of a session."""
+    pair = pair_of(participant, session)
+    return halves(OneInterval(pair, "firmer", known(participant, session)))
+
+
+# Who answers --------------------------------------------------------------------------
+@public
+@cache
+def strength(alpha: float, firmness: float) -> float:
+    """Return the magnitude of the complex stiffness, in N/m, of a rendered material.
+
+    It is firmness chi_0 once the initial transient has decayed, for each alpha: the
+    hand moves at the frequency at which all references are equally strong, eq. (4.1).
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.firmness import strength
+    >>> round(strength(0.0, 1.2), 3)
+    360.0
+    """
+    force = render(viscoelastic(alpha), HAND, 1000.0, 3.0, {"firmness": firmness})["force"]
+    found = cues(HAND["y"](np.arange(3000) / 1000.0), force, 1000.0)
+    return float(np.hypot(found.k_S, found.k_L))
+
+
+@public
+def person(felt: Callable[[float, float], float] = strength, weber: float = WEBER) -> Observer:
+    """Return a simulated participant who knows both materials and judges the strength.
+
+    Parameters
+    ----------
+    felt : callable
+        Function of the order alpha and the firmness of a material that returns its
+        strength, in any unit.
+    weber : float
+        Standard deviation of the judgement, as a part of the reference's strength: the
+        increment of firmness at which d' is 1.
+
+    Returns
+    -------
+    callable
+        An observer, which answers green if the strength is nearer to the comparison's.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_firmness`.
+    """
+
+    def answers(trial: Trial, rng: np.random.Generator) -> Answer:
+        alpha, step = PAIRS[trial.condition]
+        reference, comparison = felt(alpha, 1.0), felt(alpha, 1 + step)
+        judged = felt(alpha, trial.stimuli[0].params["firmness"])
+        judged += weber * reference * rng.normal()
+        return Answer({"firmer": "green" if judged > (reference + comparison) / 2 else "red"})
+
+    return answers
+
+
+# What they answered -------------------------------------------------------------------
+@dataclass(frozen=True)
+class WeberFractions:
+    """The main result of chapter 4, figure 4.2.
+
+    Attributes
+    ----------
+    d : dict of (participant, reference) to tuple of float
+        d' of the three comparisons.
+    people : dict of (participant, reference) to float
+        Weber fraction of each participant; nan where d' does not rise with firmness.
+    group : dict of float to (float, float, float)
+        By reference: one over the mean of all slopes d'/increment, and the 95 %
+        interval of t over the participants' slopes; nan for one participant, and
+        infinite where slopes down to 0 are within it.
+    effect : Effect or None
+        Repeated-measures analysis of variance of the participants' fractions over the
+        references; None for one participant, and where somebody has no fraction.
+    """
+
+    d: Mapping[tuple[str, float], tuple[float, ...]]
+    people: Mapping[tuple[str, float], float]
+    group: Mapping[float, tuple[float, float, float]]
+    effect: Effect | None
+
+
+@public
+def weber_fractions(answers: Columns) -> WeberFractions:
+    """Return d' of each pair, and the Weber fractions with their analysis of variance.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        As `stimlib.experiments.reader.columns` or
+        `stimlib.experiments.observers.simulate` gives them: without training.
+
+    Returns
+    -------
+    WeberFractions
+
+    Raises
+    ------
+    BadValue
+        A session is missing: all need all fifteen.
+
+    References
+    ----------
+    Çaldıran's thesis, sections 3.7 and 4.2.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_firmness`.
+    """
+    d = sensitivities(list(PAIRS), answers)
+    names = list(dict.fromkeys(who for who, _ in d))
+    fractions = {key: jnd_from_dprime(d[key], STEPS) for key in d}
+    group = {}
+    for a in REFERENCES.values():
+        slopes = [float(np.mean(np.divide(d[who, a], STEPS))) for who in names]
+        mean, half = float(np.mean(slopes)), float("nan")
+        if len(names) > 1:
+            error = float(np.std(slopes, ddof=1)) / len(names) ** 0.5
+            half = float(t.ppf(0.975, len(names) - 1)) * error
+        highest = float("inf") if half >= mean else 1 / (mean - half)
+        group[a] = jnd_from_dprime([d[who, a] for who in names], STEPS), 1 / (mean + half), highest
+    table = [[fractions[who, a] for a in REFERENCES.values()] for who in names]
+    measured = len(names) > 1 and np.isfinite(table).all()
+    effect = repeated(table, ["alpha"])[0] if measured else None
+    return WeberFractions(d, fractions, group, effect)
+
+
+def text(found: WeberFractions) -> str:
+    """Return the result as lines of text, next to what the thesis prints.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_firmness`.
+    """
+    lines = []
+    for a, (mean, low, high) in found.group.items():
+        interval = f", 95 % {100 * low:.1f} to {100 * high:.1f} %" if low == low else ""
+        lines.append(f"alpha = {a:<4g}  Weber fraction {100 * mean:.1f} %{interval}")
+    if found.effect:
+        one, other = found.effect.df
+        lines.append(
+            f"F({one:g}, {other:g}) = {found.effect.F:.3f}, p = {found.effect.p:.4f}  thesis: F(4,"
+            " 16), p = 0.3981"
+        )
+    return "\n".join(lines)
+
+
+@public
+def analysis(sessions: Sequence[Saved]) -> str:
+    """Analyse the Weber fractions, and the physical cues.
+
+    The analysis of cues requires a log of every trial.
+    """
+    return f"{text(weber_fractions(columns(sessions)))}\n{cues_report(sessions)}"

@@ -1,0 +1,230 @@
+"""Discrimination between two springpots: the methods of both of Çaldıran's experiments.
+
+Ozan Çaldıran, "Haptic Perception of Viscoelastic Materials", Koç University; see
+docs/reference/papers.rst. A condition is named ``"<reference> and <comparison>"``; the
+reference is an order alpha.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, nan
+from statistics import fmean, stdev
+
+import numpy as np
+
+from ...analysis.physical_cues import Cues
+from ...errors import BadValue, public
+from ...motion.generators import sinusoid
+from ..cue_distances import distances, recorded
+from ..designs import ConstantStimuli, Sequential, turn_of
+from ..reader import Saved
+from ..signal_detection import detection
+from ..tables import Columns, grouped
+from ..tasks import Task
+
+ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1), "E": (2, 1, 3)}
+"""Orders of the three comparisons, table 3.1; E is of section 4.1."""
+# of a simulated hand that follows the reference; its amplitude is ours
+HAND = {"y": sinusoid(0.01, 1.0)}
+
+
+def place_of(square: Sequence[str], participant: str, session: int) -> tuple[str, int]:
+    """Return the Greek letter of a session's reference, and which comparison it has.
+
+    A row of the square holds three sessions, a column is a participant.
+
+    Raises
+    ------
+    BadValue
+        A session that the square does not have, or a participant code without a number.
+    """
+    people = len(square[0].split())
+    if not 1 <= session <= 3 * len(square):
+        raise BadValue(
+            f"session {session}: there are {3 * len(square)}, one for each reference and comparison"
+        )
+    reference, order = tuple(square[(session - 1) // 3].split()[turn_of(participant, people)])
+    return reference, ORDERS[order][(session - 1) % 3]
+
+
+def halves(task: Task) -> Sequential:
+    """Return the design of a session: two halves with a break between them.
+
+    Each half has ten trials for training and 50 that count; of both, half present the
+    reference.
+    """
+    both = (task, "red"), (task, "green")
+    half = Sequential(
+        {"training": ConstantStimuli(both, 5, training=True), "test": ConstantStimuli(both, 25)}
+    )
+    return Sequential({"first half": half, "second half": half}, pause=60.0)
+
+
+def reference_of(condition: str) -> float:
+    """Return the order alpha of a condition's reference."""
+    return float(condition.split()[0])
+
+
+def sensitivities(
+    conditions: Sequence[str], answers: Columns
+) -> dict[tuple[str, float], tuple[float, ...]]:
+    """Return, by participant and reference, d' of each comparison.
+
+    Raises
+    ------
+    BadValue
+        A session is missing: all need one of each condition.
+    """
+    sessions = grouped(answers, ("participant", "condition"))
+    found: dict[tuple[str, float], tuple[float, ...]] = {}
+    for who in dict.fromkeys(who for who, _ in sessions):
+        for condition in conditions:
+            if (who, condition) not in sessions:
+                raise BadValue(
+                    f"{who} has no session of {condition}: all {len(conditions)} are needed"
+                )
+            key = who, reference_of(condition)
+            found[key] = (*found.get(key, ()), sensitivity(sessions[who, condition]))
+    return found
+
+
+def sensitivity(rows: Columns) -> float:
+    """Return d' for one session."""
+    counts = {1.0: [0, 0], 0.0: [0, 0]}  # green, of so many; where it was green, and where red
+    for level, outcome in zip(rows["level"], rows["outcome"], strict=True):
+        counts[level][0] += int(outcome)
+        counts[level][1] += 1
+    (hits, signals), (alarms, noises) = counts[1.0], counts[0.0]
+    return detection(hits, signals, alarms, noises).d
+
+
+# What they went by --------------------------------------------------------------------
+CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed"))
+"""The fifteen cues of section 3.8, with the usual definition of the loss factor."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Normalised distances of physical cues compared with d', figures 3.7 and 4.3.
+
+    Attributes
+    ----------
+    d : dict of float to float
+        By reference: mean d' of the sessions.
+    ratio : dict of (float, str) to (float, float, int)
+        By reference and cue: mean of the sessions' normalised distances over their d',
+        its standard error, and the number of sessions; in other sessions the distance
+        cannot be determined, see `stimlib.experiments.cue_distances.Distance`.
+    left_out : int
+        Trials without cues, because the hand hardly moved; they are in none of these
+        numbers.
+    """
+
+    d: Mapping[float, float]
+    ratio: Mapping[tuple[float, str], tuple[float, float, int]]
+    left_out: int = 0
+
+
+@public
+def explained(trials: Columns) -> Explained:
+    """Return how well each physical cue explains the answers.
+
+    For each session and cue, a probit model is fitted, and its distance is divided by
+    the session's d'.
+
+    Parameters
+    ----------
+    trials : dict of str to sequence
+        As `stimlib.experiments.recorded` gives them: with the cues of each trial.
+
+    Returns
+    -------
+    Explained
+
+    Raises
+    ------
+    BadValue, UnknownName
+        As `stimlib.experiments.cue_distances.distances`; a column is missing.
+
+    References
+    ----------
+    Çaldıran's thesis, sections 3.8 and 3.9: averaged across the increments and the
+    participants.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+    moved = [k for k, frequency in enumerate(trials["frequency"]) if isfinite(frequency)]
+    there = {name: [column[k] for k in moved] for name, column in trials.items()}
+    d: dict[float, list[float]] = {}
+    ratios: dict[tuple[float, str], list[float]] = {}
+    for (_, condition), rows in grouped(there, ("participant", "condition")).items():
+        reference = reference_of(condition)
+        d.setdefault(reference, []).append(sensitivity(rows))
+        # a force may have had no peak
+        whole = {name: rows[name] for name in CUES if np.isfinite(rows[name]).all()}
+        ratio = {
+            found.cue: found.ratio for found in distances(whole, rows["outcome"], d[reference][-1])
+        }
+        for name in CUES:
+            ratios.setdefault((reference, name), []).append(ratio.get(name, nan))
+    return Explained(
+        {a: fmean(d[a]) for a in sorted(d)},
+        {key: _mean(v) for key, v in ratios.items()},
+        len(trials["frequency"]) - len(moved),
+    )
+
+
+def _mean(values: list[float]) -> tuple[float, float, int]:
+    """Return the mean of the determined values, its standard error, and their number.
+
+    Undetermined values are ignored.
+    """
+    v = [value for value in values if isfinite(value)]
+    return fmean(v) if v else nan, stdev(v) / len(v) ** 0.5 if len(v) > 1 else nan, len(v)
+
+
+@public
+def cues_text(found: Explained) -> str:
+    """Return a text table with a row for each cue and a column for each reference.
+
+    Asterisks mark the three largest values of each column, as in the thesis.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_bounciness`.
+    """
+    table = [
+        ["alpha", *(f"{a:g}" for a in found.d)],
+        ["mean d'", *(f"{d:.3f}" for d in found.d.values())],
+    ]
+    table += [[name, *(_cell(found, a, name) for a in found.d)] for name in CUES]
+    lines = ["".join(f"{cell:<20}" for cell in row).rstrip() for row in table]
+    if found.left_out:
+        lines.append(
+            f"trials left out, because the hand moved for less than two periods: {found.left_out}"
+        )
+    return "\n".join(lines)
+
+
+def _cell(found: Explained, reference: float, name: str) -> str:
+    mean, error, n = found.ratio[reference, name]
+    if not n:
+        return "-"
+    larger = sum(found.ratio[reference, other][0] > mean for other in CUES)
+    return f"{mean:.3f}{f' ±{error:.3f}' * (n > 1)} ({n}){'*' * (larger < 3)}"
+
+
+@public
+def cues_report(sessions: Sequence[Saved]) -> str:
+    """Return `cues_text` of sessions, or a line that says which logs are missing."""
+    if not all(r.displayed and "log" in r.displayed[-1] for s in sessions for r in s.data):
+        return (
+            "cues: some trials have no log of what was displayed (simulate with --rendered keeps"
+            " them)"
+        )
+    title = "normalised distance over d', mean over sessions ± standard error (sessions)"
+    return f"\n{title}\n{cues_text(explained(recorded(sessions, 'y', 'force')))}"
