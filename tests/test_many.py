@@ -192,7 +192,7 @@ def test_copies_run_without_pythons_lock():
     thread = threading.Thread(target=lambda: (asked.wait(), answered.append(True)))
     usual = sys.getswitchinterval()
     try:
-        sys.setswitchinterval(1000.0)
+        sys.setswitchinterval(10.0)  # longer than the runs below take
         thread.start()  # until it waits
         asked.set()
         for _ in range(100):
