@@ -76,10 +76,15 @@ REAL_TIME = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
 # The tests that have more to try when there is time, at length; the others are in `make test`.  On devices, all rates, blocks and
 # channels, in real time: the rest is done meanwhile by what they leave of the processor.
 # Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
-stress: .venv/ready
-	@sh tests/devices/install.sh
+stress: .venv/ready .venv/browsers
+	@sh tests/devices/install.sh firefox-esr
 	@$(MAKE) -k -j 2 stress-real-time stress-rest
 	$(ENV) $(BIN)/python tests/fuzz/run.py 60
+
+# What drives Chromium and Firefox: 150 MB that only tests/stress/test_browsers.py needs.
+.venv/browsers: .venv/ready requirements-browsers.txt
+	$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes -r requirements-browsers.txt
+	@touch $@
 
 stress-real-time:
 	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) $(REAL_TIME)
@@ -109,6 +114,7 @@ bench: .venv/ready
 # one, delete its lines first.  Hashes of all files of a release: one file serves every Python and platform.
 LOCK := .venv-lock/bin/uv pip compile -q pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --custom-compile-command "make lock"
+LOCK_BROWSERS := $(subst pyproject.toml --all-extras --group dev,--group browsers -c requirements.txt,$(LOCK))
 LOCK_NEWEST := $(subst --universal --python-version 3.11,--python-version 3.13,$(LOCK))
 
 lock:
@@ -116,6 +122,7 @@ lock:
 	.venv-lock/bin/python -m pip install -q --disable-pip-version-check uv
 	$(LOCK) -o requirements.txt
 	$(LOCK) --resolution lowest-direct -o requirements-lowest.txt
+	$(LOCK_BROWSERS) -o requirements-browsers.txt
 	$(LOCK_NEWEST) --upgrade -o requirements-newest.txt
 
 clean:

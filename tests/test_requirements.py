@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 GROUPS = PROJECT["dependency-groups"]
+BROWSERS = [Requirement(r) for r in GROUPS.pop("browsers")]  # with a file of their own
 DECLARED = [
     Requirement(r)
     for part in (PROJECT["project"]["dependencies"], *EXTRAS.values(), *GROUPS.values())
@@ -71,13 +72,24 @@ def test_what_is_installed_is_allowed(python):
         assert r.specifier.contains(pins[canonicalize_name(r.name)][0]), r
 
 
+def test_the_drivers_of_browsers_are_allowed():
+    pins = pinned("requirements-browsers.txt")
+    assert all(r.specifier.contains(pins[canonicalize_name(r.name)][0]) for r in BROWSERS)
+
+
 def test_the_newest_releases_are_allowed():
     pins = pinned("requirements-newest.txt", "3.13.0")
     assert all(r.specifier.contains(pins[canonicalize_name(r.name)][0]) for r in DECLARED)
 
 
 @pytest.mark.parametrize(
-    "file", ["requirements.txt", "requirements-lowest.txt", "requirements-newest.txt"]
+    "file",
+    [
+        "requirements.txt",
+        "requirements-lowest.txt",
+        "requirements-newest.txt",
+        "requirements-browsers.txt",
+    ],
 )
 def test_every_release_has_hashes_and_no_file_names_a_server(file):
     assert all(hashes >= 1 for _, hashes in pinned(file).values())

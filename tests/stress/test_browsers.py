@@ -1,0 +1,273 @@
+"""The pages in Chromium and Firefox, driven by Playwright: a session by keyboard and by
+touch, sizes of answers, a frozen server, and what axe-core finds.
+"""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("playwright", reason="make .venv/browsers installs it")
+pytest.importorskip("uvicorn")
+from experiments.some import TASK, experiment
+from live.asked import TYPED, asked, every
+from live.chromium import where
+from playwright.sync_api import sync_playwright
+
+from stimlib.experiments.designs import ConstantStimuli
+from stimlib.experiments.experiment import Timing
+from stimlib.experiments.questions import rating
+from stimlib.experiments.reader import read
+from stimlib.experiments.tasks import Rate
+from stimlib.experiments.trial import Stimulus
+
+pytestmark = [pytest.mark.stress, pytest.mark.xdist_group("browsers")]
+ROOT = Path(__file__).parents[2]
+AXE = files("axe_playwright_python").joinpath("axe.min.js").read_text()
+SCENES = "squeeze", "bumps", "soft_surface", "texture"
+# Firefox by WebDriver BiDi, which takes no emulated media
+PLAIN = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors", "contrast"), "null")
+
+
+def program(name):
+    return where() if name == "chromium" else shutil.which("firefox-esr") or shutil.which("firefox")
+
+
+@pytest.fixture(scope="module")
+def playwright():
+    with sync_playwright() as made:
+        yield made
+
+
+@pytest.fixture(scope="module", params=["chromium", "firefox"])
+def browser(playwright, request):
+    if (path := program(request.param)) is None:
+        pytest.skip(f"{request.param} is not installed: tests/devices/install.sh installs it")
+    more = {"channel": "moz-firefox"} if request.param == "firefox" else {"args": ["--no-sandbox"]}
+    made = getattr(playwright, request.param).launch(executable_path=path, **more)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def opened(browser):
+    """Opens a page of a width; what its console was told of errors is checked."""
+    contexts, complaints = [], []
+
+    def open_(url, wide=1240, high=900, **more):
+        context = browser.new_context(viewport={"width": wide, "height": high}, **PLAIN, **more)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda e: complaints.append(str(e)))
+        page.goto(url)
+        return page
+
+    yield open_
+    for context in contexts:
+        context.close()
+    assert complaints == []
+
+
+def serious(page):
+    """What axe-core calls serious or critical: rule and elements."""
+    page.evaluate(AXE)
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
+    return [
+        (v["id"], [n["html"][:120] for n in v["nodes"]])
+        for v in found
+        if v["impact"] in ("serious", "critical")
+    ]
+
+
+def prompted(running, page, known=0):
+    """The next prompt, once the page takes its answer."""
+    end = time.monotonic() + 60
+    while (state := running.asking._now())["phase"] != "ask" or state["number"] <= known:
+        assert running.thread.is_alive() and time.monotonic() < end, (state, running.errors)
+        page.wait_for_timeout(10)
+    page.wait_for_function(
+        "([text]) => document.querySelector('#text').textContent === text"
+        " && document.querySelector('#keys button:enabled, #typed:enabled')",
+        arg=[state["text"]],
+    )
+    page.wait_for_timeout(300)  # a key that is pressed sooner was meant for what was before
+    return state
+
+
+def over(page):
+    page.wait_for_function(
+        "document.querySelector('#state').textContent.startsWith('The session is over')"
+    )
+
+
+def test_a_whole_session_by_keyboard_alone(opened, tmp_path):
+    made = every(timing=Timing(interval=0.2, gap=0.05, before=0.0, ramp=0.0))
+    answers, number = [text for text in TYPED if text != "9"], 0
+    with asked(tmp_path, made) as running:
+        page = opened(running.server.url, 900, 700)
+        for text in answers:
+            state = prompted(running, page, number)
+            number = state["number"]
+            assert serious(page) == [], state["text"]
+            if state["line"]:
+                page.keyboard.insert_text(text)
+            page.keyboard.press("Enter" if state["line"] else text or " ")
+        over(page)
+    assert running.errors == []
+    recorded = [r.answer.values for r in read(tmp_path / "pair/P01-s1").records]
+    assert recorded[1] == {
+        "rough": 6,
+        "much": 55,
+        "order": ["B", "A"],
+        "where": [[1.0, 2.0], [0.5, 3.0]],
+    }
+    assert [r["softer"] for r in (recorded[0], *recorded[2:])] == ["red", "green", "red"]
+
+
+def test_a_whole_session_by_touch_at_390_pixels(opened, browser, tmp_path):
+    if browser.browser_type.name == "firefox":
+        pytest.skip("Firefox takes no touch by WebDriver BiDi from Playwright")
+    made, number = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0), (TASK, 2.0)))), 0
+    taps = ["1", "2", "1", "1", "1", "2"]  # begin, an answer; each after the other
+    with asked(tmp_path, made) as running:
+        page = opened(running.server.url, 390, 844, has_touch=True)
+        for text in taps:
+            state = prompted(running, page, number)
+            number = state["number"]
+            assert serious(page) == []
+            key = page.locator("#keys button").nth(int(text) - 1)
+            key.tap()
+        over(page)
+    assert [r.answer.values["softer"] for r in running.session.records] == [
+        "second",
+        "first",
+        "second",
+    ]
+
+
+@pytest.mark.parametrize("wide", [320, 390, 768, 1440])
+@pytest.mark.parametrize("points", [5, 7, 9, 11])
+def test_a_rating_is_one_row_of_equal_buttons(opened, tmp_path, points, wide):
+    scale = rating("rough", "How rough?", "smooth", "coarse", points)
+    made = every(
+        design=ConstantStimuli(
+            ((Rate("rated", ("rough",), Stimulus("spring", {"k": 1.0})), None),)
+        ),
+        questions=(scale,),
+        familiarisation={},
+        feedback=False,
+    )
+    with asked(tmp_path, made) as running:
+        page = opened(running.server.url, wide, 800)
+        state = prompted(running, page)
+        page.keyboard.press(" ")
+        state = prompted(running, page, state["number"])
+        boxes = [key.bounding_box() for key in page.locator("#keys button").all()]
+        boxes = boxes[:points]
+        assert len(boxes) == len(state["keys"][:points]) == points
+        for side in ("y", "width", "height"):
+            assert max(b[side] for b in boxes) - min(b[side] for b in boxes) < 1, side
+        steps = [b["x"] - a["x"] for a, b in zip(boxes, boxes[1:], strict=False)]
+        assert max(steps) - min(steps) < 1 and min(steps) >= boxes[0]["width"] - 0.5
+        assert boxes[0]["x"] >= 0 and boxes[-1]["x"] + boxes[-1]["width"] <= wide
+
+
+@pytest.fixture
+def server(tmp_path):
+    """Starts ``stimlib live SCENE`` and gives its process and address."""
+    started = []
+
+    def start(scene, *more):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "stimlib", "live", scene, "--no-browser", *more],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        started.append(process)
+        return process, process.stdout.readline().strip()
+
+    yield start
+    for process in started:
+        process.send_signal(signal.SIGCONT)
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+RUNNING = "document.querySelector('#run').textContent === 'Stop'"
+
+
+def run(page):
+    page.wait_for_function("document.querySelector('#run').disabled === false", timeout=60_000)
+    page.click("#run")
+    page.wait_for_function(RUNNING)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_axe_finds_nothing_serious_on_the_live_page(opened, server, scene):
+    _, url = server(scene)
+    page = opened(url)
+    run(page)
+    assert serious(page) == []
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert serious(page) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_a_frozen_server_is_said_within_two_seconds(opened, server):
+    process, url = server("squeeze")
+    page = opened(url)
+    run(page)
+    before = page.text_content("#state")
+    process.send_signal(signal.SIGSTOP)
+    begun = time.monotonic()
+    page.wait_for_function(
+        "before => document.querySelector('#state').textContent !== before",
+        arg=before,
+        timeout=5000,
+    )
+    assert time.monotonic() - begun < 2.5
+    process.send_signal(signal.SIGCONT)
+    page.wait_for_function("/^Connected/.test(document.querySelector('#state').textContent)")
+
+
+def test_axe_finds_nothing_serious_in_a_report(opened, tmp_path):
+    for words in (
+        ["render", "squeeze", "--motion", "minimum_jerk()", "--out", "s.wav"],
+        ["verify", "squeeze", "--motion", "minimum_jerk()", "--wav", "s.wav", "--report", "s.html"],
+    ):
+        subprocess.run(
+            [sys.executable, "-m", "stimlib", *words],
+            cwd=tmp_path,
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+    for wide in (390, 1240):
+        page = opened((tmp_path / "s.html").as_uri(), wide)
+        assert serious(page) == []
+        assert page.evaluate("document.documentElement.scrollWidth") <= wide
+
+
+def pages_of_the_docs():
+    return sorted((ROOT / "docs" / "_build").glob("**/*.html"))
+
+
+def test_axe_finds_nothing_serious_in_the_documentation(opened, browser):
+    if not (pages := pages_of_the_docs()):
+        pytest.skip("the pages are not built: make docs")
+    if browser.browser_type.name == "firefox":
+        pytest.skip("once is enough: the pages have no script of their own")
+    found = {}
+    page = opened("about:blank")
+    for path in pages:
+        page.goto(path.as_uri())
+        if wrong := serious(page):
+            found[str(path.relative_to(ROOT))] = wrong
+    assert found == {}
