@@ -24,6 +24,7 @@ from .terminal import terminal
 
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
+    from ..experiments.session import Session
     from ..live.experiment import ExperimentPage
 
 PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
@@ -161,11 +162,11 @@ def played(
         try:
             with terminable():
                 if page:
-                    with on_page(host, port) as asking:
+                    with on_page(host, port, running) as asking:
                         presentation.prepare(running, sink, options.get("calibration"))
                         run(running, asking, asking.display(made, sink, **options))
                 else:
-                    with terminal() as front_end:
+                    with terminal(made.texts) as front_end:
                         run(running, front_end, sink, **options)
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             given |= {"host": host, "port": port or None} if page else {}
@@ -186,12 +187,13 @@ def played(
 
 
 @contextmanager
-def on_page(host: str, port: int) -> Iterator[ExperimentPage]:
+def on_page(host: str, port: int, session: Session) -> Iterator[ExperimentPage]:
     """Serve a page as the front end; show its address and progress in the terminal."""
     from ..live.experiment import ExperimentPage
     from ..live.server import Server
 
-    asking = ExperimentPage(lambda text: print(shown(text), flush=True))
+    texts, log = session.experiment.texts, session.folder / "page.jsonl"
+    asking = ExperimentPage(lambda text: print(shown(text), flush=True), texts, log)
     with Server(asking, host, port) as server, asking:
         if not server.private:
             note(

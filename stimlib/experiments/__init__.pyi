@@ -64,6 +64,7 @@ from .presentation import (
 from .quest import Quest as Quest
 from .questions import (
     Question as Question,
+    analogue as analogue,
     choice as choice,
     places as places,
     ranking as ranking,
@@ -103,6 +104,7 @@ from .signal_detection import (
 )
 from .tables import fitted as fitted, grouped as grouped, plain as plain, to_pandas as to_pandas
 from .tasks import OneInterval as OneInterval, Rate as Rate, TwoInterval as TwoInterval
+from .texts import Texts as Texts, texts_of as texts_of
 from .trial import (
     Answer as Answer,
     Record as Record,

@@ -6,13 +6,16 @@ A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the na
 is a pilot:
 
 ``session.json``
-    experiment, participant, number of the session, seed, versions; written once
+    experiment, participant, number of the session, seed, versions, and the texts that
+    the participant reads; written once
 ``trials.jsonl``
     one JSON object a trial: the trial as requested, the answer, what was displayed, and
     a SHA-256 over this line and all lines before
 ``answered``
     the minimum number of lines in ``trials.jsonl``, so that lines lost at its end are
     detected
+``page.jsonl``
+    with a page: which buttons it had for a question, where, and how large
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.log_replay`
 ``spare``
@@ -33,11 +36,10 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Self
 
-import numpy as np
-
 from ..errors import BadValue, SinkError, public
 from ..system import safe_files
 from ..version import __version__
+from .designs import trials_of
 from .experiment import Experiment
 from .random_streams import stream
 from .reader import VERSION, Saved, blinded, folder_of, read, sealed
@@ -167,6 +169,7 @@ class Session:
             "pilot": self.pilot,
             "seed": self.seed,
             "started": _now(),
+            "texts": dict(self.experiment.texts.words),
         }
 
     def _same(self, saved: Saved) -> None:
@@ -198,6 +201,16 @@ class Session:
         """Number of the next trial, starting at 1."""
         return len(self.records) + 1
 
+    @property
+    def trials(self) -> int | None:
+        """Number of trials in the session, or None if it depends on the answers."""
+        return trials_of(self.design)
+
+    @property
+    def begun(self) -> bool:
+        """Whether a trial was presented before, such as before a resume."""
+        return bool(self.records) or any(self.folder.glob("trial-*.stimlog"))
+
     def due(self) -> Trial | None:
         """Return the next trial, or None at the end.
 
@@ -221,18 +234,10 @@ class Session:
 
         The trials are those that a guessing participant would get.
         """
-
-        def guess(trial: Trial, rng: np.random.Generator) -> Answer:
-            return Answer(
-                {name: self.experiment.question(name).guess(rng) for name in trial.questions}
-            )
-
-        for known in self.experiment.familiar(self.participant, self.session).values():
-            yield Trial("familiarisation", (known,), (self.experiment.questions[0].name,))
-        yield from (
-            trial
-            for trial, _ in observed(self.design, self.seed, guess, stream(self.seed, "ahead"))
-        )
+        e, rng = self.experiment, stream(self.seed, "ahead")
+        for known in e.familiar(self.participant, self.session).values():
+            yield Trial("familiarisation", (known,), (e.questions[0].name,))
+        yield from (trial for trial, _ in observed(self.design, self.seed, e.guess, rng))
 
     def rest(self, trial: Trial) -> float:
         """Return the remaining seconds of a rest.

@@ -59,7 +59,9 @@ class TwoInterval:
 
     Notes
     -----
-    The score of an answer is 1 if it says that the comparison has more.  Each trial
+    The score of an answer is 1 if it says that the comparison has more.  A trial has a
+    right answer (``Trial.correct``) in a detection, and in a comparison of one scene
+    whose stimuli differ in ``varies`` alone; the standard must set it.  Each trial
     states its chance level, which `stimlib.experiments.fits.psychometric` and
     `stimlib.experiments.quest.Quest` use.
 
@@ -128,14 +130,28 @@ class TwoInterval:
         second = bool(stream(seed, "order", self.condition, n).integers(2))
         says_comparison = self.choices[second]
         scores = {c: float((c == says_comparison) != self.asks_less) for c in self.choices}
+        more = self._more(level)
+        correct = (
+            {} if more is None else {self.question: max(scores, key=lambda c: scores[c] == more)}
+        )
         return Trial(
             self.condition,
             tuple(pair if second else pair[::-1]),
             (self.question,),
             level,
             scores=scores,
+            correct=correct,
             chance=self.chance,
         )
+
+    def _more(self, level: float) -> bool | None:
+        """Return whether the comparison has more, or None if nobody knows."""
+        if self.chance:
+            return True
+        a, b = ({**s.params, self.varies: 0} for s in (self.standard, self.comparison))
+        least = self.standard.params.get(self.varies, level)
+        known = self.standard.scene == self.comparison.scene and a == b and level != least
+        return bool(level > least) if known else None
 
 
 @public

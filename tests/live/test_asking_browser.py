@@ -64,7 +64,10 @@ def lose(running):
 
 
 def press(page, state, text):
-    if state["line"]:
+    if state["kind"] == "rating" and state["keys"]:
+        for key in text[: len(text) * state["line"]]:
+            page.key(key)  # no field has the focus before
+    elif state["line"]:
         page.call("Input.insertText", text=text)
     page.key("Enter" if state["line"] else text or " ")
 
