@@ -73,7 +73,7 @@ TYPED = [
     "6",
     "11",
     " 55 ",
-    "62.5",
+    "62",
     "B A",
     f"1.{'0' * 1500} 2; 0.5 3",
     "",
@@ -89,11 +89,11 @@ a message of a live page."""
 class Asked:
     """A session in a thread, and its server."""
 
-    def __init__(self, data, made, sink="offline", resume=False):
+    def __init__(self, data, made, sink="offline", resume=False, port=0):
         self.notes, self.errors = [], []
         self.layouts = Path(data) / "layouts.jsonl"
         self.asking = ExperimentPage(self.notes.append, made.texts, self.layouts)
-        self.server = Server(self.asking, token="T")
+        self.server = Server(self.asking, port=port, token="T")
         self.thread = threading.Thread(target=self._play, args=(data, made, sink, resume))
 
     def _play(self, data, made, sink, resume):
@@ -105,9 +105,9 @@ class Asked:
 
 
 @contextmanager
-def asked(data, made, sink="offline", resume=False):
+def asked(data, made, sink="offline", resume=False, port=0):
     """It ends with the session, or ends it."""
-    running = Asked(data, made, sink, resume)
+    running = Asked(data, made, sink, resume, port)
     with running.server:
         running.thread.start()
         yield running

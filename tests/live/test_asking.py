@@ -108,7 +108,7 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
         "rough": 6,
         "fine": 11,
         "much": 55,
-        "nice": 62.5,
+        "nice": 62.0,
         "order": ["B", "A"],
         "where": [[1.0, 2.0], [0.5, 3.0]],
     }
