@@ -68,7 +68,12 @@ def awaited(running, page, known=0):
 
 def lose(running):
     """The connection, as a network does: the page finds the server again."""
-    running.asking._loop.call_soon_threadsafe(running.asking.pages[-1].close, 1012, "")
+    (old,) = running.asking.pages
+    running.asking._loop.call_soon_threadsafe(old.close, 1012, "")
+    end = time.monotonic() + 10
+    while running.asking.pages in ([], [old]):
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def press(page, state, text):
@@ -485,6 +490,8 @@ def test_a_server_that_freezes_or_dies_is_told_within_two_seconds(browser, tmp_p
     tries = page.js("tries")
     time.sleep(1.0)
     assert page.js("tries") == tries <= 1 and page.js("!document.querySelector('#retry').hidden")
+    page.click("#retry")
+    page.until(LOST, 2.0)
     port = int(url.split(":")[2].split("/")[0])
     with asked(tmp_path, every(), resume=True, port=port) as running:
         page.go(running.server.url)  # in the same tab: only what follows # is new

@@ -48,7 +48,7 @@ function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint =
   for (const id of ["keys", "words"]) $(id).style.setProperty("--least", `${Math.max(6, 0.5 * longest + 1)}em`); // no word is cut
   $("keys").style.setProperty("--n", keys.length);
   for (const [key, says] of apart) button("apart", key, says);
-  for (const word of names) Object.assign(button("words", "", word), { onclick: () => type(`${$("typed").value} ${word}`) }).dataset.key = word;
+  for (const word of names) Object.assign(button("words", "", word), { onclick: () => take(word) }).dataset.key = word;
   for (const [id, k] of [["low", 0], ["high", 1]]) $(id).textContent = row ? ends[k] : "";
   $("typed").inputMode = kind === "rating" ? "numeric" : "text";
   $("vas").ariaValueMax = most ?? 0;
@@ -70,6 +70,11 @@ function button(parent, key, says) {
 function type(text) {
   $("typed").value = text.trim();
   enable();
+}
+
+function take(word) {
+  type(`${$("typed").value} ${word}`);
+  (document.querySelector("#words button:enabled") ?? $("enter")).focus();
 }
 
 /** The mark on the line: null before there is one. */
@@ -155,8 +160,9 @@ function lose(code = 0, why = "") {
   open = false;
   away ??= performance.now();
   final = code >= 4400 && ![4408, 4429].includes(code);
-  const over = code === 4410 && "over", key = over || (code === 4409 ? "elsewhere" : final ? "refused" : "lost");
-  words(texts[key] ?? `.. ${why}`, over ? "" : "bad"); // a page that was never let in knows no texts: the experimenter reads why
+  const key = { 4410: "over", 4409: "elsewhere" }[code] ?? (final ? "refused" : gone() ? "gone" : "lost");
+  words(texts[key] ?? `.. ${why}`, key === "over" ? "" : "bad"); // a page that was never let in has no texts: the experimenter reads why
+  show("retry", key === "gone");
   if (code && !final) setTimeout(() => { if (ws.readyState > 1 && !gone()) connect(); }, 500);
   enable();
 }
@@ -168,18 +174,15 @@ function watch() {
   const silent = performance.now() - heard;
   if (final) return;
   if (open && silent > SILENT) lose();
-  if (gone() && $("retry").hidden && texts.gone) {
-    ws.close();
-    words(say("gone"), "bad");
-    show("retry", true);
-  } else if (!open && !gone() && silent > DEAD) connect();
+  else if (gone() && $("retry").hidden) { ws.close(); lose(); }
+  else if (!open && !gone() && silent > DEAD) connect();
 }
 
-const again = () => { if (!open && !(final && state?.phase === "end")) { away = performance.now(); connect(); } };
+const again = () => { away = performance.now(); connect(); };
 connect();
 setInterval(watch, 250);
-addEventListener("hashchange", () => { open = false; again(); }); // the address of a session that was resumed at the same port
-addEventListener("online", () => { if (!final) again(); });
+addEventListener("hashchange", again); // the address of a session that was resumed at the same port
+for (const back of ["online", "visibilitychange"]) addEventListener(back, () => { if (!open && !final) again(); });
 addEventListener("resize", report);
 $("retry").onclick = again;
 
