@@ -89,11 +89,11 @@ a message of a live page."""
 class Asked:
     """A session in a thread, and its server."""
 
-    def __init__(self, data, made, sink="offline", resume=False, port=0):
+    def __init__(self, data, made, sink="offline", resume=False, **server):
         self.notes, self.errors = [], []
         self.layouts = Path(data) / "layouts.jsonl"
         self.asking = ExperimentPage(self.notes.append, made.texts, self.layouts)
-        self.server = Server(self.asking, port=port, token="T")
+        self.server = Server(self.asking, **({"token": "T"} | server))
         self.thread = threading.Thread(target=self._play, args=(data, made, sink, resume))
 
     def _play(self, data, made, sink, resume):
@@ -105,9 +105,9 @@ class Asked:
 
 
 @contextmanager
-def asked(data, made, sink="offline", resume=False, port=0):
+def asked(data, made, sink="offline", resume=False, **server):
     """It ends with the session, or ends it."""
-    running = Asked(data, made, sink, resume, port)
+    running = Asked(data, made, sink, resume, **server)
     with running.server:
         running.thread.start()
         yield running
