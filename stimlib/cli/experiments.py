@@ -24,7 +24,7 @@ from .terminal import terminal
 
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
-    from ..experiments.session import Session
+    from ..experiments.texts import Texts
     from ..live.experiment import ExperimentPage
 
 PAPERS = ("ugrip", "bounciness", "roughness", "nodules", "nodule_sizes", "nodule_places")
@@ -162,7 +162,7 @@ def played(
         try:
             with terminable():
                 if page:
-                    with on_page(host, port, running) as asking:
+                    with on_page(host, port, made.texts, running.folder / "page.jsonl") as asking:
                         presentation.prepare(running, sink, options.get("calibration"))
                         run(running, asking, asking.display(made, sink, **options))
                 else:
@@ -187,12 +187,11 @@ def played(
 
 
 @contextmanager
-def on_page(host: str, port: int, session: Session) -> Iterator[ExperimentPage]:
+def on_page(host: str, port: int, texts: Texts, log: Path) -> Iterator[ExperimentPage]:
     """Serve a page as the front end; show its address and progress in the terminal."""
     from ..live.experiment import ExperimentPage
     from ..live.server import Server
 
-    texts, log = session.experiment.texts, session.folder / "page.jsonl"
     asking = ExperimentPage(lambda text: print(shown(text), flush=True), texts, log)
     with Server(asking, host, port) as server, asking:
         if not server.private:

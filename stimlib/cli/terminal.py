@@ -41,10 +41,9 @@ class Terminal(Keyed):
         fd: int = -1,
         keys: list[Any] | None = None,
         lines: list[Any] | None = None,
-        texts: Texts | None = None,
+        texts: Texts = Keyed.texts,
     ):
-        self._fd, self._keys, self._lines = fd, keys, lines
-        self.texts = texts or self.texts
+        self._fd, self._keys, self._lines, self.texts = fd, keys, lines, texts
 
     def tell(self, text: str) -> None:
         """Print a text on a line of its own."""
@@ -61,12 +60,13 @@ class Terminal(Keyed):
 
     def read(self, prompt: Prompt) -> str:
         """Return the key or the line with which the participant answers."""
-        every = {**prompt.keys, **prompt.apart}
         keys = ", ".join(
-            f"{key or self.texts('any_key')} = {says}" for key, says in every.items() if says
+            f"{key or self.texts('any_key')} = {says}"
+            for key, says in (*prompt.keys.items(), *prompt.apart.items())
+            if says
         )
-        hint = f" ({prompt.hint})" if prompt.hint else ""
-        text = f"{prompt.text}{hint}{':' * ('' in prompt.keys)} {keys}".rstrip()
+        asked = prompt.text + (f" ({prompt.hint})" if prompt.hint else ":" * ("" in prompt.keys))
+        text = f"{asked} {keys}".rstrip()
         return self._line(text) if prompt.line else self._key(text)
 
     def _key(self, text: str) -> str:
@@ -112,7 +112,7 @@ def _windows_key(text: str) -> str:
 
 
 @contextmanager
-def terminal(texts: Texts | None = None) -> Iterator[Terminal]:
+def terminal(texts: Texts = Keyed.texts) -> Iterator[Terminal]:
     """Yield the front end that reads from stdin.
 
     In a terminal, keys pressed while no question is open are neither shown nor used.

@@ -40,13 +40,11 @@ class Prompt:
     kind : str
         Kind of the question, as `Question` has it; empty if it is none.
     ends : tuple of str
-        What the two ends of a rating or line mean.
+        What the two ends mean, of a rating or line.
     hint : str
         How a line is typed.
     apart : dict of str to str
         Keys that are no answer, such as one for a replay.
-    most : int
-        The end of a line.
     """
 
     text: str
@@ -57,11 +55,10 @@ class Prompt:
     ends: tuple[str, ...] = ()
     hint: str = ""
     apart: Mapping[str, str] = dc.field(default_factory=dict)
-    most: int = 0
 
 
 @public
-def prompted(question: Question, replays: int = 0, texts: Texts | None = None) -> Prompt:
+def prompted(question: Question, replays: int = 0, texts: Texts = texts_of()) -> Prompt:  # noqa: B008
     """Return the prompt for a question.
 
     Parameters
@@ -83,24 +80,17 @@ def prompted(question: Question, replays: int = 0, texts: Texts | None = None) -
     >>> prompted(ranking("size", "The largest first", "A", "B")).hint
     'in order: A B'
     """
-    texts = texts or texts_of()
     kind, most, choices = question.kind, question.most, question.choices
-    keys, how = dict(zip(question.keys, choices, strict=False)), ""
-    ends = choices if kind in ("rating", "analogue") else ()
+    keys, ends = dict(zip(question.keys, choices, strict=False)), choices[:2]
     if kind == "rating" and most <= MOST_BUTTONS:
         keys = {str(n): "" for n in range(1, most + 1)} | {"1": ends[0], str(most): ends[1]}
-        how = texts("how_rating", most=most) if most > MOST_KEYS else ""
-    elif kind == "rating":
-        how = texts("how_number", low=ends[0], high=ends[1], most=most)
-    elif kind == "analogue":
-        how = texts("how_analogue_typed", low=ends[0], high=ends[1], most=most)
-    elif kind == "ranking":
-        how = texts("how_ranking", items=" ".join(choices))
     elif kind == "places":
-        keys, how = {NONE: texts("none_felt")}, texts("how_places", most=most)
+        keys, ends = {NONE: texts("none_felt")}, ("", "")
+    line = kind != "choice" and not (kind == "rating" and most <= MOST_KEYS)
+    values = {"low": ends[0], "high": ends[1], "most": most, "items": " ".join(choices)}
+    hint = texts(f"how_{kind}", **values) if line and (kind != "rating" or not keys) else ""
     again = {REPLAY: texts("replay", left=replays)} if replays > 0 and REPLAY not in keys else {}
-    words = choices if kind == "ranking" else ()
-    return Prompt(question.text, keys, bool(how), words, kind, ends, how, again, most)
+    return Prompt(question.text, keys, line, choices * (kind == "ranking"), kind, ends, hint, again)
 
 
 class Keyed:
@@ -145,6 +135,5 @@ class Keyed:
             try:
                 return question.answer(text)
             except BadValue:
-                items, keys = " ".join(question.choices), ", ".join(prompt.keys)
-                more = {"keys": keys, "items": items, "most": question.most, "none": NONE}
-                self.tell(self.texts(f"no_{question.kind}", **more))
+                lists = {"keys": ", ".join(prompt.keys), "items": " ".join(question.choices)}
+                self.tell(self.texts(f"no_{question.kind}", **lists, most=question.most, none=NONE))

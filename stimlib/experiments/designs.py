@@ -85,9 +85,8 @@ def trials_of(*designs: Design) -> int | None:
 
     A design of your own states it as ``trials``.
     """
-    counts = [getattr(d, "trials", None) for d in designs]
-    known = [n for n in counts if isinstance(n, int)]
-    return sum(known) if len(known) == len(counts) else None
+    counts: list[Any] = [getattr(d, "trials", None) for d in designs]
+    return sum(counts) if all(isinstance(n, int) for n in counts) else None
 
 
 def _check_designs(what: str, designs: Any) -> None:

@@ -8,7 +8,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import cached_property
 from itertools import islice
 from typing import Any
@@ -135,7 +134,7 @@ class Experiment:
         Number of replays that the participant may request in a trial.
     feedback : bool
         Whether to tell the participant if the answer was right, after each trial that
-        has a right answer (``Trial.right``); places have none.
+        has a right answer (``Experiment.right``); places have none.
     cursor : Cursor, optional
     masking : Masking, optional
     seed : int
@@ -322,9 +321,15 @@ class Experiment:
         return made
 
     def right(self, trial: Trial) -> dict[str, Any]:
-        """Return the right answers to a trial's questions; places have none."""
-        asked = {q.name for q in self.questions if q.kind != "places"} & set(trial.questions)
-        return {name: value for name, value in trial.right.items() if name in asked}
+        """Return the right answers to a trial's questions; places have none.
+
+        They are ``trial.correct``. Without it, if the trial has a chance level, it is
+        the choice of score 1.
+        """
+        best = [c for c, score in trial.scores.items() if score == 1 and trial.chance]
+        known = trial.correct or dict(zip(trial.questions, best, strict=False))
+        asked = [self.question(name) for name in trial.questions]
+        return {q.name: known[q.name] for q in asked if q.name in known and q.kind != "places"}
 
     def guess(self, trial: Trial, rng: np.random.Generator) -> Answer:
         """Return the answer of somebody who ignores the stimuli; an `Observer`."""
@@ -332,13 +337,8 @@ class Experiment:
 
     def _check_feedback(self, design: Design) -> None:
         """Raise BadValue if feedback is wanted, and no trial has a right answer."""
-        if not self.feedback:
-            return
-        known = True
-        with suppress(Exception):  # of a design, on an answer that nobody may give
-            guessed = observed(design, 0, self.guess, stream(0, "feedback"))
-            known = any(self.right(trial) for trial, _ in islice(guessed, 1000))
-        if not known:
+        guessed = observed(design, 0, self.guess, stream(0, "feedback"))
+        if self.feedback and not any(self.right(trial) for trial, _ in islice(guessed, 1000)):
             raise BadValue(
                 f"experiment {self.name!r}: feedback=True, but no trial of the design has a right"
                 " answer; give correct= in Rate or in Trial, give the standard of a TwoInterval a"

@@ -97,11 +97,11 @@ class Question:
             value = dict(zip(self.keys, self.choices, strict=True)).get(text, text)
         elif self.kind == "rating" and text.isdecimal() and len(text) < 9:
             value = int(text)
+        elif self.kind == "ranking":
+            value = text.split()
         elif self.kind == "analogue":
             with suppress(ValueError):
                 value = float(text)
-        elif self.kind == "ranking":
-            value = text.split()
         elif self.kind == "places":
             with suppress(ValueError):
                 value = [
@@ -125,10 +125,8 @@ class Question:
         """
         if self.kind == "choice":
             return str(rng.choice(self.choices))
-        if self.kind == "rating":
+        if self.kind in ("rating", "analogue"):
             return int(rng.integers(1, self.most + 1))
-        if self.kind == "analogue":
-            return float(rng.uniform(0, self.most))
         return rng.permutation(self.choices).tolist()  # no places at all
 
 

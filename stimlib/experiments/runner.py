@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import public
+from .designs import trials_of
 from .presentation import prepare, present
 from .questions import Question
 from .random_streams import seed_of, stream
@@ -80,6 +81,7 @@ def run(
     See ``docs/howto/experiments.rst``.
     """
     e, say = session.experiment, session.experiment.texts
+    total = trials_of(session.design) if e.show_total else None
 
     def show(trial: Trial, name: str) -> list[dict[str, Any]]:
         shown: list[dict[str, Any]] = []
@@ -99,7 +101,7 @@ def run(
         return
     if isinstance(sink, str):
         prepare(session, sink, options.get("calibration"))
-    if session.begun:
+    if session.records or any(session.folder.glob("trial-*.stimlog")):  # it was begun before
         front_end.tell(say("resumed"))
     else:
         if e.instructions:
@@ -108,20 +110,13 @@ def run(
     while (trial := session.due()) is not None:
         if (seconds := session.rest(trial)) > 0:
             front_end.rest(seconds)
-        front_end.ready(_titled(session, trial))
+        title = say("trial_of" if total else "trial", number=session.number, total=total)
+        front_end.ready(say("training", trial=title) if trial.training else title)
         record = _one(session, trial, front_end, show)
         if e.feedback and (right := e.right(trial)):
             good = all(record.answer.values[k] == v for k, v in right.items())
             front_end.tell(say("right" if good else "wrong"))
     front_end.tell(say("finished"))
-
-
-def _titled(session: Session, trial: Trial) -> str:
-    """Return what the participant reads before a trial, such as "Trial 3 of 40"."""
-    e = session.experiment
-    total = session.trials if e.show_total else None
-    title = e.texts("trial_of" if total else "trial", number=session.number, total=total)
-    return e.texts("training", trial=title) if trial.training else title
 
 
 def _familiarise(

@@ -39,7 +39,6 @@ from typing import Any, Self
 from ..errors import BadValue, SinkError, public
 from ..system import safe_files
 from ..version import __version__
-from .designs import trials_of
 from .experiment import Experiment
 from .random_streams import stream
 from .reader import VERSION, Saved, blinded, folder_of, read, sealed
@@ -169,7 +168,7 @@ class Session:
             "pilot": self.pilot,
             "seed": self.seed,
             "started": _now(),
-            "texts": dict(self.experiment.texts.words),
+            "texts": self.experiment.texts,
         }
 
     def _same(self, saved: Saved) -> None:
@@ -200,16 +199,6 @@ class Session:
     def number(self) -> int:
         """Number of the next trial, starting at 1."""
         return len(self.records) + 1
-
-    @property
-    def trials(self) -> int | None:
-        """Number of trials in the session, or None if it depends on the answers."""
-        return trials_of(self.design)
-
-    @property
-    def begun(self) -> bool:
-        """Whether a trial was presented before, such as before a resume."""
-        return bool(self.records) or any(self.folder.glob("trial-*.stimlog"))
 
     def due(self) -> Trial | None:
         """Return the next trial, or None at the end.

@@ -130,28 +130,20 @@ class TwoInterval:
         second = bool(stream(seed, "order", self.condition, n).integers(2))
         says_comparison = self.choices[second]
         scores = {c: float((c == says_comparison) != self.asks_less) for c in self.choices}
-        more = self._more(level)
-        correct = (
-            {} if more is None else {self.question: max(scores, key=lambda c: scores[c] == more)}
-        )
+        a, b = ({**s.params, self.varies: None} for s in (self.standard, self.comparison))
+        least = self.standard.params.get(self.varies, level)
+        differ = a == b and self.standard.scene == self.comparison.scene and level != least
+        more = 1.0 if self.chance else float(level > least)
+        right = [c for c in self.choices if scores[c] == more and (self.chance or differ)]
         return Trial(
             self.condition,
             tuple(pair if second else pair[::-1]),
             (self.question,),
             level,
             scores=scores,
-            correct=correct,
+            correct={self.question: right[0]} if right else {},
             chance=self.chance,
         )
-
-    def _more(self, level: float) -> bool | None:
-        """Return whether the comparison has more, or None if nobody knows."""
-        if self.chance:
-            return True
-        a, b = ({**s.params, self.varies: 0} for s in (self.standard, self.comparison))
-        least = self.standard.params.get(self.varies, level)
-        known = self.standard.scene == self.comparison.scene and a == b and level != least
-        return bool(level > least) if known else None
 
 
 @public

@@ -143,12 +143,6 @@ class Trial:
     pause: float = 0.0
     chance: float | None = None
 
-    @property
-    def right(self) -> Mapping[str, Any]:
-        """The right answers: ``correct``, or with a chance level the score of 1."""
-        best = [c for c, score in self.scores.items() if score == 1]
-        return self.correct or ({self.questions[0]: best[0]} if self.chance and best else {})
-
     def to_dict(self) -> dict[str, Any]:
         """Return the trial as plain JSON data."""
         return dc.asdict(self) | {

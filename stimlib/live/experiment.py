@@ -10,9 +10,9 @@ page: do    fields                       meaning
 =========== ============================ ===============================================
 answer      number, text                 to the state of that number: a key, or a line;
                                          taken once
-drawn       wide, high, boxes            how large the window is, and the boxes of what
-                                         answers the present question, in CSS pixels:
-                                         list of [key, left, top, width, height]
+drawn       number, wide, high, boxes    how large the window is, and the boxes of what
+                                         answers the question of that number, in CSS
+                                         pixels: list of [key, left, top, width, height]
 =========== ============================ ===============================================
 
 =========== ============================ ===============================================
@@ -41,13 +41,11 @@ closes with 4409 when another page was opened, and with 4410 at the end.
 from __future__ import annotations
 
 import asyncio
-import dataclasses as dc
 import json
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
@@ -68,12 +66,6 @@ LONGEST = 4000
 `ask.html` has the same limit.
 """
 _PIXELS = fields.between(-1e6, 1e6)
-
-
-def _box(v: Any) -> bool:
-    return isinstance(v, list) and len(v) == 5 and fields.text(v[0]) and all(map(_PIXELS, v[1:]))
-
-
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
     "answer": {
@@ -84,11 +76,16 @@ FIELDS = {
         ),
     },
     "drawn": {
+        "number": fields.whole(2**53),
         "wide": _PIXELS,
         "high": _PIXELS,
         "boxes": fields.Test(
-            "a list of at most 64 boxes [key, left, top, width, height]",
-            lambda v: isinstance(v, list) and len(v) <= 64 and all(map(_box, v)),
+            "a list of boxes [key, left, top, width, height]",
+            lambda v: (
+                isinstance(v, list)
+                and all(isinstance(b, list) and len(b) == 5 and fields.text(b[0]) for b in v)
+                and all(_PIXELS(x) for b in v for x in b[1:])
+            ),
         ),
     },
 }
@@ -129,11 +126,10 @@ class ExperimentPage(Keyed):
     most, longest = 8, 4 * LONGEST + 1024
 
     def __init__(
-        self, note: Callable[[str], None], texts: Texts | None = None, log: Path | None = None
+        self, note: Callable[[str], None], texts: Texts = Keyed.texts, log: Path | None = None
     ):
         self.pages: list[Page] = []
-        self.texts = texts or self.texts
-        self._note, self._log = note, log
+        self._note, self._log, self.texts = note, log, texts
         self._drawn: dict[str, Any] = {}  # how each question was drawn last
         self._changed = threading.Condition()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -185,7 +181,7 @@ class ExperimentPage(Keyed):
             The server has ended.
         """
         keys, apart = ([[k, says] for k, says in d.items()] for d in (prompt.keys, prompt.apart))
-        self._become("ask", **dc.asdict(prompt) | {"keys": keys, "apart": apart})
+        self._become("ask", **vars(prompt) | {"keys": keys, "apart": apart})
         while (said := self._waited()) is None:
             if self._over:
                 raise SinkError("the server of the page has ended before the session")
@@ -251,7 +247,7 @@ class ExperimentPage(Keyed):
         for other in self.pages:
             other.close(4409, "this session was opened on another page")
         self.pages.append(page)
-        page.tell({"is": "hello", "version": protocol.VERSION, "texts": dict(self.texts.words)})
+        page.tell({"is": "hello", "version": protocol.VERSION, "texts": self.texts})
         self._tell(page)
         self._note("the page is open")
 
@@ -286,8 +282,6 @@ class ExperimentPage(Keyed):
             return "hello is said once, as the first word"
         if page is not self.pages[-1]:
             return "this session was opened on another page"
-        if message["do"] == "drawn":
-            return "" if self._state["phase"] == "ask" else "nothing is asked now"
         if (
             message["number"] != self._number
             or self._state["phase"] != "ask"
@@ -295,16 +289,16 @@ class ExperimentPage(Keyed):
         ):
             return "nothing is asked now, or it was answered"
         keys = [key for key, _ in (*self._state["keys"], *self._state["apart"])]
-        return "" if self._state["line"] or message["text"] in keys else "there is no such key"
+        good = message["do"] == "drawn" or self._state["line"] or message["text"] in keys
+        return "" if good else "there is no such key"
 
     def _keep(self, message: dict[str, Any]) -> None:
         """Add to the log how a question is drawn, unless it has the same layout."""
-        drawn = {key: message[key] for key in ("wide", "high", "boxes")}
-        text = self._state["text"]
+        text, drawn = self._state["text"], {k: message[k] for k in ("wide", "high", "boxes")}
         if self._log is None or self._drawn.get(text) == drawn:
             return
         self._drawn[text] = drawn
-        at = {"time": datetime.now(UTC).isoformat(), "trial": self._trial, "text": text}
+        at = {"time": time.time(), "trial": self._trial, "text": text}
         with suppress(OSError), open(self._log, "a", encoding="utf-8") as f:  # a disk that is full
             f.write(json.dumps(at | drawn) + "\n")
 

@@ -22,7 +22,7 @@ from stimlib.experiments.designs import (
     trials_of,
 )
 from stimlib.experiments.quest import Quest
-from stimlib.experiments.questions import places, rating
+from stimlib.experiments.questions import KINDS, choice, places, rating
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
@@ -49,7 +49,7 @@ def test_every_text_is_used_and_every_text_used_is_there():
     folder = Path(stimlib.__file__).parent
     files = [*folder.rglob("*.py"), folder / "live/page/ask.js"]
     code = "\n".join(p.read_text("utf-8") for p in files)
-    made = {f"no_{kind}" for kind in ("choice", "rating", "analogue", "ranking", "places")}
+    made = {f"{what}_{kind}" for kind in KINDS for what in ("no", "how")}
     unused = {k for k in SHIPPED["en"] if not re.search(rf"[\"'.]{k}\b", code)}
     assert unused <= made
     page = (folder / "live/page/ask.js").read_text()
@@ -111,9 +111,9 @@ def test_a_german_session_in_a_terminal(tmp_path, monkeypatch, capsys):
         run(session, face, lambda trial, folder: {})
     assert capsys.readouterr().out.splitlines() == [
         "Durchgang 1 von 1, zur Übung: beliebige Taste = Weiter",
-        "Wie rau? (eine ganze Zahl von 1 bis 11) 1 = glatt, 11 = rau",
+        "Wie rau? 1 = glatt, 11 = rau",
         "Bitte geben Sie eine ganze Zahl von 1 bis 11 an.",
-        "Wie rau? (eine ganze Zahl von 1 bis 11) 1 = glatt, 11 = rau",
+        "Wie rau? 1 = glatt, 11 = rau",
         "Richtig",
         "Das war der letzte Durchgang. Vielen Dank.",
     ]
@@ -185,7 +185,7 @@ def two(standard, comparison, **other):
 
 def has(trial):
     """Which stimulus the right answer names."""
-    return {trial.stimuli[("first", "second").index(c)].name for c in trial.right.values()}
+    return {trial.stimuli[("first", "second").index(c)].name for c in trial.correct.values()}
 
 
 def test_two_intervals_have_a_right_answer_where_only_one_quantity_differs():
@@ -203,13 +203,15 @@ def test_two_intervals_have_a_right_answer_where_only_one_quantity_differs():
         ({"k": 2.0}, Stimulus("other")),
         ({"k": 2.0, "A": 1.0}, spring),
     ):
-        assert not any(t.right for t in two(standard, comparison).values())
+        assert not any(t.correct for t in two(standard, comparison).values())
 
 
 def test_a_task_of_your_own_with_a_chance_level_has_the_answer_of_score_one():
-    odd = Trial("c", (), ("odd",), scores={"a": 0.0, "b": 1.0}, chance=1 / 3)
-    assert odd.right == {"odd": "b"}
-    assert Trial("c", (), ("odd",), scores={"a": 0.0, "b": 1.0}).right == {}
+    made = experiment(questions=(choice("odd", "?", "a", "b"),))
+    odd = {"condition": "c", "stimuli": (), "questions": ("odd",), "scores": {"a": 0.0, "b": 1.0}}
+    assert made.right(Trial(**odd, chance=1 / 3)) == {"odd": "b"}
+    assert made.right(Trial(**odd)) == {} == made.right(Trial(**odd, chance=0.0))
+    assert made.right(Trial(**odd, correct={"odd": "a", "other": 1})) == {"odd": "a"}
 
 
 WHERE = places("where", "?", 2)
@@ -250,5 +252,5 @@ def test_feedback_is_told_after_every_trial_that_has_a_right_answer(tmp_path):
     with Session(experiment(design=design, feedback=True), tmp_path, "P01") as session:
         run(session, face, lambda trial, folder: {})
     told = [text for text in face.noted if text in ("Right", "Wrong")]
-    first = session.records[0].trial.right["softer"] == "first"
+    first = session.records[0].trial.correct["softer"] == "first"
     assert told == ["Right" if first else "Wrong", "Wrong"]

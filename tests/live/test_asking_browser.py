@@ -459,8 +459,9 @@ def test_a_server_that_freezes_or_goes_is_told_within_two_seconds(browser, tmp_p
     made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))))
     with asked(tmp_path, made) as running:
         page = browser.page(running.server.url, 390, 800)
+        state = {"number": 0}
         for key in (" ", "1"):
-            state = awaited(running, page)
+            state = awaited(running, page, state["number"])
             press(page, state, key)
         state = awaited(running, page, state["number"])
         page.js("window.same = true")

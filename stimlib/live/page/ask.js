@@ -3,7 +3,7 @@
 const VERSION = 1;
 const GUARD = 250; // ms in which a new question takes nothing: the second half of a double click was for the one before
 const SILENT = 1500, DEAD = 5000, GONE = 30000; // ms without a word of the server: it is said; another connection; no more of them
-const PAD = 24; // px beyond both ends of the line, so that a finger reaches them
+const MOST = 100, PAD = 24; // the end of a line; px beyond both ends, so that a finger reaches them
 const $ = id => document.getElementById(id);
 let texts = {}, ws = null, state = null, open = false, sent = false, final = false, begun = 0, frame = 0, late = 0;
 let heard = performance.now(), away = null, mark = null, drawn = ""; // away: since when there is no connection
@@ -34,10 +34,10 @@ function become(now) {
   report();
 }
 
-function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint = "", most, words: names = [] }) {
+function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint = "", words: names = [] }) {
   const scale = kind === "rating" && keys.length, analogue = kind === "analogue", row = scale || analogue;
   $("text").textContent = text ?? (phase === "end" ? "" : say(phase));
-  $("hint").textContent = analogue ? say("how_analogue") : hint;
+  $("hint").textContent = analogue ? say("touch_line") : hint;
   $("answers").className = row ? "scale" : "options";
   for (const id of ["keys", "apart", "words"]) $(id).replaceChildren();
   for (const [key, says] of keys) {
@@ -51,7 +51,6 @@ function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint =
   for (const word of names) Object.assign(button("words", "", word), { onclick: () => take(word) }).dataset.key = word;
   for (const [id, k] of [["low", 0], ["high", 1]]) $(id).textContent = row ? ends[k] : "";
   $("typed").inputMode = kind === "rating" ? "numeric" : "text";
-  $("vas").ariaValueMax = most ?? 0;
   type("");
   put(null);
   for (const [id, wanted] of [["hint", hint], ["words", names.length], ["vas", analogue], ["keys", keys.length], ["low", row], ["high", row],
@@ -79,11 +78,11 @@ function take(word) {
 
 /** The mark on the line: null before there is one. */
 function put(value) {
-  mark = value === null ? null : Math.min(state.most, Math.max(0, Math.round(10 * value) / 10));
+  mark = value === null ? null : Math.min(MOST, Math.max(0, Math.round(10 * value) / 10));
   show("mark", mark !== null);
-  $("vas").ariaValueNow = mark ?? (state.most ?? 0) / 2; // which a slider must have
+  $("vas").ariaValueNow = mark ?? MOST / 2; // which a slider must have
   $("vas").ariaValueText = mark ?? say("unmarked");
-  $("mark").style.left = `calc(${PAD}px + (100% - ${2 * PAD}px) * ${(mark ?? 0) / (state.most || 1)})`;
+  $("mark").style.left = `calc(${PAD}px + (100% - ${2 * PAD}px) * ${(mark ?? 0) / MOST})`;
   enable();
 }
 
@@ -119,10 +118,10 @@ function tick() {
 
 /** Says how a question is drawn, for the log. */
 function report() {
-  if (!open || state?.phase !== "ask") return;
+  if (!open || sent || state?.phase !== "ask") return;
   const all = [...document.querySelectorAll("main [data-key]")].filter(e => e.checkVisibility());
   const boxes = all.map(e => [e.dataset.key, ...(r => [r.left, r.top, r.width, r.height].map(v => Math.round(10 * v) / 10))(e.getBoundingClientRect())]);
-  const now = JSON.stringify({ do: "drawn", wide: innerWidth, high: innerHeight, boxes: boxes.slice(0, 64) });
+  const now = JSON.stringify({ do: "drawn", number: state.number, wide: innerWidth, high: innerHeight, boxes: boxes.slice(0, 64) });
   if (now !== drawn) ws.send(drawn = now);
 }
 
@@ -151,7 +150,7 @@ function hear(m) {
     words(say("connected"), "good");
   }
   if (m.is === "state") become(m);
-  else if (m.is === "error") sent = false;
+  else if (m.about === "answer") sent = false;
   enable();
 }
 
@@ -190,7 +189,7 @@ $("retry").onclick = again;
 const STEPS = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10, Home: -1e9, End: 1e9 };
 const drag = e => {
   const { left, width } = $("vas").getBoundingClientRect();
-  if (e.buttons && open && !sent) put(state.most * (e.clientX - left - PAD) / (width - 2 * PAD));
+  if (e.buttons && open && !sent) put(MOST * (e.clientX - left - PAD) / (width - 2 * PAD));
 };
 $("vas").onpointerdown = e => { $("vas").setPointerCapture(e.pointerId); drag(e); };
 $("vas").onpointermove = drag;
@@ -208,7 +207,7 @@ addEventListener("keydown", e => {
   const keys = [...(state?.keys ?? []), ...(state?.apart ?? [])].map(([key]) => key);
   const any = keys.includes("") && (e.key.length === 1 || e.key === "Enter");
   const key = [e.key, e.key.toLowerCase()].find(k => keys.includes(k)) ?? (any ? "" : null);
-  if (analogue && e.key in STEPS) put(Math.abs(STEPS[e.key]) > 1e6 || mark !== null ? (mark ?? 0) + STEPS[e.key] : state.most / 2);
+  if (analogue && e.key in STEPS) put(Math.abs(STEPS[e.key]) > 1e6 || mark !== null ? (mark ?? 0) + STEPS[e.key] : MOST / 2);
   else if (analogue && e.key === "Enter") { if (!e.repeat) $("line").requestSubmit(); }
   else if (state?.line && e.key.length === 1 && /[\d.;-]/.test(e.key)) return $("typed").focus(); // which takes it
   else if (key === null) return;
