@@ -27,7 +27,7 @@ class Texts(dict[str, str]):
 
 
 _SHIPPED = tomllib.loads(Path(__file__).with_name("texts.toml").read_text("utf-8"))
-_GAPS = re.compile(r"\{[^{}]*\}|[{}]")
+_gaps = re.compile(r"\{[^{}]*\}|[{}]").findall
 
 
 @public
@@ -63,14 +63,17 @@ def texts_of(language: str | os.PathLike[str] = "en") -> Texts:
     except ValueError as e:
         raise BadValue(f"{what} is no TOML in UTF-8: {e}; correct that line") from e
     if different := english.keys() ^ found:
-        verb = "lacks" if different & english.keys() else "has an unknown"
         raise BadValue(
-            f"{what} {verb} {', '.join(sorted(different))}; translate the lines of one table of"
+            f"{what} {'lacks' if different & english.keys() else 'has an unknown'}"
+            f" {', '.join(sorted(different))}; translate the lines of one table of"
             " stimlib/experiments/texts.toml"
         )
     for key, text in found.items():
-        gaps = sorted(_GAPS.findall(english[key]))
-        if not isinstance(text, str) or not text.strip() or sorted(_GAPS.findall(text)) != gaps:
+        if (
+            not isinstance(text, str)
+            or not text.strip()
+            or sorted(_gaps(text)) != sorted(_gaps(english[key]))
+        ):
             raise BadValue(
                 f"{what}: {key} = {text!r:.80} must be a text like {english[key]!r}, with the same"
                 " names in braces"

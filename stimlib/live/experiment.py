@@ -298,9 +298,10 @@ class ExperimentPage(Keyed):
         if self._log is None or self._drawn.get(text) == drawn:
             return
         self._drawn[text] = drawn
-        at = {"time": time.time(), "trial": self._trial, "text": text}
         with suppress(OSError), open(self._log, "a", encoding="utf-8") as f:  # a disk that is full
-            f.write(json.dumps(at | drawn) + "\n")
+            f.write(
+                json.dumps({"time": time.time(), "trial": self._trial, "text": text} | drawn) + "\n"
+            )
 
     async def run(self) -> None:
         """Send signs of life until the server ends."""
