@@ -38,7 +38,7 @@ if __name__ == "__main__":
             thread.start()
             browser = Browser()
             page = browser.page(server.url, 760, 460)
-            page.until(ASKED.format("trial 1"))
+            page.until(ASKED.format("Trial 1"))
             page.js(GUARD)
             page.key(" ")
             page.until(ASKED.format("Which"))

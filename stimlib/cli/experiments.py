@@ -24,6 +24,7 @@ from .terminal import terminal
 
 if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
+    from ..experiments.texts import Texts
     from ..live.experiment import ExperimentPage
 
 PAPERS = (
@@ -169,11 +170,11 @@ def played(
         try:
             with terminable():
                 if page:
-                    with on_page(host, port) as asking:
+                    with on_page(host, port, made.texts, running.folder / "page.jsonl") as asking:
                         presentation.prepare(running, sink, options.get("calibration"))
                         run(running, asking, asking.display(made, sink, **options))
                 else:
-                    with terminal() as front_end:
+                    with terminal(made.texts) as front_end:
                         run(running, front_end, sink, **options)
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             given |= {"host": host, "port": port or None} if page else {}
@@ -194,12 +195,12 @@ def played(
 
 
 @contextmanager
-def on_page(host: str, port: int) -> Iterator[ExperimentPage]:
+def on_page(host: str, port: int, texts: Texts, log: Path) -> Iterator[ExperimentPage]:
     """Serve a page as the front end; show its address and progress in the terminal."""
     from ..live.experiment import ExperimentPage
     from ..live.server import Server
 
-    asking = ExperimentPage(lambda text: print(shown(text), flush=True))
+    asking = ExperimentPage(lambda text: print(shown(text), flush=True), texts, log)
     with Server(asking, host, port) as server, asking:
         if not server.private:
             note(

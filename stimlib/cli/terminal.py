@@ -13,6 +13,7 @@ from typing import Any
 
 from ..errors import SinkError, shown
 from ..experiments.answer_keys import Keyed, Prompt
+from ..experiments.texts import Texts
 from ..system.progress import progress
 
 termios: Any = None  # which Windows has not
@@ -31,10 +32,18 @@ class Terminal(Keyed):
     keys, lines : list
         Terminal attributes (termios): ``keys`` while no question or a single key is
         awaited, ``lines`` while a line is typed.
+    texts : Texts, optional
+        The texts for the participant; English by default.
     """
 
-    def __init__(self, fd: int = -1, keys: list[Any] | None = None, lines: list[Any] | None = None):
-        self._fd, self._keys, self._lines = fd, keys, lines
+    def __init__(
+        self,
+        fd: int = -1,
+        keys: list[Any] | None = None,
+        lines: list[Any] | None = None,
+        texts: Texts = Keyed.texts,
+    ):
+        self._fd, self._keys, self._lines, self.texts = fd, keys, lines, texts
 
     def tell(self, text: str) -> None:
         """Print a text on a line of its own."""
@@ -42,21 +51,22 @@ class Terminal(Keyed):
 
     def rest(self, seconds: float) -> None:
         """Count down a rest; only ending the command can shorten it."""
-        self.tell(f"Please rest for {round(seconds)} s.")
+        self.tell(self.texts("rest_for", seconds=round(seconds)))
         end = time.monotonic() + seconds
-        with progress("rest", seconds) as advance:
+        with progress(self.texts("rest"), seconds) as advance:
             while (left := end - time.monotonic()) > 0:
                 time.sleep(min(left, 1.0))
                 advance(min(left, 1.0))
 
     def read(self, prompt: Prompt) -> str:
         """Return the key or the line with which the participant answers."""
-        keys = ", ".join(f"{key} = {says}" for key, says in prompt.keys.items() if key and says)
-        text = (
-            f"{prompt.text}: {prompt.keys['']}"
-            if "" in prompt.keys
-            else f"{prompt.text} {keys}".rstrip()
+        keys = ", ".join(
+            f"{key or self.texts('any_key')} = {says}"
+            for key, says in (*prompt.keys.items(), *prompt.apart.items())
+            if says
         )
+        asked = prompt.text + (f" ({prompt.hint})" if prompt.hint else ":" * ("" in prompt.keys))
+        text = f"{asked} {keys}".rstrip()
         return self._line(text) if prompt.line else self._key(text)
 
     def _key(self, text: str) -> str:
@@ -102,7 +112,7 @@ def _windows_key(text: str) -> str:
 
 
 @contextmanager
-def terminal() -> Iterator[Terminal]:
+def terminal(texts: Texts = Keyed.texts) -> Iterator[Terminal]:
     """Yield the front end that reads from stdin.
 
     In a terminal, keys pressed while no question is open are neither shown nor used.
@@ -110,11 +120,11 @@ def terminal() -> Iterator[Terminal]:
     suspends the command.
     """
     if not sys.stdin.isatty():
-        yield Terminal()
+        yield Terminal(texts=texts)
         return
     fd = sys.stdin.fileno()
     if termios is None:
-        yield Terminal(fd)
+        yield Terminal(fd, texts=texts)
         return
     before, keys = termios.tcgetattr(fd), termios.tcgetattr(fd)
     keys[3] &= ~(termios.ECHO | termios.ICANON)
@@ -135,7 +145,7 @@ def terminal() -> Iterator[Terminal]:
     usual = signal.signal(stop, suspended)
     try:
         _become(fd, keys)
-        yield Terminal(fd, keys, before)
+        yield Terminal(fd, keys, before, texts)
     finally:
         signal.signal(stop, usual)
         with suppress(termios.error):  # it has gone

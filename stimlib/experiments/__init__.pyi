@@ -64,6 +64,7 @@ from .presentation import (
 from .quest import Quest as Quest
 from .questions import (
     Question as Question,
+    analogue as analogue,
     choice as choice,
     places as places,
     ranking as ranking,
@@ -108,6 +109,7 @@ from .tasks import (
     Roved as Roved,
     TwoInterval as TwoInterval,
 )
+from .texts import Texts as Texts, texts_of as texts_of
 from .trial import (
     Answer as Answer,
     Record as Record,

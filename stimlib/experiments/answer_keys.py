@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import BadValue, public
 from .questions import NONE
+from .texts import Texts, texts_of
 
 if TYPE_CHECKING:
     from .questions import Question
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 REPLAY = "r"
 MOST_KEYS = 9
 """Largest rating that is answered by a single key."""
+MOST_BUTTONS = 11
+"""Largest rating with a button for each number; the number of larger ones is typed."""
 
 
 @dc.dataclass(frozen=True)
@@ -34,16 +37,28 @@ class Prompt:
         Whether a line is typed; a key is then typed as a line of its own.
     words : tuple of str
         The words that a line may consist of, if it consists of words.
+    kind : str
+        Kind of the question, as `Question` has it; empty if it is none.
+    ends : tuple of str
+        What the two ends mean, of a rating or line.
+    hint : str
+        How a line is typed.
+    apart : dict of str to str
+        Keys that are no answer, such as one for a replay.
     """
 
     text: str
     keys: Mapping[str, str]
     line: bool = False
     words: tuple[str, ...] = ()
+    kind: str = ""
+    ends: tuple[str, ...] = ()
+    hint: str = ""
+    apart: Mapping[str, str] = dc.field(default_factory=dict)
 
 
 @public
-def prompted(question: Question, replays: int = 0) -> Prompt:
+def prompted(question: Question, replays: int = 0, texts: Texts = texts_of()) -> Prompt:  # noqa: B008
     """Return the prompt for a question.
 
     Parameters
@@ -51,44 +66,43 @@ def prompted(question: Question, replays: int = 0) -> Prompt:
     question : Question
     replays : int
         Number of replays that are still allowed.
+    texts : Texts, optional
+        English by default.
 
     Examples
     --------
     >>> from stimlib.experiments import choice, prompted, ranking
-    >>> prompted(
+    >>> prompt = prompted(
     ...     choice("softer", "Which one was softer?", "first", "second"), replays=1
-    ... ).keys
-    {'1': 'first', '2': 'second', 'r': 'once more (1 left)'}
-    >>> prompted(ranking("size", "The largest first", "A", "B")).text
-    'The largest first (in order, of A B)'
+    ... )
+    >>> prompt.keys, prompt.apart
+    ({'1': 'first', '2': 'second'}, {'r': 'Feel it again (1 left)'})
+    >>> prompted(ranking("size", "The largest first", "A", "B")).hint
+    'in order: A B'
     """
-    keys, how, low_high = (
-        dict(zip(question.keys, question.choices, strict=False)),
-        "",
-        question.choices,
-    )
-    if question.kind == "rating" and question.most <= MOST_KEYS:
-        keys = {str(n): "" for n in range(1, question.most + 1)} | {
-            "1": low_high[0],
-            str(question.most): low_high[1],
-        }
-    elif question.kind == "rating":
-        how = f" (1 = {low_high[0]}, {question.most} = {low_high[1]})"
-    elif question.kind == "ranking":
-        how = f" (in order, of {' '.join(question.choices)})"
-    elif question.kind == "places":
-        keys, how = {NONE: "none"}, " (x y; x y)"
-    more = {REPLAY: f"once more ({replays} left)"} if replays > 0 and REPLAY not in keys else {}
-    return Prompt(
-        question.text + how,
-        keys | more,
-        bool(how),
-        question.choices if question.kind == "ranking" else (),
-    )
+    kind, most, choices = question.kind, question.most, question.choices
+    keys, ends = dict(zip(question.keys, choices, strict=False)), choices[:2]
+    if kind == "rating" and most <= MOST_BUTTONS:
+        keys = {str(n): "" for n in range(1, most + 1)} | {"1": ends[0], str(most): ends[1]}
+    elif kind == "places":
+        keys, ends = {NONE: texts("none_felt")}, ("", "")
+    line = kind != "choice" and not (kind == "rating" and most <= MOST_KEYS)
+    values = {"low": ends[0], "high": ends[1], "most": most, "items": " ".join(choices)}
+    hint = texts(f"how_{kind}", **values) if line and (kind != "rating" or not keys) else ""
+    again = {REPLAY: texts("replay", left=replays)} if replays > 0 and REPLAY not in keys else {}
+    return Prompt(question.text, keys, line, choices * (kind == "ranking"), kind, ends, hint, again)
 
 
 class Keyed:
-    """The part of a front end that handles keys; see `stimlib.experiments.FrontEnd`."""
+    """The part of a front end that handles keys; see `stimlib.experiments.FrontEnd`.
+
+    Attributes
+    ----------
+    texts : Texts
+        The texts for the participant; English by default.
+    """
+
+    texts = texts_of()
 
     def read(self, prompt: Prompt) -> str:
         """Return the key pressed or the text typed; "" if only Enter was pressed."""
@@ -100,27 +114,26 @@ class Keyed:
 
     def ready(self, text: str) -> None:
         """Wait until the participant presses any key."""
-        self.read(Prompt(text, {"": "any key begins"}))
+        self.read(Prompt(text, {"": self.texts("go_on")}))
 
     def pick(self, names: list[str]) -> str | None:
         """Return the name of a stimulus chosen by its number, or None to begin."""
         keys = {str(i): name for i, name in enumerate(names, 1)}
-        while (key := self.read(Prompt("Get to know the stimuli:", keys | {"0": "begin"}))) not in (
-            "0",
-            "",
-        ):
+        prompt = Prompt(self.texts("explore"), keys, apart={"0": self.texts("begin")})
+        while (key := self.read(prompt)) not in ("0", ""):
             if key in keys:
                 return keys[key]
         return None
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
         """Ask a question until it is answered; return None if a replay is requested."""
-        prompt = prompted(question, replays)
+        prompt = prompted(question, replays, self.texts)
         while True:
             text = self.read(prompt)
-            if text == REPLAY and REPLAY in prompt.keys and REPLAY not in question.keys:
+            if text == REPLAY and REPLAY in prompt.apart:
                 return None
             try:
                 return question.answer(text)
-            except BadValue as e:
-                self.tell(str(e))
+            except BadValue:
+                lists = {"keys": ", ".join(prompt.keys), "items": " ".join(question.choices)}
+                self.tell(self.texts(f"no_{question.kind}", **lists, most=question.most, none=NONE))

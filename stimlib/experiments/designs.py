@@ -80,6 +80,15 @@ def _counts(v: Any) -> bool:
     return isinstance(v, Integral) and not isinstance(v, bool) and int(v) >= 1
 
 
+def trials_of(*designs: Design) -> int | None:
+    """Return the number of trials of designs, or None if it depends on the answers.
+
+    A design of your own states it as ``trials``.
+    """
+    counts: list[Any] = [getattr(d, "trials", None) for d in designs]
+    return sum(counts) if all(isinstance(n, int) for n in counts) else None
+
+
 def _check_designs(what: str, designs: Any) -> None:
     """Raise unless these are designs by name."""
     if not isinstance(designs, Mapping):
@@ -517,6 +526,11 @@ class ConstantStimuli:
             )
 
     @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return len(self.items) * self.repeats
+
+    @property
     def _names(self) -> list[str]:
         return [f"{task.condition} {level!r}" for task, level in self.items]
 
@@ -584,6 +598,11 @@ class Interleaved:
         if not self.tracks:
             raise BadValue("Interleaved: give at least one design, by the name of its track")
         _check_designs("Interleaved: tracks", self.tracks)
+
+    @property
+    def trials(self) -> int | None:
+        """Number of trials, or None if it depends on the answers."""
+        return trials_of(*self.tracks.values())
 
     def init(self, seed: int) -> State:
         """Give each track a seed of its own."""
@@ -667,6 +686,11 @@ class Sequential:
         if not self.parts:
             raise BadValue("Sequential: give at least one design, by the name of its part")
         _check_designs("Sequential: parts", self.parts)
+
+    @property
+    def trials(self) -> int | None:
+        """Number of trials, or None if it depends on the answers."""
+        return trials_of(*self.parts.values())
 
     def init(self, seed: int) -> State:
         """Give each part a seed of its own."""

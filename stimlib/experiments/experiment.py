@@ -6,8 +6,13 @@ import dataclasses as dc
 import hashlib
 import json
 import math
+import os
 from collections.abc import Callable, Mapping
+from functools import cached_property
+from itertools import islice
 from typing import Any
+
+import numpy as np
 
 from ..core.scene import Scene
 from ..core.units import Unit
@@ -15,8 +20,9 @@ from ..errors import BadValue, UnknownName, public
 from ..run.safety import Safety
 from ..system import fields
 from .questions import Question
-from .random_streams import seed_of
-from .trial import Design, Observer, Stimulus, Trial
+from .random_streams import seed_of, stream
+from .texts import Texts, texts_of
+from .trial import Answer, Design, Observer, Stimulus, Trial, observed
 from .user_code import called
 
 
@@ -127,7 +133,8 @@ class Experiment:
     replays : int
         Number of replays that the participant may request in a trial.
     feedback : bool
-        Whether to tell the participant if the answer was right.
+        Whether to tell the participant if the answer was right, after each trial that
+        has a right answer (``Experiment.right``); places have none.
     cursor : Cursor, optional
     masking : Masking, optional
     seed : int
@@ -139,14 +146,25 @@ class Experiment:
         The simulated participant: ``observer(trial, rng) -> Answer``.
     analysis : callable, optional
         ``analysis(sessions) -> any``, called with a list of
-        `stimlib.experiments.reader.Saved`; the result is printed. A log does not depend
-        on ``observer`` and ``analysis``.
+        `stimlib.experiments.reader.Saved`; the result is printed.
+    language : str or path
+        Language of all other texts that the participant reads: "en", "de", or a file of
+        your own; see `stimlib.experiments.texts_of`.
+    show_total : bool
+        Whether the participant reads "Trial 3 of 40" and not "Trial 3", if the number
+        does not depend on the answers.
 
     Raises
     ------
     BadValue, UnknownName
-        Something is missing or of a wrong kind, two questions have the same name, or no
-        scene has a parameter with bounds.
+        Something is missing or of a wrong kind, two questions have the same name, no
+        scene has a parameter with bounds, or feedback is wanted where no trial has a
+        right answer.
+
+    Notes
+    -----
+    A log belongs to all of this but ``observer``, ``analysis``, ``language`` and
+    ``show_total``; it states the texts.
 
     Examples
     --------
@@ -176,11 +194,16 @@ class Experiment:
     instructions: str = ""
     observer: Observer | None = None
     analysis: Callable[[list[Any]], Any] | None = None
+    language: str | os.PathLike[str] = "en"
+    show_total: bool = True
 
     def __post_init__(self):
         self._check_questions_and_scenes()
         self._check_plan()
         self._check_names()
+        assert self.texts  # or a language that is none is found in the first session
+        if isinstance(self.design, Design):
+            self._check_feedback(self.design)
 
     def _check_questions_and_scenes(self) -> None:
         if not isinstance(self.questions, (tuple, list)) or not all(
@@ -265,6 +288,11 @@ class Experiment:
         """Inputs of all scenes, in the order of first use."""
         return tuple({name: None for s in self.scenes.values() for name in s.inputs})
 
+    @cached_property
+    def texts(self) -> Texts:
+        """The other texts that the participant reads."""
+        return texts_of(self.language)
+
     def question(self, name: str) -> Question:
         """Return the question with a name; raise UnknownName if there is none."""
         for q in self.questions:
@@ -289,7 +317,33 @@ class Experiment:
                 f"experiment {self.name!r}: design({participant!r}, {session}) gives {made!r:.80},"
                 " no design"
             )
+        self._check_feedback(made)
         return made
+
+    def right(self, trial: Trial) -> dict[str, Any]:
+        """Return the right answers to a trial's questions; places have none.
+
+        They are ``trial.correct``. Without it, if the trial has a chance level, it is
+        the choice of score 1.
+        """
+        best = [c for c, score in trial.scores.items() if score == 1 and trial.chance]
+        known = trial.correct or dict(zip(trial.questions, best, strict=False))
+        asked = [self.question(name) for name in trial.questions]
+        return {q.name: known[q.name] for q in asked if q.name in known and q.kind != "places"}
+
+    def guess(self, trial: Trial, rng: np.random.Generator) -> Answer:
+        """Return the answer of somebody who ignores the stimuli; an `Observer`."""
+        return Answer({name: self.question(name).guess(rng) for name in trial.questions})
+
+    def _check_feedback(self, design: Design) -> None:
+        """Raise BadValue if feedback is wanted, and no trial has a right answer."""
+        guessed = observed(design, 0, self.guess, stream(0, "feedback"))
+        if self.feedback and not any(self.right(trial) for trial, _ in islice(guessed, 1000)):
+            raise BadValue(
+                f"experiment {self.name!r}: feedback=True, but no trial of the design has a right"
+                " answer; give correct= in Rate or in Trial, give the standard of a TwoInterval a"
+                " value of what varies, or leave feedback out"
+            )
 
     def familiar(self, participant: str, session: int = 1) -> Mapping[str, Stimulus]:
         """Return the stimuli that a participant may explore before a session."""
@@ -363,7 +417,7 @@ class Experiment:
         told = {
             f.name: _plain(getattr(self, f.name))
             for f in dc.fields(self)
-            if f.name not in ("observer", "analysis")
+            if f.name not in ("observer", "analysis", "language", "show_total")
         }
         try:
             text = json.dumps(told, sort_keys=True, allow_nan=False, separators=(",", ":"))

@@ -12,7 +12,7 @@ from ..system.fields import number
 if TYPE_CHECKING:
     import numpy as np
 
-KINDS = ("choice", "rating", "ranking", "places")
+KINDS = ("choice", "rating", "analogue", "ranking", "places")
 NONE = "n"
 """Key for "no places", because Enter alone may be a slip."""
 
@@ -20,7 +20,7 @@ NONE = "n"
 @public
 @dc.dataclass(frozen=True)
 class Question:
-    """A question; made by `choice`, `rating`, `ranking` or `places`.
+    """A question; made by `choice`, `rating`, `analogue`, `ranking` or `places`.
 
     Attributes
     ----------
@@ -28,14 +28,15 @@ class Question:
     text : str
         As the participant reads it.
     kind : str
-        One of choice, rating, ranking, places.
+        One of choice, rating, analogue, ranking, places.
     choices : tuple of str
-        The choices, the two ends of a rating, or the names to put in order; empty for
-        places.
+        The choices, the two ends of a rating or line, or the names to put in order;
+        empty for places.
     keys : tuple of str
         A key for each choice.
     most : int
-        The largest rating, which begins at 1; the largest number of places.
+        The largest rating, which begins at 1; the end of a line, which begins at 0; the
+        largest number of places.
     """
 
     name: str
@@ -54,6 +55,9 @@ class Question:
                 isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= self.most
             )
             wanted = f"a whole number from 1 ({self.choices[0]}) to {self.most} ({self.choices[1]})"
+        elif self.kind == "analogue":
+            good = number(value) and 0 <= value <= self.most
+            wanted = f"a number from 0 ({self.choices[0]}) to {self.most} ({self.choices[1]})"
         elif self.kind == "ranking":
             good = isinstance(value, (list, tuple)) and sorted(map(str, value)) == sorted(
                 self.choices
@@ -95,6 +99,9 @@ class Question:
             value = int(text)
         elif self.kind == "ranking":
             value = text.split()
+        elif self.kind == "analogue":
+            with suppress(ValueError):
+                value = float(text)
         elif self.kind == "places":
             with suppress(ValueError):
                 value = [
@@ -118,7 +125,7 @@ class Question:
         """
         if self.kind == "choice":
             return str(rng.choice(self.choices))
-        if self.kind == "rating":
+        if self.kind in ("rating", "analogue"):
             return int(rng.integers(1, self.most + 1))
         return rng.permutation(self.choices).tolist()  # no places at all
 
@@ -182,6 +189,22 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
     if not 2 <= most <= 1000:
         raise BadValue(f"rating {name!r}: most = {most} must be 2 to 1000")
     return Question(name, text, "rating", (low, high), (), most)
+
+
+@public
+def analogue(name: str, text: str, low: str, high: str) -> Question:
+    """Make a visual analogue scale, a line between two ends.
+
+    The answer is a number from 0 (low) to 100 (high). On a page the participant marks a
+    place on a line, which has no mark before; in a terminal the number is typed.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import analogue
+    >>> analogue("rough", "How rough was it?", "smooth", "rough").answer("62.5")
+    62.5
+    """
+    return Question(name, text, "analogue", (low, high), (), 100)
 
 
 @public

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import public
+from .designs import trials_of
 from .presentation import prepare, present
 from .questions import Question
 from .random_streams import seed_of, stream
@@ -56,6 +57,8 @@ def run(
 ) -> None:
     """Run all remaining trials of an open session.
 
+    A session that was begun before goes on without instructions and familiarisation.
+
     Parameters
     ----------
     session : Session
@@ -77,7 +80,8 @@ def run(
     --------
     See ``docs/howto/experiments.rst``.
     """
-    e = session.experiment
+    e, say = session.experiment, session.experiment.texts
+    total = trials_of(session.design) if e.show_total else None
 
     def show(trial: Trial, name: str) -> list[dict[str, Any]]:
         shown: list[dict[str, Any]] = []
@@ -93,25 +97,26 @@ def run(
         return shown
 
     if (trial := session.due()) is None:
-        front_end.tell("All trials of this session are done.")
+        front_end.tell(say("all_done"))
         return
     if isinstance(sink, str):
         prepare(session, sink, options.get("calibration"))
-    if e.instructions:
-        front_end.tell(e.instructions)
-    _familiarise(session, trial, front_end, show)
+    if session.records or any(session.folder.glob("trial-*.stimlog")):  # it was begun before
+        front_end.tell(say("resumed"))
+    else:
+        if e.instructions:
+            front_end.tell(e.instructions)
+        _familiarise(session, trial, front_end, show)
     while (trial := session.due()) is not None:
         if (seconds := session.rest(trial)) > 0:
             front_end.rest(seconds)
-        front_end.ready(f"trial {session.number}" + (", for training" if trial.training else ""))
+        title = say("trial_of" if total else "trial", number=session.number, total=total)
+        front_end.ready(say("training", trial=title) if trial.training else title)
         record = _one(session, trial, front_end, show)
-        if e.feedback and trial.correct:
-            front_end.tell(
-                "right"
-                if all(record.answer.values[k] == v for k, v in trial.correct.items())
-                else "wrong"
-            )
-    front_end.tell("That was the last one. Thank you.")
+        if e.feedback and (right := e.right(trial)):
+            good = all(record.answer.values[k] == v for k, v in right.items())
+            front_end.tell(say("right" if good else "wrong"))
+    front_end.tell(say("finished"))
 
 
 def _familiarise(
@@ -120,7 +125,7 @@ def _familiarise(
     front_end: FrontEnd,
     show: Callable[[Trial, str], list[dict[str, Any]]],
 ) -> None:
-    """Let the participant explore stimuli before the first trial and after a resume.
+    """Let the participant explore stimuli before the first trial.
 
     These presentations do not count as trials.
     """

@@ -6,13 +6,16 @@ A session is a folder, ``DATA/experiment/P07-s1``, with PILOT in front of the na
 is a pilot:
 
 ``session.json``
-    experiment, participant, number of the session, seed, versions; written once
+    experiment, participant, number of the session, seed, versions, and the texts that
+    the participant reads; written once
 ``trials.jsonl``
     one JSON object a trial: the trial as requested, the answer, what was displayed, and
     a SHA-256 over this line and all lines before
 ``answered``
     the minimum number of lines in ``trials.jsonl``, so that lines lost at its end are
     detected
+``page.jsonl``
+    with a page: which buttons it had for a question, where, and how large
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.log_replay`
 ``spare``
@@ -32,8 +35,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Self
-
-import numpy as np
 
 from ..errors import BadValue, SinkError, public
 from ..system import safe_files
@@ -167,6 +168,7 @@ class Session:
             "pilot": self.pilot,
             "seed": self.seed,
             "started": _now(),
+            "texts": self.experiment.texts,
         }
 
     def _same(self, saved: Saved) -> None:
@@ -221,18 +223,10 @@ class Session:
 
         The trials are those that a guessing participant would get.
         """
-
-        def guess(trial: Trial, rng: np.random.Generator) -> Answer:
-            return Answer(
-                {name: self.experiment.question(name).guess(rng) for name in trial.questions}
-            )
-
-        for known in self.experiment.familiar(self.participant, self.session).values():
-            yield Trial("familiarisation", (known,), (self.experiment.questions[0].name,))
-        yield from (
-            trial
-            for trial, _ in observed(self.design, self.seed, guess, stream(self.seed, "ahead"))
-        )
+        e, rng = self.experiment, stream(self.seed, "ahead")
+        for known in e.familiar(self.participant, self.session).values():
+            yield Trial("familiarisation", (known,), (e.questions[0].name,))
+        yield from (trial for trial, _ in observed(self.design, self.seed, e.guess, rng))
 
     def rest(self, trial: Trial) -> float:
         """Return the remaining seconds of a rest.

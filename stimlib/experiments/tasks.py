@@ -59,7 +59,9 @@ class TwoInterval:
 
     Notes
     -----
-    The score of an answer is 1 if it says that the comparison has more.  Each trial
+    The score of an answer is 1 if it says that the comparison has more.  A trial has a
+    right answer (``Trial.correct``) in a detection, and in a comparison of one scene
+    whose stimuli differ in ``varies`` alone; the standard must set it.  Each trial
     states its chance level, which `stimlib.experiments.fits.psychometric` and
     `stimlib.experiments.quest.Quest` use.
 
@@ -128,12 +130,18 @@ class TwoInterval:
         second = bool(stream(seed, "order", self.condition, n).integers(2))
         says_comparison = self.choices[second]
         scores = {c: float((c == says_comparison) != self.asks_less) for c in self.choices}
+        a, b = ({**s.params, self.varies: None} for s in (self.standard, self.comparison))
+        least = self.standard.params.get(self.varies, level)
+        differ = a == b and self.standard.scene == self.comparison.scene and level != least
+        more = 1.0 if self.chance else float(level > least)
+        right = [c for c in self.choices if scores[c] == more and (self.chance or differ)]
         return Trial(
             self.condition,
             tuple(pair if second else pair[::-1]),
             (self.question,),
             level,
             scores=scores,
+            correct={self.question: right[0]} if right else {},
             chance=self.chance,
         )
 

@@ -10,21 +10,27 @@ page: do    fields                       meaning
 =========== ============================ ===============================================
 answer      number, text                 to the state of that number: a key, or a line;
                                          taken once
+drawn       number, wide, high, boxes    how large the window is, and the boxes of what
+                                         answers the question of that number, in CSS
+                                         pixels: list of [key, left, top, width, height]
 =========== ============================ ===============================================
 
 =========== ============================ ===============================================
 server: is  fields                       meaning
 =========== ============================ ===============================================
-hello       version                      first message
+hello       version, texts               first message; texts: the page's own, as
+                                         `..experiments.texts.Texts`
 state       number, phase, trial, told,  after hello and after every change. trial:
-            since                        "trial 3, for training"; told: texts; since:
-                                         seconds since it began. phase: ``wait``;
-                                         ``ask`` with text, keys (list of [key, what it
-                                         says]; the key "" is any), line, words, as
-                                         `..experiments.answer_keys.Prompt`; ``rest``
+            since                        "Trial 3 of 40, for training"; told: texts;
+                                         since: seconds since it began. phase: ``wait``;
+                                         ``ask`` with the fields of
+                                         `..experiments.answer_keys.Prompt`, keys and
+                                         apart as lists of [key, what it says]; ``rest``
                                          with seconds; ``feel`` with intervals (list of
                                          [begin, end] in s) and cursor (Hz of a
                                          reference to follow, or null); ``end``
+alive                                    twice a second: the page waits for no answer
+                                         of a server that has gone
 error       about, text                  the answer is rejected, and why
 =========== ============================ ===============================================
 
@@ -35,10 +41,11 @@ closes with 4409 when another page was opened, and with 4410 at the end.
 from __future__ import annotations
 
 import asyncio
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -48,6 +55,7 @@ from ..errors import SinkError
 from ..experiments.answer_keys import Keyed, Prompt
 from ..experiments.experiment import Experiment
 from ..experiments.presentation import present, spans
+from ..experiments.texts import Texts
 from ..experiments.trial import Trial
 from ..system import fields
 from . import protocol
@@ -57,6 +65,7 @@ LONGEST = 4000
 """Largest number of characters in an answer, such as a ranking of many words;
 `ask.html` has the same limit.
 """
+_PIXELS = fields.between(-1e6, 1e6)
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
     "answer": {
@@ -66,7 +75,22 @@ FIELDS = {
             lambda v: isinstance(v, str) and len(v) <= LONGEST,
         ),
     },
+    "drawn": {
+        "number": fields.whole(2**53),
+        "wide": _PIXELS,
+        "high": _PIXELS,
+        "boxes": fields.Test(
+            "a list of boxes [key, left, top, width, height]",
+            lambda v: (
+                isinstance(v, list)
+                and all(isinstance(b, list) and len(b) == 5 and fields.text(b[0]) for b in v)
+                and all(_PIXELS(x) for b in v for x in b[1:])
+            ),
+        ),
+    },
 }
+ALIVE = 0.5
+"""Seconds between signs of life."""
 GOODBYE = 2.0
 """Seconds within which a page must accept its last texts."""
 
@@ -86,6 +110,11 @@ class ExperimentPage(Keyed):
     note : callable
         ``note(text)`` reports the progress to the experimenter; called from both
         threads.
+    texts : Texts, optional
+        The texts for the participant; English by default.
+    log : path, optional
+        File to which a line of JSON is added when a question is drawn in a new way: the
+        size of the window, and the boxes of the buttons, in order.
 
     Examples
     --------
@@ -96,9 +125,12 @@ class ExperimentPage(Keyed):
     # pages that were lost may still seem open; four bytes a character
     most, longest = 8, 4 * LONGEST + 1024
 
-    def __init__(self, note: Callable[[str], None]):
+    def __init__(
+        self, note: Callable[[str], None], texts: Texts = Keyed.texts, log: Path | None = None
+    ):
         self.pages: list[Page] = []
-        self._note = note
+        self._note, self._log, self.texts = note, log, texts
+        self._drawn: dict[str, Any] = {}  # how each question was drawn last
         self._changed = threading.Condition()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._over = False
@@ -148,8 +180,8 @@ class ExperimentPage(Keyed):
         SinkError
             The server has ended.
         """
-        keys = [[key, says] for key, says in prompt.keys.items()]
-        self._become("ask", text=prompt.text, keys=keys, line=prompt.line, words=prompt.words)
+        keys, apart = ([[k, says] for k, says in d.items()] for d in (prompt.keys, prompt.apart))
+        self._become("ask", **vars(prompt) | {"keys": keys, "apart": apart})
         while (said := self._waited()) is None:
             if self._over:
                 raise SinkError("the server of the page has ended before the session")
@@ -199,8 +231,8 @@ class ExperimentPage(Keyed):
                     self._sink = None
             if not self._missed:
                 return found
-            self.tell("The connection was lost. What was to be felt comes once more.")
-            super(ExperimentPage, self).ready("Once more")
+            self.tell(self.texts("missed"))
+            super(ExperimentPage, self).ready(self.texts("again"))
             return found | {"missed": True}
 
         return show
@@ -215,7 +247,7 @@ class ExperimentPage(Keyed):
         for other in self.pages:
             other.close(4409, "this session was opened on another page")
         self.pages.append(page)
-        page.tell({"is": "hello", "version": protocol.VERSION})
+        page.tell({"is": "hello", "version": protocol.VERSION, "texts": self.texts})
         self._tell(page)
         self._note("the page is open")
 
@@ -236,7 +268,9 @@ class ExperimentPage(Keyed):
         """Accept the first valid answer to a question; reject any other message."""
         with self._changed:
             why = self._refusal(page, message)
-            if not why:
+            if not why and message["do"] == "drawn":
+                self._keep(message)
+            elif not why:
                 self._said = message["text"]
                 self._changed.notify_all()
         if why:
@@ -254,14 +288,29 @@ class ExperimentPage(Keyed):
             or self._said is not None
         ):
             return "nothing is asked now, or it was answered"
-        keys = [key for key, _ in self._state["keys"]]
-        return "" if self._state["line"] or message["text"] in keys else "there is no such key"
+        keys = [key for key, _ in (*self._state["keys"], *self._state["apart"])]
+        good = message["do"] == "drawn" or self._state["line"] or message["text"] in keys
+        return "" if good else "there is no such key"
+
+    def _keep(self, message: dict[str, Any]) -> None:
+        """Add to the log how a question is drawn, unless it has the same layout."""
+        text, drawn = self._state["text"], {k: message[k] for k in ("wide", "high", "boxes")}
+        if self._log is None or self._drawn.get(text) == drawn:
+            return
+        self._drawn[text] = drawn
+        with suppress(OSError), open(self._log, "a", encoding="utf-8") as f:  # a disk that is full
+            f.write(
+                json.dumps({"time": time.time(), "trial": self._trial, "text": text} | drawn) + "\n"
+            )
 
     async def run(self) -> None:
-        """Serve until the server ends."""
+        """Send signs of life until the server ends."""
         self._loop = asyncio.get_running_loop()
         try:
-            await asyncio.Event().wait()
+            while True:
+                for page in self.pages:
+                    page.tell({"is": "alive"})
+                await asyncio.sleep(ALIVE)
         finally:
             with self._changed:
                 self._over = True
@@ -301,9 +350,7 @@ class ExperimentPage(Keyed):
     def __exit__(self, kind: Any, *_: object) -> None:
         """Send the page its last texts and end it."""
         if kind is not None:
-            self.tell(
-                "The session has stopped. All answers are kept. Please tell the experimenter."
-            )
+            self.tell(self.texts("stopped"))
         elif self._told:
             self._note(self._told[-1])
         self._become("end")

@@ -27,7 +27,7 @@ from stimlib.cli.terminal import Terminal
 from stimlib.errors import FaultError, SinkError
 from stimlib.experiments.answer_keys import Keyed, prompted
 from stimlib.experiments.observers import Psychometric, power
-from stimlib.experiments.questions import choice, places, ranking, rating
+from stimlib.experiments.questions import analogue, choice, places, ranking, rating
 from stimlib.experiments.reader import read
 from stimlib.experiments.tables import fitted
 
@@ -75,9 +75,9 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     # one familiar, two answers
     said = stimlib("run", *who, typed="1\n0\n" + "\n1\n" + "\n7\nr\n2\n" + "\n", status=2)
     assert (
-        "Get to know the stimuli: 1 = red, 0 = begin\n" in said
-        and "'7' is no answer; answer one of first, second" in said
-        and "once more (1 left)" in said
+        "Get to know the stimuli: 1 = red, 0 = Begin\n" in said
+        and "Please press one of these keys: 1, 2." in said
+        and "Feel it again (1 left)" in said
     )
     again = shlex.join(["stimlib", "experiment", "resume", *map(str, who)])
     assert (
@@ -92,7 +92,9 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
         [s.params.get("k", 2.0) for s in saved.records[0].trial.stimuli]
     )
     assert "P07-s1 is there already: resume it" in stimlib("run", *who, status=2)
-    assert "Thank you" in stimlib("resume", *who, typed="0\n\n1\n\n1\n")
+    said = stimlib("resume", *who, typed="\n1\n\n1\n")
+    assert "The session goes on where it stopped.\nTrial 3 of 4: any key = Continue\n" in said
+    assert "Thank you" in said and "Get to know" not in said
     assert len(read(tmp_path / "data/pair/P07-s1").records) == 4
     told = stimlib("status", f"{file}:short", "--data", tmp_path / "data")
     assert (
@@ -274,6 +276,7 @@ def test_mistakes_get_one_line(file, tmp_path, monkeypatch, words, says):
         (places("r", "Where?", 2), "1 x\n0.1 0.2; 3 4\n", [[0.1, 0.2], [3.0, 4.0]]),
         (places("r", "Where?", 2), "\n;\nn\n", []),
         (choice("r", "Was there one?", "yes", "no", keys="yn"), "1\nn\n", "no"),
+        (analogue("r", "How rough?", "smooth", "rough"), "101\n62.5\n", 62.5),
     ],
 )
 def test_every_kind_of_question_has_its_keys(monkeypatch, capsys, question, typed, value):
@@ -284,7 +287,8 @@ def test_every_kind_of_question_has_its_keys(monkeypatch, capsys, question, type
         SimpleNamespace(isatty=lambda: False, readline=lambda: next(lines, "")),
     )
     assert Terminal().ask(None, question, 0) == value
-    assert capsys.readouterr().out.count("is no answer") == typed.count("\n") - 1
+    said = capsys.readouterr().out
+    assert said.count("\nPlease ") == typed.count("\n") - 1 and not re.search(r"[\[\]'_]", said)
 
 
 def test_a_stimulus_is_picked_by_its_number(monkeypatch, capsys):
@@ -296,7 +300,7 @@ def test_a_line_that_is_no_text_is_no_answer(monkeypatch, capsys):
     typed = TextIOWrapper(BytesIO(b"\xff\n"), "utf-8")
     monkeypatch.setattr(terminal.sys, "stdin", typed)
     refused(SinkError, "the input has ended", Terminal().ask, None, places("r", "Where?", 2), 0)
-    assert "is no answer" in capsys.readouterr().out
+    assert "Please give at most 2 places" in capsys.readouterr().out
 
 
 class Pty:
@@ -352,7 +356,7 @@ def test_keys_of_a_terminal_are_taken_and_shown_only_where_they_are_asked_for(pt
             monkeypatch.setattr(terminal, "print", pty.at("?", keys), raising=False)
             assert face.ask(None, question, 1) == answer
         pty.hit(b"A B\n")  # all of it for nothing
-        assert pty.screen() == 2 * "? 1 = first, 2 = second, r = once more (1 left)\r\n"
+        assert pty.screen() == 2 * "? 1 = first, 2 = second, r = Feel it again (1 left)\r\n"
         monkeypatch.setattr(terminal, "print", pty.at("Order", b"B A\n"), raising=False)
         assert face.ask(None, order, 0) == ["B", "A"]
         assert pty.screen().endswith("B A\r\n"), "a line is seen while it is typed"
@@ -396,7 +400,9 @@ def test_a_session_that_is_suspended_gives_the_shell_its_terminal(pty, monkeypat
 def test_a_rating_of_nine_is_a_key_and_one_of_ten_a_line():
     nine, ten = (prompted(rating("size", "How large?", "small", "large", most=n)) for n in (9, 10))
     assert list(nine.keys) == list("123456789") and (nine.keys["9"], nine.line) == ("large", False)
-    assert (dict(ten.keys), ten.line, ten.text) == ({}, True, "How large? (1 = small, 10 = large)")
+    assert len(ten.keys) == 10 and ten.line and ten.hint == ""
+    many = prompted(rating("size", "How large?", "small", "large", most=12))
+    assert (dict(many.keys), many.line) == ({}, True) and many.hint.endswith("to 12 (large)")
     assert prompted(ranking("order", "The largest first", "A", "B")).words == ("A", "B")
 
 

@@ -928,12 +928,12 @@ def test_rests_replays_familiarisation_and_feedback(tmp_path):
         "trial-0002-1.stimlog",
     ]
     asked = [("softer", 1), ("softer", 0), ("softer", 0)]  # the second replay is not there
-    assert face.noted[:6] == ["Squeeze.", "trial 1", *asked, "right"]
+    assert face.noted[:6] == ["Squeeze.", "Trial 1 of 2", *asked, "Right"]
     assert face.noted[6:] == [
         ("rest", 60),
-        "trial 2",
+        "Trial 2 of 2",
         ("softer", 1),
-        "wrong",
+        "Wrong",
         "That was the last one. Thank you.",
     ]
     first = read(session.folder).records[0]

@@ -2,13 +2,14 @@
 
 import threading
 from contextlib import contextmanager
+from pathlib import Path
 
 from experiments.some import SPRING, experiment, still
 
 from stimlib.errors import StimlibError
 from stimlib.experiments.designs import ConstantStimuli, Sequential
 from stimlib.experiments.experiment import Cursor
-from stimlib.experiments.questions import choice, places, ranking, rating
+from stimlib.experiments.questions import analogue, choice, places, ranking, rating
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate
@@ -19,7 +20,9 @@ from stimlib.live.server import Server
 QUESTIONS = (
     choice("softer", "Which one was that?", "red", "green"),
     rating("rough", "How rough?", "smooth", "coarse"),
+    rating("fine", "How fine?", "coarse", "fine", 11),
     rating("much", "How much?", "none", "most", 100),
+    analogue("nice", "How nice?", "not at all", "very"),
     ranking("order", "The largest first", "A", "B"),
     places("where", "Where?", 2),
 )
@@ -29,7 +32,7 @@ WHICH = OneInterval(
     {"red": Stimulus("spring", {"k": 4.321}), "green": Stimulus("spring", {"k": 2.345})},
 )
 RATED = Rate(
-    "hidden", ("rough", "much", "order", "where"), Stimulus("spring", {"k": 1.987}), {"rough": 6}
+    "hidden", tuple(q.name for q in QUESTIONS[1:]), Stimulus("spring", {"k": 1.987}), {"rough": 6}
 )
 
 
@@ -68,7 +71,9 @@ TYPED = [
     "",
     "9",
     "6",
+    "11",
     " 55 ",
+    "62",
     "B A",
     f"1.{'0' * 1500} 2; 0.5 3",
     "",
@@ -84,10 +89,11 @@ a message of a live page."""
 class Asked:
     """A session in a thread, and its server."""
 
-    def __init__(self, data, made, sink="offline", resume=False):
+    def __init__(self, data, made, sink="offline", resume=False, **server):
         self.notes, self.errors = [], []
-        self.asking = ExperimentPage(self.notes.append)
-        self.server = Server(self.asking, token="T")
+        self.layouts = Path(data) / "layouts.jsonl"
+        self.asking = ExperimentPage(self.notes.append, made.texts, self.layouts)
+        self.server = Server(self.asking, **({"token": "T"} | server))
         self.thread = threading.Thread(target=self._play, args=(data, made, sink, resume))
 
     def _play(self, data, made, sink, resume):
@@ -99,9 +105,9 @@ class Asked:
 
 
 @contextmanager
-def asked(data, made, sink="offline", resume=False):
+def asked(data, made, sink="offline", resume=False, **server):
     """It ends with the session, or ends it."""
-    running = Asked(data, made, sink, resume)
+    running = Asked(data, made, sink, resume, **server)
     with running.server:
         running.thread.start()
         yield running

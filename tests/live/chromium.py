@@ -42,6 +42,8 @@ KEYS = {
     "ArrowUp": ("ArrowUp", 38),
 }
 KEYS |= {"ArrowRight": ("ArrowRight", 39), "ArrowDown": ("ArrowDown", 40), "Tab": ("Tab", 9)}
+KEYS |= {"PageUp": ("PageUp", 33), "PageDown": ("PageDown", 34), "Home": ("Home", 36)}
+KEYS |= {"End": ("End", 35)}
 
 
 def where() -> str | None:

@@ -3,6 +3,7 @@ what happens where the page is lost.
 """
 
 import asyncio
+import dataclasses
 import io
 import json
 import shlex
@@ -50,8 +51,10 @@ class Phone:
         self.ws, self.told = ws, []
 
     def next(self):
-        self.told.append(json.loads(self.ws.recv(timeout=60)))
-        return self.told[-1]
+        while (m := json.loads(self.ws.recv(timeout=60)))["is"] == "alive":
+            pass
+        self.told.append(m)
+        return m
 
     def until(self, **wanted):
         """The first text from now on that has these fields."""
@@ -103,7 +106,9 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
     assert facts(mine) == facts(terminals) and [r.answer.replays for r in mine] == [1, 0, 0, 0]
     assert mine[1].answer.values == {
         "rough": 6,
+        "fine": 11,
         "much": 55,
+        "nice": 62.0,
         "order": ["B", "A"],
         "where": [[1.0, 2.0], [0.5, 3.0]],
     }
@@ -114,7 +119,7 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
     fields = {
         "wait": set(),
         "end": set(),
-        "ask": {"text", "keys", "line", "words"},
+        "ask": {f.name for f in dataclasses.fields(Prompt)},
         "feel": {"intervals", "cursor"},
     }
     assert {m["is"] for m in phone.told} == {"hello", "state"}
@@ -127,33 +132,36 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
     assert not [word for word in [*unseen, str(mine[0].trial.stimuli[0].seed)] if word in said]
     first = next(m for m in states if m["phase"] == "ask")
     asks = [m for m in states if m["phase"] == "ask"]
-    which = [m["keys"][2:] for m in asks if m["text"] == "Which one was that?"]
-    assert which[:2] == [[["r", "once more (1 left)"]], []]
+    which = [m["apart"] for m in asks if m["text"] == "Which one was that?"]
+    assert which[:2] == [[["r", "Feel it again (1 left)"]], []]
     assert [m["text"] for m in asks if m["line"]] == [
-        "How much? (1 = none, 100 = most)",
-        "The largest first (in order, of A B)",
-        "Where? (x y; x y)",
+        "How fine?",
+        "How much?",
+        "How nice?",
+        "The largest first",
+        "Where?",
     ]
-    assert first["told"] == ["Squeeze."] and first["keys"] == [["1", "soft"], ["0", "begin"]]
-    assert ["n", "none"] in next(m["keys"] for m in asks if m["text"] == "Where? (x y; x y)"), (
+    assert first["told"] == ["Squeeze."] and first["keys"] == [["1", "soft"]]
+    assert first["apart"] == [["0", "Begin"]]
+    assert ["n", "none felt"] in next(m["keys"] for m in asks if m["text"] == "Where?"), (
         "or a page could not say so"
     )
-    begins = [m["told"] for m in states if m.get("text", "").startswith("trial")]
+    begins = [m["told"] for m in states if m.get("text", "").startswith("Trial")]
     assert begins == [
         [],
-        ["right"],
-        ["right"],
-        ["right" if mine[2].trial.correct["softer"] == "green" else "wrong"],
+        ["Right"],
+        ["Right"],
+        ["Right" if mine[2].trial.correct["softer"] == "green" else "Wrong"],
     ]
     assert running.notes[-1] == "That was the last one. Thank you."
     feel = next(m for m in states if m["phase"] == "feel")
     assert feel["cursor"] == 7.0 and feel["intervals"] == [[0.128, 0.228]]
-    assert "trial 1, for training" in {m["trial"] for m in states if m["phase"] == "feel"}
-    assert [n for n in running.notes if n.startswith("trial")] == [
-        "trial 1, for training",
-        "trial 2",
-        "trial 3",
-        "trial 4",
+    assert "Trial 1 of 4, for training" in {m["trial"] for m in states if m["phase"] == "feel"}
+    assert [n for n in running.notes if n.startswith("Trial")] == [
+        "Trial 1 of 4, for training",
+        "Trial 2 of 4",
+        "Trial 3 of 4",
+        "Trial 4 of 4",
     ]
 
 
@@ -228,7 +236,7 @@ def test_a_page_that_is_lost_in_a_stimulus_lets_it_fade_and_it_comes_once_more(t
             assert (
                 again["text"] == "Once more"
                 and "connection was lost" in again["told"][0]
-                and again["trial"] == "trial 1"
+                and again["trial"] == "Trial 1 of 1"
             )
             phone.answer("", again["number"])
             feel = phone.until(phase="feel")
@@ -334,7 +342,7 @@ def test_strangers_and_floods_change_nothing_and_the_end_of_the_server_is_told(t
                 said = e.rcvd and e.rcvd.code  # a flood that is cut off may come before the reason
                 assert said == code or (name == "a flood" and said in (4429, None)), name
         with page(running) as phone:
-            assert phone.until(phase="ask")["text"] == "trial 1"
+            assert phone.until(phase="ask")["text"] == "Trial 1 of 2"
             phone.ws.send('{"do": "hello", "token": "T", "version": 1}')
             assert "said once" in phone.until(about="hello")["text"]
     assert "the server of the page has ended before the session" in str(running.errors[0])

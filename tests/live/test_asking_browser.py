@@ -3,7 +3,13 @@ connections; touch, mouse, looks.
 """
 
 import io
+import itertools
+import json
+import signal
+import subprocess
+import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -16,10 +22,12 @@ from live.chromium import Browser, where
 from stimlib.cli import terminal
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Cursor, Timing
-from stimlib.experiments.questions import choice
+from stimlib.experiments.questions import analogue, choice, rating
 from stimlib.experiments.reader import read
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
+from stimlib.experiments.tasks import Rate
+from stimlib.experiments.trial import Stimulus
 
 pytestmark = [
     pytest.mark.xdist_group("browser"),
@@ -60,11 +68,23 @@ def awaited(running, page, known=0):
 
 def lose(running):
     """The connection, as a network does: the page finds the server again."""
-    running.asking._loop.call_soon_threadsafe(running.asking.pages[-1].close, 1012, "")
+    (old,) = running.asking.pages
+    running.asking._loop.call_soon_threadsafe(old.close, 1012, "")
+    end = time.monotonic() + 10
+    while running.asking.pages in ([], [old]):
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def press(page, state, text):
-    if state["line"]:
+    if state["kind"] == "rating" and state["keys"]:
+        for key in text[: len(text) * state["line"]]:
+            page.key(key)  # no field has the focus before
+    elif state["kind"] == "analogue":
+        steps = int(text) - 50  # where the first key puts it
+        for key in ["PageUp"] * (1 + steps // 10) + ["ArrowRight"] * (steps % 10):
+            page.key(key)
+    elif state["line"]:
         page.call("Input.insertText", text=text)
     page.key("Enter" if state["line"] else text or " ")
 
@@ -78,8 +98,8 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(
         page = browser.page(running.server.url, 900, 700)
         while answers:
             state = awaited(running, page, number)
-            if len(answers) in (9, 4):  # in the middle of questions: a line, a key
-                page.reload() if len(answers) == 9 else lose(running)
+            if len(answers) in (10, 4):  # in the middle of questions: a line, a key
+                page.reload() if len(answers) == 10 else lose(running)
                 page.until("document.querySelector('#state').textContent === 'Connected'")
                 assert awaited(running, page, number) == state | {
                     "since": pytest.approx(state["since"], abs=30)
@@ -155,9 +175,7 @@ def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
             "softer": "second"
         }
         other = browser.page(running.server.url, 390, 800)
-        page.until(
-            "document.querySelector('#state').textContent.includes('opened on another page')"
-        )
+        page.until("document.querySelector('#state').textContent.includes('open on another page')")
         assert page.js("document.querySelector('#keys button').disabled")
         state = awaited(running, other)
         assert state["number"] == asked_now["number"]
@@ -183,7 +201,7 @@ def test_it_can_be_read_at_any_width_in_both_themes(browser, tmp_path, wide):
         page = browser.page(running.server.url, wide, 700)
         page.js(LOOKS)
         number = 0
-        for text in ("", "r", "1", "", "6", "55", "B A"):
+        for text in ("", "r", "1", "", "6", "11", "55", "62", "B A"):
             state = awaited(running, page, number)
             number = state["number"]
             for theme in ("light", "dark"):
@@ -196,7 +214,8 @@ def test_it_can_be_read_at_any_width_in_both_themes(browser, tmp_path, wide):
             for _, _, w, h in [
                 page.box(f"#keys button:nth-child({k + 1})") for k in range(len(state["keys"]))
             ]:
-                assert w >= 44 and h >= 44  # CSS pixels, which a finger hits
+                # CSS pixels, which a finger hits; eleven at 320 px have less
+                assert w >= (44 if len(state["keys"]) < 8 else 24) and h >= 44
             press(page, state, text)
         page.close()
 
@@ -267,3 +286,237 @@ def test_a_reference_moves_in_its_intervals_and_a_rest_counts_down(browser, tmp_
     # 0:00: the server was late; a busy page skips some
     assert {"0:02"} <= set(rest) <= {"0:03", "0:02", "0:01", "0:00"}
     assert rest == sorted(rest, reverse=True)  # loaded again, it is no longer
+
+
+RATED = [
+    rating(f"r{n}", f"How rough, of {n}?", "smooth", "extremely rough", n) for n in (5, 7, 9, 11)
+]
+OTHERS = [
+    choice("two", "Which?", "first", "second"),
+    choice("four", "Like what?", "wood", "glass", "rubber", "sandpaper"),
+    analogue("line", "How nice?", "not at all nice", "very"),
+]
+
+
+def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, tmp_path):
+    questions = (*RATED, *OTHERS)
+    task = Rate("c", tuple(q.name for q in questions), Stimulus("spring"))
+    design = ConstantStimuli(((task, None),))
+    with asked(tmp_path, experiment(design=design, questions=questions, replays=1)) as running:
+        page = browser.page(running.server.url, 390, 800)
+        state = awaited(running, page)
+        for question, text in zip(questions, ["", "5", "7", "9", "11", "2", "4"], strict=True):
+            press(page, state, text)
+            state = awaited(running, page, state["number"])
+            assert state["text"] == question.text
+            for wide in (320, 390, 768, 1440):
+                page.size(wide, 800)
+                boxes = [
+                    page.box(f"#keys button:nth-child({k + 1})") for k in range(len(state["keys"]))
+                ]
+                low, high, again = page.box("#low"), page.box("#high"), page.box("#apart button")
+                assert page.js("document.documentElement.scrollWidth") <= wide
+                assert all(0 <= x and x + w <= wide for x, _, w, _ in boxes)
+                if question.kind == "analogue":
+                    x, y, w, h = page.box("#vas")
+                    assert not page.js("document.querySelector('#mark').checkVisibility()")
+                    assert x == low[0] and x + w == pytest.approx(high[0] + high[2])
+                else:
+                    sizes = [(w, h) for _, _, w, h in boxes]
+                    assert sizes == [pytest.approx(sizes[0], abs=0.1)] * len(sizes), wide
+                    assert min(min(sizes)) >= (44 if len(boxes) < 8 else 24)
+                if question.kind == "rating":
+                    assert len({y for _, y, _, _ in boxes}) == 1 and len(boxes) == question.most
+                    steps = {round(b[0] - a[0], 1) for a, b in itertools.pairwise(boxes)}
+                    assert max(steps) - min(steps) <= 0.11
+                    assert low[0] == boxes[0][0] and low[1] >= boxes[0][1] + boxes[0][3]
+                    assert high[0] + high[2] == pytest.approx(sum(boxes[-1][::2]), abs=0.1)
+                    assert page.js("document.querySelector('#keys').textContent") == "".join(
+                        str(n + 1) for n in range(question.most)
+                    )
+                # a row or a column, none of them half full
+                assert question.kind == "analogue" or 1 in (
+                    len({b[0] for b in boxes}),
+                    len({b[1] for b in boxes}),
+                )
+                last = page.box("#does") if state["line"] else max(boxes, key=lambda b: b[1])
+                assert again[1] >= last[1] + last[3] + 10
+                page.js("new Promise(done => setTimeout(done, 20))")  # a resize is told
+        assert page.complaints() == []
+        page.close()
+    drawn = [json.loads(line) for line in running.layouts.read_text().splitlines()]
+    seven = {d["wide"]: d["boxes"] for d in drawn if d["text"] == RATED[1].text}
+    assert {320, 390, 768, 1440} <= set(seven) and drawn[-1]["trial"] == "Trial 1 of 1"
+    assert all([b[0] for b in boxes] == [*"1234567r"] for boxes in seven.values())
+    assert {b[3] for b in seven[320][:7]} == {44.0}
+
+
+def test_a_whole_session_by_touch_in_german(browser, tmp_path):
+    made = every(language="de")
+
+    def tap(css, u=0.5):
+        x, y = page.at(css, u)
+        page.touch("Start", (x, y, 0.5))
+        page.touch("End")
+
+    with asked(tmp_path, made) as running:
+        page, number = browser.page(running.server.url, 390, 800), 0
+        page.call("Emulation.setTouchEmulationEnabled", enabled=True)
+        for text in [text for text in TYPED if text != "9"]:
+            state = awaited(running, page, number)
+            number = state["number"]
+            if state["kind"] == "analogue":
+                tap("#vas", (24 + 0.62 * 330) / 378)
+            elif state["kind"] == "ranking":
+                for word in text.split():
+                    tap(f"#words [data-key={word}]")
+                assert page.js("document.querySelectorAll('#words button:enabled').length") == 0
+            elif state["line"] and not (state["kind"] == "rating" and state["keys"]):
+                tap("#typed")
+                page.call("Input.insertText", text=text)
+            else:
+                tap(f"[data-key='{text or 'any'}']")
+                continue
+            tap("#enter")
+        page.until("document.querySelector('#state').textContent.startsWith('Die Sitzung ist')")
+        assert page.js("document.documentElement.lang") == "de" and page.complaints() == []
+        assert page.js("document.querySelector('#told').textContent").endswith("Vielen Dank.")
+        page.close()
+    first, rated, *_ = read(tmp_path / FOLDER).records
+    assert first.answer.values == {"softer": "red"} and first.answer.replays == 1
+    assert rated.answer.values == {
+        "rough": 6,
+        "fine": 11,
+        "much": 55,
+        "nice": pytest.approx(62, abs=0.2),
+        "order": ["B", "A"],
+        "where": [[1.0, 2.0], [0.5, 3.0]],
+    }
+    assert len(running.session.records) == 4 and not running.errors
+
+
+def focused(page):
+    return page.js(
+        "(e => [e.dataset.key ?? e.id, e.ariaLabel || e.textContent])(document.activeElement)"
+    )
+
+
+def test_the_focus_is_at_the_question_and_goes_through_its_answers(browser, tmp_path):
+    """What a screen reader and the Tab key meet."""
+    task = Rate("c", ("r5", "line"), Stimulus("spring"))
+    questions = (RATED[0], OTHERS[2])
+    made = experiment(
+        design=ConstantStimuli(((task, None),)), questions=questions, replays=1, language="en"
+    )
+    with asked(tmp_path, made) as running:
+        page = browser.page(running.server.url, 390, 800)
+        state = awaited(running, page)
+        assert focused(page) == ["text", "Trial 1 of 1"]
+        page.key("Tab")
+        assert focused(page) == ["any", "Continueany key"]
+        page.key("Enter")
+        state = awaited(running, page, state["number"])
+        assert focused(page) == ["text", "How rough, of 5?"]
+        met = []
+        for _ in range(6):
+            page.key("Tab")
+            met.append(focused(page)[1])
+        assert met == ["1: smooth", "2", "3", "4", "5: extremely rough", "rFeel it again (1 left)"]
+        page.key("3")
+        state = awaited(running, page, state["number"])
+        assert focused(page)[0] == "line"
+        slider = "(e => [e.role, e.ariaValueText, e.ariaValueMax])(document.querySelector('#vas'))"
+        assert page.js(slider) == ["slider", "not marked yet", "100"]
+        page.key("Enter")  # no answer yet
+        for key, value in (("ArrowLeft", 50), ("ArrowLeft", 49), ("End", 100), ("Home", 0)):
+            page.key(key)
+            assert page.js(slider)[1] == str(value)
+        page.key("Enter")
+        page.until("document.querySelector('#state').textContent.startsWith('The session is over')")
+        page.close()
+    assert running.session.records[0].answer.values == {"r5": 3, "line": 0.0}
+
+
+MAIN = "from stimlib.__main__ import main; main()"
+OWN = """
+import sys
+sys.path.insert(0, {tests!r})
+from live.asked import every
+made = every()
+"""
+STATE = "document.querySelector('#state').textContent"
+ENABLED = "document.querySelector('#keys button:enabled') !== null"
+LOST = f"{STATE} === 'The connection is lost. Please wait.'"
+LATER = """(() => {
+    const now = performance.now.bind(performance), Was = WebSocket;
+    window.tries = 0;
+    performance.now = () => now() + 31000;
+    window.WebSocket = class extends Was { constructor(at) { super(at); tries++; } };
+})()"""
+
+
+def test_a_server_that_freezes_or_goes_is_told_within_two_seconds(browser, tmp_path):
+    made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))))
+    with asked(tmp_path, made) as running:
+        page = browser.page(running.server.url, 390, 800)
+        state = {"number": 0}
+        for key in (" ", "1"):
+            state = awaited(running, page, state["number"])
+            press(page, state, key)
+        state = awaited(running, page, state["number"])
+        page.js("window.same = true")
+        running.asking._loop.call_soon_threadsafe(time.sleep, 3.0)
+        page.until(LOST, 2.0)
+        assert not page.js(ENABLED)
+        page.until(f"{STATE} === 'Connected' && {ENABLED}", 3.0)
+        assert page.js(TEXT) == state["text"] == "Trial 2 of 2"
+    page.until(LOST, 2.0)
+    page.js(LATER)
+    page.until(f"{STATE}.startsWith('The session cannot be reached.')", 2.0)
+    tries = page.js("tries")
+    time.sleep(1.0)
+    assert page.js("tries") == tries <= 1 and page.js("!document.querySelector('#retry').hidden")
+    page.click("#retry")
+    page.until(LOST, 2.0)
+    port = running.server.port
+    with asked(tmp_path, made, resume=True, port=port, token="another") as running:
+        page.go(running.server.url)  # in the same tab: only what follows # is new
+        state = awaited(running, page)
+        assert page.js("same") and page.js(STATE) == "Connected"
+        assert state["told"] == ["The session goes on where it stopped."]
+        press(page, state, " ")
+        press(page, awaited(running, page, state["number"]), "2")
+        page.until(f"{STATE}.startsWith('The session is over')")
+        page.close()
+    records = read(tmp_path / FOLDER).records
+    assert [r.answer.values["softer"] for r in records] == ["first", "second"]
+
+
+@contextmanager
+def begun(data):
+    """The command as a process of its own, and the address that it prints."""
+    (data / "own.py").write_text(OWN.format(tests=str(Path(__file__).parents[1])))
+    words = ["experiment", "run", f"{data}/own.py:made", "--participant", "P01"]
+    words += ["--data", str(data), "--sink", "offline", "--page"]
+    whole = [sys.executable, "-c", MAIN, *words]
+    with subprocess.Popen(whole, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process, next(line for line in process.stdout if "answers at" in line).split()[-1]
+        finally:
+            process.kill()
+
+
+@pytest.mark.stress
+def test_a_process_that_freezes_or_is_killed_is_told_within_two_seconds(browser, tmp_path):
+    with begun(tmp_path) as (server, url):
+        page = browser.page(url, 390, 800)
+        page.until(f"{TEXT}.startsWith('Get to know') && {ENABLED}")
+        for _ in range(3):
+            server.send_signal(signal.SIGSTOP)
+            page.until(LOST, 2.0)
+            assert not page.js(ENABLED)
+            server.send_signal(signal.SIGCONT)
+            page.until(f"{STATE} === 'Connected' && {ENABLED}", 2.0)
+        server.kill()
+        page.until(LOST, 2.0)
+        page.close()

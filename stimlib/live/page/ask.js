@@ -1,14 +1,19 @@
-// The questions of a session: the state that the server tells is shown, one answer to each is said. asking.py has the messages.
+// Questions of a session: the state that the server tells is shown, one answer to each is said. experiment.py has the messages.
 
+const VERSION = 1;
 const GUARD = 250; // ms in which a new question takes nothing: the second half of a double click was for the one before
+const SILENT = 1500, DEAD = 5000, GONE = 30000; // ms without a word of the server: it is said; another connection; no more of them
+const MOST = 100, PAD = 24; // the end of a line; px beyond both ends, so that a finger reaches them
 const $ = id => document.getElementById(id);
-const link = new Worker("link.js");
-const WORDS = { rest: "Please rest", feel: "Feel", wait: "One moment", end: "" };
-let state = null, open = false, sent = false, begun = 0, frame = 0, late = 0; // begun: when the state began here, in ms
+let texts = {}, ws = null, state = null, open = false, sent = false, final = false, begun = 0, frame = 0, late = 0;
+let heard = performance.now(), away = null, mark = null, drawn = ""; // away: since when there is no connection
 
+const say = (key, values = {}) => (texts[key] ?? "..").replace(/\{(\w+)\}/g, (_, name) => values[name]);
 const element = (parent, tag, more = {}) => Object.assign(parent.appendChild(document.createElement(tag)), more);
 const words = (text, kind = "") => { $("state").textContent = text; $("state").className = kind; };
+const show = (id, wanted) => { $(id).hidden = !wanted; };
 
+// What is asked ---------------------------------------------------------------------------------------------------------------------
 function become(now) {
   const fresh = now.number !== state?.number;
   state = now;
@@ -18,39 +23,82 @@ function become(now) {
   $("trial").textContent = now.trial === now.text ? "" : now.trial;
   $("told").replaceChildren();
   for (const textContent of now.told) element($("told"), "p", { textContent });
-  $("text").textContent = now.text ?? WORDS[now.phase];
-  buttons(now.keys ?? []);
-  $("line").hidden = !now.line;
-  $("words").replaceChildren();
-  for (const word of now.words ?? [])
-    element($("words"), "button", { type: "button", textContent: word, onclick: () => { $("typed").value = `${$("typed").value} ${word}`.trim(); } });
+  if (fresh) ask(now);
   enable(); // or it takes no focus
-  if (fresh) $("typed").value = "";
-  if (fresh && now.line) $("typed").focus();
-  $("clock").hidden = !["rest", "feel"].includes(now.phase);
-  $("track").hidden = !now.cursor;
-  words("Connected", "good");
+  const first = now.kind === "analogue" ? "vas" : now.line && (now.kind !== "rating" || !now.keys.length) ? "typed" : "text";
+  if (fresh && now.phase !== "wait") $(first).focus({ preventScroll: true });
+  show("clock", ["rest", "feel"].includes(now.phase));
+  show("track", now.cursor);
+  words(say("connected"), "good");
   tick();
+  report();
 }
 
-function buttons(keys) {
-  $("keys").replaceChildren();
+function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint = "", words: names = [] }) {
+  const scale = kind === "rating" && keys.length, analogue = kind === "analogue", row = scale || analogue;
+  $("text").textContent = text ?? (phase === "end" ? "" : say(phase));
+  $("hint").textContent = analogue ? say("touch_line") : hint;
+  $("answers").className = row ? "scale" : "options";
+  for (const id of ["keys", "apart", "words"]) $(id).replaceChildren();
   for (const [key, says] of keys) {
-    const button = element($("keys"), "button", { type: "button", onclick: () => answer(key) });
-    if (key) element(button, "kbd", { textContent: key });
-    button.append(says);
+    const made = button("keys", key, scale ? "" : says);
+    if (scale && says) made.ariaLabel = `${key}: ${says}`;
   }
+  const longest = Math.max(0, ...[...keys.map(([, says]) => says), ...names].flatMap(says => says.split(/\s+/)).map(word => word.length));
+  for (const id of ["keys", "words"]) $(id).style.setProperty("--least", `${Math.max(6, 0.5 * longest + 1)}em`); // no word is cut
+  $("keys").style.setProperty("--n", keys.length);
+  for (const [key, says] of apart) button("apart", key, says);
+  for (const word of names) Object.assign(button("words", "", word), { onclick: () => take(word) }).dataset.key = word;
+  for (const [id, k] of [["low", 0], ["high", 1]]) $(id).textContent = row ? ends[k] : "";
+  $("typed").inputMode = kind === "rating" ? "numeric" : "text";
+  type("");
+  put(null);
+  for (const [id, wanted] of [["hint", hint], ["words", names.length], ["vas", analogue], ["keys", keys.length], ["low", row], ["high", row],
+    ["asked", line && !analogue], ["does", line], ["clear", names.length], ["apart", apart.length]]) show(id, wanted);
+}
+
+function button(parent, key, says) {
+  const made = element($(parent), "button", { type: "button", onclick: () => answer(key) });
+  made.dataset.key = key || "any";
+  const any = [["kbd", says], ["span", say("any_key")]], shown = key ? [["kbd", key], ["span", says]] : parent === "keys" ? any : [["span", says]];
+  for (const [tag, textContent] of shown) if (textContent) element(made, tag, { textContent });
+  return made;
+}
+
+/** The line that is typed; a word that is in it cannot come again. */
+function type(text) {
+  $("typed").value = text.trim();
+  enable();
+}
+
+function take(word) {
+  type(`${$("typed").value} ${word}`);
+  (document.querySelector("#words button:enabled") ?? $("enter")).focus();
+}
+
+/** The mark on the line: null before there is one. */
+function put(value) {
+  mark = value === null ? null : Math.min(MOST, Math.max(0, Math.round(10 * value) / 10));
+  show("mark", mark !== null);
+  $("vas").ariaValueNow = mark ?? MOST / 2; // which a slider must have
+  $("vas").ariaValueText = mark ?? say("unmarked");
+  $("mark").style.left = `calc(${PAD}px + (100% - ${2 * PAD}px) * ${(mark ?? 0) / MOST})`;
+  enable();
 }
 
 function answer(text) {
   if (!open || sent || state?.phase !== "ask" || performance.now() - begun < GUARD) return;
   sent = true;
-  link.postMessage({ do: "answer", number: state.number, text });
-  late = setTimeout(() => words("Sent. Please wait."), 1500);
+  ws.send(JSON.stringify({ do: "answer", number: state.number, text }));
+  late = setTimeout(() => words(say("sent")), 1500);
   enable();
 }
 
-const enable = () => { for (const b of document.querySelectorAll("button, input")) b.disabled = !open || sent; };
+function enable() {
+  const used = $("typed").value.split(/\s+/), unmarked = state?.kind === "analogue" && mark === null;
+  for (const b of document.querySelectorAll("main :is(button, input)"))
+    b.disabled = !open || sent || (b.parentElement.id === "words" && used.includes(b.dataset.key)) || (b.id === "enter" && unmarked);
+}
 
 /** What moves: seconds that are left of a rest, which interval it is, the reference. */
 function tick() {
@@ -60,7 +108,7 @@ function tick() {
     $("clock").textContent = `${Math.floor(left / 60)}:${String(left % 60).padStart(2, "0")}`;
   } else if (state.phase === "feel") {
     const all = state.intervals, k = all.findIndex(([a, b]) => a <= t && t < b);
-    $("clock").textContent = k < 0 ? "" : all.length > 1 ? `${k + 1} of ${all.length}` : "now";
+    $("clock").textContent = k < 0 ? "" : all.length > 1 ? say("interval", { number: k + 1, total: all.length }) : say("now");
     const y = k < 0 || !state.cursor ? 0 : Math.sin(2 * Math.PI * state.cursor * (t - all[k][0]));
     $("point").style.transform = `translateY(${-0.5 * y * ($("track").clientHeight - $("point").clientHeight)}px)`;
   } else return;
@@ -68,27 +116,101 @@ function tick() {
   frame = requestAnimationFrame(tick);
 }
 
-link.onmessage = ({ data: m }) => {
-  if (m.text?.is === "state") become(m.text);
-  else if (m.text?.is === "error") { sent = false; words(m.text.text, "bad"); }
-  else if (m.state === "open") open = true;
-  else if (m.state) {
-    open = false;
-    if (m.state === "lost") words("Connection lost, trying again. Please wait.", "bad");
-    else words(state?.phase === "end" ? "The session is over: you may close this page." : `Closed: ${m.why}`, state?.phase === "end" ? "" : "bad");
-  } else return;
-  enable();
-};
-link.postMessage({ open: `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`, token: location.hash.slice(1) });
-addEventListener("hashchange", () => location.reload()); // the address of a session that was resumed at the same port
+/** Says how a question is drawn, for the log. */
+function report() {
+  if (!open || sent || state?.phase !== "ask") return;
+  const all = [...document.querySelectorAll("main [data-key]")].filter(e => e.checkVisibility());
+  const boxes = all.map(e => [e.dataset.key, ...(r => [r.left, r.top, r.width, r.height].map(v => Math.round(10 * v) / 10))(e.getBoundingClientRect())]);
+  const now = JSON.stringify({ do: "drawn", number: state.number, wide: innerWidth, high: innerHeight, boxes: boxes.slice(0, 64) });
+  if (now !== drawn) ws.send(drawn = now);
+}
 
-$("line").onsubmit = e => { e.preventDefault(); if ($("typed").value.trim()) answer($("typed").value); };
+// The connection --------------------------------------------------------------------------------------------------------------------
+function connect() {
+  const mine = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  ws?.close();
+  ws = mine;
+  [heard, open, final, drawn] = [performance.now(), false, false, ""];
+  mine.onopen = () => mine.send(JSON.stringify({ do: "hello", token: location.hash.slice(1), version: VERSION }));
+  mine.onmessage = ({ data }) => { if (mine === ws) hear(JSON.parse(data)); };
+  mine.onclose = ({ code, reason }) => { if (mine === ws) lose(code, reason); };
+  show("retry", false);
+}
+
+function hear(m) {
+  heard = performance.now();
+  if (m.is === "hello") {
+    texts = m.texts;
+    document.documentElement.lang = texts.language;
+    for (const [id, key] of [["name", "your_answer"], ["enter", "answer"], ["clear", "clear"], ["retry", "retry"]]) $(id).textContent = say(key);
+    $("track").ariaLabel = say("follow");
+  }
+  if (!open) {
+    [open, away] = [true, null];
+    words(say("connected"), "good");
+  }
+  if (m.is === "state") become(m);
+  else if (m.about === "answer") sent = false;
+  enable();
+}
+
+/** The connection is lost, or is silent; 44..: for good, but for a page that was too slow. */
+function lose(code = 0, why = "") {
+  open = false;
+  away ??= performance.now();
+  final = code >= 4400 && ![4408, 4429].includes(code);
+  const key = { 4410: "over", 4409: "elsewhere" }[code] ?? (final ? "refused" : gone() ? "gone" : "lost");
+  words(texts[key] ?? `.. ${why}`, key === "over" ? "" : "bad"); // a page that was never let in has no texts: the experimenter reads why
+  show("retry", key === "gone");
+  if (code && !final) setTimeout(() => { if (ws.readyState > 1 && !gone()) connect(); }, 500);
+  enable();
+}
+
+const gone = () => final || (away !== null && performance.now() - away > GONE);
+
+/** The page's own watch: a server or network that is frozen closes nothing. */
+function watch() {
+  const silent = performance.now() - heard;
+  if (final) return;
+  if (open && silent > SILENT) lose();
+  else if (gone() && $("retry").hidden) { ws.close(); lose(); }
+  else if (!open && !gone() && silent > DEAD) connect();
+}
+
+const again = () => { away = performance.now(); connect(); };
+connect();
+setInterval(watch, 250);
+addEventListener("hashchange", again); // the address of a session that was resumed at the same port
+for (const back of ["online", "visibilitychange"]) addEventListener(back, () => { if (!open && !final) again(); });
+addEventListener("resize", report);
+$("retry").onclick = again;
+
+// Keys and pointers -----------------------------------------------------------------------------------------------------------------
+const STEPS = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10, Home: -1e9, End: 1e9 };
+const drag = e => {
+  const { left, width } = $("vas").getBoundingClientRect();
+  if (e.buttons && open && !sent) put(MOST * (e.clientX - left - PAD) / (width - 2 * PAD));
+};
+$("vas").onpointerdown = e => { $("vas").setPointerCapture(e.pointerId); drag(e); };
+$("vas").onpointermove = drag;
+$("clear").onclick = () => { type(""); $("typed").focus(); };
+$("typed").oninput = enable;
+$("line").onsubmit = e => {
+  e.preventDefault();
+  const text = state?.kind === "analogue" ? String(mark ?? "") : $("typed").value;
+  if (text.trim()) answer(text);
+};
 addEventListener("keydown", e => {
   if (e.ctrlKey || e.metaKey || e.altKey || e.isComposing || e.target.matches?.("input")) return;
   if (e.target.matches?.("button") && ["Enter", " "].includes(e.key)) { if (e.repeat) e.preventDefault(); return; } // it clicks
-  const keys = (state?.keys ?? []).map(([key]) => key), any = keys.includes("") && (e.key.length === 1 || e.key === "Enter");
+  const analogue = state?.kind === "analogue" && open && !sent;
+  const keys = [...(state?.keys ?? []), ...(state?.apart ?? [])].map(([key]) => key);
+  const any = keys.includes("") && (e.key.length === 1 || e.key === "Enter");
   const key = [e.key, e.key.toLowerCase()].find(k => keys.includes(k)) ?? (any ? "" : null);
-  if (key === null) return;
+  if (analogue && e.key in STEPS) put(Math.abs(STEPS[e.key]) > 1e6 || mark !== null ? (mark ?? 0) + STEPS[e.key] : MOST / 2);
+  else if (analogue && e.key === "Enter") { if (!e.repeat) $("line").requestSubmit(); }
+  else if (state?.line && e.key.length === 1 && /[\d.;-]/.test(e.key)) return $("typed").focus(); // which takes it
+  else if (key === null) return;
+  else if (!e.repeat) answer(key);
   e.preventDefault();
-  if (!e.repeat) answer(key);
 });
