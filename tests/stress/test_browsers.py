@@ -99,9 +99,24 @@ def prompted(running, page, known=0):
     return state
 
 
+def press(page, state, text):
+    """The keys of an answer, where no field has the focus before."""
+    keys = page.keyboard
+    if state["kind"] == "rating" and state["keys"]:
+        for key in text[: len(text) * state["line"]]:
+            keys.press(key)
+    elif state["kind"] == "analogue":
+        steps = int(text) - 50  # where the first key puts it
+        for key in ["PageUp"] * (1 + steps // 10) + ["ArrowRight"] * (steps % 10):
+            keys.press(key)
+    elif state["line"]:
+        keys.insert_text(text)
+    keys.press("Enter" if state["line"] else text or " ")
+
+
 def over(page):
     page.wait_for_function(
-        "document.querySelector('#state').textContent.startsWith('The session is over')"
+        "() => document.querySelector('#state').textContent.startsWith('The session is over')"
     )
 
 
@@ -114,18 +129,13 @@ def test_a_whole_session_by_keyboard_alone(opened, tmp_path):
             state = prompted(running, page, number)
             number = state["number"]
             assert serious(page) == [], state["text"]
-            if state["line"]:
-                page.keyboard.insert_text(text)
-            page.keyboard.press("Enter" if state["line"] else text or " ")
+            press(page, state, text)
         over(page)
     assert running.errors == []
     recorded = [r.answer.values for r in read(tmp_path / "pair/P01-s1").records]
-    assert recorded[1] == {
-        "rough": 6,
-        "much": 55,
-        "order": ["B", "A"],
-        "where": [[1.0, 2.0], [0.5, 3.0]],
-    }
+    places = [[1.0, 2.0], [0.5, 3.0]]
+    rated = {"rough": 6, "fine": 11, "much": 55, "nice": 62, "order": ["B", "A"], "where": places}
+    assert recorded[1] == rated
     assert [r["softer"] for r in (recorded[0], *recorded[2:])] == ["red", "green", "red"]
 
 
@@ -201,11 +211,13 @@ def server(tmp_path):
         process.stdout.close()
 
 
-RUNNING = "document.querySelector('#run').textContent === 'Stop'"
+RUNNING = "() => document.querySelector('#run').textContent === 'Stop'"
 
 
 def run(page):
-    page.wait_for_function("document.querySelector('#run').disabled === false", timeout=60_000)
+    page.wait_for_function(
+        "() => document.querySelector('#run').disabled === false", timeout=60_000
+    )
     page.click("#run")
     page.wait_for_function(RUNNING)
 
@@ -235,7 +247,7 @@ def test_a_frozen_server_is_said_within_two_seconds(opened, server):
     )
     assert time.monotonic() - begun < 2.5
     process.send_signal(signal.SIGCONT)
-    page.wait_for_function("/^Connected/.test(document.querySelector('#state').textContent)")
+    page.wait_for_function("() => /^Connected/.test(document.querySelector('#state').textContent)")
 
 
 def test_axe_finds_nothing_serious_in_a_report(opened, tmp_path):
