@@ -1,6 +1,7 @@
 """The base class of all sinks, around the engine and the compiled callback.
 
-A subclass implements four methods for its device.
+A subclass implements ``_open`` and ``_latency`` for its device, and often ``_start``
+and ``_close``.
 
 A sink owns one session: open, start, stop, close.  The samples are computed by
 ``stimlib/devices/callback.py`` inside the device's own callback; everything in this
@@ -16,12 +17,13 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.definitions import definitions
 from ..core.scene import Scene
@@ -66,7 +68,14 @@ session.
 class Sink:
     """A session on a device; base class of ``NullSink``, ``JackSink`` and others.
 
-    Subclasses implement the four methods at the end.
+    Subclasses implement the four methods at the end; ``start_loop``, ``make_frames``,
+    ``closing`` and ``device_lost`` are for them.
+
+    Attributes
+    ----------
+    silent_for : float
+        Time in s without a block after which a device with a clock of its own counts
+        as lost, by default 2.
 
     Parameters
     ----------
@@ -135,11 +144,11 @@ class Sink:
     device = "none"
     clock = True  # whether it has a clock of its own
     leads = True  # whether frames before sample 0 lead to it; else the gain rises along the samples
-    silent_for = math.inf  # seconds without a call after which the device is taken for gone
+    silent_for = 2.0
     gone = "the device has taken no samples for {:g} s: is it still there?"
     _device_gone = _hangs = False
     _worker: threading.Thread | None = None
-    _thread: threading.Thread | None = None  # of a device that is none
+    _thread: threading.Thread | None = None  # that of start_loop
     _feeder: Feeder | Receiver | None = None
 
     def __init__(
@@ -703,11 +712,53 @@ class Sink:
 
     _last_latency = 0.0
 
-    def _device_lost(self, why: str) -> None:
-        """Record, from any thread, that the device will make no further calls."""
+    # For the author of a device -------------------------------------------------------
+    def device_lost(self, why: str) -> None:
+        """End the session with an error, because the device requests no more blocks.
+
+        It may be called from any thread; ``wait`` and ``check`` raise the error.
+
+        Parameters
+        ----------
+        why : str
+            What has happened; the error adds the name of the device.
+        """
         self._device_gone = True
         self._fail(SinkError(f"{self.device}: {why}"))
 
+    def make_frames(self) -> NDArray[np.float32]:
+        """Make the array into which the pump writes the samples of each block.
+
+        For ``_open``, after it has set ``self.block``.
+
+        Returns
+        -------
+        ndarray of float32, shape (channels, block)
+            From -1 to 1.
+        """
+        assert self.block
+        frames = np.zeros((self.channels, self.block), np.float32)
+        rows = frames.ctypes.data + frames.strides[0] * np.arange(self.channels)
+        self.pump.buffers("OUTS")[:] = rows
+        return frames
+
+    def start_loop(self, loop: Callable[[], None]) -> None:
+        """Start a thread that requests blocks, for ``_open`` of a device without one.
+
+        Parameters
+        ----------
+        loop : callable
+            Requests blocks by ``self.pump.block`` until ``self.closing``.
+        """
+        name = f"stimlib {self.device} device"
+        self._thread = begin(threading.Thread(target=loop, name=name, daemon=True))
+
+    @property
+    def closing(self) -> bool:
+        """Whether the sink is being closed, so that no more blocks are wanted."""
+        return self.pump.state == self.pump.native.CLOSED
+
+    # Errors ---------------------------------------------------------------------------
     def _fail(self, e: BaseException, earliest: int = 0, what: str = "unexpected error") -> None:
         """Fade the session out from sample ``earliest`` on, and keep the error.
 
@@ -736,9 +787,10 @@ class Sink:
         calls = self.pump.read("CALLS")
         even = calls != self._calls or self.pump.state == self.pump.native.IDLE
         self._calls, self._silence = calls, 0.0 if even else self._silence + seconds
-        if self._silence >= self.silent_for and not (self._device_gone or self._closed):
+        silent = self.clock and self._silence >= self.silent_for
+        if silent and not (self._device_gone or self._closed):
             self._hangs = True
-            self._device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
+            self.device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
         if self._feeder and self._feeder.is_alive() and not (self.error or self.finished):
             turns = self._feeder.turns
             self._turns, self._waited = (
@@ -820,9 +872,12 @@ class Sink:
     def _close(self) -> None:
         """Stop the callbacks and release the device.
 
-        It may be called after a failed ``_open``.
+        It may be called after a failed ``_open``.  By default it ends the thread of
+        ``start_loop``.
         """
-        raise NotImplementedError
+        self.pump.write("STATE", self.pump.native.CLOSED)
+        if self._thread:
+            self._thread.join()
 
     def _latency(self) -> float:
         """Return the latency in s from the callback to the device's output."""
