@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.impedance import Gate
-from ...core.cycles import Cycle
 from ...core.graph import Block, Compare, Const, Param, Segment
+from ...core.loop_code import Cycle
 from ...core.program import (
     PARAMS,
     ROOT,
