@@ -36,16 +36,14 @@ from .plan import (
     shared_key,
     versions,
 )
+from .resume import confirmed, missing, places
 from .rows import MADE, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
-from .scheduler import drive, joined
+from .scheduler import QUICK, drive, joined
 from .store import Store
 from .worker import Motions, Runner, as_bytes, error_text, from_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-LOOK_SECONDS = 0.003  # for making a scene, to compare it with one that was run
-QUICK = 4.0  # s of work for which one process is enough
 
 
 class Forecast(NamedTuple):
@@ -235,8 +233,8 @@ def sweep(
         with engine:
             names = [*plan.units, "fault", "error"]
             done = store.done(names)
-            done = _confirmed(plan, keyed, done, engine, workers, progress)
-            todo = _missing(keyed, done, retry)
+            done = confirmed(plan, keyed, done, engine, workers, progress)
+            todo = missing(keyed, done, retry)
             began, row_seconds = store.rows, 0.0
             try:
                 if todo.num_rows:
@@ -254,7 +252,7 @@ def sweep(
             return Forecast(n, n - todo.num_rows, row_seconds, samples, 8.0 * n * columns)
         done = store.done(names)
         result = joined(
-            plan, table, done.drop_columns(["key", "content"]).take(_places(keyed, done))
+            plan, table, done.drop_columns(["key", "content"]).take(places(keyed, done))
         )
         return result.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
 
@@ -538,73 +536,6 @@ def _is_folder(out: Any) -> bool:
 
 
 # The runs -----------------------------------------------------------------------------
-def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
-    """Return the index of each row among the finished rows, or null."""
-    return arrow("pyarrow.compute").index_in(
-        keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks()
-    )
-
-
-def _confirmed(
-    plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool
-) -> pa.Table:
-    """Return the finished rows that are still valid.
-
-    Rows that failed with a scene or motion that has changed since are left out. The
-    scene of every stored row is made again, once for each combination of arguments and
-    motion, and compared with the one that was run.
-    """
-    pa, pc = arrow(), arrow("pyarrow.compute")
-    places = _places(keyed, done)
-    there = keyed.filter(pc.is_valid(places))
-    if not there.num_rows:
-        return done
-    codes = np.zeros(there.num_rows, np.int64)
-    for name in (*plan.roles.arguments, "motion"):
-        if name in there.column_names:
-            column = there[name].combine_chunks().dictionary_encode().indices.to_numpy()
-            codes = np.unique(codes * (column.max() + 1) + column, return_inverse=True)[1]
-    _, first, which = np.unique(codes, return_index=True, return_inverse=True)
-    looked: list[Any] = []
-    rows = there.take(pa.array(first)).append_column("at", pa.array(np.arange(first.size)))
-    if first.size * LOOK_SECONDS > QUICK:
-        engine.widen(workers or os.cpu_count() or 1)
-    with bar("checking what is kept", first.size, progress) as advance:
-        drive(plan, rows, engine, looked.append, LOOK_SECONDS, advance, look=True)
-    made = pa.concat_tables(looked).sort_by("at")
-    now = made["content"].combine_chunks().take(pa.array(which))
-    kept = done.take(places.drop_null())
-    other = np.asarray(pc.not_equal(now, kept["content"].combine_chunks()))
-    failed = np.asarray(pc.is_valid(kept["error"]).combine_chunks())
-    if (changed := other & ~failed).any():
-        at = int(np.flatnonzero(np.asarray(pc.is_valid(places)))[int(np.argmax(changed))])
-        why = made["error"][int(which[int(np.argmax(changed))])].as_py()
-        raise BadValue(
-            f"row {at} (the first is 0) is kept with the figures of another scene or motion than"
-            f" those of today{f' ({why})' if why else ''}: a function, a block or a file has"
-            " changed since; name another folder"
-        )
-    return done.filter(
-        pc.invert(
-            pc.is_in(done["key"], value_set=there["key"].combine_chunks().filter(pa.array(other)))
-        )
-    )
-
-
-def _missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
-    """Return the rows that have not run, each once; with ``retry``, failed ones too."""
-    pa, pc = arrow(), arrow("pyarrow.compute")
-    places = _places(keyed, done)
-    if retry:
-        places = pc.if_else(pc.is_valid(done["error"].take(places)).combine_chunks(), None, places)
-    keyed = keyed.filter(pc.is_null(places)) if places.null_count < keyed.num_rows else keyed
-    codes = keyed["key"].combine_chunks().dictionary_encode() if keyed.num_rows else None
-    if codes is None or len(codes.dictionary) == keyed.num_rows:
-        return keyed
-    _, first = np.unique(codes.indices.to_numpy(), return_index=True)
-    return keyed.take(pa.array(np.sort(first)))
-
-
 def _run(
     plan: Plan,
     todo: pa.Table,
