@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import BadValue, need, public, shortened
 from ..system.packages import package
-from .goodness import allowed, dispersion, goodness, parameters
+from .goodness import allowed, best_possible, dispersion, goodness, parameters
 from .likelihood import (
     FREE,
     GUESSES,
@@ -684,7 +684,7 @@ def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each
         sigma=float(found[1]),
         pse_interval=(low, high),
         sigma_interval=(float(around[1, 0]), float(around[1, 1])),
-        deviance=float(2 * (_best_possible(one) - each["loglik"])),
+        deviance=float(2 * (best_possible(one) - each["loglik"])),
         trials=int(one.n.sum()),
         levels=one.x.size,
         gap=_gap(one, log, model.guess),
@@ -1125,12 +1125,3 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
         "",
     )
     return [str(name) for name in names]
-
-
-def _best_possible(sets: Sets) -> float:
-    """Return the log-likelihood of every level's own proportion."""
-    from scipy.special import xlogy
-
-    return float(
-        np.sum(xlogy(sets.yes, sets.yes / sets.n) + xlogy(sets.n - sets.yes, 1 - sets.yes / sets.n))
-    )

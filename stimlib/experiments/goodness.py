@@ -167,6 +167,15 @@ def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) ->
     return float((1 + np.sum(larger)) / (1 + DRAWS))
 
 
+def best_possible(sets: Sets) -> float:
+    """Return the log-likelihood of every level's own proportion."""
+    from scipy.special import xlogy
+
+    return float(
+        np.sum(xlogy(sets.yes, sets.yes / sets.n) + xlogy(sets.n - sets.yes, 1 - sets.yes / sets.n))
+    )
+
+
 def _deviance(yes: Array, n: Array, p: Array, q: Array) -> Array:
     """Return the deviance of answers from probabilities."""
     from scipy.special import xlogy
