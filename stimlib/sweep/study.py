@@ -37,7 +37,7 @@ from .plan import (
     versions,
 )
 from .resume import confirmed, missing, places
-from .rows import MADE, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
+from .rows import MADE, OWN, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .scheduler import QUICK, drive, joined
 from .store import Store
 from .worker import Motions, Runner, as_bytes, error_text, from_bytes
@@ -73,13 +73,10 @@ class Forecast(NamedTuple):
 
 
 def _time(seconds: float) -> str:
-    return (
-        f"{seconds:.3g} s"
-        if seconds < 100
-        else f"{seconds / 60:.3g} min"
-        if seconds < 6000
-        else f"{seconds / 3600:.3g} h"
-    )
+    for longest, unit_, size in ((100, "s", 1), (6000, "min", 60)):
+        if seconds < longest:
+            return f"{seconds / size:.3g} {unit_}"
+    return f"{seconds / 3600:.3g} h"
 
 
 @public
@@ -195,15 +192,7 @@ def sweep(
     >>> table.field("peak_force1").metadata
     {b'unit': b'N'}
     """
-    motion = {} if motion is None else motion
-    words = {
-        "motion": motion,
-        "measures": measures,
-        "fs": rate(fs),
-        "seconds": seconds,
-        "live": live,
-        "kept": out is not None,
-    }
+    words = _words(motion, measures, fs, seconds, live, out is not None)
     if workers is not None and (
         isinstance(workers, bool) or not isinstance(workers, int) or workers < 0
     ):
@@ -221,15 +210,10 @@ def sweep(
         )
     digests = {name: digest for name, (digest, _) in motions.items()}
     keyed = table.append_column("key", row_keys(plan, table, digests))
-    with (
-        Store(out if not dry or _is_folder(out) else None, facts, about, dry) as store,
-        terminable(),
-    ):
-        engine: Any = (
-            Cluster(on, plan, motions)
-            if on is not None
-            else (Local if workers != 0 else Here)(plan, motions)
-        )
+    folder = None if dry and not _is_folder(out) else out
+    with Store(folder, facts, about, dry) as store, terminable():
+        engine: Any = Here if workers == 0 else Local
+        engine = engine(plan, motions) if on is None else Cluster(on, plan, motions)
         with engine:
             names = [*plan.units, "fault", "error"]
             done = store.done(names)
@@ -241,12 +225,11 @@ def sweep(
                     row_seconds = _run(plan, todo, store, engine, workers, dry, progress)
             except KeyboardInterrupt:
                 what = f"{store.rows - began} of {todo.num_rows} rows were done"
-                kept = (
-                    "; run it again for the rest"
-                    if store.folder is not None
-                    else ", and are lost: with out= they are kept"
-                )
-                raise KeyboardInterrupt(what + kept) from None
+                if store.folder is None:
+                    raise KeyboardInterrupt(
+                        f"{what}, and are lost: with out= they are kept"
+                    ) from None
+                raise KeyboardInterrupt(f"{what}; run it again for the rest") from None
         if dry:
             n, columns = table.num_rows, len(plan.units) + table.num_columns
             return Forecast(n, n - todo.num_rows, row_seconds, samples, 8.0 * n * columns)
@@ -307,20 +290,27 @@ def rendering(
         raise BadValue(
             f"rendering: there is no row {at!r}: give a number from 0 to {whole.num_rows - 1}"
         )
-    motion = {} if motion is None else motion
-    words = {
-        "motion": motion,
-        "measures": (),
-        "fs": rate(fs),
-        "seconds": seconds,
-        "live": live,
-        "kept": False,
-    }
+    words = _words(motion, (), fs, seconds, live, False)
     table, plan, motions, *_ = planned(make, whole.slice(int(at), 1), words)
     return Runner(plan, motions).rendering(table.to_pylist()[0])[0]
 
 
 # Before the first run -----------------------------------------------------------------
+def _words(
+    motion: Any, measures: Any, fs: float, seconds: float | None, live: Any, kept: bool
+) -> dict[str, Any]:
+    """Return the arguments of a sweep that its plan depends on, with their defaults."""
+    one = isinstance(measures, str) or not isinstance(measures, Sequence)
+    return {
+        "motion": {} if motion is None else motion,
+        "measures": (measures,) if one else tuple(measures),
+        "fs": rate(fs),
+        "seconds": seconds,
+        "live": live,
+        "kept": kept,
+    }
+
+
 class Planned(NamedTuple):
     """The facts of a sweep that are known before the first run."""
 
@@ -395,7 +385,7 @@ def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
     given = words["motion"] if list(found.digests) != [""] else {"": words["motion"]}
     plan = Plan(
         make,
-        _asked(words),
+        words["measures"],
         found.units,
         words["fs"],
         words["seconds"],
@@ -443,7 +433,7 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
             f" {type(motion).__name__}"
         )
     given = dict(motion) if named else {"": motion}
-    asked, code = _asked(words), code_keys(make, given)
+    asked, code = words["measures"], code_keys(make, given)
     # before anything runs that may keep something
     keys = measure_keys(asked) if words["kept"] else []
     scene = some_scene(make, table, first)
@@ -458,14 +448,16 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
         warn_beyond(scene.program, fs, n)
     digests = {name: motion_digest(given[name], name, fs, seconds) for name in used}
     units = {name: u for m in measures_of(asked, scene) for name, u in m.units.items()}
-    if own := [name for name in units if name in MADE]:
-        raise BadValue(
-            f"measures: a sweep adds a column {own[0]} of its own: give your figure another name"
-        )
-    if clash := [name for name in units if name in table.column_names]:
-        raise BadValue(
-            f"rows have a column {clash[0]}, and so do the measures: give yours another name"
-        )
+    for name in units:
+        if name in MADE:
+            raise BadValue(
+                f"measures: a sweep adds a column {name} of its own: give your figure another name"
+            )
+    for name in units:
+        if name in table.column_names:
+            raise BadValue(
+                f"rows have a column {name}, and so do the measures: give yours another name"
+            )
     key, facts = shared_key(make, keys, fs, roles)
     about = {
         "units": units,
@@ -476,13 +468,6 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
     }
     return Seen(
         as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [], code
-    )
-
-
-def _asked(words: Mapping[str, Any]) -> tuple[str | Measure, ...]:
-    measures = words["measures"]
-    return tuple(
-        measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures]
     )
 
 
@@ -504,10 +489,9 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
     for k in range(first, len(rows)):
         note(k, bytes(16))
         row = table.slice(rows[k], 1).to_pylist()[0]
+        given = {n: v for n, v in row.items() if n in known and n not in OWN}
         try:
-            scene = make(
-                **{n: v for n, v in row.items() if n in known and n not in ("seed", "motion")}
-            )
+            scene = make(**given)
         except BaseException as e:
             if ended(e):
                 raise
@@ -524,11 +508,8 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
 
 def _rows_to_try(n: int) -> list[int]:
     """Return the indices of rows to try: first, last, middle, then some between."""
-    return list(
-        dict.fromkeys(
-            int(n * part) for part in (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
-        )
-    )
+    parts = (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
+    return list(dict.fromkeys(int(n * part) for part in parts))
 
 
 def _is_folder(out: Any) -> bool:
