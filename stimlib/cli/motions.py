@@ -171,6 +171,11 @@ def _read(
     return motions, recordings
 
 
+def given(motions: Any) -> bool:
+    """Return whether a command got a motion, or an option for one."""
+    return any(motions.keywords[option] for option in ("motion", "map_", "where"))
+
+
 def _contact(recordings: Sequence[Recording]) -> Any:
     """Return the contact of the recording; raise BadValue if there are several."""
     if len(recordings) > 1:
