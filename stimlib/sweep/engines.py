@@ -69,10 +69,13 @@ class Local(AbstractContextManager["Local"]):
         self._seconds = plan.limits["row_seconds"]
         memory = int(min(plan.limits["row_bytes"], 2**62))
         self._pool = Pool(1, begin, packed((plan, motions)), memory=memory)
-        self.widen = self._pool.widen
 
     def __exit__(self, *error: object) -> None:
         self._pool.__exit__(*error)
+
+    def widen(self, workers: int) -> None:
+        """Use the given number of processes from now on."""
+        self._pool.widen(workers)
 
     def room(self) -> int:
         """Return how many jobs can be submitted now."""
