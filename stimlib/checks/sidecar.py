@@ -11,6 +11,7 @@ import json
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from ..core import definitions
 from ..errors import shown
@@ -146,8 +147,6 @@ class Sums(NamedTuple):
 
 def sums_of(e: Evidence) -> Sums:
     """Return the results of all stretches of a file."""
-    from scipy.ndimage import uniform_filter1d
-
     assert e.sidecar is not None
     full = np.array([c["full_scale"] for c in e.sidecar["channels"]])[:, None]
     size, digest = max(2, round(FAST * e.fs)), hashlib.sha256()
@@ -168,7 +167,9 @@ def sums_of(e: Evidence) -> Sums:
         squares, scale = np.zeros((3, len(e.y))), np.where(top > 0, top, 1.0)
         for k, (y, got) in enumerate(zip(s.y, s.shown, strict=True)):
             error, y = (got - y) / scale[k], y / scale[k]  # squares of 1e200 would be too large
-            squares[:, k] = [_square(row) for row in (y, y - uniform_filter1d(y, size), error)]
+            squares[:, k] = [
+                _square(row) for row in (y, y - scipy.ndimage.uniform_filter1d(y, size), error)
+            ]
         tops = np.fmax(tops, top)
         parts.append((scale, squares, s.y.shape[1] / e.frames))
     scales = np.where(tops > 0, tops, 1.0)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, UnknownName, public
@@ -74,13 +75,11 @@ def line(x: ArrayLike, y: ArrayLike) -> Line:
     ... )
     (0.1452, -0.0012, 0.0319, 0.997)
     """
-    from scipy.stats import linregress, t
-
     x, y = _points("line", x, y)
-    found = linregress(x, y)
+    found = scipy.stats.linregress(x, y)
     df = x.size - 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        p = 2 * t.sf(abs(np.float64(found.intercept) / found.intercept_stderr), df)
+        p = 2 * scipy.stats.t.sf(abs(np.float64(found.intercept) / found.intercept_stderr), df)
     return Line(
         float(found.slope),
         float(found.intercept),
@@ -311,10 +310,6 @@ def bradley_terry(
     felt 0.85 +- 0.69
     cork 0.00 +- 0.00
     """
-    from scipy.sparse.csgraph import connected_components
-    from scipy.special import softmax
-    from scipy.stats import t
-
     quantile("bradley_terry", confidence)
     for k, row in enumerate(list(rankings) or [()]):
         if not 1 < len(row) == len(set(row)):
@@ -326,7 +321,9 @@ def bradley_terry(
     stages = [(k, row[i:]) for k, row in enumerate(rankings) for i in range(len(row) - 1)]
     there = np.array([[item in left for item in items] for _, left in stages])
     won = np.array([[item == left[0] for item in items] for _, left in stages])
-    count, group = connected_components(won.T.astype(float) @ there > 0, connection="strong")
+    count, group = scipy.sparse.csgraph.connected_components(
+        won.T.astype(float) @ there > 0, connection="strong"
+    )
     if count != 1:
         raise BadValue(
             "bradley_terry: the groups "
@@ -340,7 +337,7 @@ def bradley_terry(
         )
     theta = np.zeros(len(items))
     for _ in range(100):
-        chance = softmax(np.where(there, theta, -np.inf), axis=1)
+        chance = scipy.special.softmax(np.where(there, theta, -np.inf), axis=1)
         # ones: the mean of all is free, and taken away below
         inverse = np.linalg.inv(np.diag(chance.sum(axis=0)) - chance.T @ chance + 1)
         step = inverse @ (won - chance).sum(axis=0)
@@ -365,10 +362,15 @@ def bradley_terry(
     at = np.array([reference in (None, item) for item in items], float)
     contrast = np.eye(len(items)) - at / at.sum()
     values, errors = contrast @ theta, np.sqrt(np.diag(contrast @ inverse @ contrast.T))
-    z, width = values / np.where(errors > 0, errors, np.nan), t.ppf((1 + confidence) / 2, df)
+    z, width = (
+        values / np.where(errors > 0, errors, np.nan),
+        scipy.stats.t.ppf((1 + confidence) / 2, df),
+    )
     return tuple(
         Coefficient(str(i), *map(float, (v, e, one, p, v - width * e, v + width * e)))
-        for i, v, e, one, p in zip(items, values, errors, z, 2 * t.sf(np.abs(z), df), strict=True)
+        for i, v, e, one, p in zip(
+            items, values, errors, z, 2 * scipy.stats.t.sf(np.abs(z), df), strict=True
+        )
     )
 
 

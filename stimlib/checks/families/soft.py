@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ...blocks.tables import CubicGrid
@@ -39,11 +40,11 @@ def table_of(b: Any) -> tuple[Row, float, float]:
 
 def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]:
     """Return S(x, y) of a table, clamped at the edges and between 0 and 1."""
-    from scipy.interpolate import RectBivariateSpline
-
     rows, columns = table.shape
     y, x = np.linspace(0, height, rows), np.linspace(0, width, columns)
-    spline = RectBivariateSpline(y, x, table, kx=min(3, rows - 1), ky=min(3, columns - 1), s=0)
+    spline = scipy.interpolate.RectBivariateSpline(
+        y, x, table, kx=min(3, rows - 1), ky=min(3, columns - 1), s=0
+    )
     return lambda px, py: np.clip(spline.ev(np.clip(py, 0, height), np.clip(px, 0, width)), 0, 1)
 
 
