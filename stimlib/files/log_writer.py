@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from .partial import Draft
 SPAN = 0.25  # s of delivered samples under one hash
 
 
-class LogWriter:
+class LogWriter(AbstractContextManager["LogWriter"]):
     """A writer of a session's log during playback, called from one thread.
 
     The data of every call have been handed to the operating system when it returns.
@@ -105,14 +105,8 @@ class LogWriter:
                 )
             text = json.dumps(header, indent=1, allow_nan=False, default=_plain) + "\n"
             safe_files.publish(self.folder / "session.json", text)
-            self._events = self._open.enter_context(
-                open(self.folder / "events.jsonl", "xb", buffering=0)
-            )
-            self._motion = (
-                self._open.enter_context(open(self.folder / "motion.f64", "xb", buffering=0))
-                if self._inputs
-                else None
-            )
+            self._events = self._new("events.jsonl")
+            self._motion = self._new("motion.f64") if self._inputs else None
             if record:
                 at = self.folder / "delivered.caf"
                 self._record = self._open.enter_context(
@@ -126,8 +120,8 @@ class LogWriter:
                 f"cannot make the log {self.folder}: {getattr(e, 'strerror', None) or e}"
             ) from e
 
-    def __enter__(self) -> LogWriter:
-        return self
+    def _new(self, name: str) -> Any:
+        return self._open.enter_context(open(self.folder / name, "xb", buffering=0))
 
     def __exit__(self, *exception: object) -> None:
         self.close()
@@ -193,9 +187,8 @@ class LogWriter:
             )
         if kind in ("lost", "gap"):
             free = max([self._at, *(j["at"] + j["frames"] for j in self._jumps)])
-            if at < free or not fields.whole(int(MAX_LOST * self._head.fs))(
-                _plain_int(data.get("frames"))
-            ):
+            few = fields.whole(int(MAX_LOST * self._head.fs))
+            if at < free or not few(_plain_int(data.get("frames"))):
                 raise BadValue(
                     f"log: event {event}: frames up to {free} are accounted for; 'frames' is a"
                     " number of samples"
@@ -233,28 +226,16 @@ class LogWriter:
             self._at = self._from = int(jump["at"] + jump["frames"])
 
     def _hash(self) -> None:
-        if self._at > self._from:
-            self._line(
-                {
-                    "at": self._from,
-                    "kind": "hash",
-                    "to": self._at,
-                    "sha256": self._digest.hexdigest(),
-                }
-            )
+        self._hashed("hash", self._from, self._at, self._digest)
         self._from, self._digest = self._at, hashlib.sha256()
 
     def _hash_motion(self) -> None:
-        if self._rows > self._rows_from:
-            self._line(
-                {
-                    "at": self._rows_from,
-                    "kind": "motion",
-                    "to": self._rows,
-                    "sha256": self._seen.hexdigest(),
-                }
-            )
+        self._hashed("motion", self._rows_from, self._rows, self._seen)
         self._rows_from, self._seen = self._rows, hashlib.sha256()
+
+    def _hashed(self, kind: str, at: int, to: int, digest: Any) -> None:
+        if to > at:
+            self._line({"at": at, "kind": kind, "to": to, "sha256": digest.hexdigest()})
 
     def _line(self, event: dict[str, Any]) -> None:
         try:
