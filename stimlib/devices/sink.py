@@ -20,6 +20,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -150,6 +151,9 @@ class Sink:
     _worker: threading.Thread | None = None
     _thread: threading.Thread | None = None  # that of start_loop
     _feeder: Feeder | Receiver | None = None
+    _last_latency = 0.0
+    _recorder: Any = SimpleNamespace(stales=0)  # until it is started
+    _telling: Any = SimpleNamespace(count=0, lost=0, unsent=0)
 
     def __init__(
         self,
@@ -205,11 +209,9 @@ class Sink:
         self._lock = threading.RLock()
 
     def __repr__(self):
-        at = (
-            f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}"
-            if self._opened
-            else ""
-        )
+        at = ""
+        if self._opened:
+            at = f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}"
         return f"{type(self).__name__}({self.scene!r}{at})"
 
     # Life -----------------------------------------------------------------------------
@@ -338,19 +340,14 @@ class Sink:
             The sink is not open or was started before; or the device or a thread cannot
             be started, and the sink is then closed.
         """
-        if not self._opened or self._closed:
-            raise SinkError(
-                "start: open the sink first" if not self._opened else "start: this sink is closed"
-            )
+        self._need_open("start")
         if self._started:
             raise SinkError(
                 "start: a sink plays once; make a new one, so that each session has its own log"
             )
-        frames = (
-            length(self.motion)
-            if seconds is None
-            else _samples("start: seconds", seconds, self.rate)
-        )
+        frames = length(self.motion)
+        if seconds is not None:
+            frames = _samples("start: seconds", seconds, self.rate)
         if frames == 0:
             raise BadValue(f"start: seconds = {seconds} must be at least one sample")
         if isinstance(self.motion, Scripted):
@@ -576,15 +573,10 @@ class Sink:
             The device has failed, or takes no changes.
         """
         self.check()
-        if not self._opened or self._closed:
-            raise SinkError(
-                "set: open the sink first" if not self._opened else "set: this sink is closed"
-            )
+        self._need_open("set")
         self._need_live(name)
-        value, samples = (
-            _number(f"set: {name}", value),
-            max(1, _samples(f"set: {name}: ramp", ramp, self.rate)),
-        )
+        value = _number(f"set: {name}", value)
+        samples = max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
         end = time.monotonic() + 1.0
         while not self.finished and not self.pump.set(name, value, samples):
             if time.monotonic() > end or not self._started:
@@ -592,6 +584,12 @@ class Sink:
                     f"set({name!r}): 256 changes wait already and the device takes none"
                 )
             time.sleep(0.001)
+
+    def _need_open(self, what: str) -> None:
+        if not self._opened:
+            raise SinkError(f"{what}: open the sink first")
+        if self._closed:
+            raise SinkError(f"{what}: this sink is closed")
 
     def _need_live(self, name: str) -> None:
         if name not in self.scene.params:  # the fade is not theirs to set
@@ -676,8 +674,7 @@ class Sink:
         if not self._started:
             raise SinkError("time_of: start the sink first")
         at, uncertainty = self._telling.clock.time(sample)
-        latency = self._last_latency if self._closed else self._latency()
-        return at + latency, uncertainty
+        return at + self._delay(), uncertainty
 
     def report(self) -> SessionReport:
         """Return the report of the session so far."""
@@ -693,15 +690,15 @@ class Sink:
             clips=self._watch.counts(),
             faults=self._watch.faults(),
             block_time={"p50": p50, "p99": p99, "p99.9": p999, "max": most},
-            latency=self._latency() if not self._closed else self._last_latency,
-            stale=self._recorder.stales if self._started else 0,
+            latency=self._delay(),
+            stale=self._recorder.stales,
             unlogged=p.read("UNLOGGED"),
             skipped=p.read("SKIPPED"),
             rise=p.read("ROSE"),
             fall=p.read("FELL"),
-            markers=self._telling.count if self._started else 0,
-            lost_markers=self._telling.lost if self._started else 0,
-            unsent_markers=self._telling.unsent if self._started else 0,
+            markers=self._telling.count,
+            lost_markers=self._telling.lost,
+            unsent_markers=self._telling.unsent,
             **self._received(),
         )
 
@@ -710,7 +707,9 @@ class Sink:
             return {}
         return {n: getattr(self._feeder, n) for n in ("rows", "rejected", "jitter")}
 
-    _last_latency = 0.0
+    def _delay(self) -> float:
+        """Return the latency of the device, or its last one after it has closed."""
+        return self._last_latency if self._closed else self._latency()
 
     # For the author of a device -------------------------------------------------------
     def device_lost(self, why: str) -> None:
@@ -792,11 +791,8 @@ class Sink:
             self._hangs = True
             self.device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
         if self._feeder and self._feeder.is_alive() and not (self.error or self.finished):
-            turns = self._feeder.turns
-            self._turns, self._waited = (
-                turns,
-                (self._waited + seconds if turns == self._turns else 0.0),
-            )
+            turns, before = self._feeder.turns, self._turns
+            self._turns, self._waited = turns, self._waited + seconds if turns == before else 0.0
             if self._waited >= WAITS:
                 why = f"a function of the motion has not returned for {WAITS:g} s: it must not wait"
                 self._fail(SinkError(f"{self.device}: {why}"))
@@ -817,12 +813,10 @@ class Sink:
 
         It contains everything that the samples depend on, except motion and events.
         """
-        packages = ("numpy", "numba", "llvmlite")
+        versions = {p: metadata.version(p) for p in ("numpy", "numba", "llvmlite")}
         return {
             "stimlib": __version__,
-            "versions": (
-                {"python": sys.version.split()[0]} | {p: metadata.version(p) for p in packages}
-            ),
+            "versions": {"python": sys.version.split()[0], **versions},
             "scene": self.scene.to_dict(),
             "scene_hash": self.scene.hash,
             "definitions": definitions(self.scene),

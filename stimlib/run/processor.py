@@ -25,7 +25,7 @@ from ..core.program import (
     program_of,
     rate,
 )
-from ..errors import BadValue, SceneError, StimlibError, UnknownName, public
+from ..errors import BadValue, SceneError, StimlibError, UnknownName, one_of, public
 from ..system.packages import package
 from .arguments import columns, explain, key
 from .many import Copies
@@ -161,8 +161,7 @@ class Processor:
                 "a Processor streams; target='jax' is for stimlib.compile, which then gives a"
                 " function of whole signals"
             )
-        if target not in TARGETS:
-            raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
+        one_of("target", target, TARGETS)
         self.scene, self.fs, self.target = scene, fs, target
         self.program: Program = program_of(scene)
         patience = 5000.0 if target == "python" and begun is None else 20.0
