@@ -222,13 +222,13 @@ def soft_surface(a: Asked) -> list[Check]:
     They follow from the inputs and the requested numbers.
     """
     g, hand, pen = a.given, np.array([a.x["x"], a.x["y"]]), a.given["device"] == "pen"
-    on = a.x["contact"] > 0 if "contact" in a.x else a.x["press"] > 0 if pen else np.ones(a.n, bool)
+    touch = a.x.get("contact", a.x["press"] if pen else np.ones(a.n))
+    on = touch > 0
     table, (width, height) = np.array(g["S"][0]), g["S"][1:]
     a.say(f"{table.shape[1]} x {table.shape[0]} levels over {1e3 * width:g} x {1e3 * height:g} mm")
     S = levels(table, width, height)
-    force = np.where(
-        on, 0.1008 * np.exp(4.2081 * np.minimum(a.x["press"], 1.0)) if pen else a.live("push"), 0.0
-    )
+    push = 0.1008 * np.exp(4.2081 * np.minimum(a.x["press"], 1.0)) if pen else a.live("push")
+    force = np.where(on, push, 0.0)
     several = g["mode"] == "multipoint"
     checks = [a.near("force", force, 1e-12, "eq. (2)" if pen else "the mouse pushes as it is told")]
     checks += _triangle(a, hand) if several else _avatar(a, S, hand, on)

@@ -17,19 +17,17 @@ def _table(b, fs, x, y):
         want = np.interp(at, b.knots, b.values)
     elif kind == "polynomial":  # Lagrange's formula
         k, u = b.knots.astype(np.longdouble), at.astype(np.longdouble)
-        parts = [
-            np.prod([(u - k[j]) / (k[i] - k[j]) for j in range(k.size) if j != i], axis=0)
-            for i in range(k.size)
-        ]
+        parts = []
+        for i in range(k.size):
+            others = np.delete(k, i)
+            parts.append(np.prod([(u - v) / (k[i] - v) for v in others], axis=0))
         want = (b.values @ np.array(parts)).astype(float)
+    elif kind == "pchip":
+        want = scipy.interpolate.PchipInterpolator(b.knots, b.values)(at)
     else:
-        want = {
-            "pchip": scipy.interpolate.PchipInterpolator,
-            "cubic": scipy.interpolate.CubicSpline,
-        }[kind](b.knots, b.values)(at)
-    want = np.where(
-        (at == x[0]) | (b.outside == "hold"), want, 0.0 if b.outside == "zero" else np.nan
-    )
+        want = scipy.interpolate.CubicSpline(b.knots, b.values)(at)
+    beyond = 0.0 if b.outside == "zero" else np.nan
+    want = np.where((at == x[0]) | (b.outside == "hold"), want, beyond)
     return want, 1e-13 * (np.abs(b.values).max() / 3 + np.abs(want)) + 1e-300
 
 
