@@ -13,25 +13,21 @@ from __future__ import annotations
 import logging
 import math
 import os
-import sys
 import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
-from importlib import metadata
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.definitions import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
-from ..version import __version__
 from .engine import PUMP, Pump
 from .markers import Markers, Send
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
@@ -813,25 +809,19 @@ class Sink:
 
         It contains everything that the samples depend on, except motion and events.
         """
-        versions = {p: metadata.version(p) for p in ("numpy", "numba", "llvmlite")}
-        return {
-            "stimlib": __version__,
-            "versions": {"python": sys.version.split()[0], **versions},
-            "scene": self.scene.to_dict(),
-            "scene_hash": self.scene.hash,
-            "definitions": definitions(self.scene),
-            "fs": self.rate,
-            "seed": self.seed,
-            "params": self.params,
-            "safety": self.safety.to_dict(),
-            "inputs": list(self.proc.inputs),
-            "outputs": list(self.proc.outputs),
-            "units": self.proc.units,
-            "channels": [self.proc.outputs[i] if i >= 0 else None for i in self.map],
-            "device": self.device,
-            "block": self.block,
-            "started": datetime.now(UTC).isoformat(),
-        }
+        from ..files.log_writer import header
+
+        return header(
+            self.scene,
+            self.safety,
+            self.rate,
+            seed=self.seed,
+            params=self.params,
+            channels=[self.proc.outputs[i] if i >= 0 else None for i in self.map],
+            device=self.device,
+            block=self.block,
+            started=datetime.now(UTC).isoformat(),
+        )
 
     def _work(self) -> None:
         looked = time.monotonic()

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, ExitStack, suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,6 @@ from numpy.typing import NDArray
 from ..core import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, StimlibError, public
-from ..run.processor import Processor
 from ..run.safety import Safety, protect
 from ..system import fields, safe_files
 from ..version import __version__
@@ -283,7 +284,7 @@ def header(
     params: Mapping[str, float] | None = None,
     channels: list[str | None] | None = None,
     device: str = "",
-    block: int = 0,
+    block: int | None = 0,
     started: str = "",
 ) -> dict[str, Any]:
     """Return the header of a session log, as JSON data.
@@ -307,10 +308,12 @@ def header(
     -------
     dict
     """
-    proc = Processor(protect(scene, safety), fs, seed=seed)
+    made = protect(scene, safety)
+    named = {**made.inputs, **made.params, **made.outputs}
+    versions = {p: metadata.version(p) for p in ("numpy", "numba", "llvmlite")}
     return {
         "stimlib": __version__,
-        "versions": {"numpy": np.__version__},
+        "versions": {"python": platform.python_version(), **versions},
         "scene": scene.to_dict(),
         "scene_hash": scene.hash,
         "definitions": definitions.definitions(scene),
@@ -318,10 +321,10 @@ def header(
         "seed": seed,
         "params": dict(params or {}),
         "safety": safety.to_dict(),
-        "inputs": list(proc.inputs),
-        "outputs": list(proc.outputs),
-        "units": proc.units,
-        "channels": list(proc.outputs) if channels is None else channels,
+        "inputs": list(made.program.inputs),
+        "outputs": list(made.outputs),
+        "units": {name: str(b.dim) for name, b in named.items()},
+        "channels": list(made.outputs) if channels is None else channels,
         "device": device,
         "block": block,
         "started": started,
