@@ -509,10 +509,10 @@ def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any]
     None if the law does not cover these numbers.
     """
     name = f"{type_name(type(b))}.law"
-    got[:] = map(_read_only, got)
+    got[:] = map(read_only, got)
     try:
         with np.errstate(all="ignore"):
-            made = law(b, fs, got, _read_only(y))
+            made = law(b, fs, got, read_only(y))
     except Exception as error:
         if type(b).law is None:
             raise
@@ -543,7 +543,7 @@ def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any]
     return want, tol
 
 
-def _read_only(row: np.ndarray) -> np.ndarray:
+def read_only(row: np.ndarray) -> np.ndarray:
     """Return a read-only view of a row, as several laws read it."""
     view = row.view()
     view.flags.writeable = False

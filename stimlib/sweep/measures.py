@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.physical_cues import Cues, cues_of
+from ..checks.local import read_only
 from ..checks.verification import verify
 from ..core.scene import Scene
 from ..core.units import unit
@@ -222,7 +223,7 @@ def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: floa
 
     The measures cannot change the samples.
     """
-    given = dict(zip(inputs, unwritable(x), strict=True)) or {"": np.empty(x.shape[1])}
+    given = dict(zip(inputs, read_only(x), strict=True)) or {"": np.empty(x.shape[1])}
     return [m.prepare(given, fs) if m.prepare else None for m in found]
 
 
@@ -232,18 +233,11 @@ def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[A
     A measure cannot change the data of the next one.
     """
     motion = {
-        name: unwritable(s) if isinstance(s, np.ndarray) else s
+        name: read_only(s) if isinstance(s, np.ndarray) else s
         for name, s in rendering.motion.items()
     }
-    seen = replace(rendering, y=unwritable(rendering.y), motion=motion)
+    seen = replace(rendering, y=read_only(rendering.y), motion=motion)
     return [v for m, r in zip(found, ready, strict=True) for v in m(seen, r)]
-
-
-def unwritable(a: Array) -> Array:
-    """Return a read-only view of samples."""
-    view = a.view()
-    view.flags.writeable = False
-    return view
 
 
 def _measure(asked: Any, scene: Scene) -> Measure:
