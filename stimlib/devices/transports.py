@@ -62,29 +62,30 @@ def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | None:
 
 def listening(what: str, host: str, port: int) -> socket.socket:
     """Return a UDP socket that listens on a port."""
-    here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        here.bind((host, port))
-    except (OSError, OverflowError) as e:
-        here.close()
-        raise SinkError(f"{what}: {host}:{port} cannot be listened to: {_why(e)}") from e
-    return here
+    return _socket(what, host, port, socket.socket.bind, "listened to")
 
 
 def sending(what: str, host: str, port: int) -> tuple[Callable[[bytes], None], Callable[[], None]]:
     """Return a function that sends datagrams, and a function that closes its socket."""
-    there = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        there.connect((host, port))
-    except (OSError, OverflowError) as e:
-        there.close()
-        raise SinkError(f"{what}: {host}:{port} cannot be sent to: {_why(e)}") from e
+    there = _socket(what, host, port, socket.socket.connect, "sent to")
 
     def send(data: bytes) -> None:
         with suppress(ConnectionRefusedError):  # of the datagram before: nobody listens yet
             there.send(data)
 
     return send, there.close
+
+
+def _socket(
+    what: str, host: str, port: int, use: Callable[[socket.socket, Any], None], done: str
+) -> socket.socket:
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        use(made, (host, port))
+    except (OSError, OverflowError) as e:
+        made.close()
+        raise SinkError(f"{what}: {host}:{port} cannot be {done}: {_why(e)}") from e
+    return made
 
 
 def _why(e: Exception) -> str:
