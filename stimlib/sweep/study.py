@@ -37,7 +37,7 @@ from .plan import (
     versions,
 )
 from .resume import confirmed, missing, places
-from .rows import MADE, OWN, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
+from .rows import MADE, OWN, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .scheduler import QUICK, drive, joined
 from .store import Store
 from .worker import Motions, Runner, as_bytes, error_text, from_bytes
@@ -329,16 +329,13 @@ class Seen(NamedTuple):
     """The facts found with the scene of one row, as plain data."""
 
     table: bytes
-    units: dict[str, str]
-    roles: Roles
+    plan: dict[str, Any]
+    """Fields of the plan, by name."""
     digests: dict[str, bytes]
-    measure_keys: list[str]
-    key: str
     facts: dict[str, Any]
     about: dict[str, Any]
     samples: int
     warned: list[str]
-    code_keys: dict[str, str]
 
 
 def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
@@ -354,11 +351,11 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
 
     Making a scene may crash that process.
     """
-    given = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
+    data = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
     memory = int(min(limits.row_bytes, 2**62))
     first, error = 0, None
     while first < len(_rows_to_try(table.num_rows)):
-        with Pool(1, take_given, given, memory=memory) as pool:
+        with Pool(1, take_given, data, memory=memory) as pool:
             pool.submit(None, seen_apart, first, seconds=limits.row_seconds)
             _, found, error = pool.take()
         if not isinstance(error, WorkerDied):
@@ -366,10 +363,10 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
         first = error.at + 1
     if error is not None:
         raise error
-    here = code_keys(
-        make, words["motion"] if "motion" in table.column_names else {"": words["motion"]}
-    )
-    if other := [name for name, key in found.code_keys.items() if key != here.get(name, key)]:
+    given = words["motion"] if "motion" in table.column_names else {"": words["motion"]}
+    here, there = code_keys(make, given), found.plan["code_keys"]
+    other = [name for name, key in there.items() if key != here.get(name, key)]
+    if other:
         found.warned.append(
             f"sweep: {other[0]} is not the same in the processes that run the rows: they import"
             " your modules anew, so an attribute that was set later, or a file that has changed,"
@@ -384,17 +381,13 @@ def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
         warnings.warn(text, RuntimeWarning, stacklevel=outside())
     given = words["motion"] if list(found.digests) != [""] else {"": words["motion"]}
     plan = Plan(
-        make,
-        words["measures"],
-        found.units,
-        words["fs"],
-        words["seconds"],
-        found.roles,
-        versions(),
-        found.key,
-        found.measure_keys,
-        dc.asdict(limits),
-        found.code_keys,
+        make=make,
+        measures=words["measures"],
+        fs=words["fs"],
+        seconds=words["seconds"],
+        versions=versions(),
+        limits=dc.asdict(limits),
+        **found.plan,
     )
     motions = {name: (digest, given[name]) for name, digest in found.digests.items()}
     return Planned(from_bytes(found.table), plan, motions, found.facts, found.about, found.samples)
@@ -453,22 +446,19 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
             raise BadValue(
                 f"measures: a sweep adds a column {name} of its own: give your figure another name"
             )
-    for name in units:
         if name in table.column_names:
             raise BadValue(
                 f"rows have a column {name}, and so do the measures: give yours another name"
             )
     key, facts = shared_key(make, keys, fs, roles)
+    told = {name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()}
     about = {
         "units": units,
-        "motion": {
-            name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()
-        },
+        "motion": told,
         "scene_json": scene.to_dict() if isinstance(make, Scene) else None,
     }
-    return Seen(
-        as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [], code
-    )
+    plan = {"units": units, "roles": roles, "key": key, "measure_keys": keys, "code_keys": code}
+    return Seen(as_bytes(table), plan, digests, {"key": key, **facts}, about, n, [])
 
 
 def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int = 0) -> Scene:
