@@ -5,9 +5,10 @@ The composition does not matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -319,17 +320,15 @@ def _seen(
     moved = _moved(run, gated)
     driven = [b for b in gated if moved[id(b)] or not isinstance(b.by, Const)]
     whole = {id(b): Gated() for b in driven}
-    shown, names, early = _shown(blocks, [p for its in moved.values() for p in its])
+    shown, names, early = _shown([*blocks, *chain(*moved.values())])
     proc = compile(Scene(shown), run.fs, seed=run.seed)
     order, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
     place = {key: order[its[0]] for key, its in names.items()}
     stop = max(lag, run.n if driven else run.spans[-1][1])
-    moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
-    moving = [c for c in moves if c.name in proc.params]
     first, size = run.spans[0], len(proc.outputs)
     kept = [np.empty((size, z - a)) for a, z in [(first[0], max(first[1], lag)), *run.spans[1:]]]
     counts = _Counts(blocks, run)
-    for at, y in walk(proc, _motion_of(run, proc.inputs), stop, moving):
+    for at, y in walk(proc, _motion_of(run, proc.inputs), stop, _changes(run, proc.params)):
         row_of = partial(_row_of, y, place)
         _keep(kept, run.spans, at, y)
         counts.add(at, row_of)
@@ -342,8 +341,13 @@ def _seen(
     for (a, z), out, past in zip(run.spans, kept, counts.past, strict=True):
         n, row = max(0, min(z, known) - a), dict(zip(proc.outputs, out, strict=True))
         seen.append(Part(a, n, _rows(row, names, {} if a else early, n, lag), past))
-    n = min(known, run.n)
-    return seen, {key: (its, its.until(n)) for key, its in whole.items()}
+    return seen, {key: (its, its.until(min(known, run.n))) for key, its in whole.items()}
+
+
+def _changes(run: Run, params: Collection[str]) -> list[Change]:
+    """Return the settings and changes of some parameters, in order."""
+    set_ = [Change(0, name, float(v), 0.0) for name, v in run.params.items()]
+    return [c for c in [*set_, *run.changes] if c.name in params]
 
 
 def _row_of(y: Row, place: Mapping[int, int], b: Block) -> Row:
@@ -403,7 +407,7 @@ def _rows(
 
 
 def _shown(
-    blocks: list[Block], params: list[Param]
+    blocks: list[Block],
 ) -> tuple[dict[str, Block], dict[int, list[str]], dict[int, list[str]]]:
     """Return outputs that show all blocks, and the names of each block's rows.
 
@@ -414,7 +418,7 @@ def _shown(
     shown: dict[str, Block] = {}
     names: dict[int, list[str]] = {}
     early: dict[int, list[str]] = {}
-    for b in (*blocks, *params):
+    for b in blocks:
         if isinstance(b, Const):
             continue
         parts: list[Block] = [Pick(b, name) for name in b.outputs] if b.outputs else [b]
