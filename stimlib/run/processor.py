@@ -164,8 +164,8 @@ class Processor:
         one_of("target", target, TARGETS)
         self.scene, self.fs, self.target = scene, fs, target
         self.program: Program = program_of(scene)
-        patience = 5000.0 if target == "python" and begun is None else 20.0
-        self.design = design_of(self.program, fs, patience)
+        cost = 5000.0 if target == "python" and begun is None else 20.0
+        self.design = design_of(self.program, fs, cost)
         check_memory(self.program, self.design, fs)
         if target == "numba":
             from ..targets.numba.engine import Engine
