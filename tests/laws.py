@@ -201,3 +201,13 @@ def impulse_response(proc, output, input, n, at=8):
     x = np.zeros((len(proc.inputs), n + at))
     x[proc.inputs.index(input), at] = 1.0
     return proc.process(x)[proc.outputs.index(output), at:]
+
+
+def alias(y, k, top):
+    """Power below top (a part of fs) that is not on multiples of line k, in dB of the
+    power on them.
+    """
+    P = np.abs(np.fft.rfft(y)) ** 2
+    n = np.arange(P.size)
+    low = (n > 0) & (n < top * y.size)
+    return 10 * np.log10(P[low & (n % k != 0)].sum() / P[low & (n % k == 0)].sum())

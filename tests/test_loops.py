@@ -14,8 +14,8 @@ from laws import STRESS, assert_same, impulse_response, pair, rows, run
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks import loop
-from stimlib.core.cycles import Cycle
 from stimlib.core.graph import Block, reach
+from stimlib.core.loop_code import Cycle
 from stimlib.core.loops import Last, Loop, Tap
 from stimlib.core.maths import cos, sin
 from stimlib.errors import BadValue, SceneError, StimlibError, UnitError

@@ -19,8 +19,8 @@ from laws import assert_same, cut_at, pair, rows, run
 import stimlib
 from stimlib import Input, Scene, constant
 from stimlib.core import maths, steps
-from stimlib.core.cycles import Cycle
 from stimlib.core.graph import Block
+from stimlib.core.loop_code import Cycle
 from stimlib.core.maths import fma, sin, where
 from stimlib.core.program import design_of, program_of
 from stimlib.errors import SceneError, UnitError

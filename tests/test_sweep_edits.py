@@ -65,9 +65,42 @@ def make(a): return Scene({'y': Own(a * x)})
 
 # name: (source, old text, new text); what a source does not define is plain: y = a x,
 # its last sample, ones.
+VALUES = {  # what comes before, the value that is used, and what is edited
+    "a global of a function": ("K = 1.0", "K", "K = 1.0", "K = 5.0"),
+    "a property": ("K = 1.0" + OF_CLASS, "Study().half", "self.k / 2", "self.k / 3"),
+    "a static method": ("K = 1.0" + OF_CLASS, "Study.fixed()", "K = 1.0", "K = 2.0"),
+    "a class method": ("K = 1.0" + OF_CLASS, "Study.of()", "gain = K", "gain = 2.0"),
+    "a plain object": ("class C: pass\nc = C()\nc.v = 1.0", "c.v", "c.v = 1.0", "c.v = 2.0"),
+    "slots": ("class C:\n    __slots__ = ('v',)\nc = C()\nc.v = 1.0", "c.v", "v = 1.0", "v = 2.0"),
+    "a namespace": ("c = types.SimpleNamespace(v=1.0)", "c.v", "v=1.0", "v=2.0"),
+    "a decimal": ("c = decimal.Decimal('1.5')", "float(c)", "1.5", "2.5"),
+    "a fraction": ("c = fractions.Fraction(1, 2)", "float(c)", "(1, 2)", "(1, 3)"),
+    "a range": ("c = range(2)", "len(c)", "range(2)", "range(3)"),
+    "an array of Python": ("c = array.array('d', [1])", "c[0]", "[1]", "[2]"),
+    "a proxy of a dict": ("c = types.MappingProxyType({'v': 1})", "c['v']", "'v': 1", "'v': 2"),
+    "an array": ("c = np.array([1.0, 2.0])", "c[1]", "2.0", "3.0"),
+    "a member of an enum": ("class C(enum.Enum):\n    V = 1.0", "C.V.value", "V = 1.0", "V = 2.0"),
+    "a helper's helper": (
+        "def g(): return 1.0\ndef f(): return g()",
+        "f()",
+        "return 1.0",
+        "return 2.0",
+    ),
+    "a function's attribute": ("def f(): return f.v\nf.v = 1.0", "f()", "f.v = 1.0", "f.v = 2.0"),
+    "globals by text": ("K = 1.0", "globals()['K']", "K = 1.0", "K = 2.0"),
+    "an attribute by text": (
+        "c = types.SimpleNamespace(v=1.0)",
+        "getattr(c, 'v')",
+        "v=1.0",
+        "v=2.0",
+    ),
+    "evaluated text": ("K = '1.0'", "eval(K)", "'1.0'", "'2.0'"),
+}
 OF_MAKE = {
+    name: (before + MAKE.replace("VALUE", value), old, new)
+    for name, (before, value, old, new) in VALUES.items()
+} | {
     "a number in the function": ("def make(a): return Scene({'y': 2.0 * a * x})", "2.0", "3.0"),
-    "a global of a function": ("K = 1.0" + MAKE.replace("VALUE", "K"), "K = 1.0", "K = 5.0"),
     "a global of a method": ("K = 1.0" + OF_CLASS + "make = Study().make", "K = 1.0", "K = 5.0"),
     "a global of __call__": (
         "K = 1.0" + OF_CLASS + "def make(a): return Study()(a)",
@@ -99,59 +132,6 @@ OF_MAKE = {
         "Study(1.0)",
         "Study(2.0)",
     ),
-    "a property": (
-        "K = 1.0" + OF_CLASS + MAKE.replace("VALUE", "Study().half"),
-        "self.k / 2",
-        "self.k / 3",
-    ),
-    "a static method": (
-        "K = 1.0" + OF_CLASS + MAKE.replace("VALUE", "Study.fixed()"),
-        "K = 1.0",
-        "K = 2.0",
-    ),
-    "a class method": (
-        "K = 1.0" + OF_CLASS + MAKE.replace("VALUE", "Study.of()"),
-        "gain = K",
-        "gain = 2.0",
-    ),
-    "a plain object": (
-        "class C: pass\nc = C()\nc.v = 1.0" + MAKE.replace("VALUE", "c.v"),
-        "c.v = 1.0",
-        "c.v = 2.0",
-    ),
-    "slots": (
-        "class C:\n    __slots__ = ('v',)\nc = C()\nc.v = 1.0" + MAKE.replace("VALUE", "c.v"),
-        "v = 1.0",
-        "v = 2.0",
-    ),
-    "a namespace": (
-        "c = types.SimpleNamespace(v=1.0)" + MAKE.replace("VALUE", "c.v"),
-        "v=1.0",
-        "v=2.0",
-    ),
-    "a decimal": ("c = decimal.Decimal('1.5')" + MAKE.replace("VALUE", "float(c)"), "1.5", "2.5"),
-    "a fraction": (
-        "c = fractions.Fraction(1, 2)" + MAKE.replace("VALUE", "float(c)"),
-        "(1, 2)",
-        "(1, 3)",
-    ),
-    "a range": ("c = range(2)" + MAKE.replace("VALUE", "len(c)"), "range(2)", "range(3)"),
-    "an array of Python": (
-        "c = array.array('d', [1])" + MAKE.replace("VALUE", "c[0]"),
-        "[1]",
-        "[2]",
-    ),
-    "a proxy of a dict": (
-        "c = types.MappingProxyType({'v': 1})" + MAKE.replace("VALUE", "c['v']"),
-        "'v': 1",
-        "'v': 2",
-    ),
-    "an array": ("c = np.array([1.0, 2.0])" + MAKE.replace("VALUE", "c[1]"), "2.0", "3.0"),
-    "a member of an enum": (
-        "class C(enum.Enum):\n    V = 1.0" + MAKE.replace("VALUE", "C.V.value"),
-        "V = 1.0",
-        "V = 2.0",
-    ),
     "a default": ("def make(a, k=1.0): return Scene({'y': k * a * x})", "k=1.0", "k=2.0"),
     "a keyword's default": (
         "def make(a, *, k=1.0): return Scene({'y': k * a * x})",
@@ -168,28 +148,11 @@ OF_MAKE = {
         "k=1.0",
         "k=2.0",
     ),
-    "a helper's helper": (
-        "def g(): return 1.0\ndef f(): return g()" + MAKE.replace("VALUE", "f()"),
-        "return 1.0",
-        "return 2.0",
-    ),
     "a decorator": (
         "def d(f): return lambda a: f(2.0 * a)\n@d\ndef make(a): return Scene({'y': a * x})",
         "2.0 * a",
         "3.0 * a",
     ),
-    "a function's attribute": (
-        "def f(): return f.v\nf.v = 1.0" + MAKE.replace("VALUE", "f()"),
-        "f.v = 1.0",
-        "f.v = 2.0",
-    ),
-    "globals by text": ("K = 1.0" + MAKE.replace("VALUE", "globals()['K']"), "K = 1.0", "K = 2.0"),
-    "an attribute by text": (
-        "c = types.SimpleNamespace(v=1.0)" + MAKE.replace("VALUE", "getattr(c, 'v')"),
-        "v=1.0",
-        "v=2.0",
-    ),
-    "evaluated text": ("K = '1.0'" + MAKE.replace("VALUE", "eval(K)"), "'1.0'", "'2.0'"),
     "a filter's cutoff": ("def make(a): return Scene({'y': lowpass(a * x, 50.0)})", "50.0", "80.0"),
     "an output's name": ("def make(a): return Scene({'y': a * x, 'z': x})", "'z'", "'w'"),
     "an own block's design": ("G = 1.0" + BLOCK, "G * fs", "G * fs * fs"),
@@ -197,15 +160,32 @@ OF_MAKE = {
     "a helper of an own block's step": ("G = 1.0" + BLOCK, "return 2.0 * v", "return 4.0 * v"),
     "an own block's step": ("G = 1.0" + BLOCK, "helper(p.g * x)", "helper(p.g * x + x)"),
 }
+FIGURES = {f"{name}, in a measure": row for name, row in VALUES.items()} | {
+    "a cached helper": ("@functools.cache\ndef f(v): return 1.0 * v", "f(1)", "1.0 * v", "2.0 * v"),
+    "a patched package": (
+        "np.of_a_test = lambda v: 1.0 * v",
+        "np.of_a_test(1)",
+        "1.0 * v",
+        "2.0 * v",
+    ),
+    "a counter of a package": ("c = collections.Counter(a=1)", "c['a']", "a=1", "a=2"),
+    "a large array": ("c = np.zeros(5000)\nc[2500] = 1.0", "c.sum()", "= 1.0", "= 2.0"),
+    "a dataclass": (
+        "@dataclasses.dataclass\nclass C:\n    v: float = 1.0\nc = C()",
+        "c.v",
+        "1.0",
+        "2.0",
+    ),
+    "the type of a number": (
+        "c = 3",
+        "(c / 2 if isinstance(c, float) else c // 2)",
+        "c = 3",
+        "c = 3.0",
+    ),
+}
 OF_MEASURE = {
-    f"{name}, in a measure": (
-        source.replace(MAKE.replace("VALUE", v), FIGURE.replace("VALUE", v)),
-        old,
-        new,
-    )
-    for name, (source, old, new) in OF_MAKE.items()
-    for v in [source.partition("{'y': ")[2].rpartition(" * a * x")[0]]
-    if MAKE.replace("VALUE", v) in source
+    name: (before + FIGURE.replace("VALUE", value), old, new)
+    for name, (before, value, old, new) in FIGURES.items()
 } | {
     "a method as a measure": (
         "K = 1.0" + OF_CLASS + "figure = measure(figure='1')(Study().figure)",
@@ -222,41 +202,10 @@ OF_MEASURE = {
         "K = 1.0",
         "K = 2.0",
     ),
-    "a cached helper": (
-        "@functools.cache\ndef f(v): return 1.0 * v" + FIGURE.replace("VALUE", "f(1)"),
-        "1.0 * v",
-        "2.0 * v",
-    ),
     "a stated version": (
         "K = 1.0\n@measure('1', version='1')\ndef figure(run): return K",
         "K = 1.0\n@measure('1', version='1')",
         "K = 2.0\n@measure('1', version='2')",
-    ),
-    "a patched package": (
-        "np.of_a_test = lambda v: 1.0 * v" + FIGURE.replace("VALUE", "np.of_a_test(1)"),
-        "1.0 * v",
-        "2.0 * v",
-    ),
-    "a counter of a package": (
-        "c = collections.Counter(a=1)" + FIGURE.replace("VALUE", "c['a']"),
-        "a=1",
-        "a=2",
-    ),
-    "a large array": (
-        "c = np.zeros(5000)\nc[2500] = 1.0" + FIGURE.replace("VALUE", "c.sum()"),
-        "= 1.0",
-        "= 2.0",
-    ),
-    "a dataclass": (
-        "@dataclasses.dataclass\nclass C:\n    v: float = 1.0\nc = C()"
-        + FIGURE.replace("VALUE", "c.v"),
-        "1.0",
-        "2.0",
-    ),
-    "the type of a number": (
-        "c = 3" + FIGURE.replace("VALUE", "(c / 2 if isinstance(c, float) else c // 2)"),
-        "c = 3",
-        "c = 3.0",
     ),
 }
 OF_MOTION = {

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.cycles import Cycle
 from ..core.graph import Add, Block, Const, Guard, Input, Mul, Param, Pick, signals
+from ..core.loop_code import Cycle
 from ..core.program import PARAMS, ROOT, Instance, Program
 from ..system.packages import package
 

@@ -6,6 +6,7 @@ import os
 from math import comb
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, public
@@ -74,9 +75,6 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     >>> bool(abs(vibration(40 * t + tone, 8000) - tone)[800:-800].max() < 1e-4)
     True
     """
-    from scipy.linalg import solveh_banded
-    from scipy.signal import detrend, upfirdn
-
     if not 0 < cutoff < fs / 2:
         raise BadValue(f"cutoff = {cutoff!r} Hz must be above 0 and below fs/2 = {fs / 2:g} Hz")
     y = np.asarray(y, np.float64)
@@ -84,27 +82,27 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
         raise BadValue(f"vibration: y must be a row of numbers, got shape {y.shape}")
     step = max(1, round(fs / cutoff / 6))  # samples between two knots
     if y.size <= ORDER * step:
-        return detrend(y)
+        return scipy.signal.detrend(y)
     spline = np.ones(1)
     for _ in range(6):  # of degree 5
         spline = np.convolve(spline, np.ones(step) / step)
     # of splines d samples apart
     pairs = [spline[: spline.size - d] * spline[d:] for d in range(0, spline.size, step)]
     scale = np.abs(y).max() or 1.0  # sums of huge numbers are finite
-    want = upfirdn(spline, y / scale, down=step)
+    want = scipy.signal.upfirdn(spline, y / scale, down=step)
     w = 2 * np.pi * cutoff * step / fs
     level = pairs[0].sum() + 2 * sum(p.sum() * np.cos(w * d) for d, p in enumerate(pairs[1:], 1))
     penalty = level / (2 * np.sin(w / 2)) ** (2 * ORDER)  # as much as the fit at the cutoff
     a = np.array([(-1.0) ** k * comb(ORDER, k) for k in range(ORDER + 1)])
     matrix = np.zeros((max(len(pairs), ORDER + 1), want.size))
     for d, pair in enumerate(pairs):
-        matrix[d, : want.size - d] += upfirdn(pair, np.ones(y.size), down=step)
+        matrix[d, : want.size - d] += scipy.signal.upfirdn(pair, np.ones(y.size), down=step)
     for d in range(ORDER + 1):
         matrix[d, : want.size - d] += penalty * np.convolve(
             np.ones(want.size - ORDER), a[: a.size - d] * a[d:]
         )
-    c = solveh_banded(matrix, want, lower=True, check_finite=False)
-    return y - scale * upfirdn(spline, c, up=step)[spline.size - 1 :][: y.size]
+    c = scipy.linalg.solveh_banded(matrix, want, lower=True, check_finite=False)
+    return y - scale * scipy.signal.upfirdn(spline, c, up=step)[spline.size - 1 :][: y.size]
 
 
 @public

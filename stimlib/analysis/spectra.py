@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 # the taper's kernel: points per bin, points to each side (less than the lowest bin
 # used)
@@ -155,13 +156,11 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
     >>> [judged(f, level * W).p < 1e-6 for level in (1.0, 1.3)]
     [False, True]
     """
-    from scipy import stats
-
     parts, weights = looks(f)
     bands = []
     for part in parts:
         total, m = W[part].sum(), part.size
-        p = min(1.0, 2 * min(stats.gamma.sf(total, m), stats.gamma.cdf(total, m)))
+        p = min(1.0, 2 * min(scipy.stats.gamma.sf(total, m), scipy.stats.gamma.cdf(total, m)))
         bands.append(Band(f[part[0]], f[part[-1]], m, total / m, p))
     trend = min(weighted_p(a, W) for a in weights)
     p = min(1.0, (len(bands) + len(weights)) * min([trend, *(b.p for b in bands)]))
@@ -186,13 +185,11 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     >>> bool(abs(p / (2 * stats.gamma.sf(24, 8)) - 1) < 0.02)
     True
     """
-    from scipy import stats
-
     a = a / np.sqrt(a @ a)
     a = a * np.sign(a @ (W - 1))
     s = float(a @ (W - 1))
     # below there is no doubt about it
-    return float(min(1.0, 2 * (stats.norm.sf(s) if s < 2 else tail(a, s))))
+    return float(min(1.0, 2 * (scipy.stats.norm.sf(s) if s < 2 else tail(a, s))))
 
 
 def tail(c: np.ndarray, s: float) -> float:
@@ -218,14 +215,12 @@ def tail(c: np.ndarray, s: float) -> float:
     ... ]
     [True, True, True]
     """
-    from scipy import optimize, stats
-
     size = np.sqrt(c @ c)
     c, s = c / size, s / size
     if s < 0:
         return 1 - tail(-c, -s)
     if s < 1e-3:  # the formula has 0/0 at the mean
-        return float(stats.norm.sf(s))
+        return float(scipy.stats.norm.sf(s))
     top = float(c.max())
     if top <= 0 and s >= -c.sum():
         return 0.0  # larger than such a sum can be
@@ -236,10 +231,12 @@ def tail(c: np.ndarray, s: float) -> float:
     low, high = 0.0, 0.5 / top if top > 0 else s
     while slope(high) < 0:
         low, high = high, (high + 1 / top) / 2 if top > 0 else 2 * high
-    t = optimize.brentq(slope, low, high)
+    t = scipy.optimize.brentq(slope, low, high)
     r = np.sqrt(2 * (t * s + float(np.sum(np.log1p(-c * t) + c * t))))
     u = t * np.sqrt(float(np.sum((c / (1 - c * t)) ** 2)))
-    return float(np.clip(stats.norm.sf(r) + stats.norm.pdf(r) * (1 / u - 1 / r), 0.0, 1.0))
+    return float(
+        np.clip(scipy.stats.norm.sf(r) + scipy.stats.norm.pdf(r) * (1 / u - 1 / r), 0.0, 1.0)
+    )
 
 
 test_spectrum.__test__ = False  # type: ignore[attr-defined]  # a function of ours, not pytest's
@@ -276,8 +273,6 @@ def correlation(
 
 def correlated_p(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     """Return correlation and p-value of two complex normal vectors of variance 1."""
-    from scipy import stats
-
     c = float(np.mean((a * b.conj()).real))
     # normal for any given b
-    return c, float(2 * stats.norm.sf(abs(c) * a.size / np.sqrt(np.sum(np.abs(b) ** 2) / 2)))
+    return c, float(2 * scipy.stats.norm.sf(abs(c) * a.size / np.sqrt(np.sum(np.abs(b) ** 2) / 2)))

@@ -25,7 +25,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..errors import BadValue, UnitError, one_of, public
 from .impedance import with_unit
-from .surfaces import Over, PlaceState, gap, sinpi
+from .movement import Over, PlaceState, gap, sinpi
 from .tables import lut
 
 # Dry friction -----------------------------------------------------------------------

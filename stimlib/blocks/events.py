@@ -34,7 +34,7 @@ from ..errors import BadValue, one_of, public
 from ..system.limits import limits
 from .filters import Fir, begun, line
 from .impedance import Gate, Lag, LagParams, LagState, sampled, with_unit
-from .surfaces import sinpi
+from .movement import sinpi
 
 # Events -----------------------------------------------------------------------------
 # Events: signals that are 0 except at the sample where something happens; the height is

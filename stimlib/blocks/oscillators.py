@@ -17,7 +17,7 @@ from ..errors import BadValue, UnitError, public
 from .events import Event
 from .filters import below_half
 from .impedance import with_unit
-from .surfaces import sinpi
+from .movement import sinpi
 
 # The carrier ------------------------------------------------------------------------
 # The carrier that envelopes modulate, sampled by area: a sample is the mean over one

@@ -22,7 +22,7 @@ from ..design.filters import Quadratic, sections
 from ..errors import BadValue, UnitError, one_of, public
 from .filters import Cascade, CascadeParams, CascadeState, begun, below_half, cascade
 from .impedance import with_unit
-from .surfaces import regular, sinpi
+from .movement import regular, sinpi
 
 # Resonances of one section ----------------------------------------------------------
 # Resonances of one section: fixed ones, and one whose frequency and quality are

@@ -20,9 +20,9 @@ from ..system.limits import limits
 from .events import Time, as_event, as_signal, happens
 from .filters import Cascade, Filter, below_half
 from .impedance import with_unit
+from .movement import regular, sinpi
 from .noise import white_noise
 from .oscillators import two_words
-from .surfaces import regular, sinpi
 
 # Sources that run by themselves -----------------------------------------------------
 # What runs by itself: sweeps, recordings, and noise of a band.

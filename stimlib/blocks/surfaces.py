@@ -20,6 +20,7 @@ from ..errors import BadValue, UnitError, one_of, public
 from ..system import safe_files
 from ..system.limits import limits
 from .impedance import with_unit
+from .movement import Over, PlaceState, gap, regular, sinpi
 from .noise import noise_key, pair_of_words
 from .tables import KINDS, OUTSIDE, lut
 
@@ -35,66 +36,6 @@ WAVEFORMS = ("square", "sine", "sawtooth", "half_sine")
 SAMPLINGS = ("area", "point")
 LEAST = 1e-6
 """Smallest duty of a parameter."""
-
-
-class PlaceState(NamedTuple):
-    """State of blocks that average over position, between samples."""
-
-    last: float
-    cold: float
-
-
-class Over(Block, abstract=True):
-    """Base class of blocks that average a function of position over a sample's path.
-
-    The mean lies half a sample late.
-    """
-
-    resettable = True
-
-    def delay(self, p):
-        """Return half a sample, the delay of a mean over the last sample period."""
-        return 0.5
-
-
-# sin(pi x)/x in x^2 for |x| <= 1/2;  (1 - sin(pi x)/(pi x))/x^2 in x^2 for |x| <= 1:
-# relative errors below 1e-16
-P0, P1, P2, P3 = 3.141592653589793, -5.167712780049969, 2.5501640398773007, -0.5992645293189447
-P4, P5, P6, P7 = (
-    0.0821458865731029,
-    -0.007370430505916944,
-    0.0004662998161898394,
-    -2.1903497074626018e-05,
-)
-P8 = 7.697826768224191e-07
-G0, G1, G2, G3 = 1.6449340668482264, -0.8117424252833536, 0.19075182412208397, -0.026147847817651126
-G4, G5, G6, G7 = (
-    0.002346081035426408,
-    -0.000148428792893624,
-    6.975873261074044e-06,
-    -2.531209900320938e-07,
-)
-G8, G9, G10 = 7.303807539233181e-09, -1.709751764178703e-10, 3.058160916927997e-12
-
-
-def sinpi(x):
-    """Return sin(pi x) for |x| <= 1/2."""
-    z = x * x
-    return x * fma(
-        fma(fma(fma(fma(fma(fma(fma(P8, z, P7), z, P6), z, P5), z, P4), z, P3), z, P2), z, P1),
-        z,
-        P0,
-    )
-
-
-def gap(x):
-    """Return 1 - sin(pi x)/(pi x) for |x| <= 1.
-
-    It is the fraction of a sinusoid that averaging over x periods removes.
-    """
-    z = x * x
-    q = fma(fma(fma(fma(fma(G10, z, G9), z, G8), z, G7), z, G6), z, G5)
-    return z * fma(fma(fma(fma(fma(q, z, G4), z, G3), z, G2), z, G1), z, G0)
 
 
 # Envelopes ----------------------------------------------------------------------------
@@ -143,14 +84,6 @@ def began(p, last, cold, u):
     It is the present position at a start, and for point sampling.
     """
     return where(p.area > 0.0, where(cold > 0.0, u, last), u)
-
-
-def regular(duty):
-    """Return the number of samples with the same duty cycle as the first."""
-    n = NONE
-    for i in range(duty.size):
-        n = n + where(duty[i] == duty[0], ONE, NONE)
-    return n
 
 
 def cells(first, u, d, k, w):

@@ -19,8 +19,8 @@ from ..core.units import unit
 from ..design.texture import TAPS, TextureModel, upsampler
 from ..errors import BadValue, UnitError, public
 from .impedance import with_unit
+from .movement import sinpi
 from .noise import white_noise
-from .surfaces import sinpi
 
 INT = np.int64
 

@@ -417,11 +417,8 @@ def noise_model(root: Block, fs: float):
             return 2 / fs * np.prod([np.abs(r.law(f, fs)) ** 2 for r in chain], axis=0)
 
     bands = [r.f(fs) for r in chain]
-    return (
-        psd,
-        max((f[0] for f in bands if f[0] > 1), default=1.0),
-        min((f[-1] for f in bands), default=fs / 2),
-    )
+    low = max((f[0] for f in bands if f[0] > 1), default=1.0)
+    return psd, low, min((f[-1] for f in bands), default=fs / 2)
 
 
 def ramped(
@@ -654,17 +651,15 @@ def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
         t = np.arange(at.stop - at.start) / np.longdouble(e.fs)
         inside = np.clip(np.minimum(t, long - t) / ramp if ramp else t * 0 + 1, 0, 1)
         window = (np.sin(np.pi * inside / 2) ** 2).astype(float)
-    rows = dict(zip(e.proc.inputs, e.x, strict=True)), dict(zip(e.scene.outputs, e.y, strict=True))
-    x = {
-        own: rows[0][name][at]
-        for own, name in (part.inputs or {n: n for n in rows[0]}).items()
-        if name not in e.params
-    }
-    y = {own: rows[1][name][at] for own, name in (part.outputs or {n: n for n in rows[1]}).items()}
-    with np.errstate(divide="ignore", invalid="ignore"):
-        y = {
-            own: np.where(window > 0, row / window, np.nan) if part.span else row
-            for own, row in y.items()
-        }
-    seed = e.seed if part.span is None or part.span.seed is None else part.span.seed
+    inputs = dict(zip(e.proc.inputs, e.x, strict=True))
+    outputs = dict(zip(e.scene.outputs, e.y, strict=True))
+    own = part.inputs or {n: n for n in inputs}
+    x = {n: inputs[name][at] for n, name in own.items() if name not in e.params}
+    own = part.outputs or {n: n for n in outputs}
+    y, seed = {n: outputs[name][at] for n, name in own.items()}, e.seed
+    if part.span:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            y = {n: np.where(window > 0, row / window, np.nan) for n, row in y.items()}
+        if part.span.seed is not None:
+            seed = part.span.seed
     return Asked(e, part, part.given or {}, x, y, at, window, seed, {} if kept is None else kept)

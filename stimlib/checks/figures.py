@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 
 from ..analysis.overview import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
 from ..system.packages import package
@@ -88,8 +89,6 @@ def _curves(fig, s, e):
 
 def spectra_of(e: Evidence) -> dict[str, Against]:
     """Return spectra by output, as ``Report.spectra`` gives them."""
-    from scipy.signal import welch
-
     found = {}
     for tap in e.taps:
         if tap.spectrum and tap.model:
@@ -101,7 +100,9 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
             continue  # one sample has no line but its mean, which is left out
         size = min(8192, y.size)
         with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
-            f, (measured, model) = welch(np.array([y, want]), e.fs, nperseg=size, detrend=False)
+            f, (measured, model) = scipy.signal.welch(
+                np.array([y, want]), e.fs, nperseg=size, detrend=False
+            )
             # of so much at every sample, with a sign that alternates: no other
             # difference has a higher line under the Hann window
             most = np.sqrt(np.square(apart) * size / 1.5 / e.fs)
@@ -119,14 +120,12 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
 
 def _of_noise(tap: Tap) -> Against:
     """Return the third-octave spectrum of a gated noise, with its model and limits."""
-    from scipy import stats
-
     s: Any = tap.spectrum
     model: Any = tap.model
     centre = np.array([np.sqrt(b.f_low * b.f_high) for b in s.bands])
     bins, level = np.array([b.bins for b in s.bands]), model(centre)
     p = 1e-6 / (len(s.bands) + 1) / 2
-    low, high = stats.gamma.ppf(p, bins) / bins, stats.gamma.isf(p, bins) / bins
+    low, high = scipy.stats.gamma.ppf(p, bins) / bins, scipy.stats.gamma.isf(p, bins) / bins
     title = f"noise in {tap.output} before gate and rate"
     return Against(
         title,

@@ -13,6 +13,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from ..errors import BadValue
 
@@ -143,9 +144,6 @@ def texture(
         What a texture gave that began earlier; its first values, which are those of the
         model 6 of its samples later, are kept.
     """
-    from scipy.signal import upfirdn
-    from scipy.signal.windows import kaiser
-
     top = np.array([model.speed.max(), model.force.max()])
     at = (
         np.nan_to_num(np.clip(np.stack([np.abs(speed[::every]), force[::every]], axis=1), 0, top))
@@ -170,8 +168,8 @@ def texture(
     if every == 1:
         return y[p:]
     t = np.arange(12 * every) / every - 6
-    taps = (np.sinc(t) * kaiser(12 * every + 1, 6.0)[:-1]).reshape(12, every)
-    return upfirdn((taps / taps.sum(axis=0)).ravel(), y[p:], every)[: speed.size]
+    taps = (np.sinc(t) * scipy.signal.windows.kaiser(12 * every + 1, 6.0)[:-1]).reshape(12, every)
+    return scipy.signal.upfirdn((taps / taps.sum(axis=0)).ravel(), y[p:], every)[: speed.size]
 
 
 # Scenes -------------------------------------------------------------------------------
@@ -214,8 +212,6 @@ def squeeze_finger(
         What the samples before these left, and then what these leave; by default there
         were none.
     """
-    from scipy.signal import lfilter
-
     touching, kept = contact > 0, {} if kept is None else kept
     v = np.zeros_like(x)
     pole = math.exp(-2 * math.pi * cutoff / fs)
@@ -224,7 +220,9 @@ def squeeze_finger(
     for a, b in zip(starts, stops, strict=True):  # at rest at the first sample of every contact
         last, state = kept.get("contact", (x[a], np.zeros(2))) if a == 0 else (x[a], np.zeros(2))
         rate = np.diff(x[a:b], prepend=last) * fs
-        v[a:b], state = lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate, zi=state)
+        v[a:b], state = scipy.signal.lfilter(
+            [(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate, zi=state
+        )
         kept["contact"] = x[b - 1], state
     n = np.arange(x.size)
     before = -1 if kept.get("gate") else -2
@@ -250,11 +248,9 @@ def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float,
     off = 2 q max|h|, where h is the velocity after a step of one encoder code q; on = 2
     off.
     """
-    from scipy.signal import lfilter
-
     pole = math.exp(-2 * math.pi * cutoff / fs)
     n = math.ceil(8 / (1 - pole)) + 8
-    h = lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], np.r_[fs, np.zeros(n)])
+    h = scipy.signal.lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], np.r_[fs, np.zeros(n)])
     off = 2 * resolution * float(np.max(np.abs(h)))
     return 2 * off, off
 
@@ -333,11 +329,11 @@ def springpot_convolution(
     ... )
     True
     """
-    from scipy.signal import fftconvolve
-
     v = springpot_weights(scheme, alpha, y.size).astype(float) * fs**alpha
     d = np.diff(y, prepend=y[0])
-    return fftconvolve(v, d)[: y.size], fftconvolve(np.abs(v), np.abs(d))[: y.size]
+    return scipy.signal.fftconvolve(v, d)[: y.size], scipy.signal.fftconvolve(np.abs(v), np.abs(d))[
+        : y.size
+    ]
 
 
 # Bumps --------------------------------------------------------------------------------
@@ -414,13 +410,11 @@ def profile_gain(
     Source: touch-screen thesis, section 4.2. The largest gain is that between the
     knots.
     """
-    from scipy import interpolate
-
     make = {
-        "linear": lambda a, b: interpolate.make_interp_spline(a, b, k=1),
-        "pchip": interpolate.PchipInterpolator,
-        "cubic": interpolate.CubicSpline,
-        "polynomial": interpolate.BarycentricInterpolator,
+        "linear": lambda a, b: scipy.interpolate.make_interp_spline(a, b, k=1),
+        "pchip": scipy.interpolate.PchipInterpolator,
+        "cubic": scipy.interpolate.CubicSpline,
+        "polynomial": scipy.interpolate.BarycentricInterpolator,
     }
     curve = make[kind](knots, d)
     places = np.concatenate(

@@ -5,9 +5,10 @@ The composition does not matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,11 +95,10 @@ class Part(NamedTuple):
 
     def row(self, b: Block, n: int) -> Row:
         """Return the last n samples of a signal."""
-        return (
-            np.full(n, b.value)
-            if isinstance(b, Const)
-            else self.rows[id(b)][..., self.rows[id(b)].shape[-1] - n :]
-        )
+        if isinstance(b, Const):
+            return np.full(n, b.value)
+        row = self.rows[id(b)]
+        return row[..., row.shape[-1] - n :]
 
     def early(self, b: Block, fs: float) -> int:
         """Return how many samples of a block's row are before sample 0."""
@@ -320,38 +320,39 @@ def _seen(
     moved = _moved(run, gated)
     driven = [b for b in gated if moved[id(b)] or not isinstance(b.by, Const)]
     whole = {id(b): Gated() for b in driven}
-    shown, names, early = _shown(blocks, [p for its in moved.values() for p in its])
+    shown, names, early = _shown([*blocks, *chain(*moved.values())])
     proc = compile(Scene(shown), run.fs, seed=run.seed)
-    place, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
+    order, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
+    place = {key: order[its[0]] for key, its in names.items()}
     stop = max(lag, run.n if driven else run.spans[-1][1])
-    moves = [Change(0, name, float(v), 0.0) for name, v in run.params.items()] + list(run.changes)
-    ends = [z if k else max(z, lag) for k, (_, z) in enumerate(run.spans)]
-    kept = [np.empty((len(place), z - a)) for (a, _), z in zip(run.spans, ends, strict=True)]
-    summed = [b for b in blocks if type_name(type(b)) in rows.SUMS]
-    past, totals = [dict[int, int]() for _ in run.spans], dict.fromkeys(map(id, summed), 0)
-    moving = [c for c in moves if c.name in proc.params]
-    for at, y in walk(proc, _motion_of(run, proc.inputs), stop, moving):
-
-        def row_of(b: Block, y: Row = y) -> Row:
-            if isinstance(b, Const):
-                return np.full(y.shape[1], b.value)
-            return y[place[names[id(b)][0]]]
-
+    first, size = run.spans[0], len(proc.outputs)
+    kept = [np.empty((size, z - a)) for a, z in [(first[0], max(first[1], lag)), *run.spans[1:]]]
+    counts = _Counts(blocks, run)
+    for at, y in walk(proc, _motion_of(run, proc.inputs), stop, _changes(run, proc.params)):
+        row_of = partial(_row_of, y, place)
         _keep(kept, run.spans, at, y)
+        counts.add(at, row_of)
         for b in driven if at < run.n else ():
             values = {p.name: row_of(p)[: run.n - at] for p in moved[id(b)]}
             whole[id(b)].add(at, (row_of(b.by) > 0)[: run.n - at], values)
-        for b in summed:
-            step = rows.SUMS[type_name(type(b))](row_of(b.children[0]), run.fs)
-            _sum(past, totals, id(b), step, [a - at for a, _ in run.spans])
     # a row that is not finite closes the guard of its output
     known = proc.fault[1] if proc.fault else stop
     seen = []
-    for (a, z), out, sums in zip(run.spans, kept, past, strict=True):
-        n, row = max(0, min(z, known) - a), {name: out[k] for name, k in place.items()}
-        seen.append(Part(a, n, _rows(row, names, {} if a else early, n, lag), sums))
-    n = min(known, run.n)
-    return seen, {key: (its, its.until(n)) for key, its in whole.items()}
+    for (a, z), out, past in zip(run.spans, kept, counts.past, strict=True):
+        n, row = max(0, min(z, known) - a), dict(zip(proc.outputs, out, strict=True))
+        seen.append(Part(a, n, _rows(row, names, {} if a else early, n, lag), past))
+    return seen, {key: (its, its.until(min(known, run.n))) for key, its in whole.items()}
+
+
+def _changes(run: Run, params: Collection[str]) -> list[Change]:
+    """Return the settings and changes of some parameters, in order."""
+    set_ = [Change(0, name, float(v), 0.0) for name, v in run.params.items()]
+    return [c for c in [*set_, *run.changes] if c.name in params]
+
+
+def _row_of(y: Row, place: Mapping[int, int], b: Block) -> Row:
+    """Return the samples of a block that has one output."""
+    return np.full(y.shape[1], b.value) if isinstance(b, Const) else y[place[id(b)]]
 
 
 def _moved(run: Run, gated: list[Any]) -> dict[int, list[Param]]:
@@ -363,14 +364,22 @@ def _moved(run: Run, gated: list[Any]) -> dict[int, list[Param]]:
     }
 
 
-def _sum(
-    past: list[dict[int, int]], totals: dict[int, int], key: int, step: Row, starts: list[int]
-) -> None:
-    """Add the steps of a block's count, and store the sum at the start of each span."""
-    for start, sums in zip(starts, past, strict=True):
-        if 0 <= start < step.size:
-            sums[key] = totals[key] + int(step[:start].sum())
-    totals[key] += int(step.sum())
+class _Counts:
+    """What some blocks have counted up to the start of each span."""
+
+    def __init__(self, blocks: list[Block], run: Run):
+        self.run, self.blocks = run, [b for b in blocks if type_name(type(b)) in rows.SUMS]
+        self.past: list[dict[int, int]] = [{} for _ in run.spans]
+        self._totals = dict.fromkeys(map(id, self.blocks), 0)
+
+    def add(self, at: int, row_of: Callable[[Block], Row]) -> None:
+        """Add the steps of samples that start at ``at``."""
+        for b in self.blocks:
+            step = rows.SUMS[type_name(type(b))](row_of(b.children[0]), self.run.fs)
+            for (a, _), past in zip(self.run.spans, self.past, strict=True):
+                if 0 <= a - at < step.size:
+                    past[id(b)] = self._totals[id(b)] + int(step[: a - at].sum())
+            self._totals[id(b)] += int(step.sum())
 
 
 def _keep(kept: list[Row], spans: Sequence[tuple[int, int]], at: int, y: Row) -> None:
@@ -398,7 +407,7 @@ def _rows(
 
 
 def _shown(
-    blocks: list[Block], params: list[Param]
+    blocks: list[Block],
 ) -> tuple[dict[str, Block], dict[int, list[str]], dict[int, list[str]]]:
     """Return outputs that show all blocks, and the names of each block's rows.
 
@@ -409,7 +418,7 @@ def _shown(
     shown: dict[str, Block] = {}
     names: dict[int, list[str]] = {}
     early: dict[int, list[str]] = {}
-    for b in (*blocks, *params):
+    for b in blocks:
         if isinstance(b, Const):
             continue
         parts: list[Block] = [Pick(b, name) for name in b.outputs] if b.outputs else [b]
@@ -442,71 +451,60 @@ def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
     found: dict[int, list[Block]] = {}
     of = {id(b.last): b for b in blocks if isinstance(b, Loop)}
     for b in blocks:
-        below = (
-            [loop for c in b.children for loop in found[id(c)]]
-            if not isinstance(b, Subsystem)
-            else []
-        )
-        mine = (
-            [of[id(b)]]
-            if isinstance(b, Last)
-            else [b]
-            if isinstance(b, Loop)
-            else [b.loop]
-            if isinstance(b, Tap)
-            else []
-        )
-        inner = (
-            {id(loop): loop for loop in [*mine, *below]}
-            if isinstance(b, Last)
-            else {id(v): v for v in below if all(v is not m for m in mine)}
-        )
-        found[id(b)] = list(inner.values())
+        inside = () if isinstance(b, Subsystem) else b.children
+        below = [loop for c in inside for loop in found[id(c)]]
+        around = {id(v): v for v in below}
+        if isinstance(b, Last):
+            around = {id(of[id(b)]): of[id(b)]} | around
+        elif isinstance(b, Loop | Tap):  # which show the loop's signal outside it
+            around.pop(id(b.loop if isinstance(b, Tap) else b), None)
+        found[id(b)] = list(around.values())
     return found
 
 
 def _one(b: Block, run: Run, seen: list[Part]) -> Held:
+    """Check a block's output against its law, or against what the run itself states."""
     law, error, least, samples = type(b).law or rows.LAWS.get(type_name(type(b))), 0.0, np.inf, 0
     none = Held(b, run.where, 0, 0.0, "no law of its output from its inputs is known")
     if law is None and not isinstance(b, Input | Param | White):
         return none
     for part in (part for part in seen if part.n):
-        before, since = part.early(b, run.fs), 0
-        n, at, y = part.n + before, part.at - before, part.rows[id(b)]
+        before, since, y = part.early(b, run.fs), 0, part.rows[id(b)]
+        n, at = part.n + before, part.at - before
         if isinstance(b, Input):
             want, tol = run.x[b.name][at : at + n], 0.0
         elif isinstance(b, Param):
-            moves = [c for c in run.changes if c.name == b.name]
-            want = np.r_[
-                np.full(before, b.value),
-                ramped(run.params[b.name], moves, run.fs, part.at + part.n, part.at),
-            ]
-            tol = (1e-12 + lost_by_ramps(moves, run.fs)) * float(np.abs(want).max())
+            want, tol = _param(b, run, part, before)
         elif isinstance(b, White):
             want, tol = laws.white(run.seed, *b.noise_key, at - at % 2, n + at % 2)[at % 2 :], NOISE
         else:
             got = Rows(part.row(getattr(b, s), n) for s in signals(type(b)))
-            got.at, got.rest, got.seed, got.past = (
-                at,
-                not part.at,
-                run.seed,
-                part.past.get(id(b), 0),
-            )
+            got.at, got.rest, got.seed = at, not part.at, run.seed
+            got.past = part.past.get(id(b), 0)
             since = rows.since(b, run.fs, got) if part.at else 0
             if since >= n:
                 continue
             made = _stated(law, b, run.fs, got, y)
             if made is None:
                 return none
-            want, tol = made[0], made[1] + (GONE * float(np.abs(y).max()) if part.at else 0.0)
+            want, tol = made
+            if part.at:
+                tol = tol + GONE * float(np.abs(y).max())
         cut = [np.broadcast_to(v, y.shape)[..., since:] for v in (y, want, tol)]
-        samples += min(
-            part.n, int(np.count_nonzero(np.isfinite(np.atleast_2d(cut[2])).any(axis=0)))
-        )
+        limited = np.isfinite(np.atleast_2d(cut[2])).any(axis=0)
+        samples += min(part.n, int(np.count_nonzero(limited)))
         error, least = max(error, _error(*cut)), min(least, _least(*cut[1:]))
     if not samples and not seen[0].n and run.n:
         return Held(b, run.where, 0, 0.0, "something in the scene is not finite at sample 0")
     return Held(b, run.where, samples, error, least=least)
+
+
+def _param(b: Param, run: Run, part: Part, before: int) -> tuple[Row, float]:
+    """Return a parameter's samples in a span as it was set, and their tolerance."""
+    moves = [c for c in run.changes if c.name == b.name]
+    after = ramped(run.params[b.name], moves, run.fs, part.at + part.n, part.at)
+    want = np.r_[np.full(before, b.value), after]
+    return want, (1e-12 + lost_by_ramps(moves, run.fs)) * float(np.abs(want).max())
 
 
 def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any] | None:
@@ -515,10 +513,10 @@ def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any]
     None if the law does not cover these numbers.
     """
     name = f"{type_name(type(b))}.law"
-    got[:] = map(_read_only, got)
+    got[:] = map(read_only, got)
     try:
         with np.errstate(all="ignore"):
-            made = law(b, fs, got, _read_only(y))
+            made = law(b, fs, got, read_only(y))
     except Exception as error:
         if type(b).law is None:
             raise
@@ -536,21 +534,20 @@ def _stated(law: Any, b: Block, fs: float, got: Rows, y: Row) -> tuple[Row, Any]
     if np.shape(want) != y.shape:
         shape = f"returned the shape {np.shape(want)}, where the block has {y.shape}"
         raise BadValue(f"{name} {shape}; return a row for each output")
-    if type(b).law is not None:
-        if np.shape(tol) not in ((), y.shape):
-            raise BadValue(
-                f"{name} returned a tolerance of the shape {np.shape(tol)}; return a number, or a"
-                " row of the shape of its output"
-            )
-        if not np.all(np.asarray(tol) >= 0):
-            raise BadValue(
-                f"{name} returned a tolerance that is not 0 or above; return one that is, or the"
-                " row alone"
-            )
+    if type(b).law is not None and np.shape(tol) not in ((), y.shape):
+        raise BadValue(
+            f"{name} returned a tolerance of the shape {np.shape(tol)}; return a number, or a"
+            " row of the shape of its output"
+        )
+    if type(b).law is not None and not np.all(np.asarray(tol) >= 0):
+        raise BadValue(
+            f"{name} returned a tolerance that is not 0 or above; return one that is, or the"
+            " row alone"
+        )
     return want, tol
 
 
-def _read_only(row: np.ndarray) -> np.ndarray:
+def read_only(row: np.ndarray) -> np.ndarray:
     """Return a read-only view of a row, as several laws read it."""
     view = row.view()
     view.flags.writeable = False

@@ -6,7 +6,6 @@ Each number is changed, one at a time.
 from __future__ import annotations
 
 import copy
-import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -289,19 +288,22 @@ def _outcome(
             checks = _held(wrong, its, made)
         except BadValue as e:  # of the unchanged scene it raises none
             return REFUSED, str(e)
-    bad = [c for c in checks if not c.passed]
-    if bad:
-        return REFUSED, f"({bad[0].group}) {bad[0].name}"
+    for c in checks:
+        if not c.passed:
+            return REFUSED, f"({c.group}) {c.name}"
+    rows = zip(right.outputs, made.y, right.y, strict=True)
+    return _missed(checks, [n for n, a, b in rows if not np.array_equal(a, b)])
+
+
+def _missed(checks: list[Check], moved: list[str]) -> tuple[str, str]:
+    """Return why checks that passed have missed a change of some outputs."""
     if not checks:
         return NO_LAW, ""
-    near = max((c for c in checks if c.limit), key=lambda c: c.measured / c.limit, default=None)
-    moved = [
-        n
-        for n, a, b in zip(right.outputs, made.y, right.y, strict=True)
-        if not np.array_equal(a, b)
-    ]
     held = {c.name.split(":")[0] for c in checks}
-    if not any(any(name.startswith(n) for name in held) for n in moved):
+    if not any(name.startswith(n) for n in moved for name in held):
         return NO_LAW, f"of {', '.join(moved)}"
-    share = math.nan if near is None else near.measured / near.limit
-    return WITHIN, "" if near is None else f"({near.group}) {near.name}: {share:.2g} of its limit"
+    near = max((c for c in checks if c.limit), key=lambda c: c.measured / c.limit, default=None)
+    if near is None:
+        return WITHIN, ""
+    share = near.measured / near.limit
+    return WITHIN, f"({near.group}) {near.name}: {share:.2g} of its limit"

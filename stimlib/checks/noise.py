@@ -140,9 +140,8 @@ def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
         return None
     below = reach([t.block.block])
     whites = [b for b in below if b.noise_key]
-    if any(isinstance(b, (Param, Subsystem, Loop)) for b in below) or any(
-        (t.seed, b.noise_key) not in known for b in whites
-    ):
+    unknown = any((t.seed, b.noise_key) not in known for b in whites)
+    if unknown or any(isinstance(b, (Param, Subsystem, Loop)) for b in below):
         return None
     new: dict[int, Block] = {}
     old: dict[int, Block] = {}
@@ -160,13 +159,13 @@ def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
         return None
     like = [q._replace(block=old.get(id(q.block), q.block)) for q in proc.program.instances]
     # states of the blocks that run early, which the inputs keep these from
-    design = [
-        (p, old[id(q.block)].design(e.fs)[1] if q.kind == "block" and id(q.block) in old else s)
-        for q, (p, s) in zip(proc.program.instances, proc.design, strict=True)
-    ]
-    proc.state = np.r_[
-        proc.state[:2], first_states(proc.program._replace(instances=like), design)(t.seed)
-    ]
+    design = []
+    for q, (p, s) in zip(proc.program.instances, proc.design, strict=True):
+        if q.kind == "block" and id(q.block) in old:
+            s = old[id(q.block)].design(e.fs)[1]
+        design.append((p, s))
+    states = first_states(proc.program._replace(instances=like), design)
+    proc.state = np.r_[proc.state[:2], states(t.seed)]
     return proc
 
 

@@ -11,9 +11,10 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from ..analysis import spectra
 from .evidence import FEWEST, Check, Evidence, Tap
@@ -162,14 +163,15 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
     ... ][:2]
     [('level', 0.96), ('slope', 0.48)]
     """
-    from scipy import stats
-
     bands, weights = spectra.looks(f)
     p = alarm / 2 / (len(bands) + len(weights))
-    tests = [(slice(None), a, critical(a, p)) for w in weights for a in (w, -w)]
+    tests: list[tuple[Any, np.ndarray, float]] = []
+    for w in weights:
+        tests += [(slice(None), a, critical(a, p)) for a in (w, -w)]
+    gamma = scipy.stats.gamma
     for part in bands:  # their sums are Gamma distributed
         m, one = part.size, np.ones(part.size)
-        tests += [(part, one, stats.gamma.isf(p, m) - m), (part, -one, m - stats.gamma.ppf(p, m))]  # type: ignore[list-item]
+        tests += [(part, one, gamma.isf(p, m) - m), (part, -one, m - gamma.ppf(p, m))]
 
     def power(ratio: np.ndarray) -> float:
         seen = [(a * ratio[part], s - a @ (ratio[part] - 1)) for part, a, s in tests]
@@ -184,13 +186,11 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
 
 def critical(a: np.ndarray, p: float) -> float:
     """Return the value that a sum of a (E - 1) exceeds with probability p."""
-    from scipy import optimize
-
     high = 4.0
     while spectra.tail(a, high) > p:
         high *= 2
     return float(
-        optimize.brentq(
+        scipy.optimize.brentq(
             lambda s: math.log(max(spectra.tail(a, s), 1e-300) / p), 1.0, high, xtol=1e-6
         )
     )
@@ -201,8 +201,6 @@ def smallest(power: Callable[[float], float]) -> float:
 
     It is NaN if that does not happen below a million.
     """
-    from scipy import optimize
-
     low = 1e-3
     while power(low) > CHANCE:
         low /= 2
@@ -210,7 +208,7 @@ def smallest(power: Callable[[float], float]) -> float:
         low *= 2
         if low > 1e6:
             return math.nan
-    return float(optimize.brentq(lambda e: power(e) - CHANCE, low, 2 * low, rtol=1e-4))
+    return float(scipy.optimize.brentq(lambda e: power(e) - CHANCE, low, 2 * low, rtol=1e-4))
 
 
 def smallest_share(bins: int, alarm: float) -> float:
@@ -227,25 +225,24 @@ def smallest_share(bins: int, alarm: float) -> float:
     >>> round(smallest_share(1000, 1e-6), 3), smallest_share(8, 1e-6)
     (0.146, nan)
     """
-    from scipy import optimize, stats
-
     z, size = (
-        stats.norm.isf(alarm / 2),
-        np.sqrt(2 * stats.gamma.isf((np.arange(400) + 0.5) / 400, bins)),
+        scipy.stats.norm.isf(alarm / 2),
+        np.sqrt(2 * scipy.stats.gamma.isf((np.arange(400) + 0.5) / 400, bins)),
     )
 
     def lacks(rho: float) -> float:
-        return float(np.mean(stats.norm.sf((z - rho * size) / math.sqrt(1 - rho * rho)))) - CHANCE
+        return (
+            float(np.mean(scipy.stats.norm.sf((z - rho * size) / math.sqrt(1 - rho * rho))))
+            - CHANCE
+        )
 
     top = 1 - 1e-9
-    return float(optimize.brentq(lacks, 0.0, top)) if lacks(top) > 0 else math.nan
+    return float(scipy.optimize.brentq(lacks, 0.0, top)) if lacks(top) > 0 else math.nan
 
 
 def smallest_shift(c: Check) -> float:
     """Return the error at which a normal measurement exceeds its limit."""
-    from scipy import stats
-
-    return float(c.limit + stats.norm.isf(1 - CHANCE) * c.deviation)
+    return float(c.limit + scipy.stats.norm.isf(1 - CHANCE) * c.deviation)
 
 
 # The law of a scene -------------------------------------------------------------------

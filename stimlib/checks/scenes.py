@@ -16,6 +16,7 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
+import scipy
 
 from ..core.graph import Const
 from ..core.parts import OWN, Part, known
@@ -242,8 +243,6 @@ def motor_limits(e: Evidence) -> list[Check]:
 
     They are computed again from the samples.
     """
-    from scipy.signal import lfilter
-
     from ..blocks.contact import ForceLimit, StaticLimit
 
     tops = dict.fromkeys(e.scene.outputs, 0.0)
@@ -257,7 +256,7 @@ def motor_limits(e: Evidence) -> list[Check]:
             tops[name] = np.fmax(tops[name], np.abs(y).max(initial=0.0))
             if isinstance(b, StaticLimit):
                 a = -np.expm1(-1 / (b.tau * e.fs))
-                mean, states[name] = lfilter([a], [1, a - 1], y**2, zi=states[name])
+                mean, states[name] = scipy.signal.lfilter([a], [1, a - 1], y**2, zi=states[name])
                 means[name] = max(means[name], float(mean.max(initial=0.0)))
     checks = []
     for name, b in e.scene.outputs.items():

@@ -11,6 +11,7 @@ import json
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from ..core import definitions
 from ..errors import shown
@@ -58,34 +59,32 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
     assert told is not None and e.path is not None
     with sf.SoundFile(e.path) as found:
         comment = found.comment
-    channels = told["channels"]
-    recovered = "recovered" in told
-    keys = {"name", "unit", "full_scale", "clips", "peak"}
+    channels, outputs = told["channels"], e.scene.outputs
+    recovered, frames = "recovered" in told, told["frames"]
+    unknown = recovered and told.get("subtype") in BITS
+    keys = ["clips", "full_scale", "name", "peak", "unit"]
+    wanted = told["recovered"]["frames"] if recovered else frames
+    stated = {key: [c.get(key) for c in channels] for key in keys}
     pairs: dict[str, tuple[Any, Any]] = {  # what it says, and what is so
         "format": ((told.get("format"), told.get("subtype")), (found.format, found.subtype)),
-        "channel names": ([c["name"] for c in channels], list(e.scene.outputs)),
-        "units": ([c["unit"] for c in channels], [str(b.dim) for b in e.scene.outputs.values()]),
-        "peaks": ([c.get("peak") for c in channels], sums.peaks.tolist()),
+        "channel names": (stated["name"], list(outputs)),
+        "units": (stated["unit"], [str(b.dim) for b in outputs.values()]),
+        "peaks": (stated["peak"], sums.peaks.tolist()),
         "scene": (_hash(told.get("scene")), e.scene.hash),
         "definitions": definitions.hashes(told["definitions"], e.scene),
         "parameters": (told.get("params"), e.proc.params),
         "names of the motion": (sorted(told.get("motion", {})), sorted(e.motion)),
         "keys": (sorted(told.keys() - TOLD), sorted(HELD)),
-        "keys of channels": ([sorted(c) for c in channels], [sorted(keys)] * len(channels)),
+        "keys of channels": (list(map(sorted, channels)), [keys] * len(channels)),
         "comment": (comment, comment_of(told) if told["format"] in COMMENTED else ""),
-        "clips": (
-            [c["clips"] is None for c in channels],
-            [recovered and told.get("subtype") in BITS] * len(channels),
-        ),
-        "frames": (
-            min(told["frames"], told["recovered"]["frames"] if recovered else told["frames"]),
-            told["frames"],
-        ),
+        "clips": ([c is None for c in stated["clips"]], [unknown] * len(channels)),
+        "frames": (min(frames, wanted), frames),
     }
-    bad = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-    text = "; ".join(
-        f"{name}: {says!s:.200}, and not {is_so!s:.200}" for name, (says, is_so) in bad.items()
-    ) or ", ".join(pairs)
+    bad = []
+    for name, (says, is_so) in pairs.items():
+        if says != is_so:
+            bad.append(f"{name}: {says!s:.200}, and not {is_so!s:.200}")
+    text = "; ".join(bad) or ", ".join(pairs)
     checks = [Check("e", "sidecar: what it says", len(bad), 0, text)]
     if not recovered:
         wrong = int(sums.sha256 != told.get("sha256"))
@@ -95,9 +94,8 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
 
 
 def _hash(scene: Any) -> str:
-    return hashlib.sha256(
-        json.dumps(scene, sort_keys=True, separators=(",", ":")).encode()
-    ).hexdigest()
+    text = json.dumps(scene, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _tell(e: Evidence, told: dict[str, Any]) -> None:
@@ -114,18 +112,16 @@ def _tell(e: Evidence, told: dict[str, Any]) -> None:
             f" {told['recovered'].get('frames')} samples"
         )
     for name, source in e.motion.items():
-        there, here = (
-            told["motion"].get(name),
-            describe(source if callable(source) else np.asarray(source)),
-        )
+        function = callable(source)
+        there = told["motion"].get(name)
+        here = describe(source if function else np.asarray(source))
         if there != here:
             e.skipped.append(
                 f"motion of {name}: the sidecar says {shown(there)}, it was verified with"
                 f" {shown(here)}"
             )
-        length = (
-            getattr(source, "info", {}).get("duration") if callable(source) else len(source) / e.fs
-        )
+        info = getattr(source, "info", {})
+        length = info.get("duration") if function else len(source) / e.fs
         if length is not None and round(length * e.fs) > e.frames:
             e.skipped.append(
                 f"motion of {name}: the file ends {length - e.frames / e.fs:.6g} s before it"
@@ -146,8 +142,6 @@ class Sums(NamedTuple):
 
 def sums_of(e: Evidence) -> Sums:
     """Return the results of all stretches of a file."""
-    from scipy.ndimage import uniform_filter1d
-
     assert e.sidecar is not None
     full = np.array([c["full_scale"] for c in e.sidecar["channels"]])[:, None]
     size, digest = max(2, round(FAST * e.fs)), hashlib.sha256()
@@ -168,7 +162,9 @@ def sums_of(e: Evidence) -> Sums:
         squares, scale = np.zeros((3, len(e.y))), np.where(top > 0, top, 1.0)
         for k, (y, got) in enumerate(zip(s.y, s.shown, strict=True)):
             error, y = (got - y) / scale[k], y / scale[k]  # squares of 1e200 would be too large
-            squares[:, k] = [_square(row) for row in (y, y - uniform_filter1d(y, size), error)]
+            squares[:, k] = [
+                _square(row) for row in (y, y - scipy.ndimage.uniform_filter1d(y, size), error)
+            ]
         tops = np.fmax(tops, top)
         parts.append((scale, squares, s.y.shape[1] / e.frames))
     scales = np.where(tops > 0, tops, 1.0)

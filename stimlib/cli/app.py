@@ -144,11 +144,7 @@ def friendly(options: Collection[str] = ()) -> Iterator[None]:
             warnings.simplefilter("default", RuntimeWarning)
             once = cache(note)  # the same words from two places are one warning
             warnings.showwarning = lambda message, *_, **__: once(str(message))
-            announce[:] = [
-                cache(
-                    lambda text: errors.print(text, markup=False, highlight=False, soft_wrap=True)
-                )
-            ]
+            announce[:] = [cache(say)]
             try:
                 yield
             finally:
@@ -161,18 +157,13 @@ def friendly(options: Collection[str] = ()) -> Iterator[None]:
         failed(_of_options(str(e), options))
         raise typer.Exit(2) from None
     except KeyboardInterrupt as e:
-        errors.print(
-            f"stopped; {shown(str(e) or 'nothing was left behind')}",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        say(f"stopped; {shown(str(e) or 'nothing was left behind')}")
         raise typer.Exit(130) from None
     except Exception as e:
         if isinstance(e, OSError) and e.errno in (errno.ENOSPC, errno.EIO) and e.filename is None:
             failed(f"cannot write what is printed: {e.strerror}")
             raise typer.Exit(2) from None
-        errors.print(traceback.format_exc().rstrip(), markup=False, highlight=False, soft_wrap=True)
+        say(traceback.format_exc().rstrip())
         _line(
             "[bold red]unexpected error:[/]",
             f"{type(e).__name__}: {e}; this is a defect of stimlib, please report it",
@@ -213,7 +204,12 @@ def note(text: Any) -> None:
 
 def _line(what: str, text: Any) -> None:
     errors.print(f"{what} ", end="")
-    errors.print(shown(text), markup=False, highlight=False, soft_wrap=True)
+    say(shown(text))
+
+
+def say(text: Any, to: Console = errors) -> None:
+    """Print a text as it is, by default on stderr."""
+    to.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def print_json(data: Any) -> None:
@@ -238,6 +234,14 @@ def print_wide(data: Any) -> None:
     Without a terminal, the width is 130 characters.
     """
     Output(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
+
+
+def print_result(result: Any, json_: bool) -> None:
+    """Print a report, or its data as JSON, on stdout."""
+    if json_:
+        print_json(result.to_dict())
+    else:
+        print_wide(result)
 
 
 def end(passed: bool) -> None:

@@ -7,12 +7,13 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from .. import files
 from ..devices import available
 from ..errors import BadValue, FaultError, SinkError
 from ..system.progress import compiling, progress
 from . import options as opt
-from .app import Output, command, end, errors, failed, print_json
-from .motions import motions_of
+from .app import Output, command, end, errors, failed, print_json, say
+from .motions import given, motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
 SinkName: Any = Literal[tuple(available.SINKS)]
@@ -64,25 +65,23 @@ def _play(
         with compiling(wanted):
             sink.open(fs, channels, block)
         sink.start(seconds)
-        with progress(
-            "playing; Ctrl-C ends", None if seconds is None else round(seconds * fs), wanted
-        ) as advance:
+        frames = None if seconds is None else round(seconds * fs)
+        with progress("playing; Ctrl-C ends", frames, wanted) as advance:
             done = 0
             while not sink.finished:
                 sink.wait(0.1)
-                advance(-done + (done := sink.report().produced))
+                before, done = done, sink.report().produced
+                advance(done - before)
         sink.check()
 
 
 def _sound(file: str, motions: Any, fs: float | None) -> tuple[Any, Any, float]:
     """Return a sound file as a scene, with its motion and its sample rate."""
-    from ..files.audio import as_scene
-
-    if any(motions.keywords[name] for name in ("motion", "map_", "where")):
+    if given(motions):
         raise BadValue(
             f"{file} is a sound file and has no inputs: leave out --motion, --map and --where"
         )
-    made, motion, rate = as_scene(file)
+    made, motion, rate = files.as_scene(file)
     if fs not in (None, rate):
         raise BadValue(
             f"--fs {fs:g}: {file} was recorded at {rate:g} Hz and is played at that: leave out --fs"
@@ -175,22 +174,23 @@ def play(
         "log": log,
         **opt.calibration(calibration),
     }
-    for name, given, value in (
+    for name, chosen_, value in (
         ("device", device is not None, device),
         ("client", client, client),
         ("connect", connect, _ports(connect)),
         ("fast", fast, False),
     ):
-        if given:
+        if chosen_:
             options |= available.option(kind, name, value)
     own = calibration is not None and safety.keywords["full_scale"] is None
     limits = options["calibration"].limits(made) if own else safety(made)
     if found and not quiet:
-        quiet_by = "; 1.0 plays 20 dB below full scale: --full-scale 1 for the whole range"
-        told = "" if safety.keywords["full_scale"] else quiet_by
-        none = "; no sound card or JACK server is ready, as stimlib devices tells"
-        where = f"{found.what}{none if kind == 'null' else told}"
-        errors.print(f"{kind}: {where}", markup=False, highlight=False, soft_wrap=True)
+        text = f"{kind}: {found.what}"
+        if kind == "null":
+            text += "; no sound card or JACK server is ready, as stimlib devices tells"
+        elif not safety.keywords["full_scale"]:
+            text += "; 1.0 plays 20 dB below full scale: --full-scale 1 for the whole range"
+        say(text)
     with opt.senders(send) as senders:
         options |= {"markers": marker, "send": senders}
         playing = available.make(kind, made, limits, **options)
@@ -251,18 +251,15 @@ def devices(
             return print_json(seen)
         for s in seen:
             what = f"{s['channels']} channels, {s['fs']:g} Hz"
-            text = f"{s['name']} ({s['type']}) of {s['host']}: {what}"
-            out.print(text, markup=False, highlight=False, soft_wrap=True)
+            say(f"{s['name']} ({s['type']}) of {s['host']}: {what}", out)
         return None
     found = available.devices(server)
     if json_:
         return print_json([asdict(d) for d in found])
     for d in found:
-        out.print(
-            f"{'[green]ready[/]  ' if d.ready else '[yellow]missing[/]'}  [bold]{d.sink:9}[/]  ",
-            end="",
-        )
-        out.print(f"{d.what}: {d.how}", markup=False, highlight=False, soft_wrap=True)
+        ready = "[green]ready[/]  " if d.ready else "[yellow]missing[/]"
+        out.print(f"{ready}  [bold]{d.sink:9}[/]  ", end="")
+        say(f"{d.what}: {d.how}", out)
 
 
 @command("loopback", safety=safety_of, motions=motions_of)
@@ -317,7 +314,7 @@ def loopback(
         made,
         safety(made),
         fs,
-        seconds if seconds is not None else recorded or 5.0,
+        opt.length(seconds, recorded),
         motion=motion,
         channels=opt.channel_map(channels),
         server=device,

@@ -7,11 +7,13 @@ import math
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .. import experiments
 from ..devices.available import SINKS, option
 from ..errors import BadValue, FaultError, SinkError, shown
 from ..system import safe_files
@@ -23,7 +25,6 @@ from .scene import own_of
 from .terminal import terminal
 
 if TYPE_CHECKING:
-    from ..experiments.experiment import Experiment
     from ..experiments.texts import Texts
     from ..live.experiment import ExperimentPage
 
@@ -102,7 +103,7 @@ Host = Annotated[
 Port = Annotated[int, typer.Option(help="Port of the page; 0 takes a free one.", min=0, max=65535)]
 
 
-def experiment_of(text: str) -> Experiment:
+def experiment_of(text: str) -> experiments.Experiment:
     """Return the experiment for FILE.py:NAME, or the experiment of a paper.
 
     Raises
@@ -110,8 +111,6 @@ def experiment_of(text: str) -> Experiment:
     BadValue, SceneError
         There is no such file or name, or the name is not an experiment.
     """
-    from ..experiments.experiment import Experiment
-
     if text in PAPERS:
         return getattr(importlib.import_module(f"stimlib.experiments.papers.{text}"), text)()
     path, _, name = text.rpartition(":")
@@ -119,9 +118,9 @@ def experiment_of(text: str) -> Experiment:
         raise BadValue(
             f"{text!r} is no experiment: write FILE.py:NAME, or one of {', '.join(PAPERS)}"
         )
-    found = own_of(path, name, kind=Experiment)
-    made = found() if callable(found) and not isinstance(found, Experiment) else found
-    if not isinstance(made, Experiment):
+    found = own_of(path, name, kind=experiments.Experiment)
+    made = found() if callable(found) and not isinstance(found, experiments.Experiment) else found
+    if not isinstance(made, experiments.Experiment):
         raise BadValue(f"{text} is a {type(made).__name__}, no Experiment")
     return made
 
@@ -147,8 +146,6 @@ def played(
     If the session ends early, a message shows the command that resumes it.
     """
     from ..experiments import presentation
-    from ..experiments.runner import run
-    from ..experiments.session import Session
 
     given = {
         name: value
@@ -161,7 +158,10 @@ def played(
     options = {} if device is None else option(sink, "device", device)
     options |= opt.calibration(calibration)
     sent = opt.senders(send)
-    with sent as senders, Session(made, data, participant, session, pilot, resume) as running:
+    with (
+        sent as senders,
+        experiments.Session(made, data, participant, session, pilot, resume) as running,
+    ):
         options |= {"send": senders}
         if running.pilot:
             print("PILOT: what is answered now is none of the data")
@@ -172,21 +172,18 @@ def played(
                 if page:
                     with on_page(host, port, made.texts, running.folder / "page.jsonl") as asking:
                         presentation.prepare(running, sink, options.get("calibration"))
-                        run(running, asking, asking.display(made, sink, **options))
+                        experiments.run(running, asking, asking.display(made, sink, **options))
                 else:
                     with terminal(made.texts) as front_end:
-                        run(running, front_end, sink, **options)
+                        experiments.run(running, front_end, sink, **options)
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
-            given |= {"host": host, "port": port or None} if page else {}
-            words = [
-                word
-                for name, value in given.items()
-                if value is not None
-                for word in (f"--{name}", str(value))
-            ]
-            words += [word for text in send for word in ("--send", text)]
-            flags = ["--pilot"] * pilot + ["--page"] * page
-            again = shlex.join(["stimlib", "experiment", "resume", defined, *words, *flags])
+            if page:
+                given |= {"host": host, "port": port or None}
+            words = ["stimlib", "experiment", "resume", defined]
+            for name, value in [*given.items(), *(("send", text) for text in send)]:
+                if value is not None:
+                    words += [f"--{name}", str(value)]
+            again = shlex.join(words + ["--pilot"] * pilot + ["--page"] * page)
             kept = f"{len(running.records)} answers are kept; go on with {again}"
             if isinstance(e, SystemExit):
                 note(kept)
@@ -244,20 +241,20 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
 
     [bold]stimlib experiment status pair.py:pair[/]
     """
-    from ..experiments.reader import sessions, status
-
     name = experiment_of(defined).name
-    found = [status(s) for pilot in (False, True) for s in sessions(name, data, pilot)]
+    found = [
+        experiments.status(s)
+        for pilot in (False, True)
+        for s in experiments.sessions(name, data, pilot)
+    ]
     if json_:
         return print_json(found)
     for s in found:
         who = f"{'PILOT ' if s['pilot'] else ''}{s['participant']} session {s['session']}"
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
-        old = (
-            f" ({s['shared']} with one time for all intervals, by an older stimlib)"
-            if s["shared"]
-            else ""
-        )
+        old = ""
+        if s["shared"]:
+            old = f" ({s['shared']} with one time for all intervals, by an older stimlib)"
         print(
             f"{who}: {s['trials']} trials{old}, {s['training']} of them training ({conditions});"
             f" {s['replays']} replays, {s['unanswered']} presentations without an answer,"
@@ -286,25 +283,18 @@ def simulate(
 
     [bold]stimlib experiment simulate pair.py:pair --participants 8[/]
     """
-    from ..experiments.runner import Simulated, run
-    from ..experiments.session import Session
-
     made = experiment_of(defined)
     if made.observer is None:
         raise BadValue(
             f"{defined}: give the experiment an observer=, a function (trial, rng) -> Answer"
         )
-    every = [
-        (n, number) for n in range(1, participants + 1) for number in range(1, made.sessions + 1)
-    ]
+    display: Any = "offline" if rendered else lambda trial, folder: {}
+    every = list(product(range(1, participants + 1), range(1, made.sessions + 1)))
     with progress("simulating", len(every), not quiet) as advance:
         for n, number in every:
-            with Session(made, data, f"P{n}", number, pilot=True) as session:
-                run(
-                    session,
-                    Simulated(session, made.observer),
-                    "offline" if rendered else lambda trial, folder: {},
-                )
+            with experiments.Session(made, data, f"P{n}", number, pilot=True) as session:
+                front_end = experiments.Simulated(session, made.observer)
+                experiments.run(session, front_end, display)
             advance(1)
     if not quiet:
         print(f"{len(every)} sessions in {data / made.name}, kept as pilots")
@@ -407,7 +397,7 @@ def power(
 
 
 def _jnds(
-    made: Experiment,
+    made: experiments.Experiment,
     people: tuple[float, float, float],
     size: tuple[int, int],
     fit: tuple[str, bool],
@@ -422,20 +412,21 @@ def _jnds(
     import numpy as np
 
     from ..experiments.likelihood import curve
-    from ..experiments.observers import Psychometric, simulate
-    from ..experiments.random_streams import stream
-    from ..experiments.tables import fitted
 
     (pse, jnd, between), (link, log) = people, fit
     wide, spread = float(curve(link).inverse(0.75)), math.sqrt(math.log1p((between / jnd) ** 2))
     observers = {}
     for code in (f"E{e}-P{n:02d}" for e in range(size[0]) for n in range(1, size[1] + 1)):
         # log-normal, so that no JND is 0 or below
-        own = jnd * math.exp(spread * stream(seed, "person", code).normal() - spread**2 / 2)
+        own = jnd * math.exp(
+            spread * experiments.stream(seed, "person", code).normal() - spread**2 / 2
+        )
         sigma = (math.log10(1 + own / pse) if log else own) / wide
-        observers[code] = Psychometric(pse, sigma, log=log, link=link)
-    answers = simulate(made, observers, [*observers], seed=seed, **how)
-    fits = fitted(answers, ["condition", "participant"], link=link, log=log, interval="none")
+        observers[code] = experiments.Psychometric(pse, sigma, log=log, link=link)
+    answers = experiments.simulate(made, observers, [*observers], seed=seed, **how)
+    fits = experiments.fitted(
+        answers, ["condition", "participant"], link=link, log=log, interval="none"
+    )
     found = {}
     for condition in dict.fromkeys(answers["condition"]):
         each = [fits[condition, code] for code in observers]
@@ -450,11 +441,9 @@ def _jnds(
     return found
 
 
-def _none_of(made: Experiment, data: Path, pilot: bool) -> str:
+def _none_of(made: experiments.Experiment, data: Path, pilot: bool) -> str:
     """Return the error message for an experiment without sessions or pilots."""
-    from ..experiments.reader import sessions
-
-    others = len(sessions(made.name, data, not pilot))
+    others = len(experiments.sessions(made.name, data, not pilot))
     kinds = ("sessions", "pilots") if pilot else ("pilots", "sessions")
     there = f"; it has {others} {kinds[0]}, which are never analysed with them" if others else ""
     remedy = "" if pilot or not others else ": analyse them with --pilot"
@@ -478,14 +467,14 @@ def analyse(
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """
-    from ..experiments.reader import columns, csv_of, sessions
+    from ..experiments.reader import csv_of
     from ..experiments.user_code import called
 
     made = experiment_of(defined)
-    found = sessions(made.name, data, pilot)
+    found = experiments.sessions(made.name, data, pilot)
     if not found:
         raise BadValue(_none_of(made, data, pilot))
-    table = columns(found, training=True)
+    table = experiments.columns(found, training=True)
     if not table["number"]:
         raise BadValue(f"the sessions of {made.name} in {data} have no answers yet")
     text = csv_of(table)
@@ -523,12 +512,12 @@ def export(
     [bold]stimlib experiment export pair.py:pair --bids pair_bids[/]
     """
     from ..experiments.bids import to_bids, to_psych_ds
-    from ..experiments.reader import sessions
 
     if bids is None and psych_ds is None:
         raise BadValue("say what to write: --bids FOLDER, --psych-ds FOLDER, or both")
     made = experiment_of(defined)
-    if not (found := sessions(made.name, data)):
+    found = experiments.sessions(made.name, data)
+    if not found:
         raise BadValue(_none_of(made, data, False))
     if bids is not None:
         print(f"{len(to_bids(made, found, bids, authors, signals))} files in {bids}")

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .. import files
 from ..errors import shown
 from ..system.progress import progress
 from . import options as opt
@@ -49,13 +50,11 @@ def demo_(
         with closing(demo(folder)) as stimuli:
             for made in stimuli:
                 advance(1)
-                errors.print(
-                    f"{made.name}: {'passed' if made.passed else 'FAILED'}", highlight=False
-                )
+                verdict = "passed" if made.passed else "FAILED"
+                errors.print(f"{made.name}: {verdict}", highlight=False)
                 for path, what, look in made.files:
-                    table.add_row(
-                        Text(shown(path)), what, look, end_section=path == made.files[-1][0]
-                    )
+                    table.add_row(Text(shown(path)), what, look)
+                table.add_section()
                 passed &= made.passed
     print_wide(table)
     print(
@@ -112,7 +111,6 @@ def render_(
     --full-scale 50 --out squeeze.wav[/]
     """
     run_files(import_)
-    from ..files import audio as file
     from ..run.processor import compile
 
     if picture is not None:
@@ -125,12 +123,12 @@ def render_(
     for actuator in opt.calibration(calibration).values():
         made = actuator.drive(made, fs)
     motion, recorded = motions(made, contact=touching(scene))
-    length = seconds if seconds is not None else recorded or 5.0
+    length = opt.length(seconds, recorded)
     proc = compile(made, fs, seed=seed)
     for name, value in values.items():
         proc.set(name, value, ramp=0.0)
     scale = opt.of_each(full_scale, "--full-scale")
-    report = file.write(
+    report = files.write(
         out,
         proc,
         motion,
@@ -145,18 +143,23 @@ def render_(
     if not quiet:
         if not json_:
             print(report)
-        if silent := [name for name, peak in report.peak.items() if peak == 0.0]:
-            note(f"every sample of {', '.join(silent)} is 0")
-        top = max(report.peak.values())
-        one = float(scale) if isinstance(scale, str) else 0.0
-        if out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * one:
-            share, steps = 100 * top / one, one / 2**23
-            text = (
-                f"the peak uses {share:.2g} % of full scale, and the file has steps of {steps:.2g}"
-            )
-            note(f"{text}: write it with a full scale of about {1.01 * top:.3g}")
+        _note_peaks(report.peak, scale, out)
     if picture is not None:
         draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
+
+
+def _note_peaks(peaks: dict[str, float], scale: Any, out: Path) -> None:
+    """Report outputs that are silent, or small in a file of whole numbers."""
+    silent = [name for name, peak in peaks.items() if peak == 0.0]
+    if silent:
+        note(f"every sample of {', '.join(silent)} is 0")
+    top = max(peaks.values())
+    one = float(scale) if isinstance(scale, str) else 0.0
+    if out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * one:
+        note(
+            f"the peak uses {100 * top / one:.2g} % of full scale, and the file has steps of"
+            f" {one / 2**23:.2g}: write it with a full scale of about {1.01 * top:.3g}"
+        )
 
 
 @command("render-set", motions=motions_of)
@@ -211,7 +214,7 @@ def render_set_(
         folder,
         scenes,
         motion,
-        seconds if seconds is not None else recorded or 5.0,
+        opt.length(seconds, recorded),
         fs,
         seed=seed,
         repetitions=repetitions,
@@ -242,6 +245,4 @@ def recover(
 
     [bold]stimlib recover squeeze.wav[/]
     """
-    from ..files.commit import recover as recover_file
-
-    print(recover_file(file, out))
+    print(files.recover(file, out))

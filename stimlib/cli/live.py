@@ -12,7 +12,7 @@ import typer
 
 from ..errors import BadValue
 from . import options as opt
-from .app import command, errors, note
+from .app import command, errors, note, say
 from .devices import safety_of
 from .motions import motions_of
 from .scene import SceneText, number, params_of, run_files, scene_of, touching
@@ -138,7 +138,7 @@ def live(
     given, _ = motions(made, contact=touching(scene), all_=False)
     if not folder.is_dir():
         raise BadValue(f"--folder {folder}: there is no such folder: make it first")
-    errors.print(f"compiling {scene} ..", markup=False, highlight=False, soft_wrap=True)
+    say(f"compiling {scene} ..")
     with opt.senders(send) as senders, opt.rows_of(stream) as rows:
         page = Stream(
             made,

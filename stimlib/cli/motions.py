@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -105,7 +105,7 @@ def motions_of(
 
     With ``all_=False``, some inputs may be left without a motion.
     """
-    from ..motion.recorded import Recording, parse_source, recording, served_by
+    from ..motion.recorded import recording, served_by
     from ..motion.text import parse_map, parse_where
 
     inputs, columns = list(scene.inputs), parse_map(map_)
@@ -132,27 +132,48 @@ def motions_of(
             max_gap=max_gap,
         )
 
-    motions: dict[str, Any] = {}
-    recordings: list[Recording] = []
-    for text in dict.fromkeys(texts.values()):
-        names = [name for name in inputs if texts.get(name) == text]
-        found: Any = read(text, names) if _is_file(text) else parse_source(text)
-        if isinstance(found, Recording):
-            recordings.append(found)
-            found = found.motion_for(
-                dict.fromkeys([*names, *(name for name in inputs if name == "contact")]), contact
-            )
-            motions |= {name: found[name] for name in names}
-        else:
-            motions |= dict.fromkeys(names, found)
+    motions, recordings = _read(texts, inputs, contact, read)
     if "contact" in inputs and "contact" not in own and recordings:
         motions["contact"] = _contact(recordings)
-    if all_ and (missing := set(inputs) - set(motions)):
+    missing = set(inputs) - set(motions)
+    if all_ and missing:
         raise BadValue(
             f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another"
             " of stimlib list"
         )
     return motions, max((found.duration for found in recordings), default=None)
+
+
+def _read(
+    texts: Mapping[str, str],
+    inputs: Sequence[str],
+    contact: str,
+    read: Callable[[str, list[str]], Recording],
+) -> tuple[dict[str, Any], list[Recording]]:
+    """Return the motions of all inputs that have a text, and the recordings among them.
+
+    Each recording is read once, by ``read``, for all inputs that it serves.
+    """
+    from ..motion.recorded import Recording, parse_source
+
+    motions: dict[str, Any] = {}
+    recordings: list[Recording] = []
+    touched = [name for name in inputs if name == "contact"]
+    for text in dict.fromkeys(texts.values()):
+        names = [name for name in inputs if texts.get(name) == text]
+        found: Any = read(text, names) if _is_file(text) else parse_source(text)
+        if not isinstance(found, Recording):
+            motions |= dict.fromkeys(names, found)
+            continue
+        recordings.append(found)
+        columns = found.motion_for(dict.fromkeys([*names, *touched]), contact)
+        motions |= {name: columns[name] for name in names}
+    return motions, recordings
+
+
+def given(motions: Any) -> bool:
+    """Return whether a command got a motion, or an option for one."""
+    return any(motions.keywords[option] for option in ("motion", "map_", "where"))
 
 
 def _contact(recordings: Sequence[Recording]) -> Any:
@@ -176,19 +197,23 @@ def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, s
     of_all = ""
     for text in motion:
         name, _, spec = (part.strip() for part in text.partition("="))
-        if names := [n for n in inputs if served_by(n, [name], inputs)]:
-            own |= dict.fromkeys(names, spec)
-        elif of_all:
-            unknown = [t for t in (of_all, text) if re.match(r"\w+\s*=", t)]
-            raise BadValue(
-                f"--motion {unknown[0]}: the scene has no input of that name; its inputs are"
-                f" {', '.join(inputs)}"
-                if unknown
-                else f"--motion {of_all} and {text}: both are of all inputs; say of which each is,"
-                f" such as {inputs[0]}={text}"
-            )
-        else:
+        names = [n for n in inputs if served_by(n, [name], inputs)]
+        own |= dict.fromkeys(names, spec)
+        if names:
+            continue
+        if not of_all:
             of_all = text
+            continue
+        for other in (of_all, text):
+            if re.match(r"\w+\s*=", other):
+                raise BadValue(
+                    f"--motion {other}: the scene has no input of that name; its inputs are"
+                    f" {', '.join(inputs)}"
+                )
+        raise BadValue(
+            f"--motion {of_all} and {text}: both are of all inputs; say of which each is, such as"
+            f" {inputs[0]}={text}"
+        )
     return own, of_all
 
 

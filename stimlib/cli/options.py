@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
+from .. import devices
+
 Rate = Annotated[float, typer.Option(help="Sample rate in Hz.")]
 DeviceRate = Annotated[float, typer.Option(help="Sample rate in Hz; it must be the device's.")]
 Length = Annotated[
@@ -101,26 +103,20 @@ Marker = Annotated[
 @contextmanager
 def senders(texts: list[str]) -> Iterator[list[Any]]:
     """Open the ``--send`` targets, and close them at the end."""
-    from ..devices.transports import sender
-
     with ExitStack() as stack:
-        yield [stack.enter_context(sender(text)) for text in texts]
+        yield [stack.enter_context(devices.sender(text)) for text in texts]
 
 
 @contextmanager
 def rows_of(text: str | None) -> Iterator[Any]:
     """Open the ``--stream`` receiver, or yield None; close it at the end."""
-    from ..devices.transports import receiver
-
-    with nullcontext() if text is None else receiver(text) as receive:
+    with nullcontext() if text is None else devices.receiver(text) as receive:
         yield receive
 
 
 def calibration(path: Path | None) -> dict[str, Any]:
     """Return the sink's calibration for ``--calibration``."""
-    from ..devices.calibration import load_calibration
-
-    return {} if path is None else {"calibration": load_calibration(path)}
+    return {} if path is None else {"calibration": devices.load_calibration(path)}
 
 
 def channel_map(text: str | None) -> int | list[str | None] | None:
@@ -136,8 +132,11 @@ def of_each(text: str | None, option: str) -> Any:
     """Return one value for all outputs, or a value for each from ``a=50,b=0.1``."""
     from ..motion.text import pairs
 
-    return (
-        pairs(text.split(","), option, "OUTPUT=NUMBER,OUTPUT=NUMBER")
-        if text and "=" in text
-        else text
-    )
+    if text and "=" in text:
+        return pairs(text.split(","), option, "OUTPUT=NUMBER,OUTPUT=NUMBER")
+    return text
+
+
+def length(seconds: float | None, recorded: float | None) -> float:
+    """Return the length for ``--seconds``: by default that of the recording, or 5 s."""
+    return seconds if seconds is not None else recorded or 5.0

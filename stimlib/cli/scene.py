@@ -109,7 +109,8 @@ def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
 
     An object of the wanted kind may be named as well as a function.
     """
-    if (folder := str(Path(path).resolve().parent)) not in sys.path:
+    folder = str(Path(path).resolve().parent)
+    if folder not in sys.path:
         sys.path.append(folder)
     return _own(path, name, called=False, kind=kind)
 
@@ -143,7 +144,8 @@ def _own(
             return found
         scene = found if isinstance(found, Scene) else found()
     except Exception as e:
-        if (told := _told(e, path, spec.origin, function)) is e:
+        told = _told(e, path, spec.origin, function)
+        if told is e:
             raise
         raise told from e
     if not isinstance(scene, Scene):
@@ -154,7 +156,8 @@ def _own(
 def _module(path: str) -> tuple[ModuleType, Any, bytes]:
     """Return a user's file as a module that has not yet run, with its spec and text."""
     text = safe_files.read(path, "scene_bytes", SceneError)  # a regular file
-    spec = importlib.util.spec_from_file_location(name := Path(path).stem, path)
+    name = Path(path).stem
+    spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise SceneError(f"{path} is not a Python file: name one such as click_block.py")
     if name in (sys.modules.keys() | sys.stdlib_module_names) - _ours.keys():
@@ -195,16 +198,13 @@ def _told(e: Exception, path: str, origin: str | None, function: str | None) -> 
 
 def _makes(module: ModuleType, found: Any) -> bool:
     """Return whether a user's function can make a scene without arguments."""
-    if (
-        not inspect.isfunction(found)
-        or found.__module__ != module.__name__
-        or found.__name__.startswith("_")
-    ):
+    if not inspect.isfunction(found) or found.__module__ != module.__name__:
         return False
-    return all(
-        p.default is not p.empty or p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
-        for p in inspect.signature(found).parameters.values()
-    )
+    try:
+        inspect.signature(found).bind()
+    except TypeError:
+        return False
+    return not found.__name__.startswith("_")
 
 
 def run_files(files: list[str]) -> None:
@@ -245,14 +245,13 @@ def params_of(items: list[str], scene: Scene) -> dict[str, float]:
     from ..motion.text import pairs
 
     values = {}
+    units = {name: str(param.dim) for name, param in scene.params.items()}
     for name, text in pairs(items, "--set", "NAME=VALUE").items():
-        level = name in scene.params and any(c.isspace() for c in text.strip())
-        values[name] = (
-            amplitude(text, str(scene.params[name].dim))
-            if level
-            else number(text, f"--set {name}={text}")
-        )
-        if values[name] < 0 and name in scene.params and str(scene.params[name].dim) == "1/s":
+        if name in units and len(text.split()) > 1:
+            values[name] = amplitude(text, units[name])
+        else:
+            values[name] = number(text, f"--set {name}={text}")
+        if values[name] < 0 and units.get(name) == "1/s":
             raise BadValue(f"--set {name}={text}: a frequency or rate is 0 or above")
     return values
 

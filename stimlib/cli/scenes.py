@@ -11,7 +11,7 @@ import typer
 
 from ..errors import shown
 from . import options as opt
-from .app import Output, command, print_json
+from .app import Output, command, print_json, say
 from .scene import SceneText, run_files, scene_of, shipped
 
 if TYPE_CHECKING:
@@ -82,20 +82,13 @@ def list_(json_: opt.Json = False):
     out = Output(emoji=False)
     for name, make in shipped().items():
         made = make()
-        out.print(
-            f"[bold]{name}[/]  {(inspect.getdoc(make) or '').splitlines()[0]}", soft_wrap=True
-        )
-        out.print(f"    {made!r}", markup=False, highlight=False, soft_wrap=True)
+        out.print(f"[bold]{name}[/]  {_summary(make)}", soft_wrap=True)
+        say(f"    {made!r}", out)
     out.print("[bold]motions[/]")
     for name, generator in GENERATORS.items():
         known = inspect.signature(generator).parameters.values()
-        words = ", ".join(
-            p.name if p.default is p.empty else f"{p.name}={p.default}" for p in known
-        )
-        out.print(
-            f"    [bold]{name}[/]({words})  {(inspect.getdoc(generator) or '').splitlines()[0]}",
-            soft_wrap=True,
-        )
+        words = ", ".join(str(p.replace(annotation=p.empty)) for p in known)
+        out.print(f"    [bold]{name}[/]({words})  {_summary(generator)}", soft_wrap=True)
 
 
 def _facts(scene: Scene) -> dict[str, Any]:
@@ -115,4 +108,8 @@ def _call(function: Callable[..., Any]) -> dict[str, Any]:
     """
     known = inspect.signature(function).parameters.values()
     defaults = {p.name: None if p.default is p.empty else p.default for p in known}
-    return {"what": (inspect.getdoc(function) or "").splitlines()[0], "arguments": defaults}
+    return {"what": _summary(function), "arguments": defaults}
+
+
+def _summary(function: Callable[..., Any]) -> str:
+    return (inspect.getdoc(function) or "").splitlines()[0]

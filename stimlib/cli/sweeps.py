@@ -14,6 +14,9 @@ from .app import command, note, print_json, print_wide
 from .motions import motions_of
 from .scene import SceneText, maker_of, number, own_of, run_files, touching
 
+OF_EACH = {"least": "min", "median": "median", "largest": "max"}
+"""What is reported of each figure, and numpy's function that gives it."""
+
 
 @command("sweep", motions=motions_of)
 def sweep_(
@@ -108,20 +111,17 @@ def sweep_(
         make = first  # no argument among them
     measures = [own_of(*m.rsplit(":", 1), kind=Measure) if ".py:" in m else m for m in measure]
     motion, recorded = motions(first, contact=touching(scene))
+    files = [*import_, *(text.rpartition(":")[0] for text in (scene, *measure))]
     made = sweep(
         make,
         table,
         motion=motion,
         measures=measures,
         fs=fs,
-        seconds=seconds if seconds is not None else recorded or 5.0,
+        seconds=opt.length(seconds, recorded),
         live=live or None,
         out=out,
-        on=(
-            None
-            if scheduler is None
-            else _cluster(scheduler, [*import_, *(t.rpartition(":")[0] for t in (scene, *measure))])
-        ),
+        on=None if scheduler is None else _cluster(scheduler, files),
         workers=workers,
         retry=retry,
         dry=dry,
@@ -136,11 +136,13 @@ def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
     """Print the results of a sweep, and the failures."""
     if json_:
         print_json(facts)
-    elif not quiet:
+    if quiet:
+        return
+    if not json_:
         print_wide(_shown(facts))
-    if facts["failed"] and not quiet:
+    if facts["failed"]:
         note(f"{facts['failed']} of {facts['rows']} rows failed; the first: {facts['first_error']}")
-    if facts["faulted"] and not quiet:
+    if facts["faulted"]:
         note(
             f"{facts['faulted']} renderings were not finite from some sample on: see the column"
             " fault"
@@ -196,22 +198,16 @@ def _facts(table: Any) -> dict[str, Any]:
     for name, unit in json.loads(table.schema.metadata[b"stimlib_sweep"])["units"].items():
         values = table[name].drop_null().to_numpy()
         values = values[np.isfinite(values)]
-        numbers = (
-            (float(values.min()), float(np.median(values)), float(values.max()))
-            if values.size
-            else (None,) * 3
-        )
-        figures[name] = {"unit": unit} | dict(
-            zip(("least", "median", "largest"), numbers, strict=True)
-        )
-    first = errors[0].as_py() if len(errors) else None
-    counts = {
+        figures[name] = {"unit": unit}
+        for which, f in OF_EACH.items():
+            figures[name][which] = float(getattr(np, f)(values)) if values.size else None
+    return {
         "rows": table.num_rows,
         "failed": len(errors),
-        "first_error": first,
+        "first_error": errors[0].as_py() if len(errors) else None,
         "faulted": len(table["fault"].drop_null()),
+        "figures": figures,
     }
-    return counts | {"figures": figures}
 
 
 def _shown(facts: dict[str, Any]) -> Any:
@@ -219,11 +215,11 @@ def _shown(facts: dict[str, Any]) -> Any:
     from rich.text import Text
 
     shape = Table(title=f"{facts['rows']} rows, {facts['failed']} failed", title_justify="left")
-    for column in ("figure", "unit", "least", "median", "largest"):
-        shape.add_column(column, justify="left" if column in ("figure", "unit") else "right")
+    shape.add_column("figure")
+    shape.add_column("unit")
+    for which in OF_EACH:
+        shape.add_column(which, justify="right")
     for name, figure in facts["figures"].items():
-        numbers = (
-            "" if figure[k] is None else f"{figure[k]:.4g}" for k in ("least", "median", "largest")
-        )
+        numbers = ["" if figure[k] is None else f"{figure[k]:.4g}" for k in OF_EACH]
         shape.add_row(Text(shown(name)), figure["unit"], *numbers)
     return shape

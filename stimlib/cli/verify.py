@@ -13,10 +13,11 @@ from typing import Annotated, Any
 
 import typer
 
+from .. import checks, files
 from ..errors import BadValue
 from . import options as opt
-from .app import command, end, print_json, print_wide
-from .motions import motions_of
+from .app import command, end, print_json, print_result
+from .motions import given, motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
 
@@ -81,10 +82,7 @@ def verify_(
     scene, wav = _what(scene, wav, log)
     result = _of_log(log, scene, wav, motions) if log else _of_file(scene, wav, motions)
     try:
-        if json_:
-            print_json(result.to_dict())
-        else:
-            print_wide(result)
+        print_result(result, json_)
     # a disk that is full costs the page alone, and a reader that goes away the table
     # alone
     finally:
@@ -114,35 +112,28 @@ def _what(scene: str | None, wav: Path | None, log: Path | None) -> tuple[str | 
     return scene, wav
 
 
-def _given(motions: Any) -> bool:
-    return any(motions.keywords[option] for option in ("motion", "map_", "where"))
-
-
 def _of_log(log: Path, scene: str | None, wav: Path | None, motions: Any) -> Any:
     """Return the verification report of a log, against the expected scene if given."""
-    if wav is not None or _given(motions):
+    if wav is not None or given(motions):
         raise BadValue(
             "a log has its motion and its samples: give --log without --wav and --motion"
         )
-    from ..checks.session import verify_log
-    from ..files.log_reader import read_log
-
     # first: it may define blocks that the log names
     expected = None if scene is None else scene_of(scene)
-    return verify_log(read_log(log), expected)
+    return checks.verify_log(files.read_log(log), expected)
 
 
 def _of_file(scene: str | None, wav: Path | None, motions: Any) -> Any:
     """Return the report of a file, checked against the scene and motion if given."""
-    from ..checks.verification import scene_told, verify
+    from ..checks.verification import scene_told
 
     if wav is None:
         raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
     expected = None if scene is None else scene_of(scene)
     motion = None
-    if _given(motions):
+    if given(motions):
         motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0]
-    return verify(expected, motion, wav)
+    return checks.verify(expected, motion, wav)
 
 
 def _names_a_scene(text: str) -> bool:
@@ -171,10 +162,7 @@ def replay(
     [bold]stimlib replay monday.stimlog --out monday.wav[/]
     """
     run_files(import_)
-    from ..files.log_reader import read_log
-    from ..files.log_replay import replay as replay_log
-
-    result = replay_log(read_log(log), out)
+    result = files.replay(files.read_log(log), out)
     if json_:
         print_json({"matches": result.matches} | asdict(result))
     else:
@@ -212,13 +200,9 @@ def mutate_(
     0.5[/]
     """
     run_files(import_)
-    from ..checks.mutation import mutate
-
     made = scene_of(scene)
     motion, length = motions(made, ("minimum_jerk()",), touching(scene))
-    found = mutate(made, motion, fs, min(seconds, length or seconds), params_of(params, made), seed)
-    if json_:
-        print_json(found.to_dict())
-    else:
-        print_wide(found)
+    length = min(seconds, length or seconds)
+    found = checks.mutate(made, motion, fs, length, params_of(params, made), seed)
+    print_result(found, json_)
     end(found.passed)

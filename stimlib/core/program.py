@@ -17,7 +17,6 @@ import numpy as np
 from ..errors import BadValue, SceneError, outside
 from ..system.limits import limits
 from . import steps, units as un
-from .cycles import Cycle, closed
 from .graph import (
     Add,
     Block,
@@ -35,6 +34,7 @@ from .graph import (
     signals,
     type_name,
 )  # fmt: skip
+from .loop_code import Cycle, closed
 from .loops import Last, Loop, Tap
 
 # clocks: parameters, always; the sample clock.  Each enabled and each segment adds one.

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError, UnknownName
-from .cycles import Cycle
 from .graph import Block, Const, Map, Param, Pick, Subsystem, pack, unpack
+from .loop_code import Cycle
 from .program import Instance, Program
 
 

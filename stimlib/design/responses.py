@@ -127,21 +127,6 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
     return Law(below_the_edge, lambda f, fs: 2j * np.pi * f, tol, text, straight, shapes=True)
 
 
-def stop_band(passband: float, stopband: float, tol: float) -> Law:
-    """Return the law of a stop band, 0; errors scale with the gain at the pass edge."""
-
-    def edge(f, fs):
-        return np.full(f.shape, 2 * np.pi * passband)
-
-    return Law(
-        lambda fs: np.linspace(stopband, fs / 2, 500),
-        edge,
-        tol,
-        "stop band",
-        lambda H, f, fs: 2 * np.pi * passband + H,
-    )
-
-
 def delay(samples: int) -> Law:
     """Return the law of a delay, exp(-s T).
 

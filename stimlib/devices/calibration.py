@@ -395,9 +395,8 @@ def calibrate(
     low, high = band
     if not sensor >= 0:
         raise BadValue(f"calibrate: sensor = {sensor:g} is a relative uncertainty, 0 or above")
-    if not (
-        0 < low and low + 2 * resolution <= high <= sweep.fs / 2 and resolution * n >= 3 * sweep.fs
-    ):
+    inside = 0 < low and low + 2 * resolution <= high <= sweep.fs / 2
+    if not (inside and resolution * n >= 3 * sweep.fs):
         raise BadValue(
             f"calibrate: band = {band} Hz and resolution = {resolution:g} Hz: the band must lie"
             f" between 0 and {sweep.fs / 2:g} Hz, hold two resolutions, and each of them three"
@@ -407,11 +406,12 @@ def calibrate(
     drive, response = np.fft.rfft(np.broadcast_to(u, y.shape)), np.fft.rfft(y)
     freq = np.arange(low, high + resolution / 2, resolution)
     power = [np.sum(np.abs(drive[0, np.abs(f - at) <= resolution / 2]) ** 2) for at in freq]
-    if silent := [at for at, p in zip(freq, power, strict=True) if p < 1e-3 * max(power)]:
-        raise BadValue(
-            f"calibrate: the sweep drives nothing at {silent[0]:g} Hz: give a band within what was"
-            " swept"
-        )
+    for at, p in zip(freq, power, strict=True):
+        if p < 1e-3 * max(power):
+            raise BadValue(
+                f"calibrate: the sweep drives nothing at {at:g} Hz: give a band within what was"
+                " swept"
+            )
     gains = np.array([_gain(f, drive, response, at, resolution) for at in freq])  # (k, takes)
     gain = gains.mean(axis=1)
     spread = (gains * (gain.conj() / np.abs(gain))[:, None]).real.std(axis=1, ddof=1)
@@ -520,7 +520,8 @@ def check_level(
     measured, noise = math.hypot(*fit[:2]), 1.96 * math.sqrt(2 * rest.sum()) / y.size / level
     stated = 20 * math.log10(1 + calibration.error(freq) + min(noise, 0.05))
     allowed = stated if tolerance is None else tolerance
-    if not abs(change := 20 * math.log10(measured / level)) <= allowed:
+    change = 20 * math.log10(measured / level)
+    if not abs(change) <= allowed:
         raise RecordingError(
             f"check_level: {measured:.3g} {calibration.unit} at {freq:g} Hz instead of {level:g}"
             f" {calibration.unit} is a difference of {change:.2f} dB, more than {allowed:.2f} dB;"

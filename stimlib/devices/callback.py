@@ -415,6 +415,17 @@ def timed(c, i, ns):
     store(c, TIMES, c[TIMES] + 1)
 
 
+@plain
+def keep_motion(c, m):
+    """Write the motion of m samples into the ring buffer of the log."""
+    w, x = c[X_WRITE], f8_at(c[X])
+    for k in range(m):
+        ring = f8_at(c[X_RING] + 8 * c[N_IN] * ((w + k) % c[L_SIZE]))
+        for a in range(c[N_IN]):
+            ring[a] = x[a * m + k]
+    store(c, X_WRITE, w + m)
+
+
 @njit(error_model="numpy")
 def advance(c, done, n, keep):
     """Run up to n - done samples, and deliver them from frame ``done`` on.
@@ -455,12 +466,7 @@ def advance(c, done, n, keep):
             deliver(c, done, m, log)
             c[STAGED] += m
         if log and c[N_IN] > 0:
-            w, x = c[X_WRITE], f8_at(c[X])
-            for k in range(m):
-                ring = f8_at(c[X_RING] + 8 * c[N_IN] * ((w + k) % c[L_SIZE]))
-                for a in range(c[N_IN]):
-                    ring[a] = x[a * m + k]
-            store(c, X_WRITE, w + m)
+            keep_motion(c, m)
         done += m
         gone += m if not keep and (log or c[LOG] == 0) else 0
     lose(c, program[15], gone)

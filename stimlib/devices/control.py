@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import reprlib
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.scene import Scene
 from ..errors import BadValue
-from .process import account, begin, fifo
+from .process import account, fifo
 from .sink import Sink
 from .sources import Live
 
@@ -133,21 +132,17 @@ class ControlLoop(Sink):
 
     def _open(self) -> None:
         self.block = self.block or 1
-        self._frames = np.zeros((self.channels, self.block), np.float32)
+        self._frames = self.make_frames()
         scales = self.safety.scales(self.proc.outputs)
         self._scales = np.array([[scales[i] if i >= 0 else 0.0] for i in self.map])
-        outs = self.pump.buffers("OUTS")
-        outs[:] = self._frames.ctypes.data + 4 * self.block * np.arange(self.channels)
-        self._thread = begin(
-            threading.Thread(target=self._loop, name="stimlib control loop", daemon=True)
-        )
+        self.start_loop(self._loop)
 
     def _loop(self) -> None:
         if self.realtime and not fifo():
             self._refused.append("real-time priority (ulimit -r)")
         n = self.block or 1
         period, start, k = 1e9 * n / self.rate, time.monotonic_ns(), 0
-        while self.pump.state != self.pump.native.CLOSED and not self._hangs:
+        while not self.closing and not self._hangs:
             k += 1
             due = start + int(k * period)
             if (early := due - time.monotonic_ns()) > 1e9 * self._spin:
@@ -195,20 +190,15 @@ class ControlLoop(Sink):
             self._write(y[:, 0] if self.block == 1 else y)
         except BaseException as e:
             if not self._device_gone:
-                self._device_lost(f"write failed: {account(e)}")
+                self.device_lost(f"write failed: {account(e)}")
 
-    def _device_lost(self, why: str) -> None:
+    def device_lost(self, why: str) -> None:
         """Write zeros from this thread if the loop hangs, and record the loss."""
-        super()._device_lost(why)
+        super().device_lost(why)
         if self._hangs:
             self._put(np.zeros_like(self._frames))
 
     gone = "a period has not ended for {:g} s: zeros were written."
-
-    def _close(self) -> None:
-        self.pump.write("STATE", self.pump.native.CLOSED)
-        if self._thread:
-            self._thread.join()
 
     def _latency(self) -> float:
         return (self.block or 1) / self.rate

@@ -21,11 +21,6 @@ from .process import keep_loaded
 from .sink import Sink
 from .sources import Signals
 
-SILENT_FOR = 2.0
-"""Seconds without a callback after which a server counts as gone; in synchronous mode a
-killed client can block it for a while.
-"""
-
 INSTALL = (
     "pip install 'stimlib[jack]' and, on Debian or Ubuntu, apt-get install jackd2 libjack-jackd2-0"
 )
@@ -78,7 +73,7 @@ class JackSink(Sink):
     """
 
     device = "jack"
-    silent_for = SILENT_FOR
+    silent_for = 2.0  # in synchronous mode a killed client can block the server for a while
 
     def __init__(
         self,
@@ -262,7 +257,7 @@ class JackSink(Sink):
 
     def _server_ended(self, status: Any, reason: str) -> None:
         if not self._closed:
-            self._device_lost(
+            self.device_lost(
                 f"the server has ended ({reason or 'no reason given'}): no fade-out was possible"
             )
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ class Loopback:
         return f"{line}, {what}; latency to the outputs {self.latency * 1e3:.2f} ms: {word}"
 
 
-class Capture:
+class Capture(AbstractContextManager["Capture"]):
     """A JACK client that records from its creation on, in a compiled callback.
 
     Parameters
@@ -138,8 +139,6 @@ class Capture:
                 self._data.ctypes.data,
                 size,
                 0,
-            ]
-            words += [
                 self._times.ctypes.data,
                 address(lib.jack_last_frame_time),
                 address(client._ptr),
@@ -179,9 +178,6 @@ class Capture:
     def times(self) -> NDArray[np.int64]:
         """JACK's time, in frames, of each recorded frame."""
         return self._times[: self._words[5]]
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.client.deactivate()

@@ -6,7 +6,6 @@ package's documentation.
 
 from __future__ import annotations
 
-import threading
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -14,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue, SinkError
-from .process import begin
 from .sink import Sink
 
 INSTALL = "install NI-DAQmx, the vendor's driver, and pip install nidaqmx"
@@ -72,9 +70,7 @@ class NidaqSink(Sink):
             import_module(f"nidaqmx.{part}") for part in ("constants", "stream_writers")
         )
         self.block = n = self.block or max(1, round(0.01 * self.rate))
-        self._frames = np.zeros((self.channels, n), np.float32)
-        outs = self.pump.buffers("OUTS")
-        outs[:] = self._frames.ctypes.data + 4 * n * np.arange(self.channels)
+        self._frames = self.make_frames()
         try:
             self._task = task = ni.Task()
             task.ao_channels.add_ao_voltage_chan(self.name, min_val=-self.volts, max_val=self.volts)
@@ -99,21 +95,19 @@ class NidaqSink(Sink):
             task.start()
         except ni.errors.DaqError as e:
             raise SinkError(f"nidaq: {self.name} cannot be opened: {e}") from e
-        self._thread = begin(threading.Thread(target=self._loop, name="stimlib nidaq", daemon=True))
+        self.start_loop(self._loop)
 
     def _loop(self) -> None:
         try:
-            while self.pump.state != self.pump.native.CLOSED:
+            while not self.closing:
                 self.pump.block(self.block or 1)
                 # it waits for room in the buffer
                 self._writer.write_many_sample(self.volts * self._frames.astype(float), timeout=1.0)
         except Exception as e:
-            self._device_lost(f"the device ended: {e}. No fade-out was possible")
+            self.device_lost(f"the device ended: {e}. No fade-out was possible")
 
     def _close(self) -> None:
-        self.pump.write("STATE", self.pump.native.CLOSED)
-        if self._thread:
-            self._thread.join()
+        super()._close()
         if task := getattr(self, "_task", None):
             task.close()
 

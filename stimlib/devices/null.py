@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
-import numpy as np
-
-from .process import begin, fifo
+from .process import fifo
 from .sink import Sink
 
 
@@ -35,24 +32,15 @@ class NullSink(Sink):
 
     def _open(self) -> None:
         self.block = self.block or 64
-        self.buffer = np.zeros((self.channels, self.block), np.float32)
-        outs = self.pump.buffers("OUTS")
-        outs[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(self.channels)
+        self._frames = self.make_frames()
         if not self.clock:
             self.pump.write("WAIT", 1_000_000)
-        self._thread = begin(
-            threading.Thread(target=self._loop, name="stimlib null device", daemon=True)
-        )
+        self.start_loop(self._loop)
 
     def _loop(self) -> None:
         if self.clock and self.realtime and not fifo():
             self._refused.append("real-time priority (ulimit -r)")
         self.pump.native.null(self.pump.words, self.block, self.rate, int(self.clock))
-
-    def _close(self) -> None:
-        self.pump.write("STATE", self.pump.native.CLOSED)
-        if self._thread:
-            self._thread.join()
 
     def _latency(self) -> float:
         return (self.block or 0) / self.rate if self.clock else 0.0

@@ -9,7 +9,6 @@ warning.
 from __future__ import annotations
 
 import atexit
-import math
 import threading
 import time
 import warnings
@@ -26,8 +25,6 @@ from .sink import Sink
 from .sources import Signals
 
 INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
-SILENT_FOR = 0.8
-"""Seconds without a callback after which a device counts as gone."""
 SETTLES_IN = 3.0
 """Seconds that a device may need to reach regular intervals: PulseAudio first takes up
 to two seconds of samples at once, then none.
@@ -121,6 +118,7 @@ class PortAudioSink(Sink):
     """
 
     device = "portaudio"
+    silent_for = 0.8
 
     def __init__(
         self,
@@ -139,7 +137,6 @@ class PortAudioSink(Sink):
         self.name = int(name) if number else name  # type: ignore[arg-type]
         self.latency, self.compiled = latency, compiled
         self._stream: Any = None
-        self.silent_for = SILENT_FOR if clocked else math.inf
         if isinstance(self.motion, Signals):
             if ports := [s.connect for s in self.motion.inputs.values() if s.connect is not None]:
                 raise BadValue(
@@ -288,7 +285,7 @@ class PortAudioSink(Sink):
         PortAudio calls this method when a stream ends.
         """
         if not self._closed:
-            self._device_lost(
+            self.device_lost(
                 "the device has ended the stream: is it still there? No fade-out was possible"
             )
 

@@ -149,11 +149,8 @@ def signals_wait() -> Iterator[None]:
         yield
         return
     came: list[int] = []
-    kept = {
-        s: h
-        for s in (signal.SIGINT, *ENDS)
-        if (h := signal.getsignal(s)) not in (None, signal.SIG_IGN)
-    }
+    handlers = {s: signal.getsignal(s) for s in (signal.SIGINT, *ENDS)}
+    kept = {s: h for s, h in handlers.items() if h not in (None, signal.SIG_IGN)}
     for s in kept:
         signal.signal(s, lambda number, frame: came.append(number))
     try:

@@ -93,18 +93,18 @@ class SessionReport:
         )
         more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
-        more += [f"motion stale {self.stale} times"] if self.stale else []
-        more += [f"{self.unlogged} samples not logged"] if self.unlogged else []
-        more += [f"{self.skipped} columns of motion came too fast"] if self.skipped else []
         unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
-        marked = f"{self.markers} markers, {self.lost_markers} lost{unsent}"
-        more += [marked] if self.markers else []
-        more += [f"{self.rows} rows of motion, {self.rejected} rejected"] if self.rows else []
-        more += [
-            "faded in over"
-            f" {f'{self.rise} frames before sample 0' if self.rise else 'the first samples'}"
-        ]
-        more += [f"faded out over {self.fall} frames after the last sample"] if self.fall else []
+        rise = f"{self.rise} frames before sample 0" if self.rise else "the first samples"
+        rest = (
+            (self.stale, f"motion stale {self.stale} times"),
+            (self.unlogged, f"{self.unlogged} samples not logged"),
+            (self.skipped, f"{self.skipped} columns of motion came too fast"),
+            (self.markers, f"{self.markers} markers, {self.lost_markers} lost{unsent}"),
+            (self.rows, f"{self.rows} rows of motion, {self.rejected} rejected"),
+            (True, f"faded in over {rise}"),
+            (self.fall, f"faded out over {self.fall} frames after the last sample"),
+        )
+        more += [text for count, text in rest if count]
         return "; ".join([line, *more])
 
 
@@ -151,7 +151,8 @@ class Recorder:
         writer, p = self.writer, self.pump
         # read first: what is lost of it has its event by now
         committed = p.read("DELIVERED") + p.read("LOST")
-        if (pair := p.timed()) is not None:
+        pair = p.timed()
+        if pair is not None:
             self.markers.clock.add(*pair)
         if writer is not None and p.read("DROPPED"):
             raise SinkError(

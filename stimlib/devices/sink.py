@@ -1,6 +1,7 @@
 """The base class of all sinks, around the engine and the compiled callback.
 
-A subclass implements four methods for its device.
+A subclass implements ``_open`` and ``_latency`` for its device, and often ``_start``
+and ``_close``.
 
 A sink owns one session: open, start, stop, close.  The samples are computed by
 ``stimlib/devices/callback.py`` inside the device's own callback; everything in this
@@ -12,23 +13,21 @@ from __future__ import annotations
 import logging
 import math
 import os
-import sys
 import threading
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
-from importlib import metadata
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..core.definitions import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
-from ..version import __version__
 from .engine import PUMP, Pump
 from .markers import Markers, Send
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
@@ -66,7 +65,14 @@ session.
 class Sink:
     """A session on a device; base class of ``NullSink``, ``JackSink`` and others.
 
-    Subclasses implement the four methods at the end.
+    Subclasses implement the four methods at the end; ``start_loop``, ``make_frames``,
+    ``closing`` and ``device_lost`` are for them.
+
+    Attributes
+    ----------
+    silent_for : float
+        Time in s without a block after which a device with a clock of its own counts
+        as lost, by default 2.
 
     Parameters
     ----------
@@ -135,12 +141,15 @@ class Sink:
     device = "none"
     clock = True  # whether it has a clock of its own
     leads = True  # whether frames before sample 0 lead to it; else the gain rises along the samples
-    silent_for = math.inf  # seconds without a call after which the device is taken for gone
+    silent_for = 2.0
     gone = "the device has taken no samples for {:g} s: is it still there?"
     _device_gone = _hangs = False
     _worker: threading.Thread | None = None
-    _thread: threading.Thread | None = None  # of a device that is none
+    _thread: threading.Thread | None = None  # that of start_loop
     _feeder: Feeder | Receiver | None = None
+    _last_latency = 0.0
+    _recorder: Any = SimpleNamespace(stales=0)  # until it is started
+    _telling: Any = SimpleNamespace(count=0, lost=0, unsent=0)
 
     def __init__(
         self,
@@ -196,11 +205,9 @@ class Sink:
         self._lock = threading.RLock()
 
     def __repr__(self):
-        at = (
-            f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}"
-            if self._opened
-            else ""
-        )
+        at = ""
+        if self._opened:
+            at = f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}"
         return f"{type(self).__name__}({self.scene!r}{at})"
 
     # Life -----------------------------------------------------------------------------
@@ -329,19 +336,14 @@ class Sink:
             The sink is not open or was started before; or the device or a thread cannot
             be started, and the sink is then closed.
         """
-        if not self._opened or self._closed:
-            raise SinkError(
-                "start: open the sink first" if not self._opened else "start: this sink is closed"
-            )
+        self._need_open("start")
         if self._started:
             raise SinkError(
                 "start: a sink plays once; make a new one, so that each session has its own log"
             )
-        frames = (
-            length(self.motion)
-            if seconds is None
-            else _samples("start: seconds", seconds, self.rate)
-        )
+        frames = length(self.motion)
+        if seconds is not None:
+            frames = _samples("start: seconds", seconds, self.rate)
         if frames == 0:
             raise BadValue(f"start: seconds = {seconds} must be at least one sample")
         if isinstance(self.motion, Scripted):
@@ -567,15 +569,10 @@ class Sink:
             The device has failed, or takes no changes.
         """
         self.check()
-        if not self._opened or self._closed:
-            raise SinkError(
-                "set: open the sink first" if not self._opened else "set: this sink is closed"
-            )
+        self._need_open("set")
         self._need_live(name)
-        value, samples = (
-            _number(f"set: {name}", value),
-            max(1, _samples(f"set: {name}: ramp", ramp, self.rate)),
-        )
+        value = _number(f"set: {name}", value)
+        samples = max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
         end = time.monotonic() + 1.0
         while not self.finished and not self.pump.set(name, value, samples):
             if time.monotonic() > end or not self._started:
@@ -583,6 +580,12 @@ class Sink:
                     f"set({name!r}): 256 changes wait already and the device takes none"
                 )
             time.sleep(0.001)
+
+    def _need_open(self, what: str) -> None:
+        if not self._opened:
+            raise SinkError(f"{what}: open the sink first")
+        if self._closed:
+            raise SinkError(f"{what}: this sink is closed")
 
     def _need_live(self, name: str) -> None:
         if name not in self.scene.params:  # the fade is not theirs to set
@@ -667,8 +670,7 @@ class Sink:
         if not self._started:
             raise SinkError("time_of: start the sink first")
         at, uncertainty = self._telling.clock.time(sample)
-        latency = self._last_latency if self._closed else self._latency()
-        return at + latency, uncertainty
+        return at + self._delay(), uncertainty
 
     def report(self) -> SessionReport:
         """Return the report of the session so far."""
@@ -684,15 +686,15 @@ class Sink:
             clips=self._watch.counts(),
             faults=self._watch.faults(),
             block_time={"p50": p50, "p99": p99, "p99.9": p999, "max": most},
-            latency=self._latency() if not self._closed else self._last_latency,
-            stale=self._recorder.stales if self._started else 0,
+            latency=self._delay(),
+            stale=self._recorder.stales,
             unlogged=p.read("UNLOGGED"),
             skipped=p.read("SKIPPED"),
             rise=p.read("ROSE"),
             fall=p.read("FELL"),
-            markers=self._telling.count if self._started else 0,
-            lost_markers=self._telling.lost if self._started else 0,
-            unsent_markers=self._telling.unsent if self._started else 0,
+            markers=self._telling.count,
+            lost_markers=self._telling.lost,
+            unsent_markers=self._telling.unsent,
             **self._received(),
         )
 
@@ -701,13 +703,57 @@ class Sink:
             return {}
         return {n: getattr(self._feeder, n) for n in ("rows", "rejected", "jitter")}
 
-    _last_latency = 0.0
+    def _delay(self) -> float:
+        """Return the latency of the device, or its last one after it has closed."""
+        return self._last_latency if self._closed else self._latency()
 
-    def _device_lost(self, why: str) -> None:
-        """Record, from any thread, that the device will make no further calls."""
+    # For the author of a device -------------------------------------------------------
+    def device_lost(self, why: str) -> None:
+        """End the session with an error, because the device requests no more blocks.
+
+        It may be called from any thread; ``wait`` and ``check`` raise the error.
+
+        Parameters
+        ----------
+        why : str
+            What has happened; the error adds the name of the device.
+        """
         self._device_gone = True
         self._fail(SinkError(f"{self.device}: {why}"))
 
+    def make_frames(self) -> NDArray[np.float32]:
+        """Make the array into which the pump writes the samples of each block.
+
+        For ``_open``, after it has set ``self.block``.
+
+        Returns
+        -------
+        ndarray of float32, shape (channels, block)
+            From -1 to 1.
+        """
+        assert self.block
+        frames = np.zeros((self.channels, self.block), np.float32)
+        rows = frames.ctypes.data + frames.strides[0] * np.arange(self.channels)
+        self.pump.buffers("OUTS")[:] = rows
+        return frames
+
+    def start_loop(self, loop: Callable[[], None]) -> None:
+        """Start a thread that requests blocks, for ``_open`` of a device without one.
+
+        Parameters
+        ----------
+        loop : callable
+            Requests blocks by ``self.pump.block`` until ``self.closing``.
+        """
+        name = f"stimlib {self.device} device"
+        self._thread = begin(threading.Thread(target=loop, name=name, daemon=True))
+
+    @property
+    def closing(self) -> bool:
+        """Whether the sink is being closed, so that no more blocks are wanted."""
+        return self.pump.state == self.pump.native.CLOSED
+
+    # Errors ---------------------------------------------------------------------------
     def _fail(self, e: BaseException, earliest: int = 0, what: str = "unexpected error") -> None:
         """Fade the session out from sample ``earliest`` on, and keep the error.
 
@@ -736,15 +782,13 @@ class Sink:
         calls = self.pump.read("CALLS")
         even = calls != self._calls or self.pump.state == self.pump.native.IDLE
         self._calls, self._silence = calls, 0.0 if even else self._silence + seconds
-        if self._silence >= self.silent_for and not (self._device_gone or self._closed):
+        silent = self.clock and self._silence >= self.silent_for
+        if silent and not (self._device_gone or self._closed):
             self._hangs = True
-            self._device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
+            self.device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
         if self._feeder and self._feeder.is_alive() and not (self.error or self.finished):
-            turns = self._feeder.turns
-            self._turns, self._waited = (
-                turns,
-                (self._waited + seconds if turns == self._turns else 0.0),
-            )
+            turns, before = self._feeder.turns, self._turns
+            self._turns, self._waited = turns, self._waited + seconds if turns == before else 0.0
             if self._waited >= WAITS:
                 why = f"a function of the motion has not returned for {WAITS:g} s: it must not wait"
                 self._fail(SinkError(f"{self.device}: {why}"))
@@ -765,27 +809,19 @@ class Sink:
 
         It contains everything that the samples depend on, except motion and events.
         """
-        packages = ("numpy", "numba", "llvmlite")
-        return {
-            "stimlib": __version__,
-            "versions": (
-                {"python": sys.version.split()[0]} | {p: metadata.version(p) for p in packages}
-            ),
-            "scene": self.scene.to_dict(),
-            "scene_hash": self.scene.hash,
-            "definitions": definitions(self.scene),
-            "fs": self.rate,
-            "seed": self.seed,
-            "params": self.params,
-            "safety": self.safety.to_dict(),
-            "inputs": list(self.proc.inputs),
-            "outputs": list(self.proc.outputs),
-            "units": self.proc.units,
-            "channels": [self.proc.outputs[i] if i >= 0 else None for i in self.map],
-            "device": self.device,
-            "block": self.block,
-            "started": datetime.now(UTC).isoformat(),
-        }
+        from ..files.log_writer import header
+
+        return header(
+            self.scene,
+            self.safety,
+            self.rate,
+            seed=self.seed,
+            params=self.params,
+            channels=[self.proc.outputs[i] if i >= 0 else None for i in self.map],
+            device=self.device,
+            block=self.block,
+            started=datetime.now(UTC).isoformat(),
+        )
 
     def _work(self) -> None:
         looked = time.monotonic()
@@ -820,9 +856,12 @@ class Sink:
     def _close(self) -> None:
         """Stop the callbacks and release the device.
 
-        It may be called after a failed ``_open``.
+        It may be called after a failed ``_open``.  By default it ends the thread of
+        ``start_loop``.
         """
-        raise NotImplementedError
+        self.pump.write("STATE", self.pump.native.CLOSED)
+        if self._thread:
+            self._thread.join()
 
     def _latency(self) -> float:
         """Return the latency in s from the callback to the device's output."""

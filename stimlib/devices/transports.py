@@ -13,9 +13,9 @@ import math
 import socket
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
-from typing import Any, Self
+from typing import Any
 
 from ..errors import BadValue, SinkError, public
 from ..system.packages import package
@@ -26,7 +26,7 @@ Rows = tuple[list[list[float]], list[float]]
 MOST = 256  # datagrams or lines that are taken at once
 
 
-class Transport:
+class Transport(AbstractContextManager["Transport"]):
     """A function that sends markers or receives motion, with a method ``close``."""
 
     def __init__(self, function: Callable[[Any], Any], close: Callable[[], Any]):
@@ -35,9 +35,6 @@ class Transport:
     def __call__(self, given: Any) -> Any:
         """Send a marker, or wait for rows for at most the given number of seconds."""
         return self._function(given)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
@@ -65,29 +62,30 @@ def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | None:
 
 def listening(what: str, host: str, port: int) -> socket.socket:
     """Return a UDP socket that listens on a port."""
-    here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        here.bind((host, port))
-    except (OSError, OverflowError) as e:
-        here.close()
-        raise SinkError(f"{what}: {host}:{port} cannot be listened to: {_why(e)}") from e
-    return here
+    return _socket(what, host, port, socket.socket.bind, "listened to")
 
 
 def sending(what: str, host: str, port: int) -> tuple[Callable[[bytes], None], Callable[[], None]]:
     """Return a function that sends datagrams, and a function that closes its socket."""
-    there = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        there.connect((host, port))
-    except (OSError, OverflowError) as e:
-        there.close()
-        raise SinkError(f"{what}: {host}:{port} cannot be sent to: {_why(e)}") from e
+    there = _socket(what, host, port, socket.socket.connect, "sent to")
 
     def send(data: bytes) -> None:
         with suppress(ConnectionRefusedError):  # of the datagram before: nobody listens yet
             there.send(data)
 
     return send, there.close
+
+
+def _socket(
+    what: str, host: str, port: int, use: Callable[[socket.socket, Any], None], done: str
+) -> socket.socket:
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        use(made, (host, port))
+    except (OSError, OverflowError) as e:
+        made.close()
+        raise SinkError(f"{what}: {host}:{port} cannot be {done}: {_why(e)}") from e
+    return made
 
 
 def _why(e: Exception) -> str:
@@ -510,8 +508,9 @@ def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Trans
 
 
 def _rows(lines: list[bytes], timed: bool) -> Rows:
-    found = [row for row in (row_of(line, timed) for line in lines) if row]
-    return [row for row, _ in found], [at for _, at in found]
+    found = [row_of(line, timed) for line in lines]
+    rows = [row for row in found if row]
+    return [row for row, _ in rows], [at for _, at in rows]
 
 
 @public

@@ -8,6 +8,7 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, UnknownName, need, public
@@ -76,14 +77,12 @@ def shapiro(values: ArrayLike) -> Statistic:
     ... )  # their example
     0.7888
     """
-    from scipy.stats import shapiro as test
-
     row = _row("shapiro", values, 3)
     if np.ptp(row) == 0:
         raise BadValue(
             f"shapiro: all {row.size} values are {row[0]:g}: there is no spread to judge"
         )
-    found = test(row)
+    found = scipy.stats.shapiro(row)
     return Statistic("Shapiro-Wilk", float(found.statistic), (), float(found.pvalue))
 
 
@@ -118,9 +117,7 @@ def kruskal(groups: Mapping[str, ArrayLike]) -> Statistic:
     >>> round(test.value, 6), round(test.p, 6)
     (0.272727, 0.601508)
     """
-    from scipy.stats import kruskal as test
-
-    found = test(*_groups("kruskal", groups).values())
+    found = scipy.stats.kruskal(*_groups("kruskal", groups).values())
     return Statistic(
         "Kruskal-Wallis",
         float(found.statistic),
@@ -192,12 +189,10 @@ def dunn(
     >>> [(p.a, p.b, round(p.statistic, 3), round(p.p, 4)) for p in pairs]
     [('a', 'b', -0.447, 1.0), ('a', 'c', -2.236, 0.076), ('b', 'c', -1.789, 0.2209)]
     """
-    from scipy.stats import norm, rankdata
-
     _one_of("dunn", "sides", sides, SIDES)
     _one_of("dunn", "adjustment", adjustment, ADJUSTMENTS)
     rows = _groups("dunn", groups)
-    ranks = rankdata(np.concatenate(list(rows.values())))
+    ranks = scipy.stats.rankdata(np.concatenate(list(rows.values())))
     N = ranks.size
     ties = np.unique(ranks, return_counts=True)[1]
     variance = N * (N + 1) / 12 - np.sum(ties**3.0 - ties) / (12 * (N - 1))
@@ -212,7 +207,9 @@ def dunn(
     ]
     times = (2 if sides == "two-sided" else 1) * (len(pairs) if adjustment == "bonferroni" else 1)
     return tuple(
-        Pair(a, b, float(v), min(1.0, times * float(norm.sf(abs(v)))), sides, adjustment)
+        Pair(
+            a, b, float(v), min(1.0, times * float(scipy.stats.norm.sf(abs(v)))), sides, adjustment
+        )
         for (a, b), v in zip(pairs, z, strict=True)
     )
 
@@ -244,13 +241,11 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
     >>> round(test.value, 6), test.df, round(test.p, 6)
     (1.5, (1.0, 4.0), 0.287864)
     """
-    from scipy.stats import f_oneway
-
     rows = _groups("anova", groups)
     df = len(rows) - 1.0, float(sum(r.size for r in rows.values()) - len(rows))
     if df[1] == 0:
         raise BadValue("anova: every group has one value, so there is no error to compare with")
-    found = f_oneway(*rows.values())
+    found = scipy.stats.f_oneway(*rows.values())
     return Statistic(
         "ANOVA, independent groups",
         float(found.statistic),
@@ -289,8 +284,6 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
     >>> round(test.value, 4), test.df, round(test.p, 4)
     (3.2863, (3.0,), 0.0462)
     """
-    from scipy.stats import ttest_rel
-
     a, b = _row("paired", a, 2), _row("paired", b, 2)
     if a.size != b.size:
         raise BadValue(
@@ -300,7 +293,7 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
     _spread("paired", a - b)
     if np.ptp(a - b) <= 1e-14 * np.abs(a).max():
         raise BadValue("paired: all differences are the same: there is no spread to compare with")
-    found = ttest_rel(a, b)
+    found = scipy.stats.ttest_rel(a, b)
     return Statistic(
         "paired t",
         float(found.statistic),
@@ -394,8 +387,6 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     >>> round(float(effect.eta2), 4), round(float(effect.generalized_eta2), 4)
     (0.7826, 0.5625)
     """
-    from scipy.stats import f
-
     y = numbers("repeated: values", values)
     names = tuple(factors)
     if len(set(names)) < len(names):
@@ -447,9 +438,9 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
                     name,
                     F,
                     df,
-                    f.sf(F, *df),
+                    scipy.stats.f.sf(F, *df),
                     epsilon,
-                    f.sf(F, df[0] * epsilon, df[1] * epsilon),
+                    scipy.stats.f.sf(F, df[0] * epsilon, df[1] * epsilon),
                     *parts,
                 )
             )

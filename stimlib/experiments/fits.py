@@ -10,11 +10,12 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, need, public, shortened
 from ..system.packages import package
-from .goodness import allowed, dispersion, goodness, parameters
+from .goodness import allowed, best_possible, dispersion, goodness, parameters
 from .likelihood import (
     FREE,
     GUESSES,
@@ -579,8 +580,6 @@ class _How(NamedTuple):
 
 def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
     """Return the rates that all sets share, whatever else their models are."""
-    from scipy.optimize import minimize
-
     names = [name for name in ("guess", "lapse") if parts and getattr(parts[0][1], name) == SHARED]
     if not names:
         return {}
@@ -596,7 +595,7 @@ def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
     highest = np.array([GUESSES if name == "guess" else LAPSES for name in names])
     start = min((np.array(v) * highest for v in product(LATTICE, repeat=len(names))), key=loss)
     step = np.diag(np.where(start < highest / 2, 1, -1) * LATTICE[1] * highest)
-    found = minimize(
+    found = scipy.optimize.minimize(
         loss,
         start,
         method="Nelder-Mead",
@@ -684,7 +683,7 @@ def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each
         sigma=float(found[1]),
         pse_interval=(low, high),
         sigma_interval=(float(around[1, 0]), float(around[1, 1])),
-        deviance=float(2 * (_best_possible(one) - each["loglik"])),
+        deviance=float(2 * (best_possible(one) - each["loglik"])),
         trials=int(one.n.sum()),
         levels=one.x.size,
         gap=_gap(one, log, model.guess),
@@ -772,8 +771,6 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     >>> likelihood_ratio([both], each).p < 0.001
     True
     """
-    from scipy.stats import chi2, f
-
     one, other = list(simple), list(full)
     if wrong := [fit for fit in (*one, *other) if not isinstance(fit, Fit)]:
         raise BadValue(f"likelihood_ratio: {wrong[0]!r:.80} is no Fit; give lists of fits")
@@ -802,7 +799,11 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     free = [(k, v) for k, v in free if math.isfinite(v)]
     left = sum(k for k, _ in free)
     scatter = sum(k * v for k, v in free) / left if left else 1.0
-    p = f.sf(gain / df / scatter, df, left) if scatter > 1 else chi2.sf(gain, df)
+    p = (
+        scipy.stats.f.sf(gain / df / scatter, df, left)
+        if scatter > 1
+        else scipy.stats.chi2.sf(gain, df)
+    )
     return LikelihoodRatio(gain, df, float(p))
 
 
@@ -1101,23 +1102,25 @@ def undetermined(sets: Sets) -> tuple[str, ...]:
 
 def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
     """Return what is wrong with answers that have a best curve; "" if nothing is."""
-    from scipy.stats import chi2
-
     free = model._replace(lapse=FREE)
     eta = found.a[:, None] + found.b[:, None] * (sets.x - middle[:, None])
     # but for lapses, they are separated
     near = np.sum((np.abs(eta) < BEYOND) & (sets.n > 0), axis=1)
-    flat = 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < chi2.ppf(0.95, 1)
+    flat = 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < scipy.stats.chi2.ppf(
+        0.95, 1
+    )
     gain = np.zeros(flat.shape)
     if model.lapse != FREE:
         gain = 2 * (maximum(sets, middle, free).loglik - found.loglik)
-    lapses = gain > chi2.isf(2 * SURE, 1)  # at the edge of its range: half of chi squared
+    lapses = gain > scipy.stats.chi2.isf(
+        2 * SURE, 1
+    )  # at the edge of its range: half of chi squared
     guess = np.zeros(flat.shape, bool)
     if model.guess != FREE:
         others = [0.5] if model.guess is None else [g for g in CHANCES if g != model.guess]
         each = [maximum(sets, middle, model._replace(guess=g)).loglik for g in others]
         better = 2 * (np.max(each, axis=0) - found.loglik)
-        guess = better > (AS_GOOD if model.guess is None else chi2.isf(SURE, 1))
+        guess = better > (AS_GOOD if model.guess is None else scipy.stats.chi2.isf(SURE, 1))
         guess &= ~lapses | (better > gain)
     names = np.select(
         [found.b <= 0, near < 2, flat, guess, lapses],
@@ -1125,12 +1128,3 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
         "",
     )
     return [str(name) for name in names]
-
-
-def _best_possible(sets: Sets) -> float:
-    """Return the log-likelihood of every level's own proportion."""
-    from scipy.special import xlogy
-
-    return float(
-        np.sum(xlogy(sets.yes, sets.yes / sets.n) + xlogy(sets.n - sets.yes, 1 - sets.yes / sets.n))
-    )

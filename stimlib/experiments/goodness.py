@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from .likelihood import (
@@ -49,12 +50,10 @@ def allowed(dispersion: ArrayLike, freedom: ArrayLike, confidence: float = 0.95)
     >>> allowed([0.5, 2.0], 5).round(2)
     array([ 3.84, 13.22])
     """
-    from scipy.special import chdtri, fdtri
-
-    least = chdtri(1, 1 - confidence)
+    least = scipy.special.chdtri(1, 1 - confidence)
     freedom = np.asarray(freedom, float)
     with np.errstate(invalid="ignore"):
-        scaled = np.asarray(dispersion) * fdtri(1, np.maximum(freedom, 1), confidence)
+        scaled = np.asarray(dispersion) * scipy.special.fdtri(1, np.maximum(freedom, 1), confidence)
         return np.where((freedom > 0) & (scaled > least), scaled, least)
 
 
@@ -167,9 +166,19 @@ def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) ->
     return float((1 + np.sum(larger)) / (1 + DRAWS))
 
 
+def best_possible(sets: Sets) -> float:
+    """Return the log-likelihood of every level's own proportion."""
+    return float(
+        np.sum(
+            scipy.special.xlogy(sets.yes, sets.yes / sets.n)
+            + scipy.special.xlogy(sets.n - sets.yes, 1 - sets.yes / sets.n)
+        )
+    )
+
+
 def _deviance(yes: Array, n: Array, p: Array, q: Array) -> Array:
     """Return the deviance of answers from probabilities."""
-    from scipy.special import xlogy
-
     no = n - yes
-    return 2 * np.sum(xlogy(yes, yes / (n * p)) + xlogy(no, no / (n * q)), axis=-1)
+    return 2 * np.sum(
+        scipy.special.xlogy(yes, yes / (n * p)) + scipy.special.xlogy(no, no / (n * q)), axis=-1
+    )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, UnknownName, public
@@ -74,13 +75,11 @@ def line(x: ArrayLike, y: ArrayLike) -> Line:
     ... )
     (0.1452, -0.0012, 0.0319, 0.997)
     """
-    from scipy.stats import linregress, t
-
     x, y = _points("line", x, y)
-    found = linregress(x, y)
+    found = scipy.stats.linregress(x, y)
     df = x.size - 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        p = 2 * t.sf(abs(np.float64(found.intercept) / found.intercept_stderr), df)
+        p = 2 * scipy.stats.t.sf(abs(np.float64(found.intercept) / found.intercept_stderr), df)
     return Line(
         float(found.slope),
         float(found.intercept),
@@ -311,10 +310,6 @@ def bradley_terry(
     felt 0.85 +- 0.69
     cork 0.00 +- 0.00
     """
-    from scipy.sparse.csgraph import connected_components
-    from scipy.special import softmax
-    from scipy.stats import t
-
     quantile("bradley_terry", confidence)
     for k, row in enumerate(list(rankings) or [()]):
         if not 1 < len(row) == len(set(row)):
@@ -326,28 +321,8 @@ def bradley_terry(
     stages = [(k, row[i:]) for k, row in enumerate(rankings) for i in range(len(row) - 1)]
     there = np.array([[item in left for item in items] for _, left in stages])
     won = np.array([[item == left[0] for item in items] for _, left in stages])
-    count, group = connected_components(won.T.astype(float) @ there > 0, connection="strong")
-    if count != 1:
-        raise BadValue(
-            "bradley_terry: the groups "
-            + " | ".join(
-                ", ".join(str(i) for i, g in zip(items, group, strict=True) if g == k)
-                for k in dict.fromkeys(group)
-            )
-            + " have no finite distance, because no item of one was ever preferred to any of"
-            " another, or they were not compared; ask for more pairs across the groups, or leave a"
-            " group out"
-        )
-    theta = np.zeros(len(items))
-    for _ in range(100):
-        chance = softmax(np.where(there, theta, -np.inf), axis=1)
-        # ones: the mean of all is free, and taken away below
-        inverse = np.linalg.inv(np.diag(chance.sum(axis=0)) - chance.T @ chance + 1)
-        step = inverse @ (won - chance).sum(axis=0)
-        most = 2 * np.abs(step).max()
-        if most < 1e-10:
-            break
-        theta = theta + step * np.log1p(most) / most  # so far the likelihood rises for sure
+    _check_connected(items, won.T.astype(float) @ there > 0)
+    theta, chance, inverse = _abilities(there, won)
     people = [] if participants is None else list(dict.fromkeys(participants))
     df = len(people) - 1 if people else np.inf
     if participants is not None:
@@ -365,11 +340,40 @@ def bradley_terry(
     at = np.array([reference in (None, item) for item in items], float)
     contrast = np.eye(len(items)) - at / at.sum()
     values, errors = contrast @ theta, np.sqrt(np.diag(contrast @ inverse @ contrast.T))
-    z, width = values / np.where(errors > 0, errors, np.nan), t.ppf((1 + confidence) / 2, df)
-    return tuple(
-        Coefficient(str(i), *map(float, (v, e, one, p, v - width * e, v + width * e)))
-        for i, v, e, one, p in zip(items, values, errors, z, 2 * t.sf(np.abs(z), df), strict=True)
+    z = values / np.where(errors > 0, errors, np.nan)
+    p, width = 2 * scipy.stats.t.sf(np.abs(z), df), scipy.stats.t.ppf((1 + confidence) / 2, df)
+    rows = np.stack([values, errors, z, p, values - width * errors, values + width * errors])
+    return tuple(Coefficient(str(i), *row) for i, row in zip(items, rows.T.tolist(), strict=True))
+
+
+def _check_connected(items: Sequence[str | int], preferred: np.ndarray) -> None:
+    """Raise BadValue unless each item was preferred, by some chain, to every other."""
+    count, group = scipy.sparse.csgraph.connected_components(preferred, connection="strong")
+    if count == 1:
+        return
+    names: dict[int, list[str]] = {}
+    for item, k in zip(items, group.tolist(), strict=True):
+        names.setdefault(k, []).append(str(item))
+    raise BadValue(
+        f"bradley_terry: the groups {' | '.join(map(', '.join, names.values()))} have no finite"
+        " distance, because no item of one was ever preferred to any of another, or they were not"
+        " compared; ask for more pairs across the groups, or leave a group out"
     )
+
+
+def _abilities(there: np.ndarray, won: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the abilities of largest likelihood, the chances, and their covariance."""
+    theta = np.zeros(there.shape[1])
+    for _ in range(100):
+        chance = scipy.special.softmax(np.where(there, theta, -np.inf), axis=1)
+        # ones: the mean of all is free, and taken away by the contrast
+        inverse = np.linalg.inv(np.diag(chance.sum(axis=0)) - chance.T @ chance + 1)
+        step = inverse @ (won - chance).sum(axis=0)
+        most = 2 * np.abs(step).max()
+        if most < 1e-10:
+            break
+        theta = theta + step * np.log1p(most) / most  # so far the likelihood rises for sure
+    return theta, chance, inverse
 
 
 def _points(what: str, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, public
@@ -180,11 +181,9 @@ def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
     >>> round(p.value, 4), round(p.low, 4), round(p.high, 4)
     (0.9484, 0.9138, 0.9696)
     """
-    from scipy.stats import binomtest
-
     _counts("wilson", k, n)
     quantile("wilson", confidence)
-    found = binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson")
+    found = scipy.stats.binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson")
     return Proportion(k / n, float(found.low), float(found.high), int(k), int(n))
 
 
@@ -315,15 +314,13 @@ def forced_choice(
     >>> forced_choice(40, 40).problems
     ('ceiling',)
     """
-    from scipy.special import betaincinv
-
     _counts("forced_choice", correct, trials)
     if not 2 <= alternatives <= 1000:
         raise BadValue(f"forced_choice: alternatives = {alternatives} must be from 2 to 1000")
     quantile("forced_choice", confidence)
     k, n, tail = int(correct), int(trials), (1 - confidence) / 2
-    low = float(betaincinv(k, n - k + 1, tail)) if k else 0.0
-    high = float(betaincinv(k + 1, n - k, 1 - tail)) if k < n else 1.0
+    low = float(scipy.special.betaincinv(k, n - k + 1, tail)) if k else 0.0
+    high = float(scipy.special.betaincinv(k + 1, n - k, 1 - tail)) if k < n else 1.0
     d, *ends = (_sensitivity(p, alternatives) for p in (k / n, low, high))
     return ForcedChoice(
         d,
@@ -342,15 +339,17 @@ def _sensitivity(p: float, m: int) -> float:
     The integral is a sum in steps of 0.05 standard deviations, whose error for these
     smooth functions is that of rounding.
     """
-    from scipy.optimize import brentq
-
     F, density, _, *_ = curve("probit")
     x = np.linspace(-12.0, 12.0, 481)
 
     def too_many(d: float) -> float:
         return float(np.sum(density(x) * F(x + d) ** (m - 1)) * 0.05 - p)
 
-    return float(brentq(too_many, -40, 40, xtol=1e-13)) if 0 < p < 1 else math.inf * (p - 0.5)
+    return (
+        float(scipy.optimize.brentq(too_many, -40, 40, xtol=1e-13))
+        if 0 < p < 1
+        else math.inf * (p - 0.5)
+    )
 
 
 @dataclass(frozen=True)
@@ -445,8 +444,6 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
     slope 0.713 [0.394, 1.292]
     d_a 1.908 [1.397, 2.419]
     """
-    from scipy.special import expit, logit, ndtr
-
     rows = S, N = numbers("roc: signal", signal), numbers("roc: noise", noise)
     with np.errstate(over="ignore", invalid="ignore"):  # which is refused below
         m, n = S.sum(), N.sum()
@@ -464,7 +461,7 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
     area = float(S @ below / m)
     variance = S @ (below - area) ** 2 / m / (m - 1) + N @ (above - area) ** 2 / n / (n - 1)
     width = z * math.sqrt(variance) / (area * (1 - area)) if variance > 0 else math.nan
-    low, high = expit(logit(area) + np.array([-width, width]))
+    low, high = scipy.special.expit(scipy.special.logit(area) + np.array([-width, width]))
     rates = hits, false_alarms = [np.cumsum(row[:0:-1]) / row.sum() for row in rows]
     inner = np.array(rates)[:, np.all([(r > 0) & (r < 1) for r in rates], axis=0)]
     few = min(np.unique(row).size for row in inner) < 2
@@ -479,7 +476,7 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
         Estimate(area, math.sqrt(variance), float(low), float(high)),
         Estimate(b, float(off_b), b / factor, b * factor),
         Estimate(d, off_d, d - z * off_d, d + z * off_d),
-        float(ndtr(d / 2**0.5)),
+        float(scipy.special.ndtr(d / 2**0.5)),
         tuple(map(float, theta[2:])),
         ("apart",) * bool(variance == 0) + ("slope",) * math.isnan(b),
     )
@@ -491,17 +488,18 @@ def _binormal(S: np.ndarray, N: np.ndarray, rounds: int) -> tuple[np.ndarray, np
     A rating is above criterion c with probability Phi(-c) of noise and Phi(a - b c) of
     a signal.  Fisher scoring maximises the likelihood.
     """
-    from scipy.special import ndtr, ndtri, xlogy
 
     def cells(theta: np.ndarray) -> np.ndarray:
         c = theta[2:]
-        return np.diff(ndtr([-c, theta[0] - theta[1] * c]), prepend=0, append=1).ravel()
+        return np.diff(
+            scipy.special.ndtr([-c, theta[0] - theta[1] * c]), prepend=0, append=1
+        ).ravel()
 
     def loglik(theta: np.ndarray) -> float:
-        return float(xlogy(counts, cells(theta)).sum())
+        return float(scipy.special.xlogy(counts, cells(theta)).sum())
 
     counts, each = np.concatenate([N[::-1], S[::-1]]), np.repeat([N.sum(), S.sum()], N.size)
-    theta = np.array([0.0, 1.0, *-ndtri(np.cumsum((S + N)[:0:-1]) / (S + N).sum())])
+    theta = np.array([0.0, 1.0, *-scipy.special.ndtri(np.cumsum((S + N)[:0:-1]) / (S + N).sum())])
     for _ in range(rounds):
         p = np.maximum(cells(theta), 1e-17)  # what is smaller may be rounding
         # exact derivatives, by complex steps

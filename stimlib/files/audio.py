@@ -329,7 +329,8 @@ def _write(
         return _run(put, path, proc, parts, info, scales, progress)
 
     report = publish(path, info, run, overwrite)
-    if beyond := _beyond(report, info):
+    beyond = _beyond(report, info)
+    if beyond:
         warnings.warn(beyond, RuntimeWarning, stacklevel=outside())
     return report
 
@@ -361,16 +362,14 @@ def _run(
         np.maximum(peak, np.abs(y).max(axis=1), out=peak)
         samples, clipped = encode(y, scales, subtype, outputs, done, info["dither"])
         done += y.shape[1]
-        if (
-            peak.max() > NEARLY
-            and not (good := np.isfinite(physical(samples, scales)).all(axis=1)).all()
-        ):
-            name = outputs[int(np.argmin(good))]
-            remedy = "use DOUBLE and a power of two up to 2.0**1023 as full_scale"
-            raise SinkError(
-                f"output {name} is too near the largest float to be read back from {subtype}:"
-                f" {remedy}"
-            )
+        if peak.max() > NEARLY:
+            good = np.isfinite(physical(samples, scales)).all(axis=1)
+            if not good.all():
+                raise SinkError(
+                    f"output {outputs[int(np.argmin(good))]} is too near the largest float to be"
+                    f" read back from {subtype}: use DOUBLE and a power of two up to 2.0**1023 as"
+                    " full_scale"
+                )
         clips[:] += clipped
         put(samples)
 
@@ -650,12 +649,9 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
         raise SinkError(
             f"{path} has no samples, or some that are not finite: there is nothing to play"
         )
-    channels = info.get("channels") or [
-        {"name": f"channel{k + 1}", "unit": "1"} for k in range(len(y))
-    ]
-    scene = Scene(
-        {c["name"]: Input(c["name"], "" if c["unit"] == "1" else c["unit"]) for c in channels}
-    )
+    units = {c["name"]: c["unit"] for c in info.get("channels", ())}
+    units = units or {f"channel{k + 1}": "1" for k in range(len(y))}
+    scene = Scene({n: Input(n, "" if unit == "1" else unit) for n, unit in units.items()})
     return scene, dict(zip(scene.outputs, np.ascontiguousarray(y), strict=True)), float(info["fs"])
 
 

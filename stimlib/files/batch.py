@@ -124,8 +124,9 @@ def render_set(
     """
     if not scenes:
         raise BadValue("render_set: no scenes")
-    if wrong := [n for n in scenes if not n or Path(n).name != n or n.startswith(".")]:
-        raise BadValue(f"render_set: {wrong[0]!r} is not a plain file name")
+    for name in scenes:
+        if not name or Path(name).name != name or name.startswith("."):
+            raise BadValue(f"render_set: {name!r} is not a plain file name")
     if repetitions < 1:
         raise BadValue(f"render_set: repetitions = {repetitions} must be at least 1")
     folder = safe_files.make_folder(folder)
@@ -144,8 +145,8 @@ def render_set(
         "fs": fs,
         "seconds": seconds,
         "seed": seed,
-        "files": {n: jobs[n][0].name for n in names},
-        "scene_hashes": {n: scenes[n].hash for n in names},
+        "files": {n: job[0].name for n, job in jobs.items()},
+        "scene_hashes": {n: scene.hash for n, scene in scenes.items()},
         "presentation": [[names[i] for i in one] for one in order(len(names), repetitions, seed)],
     }
     path = folder / "index.json"
@@ -182,11 +183,14 @@ def _is_there(
         return False
     if not all(callable(m) for m in motion.values()):
         return False  # in a sidecar all arrays are alike
-    return (
-        (sidecar["scene"], sidecar["fs"], sidecar["frames"], sidecar["seed"])
-        == (scene.to_dict(), fs, round(seconds * fs), seed)
-        and sidecar["motion"] == {name: repr(m) for name, m in motion.items()}
-        and all(c["full_scale"] == (full_scale or 1.0) for c in sidecar["channels"])
-        and sidecar["stimlib"] == file.__version__
-        and sidecar["definitions"] == definitions(scene)
-    )
+    wanted = {
+        "scene": scene.to_dict(),
+        "fs": fs,
+        "frames": round(seconds * fs),
+        "seed": seed,
+        "motion": {name: repr(m) for name, m in motion.items()},
+        "stimlib": file.__version__,
+        "definitions": definitions(scene),
+    }
+    scales = {c["full_scale"] for c in sidecar["channels"]}
+    return scales <= {full_scale or 1.0} and all(sidecar[k] == v for k, v in wanted.items())

@@ -104,7 +104,8 @@ class Span(NamedTuple):
     sha256: str
 
 
-class Header(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Header:
     """The header of a log, which is its first record."""
 
     scene: Scene
@@ -159,12 +160,10 @@ class MotionFile:
                 into = memoryview(x.reshape(-1)).cast("B")
                 while got := f.readinto(into):
                     into = into[got:]
+        except SinkError:
+            raise
         except OSError as e:
-            raise (
-                e
-                if isinstance(e, SinkError)
-                else SinkError(f"cannot read {self.path}: {e.strerror}")
-            ) from e
+            raise SinkError(f"cannot read {self.path}: {e.strerror}") from e
         if into:
             raise SinkError(
                 f"{self.path} was cut since the log was read: another program changed it"
@@ -176,7 +175,7 @@ class MotionFile:
 
 
 @dataclass(frozen=True, eq=False)
-class SessionLog:
+class SessionLog(Header):
     """The contents of a log, as ``read_log`` found them.
 
     Sample indices count from the start of the session.
@@ -220,14 +219,6 @@ class SessionLog:
 
     folder: Path
     header: dict[str, Any]
-    scene: Scene
-    safety: Safety
-    fs: float
-    seed: int
-    params: dict[str, float]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    channels: tuple[int, ...]
     events: list[Event]
     spans: list[Span]
     motion_spans: list[Span]
@@ -283,24 +274,23 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     head = checked(raw, str(folder / "session.json"), SinkError)
     notes: list[str] = []
     events = _events(folder / "events.jsonl", head, notes)
-    motion = (
-        MotionFile(folder / "motion.f64", len(head.inputs)) if head.inputs else np.empty((0, 0))
-    )
-    report = _json(folder / "report.json") if os.path.isfile(folder / "report.json") else None
+    motion: MotionFile | NDArray[np.float64] = np.empty((0, 0))
+    if head.inputs:
+        motion = MotionFile(folder / "motion.f64", len(head.inputs))
+    ended = os.path.isfile(folder / "report.json")
+    report = _json(folder / "report.json") if ended else None
     spans, seen, lost, gaps = _spans(events)
-    end = max((s.to for s in (*spans, *gaps)), default=0)
-    end = max(end, max((at + n for at, n in lost), default=0))
-    notes += [
-        f"a gap of {gap.to - gap.at} samples at {gap.at}, of which the log knows nothing"
-        for gap in gaps
-    ]
-    produced = _produced(report, end, notes)
-    if report is not None:  # a session that ended has both of each sample
-        produced = max(produced, seen[-1].to if seen else 0)
+    end = max([0, *(s.to for s in (*spans, *gaps)), *(at + n for at, n in lost)])
+    for gap in gaps:
+        size = gap.to - gap.at
+        notes.append(f"a gap of {size} samples at {gap.at}, of which the log knows nothing")
+    produced, hashed = _produced(report, end, notes), seen[-1].to if seen else 0
+    if ended:  # a session that ended has both of each sample
+        produced = max(produced, hashed)
     frames = gaps[0].at if gaps and head.inputs else end
     if isinstance(motion, MotionFile):
-        more = motion.beyond(seen[-1].to if seen else 0)
-        if report is not None and more > 0:  # a session that ended has all of it under a hash
+        more = motion.beyond(hashed)
+        if ended and more > 0:  # a session that ended has all of it under a hash
             notes.append(f"motion.f64 has {more} bytes more than the session wrote")
         elif motion.rest:
             notes.append("the last frame of motion is cut short")
@@ -312,18 +302,18 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     if raw["stimlib"] != __version__:
         notes.append(shown(f"written by stimlib {raw['stimlib'][:40]}, this is {__version__}"))
     return SessionLog(
-        folder,
-        raw,
-        *head,
-        events,
-        spans,
-        seen,
-        lost,
-        motion,
-        frames,
-        max(end, produced),
-        report,
-        notes,
+        **vars(head),
+        folder=folder,
+        header=raw,
+        events=events,
+        spans=spans,
+        motion_spans=seen,
+        lost=lost,
+        motion=motion,
+        frames=frames,
+        logged=max(end, produced),
+        report=report,
+        notes=notes,
     )
 
 
@@ -334,13 +324,14 @@ def _spans(
 
     Adjacent gaps are merged.
     """
-    spans, seen = (
-        [Span(e.at, e.data["to"], e.data["sha256"]) for e in events if e.kind == kind]
-        for kind in ("hash", "motion")
-    )
+    spans: list[Span] = []
+    seen: list[Span] = []
     lost: list[tuple[int, int]] = []
     gaps: list[Span] = []
     for e in events:
+        if e.kind in ("hash", "motion"):
+            hashed = spans if e.kind == "hash" else seen
+            hashed.append(Span(e.at, e.data["to"], e.data["sha256"]))
         if e.kind == "lost" or (e.kind == "gap" and e.data.get("delivered") is False):
             lost.append((e.at, e.data["frames"]))
         if e.kind == "gap":

@@ -191,20 +191,12 @@ def replay(log: SessionLog, out: str | os.PathLike[str] | None = None, block: in
         for _ in frames():
             pass
     else:
-        names = [(log.outputs[c], log.header["units"], c) if c >= 0 else None for c in log.channels]
-        scales = log.safety.scales(log.outputs)
-        channels = [
-            (
-                {"name": f"channel{i}", "unit": "1", "full_scale": 1.0}
-                if n is None
-                else {
-                    "name": n[0],
-                    "unit": str(n[1].get(n[0], "1")),
-                    "full_scale": float(scales[n[2]]),
-                }
-            )
-            for i, n in enumerate(names)
-        ]
+        scales, units = log.safety.scales(log.outputs), log.header["units"]
+        channels = []
+        for i, c in enumerate(log.channels):
+            name, scale = (f"channel{i}", 1.0) if c < 0 else (log.outputs[c], float(scales[c]))
+            unit = "1" if c < 0 else str(units.get(name, "1"))
+            channels.append({"name": name, "unit": unit, "full_scale": scale})
         what = protect(log.scene, log.safety)
         info = {
             "stimlib": __version__,

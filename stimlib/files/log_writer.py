@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 from collections.abc import Mapping
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,6 @@ from numpy.typing import NDArray
 from ..core import definitions
 from ..core.scene import Scene
 from ..errors import BadValue, SinkError, StimlibError, public
-from ..run.processor import Processor
 from ..run.safety import Safety, protect
 from ..system import fields, safe_files
 from ..version import __version__
@@ -26,7 +27,7 @@ from .partial import Draft
 SPAN = 0.25  # s of delivered samples under one hash
 
 
-class LogWriter:
+class LogWriter(AbstractContextManager["LogWriter"]):
     """A writer of a session's log during playback, called from one thread.
 
     The data of every call have been handed to the operating system when it returns.
@@ -105,14 +106,8 @@ class LogWriter:
                 )
             text = json.dumps(header, indent=1, allow_nan=False, default=_plain) + "\n"
             safe_files.publish(self.folder / "session.json", text)
-            self._events = self._open.enter_context(
-                open(self.folder / "events.jsonl", "xb", buffering=0)
-            )
-            self._motion = (
-                self._open.enter_context(open(self.folder / "motion.f64", "xb", buffering=0))
-                if self._inputs
-                else None
-            )
+            self._events = self._new("events.jsonl")
+            self._motion = self._new("motion.f64") if self._inputs else None
             if record:
                 at = self.folder / "delivered.caf"
                 self._record = self._open.enter_context(
@@ -126,8 +121,8 @@ class LogWriter:
                 f"cannot make the log {self.folder}: {getattr(e, 'strerror', None) or e}"
             ) from e
 
-    def __enter__(self) -> LogWriter:
-        return self
+    def _new(self, name: str) -> Any:
+        return self._open.enter_context(open(self.folder / name, "xb", buffering=0))
 
     def __exit__(self, *exception: object) -> None:
         self.close()
@@ -193,9 +188,8 @@ class LogWriter:
             )
         if kind in ("lost", "gap"):
             free = max([self._at, *(j["at"] + j["frames"] for j in self._jumps)])
-            if at < free or not fields.whole(int(MAX_LOST * self._head.fs))(
-                _plain_int(data.get("frames"))
-            ):
+            few = fields.whole(int(MAX_LOST * self._head.fs))
+            if at < free or not few(_plain_int(data.get("frames"))):
                 raise BadValue(
                     f"log: event {event}: frames up to {free} are accounted for; 'frames' is a"
                     " number of samples"
@@ -233,28 +227,16 @@ class LogWriter:
             self._at = self._from = int(jump["at"] + jump["frames"])
 
     def _hash(self) -> None:
-        if self._at > self._from:
-            self._line(
-                {
-                    "at": self._from,
-                    "kind": "hash",
-                    "to": self._at,
-                    "sha256": self._digest.hexdigest(),
-                }
-            )
+        self._hashed("hash", self._from, self._at, self._digest)
         self._from, self._digest = self._at, hashlib.sha256()
 
     def _hash_motion(self) -> None:
-        if self._rows > self._rows_from:
-            self._line(
-                {
-                    "at": self._rows_from,
-                    "kind": "motion",
-                    "to": self._rows,
-                    "sha256": self._seen.hexdigest(),
-                }
-            )
+        self._hashed("motion", self._rows_from, self._rows, self._seen)
         self._rows_from, self._seen = self._rows, hashlib.sha256()
+
+    def _hashed(self, kind: str, at: int, to: int, digest: Any) -> None:
+        if to > at:
+            self._line({"at": at, "kind": kind, "to": to, "sha256": digest.hexdigest()})
 
     def _line(self, event: dict[str, Any]) -> None:
         try:
@@ -302,7 +284,7 @@ def header(
     params: Mapping[str, float] | None = None,
     channels: list[str | None] | None = None,
     device: str = "",
-    block: int = 0,
+    block: int | None = 0,
     started: str = "",
 ) -> dict[str, Any]:
     """Return the header of a session log, as JSON data.
@@ -326,10 +308,12 @@ def header(
     -------
     dict
     """
-    proc = Processor(protect(scene, safety), fs, seed=seed)
+    made = protect(scene, safety)
+    named = {**made.inputs, **made.params, **made.outputs}
+    versions = {p: metadata.version(p) for p in ("numpy", "numba", "llvmlite")}
     return {
         "stimlib": __version__,
-        "versions": {"numpy": np.__version__},
+        "versions": {"python": platform.python_version(), **versions},
         "scene": scene.to_dict(),
         "scene_hash": scene.hash,
         "definitions": definitions.definitions(scene),
@@ -337,10 +321,10 @@ def header(
         "seed": seed,
         "params": dict(params or {}),
         "safety": safety.to_dict(),
-        "inputs": list(proc.inputs),
-        "outputs": list(proc.outputs),
-        "units": proc.units,
-        "channels": list(proc.outputs) if channels is None else channels,
+        "inputs": list(made.program.inputs),
+        "outputs": list(made.outputs),
+        "units": {name: str(b.dim) for name, b in named.items()},
+        "channels": list(made.outputs) if channels is None else channels,
         "device": device,
         "block": block,
         "started": started,

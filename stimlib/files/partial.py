@@ -12,7 +12,7 @@ import hashlib
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
@@ -35,7 +35,7 @@ LINKS = os.link in os.supports_follow_symlinks
 PIECE = 1 << 16  # frames that are read at once
 
 
-class Draft:
+class Draft(AbstractContextManager["Draft"]):
     """A new sound file that is open for writing.
 
     Its header is updated at every write, so a killed run leaves a readable file.
@@ -91,9 +91,6 @@ class Draft:
             self.raw.close()
             raise
 
-    def __enter__(self) -> Draft:
-        return self
-
     def __exit__(self, *exception: object) -> None:
         # an error before is the one to report
         with self._busy, suppress(soundfile().SoundFileError):
@@ -141,7 +138,8 @@ class Draft:
                     most = PIECE * 8 * f.channels + (1 << 16)  # bytes, of one reading
                     while frames <= self.frames:
                         hash_to(self.raw.tell() + most)
-                        if not len(samples := f.read(PIECE, dtype=self.type, always_2d=True)):
+                        samples = f.read(PIECE, dtype=self.type, always_2d=True)
+                        if not len(samples):
                             break
                         got.update(np.ascontiguousarray(samples).data)
                         frames += len(samples)

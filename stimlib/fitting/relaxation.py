@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..core.graph import Block
@@ -265,8 +266,6 @@ def fit_springpot(
     SpringpotFit(chi=299.5 [298.4, 300.6], alpha=0.1998 [0.1986, 0.2009];
     0.72 % rms of 43 samples)
     """
-    from scipy.optimize import least_squares
-
     t, y, f = signals_at(t, y, f)
     check_material(0.0, 0.0, onset)
     used, weight = _use(t, y, f, where, sigma, onset, 3)
@@ -291,7 +290,7 @@ def fit_springpot(
         if not (chi > 0 and math.isfinite(chi)):
             continue
         bounds = ([-700.0, 0.0], [700.0, 1.0])
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             miss,
             [math.log(chi), alpha],
             slope,
@@ -384,8 +383,6 @@ def fit_generalized_maxwell(
     >>> round(fit.k0, 6), [(round(k, 6), round(tau, 6)) for k, tau in fit.arms]
     (100.0, [(50.0, 0.1), (30.0, 5.0)])
     """
-    from scipy.optimize import least_squares, nnls
-
     t, y, f = signals_at(t, y, f)
     check_material(0.0, 0.0, onset)
     if not isinstance(arms, (int, np.integer)) or isinstance(arms, bool) or arms < 1:
@@ -426,7 +423,7 @@ def fit_generalized_maxwell(
             if arms > 1
             else np.array([(math.log(first * last)) / 2])
         )
-        k = nnls(np.concatenate([elastic, unit(logs)[0]], axis=1), target)[0]
+        k = scipy.optimize.nnls(np.concatenate([elastic, unit(logs)[0]], axis=1), target)[0]
         if not k.any():
             continue
         top = float(k.sum())
@@ -437,7 +434,7 @@ def fit_generalized_maxwell(
             [math.log(top) - 25.0] * (n + arms) + [middle - wide] * arms,
             [math.log(top) + 25.0] * (n + arms) + [middle + wide] * arms,
         )
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             miss, x, slope, edges, x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-13, max_nfev=400
         )
         if best is None or found.cost < best.cost * (1 - 1e-9):
@@ -519,8 +516,6 @@ def _intervals(
 
     s^2 is the diagonal of (J' J)^-1 times the variance of the errors.
     """
-    from scipy.stats import t as student
-
     free = miss.size - x.size
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
@@ -531,7 +526,7 @@ def _intervals(
     deviation = (
         np.sqrt(np.sum((v[known] / s[known, None]) ** 2, axis=0) * (miss @ miss) / free) / scale
     )
-    wide = student.ppf((1 + CONFIDENCE) / 2, free) * deviation
+    wide = scipy.stats.t.ppf((1 + CONFIDENCE) / 2, free) * deviation
     wide[np.any(np.abs(v[~known]) > 1e-6, axis=0)] = math.inf
     return x - wide, x + wide
 

@@ -312,27 +312,30 @@ def recording(
     if max_gap is None or max_gap < period or period < FASTEST:
         check_period(table, found, period, time)
     gap = max(GAP_PERIODS * period, GAP_SECONDS) if max_gap is None else float(max_gap)
-    held, gaps = (
-        check_gaps(table, found, gap) if reports == "always" else hold_silences(found, period, gap)
-    )
+    if reports == "always":
+        held, gaps = check_gaps(table, found, gap)
+    else:
+        held, gaps = hold_silences(found, period, gap)
     whole, jumps = joined(table, held, max_speed)
     step = Contact(held.t, np.append(whole, held.contact[-1]), f"{spec}.contact")
+    duration, has_lifts = float(found.t[-1]), not bool(found.contact.all())
     info: dict[str, Any] = {
         "file": table.file,
         "sha256": table.sha256,
         "columns": dict(columns),
         "time": time,
-    }
-    info |= {
         "contact": found.contact_column,
         "reports": len(found.t),
         "repeats": found.repeats,
         "start": found.start,
+        "period": period,
+        "rate": 1 / period,
+        "silences": len(held.t) - len(found.t),
+        "gaps": gaps,
+        "lifts": lifts(found),
+        "jumps": jumps,
+        "duration": duration,
     }
-    info |= {"period": period, "rate": 1 / period, "silences": len(held.t) - len(found.t)}
-    info |= {"gaps": gaps, "lifts": lifts(found), "jumps": jumps}
-    duration, has_lifts = float(found.t[-1]), not bool(found.contact.all())
-    info["duration"] = duration
     del found
     motion = _tracks(table, held, whole, spec)
     functions: list[Any] = [step, *motion.values()]
@@ -399,11 +402,8 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     """
     part: Any = None
     try:
-        match (
-            ast.parse(text.strip(), mode="eval").body
-            if isinstance(text, str) and len(text) <= MAX_SPEC
-            else None
-        ):
+        short = isinstance(text, str) and len(text) <= MAX_SPEC
+        match ast.parse(text.strip(), mode="eval").body if short else None:
             case ast.Attribute(ast.Call(ast.Name("recording")) as call, "contact"):
                 part = "contact"
             case ast.Subscript(
@@ -494,13 +494,11 @@ def _check_meanings(columns: Any, reports: Any, repeats: Any, max_speed: Any, ma
         raise BadValue(f'reports must be "always" or "on_change", got {reports!r}')
     if repeats not in (None, "last", "mean", "spread"):
         raise BadValue(f'repeats must be "last", "mean", "spread" or None, got {repeats!r}')
-    if isinstance(max_speed, Mapping) and (
-        surplus := [name for name in max_speed if name not in columns]
-    ):
-        raise BadValue(
-            f"max_speed: columns has no input {surplus[0]!r}; it has {', '.join(columns)}"
-        )
-    for value in max_speed.values() if isinstance(max_speed, Mapping) else [max_speed]:
+    speeds = max_speed if isinstance(max_speed, Mapping) else {"": max_speed}
+    for name in speeds:
+        if speeds is max_speed and name not in columns:
+            raise BadValue(f"max_speed: columns has no input {name!r}; it has {', '.join(columns)}")
+    for value in speeds.values():
         if value is not None and not _is_positive(value):
             raise BadValue(
                 f"max_speed must be finite and above 0, in m/s, or None for no limit, got {value!r}"

@@ -151,17 +151,15 @@ def _equal(table: TableFile, column: str, value: Any) -> Mask:
 
     Cells are compared as numbers if the whole column is numeric, otherwise as text.
     """
-    wanted = table.number(str(value))
+    wanted, text = table.number(str(value)), str(value).strip()
+    if wanted is None:
+        wanted = np.nan
     try:
-        parts = [
-            batch.numbers([column])[0] == (np.nan if wanted is None else wanted)
-            for batch in table.batches()
-        ]
+        parts = [b.numbers([column])[0] == wanted for b in table.batches()]
     except ValueError:
-        parts = [
-            np.array([t.strip() == str(value).strip() for t in b.texts(column)])
-            for b in table.batches()
-        ]
+        parts = []
+        for b in table.batches():
+            parts.append(np.array([t.strip() == text for t in b.texts(column)]))
     return np.concatenate([np.zeros(0, dtype=bool), *parts])
 
 
@@ -180,19 +178,16 @@ def _converted(
 ) -> tuple[Array, Array, Mask, Rows]:
     """Return times, positions, contact and row numbers of the chosen rows."""
     most = table.most if chosen is None else int(chosen.sum())
-    values, touch, rows = (
-        np.empty((len(linear), most)),
-        np.ones(most, dtype=bool),
-        np.empty(most, dtype=np.int64),
-    )
-    used = list(dict.fromkeys([*(str(a.column) for a in linear), *([flag] if flag else [])]))
+    values, touch = np.empty((len(linear), most)), np.ones(most, dtype=bool)
+    rows = np.empty(most, dtype=np.int64)
+    used = list(dict.fromkeys(str(a.column) for a in linear))
+    if flag and flag not in used:
+        used.append(flag)
     at = read = 0
     for batch in table.batches():
-        which = (
-            np.arange(len(batch.rows))
-            if chosen is None
-            else np.flatnonzero(chosen[read : read + len(batch.rows)])
-        )
+        which = np.arange(len(batch.rows))
+        if chosen is not None:
+            which = np.flatnonzero(chosen[read : read + len(batch.rows)])
         read += len(batch.rows)
         if not len(which):
             continue
@@ -373,13 +368,9 @@ def check_period(table: TableFile, s: Reports, period: float, time: str) -> None
         ((u, f) for u, f in (("ms", "1e-3"), ("us", "1e-6")) if period * float(f) <= SLOWEST),
         ("ns", "1e-9"),
     )
-    text = (
-        time
-        if time in table.names and time.isidentifier()
-        else f"'{time}'"
-        if time in table.names
-        else f"({time})"
-    )
+    text = f"'{time}'" if time in table.names else f"({time})"
+    if time in table.names and time.isidentifier():
+        text = time
     problem = f"{period:.6g} s from report to report, which is slow for a hand"
     remedy = (
         f'time in {unit}? write time="{text}*{factor}"; if it is in s, give max_gap={_enough(s)} or'
@@ -451,16 +442,14 @@ def joined(
         if limit < np.inf:
             jump |= touching & (_speed(row, s.t) > limit)
     at = np.flatnonzero(jump)
-    if len(at) and (
-        len(at) == touching.sum() or (len(at) >= JUMPS and len(at) > JUMP_SHARE * len(s.t))
-    ):
+    many = len(at) >= JUMPS and len(at) > JUMP_SHARE * len(s.t)
+    if len(at) and (many or len(at) == touching.sum()):
         _refuse_jumps(table, s, int(at[0]), most, len(at))
-    speeds = [
-        max(v for v, limit in zip(_speeds(s, int(i)), most, strict=True) if v > limit) for i in at
-    ]
-    return touching & ~jump, [
-        (int(s.rows[i + 1]), float(v)) for i, v in zip(at, speeds, strict=True)
-    ]
+    jumps = []
+    for i in at.tolist():
+        speeds = [v for v, limit in zip(_speeds(s, i), most, strict=True) if v > limit]
+        jumps.append((int(s.rows[i + 1]), max(speeds)))
+    return touching & ~jump, jumps
 
 
 def _speed(x: Array, t: Array) -> Array:

@@ -36,9 +36,8 @@ def table_error(
     file: str, problem: str, remedy: str, row: Any = None, column: str | None = None
 ) -> RecordingError:
     """Return an error about a table, with file, row, column and remedy."""
-    place = (
-        file
-        + ("" if row is None else f", row {row}")
-        + ("" if column is None else f", column {column}")
-    )
-    return RecordingError(f"{place}: {problem}; {remedy}")
+    if row is not None:
+        file += f", row {row}"
+    if column is not None:
+        file += f", column {column}"
+    return RecordingError(f"{file}: {problem}; {remedy}")

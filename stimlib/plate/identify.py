@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, RecordingError, public
+from ..errors import BadValue, RecordingError, one_of, public
 from ..motion.reports import column_of
 from ..motion.table import read_table
 
@@ -247,8 +247,7 @@ def identify(
             f"identify: fs = {fs!r} must be above 0 Hz, and band = {band!r} two frequencies in Hz,"
             " the lower one first"
         )
-    if quantity not in QUANTITIES:
-        raise BadValue(f"identify: quantity = {quantity!r}; choose one of {', '.join(QUANTITIES)}")
+    one_of("identify: quantity", quantity, QUANTITIES)
     check_taken(u, y)
     # a bias of the drive, an offset of the sensor
     u, y = (v - v.mean(axis=1, keepdims=True) for v in (u, y))

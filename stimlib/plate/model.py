@@ -208,13 +208,15 @@ class Plate:
         X, Y = self.axes
         px, py, one = X.products(), Y.products(), np.eye(X.terms)
         springs = np.zeros((X.terms**2,) * 2)
-        for edge, (place, along_x) in zip(
-            self.edges, ((0, 1), (0, 0), (self.length, 1), (self.width, 0)), strict=True
-        ):
+        turning = (
+            lambda: np.kron(X.turning(0), one),
+            lambda: np.kron(one, Y.turning(0)),
+            lambda: np.kron(X.turning(self.length), one),
+            lambda: np.kron(one, Y.turning(self.width)),
+        )
+        for edge, spring in zip(self.edges, turning, strict=True):
             if edge == "C" and self.clamp_stiffness is not None:
-                springs += (
-                    np.kron(X.turning(place), one) if along_x else np.kron(one, Y.turning(place))
-                )
+                springs += spring()
         stiff, mass = np.zeros((len(self.patches), *springs.shape)), np.zeros_like(springs)
         for k, p in enumerate(self.patches):
             x0, x1, y0, y1 = p.rectangle()
@@ -274,18 +276,15 @@ class Plate:
                 )
             v *= np.sign(v[np.abs(v).argmax(axis=0), np.arange(size)])
             v.flags.writeable = w2.flags.writeable = False  # all who ask later share them
-            found = self._solved[size] = (
-                w2,
-                v.T.reshape(size, self.axes[0].terms, self.axes[1].terms),
-            )
+            shapes = v.T.reshape(size, self.axes[0].terms, self.axes[1].terms)
+            found = self._solved[size] = w2, shapes
         return found[0][:n], found[1][:n]
 
     @property
     def voltages(self) -> tuple[float, float]:
         """The lowest and the highest voltage that all patches accept."""
-        return max((p.lowest for p in self.patches), default=-math.inf), min(
-            (p.highest for p in self.patches), default=math.inf
-        )
+        lowest = max((p.lowest for p in self.patches), default=-math.inf)
+        return lowest, min((p.highest for p in self.patches), default=math.inf)
 
     # What it does ---------------------------------------------------------------------
     def modes(self, n: int = 6) -> np.ndarray:

@@ -167,13 +167,10 @@ class Patch:
         q = plate.E / (1 - plate.nu), biaxial, self.E / (1 - self.nu), biaxial
         d = plate.thickness, self.cover, self.thickness, self.cover
         z = [sum(d[:k]) + d[k] / 2 for k in range(4)]
-        neutral = sum(a * b * c for a, b, c in zip(q, d, z, strict=True)) / sum(
-            a * b for a, b in zip(q, d, strict=True)
-        )
-        stiff = sum(
-            a * (b**3 / 12 + b * (c - neutral) ** 2) for a, b, c in zip(q, d, z, strict=True)
-        ) / (q[0] * d[0] ** 3 / 12)
-        return z[2] - neutral, (stiff - 1) * plate.stiffness
+        layers = list(zip(q, d, z, strict=True))
+        neutral = sum(a * b * c for a, b, c in layers) / sum(a * b for a, b, _ in layers)
+        stiff = sum(a * (b**3 / 12 + b * (c - neutral) ** 2) for a, b, c in layers)
+        return z[2] - neutral, (stiff / (q[0] * d[0] ** 3 / 12) - 1) * plate.stiffness
 
     def moment(self, plate: Host) -> float:
         """Return the moment per length of edge and volt, in N m/(m V).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -74,56 +74,52 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     y = model.width / 2 if y is None else y
     _check_line(model, y, clamp)
     fitted = clamp == "fit" and "C" in (model.edges[0], model.edges[2])
-    along = np.linspace(0, model.length, 121)
     bare = replace(model, patches=(), terms=None)
-    kinds = (
-        [replace(bare, clamp_stiffness=float(k) * bare.stiffness / bare.length) for k in KAPPAS]
-        if fitted
-        else [bare]
-    )
+    kinds = [bare]
+    if fitted:
+        soft = KAPPAS * bare.stiffness / bare.length
+        kinds = [replace(bare, clamp_stiffness=float(k)) for k in soft]
+    along = np.linspace(0, model.length, 121)
     rows = np.array([np.abs(m.shape(0, along, y)) for m in kinds])
+    return _ModeFit(along, rows, origin, fitted)
 
-    def shape(places: np.ndarray, kappa: float) -> np.ndarray:
+
+@dataclass(frozen=True, eq=False)
+class _ModeFit:
+    """A fit of the shape of a mode, whose rows are those of clamps that give way."""
+
+    along: np.ndarray  # m
+    rows: np.ndarray
+    origin: float
+    fitted: bool  # whether the clamp is
+
+    def shape(self, places: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return the mode's shape; p[1] is log kappa where it is fitted."""
         from scipy.interpolate import CubicSpline
 
-        row = CubicSpline(np.log(KAPPAS), rows)(np.log(kappa)) if fitted else rows[0]
-        return CubicSpline(along, row)(places)
+        row = self.rows[0]
+        if self.fitted:
+            row = CubicSpline(np.log(KAPPAS), self.rows)(np.log(np.exp(p[1])))
+        return CubicSpline(self.along, row)(places)
 
-    def fit(knots: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, knots: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the fitted table of places and displacements."""
         from scipy.optimize import least_squares
 
-        least = 4 if fitted else 3
-        if knots.size < least:
-            raise BadValue(
-                f"mode_fit: {knots.size} knots cannot tell amplitude,"
-                f" middle{' and clamp' if fitted else ''} from noise; measure at least {least}"
-                " places" + (", or 3 with clamp='known'" if fitted else "")
-            )
-        if not (np.isfinite(d).all() and (d > 0).all() and (np.diff(knots) > 0).all()):
-            raise BadValue(
-                "mode_fit: knots must rise, and displacements be numbers above 0; measure those"
-                " that are not again"
-            )
-        at = knots + origin
-        if not (at[0] >= SHIFT and at[-1] <= model.length - SHIFT):
-            raise BadValue(
-                f"mode_fit: knots from {at[0]:g} to {at[-1]:g} m of a plate of {model.length:g} m;"
-                f" measure at least {SHIFT:g} m from the edges, and give origin=, where on the"
-                " plate position 0 is"
-            )
+        self._check(knots, d)
+        at = knots + self.origin
 
         def relative(p: np.ndarray) -> np.ndarray:
-            s = shape(at - p[0], np.exp(p[1]) if fitted else 1.0) / d
+            s = self.shape(at - p[0], p) / d
             return s * (s.sum() / (s @ s)) - 1  # with the best amplitude
 
-        start, low, high = (
-            [0.0, np.log(15.0)],
-            [-SHIFT, np.log(KAPPAS[0])],
-            [SHIFT, np.log(KAPPAS[-1])],
-        )
-        count = 2 if fitted else 1
+        low, high = [-SHIFT, np.log(KAPPAS[0])], [SHIFT, np.log(KAPPAS[-1])]
+        n = 1 + self.fitted
         found = least_squares(
-            relative, start[:count], bounds=(low[:count], high[:count]), x_scale=[0.01, 1.0][:count]
+            relative,
+            [0.0, np.log(15.0)][:n],
+            bounds=(low[:n], high[:n]),
+            x_scale=[0.01, 1.0][:n],
         )
         worst = int(np.abs(found.fun).argmax())
         if abs(found.fun[worst]) > FAR:
@@ -132,12 +128,32 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
                 " % off the shape of the lowest mode; measure it again, at the frequency of that"
                 " mode, or take another kind"
             )
-        kappa = float(np.exp(found.x[1])) if fitted else 1.0
-        s = shape(at - found.x[0], kappa) / d
+        s = self.shape(at - found.x[0], found.x) / d
         places = np.linspace(knots[0], knots[-1], FINE)
-        return places, s.sum() / (s @ s) * shape(places + origin - found.x[0], kappa)
+        whole = self.shape(places + self.origin - found.x[0], found.x)
+        return places, s.sum() / (s @ s) * whole
 
-    return fit
+    def _check(self, knots: np.ndarray, d: np.ndarray) -> None:
+        least = 4 if self.fitted else 3
+        if knots.size < least:
+            what = "amplitude, middle and clamp" if self.fitted else "amplitude, middle"
+            more = ", or 3 with clamp='known'" if self.fitted else ""
+            raise BadValue(
+                f"mode_fit: {knots.size} knots cannot tell {what} from noise; measure at least"
+                f" {least} places{more}"
+            )
+        if not (np.isfinite(d).all() and (d > 0).all() and (np.diff(knots) > 0).all()):
+            raise BadValue(
+                "mode_fit: knots must rise, and displacements be numbers above 0; measure those"
+                " that are not again"
+            )
+        first, last = knots[0] + self.origin, knots[-1] + self.origin
+        if not (first >= SHIFT and last <= self.along[-1] - SHIFT):
+            raise BadValue(
+                f"mode_fit: knots from {first:g} to {last:g} m of a plate of {self.along[-1]:g} m;"
+                f" measure at least {SHIFT:g} m from the edges, and give origin=, where on the"
+                " plate position 0 is"
+            )
 
 
 def _check_line(model: Plate, y: float, clamp: str) -> None:
@@ -148,9 +164,8 @@ def _check_line(model: Plate, y: float, clamp: str) -> None:
         raise BadValue(
             f"mode_fit: y = {y!r} m is outside the plate, which is {model.width:g} m wide"
         )
-    if abs(model.shape(0, model.length / 2, y)) < LEAST * abs(
-        model.shape(0, model.length / 2, model.width / 2)
-    ):
+    here, middle = model.shape(0, model.length / 2, [y, model.width / 2])
+    if abs(here) < LEAST * abs(middle):
         raise BadValue(
             f"mode_fit: at y = {y!r} m, on an edge that is held, nothing moves; measure along"
             " another line"

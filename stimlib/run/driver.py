@@ -78,7 +78,8 @@ def walk(
         while due and due[-1].at == at:
             change = due.pop()
             proc.set(change.name, change.value, change.ramp)
-        end = min(at + (block() if callable(block) else block), due[-1].at if due else stop, stop)
+        size = block() if callable(block) else block
+        end = min([at + size, stop, *(c.at for c in due[-1:])])
         x = motion(at, end) if callable(motion) else np.ascontiguousarray(motion[:, at:end])
         if end - at != y.shape[1]:
             y = np.empty((len(proc.outputs), end - at))

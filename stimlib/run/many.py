@@ -44,7 +44,7 @@ class Copies(Sequence[Any]):
         limits.check(
             "state_bytes", copies * each, f"bytes of the states and buffers of {copies} copies"
         )
-        self._all = [proc._copy(k, 8 + copies) for k in [key(seed) for seed in seeds]]
+        self._all = [proc._copy(k, 8 + copies) for k in list(map(key, seeds))]
         self._run = proc._engine.together([p._engine for p in self._all])
         # beside the one that calls
         self._pool = ThreadPoolExecutor(max(1, self.threads - 1), "stimlib-copies")
@@ -159,11 +159,9 @@ class Copies(Sequence[Any]):
         BadValue
             Not as many seeds as copies, or what is no seed.  Nothing is reset then.
         """
-        keys = (
-            [p.seed for p in self]
-            if seeds is None
-            else [key(seed) for seed in self._each(seeds, "reset: seeds")]
-        )
+        if seeds is None:
+            seeds = [p.seed for p in self]
+        keys = list(map(key, self._each(seeds, "reset: seeds")))
         for p, k in zip(self, keys, strict=True):
             p.reset(k)
 

@@ -25,7 +25,7 @@ from ..core.program import (
     program_of,
     rate,
 )
-from ..errors import BadValue, SceneError, StimlibError, UnknownName, public
+from ..errors import BadValue, SceneError, StimlibError, UnknownName, one_of, public
 from ..system.packages import package
 from .arguments import columns, explain, key
 from .many import Copies
@@ -116,10 +116,9 @@ def compile(
         package("jax", "target='jax'")
         from ..targets.jax.function import OPTIONS, Function
 
-        if unknown := [name for name in options if name not in OPTIONS]:
-            raise BadValue(
-                f"{', '.join(unknown)}: target='jax' has the options {', '.join(OPTIONS)}"
-            )
+        unknown = ", ".join(name for name in options if name not in OPTIONS)
+        if unknown:
+            raise BadValue(f"{unknown}: target='jax' has the options {', '.join(OPTIONS)}")
         return Function(scene, fs, seed, **options)
     if options:
         raise BadValue(f"{', '.join(options)}: only target='jax' has this option")
@@ -162,13 +161,11 @@ class Processor:
                 "a Processor streams; target='jax' is for stimlib.compile, which then gives a"
                 " function of whole signals"
             )
-        if target not in TARGETS:
-            raise BadValue(f"target {target!r}: choose one of {', '.join(TARGETS)}")
+        one_of("target", target, TARGETS)
         self.scene, self.fs, self.target = scene, fs, target
         self.program: Program = program_of(scene)
-        self.design = design_of(
-            self.program, fs, 5000.0 if target == "python" and begun is None else 20.0
-        )
+        cost = 5000.0 if target == "python" and begun is None else 20.0
+        self.design = design_of(self.program, fs, cost)
         check_memory(self.program, self.design, fs)
         if target == "numba":
             from ..targets.numba.engine import Engine
@@ -179,13 +176,9 @@ class Processor:
         self.inputs: tuple[str, ...] = tuple(self.program.inputs)
         self.outputs: tuple[str, ...] = tuple(self.program.outputs)
         blocks = self.program.instances
-        self.units: dict[str, str] = {
-            n: str(blocks[i].block.dim)
-            for group in (self.program.inputs, self.program.params)
-            for n, i in group.items()
-        } | {
-            n: str(b.dim) for n, b in scene.outputs.items()
-        }  # equal outputs share an instance, not a unit
+        # equal outputs share an instance, not a unit
+        named = {n: blocks[i].block for n, i in (self.program.inputs | self.program.params).items()}
+        self.units = {n: str(b.dim) for n, b in (named | scene.outputs).items()}
         self.seed = 0
         self.params: dict[str, float] = {}
         self.log: list[Change] = []

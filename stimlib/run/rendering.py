@@ -14,7 +14,7 @@ import numpy as np
 from ..above import above
 from ..core.program import warn_beyond
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, UnknownName, outside, public
+from ..errors import BadValue, FaultError, UnknownName, one_of, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..system.limits import limits
 from ..system.packages import package
@@ -119,8 +119,7 @@ def _driven(
     on_fault: str,
 ) -> Processor:
     """Return a processor at sample 0, with its parameters set."""
-    if on_fault not in FAULTS:
-        raise BadValue(f"on_fault = {on_fault!r}: choose one of {', '.join(FAULTS)}")
+    one_of("on_fault", on_fault, FAULTS)
     proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
     if not isinstance(params, Mapping | None):
         raise BadValue(

@@ -110,10 +110,8 @@ class Safety:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the limits as plain JSON data; ``Safety(**data)`` makes them again."""
-        return {
-            f.name: dict(v) if isinstance(v := getattr(self, f.name), Mapping) else v
-            for f in dc.fields(self)
-        }
+        limits = {f.name: getattr(self, f.name) for f in dc.fields(self)}
+        return {n: dict(v) if isinstance(v, Mapping) else v for n, v in limits.items()}
 
     def samples(self, fs: float) -> int:
         """Return the length of a fade in samples at a sample rate."""
@@ -133,9 +131,9 @@ class Safety:
         v = getattr(self, field)
         if not isinstance(v, Mapping):
             return v
-        wrong = [n for n in v if n not in outputs] + [
-            n for n in outputs if n not in v and field == "full_scale"
-        ]
+        wrong = [n for n in v if n not in outputs]
+        if field == "full_scale":
+            wrong += [n for n in outputs if n not in v]
         if wrong:
             raise UnknownName(
                 f"Safety: {field} does not fit the outputs at {', '.join(wrong)}; they are"
@@ -251,16 +249,15 @@ def protect(scene: Scene, safety: Safety) -> Scene:
 def _check_limits(scene: Scene, safety: Safety) -> None:
     """Raise an error unless the limits fit the units of the outputs."""
     units = ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())
-    if (safety.peak or safety.static) and not any(
-        str(b.dim) == "N" for b in scene.outputs.values()
-    ):
+    dims = {str(b.dim) for b in scene.outputs.values()}
+    if (safety.peak or safety.static) and "N" not in dims:
         raise BadValue(
             f"Safety: peak and static limit outputs in N, but this scene has none: {units}; use"
             " full_scale or slew"
         )
     for field in ("full_scale", "slew"):
         told = getattr(safety, field)
-        if isinstance(told, float) and len({str(b.dim) for b in scene.outputs.values()}) > 1:
+        if isinstance(told, float) and len(dims) > 1:
             each = ", ".join(f"{n!r}: .." for n in scene.outputs)
             option = f"--{field.replace('_', '-')} " + ",".join(f"{n}=.." for n in scene.outputs)
             raise UnitError(
@@ -273,12 +270,13 @@ def _limited(name: str, scene: Scene, safety: Safety, scale: float) -> Block:
     """Return an output after its limits, each with a count of limited samples."""
     raw = scene.outputs[name]
     unit = str(raw.dim)
+    force = unit == "N"
     y: Block = Guard(raw, STEPS)
-    for stage, most in (("peak", safety.peak if unit == "N" else None), ("clip", scale)):
+    for stage, most in (("peak", safety.peak if force else None), ("clip", scale)):
         if most is not None:
             raw = ForceLimit(raw, _limit(most, unit))
             y = Tally(Guard(raw, STEPS), y, stage, name)
-    if unit == "N" and safety.static is not None:
+    if force and safety.static is not None:
         y = Tally(static_limit(y, safety.static), y, "static", name)
     slew = safety._of("slew", name, tuple(scene.outputs))
     if slew is not None:

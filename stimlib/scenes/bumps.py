@@ -106,15 +106,15 @@ def bumps(
     >>> bumps("sine", bumps=18, duty=0.2, amplitude=7.5, contact=True)
     Scene(x [m], contact [1], A [V], duty [1], freq [1/s] -> voltage [V])
     """
-    given = dict(locals())
     above_zero("bumps", bumps=bumps, length=length, gain=gain)
     x, A = Input("x", "m"), Param("A", amplitude, "V")
     on = Input("contact") * nonzero(A) if contact else nonzero(A)
     e = bump(x * constant(bumps / length, "1/m"), waveform, Param("duty", duty), sampling, on)
     c = carrier(Param("freq", freq, "Hz"), rectify, phase, on)
     V = (gain * A) * e * c
+    given = {}
     if displacement is not None:
-        given |= {"displacement": points(displacement)}  # as the file is now
+        given["displacement"] = points(displacement)  # as the file is now
         V = equalize(x, displacement, limit, headroom, signal=V, peak=gain * abs(A), contact=on)
     elif limit is not None:
         V = within(V, limit, headroom, peak=gain * abs(A))

@@ -72,12 +72,9 @@ def click(
     >>> click(peak=1.0)
     Scene(x [m], peak [N], A [N] -> force [N])
     """
-    given = dict(locals())
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     key = button(x, Param("peak", peak, "N"), drop, at, back, touching)
     vibration = Param("A", A, "N") * ring(rising(key.pressed), freq, decay)
     return Scene(
         {"force": key.force + bottom(x, stiffness, at=travel, contact=touching) + vibration},
-        law="click",
-        given=given,
     )

@@ -63,10 +63,9 @@ def detents(
     >>> detents(count=12)
     Scene(angle [1], depth [N*m], friction [N*m] -> torque [N*m])
     """
-    given = dict(locals())
     above_zero("detents", count=count, friction=friction, presliding=presliding)
     angle, touching = Input("angle", "rad"), Input("contact") if contact else 1.0
     drawn = blocks.detents(angle, 2 * pi / count, Param("depth", depth, "N*m"), touching)
     stiffness, torque = constant(friction / presliding, "N*m"), Param("friction", friction, "N*m")
     rubbed = blocks.friction(angle, torque, 1.0, stiffness, "coulomb", contact=touching)
-    return Scene({"torque": drawn + rubbed}, law="detents", given=given)
+    return Scene({"torque": drawn + rubbed})

@@ -57,11 +57,8 @@ def friction(
     >>> friction(static=0.6)
     Scene(x [m], normal [N] -> force [N])
     """
-    given = dict(locals())
     touching = Input("contact") if contact else 1.0
     N = Param("normal", normal, "N")
     return Scene(
         {"force": blocks.stick_slip(Input("x", "m"), N, static, kinetic, stiffness, touching)},
-        law="friction",
-        given=given,
     )

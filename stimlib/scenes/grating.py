@@ -75,7 +75,6 @@ def grating(
     >>> grating(coarse=1e-3, contact=True)
     Scene(x [m], contact [1], depth [N], fine_depth [N], roughness [N] -> force [N])
     """
-    given = dict(locals())
     x = Input("x", "m")
     on = Input("contact") if contact else 1.0
     force = Param("depth", depth, "N") * ribs(x, [(coarse, 1.0, 0.0)], contact=on)
@@ -83,4 +82,4 @@ def grating(
     force += Param("roughness", roughness, "N") * spatial_noise(
         x, slope, seed, shortest, longest, on
     )
-    return Scene({"force": force}, law="grating", given=given)
+    return Scene({"force": force})

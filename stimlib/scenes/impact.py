@@ -64,12 +64,9 @@ def impact(
     >>> impact(freq=300.0)
     Scene(x [m], k [N/m], A [N*s/m] -> force [N])
     """
-    given = dict(locals())
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     wall = blocks.wall(x, Param("k", k, "N/m"), b, contact=touching)
     struck = rising(x) * maximum(velocity(x, cutoff, touching), 0)
     return Scene(
         {"force": wall + Param("A", A, "N*s/m") * ring(struck, freq, decay)},
-        law="impact",
-        given=given,
     )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
+from ..core.parts import parts_of
 from ..core.scene import Scene
 from ..errors import BadValue, public
 
@@ -19,7 +22,9 @@ class shipped(NamedTuple):
 
     A row decorates the function that makes the scene: it adds the function to
     ``SHIPPED`` and itself to ``ROWS``, under the function's name. The arguments are
-    checked as by ``public``.
+    checked as by ``public``, and the scene keeps them for its law, which has the
+    function's name.  A function that replaces an argument, such as the name of a file
+    by its content, gives ``Scene`` that one as ``given``.
 
     Parameters
     ----------
@@ -48,9 +53,20 @@ class shipped(NamedTuple):
 
     def __call__(self, make: F) -> F:
         """Add a scene's function to the table."""
-        ROWS[make.__name__] = self
-        SHIPPED[make.__name__] = made = public(make)
-        return made
+        name, signature = make.__name__, inspect.signature(make)
+
+        @functools.wraps(make)
+        def made(*args: Any, **named: Any) -> Scene:
+            scene = make(*args, **named)
+            bound = signature.bind(*args, **named)
+            bound.apply_defaults()
+            replaced = scene.parts[0].given if scene.parts else {}
+            scene.parts = parts_of(name, {**bound.arguments, **(replaced or {})})
+            return scene
+
+        ROWS[name] = self
+        SHIPPED[name] = checked = public(made)
+        return cast(F, checked)
 
 
 def above_zero(scene: str, **numbers: float) -> None:

@@ -98,14 +98,12 @@ def soft_surface(
     >>> soft_surface("cursor", device="mouse")
     Scene(x [m], y [m], push [N] -> x1 [m], y1 [m], force [N])
     """
-    given = dict(locals())
     for name, value, known in (("mode", mode, MODES), ("device", device, DEVICES)):
         one_of(f"soft_surface: {name}", value, known)
     if mode == "vibration" and device == "mouse":
         raise BadValue("soft_surface: a mouse has no vibration; use device='pen'")
     above_zero("soft_surface", push=push, tangent=tangent, side=side)
     S = block() if S is None else as_levels("soft_surface", S)
-    given |= {"S": S}
     x, y = Input("x", "m"), Input("y", "m")
     touching: Block = (
         Input("contact") if contact else Input("press") > 0.0 if device == "pen" else as_block(1.0)
@@ -136,4 +134,5 @@ def soft_surface(
         shown |= {f"x{i}": xi, f"y{i}": yi}
         if mode in ("deformation", "combined", "multipoint"):
             shown[f"depth{i}"] = indentation(force / float(len(places)), stiffness_map(xi, yi, S))
-    return Scene(shown | {"force": force} | outputs, law="soft_surface", given=given)
+    outputs = shown | {"force": force} | outputs
+    return Scene(outputs, law="soft_surface", given={"S": S})

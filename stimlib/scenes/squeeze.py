@@ -101,7 +101,6 @@ def squeeze(
     >>> squeeze(fingers=1)
     Scene(x1 [m], k [N/m], A [1], level [1] -> force1 [N])
     """
-    given = dict(locals())
     bounds.check("scene_blocks", 30 * fingers, f"squeeze: blocks of {fingers} fingers")
     k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
     tau = constant(1 / 8000, "s")  # the paper's sample period
@@ -118,4 +117,4 @@ def squeeze(
         outputs[f"force{i}"] = force
         if motor_constant is not None:
             outputs[f"current{i}"] = motor_current(force, x, motor_constant)
-    return Scene(outputs, law="squeeze", given=given)
+    return Scene(outputs)

@@ -64,12 +64,11 @@ def texture(
     >>> texture()
     Scene(x [m], force [N], level [1] -> acceleration [m/s**2])
     """
-    given = dict(locals())
     if not isinstance(model, TextureModel):
         model = made_up() if model is None else load_texture(model)
-    given |= {"model": model}
     x, N = Input("x", "m"), Input("force", "N")
     touching = Input("contact") if contact else 1.0
     v = velocity(x, cutoff, touching)
     a = texture_block(v, N * touching, model, seed)
-    return Scene({"acceleration": Param("level", level) * a}, law="texture", given=given)
+    outputs = {"acceleration": Param("level", level) * a}
+    return Scene(outputs, law="texture", given={"model": model})

@@ -104,10 +104,9 @@ def tone(
     >>> [bool(abs(part).max() > 0.49) for part in y["signal"].reshape(5, -1)]
     [True, False, True, False, False]
     """
-    given = dict(locals())
     e = bursts("tone", duration, ramp, period, repeats)
     y = Param("amplitude", amplitude, unit) * e * carrier(Param("freq", freq, "Hz"))
-    return Scene(on_channels("tone", y, channels), law="tone", given=given)
+    return Scene(on_channels("tone", y, channels))
 
 
 @shipped(
@@ -167,6 +166,5 @@ def pulse(
     >>> y["signal"]
     array([1., 1., 0., 0., 0.])
     """
-    given = dict(locals())
     y = Param("amplitude", amplitude, unit) * bursts("pulse", duration, ramp, period, repeats)
-    return Scene(on_channels("pulse", y, channels), law="pulse", given=given)
+    return Scene(on_channels("pulse", y, channels))

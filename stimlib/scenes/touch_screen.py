@@ -112,10 +112,8 @@ def touch_screen(
     >>> touch_screen(swap=4)
     Scene(x [m], A [V], duty [1], freq [1/s] -> voltage [V], displacement [m])
     """
-    given = dict(locals())
     above_zero("touch_screen", bumps=bumps, length=length, gain=gain)
     glass = Plate.paper(measured=True) if model is None else model
-    given |= {"model": glass}
     check_plate("touch_screen", glass)
     resonance, origin, y = glass.carrier(), (glass.length - length) / 2, glass.width / 2
     _check_model(glass, length, resonance)
@@ -131,7 +129,8 @@ def touch_screen(
     V = amplifier(pole_swap(V, resonance, 1 / glass.damping, swap), gain, *glass.voltages)
     load = Finger(1e-4, 1.0, 500.0) if finger else None
     under = plate(x + constant(origin, "m"), constant(y, "m"), V, glass, modes, finger=load)
-    return Scene({"voltage": V, "displacement": under}, law="touch_screen", given=given)
+    outputs = {"voltage": V, "displacement": under}
+    return Scene(outputs, law="touch_screen", given={"model": glass})
 
 
 def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -> None:

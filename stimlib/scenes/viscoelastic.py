@@ -74,11 +74,10 @@ def viscoelastic(
     >>> viscoelastic(alpha=0.25)
     Scene(y [m], firmness [1] -> force [N])
     """
-    given = dict(locals())
     y = Input("y", "m")
     chi = equal_force(chi_0, 0.0, alpha, w)
     touching = Input("contact") if contact else None
     # the downsampled method keeps all of it
     horizon = 60.0 if scheme == "gl-downsampled" else 86400.0
     unit = springpot(y, chi, alpha, scheme, tol, horizon, contact=touching)
-    return Scene({"force": Param("firmness", firmness) * unit}, law="viscoelastic", given=given)
+    return Scene({"force": Param("firmness", firmness) * unit})

@@ -51,9 +51,8 @@ def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = Fal
     >>> wall(k=500.0)
     Scene(x [m], k [N/m], b [N*s/m] -> force [N])
     """
-    given = dict(locals())
     touching = Input("contact") if contact else 1.0
     force = blocks.wall(
         Input("x", "m"), Param("k", k, "N/m"), Param("b", b, "N*s/m"), at, contact=touching
     )
-    return Scene({"force": force}, law="wall", given=given)
+    return Scene({"force": force})

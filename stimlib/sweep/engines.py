@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 import warnings
+from contextlib import AbstractContextManager
 from typing import Any, Self
 from uuid import uuid4
 
@@ -25,7 +27,7 @@ POLL = 0.01  # s
 SWEEPS = 4
 
 
-class Here:
+class Here(AbstractContextManager["Here"]):
     """An engine that runs rows in the calling process, where a debugger can follow.
 
     The process is not protected from what a row does.
@@ -35,15 +37,11 @@ class Here:
         self._runner = Runner(plan, motions)
         self._done: list[tuple[Any, tuple[bytes, float]]] = []
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
-        pass
+        """Leave nothing behind."""
 
     def widen(self, workers: int) -> None:
         """Ignore the number of workers."""
-        pass
 
     def room(self) -> int:
         """Return how many jobs can be submitted now."""
@@ -64,18 +62,13 @@ class Here:
         return self._done.pop()
 
 
-class Local:
+class Local(AbstractContextManager["Local"]):
     """An engine of single-threaded processes on this machine; at first only one."""
 
     def __init__(self, plan: Plan, motions: Motions):
-        self._seconds, memory = (
-            plan.limits["row_seconds"],
-            int(min(plan.limits["row_bytes"], 2**62)),
-        )
+        self._seconds = plan.limits["row_seconds"]
+        memory = int(min(plan.limits["row_bytes"], 2**62))
         self._pool = Pool(1, begin, packed((plan, motions)), memory=memory)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._pool.__exit__(*error)
@@ -144,13 +137,10 @@ class Cluster:
             # no key from what they hold: another sweep may call another factory or
             # motion by the same names
             self._held = self._client.submit(same, self._plan, key=f"plan-{self._name}")
-            self._hands = {
-                name: (
-                    digest,
-                    self._client.submit(same, given, key=f"motion-{self._name}-{digest.hex()}"),
-                )
-                for name, (digest, given) in self._motions.items()
-            }
+            self._hands = {}
+            for name, (digest, given) in self._motions.items():
+                key = f"motion-{self._name}-{digest.hex()}"
+                self._hands[name] = digest, self._client.submit(same, given, key=key)
         except BaseException:
             self._close()
             raise
@@ -188,10 +178,8 @@ class Cluster:
     def workers(self) -> int:
         """Return the total number of threads of all workers."""
         if time.monotonic() > self._asked + 2.0:
-            self._threads, self._asked = (
-                max(1, sum(self._client.nthreads().values())),
-                time.monotonic(),
-            )
+            self._threads = max(1, sum(self._client.nthreads().values()))
+            self._asked = time.monotonic()
         return self._threads
 
     def room(self) -> int:
@@ -236,21 +224,18 @@ class Cluster:
         If the cluster has no workers, this is reported, and the wait continues, because
         a batch queue may take some time.
         """
-        said, look = False, time.monotonic() + LONELY
+        look = time.monotonic() + LONELY
         while not self._done.has_ready():
             time.sleep(POLL)
-            if not said and time.monotonic() > look:
-                look, said = time.monotonic() + LONELY, not self._client.nthreads()
-                if said:
+            if time.monotonic() > look:
+                look = time.monotonic() + LONELY
+                if not self._client.nthreads():
                     text = (
                         f"the cluster at {self._client.scheduler.address} has no workers: the sweep"
-                        " waits for some to come"
+                        " waits for some to come (look at its queue, or stop with Ctrl-C)"
                     )
-                    warnings.warn(
-                        f"{text} (look at its queue, or stop with Ctrl-C)",
-                        RuntimeWarning,
-                        stacklevel=outside(),
-                    )
+                    warnings.warn(text, RuntimeWarning, stacklevel=outside())
+                    look = math.inf  # once
 
 
 def _distributed() -> Any:
@@ -321,5 +306,5 @@ def end_beside(sweep: str) -> None:
 
 
 def _end(key: tuple[int, str]) -> None:
-    if (ended := _beside.pop(key, None)) is not None:
-        ended[0].__exit__()
+    if key in _beside:
+        _beside.pop(key)[0].__exit__()

@@ -74,6 +74,8 @@ NOT_RUN = {
 BY_NAME = {"eval", "exec", "globals", "__import__", "import_module", "modules", "resolve_name"}
 BY_NAME |= {"_getframe", "currentframe", "getmodule"}
 """What finds code by a name that is computed."""
+READS = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLOSURE", "LOAD_CLASSDEREF")
+"""Instructions that read a variable: the first two a global one."""
 LISTS = {"__globals__", "f_globals", "__subclasses__", "__annotations__"}
 """Attributes through which code can find objects that it does not name."""
 
@@ -178,41 +180,21 @@ class _Walk:
         """Return the hashes of the names and values of a mapping."""
         parts = []
         for name, value in values.items():
-            parts += [
-                self.of(name, path),
-                self.of(value, f"{path}.{name:.40}" if isinstance(name, str) else path),
-            ]
+            below = f"{path}.{name:.40}" if isinstance(name, str) else path
+            parts += [self.of(name, path), self.of(value, below)]
         return parts
 
     def _parts(self, what: Any, path: str) -> list[str]:
         kind = type(what)
-        if kind is Measure and what.version is not None:
-            return [what.name, repr(dict(what.units)), what.version]
-        if isinstance(what, Scene):
-            own = [kind] if _is_own(kind.__module__) else []
-            return [what.hash, *self._all([*own, *own_classes(what)], path)]
-        if isinstance(what, Block):
-            return [
-                self.of(Scene({"y": Pick(what, what.outputs[0]) if what.outputs else what}), path)
-            ]
-        if isinstance(what, Generated | Recording) and not _is_own(kind.__module__):
-            return [repr(what)]  # which makes it again; a recording states the sha256 of its file
-        if kind is np.ndarray and not what.dtype.hasobject:
-            data = hashlib.sha256(np.ascontiguousarray(what).tobytes()).hexdigest()
-            return [repr(what.dtype), str(what.shape), data]
-        if what is np.random.mtrand._rand:  # whose state is another one in each process
-            return [_version("numpy")]
-        if kind in (set, frozenset):
-            return sorted(self._all(what, path))
         if kind in HELD:
             return self._all(HELD[kind](what), path)
         if kind in DESCRIPTORS:
             return [what.__name__]
-        if isinstance(what, type):
-            return self._class(what, path)
         kinds: dict[type, Callable[[Any, str], list[str]]] = {
             dict: self._items,
             types.MappingProxyType: self._items,
+            set: self._set,
+            frozenset: self._set,
             types.CodeType: self._code,
             types.FunctionType: self._function,
             types.ModuleType: self._module,
@@ -220,18 +202,44 @@ class _Walk:
             types.MethodWrapperType: self._compiled,
             np.ufunc: self._compiled,
         }
-        return kinds.get(kind, self._instance)(what, path)
+        if kind in kinds:
+            return kinds[kind](what, path)
+        if isinstance(what, type):
+            return self._class(what, path)
+        return self._ours(what, path) or self._instance(what, path)
+
+    def _ours(self, what: Any, path: str) -> list[str]:
+        """Return the hash parts of data of stimlib or numpy, or nothing."""
+        kind = type(what)
+        if kind is Measure and what.version is not None:
+            return [what.name, repr(dict(what.units)), what.version]
+        if isinstance(what, Scene):
+            own = [kind] if _is_own(kind.__module__) else []
+            return [what.hash, *self._all([*own, *own_classes(what)], path)]
+        if isinstance(what, Block):
+            shown = Pick(what, what.outputs[0]) if what.outputs else what
+            return [self.of(Scene({"y": shown}), path)]
+        if isinstance(what, Generated | Recording) and not _is_own(kind.__module__):
+            return [repr(what)]  # which makes it again; a recording states the sha256 of its file
+        if kind is np.ndarray and not what.dtype.hasobject:
+            data = hashlib.sha256(np.ascontiguousarray(what).tobytes()).hexdigest()
+            return [repr(what.dtype), str(what.shape), data]
+        if what is np.random.mtrand._rand:  # whose state is another one in each process
+            return [_version("numpy")]
+        return []
+
+    def _set(self, values: Any, path: str) -> list[str]:
+        return sorted(self._all(values, path))
 
     # Code -----------------------------------------------------------------------------
     def _code(self, code: types.CodeType, path: str) -> list[str]:
         if found := LISTS & {*code.co_names}:
             raise _by_name(path, min(found))
-        constants = [c for c in code.co_consts]
         arguments = code.co_argcount + code.co_kwonlyargcount
         names = code.co_varnames if "locals" in code.co_names else code.co_varnames[:arguments]
         numbers = [code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags]
         text = [code.co_code, code.co_exceptiontable, code.co_names, names, numbers]
-        return [repr(text), *self._all(constants, path)]
+        return [repr(text), *self._all(code.co_consts, path)]
 
     def _function(self, f: types.FunctionType, path: str) -> list[str]:
         if _is_named(f):
@@ -241,13 +249,8 @@ class _Walk:
         code = f.__code__
         if f.__doc__ is not None and code.co_consts[:1] == (f.__doc__,):
             code = code.replace(co_consts=(None, *code.co_consts[1:]))  # the docstring is not run
-        parts = [
-            f.__qualname__,
-            *self._code(code, path),
-            self.of(f.__defaults__, path),
-            self.of(f.__kwdefaults__, path),
-        ]
-        parts.append(self.of(f.__dict__, path))
+        parts = [f.__qualname__, *self._code(code, path)]
+        parts += self._all([f.__defaults__, f.__kwdefaults__, f.__dict__], path)
         for name, cell in zip(code.co_freevars, f.__closure__ or (), strict=True):
             try:
                 value = cell.cell_contents
@@ -262,15 +265,11 @@ class _Walk:
             elif hasattr(builtins, name):
                 parts += [name, self.of(getattr(builtins, name), path)]
         for name, module, wanted in _imports(f):
-            whole = not wanted and _is_own(module.__name__)
-            parts += [
-                name,
-                *(
-                    [self.of(module, path)]
-                    if whole
-                    else self._attributes(module, wanted or _words(f.__code__), path)
-                ),
-            ]
+            parts.append(name)
+            if not wanted and _is_own(module.__name__):
+                parts.append(self.of(module, path))
+            else:
+                parts += self._attributes(module, wanted or _words(f.__code__), path)
         return parts
 
     def _named(self, name: str, value: Any, code: types.CodeType, path: str) -> list[str]:
@@ -321,14 +320,8 @@ class _Walk:
             return [module.__name__, _version(module.__name__)]
         if file := _extension(module.__name__):
             return [hashlib.sha256(Path(file).read_bytes()).hexdigest()]
-        return self._items(
-            {
-                n: v
-                for n, v in sorted(vars(module).items())
-                if not (n.startswith("__") and n.endswith("__"))
-            },
-            path,
-        )
+        names = sorted(n for n in vars(module) if not (n.startswith("__") and n.endswith("__")))
+        return self._items({n: vars(module)[n] for n in names}, path)
 
     def _class(self, kind: type, path: str) -> list[str]:
         if _is_named(kind):
@@ -381,11 +374,8 @@ class _Walk:
             base = next(k for k in kind.__mro__ if not _is_own(k.__module__))
             if base in (object, set, frozenset):
                 return parts
-        elif wrapped := self._wrapped(what, path):
-            return parts + wrapped
-        else:
-            base = kind
-        return parts + self._reduced(what, base, path)
+            return parts + self._reduced(what, base, path)
+        return parts + (self._wrapped(what, path) or self._reduced(what, kind, path))
 
     def _wrapped(self, what: Any, path: str) -> list[str]:
         """Return the hash parts of a cached or compiled function, or nothing."""
@@ -397,12 +387,9 @@ class _Walk:
             return [self.of(vars(what), path)]
         if hasattr(what, "__wrapped__") and kind.__module__.partition(".")[0] == "numba":
             # else the signatures are those of the calls so far
-            stated = not getattr(what, "_can_compile", True)
-            signatures = (
-                [c.signature for c in what.overloads.values()]
-                if stated
-                else getattr(what, "_sig", "")
-            )
+            signatures = getattr(what, "_sig", "")
+            if not getattr(what, "_can_compile", True):
+                signatures = [c.signature for c in what.overloads.values()]
             options = getattr(what, "targetoptions", ""), getattr(what, "locals", ""), signatures
             return [repr(options), self.of(what.__wrapped__, path)]
         return []
@@ -453,12 +440,8 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 def _loaded(code: types.CodeType) -> set[str]:
     """Return the names of the global variables that code reads."""
-    return {
-        i.argval
-        for c in _codes(code)
-        for i in dis.get_instructions(c)
-        if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")
-    }
+    steps = [i for c in _codes(code) for i in dis.get_instructions(c)]
+    return {i.argval for i in steps if i.opname in READS[:2]}
 
 
 def _words(code: types.CodeType) -> set[str]:
@@ -474,17 +457,7 @@ def _whole(code: types.CodeType, name: str, value: types.ModuleType) -> Iterator
     for c in _codes(code):
         steps = [i for i in dis.get_instructions(c) if i.opname != "EXTENDED_ARG"]
         for at, i in enumerate(steps):
-            if (
-                i.opname
-                not in (
-                    "LOAD_GLOBAL",
-                    "LOAD_NAME",
-                    "LOAD_DEREF",
-                    "LOAD_CLOSURE",
-                    "LOAD_CLASSDEREF",
-                )
-                or i.argval != name
-            ):
+            if i.opname not in READS or i.argval != name:
                 continue
             found: Any = value
             for after in steps[at + 1 :]:
@@ -505,10 +478,9 @@ def _imports(f: types.FunctionType) -> Iterator[tuple[str, types.ModuleType, set
         for at, i in enumerate(steps):
             if i.opname != "IMPORT_NAME":
                 continue
-            level = steps[at - 2].argval
-            name = (
-                importlib.util.resolve_name("." * level + i.argval, package) if level else i.argval
-            )
+            level, name = steps[at - 2].argval, i.argval
+            if level:
+                name = importlib.util.resolve_name("." * level + name, package)
             try:
                 module = importlib.import_module(name)
             except ImportError:  # it may be meant: the function says what then

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.physical_cues import Cues, cues_of
+from ..checks.local import read_only
 from ..checks.verification import verify
 from ..core.scene import Scene
 from ..core.units import unit
@@ -49,10 +50,10 @@ class Measure:
             if given.dtype.kind in "cUS":
                 raise TypeError(f"{given[:3].tolist()} are no real numbers")
             values = [float(v) for v in given]
+        except StimlibError as e:
+            raise BadValue(f"{self.name}: {e}") from e
         except Exception as e:
-            raise BadValue(
-                f"{self.name}: {e if isinstance(e, StimlibError) else f'{type(e).__name__}: {e}'}"
-            ) from e
+            raise BadValue(f"{self.name}: {type(e).__name__}: {e}") from e
         if len(values) != len(self.units):
             raise BadValue(
                 f"{self.name} gives {len(values)} numbers, and has {len(self.units)}:"
@@ -127,14 +128,10 @@ def measure(
         unit(text)
 
     def made(function: Callable[..., Any]) -> Measure:
-        units = {function.__name__: unit_} if unit_ is not None else figures
-        return Measure(
-            function.__name__,
-            units,
-            function if prepare else partial(_alone, function),
-            prepare,
-            version,
-        )
+        name = function.__name__
+        units = figures if unit_ is None else {name: unit_}
+        called = function if prepare else partial(_alone, function)
+        return Measure(name, units, called, prepare, version)
 
     return made
 
@@ -215,12 +212,8 @@ def measured(
     """
     found = measures_of(measures, rendering.scene)
     inputs = tuple(rendering.scene.inputs)
-    x = positions(
-        sources_of(rendering.motion, inputs, rendering.y.shape[1]),
-        0,
-        rendering.y.shape[1],
-        rendering.fs,
-    )
+    n = rendering.y.shape[1]
+    x = positions(sources_of(rendering.motion, inputs, n), 0, n, rendering.fs)
     values = figures_of(found, rendering, prepared(found, inputs, x, rendering.fs))
     return dict(zip((name for m in found for name in m.units), values, strict=True))
 
@@ -230,7 +223,7 @@ def prepared(found: Sequence[Measure], inputs: Sequence[str], x: Array, fs: floa
 
     The measures cannot change the samples.
     """
-    given = dict(zip(inputs, unwritable(x), strict=True)) or {"": np.empty(x.shape[1])}
+    given = dict(zip(inputs, read_only(x), strict=True)) or {"": np.empty(x.shape[1])}
     return [m.prepare(given, fs) if m.prepare else None for m in found]
 
 
@@ -240,18 +233,11 @@ def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[A
     A measure cannot change the data of the next one.
     """
     motion = {
-        name: unwritable(s) if isinstance(s, np.ndarray) else s
+        name: read_only(s) if isinstance(s, np.ndarray) else s
         for name, s in rendering.motion.items()
     }
-    seen = replace(rendering, y=unwritable(rendering.y), motion=motion)
+    seen = replace(rendering, y=read_only(rendering.y), motion=motion)
     return [v for m, r in zip(found, ready, strict=True) for v in m(seen, r)]
-
-
-def unwritable(a: Array) -> Array:
-    """Return a read-only view of samples."""
-    view = a.view()
-    view.flags.writeable = False
-    return view
 
 
 def _measure(asked: Any, scene: Scene) -> Measure:
@@ -304,16 +290,26 @@ def _number(node: ast.expr) -> float:
 # Those with names ---------------------------------------------------------------------
 def _outputs(scene: Scene, names: Sequence[Any], what: str) -> list[str]:
     """Return the named outputs, or all outputs."""
-    if wrong := [n for n in names if n not in scene.outputs]:
-        raise UnknownName(
-            f"measures: {what}: the scene has no output {wrong[0]!r}; it has"
-            f" {', '.join(scene.outputs)}"
-        )
+    for name in names:
+        if name not in scene.outputs:
+            raise UnknownName(
+                f"measures: {what}: the scene has no output {name!r}; it has"
+                f" {', '.join(scene.outputs)}"
+            )
     return list(names) or list(scene.outputs)
 
 
 def _dim(scene: Scene, name: str) -> str:
     return str(scene.outputs[name].dim)
+
+
+def _of_outputs(
+    name: str, f: Callable[[Array, Any], float], scene: Scene, *outputs: Any
+) -> Measure:
+    """Return the measure that is a function of one output, for some outputs or all."""
+    names = _outputs(scene, outputs, name)
+    units = {f"{name}_{n}": _dim(scene, n) for n in names}
+    return Measure(name, units, partial(_of_each, f, names))
 
 
 def _of_each(
@@ -322,27 +318,13 @@ def _of_each(
     return [f(rendering[n], ready) for n in names]
 
 
-def rms(scene: Scene, *outputs: Any) -> Measure:
-    """Return the measure RMS, the root of the mean square sqrt(mean(y^2))."""
-    names = _outputs(scene, outputs, "rms")
-    return Measure(
-        "rms", {f"rms_{n}": _dim(scene, n) for n in names}, partial(_of_each, _rms, names)
-    )
-
-
 def _rms(y: Array, _: Any) -> float:
+    """Return the root of the mean square, sqrt(mean(y^2))."""
     return math.sqrt(np.mean(np.square(y)))
 
 
-def peak(scene: Scene, *outputs: Any) -> Measure:
-    """Return the measure peak, the largest magnitude max |y|."""
-    names = _outputs(scene, outputs, "peak")
-    return Measure(
-        "peak", {f"peak_{n}": _dim(scene, n) for n in names}, partial(_of_each, _peak, names)
-    )
-
-
 def _peak(y: Array, _: Any) -> float:
+    """Return the largest magnitude, max |y|."""
     return float(np.abs(y).max())
 
 
@@ -460,18 +442,21 @@ def _verified(rendering: Rendering, _: None) -> float:
     return float(verify(rendering.scene, rendering.motion, rendering).passed)
 
 
-CUE_UNITS = dict.fromkeys(("k_S", "k_L", "k_I", "k_fit"), "N/m") | dict.fromkeys(
-    ("b_L", "b_fit"), "N*s/m"
-)
-CUE_UNITS |= dict.fromkeys(("f_max", "f_mean"), "N") | dict.fromkeys(("y_max", "y_mean"), "m")
-CUE_UNITS |= dict.fromkeys(("v_max", "v_mean"), "m/s") | dict.fromkeys(
-    ("loss_factor", "eta_as_printed"), "1"
-)
-CUE_UNITS |= {"frequency": "1/s", "phi": "1", "W": "J"}
+CUE_UNITS = {
+    "frequency": "1/s", "phi": "1", "W": "J", "loss_factor": "1", "eta_as_printed": "1",
+    "k_S": "N/m", "k_L": "N/m", "k_I": "N/m", "k_fit": "N/m", "b_L": "N*s/m", "b_fit": "N*s/m",
+    "f_max": "N", "f_mean": "N", "y_max": "m", "y_mean": "m", "v_max": "m/s", "v_mean": "m/s",
+}  # fmt: skip
+"""Unit of each field of ``stimlib.analysis.Cues``."""
 
 NAMED: dict[str, Callable[..., Measure]] = {
-    "rms": rms, "peak": peak, "band": band, "psd": psd, "cues": cues, "verify": verified,
-}  # fmt: skip
+    "rms": partial(_of_outputs, "rms", _rms),
+    "peak": partial(_of_outputs, "peak", _peak),
+    "band": band,
+    "psd": psd,
+    "cues": cues,
+    "verify": verified,
+}
 """Measures by name; ``rms`` applies to all outputs, ``rms(force1)`` to one."""
 EXAMPLES = {
     "rms": "rms or rms(force1)",

@@ -40,11 +40,8 @@ CHUNK = 100_000  # rows that are Python objects at once
 
 def versions() -> dict[str, str]:
     """Return the versions of everything that the bits of a figure may depend on."""
-    return {
-        "python": platform.python_version(),
-        **{p: version(p) for p in PACKAGES},
-        "source": _source_hash(),
-    }
+    packages = dict(zip(PACKAGES, map(version, PACKAGES), strict=True))
+    return {"python": platform.python_version(), **packages, "source": _source_hash()}
 
 
 @cache
@@ -195,15 +192,12 @@ def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
     """
     parts = {"scene": make}
     for name, motion in motions.items():
-        parts |= {
-            f"motion {name} {key}": m
-            for key, m in (motion if isinstance(motion, Mapping) else {"": motion}).items()
-        }
+        each = motion if isinstance(motion, Mapping) else {"": motion}
+        parts |= {f"motion {name} {key}": m for key, m in each.items()}
     keys = {}
     for name, what in parts.items():
-        if isinstance(what, Scene) or (
-            callable(what) and not isinstance(what, Generated | Recording)
-        ):
+        function = callable(what) and not isinstance(what, Generated | Recording)
+        if function or isinstance(what, Scene):
             # of objects of the user's, which need no identity where nothing is kept
             with suppress(Exception):
                 keys[" ".join(name.split())] = identity(what, name)
@@ -220,14 +214,13 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
     pa = arrow()
     n = table.num_rows
     seeds = table["seed"].to_numpy() if "seed" in table.column_names else np.zeros(n, np.uint64)
-    columns = [_words(pa, pa.array(seeds))]
+    columns = [_words(pa.array(seeds))]
     if "motion" in table.column_names:
-        columns.append(_digests(pa, table["motion"], digests))
+        columns.append(_digests(table["motion"].combine_chunks(), digests))
     else:
         columns.append(np.tile(np.frombuffer(digests[""], np.uint8), (n, 1)))
-    columns += [
-        _words(pa, table[name]) for name in sorted((*plan.roles.live, *plan.roles.arguments))
-    ]
+    for name in sorted((*plan.roles.live, *plan.roles.arguments)):
+        columns.append(_words(table[name].combine_chunks()))
     records = np.concatenate(columns, axis=1)
     shared = hashlib.blake2b(bytes.fromhex(plan.key), digest_size=KEY)
 
@@ -237,36 +230,33 @@ def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Ar
         return h.digest()
 
     whole = records.view(f"V{records.shape[1]}").ravel()
-    keys = b"".join(
-        b"".join(map(key, whole[at : at + CHUNK].tolist())) for at in range(0, n, CHUNK)
-    )
+    chunks = [b"".join(map(key, whole[at : at + CHUNK].tolist())) for at in range(0, n, CHUNK)]
+    keys = b"".join(chunks)
     return pa.FixedSizeBinaryArray.from_buffers(pa.binary(KEY), n, [None, pa.py_buffer(keys)])
 
 
-def _words(pa: Any, column: Any) -> np.ndarray:
+def _words(column: Any) -> np.ndarray:
     """Return a column as bytes, (rows, 16): type and value, or the digest of a text."""
     kind = str(column.type)
     if kind == "string":
-        return _digests(pa, column, None)
+        return _digests(column, None)
     words = np.zeros((len(column), KEY), np.uint8)
     words[:, :8] = np.frombuffer(kind.encode().ljust(8), np.uint8)
-    values = (
-        column.to_numpy(zero_copy_only=False) if isinstance(column, pa.Array) else column.to_numpy()
-    )
-    wide = values.astype(np.uint64) if kind == "bool" else values
-    words[:, 8:] = np.ascontiguousarray(wide).view(np.uint8).reshape(-1, 8)
+    values = column.to_numpy(zero_copy_only=False)
+    if kind == "bool":
+        values = values.astype(np.uint64)
+    words[:, 8:] = np.ascontiguousarray(values).view(np.uint8).reshape(-1, 8)
     return words
 
 
-def _digests(pa: Any, column: Any, known: Mapping[str, bytes] | None) -> np.ndarray:
-    column = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+def _digests(column: Any, known: Mapping[str, bytes] | None) -> np.ndarray:
+    """Return the known digest of each text, or that of its bytes, shape (rows, 16)."""
     coded = column.dictionary_encode()
-    coded = coded.combine_chunks() if isinstance(coded, pa.ChunkedArray) else coded
-    values = [
-        hashlib.sha256(t.encode()).digest()[:KEY] if known is None else known[t]
-        for t in coded.dictionary.to_pylist()
-    ]
-    return np.frombuffer(b"".join(values), np.uint8).reshape(-1, KEY)[coded.indices.to_numpy()]
+    texts = coded.dictionary.to_pylist()
+    if known is None:
+        known = {t: hashlib.sha256(t.encode()).digest()[:KEY] for t in texts}
+    values = b"".join(known[t] for t in texts)
+    return np.frombuffer(values, np.uint8).reshape(-1, KEY)[coded.indices.to_numpy()]
 
 
 def in_order(table: pa.Table, roles: Roles) -> np.ndarray:
@@ -278,7 +268,7 @@ def in_order(table: pa.Table, roles: Roles) -> np.ndarray:
     codes = []
     for name in names:
         column = table[name].combine_chunks()
-        codes.append(
-            column.to_numpy() if name == "seed" else column.dictionary_encode().indices.to_numpy()
-        )
+        if name != "seed":
+            column = column.dictionary_encode().indices
+        codes.append(column.to_numpy())
     return np.lexsort(codes[::-1]) if codes else np.arange(table.num_rows)

@@ -60,36 +60,7 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
     ... }
     {'k': [500.0, 500.0, 1000.0, 1000.0], 'seed': [0, 1, 0, 1]}
     """
-    values = {}
-    for name, axis in axes.items():
-        if isinstance(axis, str | bytes) or not isinstance(axis, Iterable):
-            raise BadValue(
-                f"grid: {name} = {shortened(axis)} must be a list of values, such as [{axis!r}]"
-            )
-        listed = axis if isinstance(axis, np.ndarray) else list(axis)
-        kinds = {
-            (
-                "number"
-                if isinstance(v, int | float | np.number) and not isinstance(v, bool)
-                else type(v)
-            )
-            for v in listed
-        }
-        listed = whole_numbers(name, listed)
-        try:
-            values[name] = np.asarray(listed)
-        except ValueError as e:
-            raise BadValue(f"grid: {name} = {shortened(axis)} must be one row of values") from e
-        if (
-            values[name].ndim != 1
-            or not values[name].size
-            or values[name].dtype.kind not in "biufU"
-            or len(kinds) > 1
-        ):
-            raise BadValue(
-                f"grid: {name} = {shortened(axis)} must have values, all numbers, all texts or all"
-                " truth values"
-            )
+    values = {name: _axis(name, axis) for name, axis in axes.items()}
     if not values:
         raise BadValue("grid: name an axis, such as grid(k=[500.0, 1000.0], seed=range(10))")
     limits.check(
@@ -102,6 +73,33 @@ def grid(**axes: Iterable[Any]) -> dict[str, np.ndarray]:
         values[name] = np.repeat(column, inner)
         inner *= column.size
     return {name: np.tile(column, inner // column.size) for name, column in values.items()}
+
+
+def _axis(name: str, axis: Any) -> np.ndarray:
+    """Return the values of an axis of a grid as an array of one kind."""
+    if isinstance(axis, str | bytes) or not isinstance(axis, Iterable):
+        raise BadValue(
+            f"grid: {name} = {shortened(axis)} must be a list of values, such as [{axis!r}]"
+        )
+    listed = axis if isinstance(axis, np.ndarray) else list(axis)
+    kinds = set(map(_kind, listed))
+    listed = whole_numbers(name, listed)
+    try:
+        values = np.asarray(listed)
+    except ValueError as e:
+        raise BadValue(f"grid: {name} = {shortened(axis)} must be one row of values") from e
+    if values.ndim != 1 or not values.size or values.dtype.kind not in "biufU" or len(kinds) > 1:
+        raise BadValue(
+            f"grid: {name} = {shortened(axis)} must have values, all numbers, all texts or all"
+            " truth values"
+        )
+    return values
+
+
+def _kind(v: Any) -> type:
+    """Return the type of a value, which is float for all numbers."""
+    number = isinstance(v, int | float | np.number) and not isinstance(v, bool)
+    return float if number else type(v)
 
 
 def whole_numbers(name: str, column: Any) -> Any:
@@ -159,13 +157,12 @@ def table_of(rows: Any) -> pa.Table:
         raise BadValue("a sweep needs rows, and there is none")
     if twice := {n for n in table.column_names if table.column_names.count(n) > 1}:
         raise BadValue(f"rows: the column {min(twice)} is there twice")
-    fields, columns = [], []
-    for field, column in zip(table.schema, table.columns, strict=True):
-        plain = _plain(pa, field, column)
-        fields.append(field.with_type(plain.type).remove_metadata())
-        if field.metadata and b"unit" in field.metadata:
-            fields[-1] = fields[-1].with_metadata({"unit": field.metadata[b"unit"]})
-        columns.append(plain)
+    columns = [_plain(pa, *pair) for pair in zip(table.schema, table.columns, strict=True)]
+    fields = []
+    for field, column in zip(table.schema, columns, strict=True):
+        unit_ = (field.metadata or {}).get(b"unit")
+        kept = None if unit_ is None else {"unit": unit_}
+        fields.append(pa.field(field.name, column.type, field.nullable, kept))
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
@@ -180,20 +177,7 @@ def _read(pa: Any, rows: Any) -> pa.Table:
             return arrow("pyarrow.csv").read_csv(path)
         raise BadValue(f"rows: {rows} is neither a .csv nor a .parquet file")
     if isinstance(rows, Mapping):
-        for name, column in rows.items():
-            if isinstance(column, str) or not hasattr(column, "__len__"):
-                raise BadValue(
-                    f"rows: {name} = {shortened(column)} must be a list of values, one for each row"
-                )
-        lengths = {name: len(column) for name, column in rows.items()}
-        if len(set(lengths.values())) > 1:
-            raise BadValue(
-                "rows: the columns have unequal lengths:"
-                f" {', '.join(f'{n} {k}' for n, k in lengths.items())}"
-            )
-        return pa.table(
-            {n: c if hasattr(c, "dtype") else whole_numbers(n, list(c)) for n, c in rows.items()}
-        )
+        return pa.table(_columns(rows))
     if hasattr(rows, "iloc"):
         return pa.Table.from_pandas(rows, preserve_index=False)
     if hasattr(rows, "__arrow_c_stream__"):
@@ -203,36 +187,53 @@ def _read(pa: Any, rows: Any) -> pa.Table:
     )
 
 
+def _columns(rows: Mapping[str, Any]) -> dict[str, Any]:
+    """Return columns that were given by name, after checking their lengths."""
+    columns, lengths = {}, []
+    for name, column in rows.items():
+        if isinstance(column, str) or not hasattr(column, "__len__"):
+            raise BadValue(
+                f"rows: {name} = {shortened(column)} must be a list of values, one for each row"
+            )
+        lengths.append(f"{name} {len(column)}")
+        columns[name] = column
+    if len(set(map(len, columns.values()))) > 1:
+        raise BadValue(f"rows: the columns have unequal lengths: {', '.join(lengths)}")
+    for name, column in columns.items():
+        if not hasattr(column, "dtype"):
+            columns[name] = whole_numbers(name, list(column))
+    return columns
+
+
+PLAIN = {
+    "boolean": "bool_",
+    "uint64": "uint64",
+    "integer": "int64",
+    "floating": "float64",
+    "decimal": "float64",
+    "string": "string",
+    "large_string": "string",
+    "string_view": "string",
+}
+"""The type of a column, by the kind of type that Arrow's ``is_..`` recognises first."""
+
+
 def _plain(pa: Any, field: Any, column: Any) -> Any:
     """Return a column as a single array of one of the allowed types."""
-    kind, types = field.type, pa.types
-    if types.is_dictionary(kind):
-        kind = kind.value_type
-    numbers = (
-        (types.is_boolean, pa.bool_()),
-        (types.is_uint64, pa.uint64()),
-        (types.is_integer, pa.int64()),
-        (types.is_floating, pa.float64()),
-        (types.is_decimal, pa.float64()),
-    )
-    texts = (
-        (types.is_string, pa.string()),
-        (types.is_large_string, pa.string()),
-        (types.is_string_view, pa.string()),
-    )
-    wanted = next((plain for fits, plain in numbers + texts if fits(kind)), None)
+    kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
+    fitting = [plain for like, plain in PLAIN.items() if getattr(pa.types, f"is_{like}")(kind)]
     if column.null_count:
         at = column.is_null().index(True).as_py()
         raise BadValue(
             f"rows: {field.name} has no value in row {at} (the first is 0); leave such rows out, or"
             " fill them"
         )
-    if wanted is None:
+    if not fitting:
         raise BadValue(
             f"rows: {field.name} has values of type {field.type}; give numbers, texts or truth"
             " values"
         )
-    column = column.cast(wanted).combine_chunks()
+    column = column.cast(getattr(pa, fitting[0])()).combine_chunks()
     return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
 
 
@@ -280,43 +281,41 @@ def roles_of(
         A name is both a parameter and an argument, and ``live`` does not say which is
         meant.
     """
-    columns = [n for n in names if n not in OWN]
-    if own := [n for n in columns if n in MADE]:
-        raise BadValue(f"rows: a sweep adds a column {own[0]} of its own: give yours another name")
-    params = list(scene.params)
-    known = arguments_of(make)
-    if live is not None:
-        chosen = _said(live, params, columns)
-    else:
-        chosen = {n for n in columns if n in params}
-        if both := [n for n in columns if n in chosen and n in known]:
-            example = ", ".join(repr(n) for n in both)
+    columns, params, known = [n for n in names if n not in OWN], scene.params, arguments_of(make)
+    for n in columns:
+        if n in MADE:
+            raise BadValue(f"rows: a sweep adds a column {n} of its own: give yours another name")
+    if live is None:
+        both = [n for n in columns if n in params and n in known]
+        if both:
             raise BadValue(
                 f"rows: {', '.join(both)}: both a live parameter and an argument of"
-                f" {name_of(make)}: say live=[{example}] to set parameters of one compiled scene"
-                " (quick), or live=[] to make a scene of each value"
+                f" {name_of(make)}: say live=[{', '.join(map(repr, both))}] to set parameters of"
+                " one compiled scene (quick), or live=[] to make a scene of each value"
             )
-    rest = [n for n in columns if n not in chosen]
-    if unknown := [n for n in rest if n not in known]:
+        live = params
+    else:
+        _check_live(live, params, columns)
+    rest = [n for n in columns if n not in live]
+    unknown = [n for n in rest if n not in known]
+    if unknown:
         there = f"parameters: {', '.join(params) or 'none'}"
-        there += f"; arguments: {', '.join(known) or 'none'}" if not isinstance(make, Scene) else ""
+        if not isinstance(make, Scene):
+            there += f"; arguments: {', '.join(known) or 'none'}"
         raise UnknownName(
             f"rows: there is no {', '.join(unknown)} in the scene; {there}; besides: seed, motion"
         )
-    return Roles(tuple(n for n in columns if n in chosen), tuple(rest))
+    return Roles(tuple(n for n in columns if n in live), tuple(rest))
 
 
-def _said(live: Collection[str], params: list[str], columns: list[str]) -> set[str]:
-    """Return the ``live`` columns as given, after checking them."""
-    wrong = [n for n in live if n not in params]
-    absent = [n for n in live if n not in columns]
-    if wrong or absent:
-        raise UnknownName(
-            f"live: {(wrong or absent)[0]} is"
-            f" {'no parameter of the scene' if wrong else 'no column of the rows'}; parameters:"
-            f" {', '.join(params) or 'none'}; columns: {', '.join(columns) or 'none'}"
-        )
-    return set(live)
+def _check_live(live: Collection[str], params: Collection[str], columns: Collection[str]) -> None:
+    for known, what in ((params, "parameter of the scene"), (columns, "column of the rows")):
+        for name in live:
+            if name not in known:
+                raise UnknownName(
+                    f"live: {name} is no {what}; parameters: {', '.join(params) or 'none'};"
+                    f" columns: {', '.join(columns) or 'none'}"
+                )
 
 
 def name_of(make: Any) -> str:
@@ -345,20 +344,23 @@ def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str
     UnitError
         The unit of a column differs from that of its parameter.
     """
+    pa = arrow()
     for at, field in enumerate(table.schema):
-        column = table[field.name]
-        if field.name in roles.live:
-            table = table.set_column(at, *_live(field, column, scene.params[field.name].dim))
-        elif field.name == "seed":
-            kept = arrow().field("seed", arrow().uint64(), metadata={"unit": "1"})
+        name, column = field.name, table[field.name]
+        if name in roles.live:
+            dim = scene.params[name].dim
+            kept = pa.field(name, pa.float64(), metadata={"unit": str(dim)})
+            table = table.set_column(at, kept, [_live(field, column, dim)])
+        elif name == "seed":
+            kept = pa.field(name, pa.uint64(), metadata={"unit": "1"})
             table = table.set_column(at, kept, [_seeds(column)])
-        elif field.name == "motion":
+        elif name == "motion":
             _check_motions(column, motions)
     return table
 
 
-def _live(field: Any, column: Any, dim: Any) -> tuple[Any, list[np.ndarray]]:
-    """Return the field and the values of a live column, after checking them."""
+def _live(field: Any, column: Any, dim: Any) -> np.ndarray:
+    """Return the values of a live column, after checking them."""
     pa, name = arrow(), field.name
     said = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
     if said and unit(said) != dim:
@@ -373,11 +375,12 @@ def _live(field: Any, column: Any, dim: Any) -> tuple[Any, list[np.ndarray]]:
     if not finite.all():
         bad = int(np.argmin(finite))
         raise BadValue(f"rows: {name} = {values[bad]} in row {bad} (the first is 0) must be finite")
-    return pa.field(name, pa.float64(), metadata={"unit": str(dim)}), [values]
+    return values
 
 
 def _check_motions(column: Any, motions: Collection[str]) -> None:
-    if unknown := sorted(set(column.unique().to_pylist()) - set(motions), key=str):
+    unknown = sorted(set(column.unique().to_pylist()) - set(motions), key=str)
+    if unknown:
         raise UnknownName(
             f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by"
             f" name; it has {_some(motions)}"
@@ -397,5 +400,7 @@ def _seeds(column: Any) -> np.ndarray:
 
 
 def _some(names: Collection[str]) -> str:
-    shown = [n for n in names if n][:12]
-    return ", ".join(shown) + (", .." if len(names) > 12 else "") if shown else "none by name"
+    shown = list(filter(None, names))[:12]
+    if len(names) > 12 and shown:
+        shown.append("..")
+    return ", ".join(shown) or "none by name"

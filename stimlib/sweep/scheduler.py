@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 TASK = 1.0
 SENT = 0.015  # s of client and scheduler for one job, one after another (benchmarks/cluster.py)
 MOST_ROWS = 20_000  # of a job
+QUICK = 4.0  # s of work for which one process is enough
 DEATHS = 3  # of a process by one row alone, until the row is what is wrong
 
 

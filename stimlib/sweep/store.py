@@ -92,9 +92,8 @@ class Store:
     def _open(self, folder: Path) -> None:
         sidecar = folder / SIDECAR
         known = self._same(sidecar) if sidecar.exists() else {}
-        if not known and (
-            other := [p.name for p in folder.iterdir() if not p.name.endswith(".part")]
-        ):
+        other = [p.name for p in folder.iterdir() if not p.name.endswith(".part")]
+        if other and not known:
             raise SinkError(
                 f"{folder} has {min(other)} and no {SIDECAR}: it is no folder of a sweep; name an"
                 " empty one"
@@ -107,14 +106,15 @@ class Store:
         if self.dry:
             return
         motions = known.get("motion", {}) | self._about["motion"]
-        if known != (
-            told := {"stimlib_sweep": VERSION, **self._facts, **self._about, "motion": motions}
-        ):
+        told = {"stimlib_sweep": VERSION, **self._facts, **self._about, "motion": motions}
+        if known != told:
             safe_files.publish(sidecar, json.dumps(told, indent=1) + "\n")
-        for path in (path for path, table in parts.items() if table is None):
-            os.replace(path, aside := path.with_suffix(".damaged"))
-            text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
-            warnings.warn(text, RuntimeWarning, stacklevel=outside())
+        for path, table in parts.items():
+            if table is None:
+                aside = path.with_suffix(".damaged")
+                os.replace(path, aside)
+                text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
+                warnings.warn(text, RuntimeWarning, stacklevel=outside())
         for left in folder.glob("part-*.parquet.part"):  # of a run that was killed
             left.unlink(missing_ok=True)
 
@@ -196,12 +196,10 @@ def _name(data: bytes) -> str:
 def _part(path: Path, names: Collection[str]) -> pa.Table | None:
     """Return selected columns of a part, or None if it is damaged or unknown."""
     data = safe_files.read(path, "audio_bytes")
+    if _name(data) != path.name:
+        return None
     try:
-        table = (
-            arrow("pyarrow.parquet").read_table(arrow().BufferReader(data))
-            if _name(data) == path.name
-            else None
-        )
+        table = arrow("pyarrow.parquet").read_table(arrow().BufferReader(data))
     except (arrow().ArrowException, OSError):
         return None
-    return table if table is not None and set(names) <= set(table.column_names) else None
+    return table if set(names) <= set(table.column_names) else None

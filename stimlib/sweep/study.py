@@ -36,16 +36,14 @@ from .plan import (
     shared_key,
     versions,
 )
-from .rows import MADE, Roles, arguments_of, arrow, checked, name_of, roles_of, table_of
-from .scheduler import drive, joined
+from .resume import confirmed, missing, places
+from .rows import MADE, OWN, arguments_of, arrow, checked, name_of, roles_of, table_of
+from .scheduler import QUICK, drive, joined
 from .store import Store
 from .worker import Motions, Runner, as_bytes, error_text, from_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-LOOK_SECONDS = 0.003  # for making a scene, to compare it with one that was run
-QUICK = 4.0  # s of work for which one process is enough
 
 
 class Forecast(NamedTuple):
@@ -75,13 +73,10 @@ class Forecast(NamedTuple):
 
 
 def _time(seconds: float) -> str:
-    return (
-        f"{seconds:.3g} s"
-        if seconds < 100
-        else f"{seconds / 60:.3g} min"
-        if seconds < 6000
-        else f"{seconds / 3600:.3g} h"
-    )
+    for longest, unit_, size in ((100, "s", 1), (6000, "min", 60)):
+        if seconds < longest:
+            return f"{seconds / size:.3g} {unit_}"
+    return f"{seconds / 3600:.3g} h"
 
 
 @public
@@ -197,15 +192,7 @@ def sweep(
     >>> table.field("peak_force1").metadata
     {b'unit': b'N'}
     """
-    motion = {} if motion is None else motion
-    words = {
-        "motion": motion,
-        "measures": measures,
-        "fs": rate(fs),
-        "seconds": seconds,
-        "live": live,
-        "kept": out is not None,
-    }
+    words = _words(motion, measures, fs, seconds, live, out is not None)
     if workers is not None and (
         isinstance(workers, bool) or not isinstance(workers, int) or workers < 0
     ):
@@ -223,38 +210,32 @@ def sweep(
         )
     digests = {name: digest for name, (digest, _) in motions.items()}
     keyed = table.append_column("key", row_keys(plan, table, digests))
-    with (
-        Store(out if not dry or _is_folder(out) else None, facts, about, dry) as store,
-        terminable(),
-    ):
-        engine: Any = (
-            Cluster(on, plan, motions)
-            if on is not None
-            else (Local if workers != 0 else Here)(plan, motions)
-        )
+    folder = None if dry and not _is_folder(out) else out
+    with Store(folder, facts, about, dry) as store, terminable():
+        engine: Any = Here if workers == 0 else Local
+        engine = engine(plan, motions) if on is None else Cluster(on, plan, motions)
         with engine:
             names = [*plan.units, "fault", "error"]
             done = store.done(names)
-            done = _confirmed(plan, keyed, done, engine, workers, progress)
-            todo = _missing(keyed, done, retry)
+            done = confirmed(plan, keyed, done, engine, workers, progress)
+            todo = missing(keyed, done, retry)
             began, row_seconds = store.rows, 0.0
             try:
                 if todo.num_rows:
                     row_seconds = _run(plan, todo, store, engine, workers, dry, progress)
             except KeyboardInterrupt:
                 what = f"{store.rows - began} of {todo.num_rows} rows were done"
-                kept = (
-                    "; run it again for the rest"
-                    if store.folder is not None
-                    else ", and are lost: with out= they are kept"
-                )
-                raise KeyboardInterrupt(what + kept) from None
+                if store.folder is None:
+                    raise KeyboardInterrupt(
+                        f"{what}, and are lost: with out= they are kept"
+                    ) from None
+                raise KeyboardInterrupt(f"{what}; run it again for the rest") from None
         if dry:
             n, columns = table.num_rows, len(plan.units) + table.num_columns
             return Forecast(n, n - todo.num_rows, row_seconds, samples, 8.0 * n * columns)
         done = store.done(names)
         result = joined(
-            plan, table, done.drop_columns(["key", "content"]).take(_places(keyed, done))
+            plan, table, done.drop_columns(["key", "content"]).take(places(keyed, done))
         )
         return result.replace_schema_metadata({"stimlib_sweep": json.dumps({**facts, **about})})
 
@@ -309,20 +290,27 @@ def rendering(
         raise BadValue(
             f"rendering: there is no row {at!r}: give a number from 0 to {whole.num_rows - 1}"
         )
-    motion = {} if motion is None else motion
-    words = {
-        "motion": motion,
-        "measures": (),
-        "fs": rate(fs),
-        "seconds": seconds,
-        "live": live,
-        "kept": False,
-    }
+    words = _words(motion, (), fs, seconds, live, False)
     table, plan, motions, *_ = planned(make, whole.slice(int(at), 1), words)
     return Runner(plan, motions).rendering(table.to_pylist()[0])[0]
 
 
 # Before the first run -----------------------------------------------------------------
+def _words(
+    motion: Any, measures: Any, fs: float, seconds: float | None, live: Any, kept: bool
+) -> dict[str, Any]:
+    """Return the arguments of a sweep that its plan depends on, with their defaults."""
+    one = isinstance(measures, str) or not isinstance(measures, Sequence)
+    return {
+        "motion": {} if motion is None else motion,
+        "measures": (measures,) if one else tuple(measures),
+        "fs": rate(fs),
+        "seconds": seconds,
+        "live": live,
+        "kept": kept,
+    }
+
+
 class Planned(NamedTuple):
     """The facts of a sweep that are known before the first run."""
 
@@ -341,16 +329,13 @@ class Seen(NamedTuple):
     """The facts found with the scene of one row, as plain data."""
 
     table: bytes
-    units: dict[str, str]
-    roles: Roles
+    plan: dict[str, Any]
+    """Fields of the plan, by name."""
     digests: dict[str, bytes]
-    measure_keys: list[str]
-    key: str
     facts: dict[str, Any]
     about: dict[str, Any]
     samples: int
     warned: list[str]
-    code_keys: dict[str, str]
 
 
 def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
@@ -366,11 +351,11 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
 
     Making a scene may crash that process.
     """
-    given = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
+    data = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
     memory = int(min(limits.row_bytes, 2**62))
     first, error = 0, None
     while first < len(_rows_to_try(table.num_rows)):
-        with Pool(1, take_given, given, memory=memory) as pool:
+        with Pool(1, take_given, data, memory=memory) as pool:
             pool.submit(None, seen_apart, first, seconds=limits.row_seconds)
             _, found, error = pool.take()
         if not isinstance(error, WorkerDied):
@@ -378,10 +363,10 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
         first = error.at + 1
     if error is not None:
         raise error
-    here = code_keys(
-        make, words["motion"] if "motion" in table.column_names else {"": words["motion"]}
-    )
-    if other := [name for name, key in found.code_keys.items() if key != here.get(name, key)]:
+    given = words["motion"] if "motion" in table.column_names else {"": words["motion"]}
+    here, there = code_keys(make, given), found.plan["code_keys"]
+    other = [name for name, key in there.items() if key != here.get(name, key)]
+    if other:
         found.warned.append(
             f"sweep: {other[0]} is not the same in the processes that run the rows: they import"
             " your modules anew, so an attribute that was set later, or a file that has changed,"
@@ -396,17 +381,13 @@ def _complete(make: Any, words: Mapping[str, Any], found: Seen) -> Planned:
         warnings.warn(text, RuntimeWarning, stacklevel=outside())
     given = words["motion"] if list(found.digests) != [""] else {"": words["motion"]}
     plan = Plan(
-        make,
-        _asked(words),
-        found.units,
-        words["fs"],
-        words["seconds"],
-        found.roles,
-        versions(),
-        found.key,
-        found.measure_keys,
-        dc.asdict(limits),
-        found.code_keys,
+        make=make,
+        measures=words["measures"],
+        fs=words["fs"],
+        seconds=words["seconds"],
+        versions=versions(),
+        limits=dc.asdict(limits),
+        **found.plan,
     )
     motions = {name: (digest, given[name]) for name, digest in found.digests.items()}
     return Planned(from_bytes(found.table), plan, motions, found.facts, found.about, found.samples)
@@ -445,7 +426,7 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
             f" {type(motion).__name__}"
         )
     given = dict(motion) if named else {"": motion}
-    asked, code = _asked(words), code_keys(make, given)
+    asked, code = words["measures"], code_keys(make, given)
     # before anything runs that may keep something
     keys = measure_keys(asked) if words["kept"] else []
     scene = some_scene(make, table, first)
@@ -460,32 +441,24 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
         warn_beyond(scene.program, fs, n)
     digests = {name: motion_digest(given[name], name, fs, seconds) for name in used}
     units = {name: u for m in measures_of(asked, scene) for name, u in m.units.items()}
-    if own := [name for name in units if name in MADE]:
-        raise BadValue(
-            f"measures: a sweep adds a column {own[0]} of its own: give your figure another name"
-        )
-    if clash := [name for name in units if name in table.column_names]:
-        raise BadValue(
-            f"rows have a column {clash[0]}, and so do the measures: give yours another name"
-        )
+    for name in units:
+        if name in MADE:
+            raise BadValue(
+                f"measures: a sweep adds a column {name} of its own: give your figure another name"
+            )
+        if name in table.column_names:
+            raise BadValue(
+                f"rows have a column {name}, and so do the measures: give yours another name"
+            )
     key, facts = shared_key(make, keys, fs, roles)
+    told = {name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()}
     about = {
         "units": units,
-        "motion": {
-            name: f"{digest.hex()} {given[name]!r:.1000}" for name, digest in digests.items()
-        },
+        "motion": told,
         "scene_json": scene.to_dict() if isinstance(make, Scene) else None,
     }
-    return Seen(
-        as_bytes(table), units, roles, digests, keys, key, {"key": key, **facts}, about, n, [], code
-    )
-
-
-def _asked(words: Mapping[str, Any]) -> tuple[str | Measure, ...]:
-    measures = words["measures"]
-    return tuple(
-        measures if isinstance(measures, Sequence) and not isinstance(measures, str) else [measures]
-    )
+    plan = {"units": units, "roles": roles, "key": key, "measure_keys": keys, "code_keys": code}
+    return Seen(as_bytes(table), plan, digests, {"key": key, **facts}, about, n, [])
 
 
 def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int = 0) -> Scene:
@@ -506,10 +479,9 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
     for k in range(first, len(rows)):
         note(k, bytes(16))
         row = table.slice(rows[k], 1).to_pylist()[0]
+        given = {n: v for n, v in row.items() if n in known and n not in OWN}
         try:
-            scene = make(
-                **{n: v for n, v in row.items() if n in known and n not in ("seed", "motion")}
-            )
+            scene = make(**given)
         except BaseException as e:
             if ended(e):
                 raise
@@ -526,11 +498,8 @@ def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int =
 
 def _rows_to_try(n: int) -> list[int]:
     """Return the indices of rows to try: first, last, middle, then some between."""
-    return list(
-        dict.fromkeys(
-            int(n * part) for part in (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
-        )
-    )
+    parts = (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
+    return list(dict.fromkeys(int(n * part) for part in parts))
 
 
 def _is_folder(out: Any) -> bool:
@@ -538,73 +507,6 @@ def _is_folder(out: Any) -> bool:
 
 
 # The runs -----------------------------------------------------------------------------
-def _places(keyed: pa.Table, done: pa.Table) -> pa.Array:
-    """Return the index of each row among the finished rows, or null."""
-    return arrow("pyarrow.compute").index_in(
-        keyed["key"].combine_chunks(), value_set=done["key"].combine_chunks()
-    )
-
-
-def _confirmed(
-    plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool
-) -> pa.Table:
-    """Return the finished rows that are still valid.
-
-    Rows that failed with a scene or motion that has changed since are left out. The
-    scene of every stored row is made again, once for each combination of arguments and
-    motion, and compared with the one that was run.
-    """
-    pa, pc = arrow(), arrow("pyarrow.compute")
-    places = _places(keyed, done)
-    there = keyed.filter(pc.is_valid(places))
-    if not there.num_rows:
-        return done
-    codes = np.zeros(there.num_rows, np.int64)
-    for name in (*plan.roles.arguments, "motion"):
-        if name in there.column_names:
-            column = there[name].combine_chunks().dictionary_encode().indices.to_numpy()
-            codes = np.unique(codes * (column.max() + 1) + column, return_inverse=True)[1]
-    _, first, which = np.unique(codes, return_index=True, return_inverse=True)
-    looked: list[Any] = []
-    rows = there.take(pa.array(first)).append_column("at", pa.array(np.arange(first.size)))
-    if first.size * LOOK_SECONDS > QUICK:
-        engine.widen(workers or os.cpu_count() or 1)
-    with bar("checking what is kept", first.size, progress) as advance:
-        drive(plan, rows, engine, looked.append, LOOK_SECONDS, advance, look=True)
-    made = pa.concat_tables(looked).sort_by("at")
-    now = made["content"].combine_chunks().take(pa.array(which))
-    kept = done.take(places.drop_null())
-    other = np.asarray(pc.not_equal(now, kept["content"].combine_chunks()))
-    failed = np.asarray(pc.is_valid(kept["error"]).combine_chunks())
-    if (changed := other & ~failed).any():
-        at = int(np.flatnonzero(np.asarray(pc.is_valid(places)))[int(np.argmax(changed))])
-        why = made["error"][int(which[int(np.argmax(changed))])].as_py()
-        raise BadValue(
-            f"row {at} (the first is 0) is kept with the figures of another scene or motion than"
-            f" those of today{f' ({why})' if why else ''}: a function, a block or a file has"
-            " changed since; name another folder"
-        )
-    return done.filter(
-        pc.invert(
-            pc.is_in(done["key"], value_set=there["key"].combine_chunks().filter(pa.array(other)))
-        )
-    )
-
-
-def _missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
-    """Return the rows that have not run, each once; with ``retry``, failed ones too."""
-    pa, pc = arrow(), arrow("pyarrow.compute")
-    places = _places(keyed, done)
-    if retry:
-        places = pc.if_else(pc.is_valid(done["error"].take(places)).combine_chunks(), None, places)
-    keyed = keyed.filter(pc.is_null(places)) if places.null_count < keyed.num_rows else keyed
-    codes = keyed["key"].combine_chunks().dictionary_encode() if keyed.num_rows else None
-    if codes is None or len(codes.dictionary) == keyed.num_rows:
-        return keyed
-    _, first = np.unique(codes.indices.to_numpy(), return_index=True)
-    return keyed.take(pa.array(np.sort(first)))
-
-
 def _run(
     plan: Plan,
     todo: pa.Table,

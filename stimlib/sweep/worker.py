@@ -49,14 +49,6 @@ class Program:
     measures: list[Measure]
 
 
-@dataclass(frozen=True)
-class Made:
-    """A scene with the digest of its content."""
-
-    scene: Scene
-    digest: bytes
-
-
 @dataclass
 class Moved:
     """A sampled motion with the data that the measures prepared from it."""
@@ -88,7 +80,7 @@ class Runner:
 
     def __init__(self, plan: Plan, motions: Motions):
         self.plan, self.motions = plan, dict(motions)
-        self._scenes: Kept[Made] = Kept()
+        self._scenes: Kept[tuple[Scene, bytes]] = Kept()
         self._programs: Kept[Program] = Kept()
         self._moved: Kept[Moved] = Kept()
         self._digests: dict[Any, bytes] = {}
@@ -98,12 +90,12 @@ class Runner:
         """Return 16 bytes that identify a row's scene and motion."""
         if not self.plan.measure_keys:  # nothing is kept
             return NO_SCENE
-        made = self._made(row)
-        name, inputs = row.get("motion", ""), tuple(made.scene.inputs)
-        key = self.motions[name][0], *inputs
+        scene, digest = self._made(row)
+        name = row.get("motion", "")
+        key = self.motions[name][0], *scene.inputs
         if key not in self._digests:
-            self._moved_of(name, made.scene)
-        return hashlib.sha256(made.digest + self._digests[key]).digest()[:KEY]
+            self._moved_of(name, scene)
+        return hashlib.sha256(digest + self._digests[key]).digest()[:KEY]
 
     def rendering(self, row: Mapping[str, Any]) -> tuple[Rendering, Program, Moved]:
         """Return a row's rendering, whose samples are valid until the next call."""
@@ -136,9 +128,8 @@ class Runner:
         """Return a row's figures and its fault, if any."""
         rendering, program, moved = self.rendering(row)
         values = figures_of(program.measures, rendering, moved.ready or [])
-        return values, (
-            None if rendering.fault is None else "{} at sample {}".format(*rendering.fault)
-        )
+        fault = rendering.fault and "{} at sample {}".format(*rendering.fault)
+        return values, fault
 
     def run(self, rows: list[dict[str, Any]], look: bool = False, seconds: float = math.inf) -> Any:
         """Return figures, fault, error and content of as many rows as time allows.
@@ -177,15 +168,17 @@ class Runner:
     def _arguments(self, row: Mapping[str, Any]) -> str:
         return repr([row[n] for n in self.plan.roles.arguments])
 
-    def _made(self, row: Mapping[str, Any]) -> Made:
-        def make() -> Made:
+    def _made(self, row: Mapping[str, Any]) -> tuple[Scene, bytes]:
+        """Return a row's scene with the digest of its content."""
+
+        def make() -> tuple[Scene, bytes]:
             scene = self.plan.scene(row)
-            return Made(scene, scene_digest(scene, self.plan.fs))
+            return scene, scene_digest(scene, self.plan.fs)
 
         return self._scenes.get_or(self._arguments(row), SCENES, make)
 
     def _compiled(self, row: Mapping[str, Any]) -> Program:
-        scene = self._made(row).scene
+        scene, _ = self._made(row)
         measures = measures_of(self.plan.measures, scene)
         units = {name: u for m in measures for name, u in m.units.items()}
         if units != self.plan.units:
@@ -201,13 +194,11 @@ class Runner:
         key = digest, *scene.inputs
 
         def sampled() -> Moved:
-            inputs = tuple(scene.inputs)
-            motion = motion_of(given, scene)
+            inputs, motion = tuple(scene.inputs), motion_of(given, scene)
             n = frames(motion, self.plan.fs, self.plan.seconds)
             x = positions(sources_of(motion, inputs, n), 0, n, self.plan.fs)
-            self._digests[key] = hashlib.sha256(
-                repr((inputs, x.shape)).encode() + x.tobytes()
-            ).digest()
+            data = repr((inputs, x.shape)).encode() + x.tobytes()
+            self._digests[key] = hashlib.sha256(data).digest()
             return Moved(motion, x)
 
         return self._moved.get_or(key, self._most(), sampled)
@@ -242,12 +233,11 @@ def begin(data: bytes) -> None:
             ' @measure(.., version="1")'
         )
     given = {name: motion for name, (_, motion) in motions.items()}
-    if changed := [
-        n for n, key in code_keys(plan.make, given).items() if key != plan.code_keys.get(n, key)
-    ]:
-        raise BadValue(
-            f"{changed[0]}: a file of yours has changed since the sweep began; start it again"
-        )
+    for name, key in code_keys(plan.make, given).items():
+        if key != plan.code_keys.get(name, key):
+            raise BadValue(
+                f"{name}: a file of yours has changed since the sweep began; start it again"
+            )
     _runner = Runner(plan, motions)
 
 

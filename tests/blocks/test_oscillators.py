@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from laws import lawful, mostly
+from laws import alias, lawful, mostly
 
 import stimlib
 from stimlib import Input, Param, Scene
@@ -14,16 +14,6 @@ from stimlib.errors import BadValue, UnitError
 FS = 8000.0
 TOUCH = Input("touch")
 pi = np.pi
-
-
-def alias(y, k, top):
-    """Power below top (a part of fs) that is not on multiples of line k, in dB of the
-    power on them.
-    """
-    P = np.abs(np.fft.rfft(y)) ** 2
-    n = np.arange(P.size)
-    low = (n > 0) & (n < top * y.size)
-    return 10 * np.log10(P[low & (n % k != 0)].sum() / P[low & (n % k == 0)].sum())
 
 
 def carried(f=158.0, rectify=None, phase=0.0, fs=FS, target="numba", **kw):

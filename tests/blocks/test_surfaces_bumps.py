@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from laws import bits
+from laws import alias, bits
 
 import stimlib
 from stimlib import Input, Param, Scene
@@ -131,16 +131,6 @@ def test_a_finger_at_rest_feels_the_envelope_where_it_is(waveform, sampling):
         # a place just below 0 is 0
         wanted = e(waveform, np.array(u if abs(u) > 1e-9 else 0.0), 0.4)
         np.testing.assert_allclose(y, wanted, rtol=0, atol=1e-14)
-
-
-def alias(y, k, top):
-    """Power below top (a part of fs) that is not on multiples of line k, in dB of the
-    power on them.
-    """
-    P = np.abs(np.fft.rfft(y)) ** 2
-    n = np.arange(P.size)
-    low = (n > 0) & (n < top * y.size)
-    return 10 * np.log10(P[low & (n % k != 0)].sum() / P[low & (n % k == 0)].sum())
 
 
 @pytest.mark.parametrize("duty", [0.2, 0.5, 0.8])

@@ -517,18 +517,23 @@ def test_close_comes_back_while_another_thread_stops():
     Stuck.let_go.set()
 
 
+class Dead(Sink):
+    device, clock = "dead", False
+
+    def _open(self):
+        pass
+
+
+def test_a_device_with_a_clock_that_never_calls_is_lost(monkeypatch):
+    monkeypatch.setattr(Dead, "clock", True)
+    assert 0 < Sink.silent_for < 10
+    monkeypatch.setattr(Sink, "silent_for", 0.2)
+    with pytest.raises(SinkError, match=r"dead: the device has taken no samples for 0\.2 s"):
+        begun(Dead(steady(), 1.0, realtime=False)).wait(5)
+
+
 @pytest.mark.longer
 def test_close_comes_back_from_a_device_that_calls_no_more():
-    class Dead(Sink):
-        device = "dead"
-        clock = False
-
-        def _open(self):
-            pass
-
-        def _close(self):
-            pass
-
     sink = begun(Dead(steady(), 1.0))
     began = time.monotonic()
     sink.close()

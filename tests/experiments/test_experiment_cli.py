@@ -414,6 +414,11 @@ def test_a_question_that_has_the_key_r_is_answered_by_it_and_is_not_shown_again(
     assert face.ask(None, question, replays=2) == "right"
 
 
+def session_of(file, folder):
+    words = f"{file}:short --participant P1 --session 1 --data {folder} --sink offline"
+    return shlex.split(words)
+
+
 @pytest.mark.parametrize("name, code", [("SIGTERM", 143), ("SIGHUP", 129)])
 def test_sigterm_and_sighup_end_a_session_as_ctrl_c_does(file, tmp_path, monkeypatch, name, code):
     def terminated(self, text):
@@ -421,17 +426,7 @@ def test_sigterm_and_sighup_end_a_session_as_ctrl_c_does(file, tmp_path, monkeyp
 
     monkeypatch.setattr(Terminal, "tell", terminated)
     monkeypatch.setattr(Terminal, "pick", terminated)
-    who = [
-        f"{file}:short",
-        "--participant",
-        "P1",
-        "--session",
-        "1",
-        "--data",
-        str(tmp_path),
-        "--sink",
-        "offline",
-    ]
+    who = session_of(file, tmp_path)
     said = stimlib("run", *who, status=code)
     assert said.endswith(
         f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n"
@@ -450,17 +445,7 @@ def test_a_device_that_fails_says_the_whole_command_that_goes_on(
         raise error("the device has gone")
 
     monkeypatch.setattr("stimlib.experiments.runner.present", failed)
-    who = [
-        f"{file}:short",
-        "--participant",
-        "P1",
-        "--session",
-        "1",
-        "--data",
-        str(tmp_path),
-        "--sink",
-        "offline",
-    ]
+    who = session_of(file, tmp_path)
     again = shlex.join(["stimlib", "experiment", "resume", *who])
     assert f"error: the device has gone; 0 answers are kept; go on with {again}\n" in stimlib(
         "run", *who, typed="0\n\n", status=2

@@ -36,11 +36,21 @@ def test_every_scene_has_a_law_and_every_law_a_scene():
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_scene_keeps_its_law_and_every_argument(name):
-    where = f"stimlib/scenes: end {name} with Scene(.., law={name!r}, given=given)"
     (part,) = SHIPPED[name]().parts
-    assert part.law == name, where
+    assert part.law == name
     arguments = inspect.signature(SHIPPED[name]).parameters
-    assert part.given.keys() == arguments.keys(), f"{where}, and begin with given = dict(locals())"
+    assert list(part.given) == list(arguments)
+
+
+def test_an_argument_that_was_given_or_replaced_is_kept():
+    assert SHIPPED["wall"](500.0, at=0.01).parts[0].given == {
+        "k": 500.0,
+        "b": 2.0,
+        "at": 0.01,
+        "contact": False,
+    }
+    kept = SHIPPED["soft_surface"](mode="deformation").parts[0].given
+    assert kept["mode"] == "deformation" and kept["S"] is not None
 
 
 @pytest.mark.filterwarnings("ignore:touch_screen.* are held")

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+import scipy
 
 from .. import laws
 from ..evidence import Asked, Check, law_of
@@ -111,9 +112,7 @@ def ringing(events: np.ndarray, fs: float, freq: float, decay: float) -> np.ndar
 
     The decay time is at least one sample, as in ``ring``.
     """
-    from scipy.signal import lfilter
-
-    return lfilter(
+    return scipy.signal.lfilter(
         [1], [1, -np.exp(-1 / max(decay * fs, 1.0) + 2j * np.pi * freq / fs)], events
     ).imag
 
@@ -363,10 +362,8 @@ def impact_law(a: Asked) -> list[Check]:
 
 @law("StaticLimit", since=lambda b, fs, x: FADED * b.tau * fs)
 def _static_limit(b, fs, x, y):
-    from scipy.signal import lfilter
-
     a, most = -np.expm1(-1 / (b.tau * fs)), b.limit**2
-    mean = np.r_[0.0, lfilter([a], [1, a - 1], y**2)[:-1]]
+    mean = np.r_[0.0, scipy.signal.lfilter([a], [1, a - 1], y**2)[:-1]]
     cap = math.sqrt(most * (0.81 + 0.19 / a))
     want = np.minimum(1.0, (most - mean) / (0.19 * most)) * np.clip(x[0], -cap, cap)
     return want, (1e-12 + 2.0**-50 * b.tau * fs) * max(float(np.abs(x[0]).max()), 1e-300)

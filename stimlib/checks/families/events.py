@@ -10,12 +10,15 @@ from ..linear import LONG, Modes, response, straight, taps
 from ..rows import Row, law, near, sample_of
 
 
+def _part(n: float) -> float:
+    """Return how much of the way a follower with a time of n samples goes in one."""
+    return 1.0 if n <= 1e-3 else 1 - math.exp(-1 / n)
+
+
 @law("Follower", since=1)
 def _follower(b, fs, x, y):
     last = np.r_[0.0, y[:-1]]
-    up, down = (
-        1.0 if t * fs <= 1e-3 else 1 - math.exp(-1 / (t * fs)) for t in (b.attack, b.release)
-    )
+    up, down = _part(b.attack * fs), _part(b.release * fs)
     return near(last + np.where(np.abs(x[0]) > last, up, down) * (np.abs(x[0]) - last), 1e-14)
 
 
@@ -119,11 +122,15 @@ def _envelope(b, fs, x, y):
     # in which stage it is, it says where it is released
     tol = np.where(x.rest | (np.cumsum(x[0] <= 0) > 0), 1e-9, np.inf)
     level = {"attack": 1 / (1 - math.exp(-1.5)), "decay": b.sustain, "release": 0.0}
-    keep = {"attack": b.attack / 1.5, "decay": b.decay, "release": b.release}
-    keep = {name: math.exp(-1 / (t * fs)) if t * fs > 1e-3 else 0.0 for name, t in keep.items()}
+    times = {"attack": b.attack / 1.5, "decay": b.decay, "release": b.release}
+    keep = {name: math.exp(-1 / (t * fs)) if t * fs > 1e-3 else 0.0 for name, t in times.items()}
     for n, gate in enumerate(x[0] > 0):
-        last = last if x.rest else y[max(n - 1, 0)]
-        stage = "release" if not gate else "attack" if stage == "release" else stage
+        if not x.rest:
+            last = y[max(n - 1, 0)]
+        if not gate:
+            stage = "release"
+        elif stage == "release":
+            stage = "attack"
         last = level[stage] + keep[stage] * (last - level[stage])
         if stage == "attack" and last >= 1 - 1e-9:
             last, stage = 1.0, "decay"

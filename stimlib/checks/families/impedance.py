@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy
 
 from ...errors import SceneError
 from ...files.formats import BITS
@@ -52,8 +53,6 @@ def _squeeze(a: Asked) -> list[Check]:
 
     The law is computed from motion, numbers and seed.
     """
-    from scipy.interpolate import PchipInterpolator
-
     from ...blocks import differentiator, pink_noise
     from ...blocks.contact import PLACEHOLDER_GAMMA
 
@@ -113,7 +112,7 @@ def _squeeze(a: Asked) -> list[Check]:
             )
         )
         if g["motor_constant"] is not None:
-            gamma = PchipInterpolator(*PLACEHOLDER_GAMMA)(
+            gamma = scipy.interpolate.PchipInterpolator(*PLACEHOLDER_GAMMA)(
                 np.clip(x, PLACEHOLDER_GAMMA.x[0], PLACEHOLDER_GAMMA.x[-1])
             )
             checks.append(
@@ -155,12 +154,12 @@ def _held(
 
     The gain of the static limit follows from the output's own past.
     """
-    from scipy.signal import lfilter
-
     force, kept = np.clip(force, -PEAK, PEAK), {} if kept is None else kept
     r, most = -np.expm1(-1 / (TAU * fs)), STATIC**2
     square = np.where(np.isnan(y), force, y) ** 2
-    mean, kept["squares"] = lfilter([r], [1, r - 1], square, zi=kept.get("squares", np.zeros(1)))
+    mean, kept["squares"] = scipy.signal.lfilter(
+        [r], [1, r - 1], square, zi=kept.get("squares", np.zeros(1))
+    )
     before, kept["mean"] = kept.get("mean", 0.0), mean[-1] if mean.size else 0.0
     return np.minimum(1.0, (most - np.r_[before, mean[:-1]]) / (0.19 * most)) * force
 
@@ -182,8 +181,6 @@ def _slope(
     The noise adds to the slope a weighted sum of a process whose spectrum is known, so
     the standard deviation of the slope is known too.
     """
-    from scipy import stats
-
     e, i = a.e, list(a.e.scene.outputs).index(a.output(name))
     y, whole, step = e.shown[i], np.ones(x.size, bool), 2.0**-52 * np.abs(e.y[i])
     if e.sidecar is not None:
@@ -208,7 +205,7 @@ def _slope(
     f = np.fft.rfftfreq(n, 1 / e.fs)
     density = model(np.maximum(f, f[1] / 2)) * np.abs(np.fft.rfft(weights, n)) ** 2
     deviation = float(np.sqrt(e.fs / n * density.sum())) / power
-    sigmas = float(stats.norm.isf(e.share / 2))
+    sigmas = float(scipy.stats.norm.isf(e.share / 2))
     text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
     limit = sigmas * deviation + lost + 1e-12 * abs(k)
     return [

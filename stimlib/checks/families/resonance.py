@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.polynomial import legendre
 
 from .. import laws
@@ -22,7 +23,6 @@ def swapped(v: np.ndarray, fs: float, freq: float, q: float, gain: float) -> np.
     Its zeros are the discrete poles of a mode, its poles those of a mode ``gain`` times
     as wide, and it is 1 at the mode's frequency.
     """
-    from scipy.signal import freqz, lfilter
 
     def at(q):
         return np.poly(
@@ -36,7 +36,9 @@ def swapped(v: np.ndarray, fs: float, freq: float, q: float, gain: float) -> np.
         ).real
 
     b, a = at(q), at(q / gain)
-    return lfilter(b / abs(freqz(b, a, [2 * np.pi * freq / fs])[1][0]), a, v)
+    return scipy.signal.lfilter(
+        b / abs(scipy.signal.freqz(b, a, [2 * np.pi * freq / fs])[1][0]), a, v
+    )
 
 
 def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
@@ -44,11 +46,9 @@ def oscillated(v: np.ndarray, fs: float, freq: float, q: float) -> np.ndarray:
 
     It is computed by scipy's triangle-hold equivalent.
     """
-    from scipy.signal import cont2discrete, lfilter
-
     w = 2 * np.pi * freq
-    b, a, _ = cont2discrete(([w * w], [1, w / q, w * w]), 1 / fs, "foh")
-    return lfilter(b[0], a, v)
+    b, a, _ = scipy.signal.cont2discrete(([w * w], [1, w / q, w * w]), 1 / fs, "foh")
+    return scipy.signal.lfilter(b[0], a, v)
 
 
 @law_of("touch_screen")
@@ -58,8 +58,6 @@ def touch_screen(a: Asked) -> list[Check]:
     Voltage: envelope, carrier, profile, pole swap and amplifier; displacement: the sum
     over modes.
     """
-    from scipy.signal import fftconvolve
-
     from ...plate.model import Plate
     from ...plate.patch import Patch
     from ...plate.profile import mode_fit
@@ -98,7 +96,7 @@ def touch_screen(a: Asked) -> list[Check]:
     )
     v = np.clip(v, low, high)
     if lost.any():  # at most this is left of it behind the pole swap
-        lost = fftconvolve(
+        lost = scipy.signal.fftconvolve(
             lost, np.abs(swapped(np.eye(1, x.size)[0], fs, resonance, q, g["swap"]))
         )[: x.size]
     top = max(float(asked.max(initial=0.0)), float(np.abs(v).max(initial=0.0)), 1e-300)
@@ -141,13 +139,16 @@ def touch_screen(a: Asked) -> list[Check]:
 @law("Shape", since=0)
 def _shape(b, fs, x, y):
     from numpy.polynomial import legendre
-    from scipy.interpolate import CubicHermiteSpline
 
     places = np.clip(2 * x[0] / b.length - 1, -1, 1), np.clip(2 * x[1] / b.width - 1, -1, 1)
     knots, parts = np.linspace(-1, 1, 257), []
     for at, terms in zip(places, b.c.shape, strict=True):
         slopes = legendre.legval(knots, legendre.legder(np.eye(terms)))
-        parts.append(CubicHermiteSpline(knots, legendre.legvander(knots, terms - 1), slopes.T)(at))
+        parts.append(
+            scipy.interpolate.CubicHermiteSpline(
+                knots, legendre.legvander(knots, terms - 1), slopes.T
+            )(at)
+        )
     whole, size = legendre.legval2d(*places, b.c), float(np.abs(b.c).sum())
     want = np.einsum("ki,ij,kj->k", parts[0], b.c, parts[1])
     steep = max(b.c.shape) ** 2  # of the last term, by which a rounding of the place counts

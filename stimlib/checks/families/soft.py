@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from ...blocks.tables import CubicGrid
@@ -39,11 +40,11 @@ def table_of(b: Any) -> tuple[Row, float, float]:
 
 def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]:
     """Return S(x, y) of a table, clamped at the edges and between 0 and 1."""
-    from scipy.interpolate import RectBivariateSpline
-
     rows, columns = table.shape
     y, x = np.linspace(0, height, rows), np.linspace(0, width, columns)
-    spline = RectBivariateSpline(y, x, table, kx=min(3, rows - 1), ky=min(3, columns - 1), s=0)
+    spline = scipy.interpolate.RectBivariateSpline(
+        y, x, table, kx=min(3, rows - 1), ky=min(3, columns - 1), s=0
+    )
     return lambda px, py: np.clip(spline.ev(np.clip(py, 0, height), np.clip(px, 0, width)), 0, 1)
 
 
@@ -221,13 +222,13 @@ def soft_surface(a: Asked) -> list[Check]:
     They follow from the inputs and the requested numbers.
     """
     g, hand, pen = a.given, np.array([a.x["x"], a.x["y"]]), a.given["device"] == "pen"
-    on = a.x["contact"] > 0 if "contact" in a.x else a.x["press"] > 0 if pen else np.ones(a.n, bool)
+    touch = a.x.get("contact", a.x["press"] if pen else np.ones(a.n))
+    on = touch > 0
     table, (width, height) = np.array(g["S"][0]), g["S"][1:]
     a.say(f"{table.shape[1]} x {table.shape[0]} levels over {1e3 * width:g} x {1e3 * height:g} mm")
     S = levels(table, width, height)
-    force = np.where(
-        on, 0.1008 * np.exp(4.2081 * np.minimum(a.x["press"], 1.0)) if pen else a.live("push"), 0.0
-    )
+    push = 0.1008 * np.exp(4.2081 * np.minimum(a.x["press"], 1.0)) if pen else a.live("push")
+    force = np.where(on, push, 0.0)
     several = g["mode"] == "multipoint"
     checks = [a.near("force", force, 1e-12, "eq. (2)" if pen else "the mouse pushes as it is told")]
     checks += _triangle(a, hand) if several else _avatar(a, S, hand, on)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 
 from ..rows import TIE, law
 
 
 @law("Lut", "Polynomial", since=0)
 def _table(b, fs, x, y):
-    from scipy import interpolate
-
     kind = getattr(b, "kind", "polynomial")
     low, high = b.knots.min(), b.knots.max()
     at = np.clip(x[0], low, high)
@@ -18,29 +17,28 @@ def _table(b, fs, x, y):
         want = np.interp(at, b.knots, b.values)
     elif kind == "polynomial":  # Lagrange's formula
         k, u = b.knots.astype(np.longdouble), at.astype(np.longdouble)
-        parts = [
-            np.prod([(u - k[j]) / (k[i] - k[j]) for j in range(k.size) if j != i], axis=0)
-            for i in range(k.size)
-        ]
+        parts = []
+        for i in range(k.size):
+            others = np.delete(k, i)
+            parts.append(np.prod([(u - v) / (k[i] - v) for v in others], axis=0))
         want = (b.values @ np.array(parts)).astype(float)
+    elif kind == "pchip":
+        want = scipy.interpolate.PchipInterpolator(b.knots, b.values)(at)
     else:
-        want = {"pchip": interpolate.PchipInterpolator, "cubic": interpolate.CubicSpline}[kind](
-            b.knots, b.values
-        )(at)
-    want = np.where(
-        (at == x[0]) | (b.outside == "hold"), want, 0.0 if b.outside == "zero" else np.nan
-    )
+        want = scipy.interpolate.CubicSpline(b.knots, b.values)(at)
+    beyond = 0.0 if b.outside == "zero" else np.nan
+    want = np.where((at == x[0]) | (b.outside == "hold"), want, beyond)
     return want, 1e-13 * (np.abs(b.values).max() / 3 + np.abs(want)) + 1e-300
 
 
 @law("LinearGrid", "CubicGrid", since=0)
 def _grid(b, fs, x, y):
-    from scipy.interpolate import RectBivariateSpline
-
     (n, m), (dx, dy), (x0, y0) = b.table.shape, b.spacing, b.origin
     i, j = x0 + dx * np.arange(n), y0 + dy * np.arange(m)
     degree = 1 if type(b).__name__ == "LinearGrid" else 3
-    f = RectBivariateSpline(i, j, b.table, kx=min(degree, n - 1), ky=min(degree, m - 1), s=0)
+    f = scipy.interpolate.RectBivariateSpline(
+        i, j, b.table, kx=min(degree, n - 1), ky=min(degree, m - 1), s=0
+    )
     px, py = np.clip(x[0], i[0], i[-1]), np.clip(x[1], j[0], j[-1])
     if degree == 3:
         slopes = [f.ev(px, py, 1, 0), f.ev(px, py, 0, 1)]

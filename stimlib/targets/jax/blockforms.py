@@ -23,11 +23,12 @@ from jax import lax
 from ...blocks import fractional, fractional as pot, noise
 from ...blocks.filters import Cascade, Delay, Fir, First
 from ...blocks.impedance import Gate
+from ...blocks.movement import sinpi
 from ...blocks.noise import Modes, PinkNoise
 from ...blocks.oscillators import QUARTER, WORD, Carrier, fold, rectified
 from ...blocks.soft import Cursor, DelayAvatar
 from ...blocks.sources import Grain, Ring
-from ...blocks.surfaces import SpatialNoise, sinpi
+from ...blocks.surfaces import SpatialNoise
 from ...blocks.texture import Texture
 from ...blocks.viscoelastic import KelvinChain, MaxwellArms, Series
 from ...core.graph import AtLeast, Block, Greater, Guard

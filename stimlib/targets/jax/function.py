@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.impedance import Gate
-from ...core.cycles import Cycle
 from ...core.graph import Block, Compare, Const, Param, Segment
+from ...core.loop_code import Cycle
 from ...core.program import (
     PARAMS,
     ROOT,
@@ -33,7 +33,7 @@ from ...core.program import (
     rate,
     warn_beyond,
 )
-from ...errors import BadValue, SceneError, UnknownName
+from ...errors import BadValue, SceneError, UnknownName, one_of
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady
 from .recurrence import run_step
 
@@ -74,8 +74,7 @@ class Function:
         dtype: str = "float64",
         surrogate: float | None = None,
     ):
-        if dtype not in DTYPES:
-            raise BadValue(f"dtype = {dtype!r}: choose one of {', '.join(DTYPES)}")
+        one_of("dtype", dtype, DTYPES)
         if surrogate is not None and not (
             isinstance(surrogate, (int, float)) and 0 < surrogate < math.inf
         ):
