@@ -88,10 +88,10 @@ def live(
         typer.Option(
             help=(
                 "Bandwidth in Hz of the filter that follows the pointer. A lower one is smoother "
-                "but later, by 320 ms / bandwidth."
+                "but later: the delay is 25 ms + 320 ms / bandwidth."
             )
         ),
-    ] = 40.0,
+    ] = 11.0,
     folder: Annotated[
         Path, typer.Option(help="Folder for recordings; each is the log of a session.")
     ] = Path("."),
