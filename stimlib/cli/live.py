@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import webbrowser
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -156,6 +157,7 @@ def live(
             markers=marker,
             send=senders,
         )
+        page.say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
         server = Server(page, host, port)
         page.warm_up()
         _serve(server, not no_browser)

@@ -139,8 +139,8 @@ class Inputs:
         self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
         self.delay, self._page, self._samples = delay, Clock(), Clock()
         self._reports: list[deque[tuple[float, ...]]] = []  # time, u, v, pressure, on
-        self._moves: deque[tuple[float, ...]] = deque(maxlen=KEPT)
-        self.newest = (0.0, 0.0)  # time stamp of the newest move, and when it came
+        self._moves: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
+        self.newest = [0.0, 0.0]  # time stamp of the newest move, and when it came
         self._forget()
         self.row: list[float] = []  # the newest of the stream
         self.stream, self.stream_error = stream, ""
@@ -299,7 +299,7 @@ class Inputs:
         t, now = (at + np.arange(n)) / self.fs, time.perf_counter()
         t += self._samples.offset(at / self.fs, now) - self.delay if self.delay else math.inf
         while self._moves and self._moves[0][0] <= t[-1]:
-            self.newest = self._moves.popleft()[1:]
+            _, *self.newest = self._moves.popleft()
         return t
 
     def _held(self, source: Mapping[str, Any], t: Array) -> tuple[Array | float, Array | float]:
