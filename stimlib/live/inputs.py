@@ -296,6 +296,8 @@ class Inputs:
 
     def _times(self, at: int, n: int) -> Array:
         """Return when the pointers were where samples at .. at + n - 1 have them."""
+        if at == 0:  # a session begins
+            self._samples = Clock()
         t, now = (at + np.arange(n)) / self.fs, time.perf_counter()
         t += self._samples.offset(at / self.fs, now) - self.delay if self.delay else math.inf
         while self._moves and self._moves[0][0] <= t[-1]:

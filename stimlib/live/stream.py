@@ -95,9 +95,8 @@ class Stream:
         if safety is None:
             safety = Safety(full_scales(scene, fs, self.ranges))
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
-        self.inputs = Inputs(
-            scene, self.fs, {n: self.ranges[n] for n in scene.inputs}, given, bandwidth, stream=stream
-        )
+        ranges = {n: self.ranges[n] for n in scene.inputs}
+        self.inputs = Inputs(scene, self.fs, ranges, given, bandwidth, stream=stream)
         self._marking = {"markers": tuple(markers), "send": tuple(send)}
         self.params = {name: p.value for name, p in scene.params.items()}
         self._sets: dict[str, float] = {}  # for the next block
@@ -363,7 +362,8 @@ class Stream:
         while True:
             then = time.monotonic()
             await asyncio.sleep(REPORTS)
-            if (now := time.monotonic()) - then > SILENT / 2:  # it was the server that stood still
+            now = time.monotonic()
+            if now - then > REPORTS + SILENT / 2:  # it was the server that stood still
                 for page in self.pages:
                     page.seen = now
             sink = self._sink

@@ -164,7 +164,7 @@ def test_a_session_is_driven_heard_and_recorded(server):
     assert np.array_equal(np.diff(heads[:, 0]), heads[:-1, 5])  # no sample is missing
     assert heads[k, 1] == 5 and 0 <= heads[k, 2]
     at = int(heads[k, 0])
-    assert x[at] == pytest.approx(0.01, abs=1e-5) and y[at] == pytest.approx(
+    assert x[at] == pytest.approx(0.01, abs=5e-5) and y[at] == pytest.approx(
         K * x[at] / FULL, rel=1e-6
     )
     assert y[-BLOCK * 8] == pytest.approx(1000.0 * 0.01 / FULL, rel=1e-3) and abs(y[-1]) < 0.005
