@@ -2,6 +2,9 @@
 is drawn and heard, and all can use it.
 """
 
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -271,7 +274,7 @@ def said(page, text):
 
 
 def test_a_reloaded_page_goes_on_and_a_second_one_watches(page, site):
-    session = live(page, "live.state.session")
+    session = until(page, "live.state.phase === 'running' && live.state.session")
     page.reload()
     until(page, f"live.state?.role === 'control' && live.state.session === {session}")
     until(page, "live.state.phase === 'running' && live.blocks > 5")
@@ -296,6 +299,111 @@ def test_a_reloaded_page_goes_on_and_a_second_one_watches(page, site):
         until(page, "live.state.role === 'control'")
     finally:
         other.close()
+
+
+def test_a_closed_tab_controls_nothing_and_another_takes_over(page, site):
+    """The session goes on meanwhile, as it does while a page is loaded again."""
+    session = until(page, "live.state.phase === 'running' && live.state.session")
+    other = site.open()
+    other.click("#control")
+    said(page, "another page controls")
+    press(other, 0.4, 0.5)
+    until(page, "Math.abs(live.outputs.force1 - 80) < 1")
+    other.close()
+    said(page, "no page controls")
+    assert page.js("document.querySelector('#run').disabled")
+    assert live(page, "live.outputs.force1") == pytest.approx(80, abs=1)
+    page.click("#control")
+    said(page, "this page controls")
+    assert live(page, "live.state.session") == session
+    time.sleep(2.2)  # longer than control is kept
+    assert live(page, "live.state.phase") == "running"
+    # of a page that stays away the session ends
+    other = site.open()
+    other.click("#control")
+    said(page, "another page controls")
+    other.close()
+    said(page, "stopped; no page controls")
+    page.click("#control")
+
+
+def test_what_vibrates_is_drawn_in_a_panel_of_its_own(page):
+    page.js(LOOKS)
+    drawn = page.until("looks.vibrates('tone').then(d => d.columns > 100 && d)")
+    assert drawn["high"] > 0.5  # of the canvas
+    legend = "[...document.querySelectorAll('.vibration figcaption')].map(c => c.textContent)"
+    page.until(f"{legend}.includes('tone above 40 Hz: 0.707 V rms')")
+    assert page.js(f"{legend}.length") == 3
+
+
+def test_the_legend_is_right_while_its_curve_is_out_of_sight(page):
+    page.size(1240, 500)
+    try:
+        press(page, 0.3, 0.5)
+        release(page, 0.3)
+        until(page, "Math.abs(live.outputs.force1 - 60) < 1")
+        bottom = page.js("document.querySelector('#outputs').getBoundingClientRect().top")
+        assert bottom > 500
+        page.until("document.querySelector('#outputs output').textContent.startsWith('60')", 5)
+    finally:
+        page.size(1240, 900)
+
+
+SERVED = """
+import sys
+from stimlib import Input, Param, Scene
+from stimlib.live.server import Server
+from stimlib.live.stream import Stream
+scene = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
+server = Server(Stream(scene, 8000.0, 500.0), port=int(sys.argv[1]), token=sys.argv[2])
+print(server.url, flush=True)
+server.run()
+"""
+
+
+def test_a_page_sees_that_its_server_is_silent_killed_or_another(site):
+    """Stopped, continued, killed, and started again at its port with another token."""
+
+    def start(port, token):
+        words = [sys.executable, "-c", SERVED, str(port), token]
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        begun.append(process)
+        return process, process.stdout.readline().strip()
+
+    begun = []
+    try:
+        server, url = start(0, "A" * 32)
+        port = url.split(":")[2].split("/")[0]
+        page = site.browser.page(url)
+        page.until(READY)
+        page.click("#run")
+        page.until(RUNS)
+        server.send_signal(signal.SIGSTOP)
+        then = time.monotonic()
+        said(page, "No answer from the server since 2 s; trying again")
+        assert time.monotonic() - then < 3.0  # 1.5 s, a quarter, and this machine
+        shown = "['#run', '#clock'].map(q => document.querySelector(q).textContent)"
+        assert page.js(shown) == ["Start", "–"]
+        idle = "['#run', '#record', '#params input'].every(q => document.querySelector(q).disabled)"
+        assert page.js(idle)
+        server.send_signal(signal.SIGCONT)
+        page.until(RUNS)
+        assert "no server" in page.until(
+            "(t => t !== 'none' && t)(document.querySelector('#gaps').textContent)"
+        )
+        server.kill()
+        server.wait()
+        said(page, "trying again")
+        server, url = start(port, "B" * 32)
+        said(page, "Refused: the token is missing or wrong")
+        page.js(f"location.href = {url!r}")  # in the same tab
+        said(page, "Connected, stopped; this page controls")
+        page.close()
+    finally:
+        for process in begun:
+            process.kill()
+            process.wait()
+            process.stdout.close()
 
 
 NAMED = {

@@ -4,6 +4,7 @@ recording, strangers and floods.
 
 import json
 import logging
+import re
 import signal
 import socket
 import time
@@ -116,7 +117,7 @@ def page(server, host="127.0.0.1", **options):
 @contextmanager
 def greeted(server):
     end = time.monotonic() + 30
-    while server.stream.pages and time.monotonic() < end:  # of the test before
+    while (server.stream.pages or server.stream._kept) and time.monotonic() < end:  # of the last
         time.sleep(0.01)
     with page(server) as client:
         client.say("hello", token="T", version=1)
@@ -303,11 +304,63 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
         first.until(phase="idle")
 
 
+def named(stack, server, name):
+    client = stack.enter_context(page(server))
+    client.say("hello", token="T", version=1, page=name)
+    return client, client.until(**{"is": "state"})
+
+
+def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
+    """It comes before its old connection has ended, or within 2 s; of a page that stays
+    away the session ends.
+    """
+    monkeypatch.setattr("stimlib.live.stream.GRACE", 1.0)
+    with ExitStack() as stack:
+        with greeted(server):
+            pass
+        while server.stream.pages:
+            time.sleep(0.01)
+        first, state = named(stack, server, "a")
+        first.until(**{"is": "alive"})  # so that a page knows that it has a server
+        other, seen = named(stack, server, "b")
+        assert (state["role"], seen["role"], seen["controlled"]) == ("control", "watch", True)
+        first.say("start")
+        session = first.until(phase="running")["session"]
+        again, state = named(stack, server, "a")  # though two pages are here already
+        assert (state["role"], state["phase"], state["session"]) == ("control", "running", session)
+        with pytest.raises(ConnectionClosed) as closed:
+            first.until(phase="idle")
+        assert closed.value.rcvd.code == 4410
+        again.ws.send(MOVE)
+        again.ws.close()
+        other.until(controlled=False, phase="running")
+        assert server.stream.inputs.fingers[0][3] == 1  # held
+        again, state = named(stack, server, "a")
+        assert (state["role"], state["phase"], state["session"]) == ("control", "running", session)
+        assert server.stream.inputs.fingers[0][3] == 0
+        again.ws.close()
+        assert other.until(phase="idle")["why"] == "the page that had control has gone"
+        third, state = named(stack, server, "c")
+        assert state["role"] == "control"
+
+
+def test_a_server_that_stood_still_sends_no_page_away(server, monkeypatch):
+    with greeted(server) as client:
+        client.say("start")
+        client.until(phase="running")
+        server.stream._loop.call_soon_threadsafe(time.sleep, 2.5)
+        client.hear(200)
+        client.say("stop")
+        client.until(phase="idle")
+
+
 def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
     """Of a scene without inputs, which nobody has to drive."""
     stream = Stream(
         Scene({"y": Param("level", 0.5) * constant(1.0)}), FS, 1.0, block=BLOCK, folder=tmp_path
     )
+    told = []
+    stream.say = told.append
     with Server(stream, token="T") as server, greeted(server) as client:
         client.say("record")
         folder = client.until(phase="running")["log"]
@@ -316,6 +369,8 @@ def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
     log = read_log(folder)
     y = np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0]
     assert log.report is not None and replay(log).matches
+    assert told[0] == f"recording to {folder}"
+    assert re.fullmatch(rf"Recorded 0\.\d s in {re.escape(folder)}(, .*)?", told[1])
     assert y.max() == 0.5 and y[-1] == 0 and np.abs(np.diff(y)).max() < 0.005
 
 

@@ -81,7 +81,7 @@ function become(state) {
 
 /** What can be done by hand now, and what buttons would do. */
 function enable() {
-  const on = runs(), phase = live.state?.phase;
+  const on = !away && runs(), phase = live.state?.phase;
   $("run").textContent = on ? "Stop" : "Start";
   $("record").textContent = on && live.state.log ? "Stop recording" : "Record";
   $("record").setAttribute("aria-pressed", String(!!(on && live.state.log)));
