@@ -29,14 +29,11 @@ DELAY = 0.025
 the samples before it are made: 17 ms between two reports at 60 Hz, the way to the
 server, and a block.
 """
+# a pointer that has rested for more than two of these (s) began to move so long before
+# its next report
 APART = 1 / 60
-"""Seconds between two reports of a slow pointer: one that has rested for twice as long
-began to move so long before the next report.
-"""
-KEPT = 128
-"""Number of reports that are kept of each finger."""
-WINDOW = 1.0
-"""Seconds over which two clocks are compared."""
+KEPT = 128  # reports of each finger
+WINDOW = 1.0  # s over which two clocks are compared
 CHANGE = 0.1
 """Seconds in which an input blends to a new source."""
 
@@ -48,8 +45,7 @@ class Clock:
     """
 
     def __init__(self) -> None:
-        self._before = self._least = math.inf
-        self._until = -math.inf
+        self._before, self._least, self._until = math.inf, math.inf, -math.inf
 
     def offset(self, then: float, now: float) -> float:
         """Return now - then of the report that was least late."""
@@ -137,8 +133,7 @@ class Inputs:
                     f" {type(motion).__name__}"
                 )
         self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
-        self.delay, self._page, self._samples = delay, Clock(), Clock()
-        self._reports: list[deque[tuple[float, ...]]] = []  # time, u, v, pressure, on
+        self.delay, self._samples = delay, Clock()
         self._moves: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
         self.newest = [0.0, 0.0]  # time stamp of the newest move, and when it came
         self._forget()
@@ -232,8 +227,8 @@ class Inputs:
 
     def _forget(self) -> None:
         """Let fingers be where they are, without how they came there."""
-        self._reports = [deque([(-math.inf, *f)], KEPT) for f in self.fingers]
         self._page = Clock()
+        self._reports = [deque([(-math.inf, *f)], KEPT) for f in self.fingers]  # time and finger
 
     def choose(self, name: str, **source: Any) -> None:
         """Choose another source for an input, or change the numbers of its source.

@@ -195,8 +195,7 @@ def message(
         fields.require(found, {"do": fields.one_of(*table)})
         known = table[found["do"]]
         fields.require(found, known)
-        optional = OPTIONS.get(found["do"], {})
-        given = {name: test for name, test in optional.items() if name in found}
+        given = {k: test for k, test in OPTIONS.get(found["do"], {}).items() if k in found}
         fields.require(found, given)
         if surplus := found.keys() - {"do"} - known.keys() - given.keys():
             raise ValueError(f"{found['do']} has no {', '.join(sorted(surplus))[:80]}")

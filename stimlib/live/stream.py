@@ -142,14 +142,14 @@ class Stream:
     # Pages ----------------------------------------------------------------------------
     def join(self, page: Page) -> None:
         """Accept a page that has sent a valid hello; the first gets control."""
-        same = [p for p in self.pages if p.name == page.name != ""]
-        for old in same:
-            old.close(4410, "this page was opened again")
-        self.pages.append(page)
-        if self.control in same or self._kept == page.name != "":
+        if page.name and page.name in (self._kept, getattr(self.control, "name", "")):
             self._give(page)
         elif not self._kept:
             self.control = self.control or page
+        for old in self.pages:
+            if old.name == page.name != "":
+                old.close(4410, "this page was opened again")
+        self.pages.append(page)
         values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
         page.tell({"is": "hello"} | self.hello | {"params": values})
         self._tell_state()
@@ -310,8 +310,9 @@ class Stream:
             sink.close()
             if self.log is not None:
                 r = sink.report()
-                lost = f", {r.lost} samples lost in {r.underruns} gaps" if r.lost else ""
-                self.recorded = f"Recorded {r.produced / self.fs:.1f} s in {self.log}{lost}"
+                self.recorded = f"Recorded {r.produced / self.fs:.1f} s in {self.log}" + (
+                    f", {r.lost} samples lost in {r.underruns} gaps" if r.lost else ""
+                )
                 self.say(self.recorded)
             sink.check()
 
