@@ -349,6 +349,14 @@ def test_the_legend_is_right_while_its_curve_is_out_of_sight(page):
         page.size(1240, 900)
 
 
+def test_a_page_that_was_silent_connects_again(page, site):
+    """As after a sleep: the server has ended its session and its connection."""
+    stream = site.server.stream
+    stream._loop.call_soon_threadsafe(stream.control.close, 4408, "no answer from this page")
+    said(page, "Connected, stopped; this page controls")
+    assert "has gone" in page.js("document.querySelector('#note').textContent")
+
+
 SERVED = """
 import sys
 from stimlib import Input, Param, Scene
@@ -507,6 +515,23 @@ def test_the_spectrum_is_welch(first):
     np.testing.assert_allclose(
         got, welch(x, 8000, "hann", 512, detrend="constant")[1], rtol=1e-9, atol=1e-15
     )
+
+
+def test_the_full_scale_of_the_sound_follows_noise_and_no_single_step(first):
+    """It settles within a second, and then rises only."""
+    out = first.js("""import('./sound.js').then(m => {
+        const level = new m.Level({ name: "F", unit: "N", full: 100 }), found = [];
+        const noise = (seconds, rms) => {
+          for (let k = 0; k < 250 * seconds; k++)
+            level.take(Float32Array.from({ length: 32 }, (_, i) => rms * Math.SQRT2 * Math.sin(i + 32 * k)), 8000);
+          found.push(level.full);
+        };
+        level.take(new Float32Array(400).fill(10), 8000); // something lands
+        noise(0.5, 1e-4); // less than anything can vibrate
+        for (const rms of [0.009, 0.09, 0.009]) noise(3, rms);
+        return [...found, level.words()]; })""")
+    assert out[:4] == [80, pytest.approx(0.08), pytest.approx(0.8), pytest.approx(0.8)]
+    assert "full scale of the sound is 0.800 N" in out[4]
 
 
 def test_curves_have_gaps_where_samples_are_missing_and_a_new_session_is_empty(first):
