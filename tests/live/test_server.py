@@ -314,7 +314,7 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
     """It comes before its old connection has ended, or within 2 s; of a page that stays
     away the session ends.
     """
-    monkeypatch.setattr("stimlib.live.stream.GRACE", 1.0)
+    monkeypatch.setattr("stimlib.live.stream.GRACE", 0.7)
     with ExitStack() as stack:
         with greeted(server):
             pass
@@ -349,7 +349,7 @@ def test_a_server_that_stood_still_sends_no_page_away(server, monkeypatch):
         client.say("start")
         client.until(phase="running")
         server.stream._loop.call_soon_threadsafe(time.sleep, 2.5)
-        client.hear(200)
+        client.hear(150)
         client.say("stop")
         client.until(phase="idle")
 

@@ -241,7 +241,7 @@ function gaps() {
   const { lost, underruns, skipped } = live.report ?? {}, all = sound.missing();
   if (underruns) all.push(`${underruns} in the stimulus (server late: ${short(lost / live.hello.fs)} s lost)`);
   if (skipped) all.push(`${skipped} blocks not drawn (browser late)`);
-  if (silences) all.push(`${silences} times no server`);
+  if (silences) all.push(`${silences} without an answer from the server`);
   return all.join("; ") || "none";
 }
 

@@ -208,7 +208,8 @@ export class Panel {
 
   /** The legend, also of a curve that is out of sight. */
   tell(fs) {
-    const { history, signals } = this, all = signals.map(s => (s.least ? history.rms(s.index, fs / 2) : history.newest(s.index)));
+    const { history, signals } = this, all = signals.map(s => (s.least ? history.rms(s.index, fs / 2) : history.newest(s.index)))
+      .map((v, i) => (v < signals[i].least ? 0 : v));
     const { factor, unit } = this.shown(Math.max(...all.map(v => Math.abs(v) || 0)));
     this.values.forEach((v, i) => { v.textContent = `${short(all[i] * factor)} ${unit}${signals[i].least ? " rms" : ""}`; });
   }
