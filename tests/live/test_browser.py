@@ -387,6 +387,10 @@ def test_a_page_sees_that_its_server_is_silent_killed_or_another(site):
         page.until(READY)
         page.click("#run")
         page.until(RUNS)
+        page.click("#sound")
+        until(page, "live.sound.figures")
+        time.sleep(0.5)  # until the sound has begun
+        gaps = live(page, "live.sound.causes['server late'] ?? 0")
         server.send_signal(signal.SIGSTOP)
         then = time.monotonic()
         said(page, "No answer from the server since 2 s; trying again")
@@ -400,6 +404,7 @@ def test_a_page_sees_that_its_server_is_silent_killed_or_another(site):
         assert "1 without an answer" in page.until(
             "(t => t !== 'none' && t)(document.querySelector('#gaps').textContent)"
         )
+        assert live(page, "live.sound.causes['server late']") > gaps
         server.kill()
         server.wait()
         said(page, "trying again")

@@ -9,7 +9,7 @@ const REFUSED = [4400, 4401, 4409, 4410, 4429]; // where trying again does not h
 const EDGE = 40, DAMPED = [0.5412, 1.3066]; // Hz above which something vibrates: a Butterworth high-pass of order 4
 let ws = null, audio, url, token, page, tries = 0, up = false, quiet = false, hello = null, output = 0, seen = 0;
 let heard = 0, opened = 0, retry = 0; // ms: last message, last try; its timer
-let sections = [], next = -1, made = 0, came = 0, late = { made: 0, came: 0 }; // ms: longest from one block to the next
+let sections = [], next = -1, session = -1, made = 0, came = 0, late = { made: 0, came: 0 }; // ms: longest from one block to the next
 const now = () => performance.timeOrigin + performance.now();
 
 function open() {
@@ -82,8 +82,8 @@ function samples(data) {
   new Uint8Array(more).set(new Uint8Array(data));
   new Float32Array(more, data.byteLength).set(new Float32Array(data, size + 4 * of * n));
   for (let k = 0; k < all; k++) vibration(new Float32Array(more, data.byteLength + 4 * k * n, n), k, head[0] !== next);
-  if (head[0] === next) late = { made: Math.max(late.made, 1e3 * head[3] - made), came: Math.max(late.came, at - came) };
-  [next, made, came] = [head[0] + n, 1e3 * head[3], at];
+  if (head[4] === session) late = { made: Math.max(late.made, 1e3 * head[3] - made), came: Math.max(late.came, at - came) };
+  [next, session, made, came] = [head[0] + n, head[4], 1e3 * head[3], at];
   if (audio) {
     const y = new Float32Array(more, data.byteLength + 4 * output * n, n).slice();
     audio.postMessage({ y, at: head[0], session: head[4], t: head[1] === seen ? 0 : head[1] }, [y.buffer]);
@@ -101,8 +101,10 @@ onmessage = ({ data: m }) => {
   } else if (m.audio) {
     audio = m.audio;
     audio.onmessage = ({ data: d }) => {
-      postMessage(d.played ? { played: d.played, at: now() } : { ...d, late });
-      if (d.audio) late = { made: 0, came: 0 };
+      if (d.played) return postMessage({ played: d.played, at: now() });
+      late.made = Math.max(late.made, performance.now() - came); // nothing has come, though this thread runs
+      postMessage({ ...d, late });
+      late = { made: 0, came: 0 };
     };
     audio.postMessage({ fs: hello ? hello.fs : 8000 });
   } else if (m.silent) audio = null;
