@@ -186,6 +186,8 @@ def test_a_pointer_is_where_it_was_reported_a_delay_later(monkeypatch):
     x, contact = np.concatenate(blocks, axis=1)
     assert np.flatnonzero(np.diff(contact)).tolist() == pytest.approx([1024, 2324, 2624], abs=1)
     assert x[[1990, 2300, 2622, 2627]] == pytest.approx([0.02, 0.08, 0.08, 0.05])
+    clock.now = 3.1
+    assert inputs.columns(0, 10)[1].all()  # another session, which counts from 0
 
 
 def test_what_was_chosen_before_a_session_is_gone_over_to_once():

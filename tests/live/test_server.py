@@ -59,10 +59,12 @@ class Client:
 
     def until(self, **wanted):
         """The first text from now on that has these fields."""
-        while True:
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
             m = self.next()
             if wanted.items() <= m.items():
                 return m
+        raise TimeoutError(f"not within 30 s: {wanted}")
 
     def hear(self, n):
         wanted = len(self.blocks) + n
