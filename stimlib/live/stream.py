@@ -118,9 +118,8 @@ class Stream:
         self.most, self.longest = PAGES, MESSAGE
         self.pages: list[Page] = []
         self.control: Page | None = None
-        self.session, self.phase, self.why = 0, "idle", ""
+        self.session, self.phase, self.why, self.recorded = 0, "idle", "", ""
         self.log: Path | None = None
-        self.recorded = ""
         self.say: Callable[[str], None] = logger.info  # told of recordings
         self._sink: PageSink | None = None
         self._asked: tuple[str, str] | None = None  # start, record or stop; why
@@ -254,12 +253,13 @@ class Stream:
             self._hands.shutdown()
 
     async def _change(self, what: str, why: str) -> None:
-        if self._sink is not None:
+        if (sink := self._sink) is not None:
             self._tell_state(phase="stopping")
             try:
                 await self._beside(self._end)
             except Exception as e:
                 why = _why(e)
+            self._send_report(sink)
         if self._left:
             self.inputs.lift()
             self._left = False
