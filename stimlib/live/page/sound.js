@@ -47,7 +47,8 @@ const LIMIT = Float32Array.from({ length: 1025 }, (_, k) => {
 export class Sound {
   constructor(link) {
     Object.assign(this, { link, context: null, node: null, gain: null, db: -12, played: [], figures: null, level: null });
-    Object.assign(this, { gaps: 0, causes: {} });
+    Object.assign(this, { gaps: 0, causes: {}, hidden: false });
+    document.addEventListener("visibilitychange", () => { this.hidden = true; }); // nobody asks while it is
   }
 
   /** Output k is heard from now on, at a level. */
@@ -101,11 +102,11 @@ export class Sound {
   told({ played, at, audio, late }) {
     if (played && this.played.push(at - played) > KEPT) this.played.shift();
     if (!audio) return;
-    const more = audio.under + audio.skips - (this.figures?.under ?? 0) - (this.figures?.skips ?? 0);
-    this.figures = audio;
+    const { hidden } = this, more = audio.under + audio.skips - (this.figures?.under ?? 0) - (this.figures?.skips ?? 0);
+    Object.assign(this, { figures: audio, hidden: false });
     if (!more) return;
     const near = ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
-    const cause = late.made > LATE ? "server late" : late.came > LATE && !near ? "network late" : document.hidden ? "tab hidden" : "browser late";
+    const cause = late.made > LATE ? "server late" : late.came > LATE && !near ? "network late" : hidden ? "tab hidden" : "browser late";
     this.gaps += more;
     this.causes[cause] = (this.causes[cause] ?? 0) + more;
   }
