@@ -4,20 +4,28 @@ buffer, in a headless Chromium, null sound card.
     PYTHONPATH=tests python benchmarks/page.py                20 s each
     PYTHONPATH=tests python benchmarks/page.py --seconds 300
     PYTHONPATH=tests python benchmarks/page.py --record       and keep the figures
+    PYTHONPATH=tests python benchmarks/page.py --soak 1200    beside a busy loop
 
-They are kept in results/page.csv.  The server's clock is right, 2000 ppm slow, and
-2000 ppm fast.
+They are kept in results/page.csv, those of a soak in results/page_soak.csv.  The
+server's clock is right, 2000 ppm slow, and 2000 ppm fast.
 
 A finger is dragged over six bumps, 125 moves a second, while the voltage is heard.
-Times are from the event's own stamp.
+Times are from the event's own stamp, without the filter behind the reports.
+
+A soak has one server and a program that computes without end.  Every minute (at least
+ten times) it prints underruns of the server, gaps in the sound and why, latencies, and
+memory: of the server, of all of the browser, and of the page's objects.  Latencies are
+those of the last thousand moves.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,13 +38,13 @@ PACES = {"right": 1.0, "2000 ppm slow": 0.998, "2000 ppm fast": 1.002}
 
 def serve(pace: float) -> None:
     """A server whose clock is another; its address is printed."""
-    from stimlib.live import sink
+    from stimlib.live import inputs, sink
     from stimlib.live.server import Server
     from stimlib.live.stream import Stream
     from stimlib.scenes import bumps
 
     if pace != 1:
-        sink.time = SimpleNamespace(
+        sink.time = inputs.time = SimpleNamespace(
             perf_counter=lambda: pace * time.perf_counter(), sleep=lambda s: time.sleep(s / pace)
         )
     stream = Stream(bumps(contact=True), 8000.0, 400.0, title="bumps")
@@ -113,11 +121,83 @@ def measure(seconds: float) -> list[Row]:
     return rows
 
 
+def resident(pid: int, group: bool = False) -> float:
+    """MiB of a process, or of all that it began as a group."""
+    pages = 0
+    for name in map(int, filter(str.isdigit, os.listdir("/proc"))) if group else [pid]:
+        try:
+            if not group or os.getpgid(name) == pid:
+                pages += int(Path(f"/proc/{name}/statm").read_text().split()[1])
+        except OSError:  # it has ended
+            pass
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+ASKED = """import('./live.js').then(({live}) => {
+    const {drawn, sound, report} = live, {played, gaps, causes} = sound;
+    const found = {drawn: [...drawn], heard: [...played], gaps, causes, report};
+    drawn.length = played.length = 0;
+    return found; })"""
+
+
+def soak(seconds: float) -> list[Row]:
+    """A session of so many seconds beside a busy loop: what it comes to, over time."""
+    if where() is None:
+        return [row("Chromium is not installed")]
+    rows: list[Row] = []
+    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    server = subprocess.Popen(
+        [sys.executable, __file__, "--serve", "1"], stdout=subprocess.PIPE, text=True
+    )
+    browser = Browser()
+    try:
+        page = browser.page(server.stdout.readline().strip())
+        page.until("document.querySelector('#run')?.disabled === false")
+        page.click("#sound")
+        page.click("#run")
+        drag(page, 5.0)  # until the step is steered
+        page.js(ASKED)
+        begun, part = time.monotonic(), min(60.0, seconds / 10)
+        while time.monotonic() - begun < seconds - part / 2:
+            drag(page, part)
+            found, at = page.js(ASKED), f"{(time.monotonic() - begun) / 60:.1f} min"
+            memory = [
+                resident(server.pid),
+                resident(browser.process.pid, group=True),
+                page.call("Runtime.getHeapUsage")["usedSize"] / 2**20,
+            ]
+            why = ", ".join(f"{cause} {n}" for cause, n in found["causes"].items())
+            report = found["report"]
+            rows += [
+                row(f"{at}: underruns of the server, in all", report["underruns"], "times"),
+                row(f"{at}: lost by the server, in all", report["lost"], "samples"),
+                row(f"{at}: gaps in the sound, in all", found["gaps"], "times"),
+                row(f"{at}: why", why or "none", "times"),
+            ]
+            for what in ("drawn", "heard"):
+                p50, p99 = np.percentile(found[what] or [math.nan], [50, 99])
+                rows += [row(f"{at}: pointer to {what}, 50 and 99 %", f"{p50:.0f} {p99:.0f}", "ms")]
+            server_browser_heap = " ".join(f"{m:.0f}" for m in memory)
+            rows += [row(f"{at}: server, browser, page's objects", server_browser_heap, "MiB")]
+            for r in rows[-7:]:
+                print(r["what"], r["value"], r["unit"], flush=True)
+        page.close()
+    finally:
+        browser.close()
+        for process in (server, busy):
+            process.terminate()
+            process.wait()
+    return rows
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--serve"]:
         serve(float(sys.argv[2]))
     else:
         parser = options(__doc__, None)
         parser.add_argument("--seconds", type=float, default=20.0)
+        parser.add_argument("--soak", type=float, default=0.0, metavar="SECONDS")
         given = parser.parse_args()
-        save("page", [row(machine()), *measure(given.seconds)], given.record)
+        name = "page_soak" if given.soak else "page"
+        rows = soak(given.soak) if given.soak else measure(given.seconds)
+        save(name, [row(machine()), *rows], given.record)

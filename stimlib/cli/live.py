@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import webbrowser
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -88,10 +89,10 @@ def live(
         typer.Option(
             help=(
                 "Bandwidth in Hz of the filter that follows the pointer. A lower one is smoother "
-                "but later, by 320 ms / bandwidth."
+                "but later: the delay is 25 ms + 320 ms / bandwidth."
             )
         ),
-    ] = 40.0,
+    ] = 11.0,
     folder: Annotated[
         Path, typer.Option(help="Folder for recordings; each is the log of a session.")
     ] = Path("."),
@@ -156,6 +157,7 @@ def live(
             markers=marker,
             send=senders,
         )
+        page.say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
         server = Server(page, host, port)
         page.warm_up()
         _serve(server, not no_browser)

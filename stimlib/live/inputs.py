@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -21,19 +22,50 @@ from ..run.processor import compile
 from .protocol import FINGERS, POINTERS
 
 Array = NDArray[np.float64]
-SMOOTH = 40.0
-"""Bandwidth in Hz of the smoothing of a pointer, which delays by 8 ms."""
+SMOOTH = 11.0
+"""Bandwidth in Hz of the smoothing of a pointer, which delays by 29 ms."""
+DELAY = 0.025
+"""Seconds by which a pointer's motion is delayed, so that the next report has come when
+the samples before it are made: 17 ms between two reports at 60 Hz, the way to the
+server, and a block.
+"""
+# a pointer that has rested for more than two of these (s) began to move so long before
+# its next report
+APART = 1 / 60
+KEPT = 128  # reports of each finger
+WINDOW = 1.0  # s over which two clocks are compared
 CHANGE = 0.1
 """Seconds in which an input blends to a new source."""
+
+
+class Clock:
+    """The offset of another clock, from times that arrive late by varying amounts.
+
+    It is the smallest of the last one to two seconds.
+    """
+
+    def __init__(self) -> None:
+        self._before, self._least, self._until = math.inf, math.inf, -math.inf
+
+    def offset(self, then: float, now: float) -> float:
+        """Return now - then of the report that was least late."""
+        if now > self._until:
+            self._before = self._least if now < self._until + WINDOW else math.inf
+            self._least, self._until = math.inf, now + WINDOW
+        self._least = min(self._least, now - then)
+        return min(self._before, self._least)
 
 
 class Inputs:
     """The motion of a live scene, computed block by block.
 
-    Messages of a page arrive 60 to 1000 times a second, so u, v, pressure and value are
-    smoothed by ``stimlib.blocks.track``, because a hand does not jump.  Contact is not
-    smoothed.  If the scene has an input for contact or pressure, a hovering finger
-    moves nothing, and a returning finger begins where it lands.
+    A page reports a pointer 60 to 1000 times a second, in whole pixels.  The motion is
+    a straight line from report to report, by their time stamps and ``delay`` later;
+    then u, v, pressure and value are smoothed by ``stimlib.blocks.track``, because a
+    hand does not jump.  So neither the rate of the reports nor the pixels are felt in
+    the stimulus. Contact is not smoothed.  If the scene has an input for contact or
+    pressure, a hovering finger moves nothing, and a returning finger begins where it
+    lands.
 
     One thread calls ``columns``; another may call the other methods at the same time,
     and none of them blocks.
@@ -49,7 +81,10 @@ class Inputs:
         Motions of inputs, as functions of time for ``stimlib.render``; they are the
         initial sources of these inputs.
     bandwidth : float
-        Bandwidth of the smoothing in Hz.
+        Bandwidth of the smoothing in Hz; it delays by 1/(pi bandwidth).
+    delay : float
+        Seconds by which the motion of pointers is delayed. 0: a block has the newest
+        report, held.
     stream : callable, optional
         Receives rows from another program or device, as for
         ``stimlib.devices.Stream``; a thread calls it from now on.
@@ -66,11 +101,11 @@ class Inputs:
     >>> import stimlib
     >>> from stimlib.live.inputs import Inputs
     >>> scene = stimlib.Scene({"y": 2 * stimlib.Input("x", "m")})
-    >>> inputs = Inputs(scene, 8000.0, {"x": (0.0, 0.1)})
+    >>> inputs = Inputs(scene, 8000.0, {"x": (0.0, 0.1)}, delay=0.0)
     >>> inputs.sources["x"]["from"]
     'u'
     >>> inputs.move(0, 0.5, 0.0, 0.0, 1, t=1.0)
-    >>> inputs.columns(0, 800)[0, -1].round(6)
+    >>> inputs.columns(0, 2000)[0, -1].round(6)
     np.float64(0.05)
     """
 
@@ -81,6 +116,7 @@ class Inputs:
         ranges: Mapping[str, tuple[float, float]],
         given: Mapping[str, Any] | None = None,
         bandwidth: float = SMOOTH,
+        delay: float = DELAY,
         stream: Callable[[float], tuple[Any, Any]] | None = None,
     ):
         self.fs, self.names = fs, list(scene.inputs)
@@ -97,7 +133,10 @@ class Inputs:
                     f" {type(motion).__name__}"
                 )
         self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
-        self.newest = (0.0, 0.0)  # time stamp of the newest move, and when it came
+        self.delay, self._samples = delay, Clock()
+        self._moves: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
+        self.newest = [0.0, 0.0]  # time stamp of the newest move, and when it came
+        self._forget()
         self.row: list[float] = []  # the newest of the stream
         self.stream, self.stream_error = stream, ""
         if stream is not None:
@@ -167,15 +206,29 @@ class Inputs:
         self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
 
     def move(self, finger: int, u: float, v: float, p: float, on: float, t: float = 0.0) -> None:
-        """Move a finger, with effect from the next block."""
+        """Move a finger, with effect ``delay`` after t, the time in ms on its page."""
+        before, now, reports = self.fingers[finger], time.perf_counter(), self._reports[finger]
         if not (on or not self.touches):
-            u, v = self.fingers[finger][:2]
+            u, v = before[:2]
         self.fingers[finger] = (u, v, p if on else 0.0, float(on))
-        self.newest = (t, time.perf_counter())
+        at = 1e-3 * t + self._page.offset(1e-3 * t, now) if t else now
+        last = reports[-1][0]
+        # where it was until it landed, left, or began to move
+        held = at if self.touches and on != before[3] else at - APART
+        if held > last + (0.0 if held == at else APART):
+            reports.append((held - 1e-6, *before))
+        reports.append((max(at, last), *self.fingers[finger]))
+        self._moves.append((at, t, now))
 
     def lift(self) -> None:
-        """Lift all fingers."""
+        """Lift all fingers at once."""
         self.fingers = [(u, v, 0.0, 0.0) for u, v, _, _ in self.fingers]
+        self._forget()
+
+    def _forget(self) -> None:
+        """Let fingers be where they are, without how they came there."""
+        self._page = Clock()
+        self._reports = [deque([(-math.inf, *f)], KEPT) for f in self.fingers]  # time and finger
 
     def choose(self, name: str, **source: Any) -> None:
         """Choose another source for an input, or change the numbers of its source.
@@ -221,14 +274,14 @@ class Inputs:
         if self._follow is None:
             return x
         held = np.zeros((2 * len(self.names), n))
-        sources = dict(self.sources)
+        sources, t = dict(self.sources), self._times(at, n)
         for k, source in enumerate(sources.values()):
-            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(source)
+            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(source, t)
         followed = self._follow.process(held)
         for k, (name, source) in enumerate(sources.items()):
             x[k] = followed[k]
             if source["from"] == "contact":
-                x[k] = held[self._row[f"x{k}"], 0]
+                x[k] = held[self._row[f"x{k}"]]
             elif source["from"] in ("sine", "given"):
                 x[k] = positions({name: self._motion(name, source)}, at, at + n, self.fs)[0]
             if source["from"] != "contact":
@@ -236,7 +289,17 @@ class Inputs:
             self._last[k] = x[k, -1]
         return x
 
-    def _held(self, source: Mapping[str, Any]) -> tuple[float, float]:
+    def _times(self, at: int, n: int) -> Array:
+        """Return when the pointers were where samples at .. at + n - 1 have them."""
+        if at == 0:  # a session begins
+            self._samples = Clock()
+        t, now = (at + np.arange(n)) / self.fs, time.perf_counter()
+        t += self._samples.offset(at / self.fs, now) - self.delay if self.delay else math.inf
+        while self._moves and self._moves[0][0] <= t[-1]:
+            _, *self.newest = self._moves.popleft()
+        return t
+
+    def _held(self, source: Mapping[str, Any], t: Array) -> tuple[Array | float, Array | float]:
         """Return the target of the smoothing, and whether the finger is in contact."""
         kind, low, high = source["from"], source["low"], source["high"]
         if kind == "stream":
@@ -245,12 +308,16 @@ class Inputs:
             return min(max(v, low), high), 1.0
         if kind not in POINTERS:
             return source["value"], 1.0
-        u, v, p, on = self.fingers[source["finger"]]
+        reports = list(self._reports[source["finger"]])
+        k = len(reports) - 1
+        while k > 0 and reports[k][0] > t[0]:
+            k -= 1
+        times, *place, touched = np.array(reports[k:]).T
+        on = touched[np.maximum(0, np.searchsorted(times, t, "right") - 1)]
         if kind == "contact":
             return on, 1.0
-        if kind == "pressure":
-            return low + p * (high - low), 1.0
-        return low + (u if kind == "u" else v) * (high - low), on if self.touches else 1.0
+        x = np.interp(t, times, place[("u", "v", "pressure").index(kind)])
+        return low + x * (high - low), on if self.touches and kind != "pressure" else 1.0
 
     def _motion(self, name: str, source: Mapping[str, Any]) -> Any:
         if source["from"] == "given":

@@ -6,8 +6,9 @@ Text is one JSON object. Messages of the page have ``do``, messages of the serve
 =========== ============================ ===============================================
 page: do    fields                       meaning
 =========== ============================ ===============================================
-hello       token, version               first message, within 2 s; the token is the
-                                         URL's fragment
+hello       token, version, page         first message, within 2 s; the token is the
+                                         URL's fragment; page: optional, a random name
+                                         that a page keeps when it is loaded again
 move        finger, u, v, p, on, t       finger 0 .. 9 is at (u, v), 0 to 1 from the
                                          pad's lower left corner, with pressure p (0 to
                                          1); on: 1 touches, 0 not (hovers, or has left);
@@ -31,7 +32,7 @@ stop                                     fade out and end the session; a recordi
                                          whole then
 record                                   as start, with a log; ``stop`` ends it. State
                                          tells its folder
-control                                  take control; the page that has it watches from
+control                                  take control; a page that has it watches from
                                          then on
 seen        at                           answer to each report, with its at; a page that
                                          is silent for 2 s counts as gone
@@ -43,18 +44,20 @@ server: is  fields                       meaning
 hello       version, title, fs, block,   first message; see below. stream: whether
             inputs, params, outputs,     there is one to choose; marks: whether markers
             view, stream, marks          are sent somewhere
-state       role, phase, session, log,   after hello and after every change. role:
-            sources, params, why         control or watch; phase: idle, starting,
-                                         running or stopping; session: number of it;
-                                         log: folder of the recording, or null; sources:
-                                         {input: source}; params: {name: value}; why:
-                                         what ended the last session
+state       role, controlled, phase,     after hello and after every change. role:
+            session, log, recorded,      control or watch; controlled: whether any page
+            sources, params, why         has control; phase: idle, starting, running or
+                                         stopping; session: number of it; log: folder of
+                                         the recording, or null; recorded: a sentence on
+                                         the last one; sources: {input: source}; params:
+                                         {name: value}; why: what ended the last session
 report      session, at, seconds, lost,  five times a second while a session runs. at:
             underruns, late, skipped,    next sample; lost: samples that came too late
             clips, faults, time, busy    in underruns times; late: s behind now;
                                          skipped: blocks that this page was too slow
                                          for; clips, faults as in a sink's report; time:
                                          Unix time in s; busy: part of a block's time
+alive                                    five times a second while no session runs
 error       about, text                  the request is rejected, and why; about: its
                                          ``do``
 =========== ============================ ===============================================
@@ -87,10 +90,13 @@ full scale, -1 to 1, as a device is given them). Missing indices were lost or
 skipped. The index is that of the session's log, so drawn samples can be found in a
 recording.
 
-The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4408
-(silent, or reads nothing), 4409 (two pages are there already) or 4429 (too many
-messages): trying again does not help. In all other cases it does: a page reconnects
-to a server that it has lost.
+The server closes with 4400 (messages not understood), 4401 (no or wrong token), 4409
+(two pages are there already), 4410 (a page of the same name came) or 4429 (too many
+messages): trying again does not help. In all other cases it does, also with 4408
+(silent, or reads nothing): a page reconnects to a server that it has lost.
+
+A page of the same name as the one that had control has it again, if it comes within
+2 s: the session goes on meanwhile, with fingers where they were.
 """
 
 from __future__ import annotations
@@ -117,6 +123,8 @@ WRONG = 20
 PAGES = 2
 SILENT = 2.0
 """Seconds without an answer after which a page counts as gone."""
+GRACE = 2.0
+"""Seconds for which control is kept for a page that is loaded again."""
 REPORTS = 0.2
 """Seconds between reports."""
 
@@ -146,16 +154,19 @@ FIELDS: dict[str, dict[str, fields.Test]] = {
     "control": {},
     "seen": {"at": fields.whole(2**53)},
 }
-OPTIONS: dict[str, fields.Test] = {
-    "finger": _FINGER,
-    "low": _WIDE,
-    "high": _WIDE,
-    "freq": fields.between(0.01, 1000),
-    "value": _WIDE,
-    "channel": fields.whole(999),
-    "scale": _WIDE,
+OPTIONS: dict[str, dict[str, fields.Test]] = {
+    "hello": {"page": fields.text},
+    "source": {
+        "finger": _FINGER,
+        "low": _WIDE,
+        "high": _WIDE,
+        "freq": fields.between(0.01, 1000),
+        "value": _WIDE,
+        "channel": fields.whole(999),
+        "scale": _WIDE,
+    },
 }
-"""Optional fields of a source."""
+"""Optional fields of a message."""
 
 
 def message(
@@ -184,11 +195,7 @@ def message(
         fields.require(found, {"do": fields.one_of(*table)})
         known = table[found["do"]]
         fields.require(found, known)
-        given = (
-            {name: test for name, test in OPTIONS.items() if name in found}
-            if found["do"] == "source"
-            else {}
-        )
+        given = {k: test for k, test in OPTIONS.get(found["do"], {}).items() if k in found}
         fields.require(found, given)
         if surplus := found.keys() - {"do"} - known.keys() - given.keys():
             raise ValueError(f"{found['do']} has no {', '.join(sorted(surplus))[:80]}")

@@ -282,7 +282,7 @@ class Server:
             return await _bye(ws, 1000, "")  # before it is accepted: HTTP 403
         await ws.accept()
         page = Page()
-        if refused := await self._greet(ws):
+        if refused := await self._greet(ws, page):
             return await _bye(ws, *refused)
         self.stream.join(page)
         tasks = [
@@ -298,7 +298,7 @@ class Server:
             self.stream.leave(page)
             await _bye(ws, *page.end)
 
-    async def _greet(self, ws: Any) -> tuple[int, str] | None:
+    async def _greet(self, ws: Any, page: Page) -> tuple[int, str] | None:
         """Return why a page is rejected, or None."""
         try:
             first = await asyncio.wait_for(ws.receive(), HELLO)
@@ -310,7 +310,9 @@ class Server:
             return 4401, "the token is missing or wrong: open the address that the terminal shows"
         if hello["version"] != VERSION:
             return 4400, "this page is of another release: load it again"
-        if len(self.stream.pages) >= self.stream.most:
+        page.name = hello.get("page", "")
+        # one of the same name is about to leave
+        if sum(p.name != page.name or not p.name for p in self.stream.pages) >= self.stream.most:
             return 4409, f"{self.stream.most} pages are open already: close one"
         return None
 

@@ -19,6 +19,7 @@ class Page:
     """The connection of one page, with its queue of messages."""
 
     def __init__(self) -> None:
+        self.name = ""  # what the page calls itself, the same after it was loaded again
         self.texts: deque[tuple[str, str]] = deque(maxlen=WAITING + 1)  # what each is, and itself
         self.blocks: deque[bytes] = deque(maxlen=WAITING)
         self.wake = asyncio.Event()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import datetime
 from pathlib import Path
@@ -19,7 +19,7 @@ from ..errors import BadValue, StimlibError, UnknownName
 from ..run.safety import Safety
 from .describe import Range, description, full_scales, ranges_of
 from .inputs import SMOOTH, Inputs
-from .protocol import HEAD, MESSAGE, PAGES, REPORTS, SILENT, VERSION, message, samples
+from .protocol import GRACE, HEAD, MESSAGE, PAGES, REPORTS, SILENT, VERSION, message, samples
 from .sink import PageSink
 from .site import Page
 
@@ -34,7 +34,9 @@ class Stream:
     A session is one ``PageSink``, from ``start`` to ``stop``.  It runs in threads of
     its own; this object belongs to the event loop, and slow tasks (compiling, fading
     out, finishing a log) run in other threads.  One page has control: the first, or the
-    one that takes control.  When it disconnects, the session fades out.
+    one that takes control.  When it disconnects, the session fades out: at once if the
+    page was silent, else unless the same page is back, or another takes control, within
+    2 s. Meanwhile the fingers stay where they were.
 
     Parameters
     ----------
@@ -93,9 +95,8 @@ class Stream:
         if safety is None:
             safety = Safety(full_scales(scene, fs, self.ranges))
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
-        self.inputs = Inputs(
-            scene, self.fs, {n: self.ranges[n] for n in scene.inputs}, given, bandwidth, stream
-        )
+        ranges = {n: self.ranges[n] for n in scene.inputs}
+        self.inputs = Inputs(scene, self.fs, ranges, given, bandwidth, stream=stream)
         self._marking = {"markers": tuple(markers), "send": tuple(send)}
         self.params = {name: p.value for name, p in scene.params.items()}
         self._sets: dict[str, float] = {}  # for the next block
@@ -117,13 +118,16 @@ class Stream:
         self.most, self.longest = PAGES, MESSAGE
         self.pages: list[Page] = []
         self.control: Page | None = None
-        self.session, self.phase, self.why = 0, "idle", ""
+        self.session, self.phase, self.why, self.recorded = 0, "idle", "", ""
         self.log: Path | None = None
+        self.say: Callable[[str], None] = logger.info  # told of recordings
         self._sink: PageSink | None = None
         self._asked: tuple[str, str] | None = None  # start, record or stop; why
         # the page that had control: its fingers leave when the session has faded out,
         # or they would end it
         self._left = False
+        self._kept = ""  # for the page of this name control is kept, until
+        self._until: asyncio.TimerHandle | None = None
         self._wake = asyncio.Event()
         self._hands = ThreadPoolExecutor(1, "stimlib live")
 
@@ -137,19 +141,40 @@ class Stream:
     # Pages ----------------------------------------------------------------------------
     def join(self, page: Page) -> None:
         """Accept a page that has sent a valid hello; the first gets control."""
+        if page.name and page.name in (self._kept, getattr(self.control, "name", "")):
+            self._give(page)
+        elif not self._kept:
+            self.control = self.control or page
+        for old in self.pages:
+            if old.name == page.name != "":
+                old.close(4410, "this page was opened again")
         self.pages.append(page)
-        self.control = self.control or page
         values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
         page.tell({"is": "hello"} | self.hello | {"params": values})
         self._tell_state()
 
     def leave(self, page: Page) -> None:
-        """Remove a disconnected page; if it had control, fade the session out."""
+        """Remove a disconnected page; if it had control, keep that for a moment."""
         self.pages.remove(page)
         if self.control is page:
-            self.control, self._left = None, True
-            self._ask("stop", "the page that had control has gone")
+            self.control = None
+            if page.name and page.end[0] != 4408:
+                self._kept, self._until = page.name, self._loop.call_later(GRACE, self._gone)
+            else:
+                self._gone()
         self._tell_state()
+
+    def _gone(self) -> None:
+        """Fade the session out, which no page controls."""
+        self._kept, self._left = "", True
+        self._ask("stop", "the page that had control has gone")
+
+    def _give(self, page: Page) -> None:
+        """Give a page control, with all fingers lifted."""
+        if self._until is not None:
+            self._until.cancel()
+        self._kept, self.control = "", page
+        self.inputs.lift()
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
         """Carry out a message of a page, and report a rejection to it."""
@@ -158,11 +183,10 @@ class Stream:
             if about == "seen":
                 page.seen = time.monotonic()
             elif about == "control":
-                self.control = page
-                self.inputs.lift()
+                self._give(page)
                 self._tell_state()
             elif page is not self.control and about != "move":
-                raise BadValue("another page has control: take it first")
+                raise BadValue("this page does not have control: take it first")
             elif about == "move":
                 if page is self.control:
                     self.inputs.move(**message)
@@ -229,12 +253,13 @@ class Stream:
             self._hands.shutdown()
 
     async def _change(self, what: str, why: str) -> None:
-        if self._sink is not None:
+        if (sink := self._sink) is not None:
             self._tell_state(phase="stopping")
             try:
                 await self._beside(self._end)
             except Exception as e:
                 why = _why(e)
+            self._send_report(sink)
         if self._left:
             self.inputs.lift()
             self._left = False
@@ -246,6 +271,8 @@ class Stream:
                     log = self._new_folder()
                 await self._beside(self._begin, log)
                 self.log = log
+                if log is not None:
+                    self.say(f"recording to {log}")
             except Exception as e:
                 why = _why(e)
         self.why = why
@@ -281,6 +308,12 @@ class Stream:
         sink, self._sink = self._sink, None
         if sink is not None:
             sink.close()
+            if self.log is not None:
+                r = sink.report()
+                self.recorded = f"Recorded {r.produced / self.fs:.1f} s in {self.log}" + (
+                    f", {r.lost} samples lost in {r.underruns} gaps" if r.lost else ""
+                )
+                self.say(self.recorded)
             sink.check()
 
     def _new_folder(self) -> Path:
@@ -315,7 +348,9 @@ class Stream:
             "is": "state",
             "phase": self.phase,
             "session": self.session,
+            "controlled": self.control is not None,
             "log": None if self.log is None else str(self.log),
+            "recorded": self.recorded,
             "sources": self.inputs.sources,
             "params": self.params,
             "why": self.why,
@@ -326,15 +361,22 @@ class Stream:
 
     async def _report(self) -> None:
         while True:
+            then = time.monotonic()
             await asyncio.sleep(REPORTS)
+            now = time.monotonic()
+            if now - then > REPORTS + SILENT / 2:  # it was the server that stood still
+                for page in self.pages:
+                    page.seen = now
             sink = self._sink
             if sink is None:
+                for page in self.pages:
+                    page.tell({"is": "alive"})
                 continue
             self._send_report(sink)
             if sink.error is not None and self._asked is None and self.phase == "running":
                 self._ask("stop", str(sink.error))
             for page in self.pages:
-                if time.monotonic() - page.seen > SILENT:
+                if now - page.seen > SILENT:
                     page.close(4408, "no answer from this page")
 
     def _send_report(self, sink: PageSink) -> None:

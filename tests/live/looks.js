@@ -40,6 +40,17 @@ window.looks = {
     return { blue, at: 8 + high * (p.top - value) / (p.top - p.bottom) };
   },
 
+  /** Of the panel of what vibrates in an output: columns with a curve, and the height of the curve of that of the canvas. */
+  async vibrates(name) {
+    const { live } = await import("./live.js"), { canvas: c } = live.panels.find(p => p.signals[0].name === name && p.signals[0].least);
+    c.scrollIntoView({ block: "center" });
+    await new Promise(done => setTimeout(done, 200)); // until it is drawn
+    const { data } = c.getContext("2d").getImageData(0, 0, c.width, c.height), rows = [], columns = new Set();
+    for (let k = 0; k < data.length; k += 4)
+      if (data[k + 2] - data[k] > 60) { rows.push(Math.floor(k / 4 / c.width)); columns.add(k / 4 % c.width); }
+    return { columns: columns.size, high: (rows.at(-1) - rows[0]) / c.height };
+  },
+
   /** A panel that is drawn in steps of `step` samples beside one that is drawn once: largest difference of a pixel, and how many
       columns have a curve. Signal i is a sine, without samples 200 .. 299. */
   async grown(signals, samples, fs, step) {

@@ -1,5 +1,5 @@
 // The audio thread of the page without a browser: node ring.js WORKLET '{"pace": 1, "steer": true, "seconds": 60, ...}'
-// A server whose clock runs `pace` times as fast sends blocks of a raised sine, `jitter` s late at most; a sound card takes 480
+// A server whose clock runs `pace` times as fast sends blocks of a sine, `jitter` s late at most; a sound card takes 480
 // frames at once. Prints what was heard in the last 5 s, the largest step in all, and the counters.
 "use strict";
 const fs = require("fs"), o = JSON.parse(process.argv[3]);
@@ -19,7 +19,7 @@ const out = new Float32Array(128);
 for (const end = o.seconds; t < end; t += TAKE / RATE) {
   while (due <= t) {
     if (!(o.stall && t > o.stall && t < o.stall + 0.1)) {
-      const y = Float32Array.from({ length: BLOCK }, (_, i) => 0.25 + 0.25 * Math.sin(2 * Math.PI * F * (k * BLOCK + i) / FS));
+      const y = Float32Array.from({ length: BLOCK }, (_, i) => 0.25 * Math.sin(2 * Math.PI * F * (k * BLOCK + i) / FS));
       link.onmessage({ data: { y, at: k * BLOCK, session: 1, t: 0 } });
       k++;
     } else if (!o.late) k++; // lost; else they all come when the stall is over

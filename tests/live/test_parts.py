@@ -10,8 +10,9 @@ import tracemalloc
 import numpy as np
 import pytest
 from refusals import refused
+from scipy.signal import welch
 
-from stimlib import Input, Param, Scene, constant
+from stimlib import Input, Param, Scene, constant, render
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
@@ -21,7 +22,8 @@ from stimlib.live.protocol import FIELDS, message
 from stimlib.live.sink import PageSink
 from stimlib.live.site import WAITING, Page
 from stimlib.live.stream import Stream
-from stimlib.scenes import soft_surface
+from stimlib.motion.generators import sinusoid
+from stimlib.scenes import soft_surface, squeeze
 
 FS = 1000.0
 TOUCH = Scene({"y": Input("x", "m") * Input("contact")})
@@ -71,9 +73,9 @@ def test_every_message_of_the_table_is_in_its_text():
     )
 
 
-@pytest.mark.parametrize("chosen, bandwidth", [({}, 40.0), ({"bandwidth": 10.0}, 10.0)])
+@pytest.mark.parametrize("chosen, bandwidth", [({}, 11.0), ({"bandwidth": 40.0}, 40.0)])
 def test_a_pointer_is_followed_along_its_range(chosen, bandwidth):
-    inputs = Inputs(SPRING, FS, {"x": (0.01, 0.03)}, **chosen)
+    inputs = Inputs(SPRING, FS, {"x": (0.01, 0.03)}, delay=0.0, **chosen)
     assert np.array_equal(inputs.columns(0, 2000)[0, -1:], [0.01])
     inputs.move(0, 0.5, 0.9, 0.3, 0)  # hovers: this scene is not told of contact
     t = np.arange(1, 201) / FS
@@ -84,7 +86,7 @@ def test_a_pointer_is_followed_along_its_range(chosen, bandwidth):
 
 
 def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_where_it_lands():
-    inputs = Inputs(TOUCH, FS, {"x": (0.0, 0.1), "contact": (0.0, 1.0)})
+    inputs = Inputs(TOUCH, FS, {"x": (0.0, 0.1), "contact": (0.0, 1.0)}, delay=0.0)
     assert [inputs.sources[n]["from"] for n in ("x", "contact")] == ["u", "contact"]
     inputs.columns(0, 500)
     inputs.move(0, 0.8, 0.0, 0.9, 0)
@@ -101,7 +103,7 @@ def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_whe
 
 
 def test_an_input_goes_over_to_a_sine_and_then_is_one():
-    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.1)})
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.1)}, delay=0.0)
     inputs.move(0, 1.0, 0.0, 0.0, 1)
     inputs.columns(0, 1000)
     inputs.choose("x", **{"from": "sine", "low": 0.02, "high": 0.06, "freq": 2.0})
@@ -118,8 +120,78 @@ def test_an_input_goes_over_to_a_sine_and_then_is_one():
     )
 
 
+def in_band(y, low, high, fs):
+    """RMS between two frequencies, of what comes after the first half second."""
+    f, p = welch(y[int(fs / 2) :], fs, "blackmanharris", 8192)
+    return np.sqrt(p[(f >= low) & (f < high)].sum() * f[1])
+
+
+def followed(rate, monkeypatch, seconds=2.5, **chosen):
+    """Strokes of 20 mm at 1.5 Hz of a pointer on a field of 760 pixels: reports at a
+    rate, within 0.5 ms, that come up to some ms late; blocks that are late as well.
+    """
+    rng, clock = np.random.default_rng(rate), Clock()
+    monkeypatch.setattr("stimlib.live.inputs.time", clock)
+    inputs = Inputs(SPRING, 8000.0, {"x": (0.0, 0.02)}, **chosen)
+    at = np.arange(0, seconds, 1 / rate)
+    at += rng.uniform(-5e-4, 5e-4, len(at))
+    comes = np.maximum.accumulate(at + 5e-4 + rng.exponential(1e-3, len(at)))
+    places = np.round(760 * (0.5 - 0.5 * np.cos(2 * np.pi * 1.5 * at))) / 760
+    x, k = [], 0
+    for first in range(0, int(8000 * seconds), 32):
+        now = first / 8000 + rng.exponential(2e-4)
+        while k < len(at) and comes[k] <= now:
+            clock.now = comes[k]
+            inputs.move(0, places[k], 0.0, 0.0, 1, t=5e6 + round(1e3 * at[k], 1))
+            k += 1
+        clock.now = now
+        x.append(inputs.columns(first, 32)[0])
+    return np.concatenate(x)
+
+
+def test_the_steps_of_a_pointer_are_20_db_below_the_stimulus_of_a_squeeze(monkeypatch):
+    """In the band of its noise, and at the rates of pointers: both are loud if a block
+    has the newest report.
+    """
+    stroke = {"x1": sinusoid(0.01, 1.5, 0.01, -np.pi / 2)}
+    with_noise, without = (
+        render(squeeze(A=a, fingers=1), stroke, fs=8000.0, seconds=2.5)["force1"] for a in (3.4, 0)
+    )
+    stimulus = in_band(with_noise - without, 300, 1000, 8000)
+    assert stimulus == pytest.approx(0.013, rel=0.2)  # N
+    for rate in (60, 125, 500):
+        steps = 2000.0 * followed(rate, monkeypatch)
+        assert in_band(steps, 20, 100, 8000) < 0.1 * stimulus
+        assert in_band(steps, 300, 1000, 8000) < 0.01 * stimulus
+    held = 2000.0 * followed(60, monkeypatch, bandwidth=40.0, delay=0.0)
+    assert in_band(held, 20, 100, 8000) > 5 * stimulus
+
+
+def test_a_pointer_is_where_it_was_reported_a_delay_later(monkeypatch):
+    """Delay and smoothing are 54 ms; a pointer that rested moves by no ramp through the
+    rest.
+    """
+    x = followed(125, monkeypatch)
+    t = np.arange(len(x)) / 8000 - 0.025 - 1 / (np.pi * 11)
+    assert np.abs(x - 0.01 * (1 - np.cos(2 * np.pi * 1.5 * t)))[4000:].max() < 2.5e-4
+    clock = Clock()
+    monkeypatch.setattr("stimlib.live.inputs.time", clock)
+    inputs = Inputs(TOUCH, FS, {"x": (0.0, 0.1), "contact": (0.0, 1.0)})
+    for clock.now, u, on in ((1.0, 0.2, 1), (2.0, 0.8, 1), (2.3, 0.5, 0), (2.6, 0.5, 1)):
+        inputs.move(0, u, 0.0, 0.0, on, 1e3 * clock.now)
+    blocks = []
+    for at in range(0, 3000, 10):
+        clock.now = at / FS
+        blocks.append(inputs.columns(at, 10))
+    x, contact = np.concatenate(blocks, axis=1)
+    assert np.flatnonzero(np.diff(contact)).tolist() == pytest.approx([1024, 2324, 2624], abs=1)
+    assert x[[1990, 2300, 2622, 2627]] == pytest.approx([0.02, 0.08, 0.08, 0.05])
+    clock.now = 3.1
+    assert inputs.columns(0, 10)[1].all()  # another session, which counts from 0
+
+
 def test_what_was_chosen_before_a_session_is_gone_over_to_once():
-    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.1)})
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.1)}, delay=0.0)
     inputs.choose("x", **{"from": "sine", "low": 0.02, "high": 0.06})
     wanted = 0.04 - 0.02 * np.cos(2 * np.pi * np.arange(40) / FS)
     first = np.concatenate([inputs.columns(at, 20)[0] for at in (0, 20)])
@@ -129,7 +201,7 @@ def test_what_was_chosen_before_a_session_is_gone_over_to_once():
 
 
 def test_pressure_a_held_value_and_a_motion_of_the_callers():
-    inputs = Inputs(SPRING, FS, {"x": (1.0, 3.0)}, {"x": lambda t: 2.0 + t})
+    inputs = Inputs(SPRING, FS, {"x": (1.0, 3.0)}, {"x": lambda t: 2.0 + t}, delay=0.0)
     assert inputs.columns(0, 200)[0, -1] == pytest.approx(2.199)
     inputs.choose("x", **{"from": "pressure", "finger": 3})
     inputs.move(3, 0, 0, 0.25, 1)

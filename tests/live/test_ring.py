@@ -15,8 +15,8 @@ WORKLET = Path(__file__).parents[2] / "stimlib" / "live" / "page" / "worklet.js"
 pytestmark = pytest.mark.skipif(
     shutil.which("node") is None, reason="needs node, which runs the audio thread without a browser"
 )
-RMS = 0.25 / math.sqrt(2) / math.hypot(1, 20 / 158)
-"""Of the sine of 158 Hz behind one pole at 20 Hz; its mean is taken out."""
+RMS = 0.25 / math.sqrt(2)
+"""Of the sine of 158 Hz."""
 
 
 def heard(**options):

@@ -204,7 +204,7 @@ export class Field {
   surface(avatars) {
     const { canvas, view: { width, height } } = this;
     const key = JSON.stringify([avatars, canvas.clientWidth, canvas.clientHeight, this.hard]);
-    if (key === this.drawn) return;
+    if (key === this.drawn || Math.min(canvas.clientWidth, canvas.clientHeight) < 48) return; // not laid out yet
     this.drawn = key;
     const { g, wide, high } = sharp(canvas);
     this.cam = camera(width, height, 12, 12, wide - 24, high - 24);

@@ -1,49 +1,111 @@
 // A worker that owns the WebSocket and feeds the audio thread itself, so that a slow or hidden page never starves the sound.
-// From the page: {open, token}, {audio: MessagePort}, {listen: number of the output}, and whatever the protocol has ({do: ..}).
-// To the page: {state: "open" | "lost" | "refused", code, why}, {text: what the server said}, {samples: ArrayBuffer, at: ms},
-// {played: t of the move that has just been heard, at: ms}, {audio: figures of the audio thread}.
+// From the page: {open, token, page}, {audio: MessagePort}, {listen: number of the output}, and whatever the protocol has ({do: ..}).
+// To the page: {state: "open" | "lost" | "silent" | "heard" | "refused", code, why, seconds}, {text: what the server said},
+// {samples: ArrayBuffer, at: ms}: as they came, and after them what vibrates in each output,
+// {played: t of the move that has just been heard, at: ms}, {audio: figures of the audio thread, late: where samples were}.
 "use strict";
-const HEAD = 6, VERSION = 1;
-let ws, audio, url, token, tries = 0, up = false, hello = null, output = 0, seen = 0;
+const HEAD = 6, VERSION = 1, SILENT = 1500, STALE = 4000; // ms without a message: it is said; another connection is tried
+const REFUSED = [4400, 4401, 4409, 4410, 4429]; // where trying again does not help
+const EDGE = 40, DAMPED = [0.5412, 1.3066]; // Hz above which something vibrates: a Butterworth high-pass of order 4
+let ws = null, audio, url, token, page, tries = 0, up = false, quiet = false, hello = null, output = 0, seen = 0;
+let heard = 0, opened = 0, retry = 0; // ms: last message, last try; its timer
+let sections = [], next = -1, session = -1, made = 0, came = 0, late = { made: 0, came: 0 }; // ms: longest from one block to the next
 const now = () => performance.timeOrigin + performance.now();
 
 function open() {
-  ws = new WebSocket(url);
-  ws.binaryType = "arraybuffer";
-  ws.onopen = () => ws.send(JSON.stringify({ do: "hello", token, version: VERSION }));
-  ws.onmessage = ({ data }) => (typeof data === "string" ? text(JSON.parse(data)) : samples(data));
-  ws.onclose = ({ code, reason }) => {
+  clearTimeout(retry);
+  const old = ws, mine = ws = new WebSocket(url);
+  old?.close();
+  up = false;
+  opened = performance.now();
+  mine.binaryType = "arraybuffer";
+  mine.onopen = () => mine.send(JSON.stringify({ do: "hello", token, version: VERSION, page }));
+  mine.onmessage = ({ data }) => {
+    if (mine !== ws) return;
+    heard = performance.now();
+    if (typeof data === "string") text(JSON.parse(data)); else samples(data);
+    if (quiet && up) postMessage({ state: "heard" });
+    quiet = quiet && !up;
+  };
+  mine.onclose = ({ code, reason }) => {
+    if (mine !== ws) return;
+    const refused = REFUSED.includes(code);
     up = false;
-    const refused = code >= 4400 && code < 4500;
-    postMessage({ state: refused ? "refused" : "lost", code, why: reason });
-    if (!refused) setTimeout(open, Math.min(1000, 125 * 2 ** tries++));
+    ws = null;
+    if (refused || !quiet) postMessage({ state: refused ? "refused" : "lost", code, why: reason });
+    if (!refused) retry = setTimeout(open, Math.min(1000, 125 * 2 ** tries++));
+    else heard = Infinity;
   };
 }
+
+/** Whoever waits in vain for a message is told, and tries another connection: a network may have forgotten this one. */
+setInterval(() => {
+  const silent = performance.now() - heard, tried = performance.now() - opened;
+  if (hello?.fs && silent > SILENT) {
+    quiet = true;
+    postMessage({ state: "silent", seconds: Math.round(silent / 1000) });
+  }
+  if (ws && tried > STALE && (!up || (hello.fs && silent > STALE))) open();
+}, 250);
 
 function text(m) {
   if (m.is === "hello") {
     hello = m; up = true; tries = 0;
+    sections = DAMPED.map(q => section(Math.tan(Math.PI * Math.min(EDGE, m.fs / 8) / m.fs), q, m.outputs?.length ?? 0));
     audio?.postMessage({ fs: m.fs });
     postMessage({ state: "open" });
   } else if (m.is === "report") ws.send(JSON.stringify({ do: "seen", at: m.at }));
+  else if (m.is === "state") audio?.postMessage({ end: m.phase !== "running" });
   postMessage({ text: m });
 }
 
+const section = (c, q, n) => {
+  const g = 1 / (1 + c / q + c * c);
+  return { g, a: 2 * (c * c - 1) * g, b: (1 - c / q + c * c) * g, s: new Float64Array(n), t: new Float64Array(n) };
+};
+
+/** The high-pass of output k, in place; after a gap as if its first value had always been. */
+function vibration(y, k, gap) {
+  sections.forEach(({ g, a, b, s, t }, i) => {
+    if (gap) { t[k] = i ? 0 : g * y[0]; s[k] = -t[k]; }
+    for (let j = 0; j < y.length; j++) {
+      const x = y[j], v = y[j] = g * x + s[k];
+      s[k] = t[k] - 2 * g * x - a * v;
+      t[k] = g * x - b * v;
+    }
+  });
+}
+
 function samples(data) {
-  const head = new Float64Array(data, 0, HEAD), n = head[5], row = hello.inputs.length + output;
+  const head = new Float64Array(data, 0, HEAD), n = head[5], { inputs: { length: of }, outputs: { length: all } } = hello;
+  const more = new ArrayBuffer(data.byteLength + 4 * all * n), size = 8 * HEAD, at = performance.now();
+  new Uint8Array(more).set(new Uint8Array(data));
+  new Float32Array(more, data.byteLength).set(new Float32Array(data, size + 4 * of * n));
+  for (let k = 0; k < all; k++) vibration(new Float32Array(more, data.byteLength + 4 * k * n, n), k, head[0] !== next);
+  if (head[4] === session) late = { made: Math.max(late.made, 1e3 * head[3] - made), came: Math.max(late.came, at - came) };
+  [next, session, made, came] = [head[0] + n, head[4], 1e3 * head[3], at];
   if (audio) {
-    const y = new Float32Array(data, 8 * HEAD + 4 * row * n, n).slice();
+    const y = new Float32Array(more, data.byteLength + 4 * output * n, n).slice();
     audio.postMessage({ y, at: head[0], session: head[4], t: head[1] === seen ? 0 : head[1] }, [y.buffer]);
   }
   seen = head[1];
-  postMessage({ samples: data, at: now() }, [data]);
+  postMessage({ samples: more, at: now() }, [more]);
 }
 
 onmessage = ({ data: m }) => {
-  if (m.open) { url = m.open; token = m.token; open(); }
-  else if (m.audio) {
+  if (m.open) {
+    ({ open: url, token, page } = m);
+    heard = performance.now();
+    tries = 0;
+    open();
+  } else if (m.audio) {
     audio = m.audio;
-    audio.onmessage = ({ data: d }) => postMessage(d.played ? { played: d.played, at: now() } : d);
+    audio.onmessage = ({ data: d }) => {
+      if (d.played) return postMessage({ played: d.played, at: now() });
+      late.made = Math.max(late.made, performance.now() - came); // nothing has come, though this thread runs
+      postMessage({ ...d, late });
+      late = { made: 0, came: 0 };
+    };
     audio.postMessage({ fs: hello ? hello.fs : 8000 });
   } else if (m.silent) audio = null;
   else if ("listen" in m) output = m.listen;

@@ -2,9 +2,9 @@
 
 import { parameters, sources } from "./controls.js";
 import { Field } from "./field.js";
-import { History, Panel, Spectrum, grouped, palette } from "./plots.js";
-import { pretty, short } from "./scales.js";
-import { Sound } from "./sound.js";
+import { History, Panel, Spectrum, grouped, isPlace, palette } from "./plots.js";
+import { scaled, short } from "./scales.js";
+import { LEAST, Level, Sound } from "./sound.js";
 
 const HEAD = 6, LONGEST = 10, QUIET = -60; // float64 ahead of the samples, s that are kept, dB below which nothing is shown
 const WORDS = { idle: "stopped", starting: "fading in", running: "running", stopping: "fading out" };
@@ -19,16 +19,17 @@ export const live = {
   hello: null, state: null, report: null, history: null, sound, field: null, panels: [], outputs: {}, blocks: 0,
   drawn: [], pictures: 0, // ms from the pointer to the picture; pictures of the curves
 };
-let colours = palette(), show = {}, heard = 0, log = "", peak = 0, clips = 0;
-let level = -1, clipped = -1e9, told = 0, shown = -1, marks = [], last = 0; // when, and for which samples
+let colours = palette(), show = {}, heard = 0, level = null, clips = 0, away = true, silences = 0; // no server; how often it was silent
+let part = -1, clipped = -1e9, told = 0, shown = -1, marks = [], last = 0; // when, and for which samples
 
-const touch = message => { if (live.state?.role === "control") say(message); }; // who watches moves nothing
+const mine = () => !away && live.state?.role === "control", runs = () => ["running", "starting"].includes(live.state?.phase);
+const touch = message => { if (mine()) say(message); }; // who watches moves nothing
 const field = live.field = new Field($("field"), touch);
 const spectrum = new Spectrum($("spectrum"), null);
 
 // From the server -----------------------------------------------------------------------------------------------------
 function words(text, kind) {
-  $("state").textContent = text;
+  if ($("state").textContent !== text) $("state").textContent = text; // it is read aloud
   $("state").className = kind;
 }
 
@@ -43,11 +44,12 @@ function greet(hello) {
   const all = [...hello.inputs, ...hello.outputs].map((s, index) => ({ ...s, index }));
   const inputs = all.slice(0, hello.inputs.length), outputs = all.slice(inputs.length);
   live.hello = hello;
-  live.history = spectrum.history = new History(Math.ceil(LONGEST * hello.fs), all.map(s => s.full ?? 1));
+  live.history = spectrum.history = new History(Math.ceil(LONGEST * hello.fs), [...all, ...outputs].map(s => s.full ?? 1));
   $("title").textContent = document.title = hello.title;
   for (const parent of ["inputs", "outputs"]) $(parent).replaceChildren();
   const drawnIn = (signals, where) => grouped(signals).map(g => new Panel(g, live.history, $(where)));
-  live.panels = [...drawnIn(inputs, "inputs"), ...drawnIn(outputs, "outputs")];
+  const vibrates = o => drawnIn(isPlace(o) ? [] : [{ ...o, index: o.index + outputs.length, least: LEAST * o.full }], "outputs");
+  live.panels = [...drawnIn(inputs, "inputs"), ...grouped(outputs).flatMap(g => [...drawnIn(g, "outputs"), ...g.flatMap(vibrates)])];
   show = { params: parameters(hello.params, $("params"), say), sources: sources(hello, $("sources"), say) };
   $("mark").hidden = !hello.marks;
   $("no-params").hidden = hello.params.length > 0;
@@ -58,31 +60,52 @@ function greet(hello) {
 }
 
 function become(state) {
-  const before = live.state, mine = state.role === "control", runs = state.phase === "running" || state.phase === "starting";
+  const another = live.state?.session !== state.session, back = away;
   live.state = state;
-  const more = (state.log ? ", recording" : "") + (mine ? "" : "; another page controls, this one watches");
-  words(`Connected, ${WORDS[state.phase]}${more}`, runs ? "good" : "");
-  if (before?.session !== state.session) field.again();
-  $("run").textContent = runs ? "Stop" : "Start";
-  $("record").textContent = state.log && runs ? "Stop recording" : "Record";
-  $("record").setAttribute("aria-pressed", String(!!state.log && runs));
-  for (const id of ["run", "record"]) $(id).disabled = !mine || state.phase === "stopping";
-  $("mark").disabled = !mine || state.phase !== "running";
-  $("control").hidden = mine;
-  for (const control of document.querySelectorAll(".side input, .side select, .side button")) // a page that watches may listen
-    if (!control.closest("[aria-labelledby=h-sound]")) control.disabled = !mine;
+  away = false;
+  const who = mine() ? "this page controls" : state.controlled ? "another page controls, this one watches" : "no page controls";
+  words(`Connected, ${WORDS[state.phase]}${state.log ? ", recording" : ""}; ${who}`, runs() ? "good" : "");
+  if (another || back) field.again();
+  if (another) {
+    Object.assign(sound, { gaps: 0, causes: {} });
+    silences = 0;
+    refit();
+  }
+  enable();
   show.params?.(state.params);
   show.sources?.(state.sources);
   field.set({ sources: state.sources });
-  log = state.log ?? log;
-  $("log").textContent = log && `${state.log && runs ? "Recording to" : "Recorded in"} ${log}`;
+  $("log").textContent = state.log && runs() ? `Recording to ${state.log}` : state.recorded;
   note(state.why);
 }
 
-function lost({ state, code, why }) {
+/** What can be done by hand now, and what buttons would do. */
+function enable() {
+  const on = !away && runs(), phase = live.state?.phase;
+  $("run").textContent = on ? "Stop" : "Start";
+  $("record").textContent = on && live.state.log ? "Stop recording" : "Record";
+  $("record").setAttribute("aria-pressed", String(!!(on && live.state.log)));
+  for (const id of ["run", "record"]) $(id).disabled = !mine() || phase === "stopping";
+  $("mark").disabled = !mine() || phase !== "running";
+  $("control").hidden = away || mine();
+  $("field").setAttribute("aria-disabled", String(!mine()));
+  for (const control of document.querySelectorAll(".side input, .side select, .side button")) // a page that watches may listen
+    if (!control.closest("[aria-labelledby=h-sound]")) control.disabled = !mine();
+}
+
+/** Without the server nothing is known of the session. */
+function lost({ state, code, why, seconds }) {
   const more = code === 4401 ? "" : "; load this page again to retry";
-  words(state === "refused" ? `Refused: ${why}${more}` : "Connection lost, trying again", "bad");
-  for (const id of ["run", "record", "mark"]) $(id).disabled = true;
+  if (state === "silent") words(`No answer from the server since ${seconds} s; trying again`, "bad");
+  else words(state === "refused" ? `Refused: ${why}${more}` : "Connection lost, trying again", "bad");
+  silences += !away && runs();
+  away = true;
+  $("clock").textContent = "–";
+  if (live.state) enable();
+}
+
+function found() {
+  if (away && live.state) become(live.state);
 }
 
 function count(report) {
@@ -91,7 +114,6 @@ function count(report) {
   if (all > clips) clipped = performance.now();
   clips = all;
   $("clock").textContent = `${report.seconds.toFixed(1)} s`;
-  $("underruns").textContent = report.underruns;
   const broken = Object.keys(report.faults);
   if (broken.length) note(`Not finite: ${broken.join(", ")}. The session was faded out.`);
 }
@@ -99,9 +121,9 @@ function count(report) {
 function take(data) {
   const head = new Float64Array(data, 0, HEAD), n = head[5], all = new Float32Array(data, 8 * HEAD), { hello, history } = live;
   if (!hello || !n) return;
-  const of = hello.inputs.length;
-  for (let k = (of + heard) * n; k < (of + heard + 1) * n; k++) peak = Math.max(peak, Math.abs(all[k]));
+  const of = hello.inputs.length, row = of + hello.outputs.length + heard;
   history.push(head[0], n, all);
+  if (level.take(all.subarray(row * n, (row + 1) * n).map(v => v * hello.outputs[heard].full), hello.fs)) fitted();
   hello.outputs.forEach(({ name }, i) => { live.outputs[name] = history.newest(of + i); });
   live.blocks++;
   field.dirty = field.dirty || !!hello.view;
@@ -112,27 +134,55 @@ const SAID = { hello: greet, state: become, report: count, error: m => note(`${m
 link.onmessage = ({ data: m }) => {
   if (m.samples) take(m.samples);
   else if (m.text) SAID[m.text.is]?.(m.text);
+  else if (m.state === "heard") found();
   else if (m.state) { if (m.state !== "open") lost(m); }
   else sound.told(m);
 };
-say({ open: `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`, token: location.hash.slice(1) });
+
+/** A name that is the same when the page is loaded again, and another one in each tab. */
+function identity() {
+  const again = performance.getEntriesByType("navigation")[0]?.type === "reload", made = Math.random().toString(36).slice(2);
+  try {
+    const name = again && sessionStorage.getItem("page") || made;
+    sessionStorage.setItem("page", name);
+    return name;
+  } catch { return made; } // a frame in a notebook may have no storage
+}
+const page = identity();
+function connect() {
+  words("Connecting", "");
+  say({ open: `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`, token: location.hash.slice(1), page });
+}
+addEventListener("hashchange", connect); // the address of a server that was started again
+connect();
 
 // By hand -------------------------------------------------------------------------------------------------------------
 function hear(k) {
-  const { hello } = live, { name, unit, full } = hello.outputs[k];
   heard = k;
   $("heard").value = k;
-  $("spectrum-of").textContent = name;
-  $("left-out").textContent = sound.hear(k, name, `${short(full)} ${pretty(unit)}`.trim());
+  $("spectrum-of").textContent = live.hello.outputs[k].name;
+  refit();
 }
 
-const runs = () => ["running", "starting"].includes(live.state?.phase);
+/** The loudness follows what vibrates from now on. */
+function refit() {
+  level = new Level(live.hello.outputs[heard]);
+  sound.hear(heard, level);
+  fitted();
+}
+
+function fitted() {
+  sound.amplify();
+  $("left-out").textContent = level.words();
+}
+
 $("run").onclick = () => say({ do: runs() ? "stop" : "start" });
 $("mark").onclick = () => say({ do: "mark" });
 $("record").onclick = () => say({ do: runs() && live.state.log ? "stop" : "record" });
 $("control").onclick = () => say({ do: "control" });
 $("heard").onchange = e => hear(+e.target.value);
 $("gain").oninput = e => { $("gain-is").textContent = `${e.target.value} dB`.replace("-", "−"); sound.loud(+e.target.value); };
+$("fit").onclick = refit;
 $("map").onchange = e => { field.hard = e.target.checked; field.dirty = true; };
 $("sound").onclick = async () => {
   try {
@@ -149,7 +199,7 @@ addEventListener("keydown", e => {
   if (e.key === " " && !button) { if (!e.repeat) $("run").click(); } 
   else if (e.key.toLowerCase() === "m") { if (!e.repeat) $("mark").click(); }
   else if (e.key.toLowerCase() === "r") { if (!e.repeat) $("record").click(); }
-  else if ((button && e.key === "Enter") || live.state?.role !== "control" || !field.key(e, true)) return;
+  else if ((button && e.key === "Enter") || !mine() || !field.key(e, true)) return;
   e.preventDefault();
 });
 addEventListener("keyup", e => { field.key(e, false); });
@@ -169,24 +219,37 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => them
 
 // Drawing -------------------------------------------------------------------------------------------------------------
 function meter(seconds) {
-  const db = Math.max(QUIET, 20 * Math.log10(peak + 1e-9));
-  peak *= 10 ** (-seconds); // 20 dB in a second
-  const bar = $("meter");
-  const part = Math.round(200 * (1 - db / QUIET)) / 200;
-  if (part !== level) {
-    level = part;
+  const db = Math.max(QUIET, level?.db ?? QUIET), bar = $("meter"), now = Math.min(1, Math.round(200 * (1 - db / QUIET)) / 200);
+  if (level) level.peak *= 10 ** (-seconds); // 20 dB in a second
+  if (part !== now) {
+    part = now;
     bar.firstElementChild.style.transform = `scaleX(${part})`;
     bar.classList.toggle("high", db > -3);
   }
-  return db;
+}
+
+/** The meter in words: of the newest half second. */
+function loudness() {
+  const { hello, history } = live, { unit, full } = hello.outputs[heard];
+  const rms = runs() && !away ? history.rms(hello.inputs.length + hello.outputs.length + heard, hello.fs / 2) : 0;
+  const { factor, unit: shown } = scaled(unit, rms > LEAST * full ? rms : full);
+  return `${short(rms > LEAST * full ? rms * factor : 0)} ${shown} rms`.replace("  ", " ");
+}
+
+/** What was late, of all that is made, drawn and heard, and why. */
+function gaps() {
+  const { lost, underruns, skipped } = live.report ?? {}, all = sound.missing();
+  if (underruns) all.push(`${underruns} in the stimulus (server late: ${short(lost / live.hello.fs)} s lost)`);
+  if (skipped) all.push(`${skipped} blocks not drawn (browser late)`);
+  if (silences) all.push(`${silences} without an answer from the server`);
+  return all.join("; ") || "none";
 }
 
 const median = all => all.slice().sort((a, b) => a - b)[all.length >> 1];
 function lag() {
   if (!live.drawn.length) return "";
   const heardToo = sound.played.length ? `, to the sound card ${median(sound.played).toFixed(0)} ms` : "";
-  const gaps = sound.figures ? ` Gaps in the sound: ${sound.figures.under}.` : "";
-  return `From the pointer to the picture ${median(live.drawn).toFixed(0)} ms${heardToo} (medians).${gaps}`;
+  return `From the pointer to the picture ${median(live.drawn).toFixed(0)} ms${heardToo} (medians), without the smoothing of the pointer.`;
 }
 
 /** What is drawn with a frame, but takes at most a third of the time, on however slow a machine. */
@@ -222,15 +285,18 @@ function tick(now) {
     field.dirty = false;
     hand.take(now, () => field.draw(colours, live.outputs));
   }
-  const db = meter(Math.min(0.2, (now - before) / 1000)), telling = now - told > 250;
+  const telling = live.hello && now - told > 250;
+  meter(Math.min(0.2, (now - before) / 1000));
   before = now;
   if (telling) {
     told = now;
     sound.ask();
     $("lag").textContent = lag();
     $("where").textContent = field.words();
-    $("level").textContent = `${db.toFixed(0)} dB`.replace("-", "−");
-    $("meter").setAttribute("aria-valuenow", db.toFixed(0));
+    $("level").textContent = loudness();
+    $("meter").setAttribute("aria-valuenow", Math.round(QUIET * (1 - part)));
+    $("meter").setAttribute("aria-valuetext", $("level").textContent);
+    $("gaps").textContent = gaps();
     const on = now - clipped < 2000;
     if (on !== $("clip").classList.contains("on")) { // told once, as it is read aloud
       $("clip").classList.toggle("on", on);

@@ -26,6 +26,16 @@ export class History {
     });
     this.end = first + n;
   }
+  /** Root mean square of the newest `n` of a signal. */
+  rms(i, n) {
+    const ring = this.rings[i];
+    let sum = 0, all = 0;
+    for (let k = Math.max(0, this.end - n); k < this.end; k++) {
+      const v = ring[k % this.size];
+      if (v === v) { sum += v * v; all++; }
+    }
+    return Math.sqrt(sum / (all || 1));
+  }
   newest(i) { return this.end ? this.rings[i][(this.end - 1) % this.size] : NaN; }
   /** The newest `n` of a signal, or null where there are fewer. */
   last(i, n) {
@@ -120,22 +130,22 @@ export function frame(g, box, colours, xs, ys, name) {
 
 /** One panel over time: signals of one unit, with a legend that says their values. */
 export class Panel {
-  /** `signals`: [{index, name, unit, low, high}], low and high where a range is known. */
+  /** `signals`: [{index, name, unit, low, high, least}]: low and high where a range is known, least of what vibrates. */
   constructor(signals, history, parent) {
     Object.assign(this, { signals, history, top: 0, bottom: 0, strip: new Strip(), fitted: [] });
-    const names = signals.map(s => s.name).join(", ");
+    const names = signals.map(s => s.name).join(", "), vibrates = !!signals[0].least;
     this.root = document.createElement("figure");
-    this.root.className = "plot";
+    this.root.className = vibrates ? "plot vibration" : "plot";
     const legend = document.createElement("figcaption");
     this.values = signals.map(({ name }, i) => {
       const item = legend.appendChild(document.createElement("span")), mark = item.appendChild(document.createElement("i"));
       mark.className = `mark mark-${i % 6 + 1}`;
-      item.append(name, " = ");
+      item.append(name, vibrates ? " above 40 Hz: " : " = ");
       return item.appendChild(document.createElement("output"));
     });
     this.canvas = document.createElement("canvas");
     this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", `Curve of ${names} over the last seconds`);
+    this.canvas.setAttribute("aria-label", `Curve of ${vibrates ? "what vibrates in " : ""}${names} over the last seconds`);
     this.values.forEach((v, i) => { v.setAttribute("aria-label", signals[i].name); v.setAttribute("aria-live", "off"); });
     this.root.append(legend, this.canvas);
     parent.append(this.root);
@@ -163,7 +173,7 @@ export class Panel {
   /** Takes what is new; the first bin that is. The scale follows. */
   take() {
     const { signals, history, curves } = this;
-    let first = Infinity, low = Infinity, high = -Infinity;
+    let first = Infinity, high = signals[0].least ?? -Infinity, low = -high;
     signals.forEach(({ index }, i) => {
       first = Math.min(first, curves[i].take(history.rings[index], history.end));
       for (const v of curves[i].low) if (v < low) low = v;
@@ -174,12 +184,13 @@ export class Panel {
   }
 
   draw(fs, seconds, colours, told) {
-    const { canvas, history, signals, back, strip } = this, ratio = devicePixelRatio || 1;
+    const { canvas, history, back, strip } = this, ratio = devicePixelRatio || 1;
+    if (told) this.tell(fs);
     if (!back.seen) return;
     const box = { x: LEFT, y: TOP, w: canvas.clientWidth - LEFT - RIGHT, h: canvas.clientHeight - TOP - BOTTOM };
     this.fit(Math.min(history.size, Math.round(seconds * fs)), Math.round(box.w * ratio));
     let first = this.take();
-    const { top, bottom } = this, { factor, unit } = scaled(signals[0].unit, Math.max(Math.abs(bottom), Math.abs(top)) * 0.999);
+    const { top, bottom } = this, { factor, unit } = this.shown();
     const paper = back.changed(seconds, top, bottom, colours, this.curves);
     if (paper) {
       axes(paper.g, box, colours, seconds, bottom * factor, top * factor, unit);
@@ -190,7 +201,17 @@ export class Panel {
     const newest = Math.floor((history.end - 1) / this.curves[0].per);
     strip.draw(this.curves, first, newest, v => zero - high * v, colours.curves);
     strip.show(back.show(), Math.round(box.x * ratio), Math.round((box.y - 2) * ratio));
-    if (told) this.values.forEach((v, i) => { v.textContent = `${short(history.newest(signals[i].index) * factor)} ${unit}`; });
+  }
+
+  /** In what its values are shown. */
+  shown(least = 0) { return scaled(this.signals[0].unit, Math.max(Math.abs(this.bottom), Math.abs(this.top), least) * 0.999); }
+
+  /** The legend, also of a curve that is out of sight. */
+  tell(fs) {
+    const { history, signals } = this, all = signals.map(s => (s.least ? history.rms(s.index, fs / 2) : history.newest(s.index)))
+      .map((v, i) => (v < signals[i].least ? 0 : v));
+    const { factor, unit } = this.shown(Math.max(...all.map(v => Math.abs(v) || 0)));
+    this.values.forEach((v, i) => { v.textContent = `${short(all[i] * factor)} ${unit}${signals[i].least ? " rms" : ""}`; });
   }
 }
 
@@ -255,12 +276,14 @@ export class Spectrum {
   }
 }
 
+export const isPlace = ({ unit }) => unit === "m" || unit === "rad";
+
 /** Signals in groups that share a panel: places of one unit, named by one letter or alike but for digits (depth1, depth2). */
 export function grouped(signals) {
   const groups = new Map();
   for (const s of signals) {
-    const stem = s.name.replace(/\d+$/, ""), place = s.unit === "m" || s.unit === "rad";
-    const key = place ? `${s.unit} ${stem.length === 1 ? "" : stem}` : `= ${s.name}`;
+    const stem = s.name.replace(/\d+$/, "");
+    const key = isPlace(s) ? `${s.unit} ${stem.length === 1 ? "" : stem}` : `= ${s.name}`;
     groups.set(key, [...groups.get(key) ?? [], s]);
   }
   return [...groups.values()];

@@ -1,8 +1,8 @@
 // The audio thread: a ring of samples at the scene's rate, read at a fractional step by a 4-point Hermite polynomial. The step is
 // steered by a PI control so that the ring's mean fill stays at its goal: two clocks never agree, so something must give, and
-// here it is at most 0.5 % of pitch. What is constant or slower than 20 Hz is taken out, as no loudspeaker has it.
+// here it is at most 0.5 % of pitch.
 "use strict";
-const SIZE = 1 << 16, MASK = SIZE - 1, FADE = 0.005, SLOW = 20;
+const SIZE = 1 << 16, MASK = SIZE - 1, FADE = 0.005;
 const QUICK = 0.5, LEARNT = QUICK * QUICK / 4; // 1/s, 1/s²: a control that is critically damped; 2000 ppm move the fill by 3 ms
 
 class Player extends AudioWorkletProcessor {
@@ -13,7 +13,7 @@ class Player extends AudioWorkletProcessor {
     this.base = Math.max(o.base, 128 / sampleRate); // s: the device takes so much at once
     this.depth = this.min = o.depth ?? 2; // blocks in the ring besides
     this.steer = o.steer ?? true;
-    this.on = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1; this.low = 0; this.pole = Math.exp(-2 * Math.PI * SLOW / sampleRate);
+    this.on = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1; this.ended = false;
     this.lost = this.under = this.skips = this.missing = 0; this.least = this.since = Infinity; this.calm = 0; this.n = 0; // since: s of silence since an underrun
     this.marks = [];
     this.port.onmessage = ({ data }) => { this.link = data.port; this.link.onmessage = ({ data: d }) => this.take(d); };
@@ -21,6 +21,7 @@ class Player extends AudioWorkletProcessor {
 
   take(d) {
     if (d.fs) { this.fs = d.fs; return; }
+    if ("end" in d) { this.ended = d.end; return; } // a session's end is no gap
     if (d.ask) {
       const { lost, under, skips, missing, mean, ratio, depth, n } = this;
       this.link.postMessage({ audio: { lost, under, skips, missing, fill: mean / this.fs, ratio, depth, n } });
@@ -49,7 +50,7 @@ class Player extends AudioWorkletProcessor {
     } else {
       if (this.since < 0.2) this.depth = Math.min(this.depth + 1, 16);
       this.on = true; this.at = this.head - this.goal() - swing;
-      this.mean = this.goal(); this.low = this.ring[Math.floor(this.at) & MASK];
+      this.mean = this.goal();
     }
     this.since += dt;
   }
@@ -80,11 +81,9 @@ class Player extends AudioWorkletProcessor {
     if (this.on) this.control(fill, dt);
     const step = this.fs / sampleRate * this.ratio;
     for (let i = 0; i < n; i++) {
-      if (this.on && this.head - this.at < 3) { this.on = false; this.under++; this.since = 0; this.calm = 0; this.least = Infinity; }
-      const y = this.read();
-      this.low = y + this.pole * (this.low - y); // of one pole, 20 Hz
+      if (this.on && this.head - this.at < 3) { this.on = false; this.under += !this.ended; this.since = this.ended ? Infinity : 0; this.calm = 0; this.least = Infinity; }
       this.gain = this.on ? Math.min(1, this.gain + up) : Math.max(0, this.gain - up);
-      out[i] = (y - this.low) * this.gain;
+      out[i] = this.read() * this.gain;
       if (this.on) this.at += step;
     }
     while (this.marks.length && this.marks[0][0] < this.at) this.link.postMessage({ played: this.marks.shift()[1] });
