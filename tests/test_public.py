@@ -282,6 +282,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "Cursor": {"input": "x"},
         "choice": {"choices": ("a", "b")},
         "rating": {"low": "smooth", "high": "rough"},
+        "analogue": {"low": "smooth", "high": "rough"},
         "ranking": {"items": ("A", "B")},
         "Stimulus": {"scene": "spring"},
         "Trial": {"stimuli": (Stimulus("spring"),)},
@@ -416,6 +417,7 @@ RESULTS = set("""
     Comparison Fit LikelihoodRatio MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit
     Placement Resonance Sweep Drift FileReport Replay SessionReport MotionFile SessionLog Loopback
     Device Saved Record Forecast Copies Levels TextureModel stimlib.plate.Answer Prompt
+    Texts
 """.split())  # fmt: skip
 """Classes that functions return, and nobody else makes."""
 
