@@ -287,12 +287,6 @@ class Layout:
         """Return the lines of text in a box: its name and its numbers."""
         q = self.program.instances[i]
         b = q.block
-        args = [
-            (n, self.program.instances[a].block) for n, a in zip(names_of(b), q.args, strict=True)
-        ]
-        numbers = [_number(n, a) for n, a in args if isinstance(a, Const)]
-        if isinstance(b, Guard):
-            return [self.names.get(i, "output"), *numbers]
         if isinstance(b, Input):
             return [b.name]
         if isinstance(b, Pick):
@@ -302,20 +296,25 @@ class Layout:
             return ["loop", " ".join(kinds[:6]) + " \u2026" * (len(kinds) > 6)]
         if isinstance(b, Param):
             return [b.name, f"{b.value:g} {self.unit(i)}".strip()]
+        numbers = []
+        for name, arg in zip(names_of(b), q.args, strict=True):
+            if isinstance(self.program.instances[arg].block, Const):
+                numbers.append(_number(name, self.program.instances[arg].block))
+        if isinstance(b, Guard):
+            return [self.names.get(i, "output"), *numbers]
         if b.sign:
             # the order does not matter, so the field's name does not
             if numbers and isinstance(b, Mul | Add):
                 numbers = [n.split(" = ")[1] for n in numbers]
                 return [" ".join([b.sign, *numbers])]
             return [b.sign, *numbers]
-        fields = [
-            f.name
-            for f in dc.fields(b)  # type: ignore[arg-type]
-            if f.name not in signals(type(b)) and not f.name.endswith("unit")
-        ]
-        data = [(n, getattr(b, n)) for n in fields]
-        lines = numbers + [_field(n, v) for n, v in data if v is not None and v is not False]
-        return [type(b).__name__, *lines[:4], *(["\u2026"] if len(lines) > 4 else [])]
+        lines = numbers
+        for f in dc.fields(b):  # type: ignore[arg-type]
+            v = getattr(b, f.name)
+            number = f.name not in signals(type(b)) and not f.name.endswith("unit")
+            if number and v is not None and v is not False:
+                lines.append(_field(f.name, v))
+        return [type(b).__name__, *lines[:4], *(["\u2026"] * (len(lines) > 4))]
 
     def ordered(self, i: int) -> bool:
         """Return whether the order of a block's inputs matters."""
