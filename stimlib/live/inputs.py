@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+import weakref
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -140,7 +141,9 @@ class Inputs:
         self.row: list[float] = []  # the newest of the stream
         self.stream, self.stream_error = stream, ""
         if stream is not None:
-            threading.Thread(target=self._listen, name="stimlib stream", daemon=True).start()
+            threading.Thread(
+                target=_listen, args=(weakref.ref(self), stream), name="stimlib stream", daemon=True
+            ).start()
         self.sources = self._first(scene, ranges)
         self._see_touch()
         self._changed: dict[str, float | None] = dict.fromkeys(
@@ -189,18 +192,6 @@ class Inputs:
                 "scale": 1.0,
             }
         return found
-
-    def _listen(self) -> None:
-        """Keep the newest row of the stream, until the stream fails."""
-        assert self.stream is not None
-        try:
-            while True:
-                rows, _ = self.stream(0.1)
-                for row in rows:
-                    if all(map(math.isfinite, row)):
-                        self.row = list(row)
-        except Exception as e:
-            self.stream_error = str(e)
 
     def _see_touch(self) -> None:
         self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
@@ -338,3 +329,22 @@ class Inputs:
         if at - since < length:
             w = np.minimum(1.0, (at - since + 1 + np.arange(len(row))) / length)
             row[:] = self._from[k] + w * (row - self._from[k])
+
+
+def _listen(to: weakref.ref[Inputs], stream: Callable[[float], tuple[Any, Any]]) -> None:
+    """Keep the newest row of a stream, until it fails or nobody has the inputs any more."""
+    while True:
+        try:
+            rows, _ = stream(0.1)
+            error = ""
+        except Exception as e:
+            rows, error = [], str(e)
+        if (inputs := to()) is None:
+            return
+        for row in rows:
+            if all(map(math.isfinite, row)):
+                inputs.row = list(row)
+        if error:
+            inputs.stream_error = error
+            return
+        del inputs  # while it waits, too

@@ -3,7 +3,9 @@ sink and what waits for a page.
 """
 
 import asyncio
+import gc
 import queue
+import threading
 import time
 import tracemalloc
 
@@ -218,6 +220,26 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
         {"x": (0.0, 1.0)},
         {"x": np.zeros(5)},
     )
+
+
+def test_nobody_listens_to_a_stream_whose_inputs_are_gone():
+    calls = []
+
+    def stream(timeout):
+        calls.append(timeout)
+        time.sleep(0.01)
+        return [], []
+
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.03)}, stream=stream)
+    before = {t for t in threading.enumerate() if t.name == "stimlib stream"}
+    while not calls:
+        time.sleep(0.01)
+    del inputs
+    gc.collect()
+    end = time.monotonic() + 30
+    while any(t.is_alive() for t in before):
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def test_a_stream_drives_an_input_within_its_range():
