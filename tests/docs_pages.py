@@ -12,6 +12,8 @@ import re
 import sys
 import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -74,10 +76,13 @@ class Quiet(SimpleHTTPRequestHandler):
         pass
 
 
-def served(root: Path) -> ThreadingHTTPServer:
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(root)))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    return server
+@contextmanager
+def served(root: Path) -> Iterator[str]:
+    """The address of a folder, while it is served."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(root))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
 
 
 def looks(root: Path, browser: Browser, base: str) -> list[str]:
@@ -176,33 +181,27 @@ def costs(browser: Browser, base: str, name: str) -> None:
     print(f"{name}: {size / 1000:.0f} kB in {parts} files, first drawing after {first or 0:.0f} ms")
 
 
-def report(folder: Path) -> Path:
-    """The report of a shipped scene."""
+def report(path: Path) -> None:
+    """Write the report of a shipped scene."""
     import stimlib
     from stimlib.motion import minimum_jerk
 
     scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()}
     rendered = stimlib.render(scene, motion, fs=8000, seconds=2.0)
-    stimlib.verify(scene, motion, rendered).to_html(folder / "report.html")
-    return folder / "report.html"
+    stimlib.verify(scene, motion, rendered).to_html(path)
 
 
 def faults_of(root: Path) -> list[str]:
     """All that is wrong with the pages in a folder."""
-    server, browser = served(root), Browser()
-    base = f"http://127.0.0.1:{server.server_port}"
-    try:
+    with closing(Browser()) as browser, served(root) as base:
         faults = looks(root, browser, base) + front(browser, base) + searches(browser, base)
         faults += copies(browser, base)
         for name in ("index.html", "gallery/scenes/plot_squeeze.html"):
             costs(browser, base, name)
-        with tempfile.TemporaryDirectory() as folder:
-            reports = served(report(Path(folder)).parent)
-            costs(browser, f"http://127.0.0.1:{reports.server_port}", "report.html")
-            reports.shutdown()
-    finally:
-        browser.close()
-        server.shutdown()
+    with closing(Browser()) as browser, tempfile.TemporaryDirectory() as folder:
+        report(Path(folder) / "report.html")
+        with served(Path(folder)) as base:
+            costs(browser, base, "report.html")
     return faults
 
 

@@ -71,6 +71,8 @@ def test_many_blocks_fit_a_phone_and_few_sheets(browser, tmp_path, noises, most)
         assert page.js("document.documentElement.scrollWidth") == wide
     page.js("document.querySelectorAll('details').forEach(d => d.open = true)")
     page.size(390, 844)
+    name = "document.querySelector('.checks tbody tr:nth-child(2) td:nth-child(2)')"
+    assert page.js(f"{name}.getBoundingClientRect().width") > 120, "a name is no column of letters"
     assert page.js("document.documentElement.scrollWidth") == 390, "unfolded, too"
     assert sheets(page) <= most
     page.close()
