@@ -7,7 +7,7 @@ ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Tests start hundreds of interpreters: where this is set, each of them compiles 2600 modules anew, three seconds of it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test tests test-lowest test-newest stress stress-real-time stress-rest soak randomness lint style types docs bench lock clean
+.PHONY: demo test tests test-lowest test-newest stress stress-real-time stress-rest soak randomness lint style types docs docs-measure bench lock clean
 
 # An environment of exactly the releases in a file, all of them checked by hash, and stimlib itself built in it by one of them.
 define environment
@@ -103,6 +103,10 @@ soak: .venv/ready
 
 docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
+
+# What a browser makes of the pages: cut code, overflow, alt texts, the front page, search, weight, time to the first drawing.
+docs-measure: docs
+	PYTHONPATH=tests $(BIN)/python tests/docs_pages.py docs/_build
 
 # A quarter of an hour on an idle machine; `make bench RECORD=--record` keeps the figures, else no tracked file changes.
 BENCHMARKS := short chain latency channels compile springpot bumps path streaming page work_precision power sweep cluster vocabulary vocabulary_blocks elementary plate jax_target psychometric recovery experiments

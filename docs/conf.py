@@ -6,8 +6,11 @@ import re
 import sys
 from pathlib import Path
 
+from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.ext.autosummary import Autosummary
+from sphinx.util.docutils import SphinxDirective
+from sphinx_gallery import backreferences
 from sphinx_gallery.sorting import ExplicitOrder
 
 import stimlib
@@ -51,6 +54,10 @@ sphinx_gallery_conf = {  # written beside the pages; -D plot_gallery=0 runs none
     "min_reported_time": 3600,
 }
 
+backreferences.THUMBNAIL_TEMPLATE = backreferences.THUMBNAIL_TEMPLATE.replace(
+    ":alt:", ":alt: A panel of: {title}"
+)
+
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["wide.css"]
@@ -78,6 +85,37 @@ class Functions(Autosummary):
         return super().run()
 
 
+class Shown(SphinxDirective):
+    """Pictures and sounds of pages of the gallery, each with a link to its page.
+
+    Without the programs' output (-D plot_gallery=0) the links stand alone.
+    """
+
+    has_content = True
+
+    def run(self):
+        lines = [".. container:: shown", ""]
+        for name in self.content:
+            path = Path(self.env.srcdir) / "gallery" / f"{name}.rst"
+            self.env.note_dependency(str(path))
+            text = path.read_text()
+            drawn = re.search(r"^\.\. image-sg:: (\S+)\n   :alt: (.+)", text, re.M)
+            sounds = re.findall(r"^ +<audio.*\n +<p>.*</p>$", text, re.M)
+            link = f":doc:`/gallery/{name}`"
+            if drawn:
+                made = [f".. figure:: {drawn[1]}", f"   :alt: {drawn[2]}", "", f"   {link}"]
+            else:
+                made = [f"In the gallery: {link}"]
+            for sound in sounds:
+                said = [f"      {line.strip()}" for line in sound.splitlines()]
+                made += ["", *("   " * bool(drawn) + line for line in (".. raw:: html", ""))]
+                made += said
+            lines += [f"   {line}" for line in [*made, ""]]
+        around = nodes.Element()
+        self.state.nested_parse(StringList(lines, source=self.env.docname), 0, around)
+        return around.children
+
+
 def plain_marks(app, what, name, obj, options, lines):
     """Docstrings are written to be read as text: `name` is code, and a bar is a bar."""
     for i, line in enumerate(lines):
@@ -91,4 +129,5 @@ def plain_marks(app, what, name, obj, options, lines):
 
 def setup(app):
     app.add_directive("functions", Functions)
+    app.add_directive("shown", Shown)
     app.connect("autodoc-process-docstring", plain_marks, priority=400)

@@ -15,8 +15,10 @@ import sys
 import textwrap
 from pathlib import Path
 
+import docs_pages
 import pytest
 import typer
+from live.chromium import where as chromium
 from typer.testing import CliRunner
 
 from stimlib import blocks
@@ -36,9 +38,9 @@ def text_of(*pages: str) -> str:
     return "\n".join(p.read_text() for p in PAGES if not pages or p.name in pages)
 
 
-def build(builder, folder):
-    """From a copy, because the gallery is written beside the pages; its scripts are not
-    run here but in test_gallery.py.
+def build(builder, folder, gallery=False):
+    """From a copy, because the gallery is written beside the pages; its scripts are run
+    in test_gallery.py, and here if asked for.
     """
     shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*MADE))
     for name in ("benchmarks", "examples", "stimlib"):
@@ -52,8 +54,7 @@ def build(builder, folder):
         "-q",
         "-b",
         builder,
-        "-D",
-        "plot_gallery=0",
+        *([] if gallery else ["-D", "plot_gallery=0"]),
     ]
     done = subprocess.run(
         [*command, "docs", "made"], cwd=folder, capture_output=True, text=True, timeout=900
@@ -82,6 +83,38 @@ def test_pages_load_nothing_from_elsewhere(tmp_path):
         assert not re.search(r"(?:url\(|@import) *[\"']?(?:https?:)?//", style.read_text()), (
             style.name
         )
+
+
+@pytest.mark.stress
+@pytest.mark.xdist_group("chromium")
+@pytest.mark.skipif(
+    chromium() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"
+)
+def test_pages_in_a_browser(tmp_path):
+    """Code, tables and pictures at three widths, the front page, search and copying."""
+    assert docs_pages.faults_of(build("html", tmp_path, gallery=True)) == []
+
+
+def test_words_that_people_search_for_are_on_a_page():
+    """The search of the pages finds what stands there; it looks for the parts of a
+    hyphenated word."""
+    pages = [set(re.findall(r"\w+", p.read_text().lower())) for p in PAGES]
+    for word in docs_pages.SEARCHED:
+        parts = set(re.findall(r"\w+", word.lower()))
+        assert any(parts <= page for page in pages), f"say on a page what there is for {word}"
+
+
+def test_reference_pages_show_their_pages_of_the_gallery():
+    """All of a family of blocks, and the one of a scene."""
+    for page in (p for p in PAGES if p.parent.name in ("blocks", "scenes") and p.stem != "index"):
+        room = ROOT / "examples" / "gallery" / page.parent.name
+        own = [f.stem for f in room.glob("plot_*.py")]
+        if page.parent.name == "blocks":
+            own = [n for n in own if n.split("_")[1] == page.stem]
+        else:
+            own = [n for n in own if n == f"plot_{page.stem}"]
+        shown = page.read_text().partition("\n.. shown::\n\n")[2].partition("\n\n")[0].split()
+        assert sorted(shown) == [f"{page.parent.name}/{n}" for n in sorted(own)] != [], page
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))

@@ -13,6 +13,7 @@ GALLERY = ROOT / "examples" / "gallery"
 PROGRAMS = sorted(GALLERY.glob("*/plot_*.py"))
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")  # it would be printed on the page
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)
 def test_a_program_draws_and_sounds(program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -55,6 +56,8 @@ def test_a_sound_stands_in_the_page_itself(tmp_path, monkeypatch):
     figure = Figure()
     flat, square = figure.subplots(2, 1, height_ratios=(1, 8))
     flat.plot([0, 1]), square.plot([0, 1])
+    square.set(xlabel="time", ylabel="force")
+    (tmp_path / "plot_it.py").write_text('"""\nA hiss\n======\n"""\n')
     for name in ("hiss.wav", "hiss.wav.json"):
         (tmp_path / name).write_bytes(b"RIFF")
     given = {
@@ -64,6 +67,9 @@ def test_a_sound_stands_in_the_page_itself(tmp_path, monkeypatch):
     }
     rst = shown(None, given, {"src_dir": str(tmp_path)})
     assert '<audio controls src="data:audio/wav;base64,UklGRg==">' in rst and "it.png" in rst
+    (tmp_path / "plot_it.py").unlink()
     assert {p.name for p in tmp_path.iterdir()} == {"it.png", "thumb.png"}
     wide, high = imread(tmp_path / "thumb.png").shape[1::-1]
     assert "thumb" not in rst and wide < 2 * high, "the thumbnail is the panel that fills it"
+    assert wide < 500, "its letters are large"
+    assert ":alt: A hiss: force over time\n" in rst, "what it shows, for those who do not see it"

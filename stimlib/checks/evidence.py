@@ -65,6 +65,7 @@ class Tap:
     f_high: float
     run: str  # what tells its segment, if it is in one
     seed: int
+    title: str  # the output, and the noise where the output has several
     spectrum: spectra.Spectrum | None = None
 
     @property
@@ -310,7 +311,12 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
         # a copy, or all that was seen would be kept
         gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0
         its = e.seed if seed is None else seed
-        e.taps.append(Tap(block, output, gated[gate], gated, gate, model, low, high, run, its))
+        keys = [c.noise_key for c in reach([block.block]) if c.noise_key]
+        which = "".join(", white({}, {})".format(*key) for key in keys) + run
+        title = output + which * (sum(other[0] == output for other in found) > 1)
+        e.taps.append(
+            Tap(block, output, gated[gate], gated, gate, model, low, high, run, its, title)
+        )
     free = seen[n + 2 * len(found) :]
     for name, y, on in zip(free_noises(e.scene), free[::2], free[1::2], strict=True):
         e.whites[name] = y[on > 0]

@@ -61,13 +61,13 @@ def generator(e: Evidence) -> list[Check]:
             e.taps[k] = dc.replace(t, stream=np.concatenate(more[k]))
         if fed[k] is None:
             why = "a parameter, a gate or another generator is in it, or it runs before sample 0"
-            e.skipped.append(f"samples of {t.name} in {t.output}: {why}")
+            e.skipped.append(f"samples of {t.name} in {t.title}: {why}")
             continue
         text = f"its filter fed with that generator, {samples[k]} samples"
         checks.append(
             Check(
                 "c",
-                f"{t.output}: noise as displayed",
+                f"{t.title}: noise as displayed",
                 float(off[k] / (top[k] or 1.0)),
                 FILTERED,
                 text,
@@ -175,7 +175,7 @@ def noise(e: Evidence) -> list[Check]:
     for k, t in enumerate(e.taps):
         if t.model is None:
             e.skipped.append(
-                f"spectrum of {t.name} in {t.output}: no law of all its blocks is known"
+                f"spectrum of {t.name} in {t.title}: no law of all its blocks is known"
             )
             continue
         s = (
@@ -185,23 +185,15 @@ def noise(e: Evidence) -> list[Check]:
         )
         if s is None:
             e.skipped.append(
-                f"spectrum of {t.name} in {t.output}: only {t.stream.size / e.fs:.3g} s enabled,"
+                f"spectrum of {t.name} in {t.title}: only {t.stream.size / e.fs:.3g} s enabled,"
                 " too short to test"
             )
             continue
         e.taps[k] = dc.replace(t, spectrum=s)
-        text = f"{s.level_db:+.3f} dB over {t.stream.size / e.fs:.3g} s"
-        checks.append(
-            Check(
-                "c",
-                f"{t.output}: spectrum, {len(s.bands)} bands",
-                _surprise(s.p),
-                _surprise(share),
-                text,
-            )
-        )
+        text = f"{len(s.bands)} bands, {s.level_db:+.3f} dB over {t.stream.size / e.fs:.3g} s"
+        checks.append(Check("c", f"{t.title}: spectrum", _surprise(s.p), _surprise(share), text))
     for a, b, low, high, size in pairs(e):
-        name = f"{a.output} and {b.output}: independence"
+        name = f"{a.title} and {b.title}: independence"
         if not np.isfinite(size):
             e.skipped.append(
                 f"{name}: they begin with one seed, or have too few frequencies in common to tell"

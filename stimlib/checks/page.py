@@ -9,7 +9,7 @@ import hashlib
 import html
 import json
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from importlib.metadata import version
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..core.definitions import definitions
+from ..core.graph import reach
 from ..errors import BadValue, shown
 from ..files.sidecar import describe, sidecar_of
 from ..motion.text import parse_motion
@@ -35,13 +36,41 @@ GROUPS = {
     "f": "each block, from the rows that it got",
 }
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;
-padding:0 1rem;color:#222}
+padding:0 1rem;color:#222;overflow-wrap:anywhere}
+h1{font-size:1.6rem;line-height:1.25;overflow-wrap:break-word}
 table{border-collapse:collapse;width:100%;font-size:13px}
-td,th{padding:.25rem .5rem;border-bottom:1px solid #ddd;text-align:left}
-td.n{text-align:right;font-variant-numeric:tabular-nums}.ok{color:#176b2c}.bad{color:#fff;background:#b3261e}
-h1 span{padding:0 .5rem;border-radius:.3rem}svg{width:100%;height:auto}
+td,th{padding:.25rem .5rem;border-bottom:1px solid #ddd;text-align:left;vertical-align:top}
+th{overflow-wrap:normal}tr tr:last-child td{border:0}td.ok,td.bad{white-space:nowrap}
+td.n{text-align:right;font-variant-numeric:tabular-nums;overflow-wrap:normal}.ok{color:#176b2c}
+.bad{color:#fff;background:#b3261e;print-color-adjust:exact;-webkit-print-color-adjust:exact}
+h1 span{padding:0 .5rem;border-radius:.3rem;box-decoration-break:clone}h1 span.ok{padding:0}
+figure{margin:1rem 0;overflow-x:auto}svg{width:100%;height:auto}
 code,pre{background:#f3f3f3;padding:.1rem .3rem}
-pre{white-space:pre-wrap;overflow-wrap:anywhere;font-size:12px}.small{color:#666;font-size:13px}"""
+pre{white-space:pre-wrap;font-size:12px}.small{color:#666;font-size:13px}
+.scene{max-height:20rem;overflow-y:auto;background:#f3f3f3}summary{cursor:pointer}
+@media screen and (max-width:40rem){h1{font-size:1.3rem}table{font-size:12px}
+td,th{padding:.2rem .25rem}.checks,.checks>*{display:block}
+.checks>*>tr{display:grid;grid-template-columns:3.6rem 1fr 4rem 4rem;gap:0 .3rem}
+.checks>*>tr>:nth-child(5){grid-column:2/-1}.checks>*>tr>[colspan]{grid-column:1/-1}
+.checks>*>tr>:not(:last-child){border:0}}
+@page{margin:12mm}
+@media print{body{max-width:none;margin:0;padding:0;font-size:9pt;line-height:1.3}
+h1{font-size:14pt}h2{font-size:11pt;margin:8pt 0 3pt}h2,h3,summary{break-after:avoid}
+p,ul,pre{margin:3pt 0}table,.small{font-size:7.5pt}td,th{padding:.8pt 3pt}
+tr,figure{break-inside:avoid}tr:has(>[colspan]){break-after:avoid}.all{display:none}
+figure{margin:4pt 0}svg{min-width:0!important;max-height:23cm}
+pre{font-size:7pt}.scene{max-height:none;overflow:visible}
+.scene pre{font-size:6.2pt;line-height:1.2}}"""
+MANY = 3  # equal rows, above which one row stands for them
+
+
+def document(title: str, body: str) -> str:
+    """Return a self-contained HTML page, for screens of any width and for paper."""
+    return (
+        '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport"'
+        f' content="width=device-width,initial-scale=1"><title>{_q(title)}</title>'
+        f"<style>{STYLE}</style>{body}</html>\n"
+    )
 
 
 def page(
@@ -50,17 +79,65 @@ def page(
     """Return the HTML of the report; texts from files are escaped."""
     good = sum(c.passed for c in checks)
     kind = "bad" if e.unknown or good < len(checks) else "ok"
-    word = f'<span class="{kind}">{_q(verdict(good == len(checks), e.unknown))}</span>'
-    drawn = "".join(f"<h2>{_q(title)}</h2>{svg}" for title, svg in figures(e))
+    word = f'<span class="{kind}">{_q(headline(good == len(checks), e))}</span>'
+    drawn = "".join(picture(title, svg) for title, svg in figures(e))
+    return document(
+        what,
+        f"<h1>{word}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p>{_laws(e)}{drawn}"
+        f"<h2>What was displayed</h2>{facts(_displayed(e))}"
+        f"<h2>What was compared</h2>{table_of(checks)}"
+        f"<h2>Numbers in the scene</h2>{items(e.numbers)}"
+        f"<h2>With which certainty</h2>{_certainty(certain)}"
+        f"<h2>Which block is held</h2>{_blocks(e)}"
+        f"<h2>Not checked</h2>{_reasons(e.skipped)}"
+        f"<h2>How to reproduce it</h2>{_reproduced(e, command)}",
+    )
+
+
+def picture(title: str, svg: str) -> str:
+    """Return the HTML of a figure below its heading."""
+    wide = float(svg.partition('width="')[2].partition("pt")[0] or 0)
     return (
-        '<!doctype html><html lang="en"><meta'
-        f' charset="utf-8"><title>{_q(what)}</title><style>{STYLE}</style><h1>{_q(e.source)}'
-        f" {word}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p><h2>What was"
-        f" displayed</h2>{facts(_displayed(e))}<h2>Against which"
-        f" model</h2>{_model(checks, e)}<h2>With which certainty</h2>{_certainty(certain)}<h2>What"
-        f" was compared</h2>{table_of(checks)}<h2>Which block is held</h2>{_blocks(e)}<h2>Not"
-        f" checked</h2>{items(e.skipped)}{drawn}<h2>How to reproduce"
-        f" it</h2>{_reproduced(e, command)}</html>\n"
+        f'<figure><h2>{_q(title)}</h2><svg role="img" aria-label="{_q(title)}"'
+        f' style="min-width:{0.8 * wide:.0f}px"{svg.removeprefix("<svg")}</figure>'
+    )
+
+
+def headline(passed: bool, e: Evidence) -> str:
+    """Return the verdict, and what the recording was held against."""
+    known = {p.law: None for p in e.scene.parts if p.given is not None and p.law not in e.unknown}
+    free = sum(bool(h.why) for h in e.held)
+    against = (
+        f"the law{'s' if len(known) > 1 else ''} of {', '.join(list(known)[:MANY])}"
+        + (f" and {len(known) - MANY} more" if len(known) > MANY else "")
+        if known
+        else f"the laws of its {len(e.held) - free} blocks, each by itself"
+        + (f" ({free} more have none)" if free else "")
+        + "; no law of the whole scene is known"
+    )
+    word = verdict(passed, e.unknown).replace("passed", "Passed", 1)
+    return f"{word}{', held' if e.unknown else ''} against: {against}"
+
+
+def _laws(e: Evidence) -> str:
+    """Return the law of each part in words, or what it means that there is none."""
+    if not e.scene.parts:
+        return (
+            "<p>Each block was compared with its own law, on the signals that it got. Whether these"
+            " blocks together are the intended stimulus was not checked: the scene states no law"
+            " for it.</p>"
+        )
+    said = [
+        (p.name or "The scene", f"the law {p.law}, with {dict(p.given or {})}")
+        if "." in p.law
+        else (p.name, ROWS[p.law].words if p.law in ROWS else "not known here")
+        for p in e.scene.parts
+    ]
+    return "".join(
+        f"<p>{_q(': '.join(filter(None, same[0])))}"
+        + (f" ({len(same)} times)" if same[1:] else "")
+        + "</p>"
+        for same in alike(said, lambda named: named[1])
     )
 
 
@@ -89,23 +166,73 @@ def items(texts: Iterable[str]) -> str:
     return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
 
 
+def alike(rows: Iterable[Any], key: Callable[[Any], Any]) -> list[list[Any]]:
+    """Return rows with equal keys in one list if there are more than ``MANY``.
+
+    The others are alone in theirs.
+    """
+    groups: dict[Any, list[Any]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return [
+        part
+        for same in groups.values()
+        for part in ([same] if len(same) > MANY else [[row] for row in same])
+    ]
+
+
+def _folded(summary: str, content: str) -> str:
+    """Return content to unfold on a screen; on paper it is left out."""
+    return f'<details class="all"><summary>{_q(summary)}</summary>{content}</details>' * bool(
+        content
+    )
+
+
 def table_of(checks: list[Check]) -> str:
-    """Return an HTML table of every check, by group."""
+    """Return an HTML table of the checks by group, equal ones in one row.
+
+    That row has the largest measured value of them, relative to its limit, and all of
+    them to unfold. Checks that failed have a row each.
+    """
     rows = []
     for group, title in GROUPS.items():
         here = [c for c in checks if c.group == group]
         if here:
             rows.append(f'<tr><th colspan="5">({group}) {_q(title)}</th></tr>')
-        for c in here:
-            mark = '<td class="ok">ok</td>' if c.passed else '<td class="bad">FAILED</td>'
-            numbers = f'<td class="n">{c.measured:.3g}</td><td class="n">{c.limit:.3g}</td>'
-            rows.append(f"<tr>{mark}<td>{_q(c.name)}</td>{numbers}<td>{_q(c.text)}</td></tr>")
+        for same in alike(here, lambda c: (c.passed or c.name, c.name.rpartition(": ")[2])):
+            worst = max(same, key=lambda c: c.measured / c.limit if c.limit else c.measured)
+            name, text, each = worst.name, worst.text, ""
+            if same[1:]:
+                of, _, kind = name.rpartition(": ")
+                name, text = f"{kind}, {len(same)} checks", f"worst of {of}: {text}"
+                each = f"<table>{''.join(_row(c.name, c.text, c) for c in same)}</table>"
+            rows.append(_row(name, text, worst, _folded(f"all {len(same)}", each)))
     head = (
         "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
     )
     return (
-        f'<table>{head}{"".join(rows)}</table><p class="small">Checks of chance are given as -log10'
-        " p.</p>"
+        f'<table class="checks"><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table><p'
+        ' class="small">Checks of chance are given as -log10 p. A number after the name of a block'
+        " is its place in the list of blocks in scene.json, from 0. <code>stimlib verify --json"
+        "</code> prints every check.</p>"
+    )
+
+
+def _row(name: str, text: str, c: Check, more: str = "") -> str:
+    mark = '<td class="ok">ok</td>' if c.passed else '<td class="bad">FAILED</td>'
+    return (
+        f'<tr>{mark}<td>{_q(name)}</td><td class="n">{c.measured:.3g}</td><td'
+        f' class="n">{c.limit:.3g}</td><td>{_q(text)}{more}</td></tr>'
+    )
+
+
+def _reasons(texts: list[str]) -> str:
+    """Return an HTML list of what was not checked, equal reasons in one item."""
+    return items(
+        f"{same[0].rpartition(': ')[0]} and {len(same) - 1} more: {same[0].rpartition(': ')[2]}"
+        if same[1:]
+        else same[0]
+        for same in alike(texts, lambda text: text.rpartition(": ")[2])
     )
 
 
@@ -125,8 +252,11 @@ def _blocks(e: Evidence) -> str:
         f' class="n">{len(same)}</td>{_held(same[0], min(h.least for h in same))}</tr>'
         for kind, same in kinds.items()
     )
+    place = {id(b): f"{k} " for k, b in enumerate(reach(e.scene.outputs.values()))}
     each = "".join(
-        f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td>{_held(h, h.least)}</tr>" for h in rest
+        f"<tr><td>{place.get(id(h.block), '')}{_q(f'{h.block!r}{h.where}')}</td>"
+        f"{_held(h, h.least)}</tr>"
+        for h in rest
     )
     unheld = "".join(
         f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td><td>{_q(h.why)}</td></tr>" for h in free
@@ -137,11 +267,12 @@ def _blocks(e: Evidence) -> str:
     return (
         f"<p>{len(rest)} blocks are held by a law of their own, on the rows that they got;"
         f" {len(free)} are not{':' if free else '.'}</p>{unheld}"
-        f"<table><tr><th>class</th><th>blocks</th>{numbers}</tr>{classes}</table>"
+        f"<table><thead><tr><th>class</th><th>blocks</th>{numbers}</tr></thead>{classes}</table>"
         f'<p class="small">The worst block of each class; an error is a part of the row, such as of'
         f" a gain.</p>"
-        "<details><summary>Each"
-        f" block</summary><table><tr><th>block</th>{numbers}</tr>{each}</table></details>"
+        + _folded(
+            f"all {len(rest)} blocks", f"<table><tr><th>block</th>{numbers}</tr>{each}</table>"
+        )
     )
 
 
@@ -181,32 +312,16 @@ def _spec(m: object) -> str:
     return describe(m) if callable(m) else f"array of {len(m)} samples"  # type: ignore[arg-type]
 
 
-def _model(checks: list[Check], e: Evidence) -> str:
-    """Return the law of the scene in words, its numbers, and each block's law."""
-    known = {
-        f"{p.name}: {ROWS[p.law].words}" if p.name else ROWS[p.law].words: None
-        for p in e.scene.parts
-        if p.law in ROWS
-    }
-    own = [
-        f"{p.name or 'The scene'}: the law {p.law}, with {dict(p.given or {})}"
-        for p in e.scene.parts
-        if "." in p.law
-    ]
-    said = (
-        "; ".join([*known, *own]) or "No law of the whole scene is known; these of its blocks are."
-    )
-    blocks = dict.fromkeys(f"{c.name.split(':')[0]}: {c.text}" for c in checks if c.group == "a2")
-    return f"<p>{_q(said)}</p>{items([*e.numbers, *blocks])}"
-
-
 def _certainty(found: list[Shows]) -> str:
     rows = []
-    for s in found:
+    for same in alike(found, lambda s: (s.check.rpartition(": ")[2], s.kind, s.unit)):
+        s = max(same, key=lambda s: (s.size != s.size, s.size))
         none = "none, up to all of it" if s.unit == OF_IT else "none, however large"
         size = f"{s.size:.3g} {s.unit}" if s.size == s.size else none
+        of, _, kind = s.check.rpartition(": ")
+        check = f"{kind}, {len(same)} times; worst of {of}" if same[1:] else s.check
         rows.append(
-            f"<tr><td>{_q(s.check)}</td><td>{_q(s.kind)}</td><td"
+            f"<tr><td>{_q(check)}</td><td>{_q(s.kind)}</td><td"
             f' class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>'
         )
     asked = (
@@ -222,7 +337,7 @@ def _certainty(found: list[Shows]) -> str:
         "<p>All checks but those of chance are exact: what passes their limit is seen, always."
         " Spectra, independence and slopes are of chance. Together they refuse one correct"
         f" rendering in {1 / ALARM:.0f}, and an error of the size below they see in this recording"
-        f" with 95 % or more.{asked}</p><table>{head}{''.join(rows)}</table>"
+        f" with 95 % or more.{asked}</p><table><thead>{head}</thead>{''.join(rows)}</table>"
     )
 
 
@@ -255,8 +370,8 @@ def _reproduced(e: Evidence, command: str | None) -> str:
     text = json.dumps(e.scene.to_dict(), separators=(",", ":"))
     return (
         f"{_installed(used)}{_beside(e)}{again}{_program(e, signal)}<p>Hashes are"
-        f" SHA-256.</p>{facts(rows)}<details><summary>scene.json, for"
-        f" <code>stimlib.load</code></summary><pre>{_q(text)}</pre></details>"
+        f" SHA-256.</p>{facts(rows)}<h3>scene.json, for"
+        f' <code>stimlib.load</code></h3><div class="scene"><pre>{_q(text)}</pre></div>'
     )
 
 

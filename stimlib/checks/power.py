@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,13 +76,14 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
         if t.spectrum is not None:
             f = spectra.bins(t.stream.size, e.fs, t.f_low, t.f_high) * e.fs / t.stream.size
             found += [
-                Shows(f"{t.output}: spectrum", *row, CHANCE) for row in of_spectrum(f, e.share)
+                Shows(f"{t.title}: spectrum", *row, CHANCE)
+                for row in _of_bins(f.tobytes(), e.share)
             ]
     for a, b, _, _, size in pairs(e):
         if np.isfinite(size):
             found.append(
                 Shows(
-                    f"{a.output} and {b.output}: independence",
+                    f"{a.title} and {b.title}: independence",
                     "noise in common",
                     size,
                     "correlation",
@@ -184,6 +186,12 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
     ]
 
 
+@lru_cache(maxsize=512)
+def _of_bins(f: bytes, alarm: float) -> list[tuple[str, float, str]]:
+    """Return ``of_spectrum`` for frequencies as bytes, which many noises share."""
+    return of_spectrum(np.frombuffer(f), alarm)
+
+
 def critical(a: np.ndarray, p: float) -> float:
     """Return the value that a sum of a (E - 1) exceeds with probability p."""
     high = 4.0
@@ -211,6 +219,7 @@ def smallest(power: Callable[[float], float]) -> float:
     return float(scipy.optimize.brentq(lambda e: power(e) - CHANCE, low, 2 * low, rtol=1e-4))
 
 
+@lru_cache(maxsize=512)
 def smallest_share(bins: int, alarm: float) -> float:
     """Return the smallest correlation of two noises that the test detects.
 
@@ -226,14 +235,13 @@ def smallest_share(bins: int, alarm: float) -> float:
     (0.146, nan)
     """
     z, size = (
-        scipy.stats.norm.isf(alarm / 2),
+        -scipy.special.ndtri(alarm / 2),
         np.sqrt(2 * scipy.stats.gamma.isf((np.arange(400) + 0.5) / 400, bins)),
     )
 
     def lacks(rho: float) -> float:
         return (
-            float(np.mean(scipy.stats.norm.sf((z - rho * size) / math.sqrt(1 - rho * rho))))
-            - CHANCE
+            float(np.mean(scipy.special.ndtr((rho * size - z) / math.sqrt(1 - rho * rho)))) - CHANCE
         )
 
     top = 1 - 1e-9

@@ -196,7 +196,7 @@ def linear_blocks(e: Evidence) -> list[Check]:
                     f"{name}: impulse response",
                     apart,
                     ROUNDING,
-                    "compiled taps = discrete response",
+                    f"compiled taps = discrete response of {b!r}",
                 )
             )
         else:
@@ -210,7 +210,13 @@ def linear_blocks(e: Evidence) -> list[Check]:
         for law in b.laws(e.fs):
             error = law.error(partial(_response, transfer, p, e.fs), e.fs)
             checks.append(
-                Check("a2", f"{name}: physical law", error, law.tol * (1 + 1e-6), law.text)
+                Check(
+                    "a2",
+                    f"{name}: physical law",
+                    error,
+                    law.tol * (1 + 1e-6),
+                    f"{law.text}, of {b!r}",
+                )
             )
     return checks
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..checks.figures import svg
-from ..checks.page import STYLE, facts, items
+from ..checks.page import document, facts, items, picture
 from ..errors import UnknownName, need, public, shown
 from ..system import safe_files
 from .fits import Fit, logarithmic
@@ -138,16 +138,15 @@ def write_report(
             )
         label = f"level / {unit}" if unit else "level"
         size = 3.0 * min(ACROSS, len(fits)), 2.5 * -(-len(fits) // ACROSS)
-        parts.append(
-            "<h2>Psychometric"
-            f" functions</h2>{svg(lambda figure: _curves(figure, fits, label), size)}"
-        )
-        picture = svg(lambda figure: _residuals(figure, fits, answers), size)
-        parts.append(
-            "<h2>Residuals over time</h2><p>Answers minus the curve, summed over stretches of"
-            " trials in their order, in standard deviations: a steady participant is within the"
-            f" dotted lines in 19 of 20.</p>{picture}"
-        )
+        curves = svg(lambda figure: _curves(figure, fits, label), size)
+        residuals = svg(lambda figure: _residuals(figure, fits, answers), size)
+        parts += [
+            picture("Psychometric functions", curves),
+            picture("Residuals over time", residuals),
+            "<p>Answers minus the curve, summed over stretches of trials in their order, in"
+            " standard deviations: a steady participant is within the dotted lines in 19 of"
+            " 20.</p>",
+        ]
         parts.append(
             "<p>Fits that are not to be used as they"
             f" are:</p>{items(flagged)}{_table(_fits(fits, by, unit))}"
@@ -155,17 +154,11 @@ def write_report(
     if any(columns["track"]):
         tracks = grouped(columns, ("participant", "condition"))
         size = 3.0 * min(ACROSS, len(tracks)), 2.0 * -(-len(tracks) // ACROSS)
-        parts.append(
-            f"<h2>Staircases</h2>{svg(lambda figure: _tracks(figure, tracks, unit), size)}"
-        )
+        parts.append(picture("Staircases", svg(lambda f: _tracks(f, tracks, unit), size)))
     parts += [f"<h2>{_q(name)}</h2>{_table(plain(rows))}" for name, rows in (tables or {}).items()]
     made = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy"))
-    text = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_q(title)}</title>'
-        f"<style>{STYLE}</style><h1>{_q(title)}</h1>{''.join(parts)}"
-        f'<p class="small">Made with {_q(made)}.</p></html>\n'
-    )
-    safe_files.publish(path, text)
+    body = f'<h1>{_q(title)}</h1>{"".join(parts)}<p class="small">Made with {_q(made)}.</p>'
+    safe_files.publish(path, document(title, body))
 
 
 def _q(text: object) -> str:

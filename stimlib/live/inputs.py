@@ -332,7 +332,7 @@ class Inputs:
 
 
 def _listen(to: weakref.ref[Inputs], stream: Callable[[float], tuple[Any, Any]]) -> None:
-    """Keep the newest row of a stream, until it fails or nobody has the inputs any more."""
+    """Keep the newest row of a stream until it fails or its inputs are gone."""
     while True:
         try:
             rows, _ = stream(0.1)

@@ -15,15 +15,16 @@ from stimlib.soft import nodules
 
 nodule = nodules([(0.04, 0.06, 0.006)])
 x, y = stimlib.Input("x", "m"), stimlib.constant(0.06, "m")
+hand = ramp_and_hold(0.12, 2.4)  # m, s
 result = stimlib.render(
     stimlib.Scene({"x": cursor(x, y, nodule).x}),
-    {"x": ramp_and_hold(0.12, 0.05)},
+    {"x": hand},
     fs=1000,
     seconds=2.4,
 )
 figure = Figure(figsize=(8, 4), layout="constrained")
 axes = figure.subplots()
-axes.plot(result.t, 1000 * ramp_and_hold(0.12, 0.05)(result.t), label="hand")
+axes.plot(result.t, 1000 * hand(result.t), label="hand")
 axes.plot(result.t, 1000 * result["x"], label="cursor")
 axes.set(xlabel="time / s", ylabel="place / mm")
 axes.legend()
