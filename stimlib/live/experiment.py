@@ -42,6 +42,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -57,7 +58,7 @@ from ..experiments.experiment import Experiment
 from ..experiments.presentation import present, spans
 from ..experiments.texts import Texts
 from ..experiments.trial import Trial
-from ..system import fields
+from ..system import fields, safe_files
 from . import protocol
 from .site import Page
 
@@ -302,10 +303,10 @@ class ExperimentPage(Keyed):
         if self._log is None or not self._layouts or self._drawn.get(text) == drawn:
             return
         self._drawn[text], self._layouts = drawn, self._layouts - 1
-        with suppress(OSError), open(self._log, "a", encoding="utf-8") as f:  # a disk that is full
-            f.write(
-                json.dumps({"time": time.time(), "trial": self._trial, "text": text} | drawn) + "\n"
-            )
+        line = json.dumps({"time": time.time(), "trial": self._trial, "text": text} | drawn) + "\n"
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
+        with suppress(OSError), open(safe_files.opened(self._log, flags), "ab") as f:
+            f.write(line.encode())  # unless the disk is full, or it is no file of stimlib's own
 
     async def run(self) -> None:
         """Send signs of life until the server ends."""

@@ -234,6 +234,16 @@ def test_the_log_of_layouts_has_room_for_so_many_in_a_trial(tmp_path, monkeypatc
     ]
 
 
+def test_layouts_follow_no_link(tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "page.jsonl").symlink_to(tmp_path / "mine")
+    face, page_ = ExperimentPage(lambda text: None, log=tmp_path / "page.jsonl"), Page()
+    face.join(page_)
+    face._become("ask", text="?", keys=[], apart=[], line=True)
+    face.do(page_, {"do": "drawn", "number": 1, "wide": 1, "high": 1, "boxes": []})
+    assert (tmp_path / "mine").read_text() == "mine" and face._layouts == asking_module.LAYOUTS - 1
+
+
 def test_an_earlier_page_that_goes_is_not_missed():
     notes = []
     face, (first, second) = ExperimentPage(notes.append), (Page(), Page())
