@@ -105,11 +105,14 @@ def picture(title: str, svg: str) -> str:
 
 def headline(passed: bool, e: Evidence) -> str:
     """Return the verdict, and what the recording was held against."""
-    known = {p.law: None for p in e.scene.parts if p.given is not None and p.law not in e.unknown}
+    parts = [p for p in e.scene.parts if p.given is not None and p.law not in e.unknown]
+    known = {p.law: None for p in parts}
+    lawless = [n for n in e.scene.outputs if all(n not in p.outputs.values() for p in parts)]
+    lawless *= all(p.outputs for p in parts)  # the others do not say which are theirs
     free = sum(bool(h.why) for h in e.held)
     against = (
-        f"the law{'s' if len(known) > 1 else ''} of {', '.join(list(known)[:MANY])}"
-        + (f" and {len(known) - MANY} more" if len(known) > MANY else "")
+        f"the law{'s' if len(known) > 1 else ''} of {_some(list(known))}"
+        + (f"; no law of {_some(lawless)} as a whole is known" if lawless else "")
         if known
         else f"the laws of its {len(e.held) - free} blocks, each by itself"
         + (f" ({free} more have none)" if free else "")
@@ -117,6 +120,12 @@ def headline(passed: bool, e: Evidence) -> str:
     )
     word = verdict(passed, e.unknown).replace("passed", "Passed", 1)
     return f"{word}{', held' if e.unknown else ''} against: {against}"
+
+
+def _some(names: list[str]) -> str:
+    """Return the first names, and how many there are besides."""
+    more = f" and {len(names) - MANY} more" if len(names) > MANY else ""
+    return ", ".join(names[:MANY]) + more
 
 
 def _laws(e: Evidence) -> str:

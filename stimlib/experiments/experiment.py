@@ -8,7 +8,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from typing import Any
 
@@ -441,6 +441,8 @@ def _plain(v: Any) -> Any:
         return {str(k): _plain(w) for k, w in v.items()}
     if isinstance(v, (list, tuple)):
         return [_plain(w) for w in v]
+    if isinstance(v, partial):
+        return _plain({"class": "partial", "of": v.func, "args": v.args, "keywords": v.keywords})
     if callable(v):
         return f"{getattr(v, '__module__', '')}.{getattr(v, '__qualname__', type(v).__name__)}"
     if hasattr(v, "tolist"):

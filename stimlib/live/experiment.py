@@ -42,6 +42,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -57,10 +58,12 @@ from ..experiments.experiment import Experiment
 from ..experiments.presentation import present, spans
 from ..experiments.texts import Texts
 from ..experiments.trial import Trial
-from ..system import fields
+from ..system import fields, safe_files
 from . import protocol
 from .site import Page
 
+LAYOUTS = 300
+"""Largest number of lines in the log of layouts for each trial."""
 LONGEST = 4000
 """Largest number of characters in an answer, such as a ranking of many words;
 `ask.html` has the same limit.
@@ -114,7 +117,8 @@ class ExperimentPage(Keyed):
         The texts for the participant; English by default.
     log : path, optional
         File to which a line of JSON is added when a question is drawn in a new way: the
-        size of the window, and the boxes of the buttons, in order.
+        size of the window, and the boxes of the buttons, in order; at most ``LAYOUTS``
+        lines in each trial.
 
     Examples
     --------
@@ -131,6 +135,7 @@ class ExperimentPage(Keyed):
         self.pages: list[Page] = []
         self._note, self._log, self.texts = note, log, texts
         self._drawn: dict[str, Any] = {}  # how each question was drawn last
+        self._layouts = LAYOUTS  # that the log may still take in this trial
         self._changed = threading.Condition()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._over = False
@@ -168,7 +173,7 @@ class ExperimentPage(Keyed):
 
     def ready(self, text: str) -> None:
         """Wait for any key of the participant; show the experimenter the trial."""
-        self._trial = text
+        self._trial, self._layouts = text, LAYOUTS
         self._note(text)
         super().ready(text)
 
@@ -293,15 +298,15 @@ class ExperimentPage(Keyed):
         return "" if good else "there is no such key"
 
     def _keep(self, message: dict[str, Any]) -> None:
-        """Add to the log how a question is drawn, unless it has the same layout."""
+        """Add to the log how a question is drawn, if that is new and it has room."""
         text, drawn = self._state["text"], {k: message[k] for k in ("wide", "high", "boxes")}
-        if self._log is None or self._drawn.get(text) == drawn:
+        if self._log is None or not self._layouts or self._drawn.get(text) == drawn:
             return
-        self._drawn[text] = drawn
-        with suppress(OSError), open(self._log, "a", encoding="utf-8") as f:  # a disk that is full
-            f.write(
-                json.dumps({"time": time.time(), "trial": self._trial, "text": text} | drawn) + "\n"
-            )
+        self._drawn[text], self._layouts = drawn, self._layouts - 1
+        line = json.dumps({"time": time.time(), "trial": self._trial, "text": text} | drawn) + "\n"
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
+        with suppress(OSError), open(safe_files.opened(self._log, flags), "ab") as f:
+            f.write(line.encode())  # unless the disk is full, or it is no file of stimlib's own
 
     async def run(self) -> None:
         """Send signs of life until the server ends."""

@@ -336,14 +336,13 @@ def _listen(to: weakref.ref[Inputs], stream: Callable[[float], tuple[Any, Any]])
     while True:
         try:
             rows, _ = stream(0.1)
-            error = ""
+            rows, error = [list(row) for row in rows if all(map(math.isfinite, row))], ""
         except Exception as e:
             rows, error = [], str(e)
         if (inputs := to()) is None:
             return
-        for row in rows:
-            if all(map(math.isfinite, row)):
-                inputs.row = list(row)
+        if rows:
+            inputs.row = rows[-1]
         if error:
             inputs.stream_error = error
             return

@@ -241,6 +241,14 @@ def test_the_headline_names_three_laws_and_counts_blocks_that_have_none(bumped):
     assert " of its 1 blocks, each by itself (1 more have none)" in headline(True, report.evidence)
 
 
+def test_the_headline_names_outputs_whose_law_is_not_known():
+    scene = Scene.combine(screen=stimlib.scenes.bumps(), mine=Scene({"y": 2 * Input("z")}))
+    motion = {"screen_x": np.zeros(64), "mine_z": np.ones(64)}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
+    said = "Passed against: the law of bumps; no law of mine_y as a whole is known"
+    assert headline(report.passed, report.evidence) == said
+
+
 def test_an_error_that_is_never_seen_is_said_to_be_so(bumped, text_of):
     text = text_of(
         bumped.evidence,

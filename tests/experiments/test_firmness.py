@@ -154,3 +154,7 @@ def test_bounciness_roves_firmness():
             bouncy.bounciness().designed("P01", 1), 1, made.observer, stream(1, "person")
         )
     } == {1.0}
+    facts = [bouncy.bounciness(rove).facts() for rove in (0.0, 0.2, 0.3)]
+    assert len({f["key"] for f in facts}) == 3  # their sessions are not analysed as one
+    assert facts[0]["design"].endswith(".bounciness.session")
+    assert facts[1]["design"]["keywords"] == {"rove": 0.2}

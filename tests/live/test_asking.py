@@ -213,6 +213,37 @@ def test_an_earlier_page_answers_nothing():
     assert "it was answered" in second.texts[-1][1]
 
 
+def test_the_log_of_layouts_has_room_for_so_many_in_a_trial(tmp_path, monkeypatch):
+    """A page that sends them without end does not fill the disk."""
+    monkeypatch.setattr(asking_module, "LAYOUTS", 3)
+    face, page_ = ExperimentPage(lambda text: None, log=tmp_path / "page.jsonl"), Page()
+    face.join(page_)
+    for trial in ("Trial 1", "Trial 2"):
+        thread = threading.Thread(target=face.ready, args=(trial,))
+        thread.start()
+        while face._state["phase"] != "ask":
+            time.sleep(0.001)
+        asked_now = {"number": face._number, "high": 1.0, "boxes": []}
+        for wide in range(50):
+            face.do(page_, {"do": "drawn", "wide": wide} | asked_now)
+        face.do(page_, {"do": "answer", "number": face._number, "text": ""})
+        thread.join(5)
+    lines = map(json.loads, (tmp_path / "page.jsonl").read_text().splitlines())
+    assert [(d["trial"], d["wide"]) for d in lines] == [
+        (trial, wide) for trial in ("Trial 1", "Trial 2") for wide in range(3)
+    ]
+
+
+def test_layouts_follow_no_link(tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "page.jsonl").symlink_to(tmp_path / "mine")
+    face, page_ = ExperimentPage(lambda text: None, log=tmp_path / "page.jsonl"), Page()
+    face.join(page_)
+    face._become("ask", text="?", keys=[], apart=[], line=True)
+    face.do(page_, {"do": "drawn", "number": 1, "wide": 1, "high": 1, "boxes": []})
+    assert (tmp_path / "mine").read_text() == "mine" and face._layouts == asking_module.LAYOUTS - 1
+
+
 def test_an_earlier_page_that_goes_is_not_missed():
     notes = []
     face, (first, second) = ExperimentPage(notes.append), (Page(), Page())

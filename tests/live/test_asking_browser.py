@@ -8,8 +8,9 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,8 @@ from live.asked import TYPED, asked, every
 from live.chromium import Browser, where
 
 from stimlib.cli import terminal
+from stimlib.errors import SinkError
+from stimlib.experiments.answer_keys import Prompt
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Cursor, Timing
 from stimlib.experiments.questions import analogue, choice, rating
@@ -28,6 +31,8 @@ from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Rate
 from stimlib.experiments.trial import Stimulus
+from stimlib.live.experiment import ExperimentPage
+from stimlib.live.server import Server
 
 pytestmark = [
     pytest.mark.xdist_group("browser"),
@@ -403,6 +408,34 @@ def test_a_whole_session_by_touch_in_german(browser, tmp_path):
     drawn = [json.loads(line) for line in running.layouts.read_text().splitlines()]
     asked_for = [json.dumps(d["boxes"]) for d in drawn if d["text"] == "Which one was that?"]
     assert asked_for and all(a != b for a, b in itertools.pairwise(asked_for)), "what has changed"
+
+
+def test_a_page_that_goes_to_another_session_shows_its_question(browser):
+    """Its number is that of a question that the page shows from the session before."""
+    said = []
+
+    def ask(session):
+        with suppress(SinkError):  # the server has ended before the answer
+            said.append(face.read(Prompt(f"{session}?", {"1": f"{session} one"})))
+
+    port = 0
+    for session, token in (("Old", "A"), ("New", "B")):
+        face = ExperimentPage(lambda text: None)
+        with Server(face, port=port, token=token) as server:
+            thread = threading.Thread(target=ask, args=(session,))
+            thread.start()
+            if not port:
+                port, page = server.port, browser.page(server.url, 900, 700)
+            page.js(f"location.hash = '{token}'")
+            page.until(f"open && {TEXT} === '{session}?'")
+            assert f"{session} one" in page.js("document.querySelector('#keys').textContent")
+            if session == "New":
+                time.sleep(0.26)
+                page.key("1")
+                thread.join(10)
+        thread.join(10)
+    assert said == ["1"]
+    page.close()
 
 
 def focused(page):

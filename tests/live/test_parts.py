@@ -291,6 +291,16 @@ def test_a_stream_drives_an_input_within_its_range():
     )
 
 
+@pytest.mark.parametrize("rows", [[["left"]], [1.0], [[10**400]], None])
+def test_a_stream_of_rows_that_are_none_has_ended(rows):
+    """An error of its rows is told like one of its own."""
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.03)}, stream=lambda timeout: (rows, []))
+    end = time.monotonic() + 20
+    while not inputs.stream_error and time.monotonic() < end:
+        time.sleep(0.001)
+    refused(BadValue, "the stream has ended: ", inputs.choose, "x", **{"from": "stream"})
+
+
 def test_a_page_is_told_of_the_surface_and_its_avatars():
     scene = soft_surface("multipoint")
     view = description(scene, ranges_of(scene), dict.fromkeys(scene.outputs, 1.0), {})["view"]

@@ -81,7 +81,7 @@ def bounciness(rove: float = 0.0) -> Experiment:
         name="bounciness",
         version="1",
         scenes={f"{alpha:g}": viscoelastic(alpha) for pair in PAIRS.values() for alpha in pair},
-        design=partial(session, rove=rove),
+        design=partial(session, rove=rove) if rove else session,
         questions=(
             choice(
                 "bouncier",

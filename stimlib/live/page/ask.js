@@ -180,7 +180,7 @@ function watch() {
 const again = () => { away = performance.now(); connect(); };
 connect();
 setInterval(watch, 250);
-addEventListener("hashchange", again); // the address of a session that was resumed at the same port
+addEventListener("hashchange", () => { if (state) state.number = null; again(); }); // another session, with the same numbers
 for (const back of ["online", "visibilitychange"]) addEventListener(back, () => { if (!open && !final) again(); });
 addEventListener("resize", report);
 $("retry").onclick = again;
