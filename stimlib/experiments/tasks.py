@@ -274,11 +274,9 @@ class Roved:
     ...     "green": Stimulus("S2", {"firmness": 1.0}),
     ... }
     >>> task = Roved(OneInterval("0.25", "bouncier", pair), "firmness", 1.2)
-    >>> [
-    ...     round(task.trial("red", 1, n).stimuli[0].params["firmness"], 3)
-    ...     for n in (0, 1)
-    ... ]
-    [1.05, 0.972]
+    >>> trials = [task.trial("red", seed=1, n=n) for n in (0, 1)]
+    >>> [round(trial.stimuli[0].params["firmness"], 3) for trial in trials]
+    [1.092, 1.022]
     """
 
     task: Task

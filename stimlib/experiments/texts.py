@@ -54,7 +54,7 @@ def texts_of(language: str | os.PathLike[str] = "en") -> Texts:
     """
     if language in _SHIPPED:
         return Texts(_SHIPPED[str(language)])
-    what, english = f"language = {os.fspath(language)!r:.80}", _SHIPPED["en"]
+    what, english = f"language = {os.fspath(language)!r}", _SHIPPED["en"]
     if not os.fspath(language).endswith(".toml"):
         raise BadValue(f"{what} must be one of {', '.join(_SHIPPED)}, or a file .toml with texts")
     raw = safe_files.read(language, "sidecar_bytes", BadValue)

@@ -53,20 +53,25 @@ class shipped(NamedTuple):
 
     def __call__(self, make: F) -> F:
         """Add a scene's function to the table."""
-        name, signature = make.__name__, inspect.signature(make)
-
-        @functools.wraps(make)
-        def made(*args: Any, **named: Any) -> Scene:
-            scene = make(*args, **named)
-            bound = signature.bind(*args, **named)
-            bound.apply_defaults()
-            replaced = scene.parts[0].given if scene.parts else {}
-            scene.parts = parts_of(name, {**bound.arguments, **(replaced or {})})
-            return scene
-
-        ROWS[name] = self
-        SHIPPED[name] = checked = public(made)
+        ROWS[make.__name__] = self
+        SHIPPED[make.__name__] = checked = public(lawful(make))
         return cast(F, checked)
+
+
+def lawful(make: F) -> F:
+    """Let the scenes of a function keep its name, as that of their law, and arguments."""
+    name, signature = make.__name__, inspect.signature(make)
+
+    @functools.wraps(make)
+    def made(*args: Any, **named: Any) -> Scene:
+        scene = make(*args, **named)
+        bound = signature.bind(*args, **named)
+        bound.apply_defaults()
+        replaced = scene.parts[0].given if scene.parts else {}
+        scene.parts = parts_of(name, {**bound.arguments, **(replaced or {})})
+        return scene
+
+    return cast(F, made)
 
 
 def above_zero(scene: str, **numbers: float) -> None:

@@ -164,8 +164,10 @@ def test_filtered_noise_is_proven():
     proof = verify(scene, {}, result)
     laws = [c for c in proof.checks if c.name == "Filter: physical law"]
     assert proof.passed and [c.text for c in laws] == [
-        "elliptic bandpass of order 2",
-        "butterworth lowpass of order 3",
+        "elliptic bandpass of order 2, of Filter(White(..), band='bandpass', low=100.0, high=300.0,"
+        " order=2, kind='elliptic', ripple=1.0, attenuation=60.0)",
+        "butterworth lowpass of order 3, of Filter(White(..), band='lowpass', low=500.0, order=3,"
+        " kind='butterworth', ripple=1.0, attenuation=60.0)",
     ]
     assert max(c.measured for c in laws) < 1e-13
 

@@ -20,6 +20,7 @@ from laws import STRESS
 import stimlib
 from stimlib.errors import StimlibError, public
 from stimlib.scenes import SHIPPED
+from stimlib.scenes.shipped import lawful
 
 FS, SECONDS = 4000, 0.4
 WORDS = {  # arguments under which more of a function is used
@@ -82,7 +83,7 @@ def function_of(name):
     make = SHIPPED[name]
     module = ast.parse(inspect.getsource(sys.modules[make.__module__]))
     body = next(n for n in module.body if isinstance(n, ast.FunctionDef) and n.name == name)
-    body.decorator_list = [ast.Name("public")]  # a mutant is not shipped
+    body.decorator_list = [ast.Name("public"), ast.Name("lawful")]  # a mutant is not shipped
     numbers = {"float": float, "int": int, "float | None": float}
     kinds = {
         p.name: numbers[p.annotation]
@@ -106,7 +107,7 @@ def mutant(name, k):
             tree.body[0].body[i] = change.visit(statement)
     if not change.said:
         return None
-    space = vars(sys.modules[make.__module__]) | {"public": public}
+    space = vars(sys.modules[make.__module__]) | {"public": public, "lawful": lawful}
     space |= {"larger": lambda v: v and 1.25 * v, "more": lambda v: v + 1}
     exec(
         compile(
