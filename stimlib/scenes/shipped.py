@@ -55,11 +55,11 @@ class shipped(NamedTuple):
         """Add a scene's function to the table."""
         ROWS[make.__name__] = self
         SHIPPED[make.__name__] = checked = public(lawful(make))
-        return cast(F, checked)
+        return checked
 
 
 def lawful(make: F) -> F:
-    """Let the scenes of a function keep its name, as that of their law, and arguments."""
+    """Let the scenes of a function keep its arguments, and its name for their law."""
     name, signature = make.__name__, inspect.signature(make)
 
     @functools.wraps(make)
