@@ -574,7 +574,8 @@ def test_numbers_and_units_as_people_write_them(first):
         """import('./scales.js').then(m => [
         m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01), m.pretty('N*s/m**2'), m.pretty('1/s'),
         m.scaled('m', 0.02), m.scaled('N', 3),
-        m.short(1234.5), m.short(0.0123), m.roundUp(0.13)])"""
+        m.short(1234.5), m.short(0.0123), m.roundUp(0.13),
+        m.ticks(-15, 15, 2.5).at, m.ticks(0, 15, 2.5).at])"""
     )
     assert out[:4] == [6, "−0.05", "N·s/m²", "Hz"]
     assert out[4:] == [
@@ -583,6 +584,8 @@ def test_numbers_and_units_as_people_write_them(first):
         "1235",
         "0.0123",
         pytest.approx(0.15),
+        [-10, 0, 10],
+        [0, 10],
     ]
 
 

@@ -187,8 +187,7 @@ $("map").onchange = e => { field.hard = e.target.checked; field.dirty = true; };
 $("sound").onclick = async () => {
   try {
     const on = await sound.toggle();
-    $("sound").setAttribute("aria-pressed", String(on));
-    $("sound").textContent = on ? "Sound off" : "Sound on";
+    $("sound").textContent = on ? "Turn sound off" : "Turn sound on";
   } catch (e) { note(`No sound: ${e.message}`); }
 };
 
