@@ -71,9 +71,9 @@ function become(state) {
     silences = 0;
     refit();
   }
-  enable();
   show.params?.(state.params);
   show.sources?.(state.sources);
+  enable(); // what was drawn anew, too
   field.set({ sources: state.sources });
   $("log").textContent = state.log && runs() ? `Recording to ${state.log}` : state.recorded;
   note(state.why);
