@@ -1,8 +1,8 @@
 """Does vibration make an object feel softer?  An experiment in one page, after the
 UGrip paper, section 2.2.
 
-    stimlib experiment run examples/which_is_softer.py:softer --participant P07 --sink
-    jack stimlib experiment simulate examples/which_is_softer.py:softer
+    stimlib experiment run examples/which_is_softer.py:softer --participant P07
+    stimlib experiment simulate examples/which_is_softer.py:softer
 
 As a program it lets one simulated participant answer, every stimulus rendered.
 """

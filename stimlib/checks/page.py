@@ -33,7 +33,7 @@ GROUPS = {
     "c": "noise",
     "d": "force law",
     "e": "limits and gates",
-    "f": "each block, from the rows that it got",
+    "f": "each block, on the signals that it got",
 }
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;
 padding:0 1rem;color:#222;overflow-wrap:anywhere}
@@ -41,7 +41,8 @@ h1{font-size:1.6rem;line-height:1.25;overflow-wrap:break-word}
 table{border-collapse:collapse;width:100%;font-size:13px}
 td,th{padding:.25rem .5rem;border-bottom:1px solid #ddd;text-align:left;vertical-align:top}
 th{overflow-wrap:normal}tr tr:last-child td{border:0}td.ok,td.bad{white-space:nowrap}
-td.n{text-align:right;font-variant-numeric:tabular-nums;overflow-wrap:normal}.ok{color:#176b2c}
+.checks td.n{white-space:nowrap}.n{text-align:right;overflow-wrap:normal}
+td.n{font-variant-numeric:tabular-nums}.ok{color:#176b2c}
 .bad{color:#fff;background:#b3261e;print-color-adjust:exact;-webkit-print-color-adjust:exact}
 h1 span{padding:0 .5rem;border-radius:.3rem;box-decoration-break:clone}h1 span.ok{padding:0}
 figure{margin:1rem 0;overflow-x:auto}svg{width:100%;height:auto}
@@ -84,11 +85,11 @@ def page(
     return document(
         what,
         f"<h1>{word}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p>{_laws(e)}{drawn}"
-        f"<h2>What was displayed</h2>{facts(_displayed(e))}"
+        f"<h2>What was verified</h2>{facts(_displayed(e))}"
         f"<h2>What was compared</h2>{table_of(checks)}"
         f"<h2>Numbers in the scene</h2>{items(e.numbers)}"
-        f"<h2>With which certainty</h2>{_certainty(certain)}"
-        f"<h2>Which block is held</h2>{_blocks(e)}"
+        f"<h2>How small an error would be detected</h2>{_certainty(certain)}"
+        f"<h2>Each block and its law</h2>{_blocks(e)}"
         f"<h2>Not checked</h2>{_reasons(e.skipped)}"
         f"<h2>How to reproduce it</h2>{_reproduced(e, command)}",
     )
@@ -104,7 +105,7 @@ def picture(title: str, svg: str) -> str:
 
 
 def headline(passed: bool, e: Evidence) -> str:
-    """Return the verdict, and what the recording was held against."""
+    """Return the verdict, and what the recording was compared with."""
     parts = [p for p in e.scene.parts if p.given is not None and p.law not in e.unknown]
     known = {p.law: None for p in parts}
     lawless = [n for n in e.scene.outputs if all(n not in p.outputs.values() for p in parts)]
@@ -217,13 +218,14 @@ def table_of(checks: list[Check]) -> str:
                 each = f"<table>{''.join(_row(c.name, c.text, c) for c in same)}</table>"
             rows.append(_row(name, text, worst, _folded(f"all {len(same)}", each)))
     head = (
-        "<tr><th></th><th>check</th><th>measured</th><th>limit</th><th>what it compares</th></tr>"
+        '<tr><th></th><th>check</th><th class="n">measured</th><th class="n">limit</th>'
+        "<th>what it compares</th></tr>"
     )
     return (
         f'<table class="checks"><thead>{head}</thead><tbody>{"".join(rows)}</tbody></table><p'
-        ' class="small">Checks of chance are given as -log10 p. A number after the name of a block'
-        " is its place in the list of blocks in scene.json, from 0. <code>stimlib verify --json"
-        "</code> prints every check.</p>"
+        ' class="small">Statistical checks are given as -log10 p. A number after the name of a'
+        " block is its place in the list of blocks in scene.json, from 0. <code>stimlib verify"
+        " --json</code> prints every check.</p>"
     )
 
 
@@ -272,11 +274,13 @@ def _blocks(e: Evidence) -> str:
     )
     if free:
         unheld = f"<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>"
-    numbers = "<th>samples</th><th>error over tolerance</th><th>smallest error that is refused</th>"
+    names = "samples", "error over tolerance", "smallest error that is detected"
+    numbers = "".join(f'<th class="n">{name}</th>' for name in names)
     return (
-        f"<p>{len(rest)} blocks are held by a law of their own, on the rows that they got;"
-        f" {len(free)} are not{':' if free else '.'}</p>{unheld}"
-        f"<table><thead><tr><th>class</th><th>blocks</th>{numbers}</tr></thead>{classes}</table>"
+        f"<p>{len(rest)} blocks were compared with their own laws, on the signals that they got;"
+        f" {len(free)} were not{':' if free else '.'}</p>{unheld}"
+        f'<table><thead><tr><th>class</th><th class="n">blocks</th>{numbers}</tr></thead>{classes}'
+        "</table>"
         f'<p class="small">The worst block of each class; an error is a part of the row, such as of'
         f" a gain.</p>"
         + _folded(
@@ -334,19 +338,20 @@ def _certainty(found: list[Shows]) -> str:
             f' class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>'
         )
     asked = (
-        " The law of the scene was asked again with each of its parameters smaller: by the part"
-        " that stands here, and it refuses these samples."
+        " The law of the scene was also computed with each of its parameters smaller, by the part"
+        " in the table: it then rejects these samples."
     )
     asked = asked if any(s.unit == OF_IT for s in found) else ""
     head = (
-        "<tr><th>check</th><th>what is wrong</th><th>smallest that is seen</th><th>how"
-        " surely</th></tr>"
+        '<tr><th>check</th><th>error</th><th class="n">smallest that is detected</th>'
+        "<th>probability</th></tr>"
     )
     return (
-        "<p>All checks but those of chance are exact: what passes their limit is seen, always."
-        " Spectra, independence and slopes are of chance. Together they refuse one correct"
-        f" rendering in {1 / ALARM:.0f}, and an error of the size below they see in this recording"
-        f" with 95 % or more.{asked}</p><table><thead>{head}</thead>{''.join(rows)}</table>"
+        "<p>Spectra, independence and slopes are statistical checks. Together they reject one"
+        f" correct rendering in {1 / ALARM:.0f}; they detect an error of the size below in this"
+        " recording with a probability of at least 95 %. All other checks are exact: they detect"
+        f" every error beyond their limit.{asked}</p><table><thead>{head}</thead>"
+        f"{''.join(rows)}</table>"
     )
 
 

@@ -180,6 +180,8 @@ def _of_options(text: str, options: Collection[str]) -> str:
         text = text[found.end() :]
     text = re.sub(r"^set\('(\w+)', (.*?)\)", r"--set \1=\2", text)
     name = re.match(r"\w*", text)[0]  # type: ignore[index]
+    if re.match(r"[/\\.-]", text[len(name) :]):  # the path of a file or folder
+        return text
     if {name, f"{name}_"} & {*options}:
         return f"--{name.replace('_', '-')}{text[len(name) :]}"
     return text

@@ -158,13 +158,15 @@ def played(
     options = {} if device is None else option(sink, "device", device)
     options |= opt.calibration(calibration)
     sent = opt.senders(send)
-    with (
-        sent as senders,
-        experiments.Session(made, data, participant, session, pilot, resume) as running,
-    ):
+    opening = experiments.Session(made, data, participant, session, pilot, resume)
+    if not resume:
+        opening.check_ahead()
+    with sent as senders, opening as running:
         options |= {"send": senders}
         if running.pilot:
-            print("PILOT: what is answered now is none of the data")
+            print("PILOT: these answers are kept apart from the data")
+        elif sink == "null":
+            note("--sink null: no device plays the stimuli; name one, such as --sink portaudio")
         if sink not in presentation.FAST:
             print("preparing what will be displayed", flush=True)
         try:

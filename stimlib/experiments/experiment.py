@@ -370,7 +370,8 @@ class Experiment:
             raise BadValue(
                 f"condition {trial.condition!r}: {first.name} has the choices"
                 f" {', '.join(first.choices) or 'none'}, the task counts {', '.join(trial.scores)}:"
-                " they must be the same"
+                " they must be the same; give the task the words of the question, in TwoInterval"
+                " as choices=(.., ..)"
             )
         try:
             json.dumps(trial.to_dict(), allow_nan=False)

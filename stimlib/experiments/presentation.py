@@ -11,7 +11,6 @@ import dataclasses as dc
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -203,8 +202,6 @@ delivered.caf in the log.
 """
 SINKS = (*KINDS, *FAST)
 """Names of all sinks."""
-AHEAD = 1000
-"""Number of trials whose programs are compiled before a session begins."""
 
 
 @public
@@ -230,7 +227,7 @@ def prepare(session: Session, sink: str, calibration: Calibration | None = None)
     """
     e, done = session.experiment, set()
     with suppress(Exception):  # of a design, on an answer that nobody may give
-        for trial in islice(session.ahead() if sink not in FAST else (), AHEAD):
+        for trial in session.ahead() if sink not in FAST else ():
             kind = tuple(s.scene for s in trial.stimuli)
             if kind in done:
                 continue

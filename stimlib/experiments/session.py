@@ -34,16 +34,19 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import islice
 from typing import Any, Self
 
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, UnknownName, public
 from ..system import safe_files
 from ..version import __version__
+from .designs import trials_of
 from .experiment import Experiment
 from .random_streams import stream
 from .reader import VERSION, Saved, blinded, folder_of, read, sealed
 from .trial import Answer, Record, Trial, observed
 
+AHEAD = 1000  # trials that are looked at before a session begins
 SPARE = 65536  # bytes; the line of a trial has about 2000
 LOG = 1 << 20  # bytes of a trial's log beside its samples: the scene, with maps, and events
 
@@ -182,6 +185,7 @@ class Session:
                 f"{self.folder} belongs to another experiment or version:"
                 f" {', '.join(wrong) or 'its key'} differs. Go on with the definition that it began"
                 " with, or give another session"
+                + ("" if saved.records else "; it has no answer, so you may delete its folder")
             )
 
     def _replay(self, record: Record) -> None:
@@ -221,12 +225,37 @@ class Session:
     def ahead(self) -> Iterator[Trial]:
         """Return possible future trials, and the stimuli for familiarisation.
 
-        The trials are those that a guessing participant would get.
+        The trials are those that a guessing participant would get, 1000 at most.
         """
         e, rng = self.experiment, stream(self.seed, "ahead")
         for known in e.familiar(self.participant, self.session).values():
             yield Trial("familiarisation", (known,), (e.questions[0].name,))
-        yield from (trial for trial, _ in observed(self.design, self.seed, e.guess, rng))
+        guessed = observed(self.design, self.seed, e.guess, rng)
+        yield from (trial for trial, _ in islice(guessed, AHEAD))
+
+    def check_ahead(self) -> None:
+        """Check the first trial, and all others that do not depend on the answers.
+
+        So a mistake in the definition is found before the session has a folder.
+
+        Raises
+        ------
+        BadValue, UnknownName
+            As `due`.
+        """
+        known = len(self.experiment.familiar(self.participant, self.session))
+        fixed = trials_of(self.design) is not None
+        trials = islice(self.ahead(), None if fixed else known + 1)
+        while True:
+            try:
+                trial = next(trials, None)
+            except UnknownName:  # a question that is none
+                raise
+            except Exception:  # of a design, on an answer that nobody may give
+                return
+            if trial is None:
+                return
+            self.experiment.check(trial)
 
     def rest(self, trial: Trial) -> float:
         """Return the remaining seconds of a rest.

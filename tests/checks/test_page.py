@@ -56,7 +56,10 @@ def text_of(monkeypatch):
 def test_one_check_that_failed_fails_the_page_and_its_row(bumped, text_of):
     good, bad = Check("b", "first", 0.0, 0.0, "t"), Check("e", "second", 1.0, 0.5, "t")
     text = text_of(bumped.evidence, [good, bad])
-    assert '<h1><span class="bad">FAILED against' in text and "1 of 2 checks passed" in text
+    assert (
+        '<h1><span class="bad">FAILED against: the law' in text
+        and "1 of 2 checks passed" in text
+    )
     assert (
         '<td class="bad">FAILED</td><td>second</td><td class="n">1</td><td class="n">0.5</td>'
         in text
@@ -128,9 +131,11 @@ def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped,
         bumped.evidence, [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in GROUPS]
     )
     _, _, compared, numbers, certainty, rest = text.split("<h2>")[:6]
-    assert compared.count('<td class="ok">ok</td>') == 7 and rest.startswith("Which block is held")
+    assert compared.count('<td class="ok">ok</td>') == 7 and rest.startswith(
+        "Each block and its law"
+    )
     assert re.findall("<li>(.*?)</li>", numbers) == bumped.evidence.numbers != []
-    assert "one correct rendering in 1000000," in certainty
+    assert "one correct rendering in 1000000;" in certainty
     for said in (["a finger that was not there"], []):
         text = text_of(dc.replace(bumped.evidence, skipped=said))
         assert f"<h2>Not checked</h2><ul><li>{said[0] if said else 'nothing'}</li></ul>" in text
@@ -225,7 +230,10 @@ def test_the_law_is_in_words_or_said_to_be_unknown(bumped, text_of):
     text, none = text_of(bumped.evidence), text_of(unknown)
     assert ROWS["bumps"].words in text and "no law of the whole scene" not in text
     head = none.partition("<h1>")[2].partition("</h1>")[0]
-    assert "Passed against: the laws of its 2 blocks, each by itself; no law of the whole" in head
+    assert (
+        "Passed against: the laws of its 2 blocks, each by itself; no law of the whole"
+        in head
+    )
     assert "together are the intended stimulus was not checked" in none
 
 
@@ -262,7 +270,7 @@ def test_an_error_that_is_never_seen_is_said_to_be_so(bumped, text_of):
 
 def test_a_parameter_is_asked_up_to_all_of_it_and_only_where_there_is_a_law(bumped, text_of):
     asked, nothing = (
-        "The law of the scene was asked again",
+        "The law of the scene was also computed",
         Shows("law of the scene", "b", np.nan, "of it", 1.0),
     )
     text = text_of(bumped.evidence, certain=[nothing])
@@ -424,7 +432,10 @@ def test_the_page_names_each_block_those_that_nothing_holds_first(tmp_path):
     )
     r.to_html(tmp_path / "a.html")
     part = (
-        (tmp_path / "a.html").read_text().partition("Which block is held")[2].partition("<h2>")[0]
+        (tmp_path / "a.html")
+        .read_text()
+        .partition("Each block and its law")[2]
+        .partition("<h2>")[0]
     )
     assert part.index("Bare") < part.index("Velocity") and "no law of its output" in part
     found = r.to_dict()["blocks"]
@@ -446,7 +457,7 @@ def test_the_page_of_many_blocks_has_a_line_for_each_class(tmp_path):
     shown = (
         (tmp_path / "a.html")
         .read_text()
-        .partition("Which block is held")[2]
+        .partition("Each block and its law")[2]
         .partition("<details")[0]
     )
     assert shown.count("<tr>") < 10 and '<td>Velocity</td><td class="n">200</td>' in shown

@@ -60,6 +60,38 @@ def stimlib(*words, typed="", status=0):
     return done.output
 
 
+def test_a_mistake_in_a_later_trial_is_found_before_the_session_has_a_folder(file, tmp_path):
+    wrong = 'dataclasses.replace(TASK, choices=("A", "B"))'
+    later = f'Sequential({{"good": design, "wrong": ConstantStimuli((({wrong}, 4.0),))}})'
+    file.write_text(
+        file.read_text()
+        + "import dataclasses\nfrom stimlib.experiments.designs import Sequential\n"
+        + f"later = experiment(design={later})\n"
+    )
+    who = "--participant", "P07", "--sink", "offline", "--data", tmp_path / "data"
+    said = stimlib("run", f"{file}:later", *who, status=2)
+    assert "they must be the same; give the task the words of the question" in said
+    assert not (tmp_path / "data").exists()
+
+
+def test_a_folder_of_data_is_no_option_and_an_empty_session_may_go(file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    who = "--participant", "P07", "--sink", "offline"
+    stimlib("run", f"{file}:short", *who, status=2)  # no answer is typed
+    said = stimlib("run", f"{file}:short", *who, status=2)
+    assert "error: data/pair/P07-s1 is there already" in said
+    file.write_text(file.read_text().replace("(TASK, 1.0)", "(TASK, 1.5)"))
+    said = stimlib("resume", f"{file}:short", *who, status=2)
+    assert "it has no answer, so you may delete its folder" in said
+
+
+def test_a_session_without_a_device_says_so_before_it_begins(file, tmp_path):
+    who = f"{file}:short", "--participant", "P07", "--data", tmp_path
+    said = "no device plays the stimuli"
+    assert said in stimlib("run", *who, status=2)
+    assert said not in stimlib("run", *who, "--pilot", status=2)
+
+
 def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     who = [
         f"{file}:short",

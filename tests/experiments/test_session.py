@@ -34,7 +34,7 @@ from stimlib.design.texture import made_up
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, SinkError, UnknownName
-from stimlib.experiments.designs import ConstantStimuli, Sequential
+from stimlib.experiments.designs import ConstantStimuli, Sequential, Staircase
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.presentation import prepare, present, program, spans
 from stimlib.experiments.questions import rating
@@ -756,6 +756,24 @@ def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):
         resume=True,
     )
     assert len(read(session.folder).records) == 4
+
+
+def test_trials_are_checked_ahead_where_they_do_not_depend_on_answers(tmp_path):
+    good, bad = (TASK, 4.0), (TASK, 80.0)
+    fixed = experiment(design=ConstantStimuli((good, bad), shuffle="none"))
+    with pytest.raises(BadValue, match="k = 80 is beyond its bounds"):
+        Session(fixed, tmp_path, "P01").check_ahead()
+    beyond = Staircase(TASK, (7.9, 8.0), (0.5, 80.0), reversals=8)
+    known = {"red": Stimulus("spring")}
+    Session(experiment(design=beyond, familiarisation=known), tmp_path, "P01").check_ahead()
+    first = Staircase(TASK, (70.0, 80.0), (0.5, 80.0), reversals=8)
+    with pytest.raises(BadValue, match="is beyond its bounds"):
+        Session(experiment(design=first, familiarisation=known), tmp_path, "P01").check_ahead()
+    odd = OneInterval("a", "odd", {"red": Stimulus("spring"), "green": Stimulus("spring")})
+    unknown = experiment(design=ConstantStimuli(((odd, "red"),)))
+    with pytest.raises(UnknownName, match="no question 'odd'"):
+        Session(unknown, tmp_path, "P01").check_ahead()
+    assert not list(tmp_path.iterdir())
 
 
 def test_data_are_never_overwritten_and_nobody_is_in_two_sessions_at_once(tmp_path):

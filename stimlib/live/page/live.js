@@ -71,9 +71,9 @@ function become(state) {
     silences = 0;
     refit();
   }
-  enable();
   show.params?.(state.params);
   show.sources?.(state.sources);
+  enable(); // what was drawn anew, too
   field.set({ sources: state.sources });
   $("log").textContent = state.log && runs() ? `Recording to ${state.log}` : state.recorded;
   note(state.why);
@@ -187,8 +187,7 @@ $("map").onchange = e => { field.hard = e.target.checked; field.dirty = true; };
 $("sound").onclick = async () => {
   try {
     const on = await sound.toggle();
-    $("sound").setAttribute("aria-pressed", String(on));
-    $("sound").textContent = on ? "Sound off" : "Sound on";
+    $("sound").textContent = on ? "Turn sound off" : "Turn sound on";
   } catch (e) { note(`No sound: ${e.message}`); }
 };
 

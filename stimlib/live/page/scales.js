@@ -19,13 +19,13 @@ export function scaled(unit, largest) {
   return { factor: 1, unit: pretty(unit) };
 }
 
-/** Round numbers from low to high, about `count` of them, in steps of 1, 2 or 5 times a power of ten. */
+/** Round numbers from low to high, about `count` of them and two at least, in steps of 1, 2 or 5 times a power of ten. */
 export function ticks(low, high, count) {
   const raw = (high - low) / Math.max(1, count), ten = 10 ** Math.floor(Math.log10(raw));
   const step = ten * ([1, 2, 5].find(k => k * ten >= raw * 0.999) ?? 10);
   const at = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) at.push(k * step);
-  return { step, at };
+  return at.length < 2 && high > low ? ticks(low, high, 2 * count) : { step, at }; // one number is no scale
 }
 
 /** A round number that is no less than x, and not much more. */

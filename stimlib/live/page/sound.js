@@ -33,7 +33,7 @@ export class Level {
 
   words() {
     const { factor, unit } = scaled(this.unit, this.full), is = `${short(this.full * factor)} ${unit}`.trim();
-    const what = `You hear what vibrates in ${this.name} above 40 Hz`;
+    const what = `The sound is what vibrates in ${this.name} above 40 Hz`;
     return this.full ? `${what}; full scale of the sound is ${is}, and it never exceeds that.` : `${what}: nothing yet.`;
   }
 }
