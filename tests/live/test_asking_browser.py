@@ -304,6 +304,13 @@ OTHERS = [
     analogue("line", "How nice?", "not at all nice", "very"),
 ]
 
+# where the text of the low end begins, and where that of the high end ends
+ENDS = """["#low", "#high"].map((id, k) => { const r = document.createRange();
+    r.selectNodeContents(document.querySelector(id));
+    return r.getBoundingClientRect()[["left", "right"][k]]; })"""
+
+TOUCH = "getComputedStyle(document.querySelector('#vas')).touchAction"
+
 
 def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, tmp_path):
     questions = (*RATED, *OTHERS)
@@ -327,6 +334,7 @@ def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, t
                 if question.kind == "analogue":
                     x, y, w, h = page.box("#vas")
                     assert not page.js("document.querySelector('#mark').checkVisibility()")
+                    assert page.js(TOUCH) == "none"  # a drag scrolls nothing
                     assert x == low[0] and x + w == pytest.approx(high[0] + high[2])
                 else:
                     sizes = [(w, h) for _, _, w, h in boxes]
@@ -338,6 +346,7 @@ def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, t
                     assert max(steps) - min(steps) <= 0.11
                     assert low[0] == boxes[0][0] and low[1] >= boxes[0][1] + boxes[0][3]
                     assert high[0] + high[2] == pytest.approx(sum(boxes[-1][::2]), abs=0.1)
+                    assert page.js(ENDS) == pytest.approx([low[0], high[0] + high[2]], abs=1)
                     assert page.js("document.querySelector('#keys').textContent") == "".join(
                         str(n + 1) for n in range(question.most)
                     )
