@@ -190,6 +190,10 @@ def test_a_pointer_is_where_it_was_reported_a_delay_later(monkeypatch):
     assert x[[1990, 2300, 2622, 2627]] == pytest.approx([0.02, 0.08, 0.08, 0.05])
     clock.now = 3.1
     assert inputs.columns(0, 10)[1].all()  # another session, which counts from 0
+    inputs.move(0, 0.6, 0.0, 0.0, 1)
+    inputs.move(0, 0.7, 0.0, 0.0, 1, 3050.0)  # a time before that of the last
+    times = [at for at, *_ in inputs._reports[0]]
+    assert times == sorted(times)
 
 
 def test_what_was_chosen_before_a_session_is_gone_over_to_once():
