@@ -292,7 +292,7 @@ RATED = [
     rating(f"r{n}", f"How rough, of {n}?", "smooth", "extremely rough", n) for n in (5, 7, 9, 11)
 ]
 OTHERS = [
-    choice("two", "Which?", "first", "second"),
+    choice("two", "Which?", "Fingerspitzengefühl", "second"),
     choice(
         "four",
         "Like what?",
@@ -309,6 +309,13 @@ ENDS = """["#low", "#high"].map((id, k) => { const r = document.createRange();
     r.selectNodeContents(document.querySelector(id));
     return r.getBoundingClientRect()[["left", "right"][k]]; })"""
 
+# no word is cut
+UNCUT = """[...document.querySelectorAll("#keys span")].every(({ firstChild: text }) =>
+    [...text.data.matchAll(/\\S+/g)].every(({ 0: word, index }) => {
+        const r = document.createRange();
+        r.setStart(text, index), r.setEnd(text, index + word.length);
+        return r.getClientRects().length === 1;
+    }))"""
 TOUCH = "getComputedStyle(document.querySelector('#vas')).touchAction"
 
 
@@ -330,7 +337,7 @@ def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, t
                 ]
                 low, high, again = page.box("#low"), page.box("#high"), page.box("#apart button")
                 assert page.js("document.documentElement.scrollWidth") <= wide
-                assert all(0 <= x and x + w <= wide for x, _, w, _ in boxes)
+                assert all(0 <= x and x + w <= wide for x, _, w, _ in boxes) and page.js(UNCUT)
                 if question.kind == "analogue":
                     x, y, w, h = page.box("#vas")
                     assert not page.js("document.querySelector('#mark').checkVisibility()")
@@ -467,7 +474,8 @@ STATE = "document.querySelector('#state').textContent"
 ENABLED = "document.querySelector('#keys button:enabled') !== null"
 LOST = f"{STATE} === 'The connection is lost. Please wait.'"
 LATER = """(() => {
-    const now = performance.now.bind(performance), Was = WebSocket;
+    const now = performance.now.bind(performance);
+    window.Was ??= WebSocket;
     window.tries = 0;
     performance.now = () => now() + 31000;
     window.WebSocket = class extends Was { constructor(at) { super(at); tries++; } };
@@ -487,6 +495,8 @@ def test_a_server_that_freezes_or_goes_is_told_within_two_seconds(browser, tmp_p
         running.asking._loop.call_soon_threadsafe(time.sleep, 3.0)
         page.until(LOST, 2.0)
         assert not page.js(ENABLED)
+        page.js(LATER.replace("31000", "6000"))
+        page.until("tries > 0", 1.0)  # the network may have forgotten the connection
         page.until(f"{STATE} === 'Connected' && {ENABLED}", 3.0)
         assert page.js(TEXT) == state["text"] == "Trial 2 of 2"
     for again in (True, False):
