@@ -212,8 +212,10 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
     inputs.choose("x", **{"from": "pressure", "finger": 3})
     inputs.move(3, 0, 0, 0.25, 1)
     assert inputs.columns(200, 500)[0, -1] == pytest.approx(1.5)
+    inputs.move(3, 0, 0, 0.25, 0)  # a finger that has left presses no more
+    assert inputs.columns(700, 500)[0, -1] == pytest.approx(1.0)
     inputs.choose("x", **{"from": "value", "value": 2.5})
-    assert inputs.columns(700, 500)[0, -1] == pytest.approx(2.5)
+    assert inputs.columns(1200, 500)[0, -1] == pytest.approx(2.5)
     refused(UnknownName, "motion of z", Inputs, SPRING, FS, {"x": (0.0, 1.0)}, {"z": np.sin})
     refused(
         BadValue,
