@@ -340,6 +340,7 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
         again, state = named(stack, server, "a")
         assert (state["role"], state["phase"], state["session"]) == ("control", "running", session)
         assert server.stream.inputs.fingers[0][3] == 0
+        assert server.stream._until.cancelled()  # the session goes on
         again.ws.close()
         assert other.until(phase="idle")["why"] == "the page that had control has gone"
         third, state = named(stack, server, "c")
