@@ -66,10 +66,10 @@ def awaited(running, page, known=0):
     return state
 
 
-def lose(running):
+def lose(running, code=1012):
     """The connection, as a network does: the page finds the server again."""
     (old,) = running.asking.pages
-    running.asking._loop.call_soon_threadsafe(old.close, 1012, "")
+    running.asking._loop.call_soon_threadsafe(old.close, code, "")
     end = time.monotonic() + 10
     while running.asking.pages in ([], [old]):
         assert time.monotonic() < end
@@ -115,7 +115,7 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(
             if len(answers) == 1 and not lost:  # in the middle of a stimulus
                 while running.asking._state["phase"] != "feel":
                     time.sleep(0.005)
-                lose(running)
+                lose(running, 4429)  # as too many messages, such as of a held key
         page.until("document.querySelector('#state').textContent.startsWith('The session is over')")
         assert page.js("document.querySelector('#told').textContent").endswith("Thank you.")
         assert page.complaints() == []
