@@ -346,6 +346,10 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
         assert server.stream.inputs.fingers[0][3] == 0
         assert server.stream._until.cancelled()  # the session goes on
         again.ws.close()
+        other.until(controlled=False)
+        late, state = named(stack, server, "d")
+        assert state["role"] == "watch"  # control is kept for another
+        late.ws.close()
         assert other.until(phase="idle")["why"] == "the page that had control has gone"
         third, state = named(stack, server, "c")
         assert state["role"] == "control"
