@@ -577,14 +577,15 @@ def test_only_what_is_missing_runs(tmp_path):
 def test_damaged_parts_run_again_and_failed_rows_when_asked(tmp_path, monkeypatch):
     rows, words = {"k": [1.0, 2.0, 3.0, 4.0]}, RUN | {"measures": [touchy]}
     whole = sweep(SPRING, rows, out=tmp_path, **words)
-    (part,) = tmp_path.glob("*.parquet")
+    part = next(tmp_path.glob("*.parquet"))  # a slow machine makes several
     data = bytearray(part.read_bytes())
     data[60] ^= 4  # one bit
     part.write_bytes(data)
     (tmp_path / "part-killed.parquet.part").write_bytes(b"PAR1")
     with pytest.warns(RuntimeWarning, match="damaged"):
         assert sweep(SPRING, rows, out=tmp_path, **words).equals(whole)
-    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".damaged", ".json", ".parquet"]
+    suffixes = [p.suffix for p in tmp_path.iterdir()]
+    assert {*suffixes} == {".damaged", ".json", ".parquet"} and suffixes.count(".damaged") == 1
     pq.write_table(pa.table({"a": [1]}), tmp_path / "other")
     for other in ((tmp_path / "other").read_bytes(), b"PAR1"):  # by its name it is whole
         (tmp_path / f"part-{hashlib.sha256(other).hexdigest()[:32]}.parquet").write_bytes(other)

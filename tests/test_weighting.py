@@ -47,10 +47,12 @@ def test_the_rms_of_tones_and_of_several_axes():
 
 
 def test_other_weightings_follow_the_standard():
-    """Asymptotes of annex A: 1 between the band limits and the transition, then 1/f."""
+    """Annex A: 1 below the transition, sqrt(2) Q at it, 1/f above; band limits."""
     for name, corner in (("Wc", 8.0), ("We", 1.0), ("Wd", 2.0)):
         fast = 20 * corner if corner < 8 else 40.0
-        assert weighting(fast, name) * fast / corner == pytest.approx(0.63 / 0.63, rel=0.12)
+        assert weighting(fast, name) * fast / corner == pytest.approx(1.0, rel=0.12)
+        limits = (1 + (0.4 / corner) ** 4) * (1 + (corner / 100) ** 4)
+        assert weighting(corner, name) == pytest.approx(0.63 * np.sqrt(2 / limits), rel=1e-12)
     assert weighting(20.0, "Wj") == pytest.approx(1.0, rel=0.02)
     assert weighting(1.5, "Wj") == pytest.approx((3.75 / 5.32) ** 2, rel=0.03)
     assert weighting(0.0) == 0

@@ -19,7 +19,7 @@ from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks import white_noise
 from stimlib.checks import figures
 from stimlib.checks.evidence import Check, gather
-from stimlib.checks.page import GROUPS, headline, page
+from stimlib.checks.page import GROUPS, alike, headline, page
 from stimlib.checks.power import Shows
 from stimlib.core.definitions import definitions
 from stimlib.core.parts import Part
@@ -490,6 +490,16 @@ def test_equal_checks_have_one_row_with_the_worst_and_each_noise_has_a_name(hiss
         assert all(compared.count(f"<td>{c.name}</td>") == 1 for c in same), "each is in the list"
         assert len({c.name for c in same}) == count
     assert "spectrum, 5 times; worst of force, white(1, " in certainty and text.count("<h1>") == 1
+    for largest, shown in ((9.0, ">9 dB<"), (np.nan, "none, however large")):
+        sizes = (1.0, 2.0, largest, 3.0)
+        shows = [Shows(f"n{k}: spectrum", "level", v, "dB", 0.95) for k, v in enumerate(sizes)]
+        certainty = text_of(hissing.evidence, hissing.checks, shows).split("<h2>")[4]
+        assert "spectrum, 4 times; worst of n2" in certainty and shown in certainty
+
+
+def test_up_to_three_equal_rows_stand_alone_and_four_are_one():
+    assert alike("abaac", str) == [["a"], ["a"], ["a"], ["b"], ["c"]]
+    assert alike("abaaac", str) == [["a", "a", "a", "a"], ["b"], ["c"]]
 
 
 def test_a_check_that_failed_is_in_no_group(hissing, text_of):

@@ -26,7 +26,7 @@ from stimlib.experiments.fits import psychometric
 from stimlib.experiments.latin_squares import check_graeco_latin, graeco_latin
 from stimlib.experiments.observers import Psychometric
 from stimlib.experiments.quest import Quest
-from stimlib.experiments.questions import choice, places, ranking, rating
+from stimlib.experiments.questions import analogue, choice, places, ranking, rating
 from stimlib.experiments.random_streams import seed_of, stream
 from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
 from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
@@ -530,6 +530,8 @@ def test_turns_go_by_the_number_of_the_participant():
     [
         (choice("q", "?", "yes", "no", keys="yn"), "yes", ["y", 1, None]),
         (rating("q", "?", "smooth", "rough"), 7, [0, 8, 3.0, True, "3"]),
+        (analogue("q", "?", "smooth", "rough"), 0, [-0.1, 100.1, True, "3", float("nan")]),
+        (analogue("q", "?", "smooth", "rough"), 100, [101]),
         (ranking("q", "?", "A", "B", "C"), ["C", "A", "B"], [["A", "B"], ["A", "A", "B"], "ABC"]),
         (
             places("q", "?", 2),
@@ -540,6 +542,7 @@ def test_turns_go_by_the_number_of_the_participant():
 )
 def test_answers_are_held_against_their_question(question, good, bad):
     question.check(good)
+    question.check(question.guess(np.random.default_rng(1)))
     for value in bad:
         refused(BadValue, "q: .* is no answer; answer ", question.check, value)
 

@@ -7,7 +7,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from experiments.some import TASK, experiment
+from experiments.some import QUESTION, TASK, experiment
 from experiments.test_session import Scripted
 from refusals import refused
 
@@ -254,3 +254,14 @@ def test_feedback_is_told_after_every_trial_that_has_a_right_answer(tmp_path):
     told = [text for text in face.noted if text in ("Right", "Wrong")]
     first = session.records[0].trial.correct["softer"] == "first"
     assert told == ["Right" if first else "Wrong", "Wrong"]
+
+
+def test_feedback_is_right_where_every_answer_of_a_trial_is(tmp_path):
+    asked = rating("rough", "How rough?", "smooth", "coarse")
+    right = {"softer": "first", "rough": 6}
+    task = Rate("c", tuple(right), Stimulus("spring"), right)
+    design, face = ConstantStimuli(((task, None),), 2), Scripted("first", 5, "first", 6)
+    made = experiment(design=design, questions=(QUESTION, asked), feedback=True)
+    with Session(made, tmp_path, "P01") as session:
+        run(session, face, lambda trial, folder: {})
+    assert [text for text in face.noted if text in ("Right", "Wrong")] == ["Wrong", "Right"]

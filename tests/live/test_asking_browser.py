@@ -71,10 +71,10 @@ def awaited(running, page, known=0):
     return state
 
 
-def lose(running):
+def lose(running, code=1012):
     """The connection, as a network does: the page finds the server again."""
     (old,) = running.asking.pages
-    running.asking._loop.call_soon_threadsafe(old.close, 1012, "")
+    running.asking._loop.call_soon_threadsafe(old.close, code, "")
     end = time.monotonic() + 10
     while running.asking.pages in ([], [old]):
         assert time.monotonic() < end
@@ -120,7 +120,7 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(
             if len(answers) == 1 and not lost:  # in the middle of a stimulus
                 while running.asking._state["phase"] != "feel":
                     time.sleep(0.005)
-                lose(running)
+                lose(running, 4429)  # as too many messages, such as of a held key
         page.until("document.querySelector('#state').textContent.startsWith('The session is over')")
         assert page.js("document.querySelector('#told').textContent").endswith("Thank you.")
         assert page.complaints() == []
@@ -297,7 +297,7 @@ RATED = [
     rating(f"r{n}", f"How rough, of {n}?", "smooth", "extremely rough", n) for n in (5, 7, 9, 11)
 ]
 OTHERS = [
-    choice("two", "Which?", "first", "second"),
+    choice("two", "Which?", "Fingerspitzengefühl", "second"),
     choice(
         "four",
         "Like what?",
@@ -308,6 +308,20 @@ OTHERS = [
     ),
     analogue("line", "How nice?", "not at all nice", "very"),
 ]
+
+# where the text of the low end begins, and where that of the high end ends
+ENDS = """["#low", "#high"].map((id, k) => { const r = document.createRange();
+    r.selectNodeContents(document.querySelector(id));
+    return r.getBoundingClientRect()[["left", "right"][k]]; })"""
+
+# no word is cut
+UNCUT = """[...document.querySelectorAll("#keys span")].every(({ firstChild: text }) =>
+    [...text.data.matchAll(/\\S+/g)].every(({ 0: word, index }) => {
+        const r = document.createRange();
+        r.setStart(text, index), r.setEnd(text, index + word.length);
+        return r.getClientRects().length === 1;
+    }))"""
+TOUCH = "getComputedStyle(document.querySelector('#vas')).touchAction"
 
 
 def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, tmp_path):
@@ -328,10 +342,11 @@ def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, t
                 ]
                 low, high, again = page.box("#low"), page.box("#high"), page.box("#apart button")
                 assert page.js("document.documentElement.scrollWidth") <= wide
-                assert all(0 <= x and x + w <= wide for x, _, w, _ in boxes)
+                assert all(0 <= x and x + w <= wide for x, _, w, _ in boxes) and page.js(UNCUT)
                 if question.kind == "analogue":
                     x, y, w, h = page.box("#vas")
                     assert not page.js("document.querySelector('#mark').checkVisibility()")
+                    assert page.js(TOUCH) == "none"  # a drag scrolls nothing
                     assert x == low[0] and x + w == pytest.approx(high[0] + high[2])
                 else:
                     sizes = [(w, h) for _, _, w, h in boxes]
@@ -343,6 +358,7 @@ def test_answers_have_one_size_and_nothing_that_is_none_is_among_them(browser, t
                     assert max(steps) - min(steps) <= 0.11
                     assert low[0] == boxes[0][0] and low[1] >= boxes[0][1] + boxes[0][3]
                     assert high[0] + high[2] == pytest.approx(sum(boxes[-1][::2]), abs=0.1)
+                    assert page.js(ENDS) == pytest.approx([low[0], high[0] + high[2]], abs=1)
                     assert page.js("document.querySelector('#keys').textContent") == "".join(
                         str(n + 1) for n in range(question.most)
                     )
@@ -491,7 +507,8 @@ STATE = "document.querySelector('#state').textContent"
 ENABLED = "document.querySelector('#keys button:enabled') !== null"
 LOST = f"{STATE} === 'The connection is lost. Please wait.'"
 LATER = """(() => {
-    const now = performance.now.bind(performance), Was = WebSocket;
+    const now = performance.now.bind(performance);
+    window.Was ??= WebSocket;
     window.tries = 0;
     performance.now = () => now() + 31000;
     window.WebSocket = class extends Was { constructor(at) { super(at); tries++; } };
@@ -511,6 +528,8 @@ def test_a_server_that_freezes_or_goes_is_told_within_two_seconds(browser, tmp_p
         running.asking._loop.call_soon_threadsafe(time.sleep, 3.0)
         page.until(LOST, 2.0)
         assert not page.js(ENABLED)
+        page.js(LATER.replace("31000", "6000"))
+        page.until("tries > 0", 1.0)  # the network may have forgotten the connection
         page.until(f"{STATE} === 'Connected' && {ENABLED}", 3.0)
         assert page.js(TEXT) == state["text"] == "Trial 2 of 2"
     for again in (True, False):

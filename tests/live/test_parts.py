@@ -190,6 +190,10 @@ def test_a_pointer_is_where_it_was_reported_a_delay_later(monkeypatch):
     assert x[[1990, 2300, 2622, 2627]] == pytest.approx([0.02, 0.08, 0.08, 0.05])
     clock.now = 3.1
     assert inputs.columns(0, 10)[1].all()  # another session, which counts from 0
+    inputs.move(0, 0.6, 0.0, 0.0, 1)
+    inputs.move(0, 0.7, 0.0, 0.0, 1, 3050.0)  # a time before that of the last
+    times = [at for at, *_ in inputs._reports[0]]
+    assert times == sorted(times)
 
 
 def test_what_was_chosen_before_a_session_is_gone_over_to_once():
@@ -208,8 +212,10 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
     inputs.choose("x", **{"from": "pressure", "finger": 3})
     inputs.move(3, 0, 0, 0.25, 1)
     assert inputs.columns(200, 500)[0, -1] == pytest.approx(1.5)
+    inputs.move(3, 0, 0, 0.25, 0)  # a finger that has left presses no more
+    assert inputs.columns(700, 500)[0, -1] == pytest.approx(1.0)
     inputs.choose("x", **{"from": "value", "value": 2.5})
-    assert inputs.columns(700, 500)[0, -1] == pytest.approx(2.5)
+    assert inputs.columns(1200, 500)[0, -1] == pytest.approx(2.5)
     refused(UnknownName, "motion of z", Inputs, SPRING, FS, {"x": (0.0, 1.0)}, {"z": np.sin})
     refused(
         BadValue,

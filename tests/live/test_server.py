@@ -270,13 +270,17 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
 
 def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
     monkeypatch.setattr("stimlib.live.stream.SILENT", 0.3)
-    with greeted(server) as client:
+    with ExitStack() as stack:
+        client, _ = named(stack, server, "a")
         client.answers = False
         client.say("start")
         with pytest.raises(ConnectionClosed) as closed:
             while True:
                 client.next()
     assert closed.value.rcvd.code == 4408 and 0 < client.heads[-1][0] < 10 * 0.3 * FS
+    while server.stream.pages:
+        time.sleep(0.01)
+    assert not server.stream._kept  # nobody waits for it: the session ends at once
 
 
 def test_one_page_controls_another_watches_and_may_take_over(server):
@@ -340,7 +344,12 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
         again, state = named(stack, server, "a")
         assert (state["role"], state["phase"], state["session"]) == ("control", "running", session)
         assert server.stream.inputs.fingers[0][3] == 0
+        assert server.stream._until.cancelled()  # the session goes on
         again.ws.close()
+        other.until(controlled=False)
+        late, state = named(stack, server, "d")
+        assert state["role"] == "watch"  # control is kept for another
+        late.ws.close()
         assert other.until(phase="idle")["why"] == "the page that had control has gone"
         third, state = named(stack, server, "c")
         assert state["role"] == "control"

@@ -45,7 +45,7 @@ function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint =
     if (scale && says) made.ariaLabel = `${key}: ${says}`;
   }
   const longest = Math.max(0, ...[...keys.map(([, says]) => says), ...names].flatMap(says => says.split(/\s+/)).map(word => word.length));
-  for (const id of ["keys", "words"]) $(id).style.setProperty("--least", `${Math.max(6, 0.5 * longest + 1)}em`); // no word is cut
+  for (const id of ["keys", "words"]) $(id).style.setProperty("--least", `${Math.max(6, 0.6 * longest + 1.3)}em`); // no word is cut
   $("keys").style.setProperty("--n", keys.length);
   for (const [key, says] of apart) button("apart", key, says);
   for (const word of names) Object.assign(button("words", "", word), { onclick: () => take(word) }).dataset.key = word;
