@@ -57,8 +57,7 @@ def test_one_check_that_failed_fails_the_page_and_its_row(bumped, text_of):
     good, bad = Check("b", "first", 0.0, 0.0, "t"), Check("e", "second", 1.0, 0.5, "t")
     text = text_of(bumped.evidence, [good, bad])
     assert (
-        '<h1><span class="bad">FAILED against: the law' in text
-        and "1 of 2 checks passed" in text
+        '<h1><span class="bad">FAILED against: the law' in text and "1 of 2 checks passed" in text
     )
     assert (
         '<td class="bad">FAILED</td><td>second</td><td class="n">1</td><td class="n">0.5</td>'
@@ -230,10 +229,7 @@ def test_the_law_is_in_words_or_said_to_be_unknown(bumped, text_of):
     text, none = text_of(bumped.evidence), text_of(unknown)
     assert ROWS["bumps"].words in text and "no law of the whole scene" not in text
     head = none.partition("<h1>")[2].partition("</h1>")[0]
-    assert (
-        "Passed against: the laws of its 2 blocks, each by itself; no law of the whole"
-        in head
-    )
+    assert "Passed against: the laws of its 2 blocks, each by itself; no law of the whole" in head
     assert "together are the intended stimulus was not checked" in none
 
 
