@@ -458,7 +458,7 @@ def test_sigterm_and_sighup_end_a_session_as_ctrl_c_does(file, tmp_path, monkeyp
 
     monkeypatch.setattr(Terminal, "tell", terminated)
     monkeypatch.setattr(Terminal, "pick", terminated)
-    who = session_of(file, tmp_path)
+    who, before = session_of(file, tmp_path), signal.getsignal(getattr(signal, name))
     said = stimlib("run", *who, status=code)
     assert said.endswith(
         f"0 answers are kept; go on with {shlex.join(['stimlib', 'experiment', 'resume', *who])}\n"
@@ -466,7 +466,7 @@ def test_sigterm_and_sighup_end_a_session_as_ctrl_c_does(file, tmp_path, monkeyp
     assert "the sessions of pair in " in stimlib(
         "analyse", f"{file}:short", "--data", tmp_path, status=2
     ), "no answers yet"
-    assert signal.getsignal(getattr(signal, name)) is signal.SIG_DFL
+    assert signal.getsignal(getattr(signal, name)) is before
 
 
 @pytest.mark.parametrize("error", [SinkError, FaultError])
