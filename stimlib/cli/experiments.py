@@ -6,7 +6,7 @@ import importlib
 import math
 import shlex
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +15,7 @@ import typer
 
 from .. import experiments
 from ..devices.available import SINKS, option
-from ..errors import BadValue, FaultError, SinkError, shown
+from ..errors import BadValue, FaultError, SinkError, StimlibError, shown
 from ..system import safe_files
 from ..system.pool import terminable
 from ..system.progress import progress
@@ -469,6 +469,7 @@ def analyse(
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """
+    from ..experiments.designs import trials_of
     from ..experiments.reader import csv_of
     from ..experiments.user_code import called
 
@@ -479,6 +480,16 @@ def analyse(
     table = experiments.columns(found, training=True)
     if not table["number"]:
         raise BadValue(f"the sessions of {made.name} in {data} have no answers yet")
+    for saved in found:
+        who, number = saved.header["participant"], saved.header["session"]
+        total = None
+        with suppress(StimlibError):  # a definition that has no such session any more
+            total = trials_of(made.designed(who, number))
+        if total and len(saved.records) < total:
+            note(
+                f"{who}, session {number}: {len(saved.records)} of {total} trials; finish it"
+                " (stimlib experiment resume), or move its folder away"
+            )
     text = csv_of(table)
     if out is not None:
         safe_files.publish(out, text)

@@ -124,7 +124,11 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
         [s.params.get("k", 2.0) for s in saved.records[0].trial.stimuli]
     )
     assert "P07-s1 is there already: resume it" in stimlib("run", *who, status=2)
+    where = f"{file}:short", "--data", tmp_path / "data"
+    unfinished = "P07, session 1: 2 of 4 trials; finish it"
+    assert unfinished in stimlib("analyse", *where)
     said = stimlib("resume", *who, typed="\n1\n\n1\n")
+    assert unfinished not in stimlib("analyse", *where)
     assert "The session goes on where it stopped.\nTrial 3 of 4: any key = Continue\n" in said
     assert "Thank you" in said and "Get to know" not in said
     assert len(read(tmp_path / "data/pair/P07-s1").records) == 4
