@@ -199,6 +199,11 @@ def own_law(a: Asked) -> list[Check]:
         raise BadValue(
             f"it returned {got}; return a row for each output that it is about, of {', '.join(a.y)}"
         )
+    a.e.skipped += [
+        f"{a.title(name)}: {a.part.law} returns nothing for it"
+        for name in a.y
+        if name not in wanted
+    ]
     checks = []
     for name, made in wanted.items():
         row, stated = _stated(name, made, a.y[name].shape)

@@ -340,6 +340,18 @@ def test_a_law_of_ones_own_is_held_and_kept(tmp_path):
     assert f"The scene: the law {__name__}.slope" in (tmp_path / "a.html").read_text()
 
 
+def doubled(x, p, fs):
+    """Of one output alone."""
+    return {"y": 2 * x["x"]}
+
+
+def test_an_output_of_which_a_law_of_ones_own_says_nothing_is_listed():
+    x = Input("x")
+    report = verified(Scene({"y": 2 * x, "extra": 5 * x}, law=doubled), {"x": sinusoid(1.0, 3.0)})
+    assert report.passed
+    assert f"extra: {__name__}.doubled returns nothing for it" in report.evidence.skipped
+
+
 def within(x, p, fs, *, tol):
     """The input, to a stated tolerance."""
     return {"y": (x["x"], tol)}
