@@ -178,6 +178,8 @@ class Session:
         """Raise an error unless the log matches the current definition."""
         told, mine = saved.header, json.loads(json.dumps(self._header()))
         wrong = [k for k in ("participant", "session", "pilot", "seed") if told[k] != mine[k]]
+        if told.get("texts", mine["texts"]) != mine["texts"]:  # sessions before 0.2 have none
+            wrong.append("the language of the texts")
         a, b = told["experiment"], mine["experiment"]
         wrong += [f"experiment.{k}" for k in b if k != "key" and a.get(k) != b[k]]
         if wrong or a.get("key") != b["key"]:

@@ -1,5 +1,6 @@
 """What a participant reads: the texts of two languages, and files of others."""
 
+import dataclasses
 import json
 import re
 import tomllib
@@ -175,6 +176,17 @@ def test_a_resumed_session_says_where_it_goes_on_and_repeats_nothing(tmp_path):
     ]
     names = {p.name for p in session.folder.glob("*.stimlog")}
     assert {n for n in names if n.startswith("fam")} == {"familiarisation-1.stimlog"}
+
+
+def test_a_session_goes_on_in_the_language_in_which_it_began(tmp_path):
+    made = experiment(design=SHORT)
+    with Session(made, tmp_path, "P01"):
+        pass
+    other = dataclasses.replace(made, language="de")
+    with pytest.raises(BadValue, match="the language of the texts differs. Go on with"):
+        Session(other, tmp_path, "P01", resume=True).__enter__()
+    with Session(dataclasses.replace(made, show_total=False), tmp_path, "P01", resume=True):
+        pass
 
 
 # Right answers ------------------------------------------------------------------------
