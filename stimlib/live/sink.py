@@ -116,12 +116,12 @@ class PageSink(Sink):
             if self.pump.state == self.pump.native.RUNNING:
                 self._make(lost if self.pump.read("DELIVERED") else 0)
                 self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
-            else:
-                self.pump.block(self.block or 1)  # silence: the device is still there
+            else:  # silence: the device is still there; a start just now may make samples
+                self._block(np.repeat(self._x, self.block or 1, axis=1), 0)
 
     def _make(self, lost: int) -> None:
         """Make one block, after ``lost`` samples that are discarded."""
-        pump, n, begun = self.pump, self.block or 1, self.pump.read("DELIVERED")
+        pump, n = self.pump, self.block or 1
         x = np.repeat(self._x, lost + n, axis=1)
         if not self._stands:
             try:
@@ -132,7 +132,12 @@ class PageSink(Sink):
         self._x = x[:, -1:].copy()  # `take` may write into what it is given
         if len(x):
             pump.put_motion(x)
-        pump.block(n, lost)
+        self._block(x, lost)
+
+    def _block(self, x: NDArray[np.float64], lost: int) -> None:
+        """Let the device take a block, after ``lost`` samples, and show what it got."""
+        pump, begun = self.pump, self.pump.read("DELIVERED")
+        pump.block(self.block or 1, lost)
         if made := pump.read("MADE"):  # with those after the last sample
             first = pump.index - pump.read("DELIVERED") + begun
             try:

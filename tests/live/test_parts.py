@@ -15,6 +15,7 @@ from refusals import refused
 from scipy.signal import welch
 
 from stimlib import Input, Param, Scene, constant, render
+from stimlib.devices.engine import Pump
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
@@ -423,6 +424,21 @@ def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(
     assert (report.lost, report.underruns, report.produced) == (lost, lost > 0, 1000)
     at = [a for a, _ in heard]
     assert at[:6] == [0, 20, 40, 60, 80, 100 + lost]
+
+
+def test_the_first_block_is_shown_although_the_start_comes_just_before_it(tmp_path, monkeypatch):
+    honest, missed = Pump.state.fget, []
+
+    def state(pump):
+        found = honest(pump)
+        if found == pump.native.RUNNING and threading.current_thread().name == "stimlib page":
+            missed.append(found)
+        return pump.native.IDLE if len(missed) == 1 else found
+
+    monkeypatch.setattr(Pump, "state", property(state))
+    still = lambda at, n: np.zeros((1, n))  # noqa: E731
+    heard, sink, _ = played(still, tmp_path, monkeypatch, 0.2)
+    assert missed and [at for at, _ in heard][:10] == list(range(0, 200, 20))
 
 
 def test_nothing_heaps_up_for_a_page_that_reads_nothing():
