@@ -433,7 +433,7 @@ def test_the_first_block_is_shown_although_the_start_comes_just_before_it(tmp_pa
         found = honest(pump)
         if found == pump.native.RUNNING and threading.current_thread().name == "stimlib page":
             missed.append(found)
-        return pump.native.IDLE if len(missed) == 1 else found
+        return pump.native.IDLE if len(missed) <= 2 else found  # a loop reads it twice
 
     monkeypatch.setattr(Pump, "state", property(state))
     still = lambda at, n: np.zeros((1, n))  # noqa: E731
