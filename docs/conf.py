@@ -127,7 +127,17 @@ def plain_marks(app, what, name, obj, options, lines):
             lines[i] = "".join(parts)
 
 
+def levels_of_captions(app, exception):
+    """State the level of the captions of lists of pages: headings need one."""
+    for page in Path(app.outdir).glob("**/*.html") if not exception else ():
+        text = page.read_text("utf-8")
+        if 'class="caption" role="heading">' in text:
+            whole = text.replace('role="heading">', 'role="heading" aria-level="2">')
+            page.write_text(whole, "utf-8")
+
+
 def setup(app):
+    app.connect("build-finished", levels_of_captions)
     app.add_directive("functions", Functions)
     app.add_directive("shown", Shown)
     app.connect("autodoc-process-docstring", plain_marks, priority=400)

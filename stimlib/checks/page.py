@@ -99,7 +99,7 @@ def picture(title: str, svg: str) -> str:
     """Return the HTML of a figure below its heading."""
     wide = float(svg.partition('width="')[2].partition("pt")[0] or 0)
     return (
-        f'<figure><h2>{_q(title)}</h2><svg role="img" aria-label="{_q(title)}"'
+        f'<figure tabindex="0"><h2>{_q(title)}</h2><svg role="img" aria-label="{_q(title)}"'
         f' style="min-width:{0.8 * wide:.0f}px"{svg.removeprefix("<svg")}</figure>'
     )
 
@@ -385,7 +385,8 @@ def _reproduced(e: Evidence, command: str | None) -> str:
     return (
         f"{_installed(used)}{_beside(e)}{again}{_program(e, signal)}<p>Hashes are"
         f" SHA-256.</p>{facts(rows)}<h3>scene.json, for"
-        f' <code>stimlib.load</code></h3><div class="scene"><pre>{_q(text)}</pre></div>'
+        f' <code>stimlib.load</code></h3><div class="scene" tabindex="0"><pre>{_q(text)}</pre>'
+        "</div>"
     )
 
 

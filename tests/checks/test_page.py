@@ -528,7 +528,7 @@ def test_the_page_is_for_a_telephone_too_and_its_pictures_have_names(bumped, tmp
     assert '<meta name="viewport" content="width=device-width,initial-scale=1">' in text
     assert text.count("<svg") == text.count('<svg role="img" aria-label="') == 3
     assert text.index("<svg") < text.index("What was compared"), "pictures first"
-    assert '<div class="scene"><pre>' in text, "on paper the scene is not folded away"
+    assert '<div class="scene" tabindex="0"><pre>' in text, "on paper the scene is not folded away"
 
 
 def test_the_errors_that_a_noise_hides_are_computed_once_for_equal_bands(monkeypatch):
