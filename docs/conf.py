@@ -127,17 +127,24 @@ def plain_marks(app, what, name, obj, options, lines):
             lines[i] = "".join(parts)
 
 
-def levels_of_captions(app, exception):
-    """State the level of the captions of lists of pages: headings need one."""
+def accessible(app, exception):
+    """State what the theme leaves out: levels of captions, and which parts scroll.
+
+    A heading needs a level, and what is scrolled sideways must be reached by keyboard.
+    """
     for page in Path(app.outdir).glob("**/*.html") if not exception else ():
         text = page.read_text("utf-8")
-        if 'class="caption" role="heading">' in text:
-            whole = text.replace('role="heading">', 'role="heading" aria-level="2">')
+        whole = text.replace(
+            '"caption" role="heading">', '"caption" role="heading" aria-level="2">'
+        )
+        wrapper = '<div class="table-wrapper'
+        whole = whole.replace(wrapper, wrapper.replace("<div", '<div tabindex="0"'))
+        if whole != text:
             page.write_text(whole, "utf-8")
 
 
 def setup(app):
-    app.connect("build-finished", levels_of_captions)
+    app.connect("build-finished", accessible)
     app.add_directive("functions", Functions)
     app.add_directive("shown", Shown)
     app.connect("autodoc-process-docstring", plain_marks, priority=400)
