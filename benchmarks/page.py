@@ -69,17 +69,23 @@ def drag(page, seconds: float) -> None:
     page.mouse("Released", left + 0.5 * wide, top + 0.5 * high)
 
 
+def begun_on(server, browser):
+    """A page of a server that runs, heard, once the sound's step is steered."""
+    page = browser.page(server.stdout.readline().strip())
+    page.until("document.querySelector('#run')?.disabled === false")
+    page.click("#sound")
+    page.click("#run")
+    drag(page, 5.0)
+    return page
+
+
 def session(browser, pace: float, seconds: float) -> dict:
     """What the page and its audio thread say of one server."""
     server = subprocess.Popen(
         [sys.executable, __file__, "--serve", str(pace)], stdout=subprocess.PIPE, text=True
     )
     try:
-        page = browser.page(server.stdout.readline().strip())
-        page.until("document.querySelector('#run')?.disabled === false")
-        page.click("#sound")
-        page.click("#run")
-        drag(page, 5.0)  # until the step is steered
+        page = begun_on(server, browser)
         page.js(
             "import('./live.js').then(({live}) => { live.drawn.length = live.sound.played.length ="
             " 0; })"
@@ -151,11 +157,7 @@ def soak(seconds: float) -> list[Row]:
     )
     browser = Browser()
     try:
-        page = browser.page(server.stdout.readline().strip())
-        page.until("document.querySelector('#run')?.disabled === false")
-        page.click("#sound")
-        page.click("#run")
-        drag(page, 5.0)  # until the step is steered
+        page = begun_on(server, browser)
         page.js(ASKED)
         begun, part = time.monotonic(), min(60.0, seconds / 10)
         while time.monotonic() - begun < seconds - part / 2:
