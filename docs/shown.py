@@ -58,7 +58,7 @@ def panel(figure, path):
         if axes is not best:
             axes.remove()
     figure.set_layout_engine("none")
-    around = best.get_figure(root=False).bbox
+    around = best.figure.bbox
     size = figure.get_size_inches() * figure.dpi / (around.width, around.height)
     figure.set_size_inches(size * (3.0, 2.1))  # 9 points are read in a thumbnail
     best.set_position((0.2, 0.2, 0.75, 0.65))
