@@ -198,7 +198,7 @@ def test_a_file_that_was_edited_is_refused(tmp_path, change, why):
 
 
 DEEP: list = []
-for _ in range(5000):
+for _ in range(100_000):
     DEEP = [DEEP]
 
 
