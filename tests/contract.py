@@ -498,6 +498,20 @@ TABLE = [
         rates=(8000.0, 1000.0, 48000.0),
     ),
     Entry(
+        "coloured_noise",
+        "ColouredNoise",
+        lambda: b.coloured_noise(2.0, seed=3, stream=4, rms=0.3, f_low=20.0),
+        laws=law.coloured_noise(2.0, 0.3, 20.0, 0.01),
+        rates=(8000.0, 1000.0, 48000.0),
+    ),
+    Entry(
+        "coloured_noise_rising",
+        "ColouredNoise",
+        lambda: b.coloured_noise(-1.0, seed=3, stream=5, tol_db=0.1),
+        laws=law.coloured_noise(-1.0, 1.0, 1.0, 0.1),
+        rates=(8000.0,),
+    ),
+    Entry(
         "pink_of_white", "PinkNoise", lambda: PinkNoise((w := White(1)), 2.0, 20.0, 0.1) + 0.5 * w
     ),
     Entry(
@@ -1416,6 +1430,13 @@ TABLE += [
         "friction_stribeck",
         "Stribeck",
         lambda x: b.friction(x, 1.0, 0.5, 100.0, static=0.8, speed=0.3),
+        (squeeze,),
+        unit="m",
+    ),
+    Entry(
+        "friction_stribeck_power",
+        "StribeckPower",
+        lambda x: b.friction(x, 1.0, 0.5, 100.0, static=0.8, speed=0.3, exponent=1.3),
         (squeeze,),
         unit="m",
     ),

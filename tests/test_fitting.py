@@ -2,6 +2,7 @@
 and what is refused.
 """
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -14,9 +15,15 @@ from refusals import refused
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks.fractional import relaxation_modulus
-from stimlib.blocks.viscoelastic import generalized_maxwell
+from stimlib.blocks.viscoelastic import generalized_maxwell, springpot_series
 from stimlib.errors import BadValue, SinkError
-from stimlib.fitting.closed_form import maxwell_force, springpot_force, thin
+from stimlib.fitting.closed_form import (
+    maxwell_force,
+    mittag_leffler,
+    springpot_force,
+    springpot_series_force,
+    thin,
+)
 from stimlib.fitting.relaxation import (
     MaxwellFit,
     SpringpotFit,
@@ -76,6 +83,67 @@ def test_a_short_ramp_long_ago_keeps_its_digits():
     force = springpot_force(t, np.array([0.0, 1.0, 1.0]), 1.0, 0.1)[-1]
     assert force == pytest.approx(wanted, rel=1e-11)
     assert force == pytest.approx(relaxation_modulus(86400.0, springpot=(1.0, 0.1)), rel=1e-9)
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.5, 0.9, 1.0])
+@pytest.mark.parametrize("beta", [0.5, 1.0, 2.0])
+def test_the_mittag_leffler_function(alpha, beta):
+    """Against its series in 120 digits, and for large numbers its asymptotic series."""
+    with mp.workdps(120):
+        for x in (0.0, 0.01, 0.7, 2.0 if alpha > 0.4 else 0.8):
+            terms = (mp.mpf(-x) ** k / mp.gamma(mp.mpf(alpha) * k + beta) for k in range(1500))
+            assert float(mittag_leffler(x, alpha, beta)) == pytest.approx(
+                float(mp.fsum(terms)), abs=1e-11 / (1 + x)
+            )
+        x = mp.mpf(10) ** 8
+        tail = -mp.fsum((-x) ** -k * mp.rgamma(beta - mp.mpf(alpha) * k) for k in range(1, 6))
+        assert abs(float(mittag_leffler(1e8, alpha, beta)) - float(tail)) < 1e-19
+
+
+def test_a_springpot_in_series_between_its_limits():
+    """A very stiff spring leaves the springpot; order 1/2 has another closed form."""
+    t, y = np.array([0.0, 0.2, 0.5, 0.6, 3.0]), np.array([0.0, 0.01, 0.01, -0.002, 0.0])
+    for words in ({"k": 1e13}, {"b": 1e13}):
+        np.testing.assert_allclose(
+            springpot_series_force(t, y, 100.0, 0.4, **words),
+            springpot_force(t, y, 100.0, 0.4),
+            rtol=1e-9,
+            atol=1e-10,
+        )
+    soft = springpot_series_force(t, y, 1e13, 0.4, k=300.0)
+    np.testing.assert_allclose(soft, 300 * y, rtol=0, atol=1e-8)
+    damper = springpot_series_force(t, 0.1 * t, 1e13, 0.4, b=20.0)  # 2 N at once
+    np.testing.assert_allclose(damper[1:], 2.0, rtol=1e-8)
+    held = springpot_series_force([0.0, 1e-7, 0.3], [0.0, 0.01, 0.01], 100.0, 0.5, k=1000.0)
+    x = 10 * np.sqrt(0.3)
+    assert held[2] == pytest.approx(10 * float(mp.exp(x**2) * mp.erfc(x)), rel=1e-6)
+
+
+def test_the_block_in_series_converges_to_the_closed_form():
+    t = np.arange(2001) / 8000
+    y = 0.01 * np.sin(2 * np.pi * 3 * t) ** 2
+    for words, tol in (({"k": 1000.0}, 5e-5), ({"b": 20.0}, 1.5e-3)):
+        arm = springpot_series(stimlib.Input("y", "m"), 100.0, 0.5, **words)
+        got = stimlib.compile(stimlib.Scene({"f": arm}), 8000).process(y[None])[0]
+        fine = springpot_series_force(t, y, 100.0, 0.5, **words)
+        assert np.abs(got - fine).max() < tol * np.abs(fine).max()
+        more = np.sort(np.r_[t[:100], t[:99] + 1e-5])  # on the same straight lines
+        again = springpot_series_force(more, np.interp(more, t, y), 100.0, 0.5, **words)
+        np.testing.assert_allclose(again[np.isin(more, t)], fine[:100], rtol=1e-7, atol=1e-12)
+
+
+def test_mistakes_of_a_series_are_refused():
+    for words in ({}, {"k": 1.0, "b": 1.0}, {"k": 0.0}, {"b": -1.0}, {"k": math.inf}):
+        with pytest.raises(BadValue):
+            springpot_series_force([0.0, 1.0], [0.0, 1.0], 1.0, 0.5, **words)
+    for chi, alpha in ((0.0, 0.5), (1.0, 0.0), (1.0, 1.0), (math.nan, 0.5)):
+        with pytest.raises(BadValue):
+            springpot_series_force([0.0, 1.0], [0.0, 1.0], chi, alpha, k=1.0)
+    for x, alpha in ((-1.0, 0.5), (math.nan, 0.5), (1.0, 0.0), (1.0, 1.1)):
+        with pytest.raises(BadValue):
+            mittag_leffler(x, alpha)
+    with pytest.raises(BadValue):
+        mittag_leffler(1.0, 0.5, 0.0)
 
 
 @pytest.mark.parametrize("onset", ["steady", "step"])

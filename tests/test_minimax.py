@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 from stimlib.design import filters, noise
 from stimlib.design.filters import differentiator_order, differentiator_taps
-from stimlib.design.noise import cholesky, pink_modes, stationary_covariance
+from stimlib.design.noise import cholesky, noise_modes, stationary_covariance
 
 TOLERANCES = (0.1, 0.01, 0.001, 1e-4)
 SECTIONS = {  # fs/f_low: first-order sections for the tolerances above
@@ -93,14 +93,14 @@ def test_elliptic_functions(k1):
 
 @pytest.mark.parametrize("ratio", SECTIONS)
 def test_number_of_sections(ratio):
-    assert tuple(len(pink_modes(ratio, 1, tol).e) for tol in TOLERANCES) == SECTIONS[ratio]
+    assert tuple(len(noise_modes(ratio, 1, tol).e) for tol in TOLERANCES) == SECTIONS[ratio]
 
 
 @pytest.mark.parametrize(("fs", "f_low"), RATES)
 def test_tolerance_is_met_with_the_fewest_sections(fs, f_low):
     w = band(fs, f_low)
     for tol in TOLERANCES:
-        modes = pink_modes(fs, f_low, tol)
+        modes = noise_modes(fs, f_low, tol)
         assert np.all(np.diff(modes.e) > 0) and modes.e[0] > 0 and modes.e[-1] < 2
         assert modes_error_db(modes, w) <= min(tol, modes.error_db * 1.001)
         assert modes_error_db(modes, w) >= 0.995 * modes.error_db
@@ -112,7 +112,7 @@ def test_tolerance_is_met_with_the_fewest_sections(fs, f_low):
     ("fs", "f_low", "tol"), [(192e3, 0.1, 1e-4), (8e3, 1, 0.01), (1e3, 10, 1e-8)]
 )
 def test_gain_in_forty_digits(fs, f_low, tol):
-    modes = pink_modes(fs, f_low, tol)
+    modes = noise_modes(fs, f_low, tol)
     worst = 0.0
     with mp.workdps(40):
         for w in np.geomspace(2 * np.pi * f_low / fs, 0.9 * np.pi, 200).clip(None, 0.9 * np.pi):
@@ -150,6 +150,27 @@ def test_modes_are_the_product_of_sections(ratio, n):
             assert abs(parallel / product - 1) < 1e-13
 
 
+@pytest.mark.parametrize("slope", [-3.0, -1.0, 0.5, 1.6])
+@pytest.mark.parametrize(("fs", "tol"), [(20, 1e-4), (8000, 0.05)])
+def test_any_slope_is_met_with_the_fewest_sections(fs, tol, slope):
+    modes = noise_modes(fs, 1, tol, slope)
+    w = band(fs, 1)
+    z = np.exp(1j * w)[:, None]
+    h = modes.d + np.sum(modes.r / (1 - (1 - modes.e) / z), axis=1)
+    assert np.abs(10 * np.log10(np.abs(h) ** 2 * w**slope)).max() <= tol * 1.001
+    assert np.all(np.diff(modes.e) > 0) and modes.e[0] > 0 and modes.e[-1] < 2
+    n = len(modes.e)
+    assert n == 1 or noise._minimax_modes(2 * math.pi / fs, n - 1, slope).error_db > tol
+
+
+@pytest.mark.parametrize("slope", [0.3, 1.3])
+def test_error_of_any_slope_is_equal_ripple(slope):
+    design, reference = noise._minimax_design(2 * math.pi / 8000, 6, slope)
+    ripple = noise._log_ripple(design, reference, slope)
+    assert len(reference) == 14 and np.all(ripple[1:] * ripple[:-1] < 0)
+    assert np.max(np.abs(ripple)) < 1.001 * np.min(np.abs(ripple))
+
+
 def test_pole_at_zero_is_moved_aside():
     design = np.array([-6.0, -4.0, 0.0, 1.0, 0.0])  # log b = 0 is a pole at zero
     e, z, gain = noise._leaks_and_gain(design)
@@ -164,7 +185,7 @@ def test_pole_at_zero_is_moved_aside():
 
 def test_recursion_has_the_response():
     """The loop in the docstring of Modes, on an impulse."""
-    modes, n = pink_modes(100, 5, 0.01), 4096
+    modes, n = noise_modes(100, 5, 0.01), 4096
     q, h = np.zeros_like(modes.e), np.zeros(n)
     for i in range(n):
         q += (i == 0) - modes.e * q
@@ -182,13 +203,13 @@ def test_recursion_has_the_response():
 
 @pytest.mark.parametrize("tol", [1e-8, 1e-6, 0.5, 3, 100])
 def test_range_of_tolerances(tol):
-    modes = pink_modes(1000, 1, tol)
+    modes = noise_modes(1000, 1, tol)
     assert modes_error_db(modes, band(1000, 1)) <= min(tol, modes.error_db * 1.001)
 
 
 def test_widest_and_narrowest_pass_band():
-    assert len(pink_modes(1e9, 1, 0.1).e) == 11
-    assert len(pink_modes(1, 0.225, 0.1).e) == 1
+    assert len(noise_modes(1e9, 1, 0.1).e) == 11
+    assert len(noise_modes(1, 0.225, 0.1).e) == 1
 
 
 @pytest.mark.parametrize(
@@ -207,21 +228,25 @@ def test_widest_and_narrowest_pass_band():
         ((8000, 1, 1e-9), "1e-08 dB"),
         ((8000, 1, math.inf), "tol_db"),
         ((8000, 1, math.nan), "tol_db"),
+        ((8000, 1, 0.1, 0.0), "white noise"),
+        ((8000, 1, 0.1, 3.1), "from -3 to 3"),
+        ((8000, 1, 0.1, -3.1), "from -3 to 3"),
+        ((8000, 1, 0.1, math.nan), "from -3 to 3"),
     ],
 )
 def test_bad_low_pass(arguments, words):
-    refused(ValueError, f"^pink_modes: .*{re.escape(words)}", pink_modes, *arguments)
+    refused(ValueError, f"^noise_modes: .*{re.escape(words)}", noise_modes, *arguments)
 
 
 def test_tolerance_out_of_reach_names_the_one_in_reach():
-    error = refused(ValueError, "24 sections, which reach", pink_modes, 192000, 0.1, 1e-6)
+    error = refused(ValueError, "24 sections, which reach", noise_modes, 192000, 0.1, 1e-6)
     reach = float(re.search(r"reach (\S+) dB", str(error)).group(1))
-    assert len(pink_modes(192000, 0.1, 1.01 * reach).e) == 24
+    assert len(noise_modes(192000, 0.1, 1.01 * reach).e) == 24
 
 
 def test_modes_are_cached_and_read_only():
-    modes = pink_modes(8000, 1, 0.01)
-    assert pink_modes(8000, 1, 0.01) is modes
+    modes = noise_modes(8000, 1, 0.01)
+    assert noise_modes(8000, 1, 0.01) is modes
     for array in (modes.e, modes.r):
         assert array.dtype == np.float64
         with pytest.raises(ValueError, match="read-only"):
@@ -237,7 +262,7 @@ def test_cholesky_of_stationary_covariance(fs, f_low):
     p_i)/(1 - p_j p_i).
     """
     for tol in TOLERANCES:
-        e = pink_modes(fs, f_low, tol).e
+        e = noise_modes(fs, f_low, tol).e
         p = stationary_covariance(e)
         lower = cholesky(p)
         scale = np.sqrt(np.diag(p))
@@ -254,7 +279,7 @@ def test_cholesky_of_stationary_covariance(fs, f_low):
 
 
 def test_stationary_covariance_is_stationary():
-    e = pink_modes(8000, 1, 1e-4).e
+    e = noise_modes(8000, 1, 1e-4).e
     p = stationary_covariance(e)
     np.testing.assert_allclose((1 - e)[:, None] * p * (1 - e) + 1, p, rtol=1e-14)
     with mp.workdps(40):
@@ -454,8 +479,8 @@ def test_bad_differentiator_order(arguments, words):
 @pytest.mark.parametrize(
     "design",
     [
-        lambda: pink_modes(48000, 1, 0.001),
-        lambda: pink_modes(192000, 0.1, 1e-4),
+        lambda: noise_modes(48000, 1, 0.001),
+        lambda: noise_modes(192000, 0.1, 1e-4),
         lambda: differentiator_taps(8000, 1000, 1500, 128),
         lambda: differentiator_taps(8000, 3600, None, 128),
     ],
@@ -465,7 +490,7 @@ def test_design_is_quick(design):
     spent = []
     for _ in range(5):
         for cache in (
-            pink_modes,
+            noise_modes,
             noise._minimax_modes,
             differentiator_taps,
             filters._exchange,

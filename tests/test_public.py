@@ -265,6 +265,8 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         # Fitting
         "maxwell_force": {"t": T, "y": HAND},
         "springpot_force": {"t": T, "y": HAND},
+        "springpot_series_force": {"t": T, "y": HAND, "k": 100.0},
+        "mittag_leffler": {"x": T},
         "thin": {"t": T},
         "fit_springpot": {"t": T, "y": STEP, "f": HELD},
         "fit_generalized_maxwell": {"t": T, "y": STEP, "f": HELD, "arms": 1},

@@ -13,7 +13,7 @@ from scipy import signal
 from stimlib.blocks import differentiator, pinking, white_noise
 from stimlib.core.scene import Scene
 from stimlib.design.filters import differentiator_order, differentiator_taps
-from stimlib.design.noise import PinkDesign, pink_modes
+from stimlib.design.noise import NoiseDesign, noise_modes
 from stimlib.speed.chain import puller
 
 FS, SAMPLES = 8000.0, 1 << 16
@@ -65,7 +65,7 @@ def sos(coefficients: np.ndarray) -> Signal:
     return lambda x: signal.sosfilt(coefficients, x)
 
 
-def of(m: PinkDesign) -> np.ndarray:
+def of(m: NoiseDesign) -> np.ndarray:
     """A design's modes as second-order sections; zeros as eigenvalues, or scipy would
     lose digits that are not its own.
     """
@@ -113,7 +113,7 @@ def pink() -> list[Method]:
         "stimlib pinking, tol_db": (tols, ours()),
         "stimlib on JAX, float64": ([0.01, 1e-4], ours("float64")),
         "stimlib on JAX, float32": ([0.01, 1e-4], ours("float32")),
-        "our design in scipy sosfilt": (tols, lambda tol: sos(of(pink_modes(FS, F_LOW, tol)))),
+        "our design in scipy sosfilt": (tols, lambda tol: sos(of(noise_modes(FS, F_LOW, tol)))),
         "Oustaloup in scipy sosfilt, order": ([2, 4, 8, 12], oustaloup),
         "Kellet in scipy sosfilt": (["refined", "economy"], kellet),
         "firwin2 + oaconvolve, taps": ([257, 1025, 4097, 16385], sampled_response),
@@ -220,7 +220,7 @@ def chain() -> list[Method]:
         job = puller(Scene({"y": both(white_noise(seed=1), tol)}), samples=SAMPLES, fs=FS)
         found.append(Method("stimlib, dB", f"{tol:g}", job, partial(error, own(both, FS)(tol))))
         same = "the same design: PCG64, sosfilt, oaconvolve, dB"
-        found.append(peer(same, f"{tol:g}", of(pink_modes(FS, low, tol)), designed(tol / db)))
+        found.append(peer(same, f"{tol:g}", of(noise_modes(FS, low, tol)), designed(tol / db)))
     refined = sections(*KELLET["refined"])
     for knob, h in (
         ("central difference", FS / 2 * np.array([1.0, 0.0, -1.0])),

@@ -23,7 +23,7 @@ from stimlib.blocks import (
     springpot,
     springpot_stiffness,
 )
-from stimlib.blocks.fractional import creep_compliance
+from stimlib.blocks.fractional import creep_compliance, maxwell_stiffness
 from stimlib.motion import ramp_and_hold
 
 HERE = Path(__file__).parent
@@ -45,6 +45,21 @@ def dots(ax, t, law, color, every=100, first=25):
     ax.plot(
         t[first::every], law[first::every], "o", color=color, ms=4.5, mfc="white", mew=1.1, zorder=3
     )
+
+
+# Figure 2.3 ---------------------------------------------------------------------------
+def phase():
+    """Phase of a Maxwell arm over time constant and frequency."""
+    tau, w = np.geomspace(1e-2, 1e2, 41), np.geomspace(1e-2, 1e2, 41)
+    phi = np.array([np.degrees(maxwell_stiffness(1.0, float(one), w).phase) for one in tau]).T
+    fig = Figure(figsize=(6, 4.5), layout="constrained")
+    ax = fig.subplots()
+    ax.set(xscale="log", yscale="log", xlabel="time constant tau, s", ylabel="frequency w, rad/s")
+    filled = ax.contourf(tau, w, phi, np.linspace(0, 90, 19), cmap="autumn")
+    lines = ax.contour(tau, w, phi, [10.0, 80.0], colors=["blue", "black"])
+    ax.clabel(lines, fmt="%.0f°")
+    fig.colorbar(filled, label="phase of force over displacement, degrees")
+    save(fig, "maxwell_phase")
 
 
 # Figure 3.3 ---------------------------------------------------------------------------
@@ -244,5 +259,5 @@ def stiffness(chi0=300.0, depth=0.01):
 
 if __name__ == "__main__":
     mpl.rcParams.update({"svg.hashsalt": "stimlib", "font.size": 9})
-    for draw in (history, relaxation, stiffness):
+    for draw in (phase, history, relaxation, stiffness):
         draw()

@@ -39,6 +39,7 @@ class Cues(NamedTuple):
     k_I: float  # N/m
     k_fit: float  # N/m
     b_fit: float  # N s/m
+    k_peak: float  # N/m
 
 
 @public
@@ -49,6 +50,7 @@ def cues(
     v: ArrayLike | None = None,
     prominence: float = 0.1,
     window: str = "hann",
+    single: bool = False,
 ) -> Cues:
     """Return the physical cues of an interaction from a recording.
 
@@ -97,13 +99,16 @@ def cues(
         - ``k_I``: first force peak over the displacement at that sample, N/m
         - ``k_fit``, ``b_fit``: slope of the line through 0 fitted to force over
           displacement (N/m), over velocity (N s/m)
+        - ``k_peak``: largest force over largest displacement of the record, N/m. It is
+          not among the cues of section 3.8; chapter 1 of the thesis names it as the
+          likely reason why a delay changes the perceived stiffness
 
     Raises
     ------
     BadValue
         Records of unequal length, not one-dimensional, not finite, of fewer than 8
-        samples; no movement; fewer than two periods of the dominant component; fs not
-        above 0; prominence not in 0 .. 1; an unknown window.
+        samples; no movement; fewer than two periods of the dominant component, unless
+        ``single``; fs not above 0; prominence not in 0 .. 1; an unknown window.
 
     Notes
     -----
@@ -134,7 +139,7 @@ def cues(
     >>> round(c.k_S, 6), round(c.b_L, 6), round(c.loss_factor, 6)
     (300.0, 5.0, 0.10472)
     """
-    return cues_of(y, fs, v, prominence, window)(f)
+    return cues_of(y, fs, v, prominence, window, single)(f)
 
 
 @public
@@ -144,6 +149,7 @@ def cues_of(
     v: ArrayLike | None = None,
     prominence: float = 0.1,
     window: str = "hann",
+    single: bool = False,
 ) -> Callable[[ArrayLike], Cues]:
     """Prepare the computation of ``cues`` for one displacement and many forces.
 
@@ -151,7 +157,7 @@ def cues_of(
 
     Parameters
     ----------
-    y, fs, v, prominence, window
+    y, fs, v, prominence, window, single
         As ``cues``.
 
     Returns
@@ -187,16 +193,11 @@ def cues_of(
         raise BadValue(f"cues: y has {pos.size} samples and v has {rate.size}")
     if np.ptp(pos) <= 1e-12 * np.abs(pos).max():
         raise BadValue("cues: y does not move")
-    weights = _window(pos.size) if window == "hann" else np.ones(pos.size)
-    w = _frequency(pos, fs, weights)
-    periods = w * pos.size / (2 * math.pi * fs)
-    if periods < PERIODS * (1 - 1e-6):
-        raise BadValue(
-            f"cues: the record holds {periods:.2f} periods of its dominant component,"
-            f" {w / (2 * math.pi):.3g} Hz; at least {PERIODS} are needed"
-        )
-    fit = _fit(w / fs, weights)
-    moved = _amplitude(fit, pos)
+    w, stiffness = (
+        (math.nan, lambda force: complex(math.nan, math.nan))
+        if single
+        else _component(pos, fs, window)
+    )
     y_peaks, v_peaks = _mean_of(pos, prominence), _mean_of(rate, prominence)
     y_power, v_power = float(np.sum(pos * pos)), float(np.sum(rate * rate))
 
@@ -204,7 +205,7 @@ def cues_of(
         force = _record("f", f)
         if force.size != pos.size:
             raise BadValue(f"cues: y has {pos.size} samples and f has {force.size}")
-        k = _amplitude(fit, force) / moved
+        k = stiffness(force)
         first = _peaks(force, prominence)[:1]
         (f_max, f_mean), (y_max, y_mean), (v_max, v_mean) = (
             _mean_of(force, prominence),
@@ -229,9 +230,31 @@ def cues_of(
             k_I=_over(force[first[0]], pos[first[0]]) if first.size else math.nan,
             k_fit=_over(np.sum(force * pos), y_power),
             b_fit=_over(np.sum(force * rate), v_power),
+            k_peak=_over(force.max(), pos.max()),
         )
 
     return of
+
+
+def _component(
+    pos: np.ndarray, fs: float, window: str
+) -> tuple[float, Callable[[np.ndarray], complex]]:
+    """Return the dominant frequency of y in rad/s, and the complex stiffness there.
+
+    The stiffness is a function of the force.
+    """
+    weights = _window(pos.size) if window == "hann" else np.ones(pos.size)
+    w = _frequency(pos, fs, weights)
+    periods = w * pos.size / (2 * math.pi * fs)
+    if periods < PERIODS * (1 - 1e-6):
+        raise BadValue(
+            f"cues: the record holds {periods:.2f} periods of its dominant component,"
+            f" {w / (2 * math.pi):.3g} Hz; at least {PERIODS} are needed, or single=True for a"
+            " movement without a period"
+        )
+    fit = _fit(w / fs, weights)
+    moved = _amplitude(fit, pos)
+    return w, lambda force: _amplitude(fit, force) / moved
 
 
 def _record(name: str, a: ArrayLike) -> np.ndarray:

@@ -47,7 +47,7 @@ from .filters import (
 )
 from .fractional import equal_force, springpot, springpot_stiffness
 from .impedance import first_order, hysteresis, kelvin_voigt, loading, spring, velocity
-from .noise import pink_noise, pinking, white_noise
+from .noise import coloured_noise, pink_noise, pinking, white_noise
 from .oscillators import carrier, oscillator, pulse_train
 from .resonance import amplifier, mode, mode_shape, notch, pole_swap, resonator, svf
 from .soft import (
@@ -87,6 +87,7 @@ __all__ = [
     "carrier",
     "chirp",
     "clip",
+    "coloured_noise",
     "compliance",
     "compliance_generalized_kelvin_voigt",
     "compliance_kelvin_voigt",

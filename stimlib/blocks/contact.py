@@ -20,7 +20,7 @@ from ..core.graph import (
     positive,
     same_unit,
 )
-from ..core.maths import TINY, exp, floor, fma, where
+from ..core.maths import TINY, exp, floor, fma, log, where
 from ..core.response import backward
 from ..core.units import unit
 from ..errors import BadValue, UnitError, one_of, public
@@ -311,44 +311,73 @@ class StribeckParams(NamedTuple):
 
     rise: float
     per: float  # fs/speed
+    exponent: float
 
 
 @dataclass(frozen=True, eq=False)
-class Stribeck(Block):
-    """Stribeck curve: limit (1 + rise exp(-(v/speed)^2)), v the sample's mean speed."""
+class StribeckCurve(Block, abstract=True):
+    """Stribeck curve: limit (1 + rise exp(-(v/speed)^exponent)).
+
+    v is the mean speed during a sample.
+    """
 
     x: Block
     limit: Block
     contact: Block
     rise: float
     speed: float
+    exponent = 2.0
     resettable = True
 
     def check(self):
         positive(self, "speed")
+        if not 1 <= self.exponent < math.inf:
+            raise BadValue(
+                f"friction: exponent = {self.exponent:g} must be a number from 1 on: below,"
+                " friction falls infinitely steeply at rest"
+            )
 
     def units(self, *u):
         return u[1]
 
     def design(self, fs):
-        return StribeckParams(self.rise, min(fs / self.speed, 1e300)), PlaceState(0.0, 1.0)
+        per = min(fs / self.speed, 1e300)
+        return StribeckParams(self.rise, per, float(self.exponent)), PlaceState(0.0, 1.0)
 
     def steepest(self, fs, z, H, value):
         """Return the negative damping at the steepest fall of the Stribeck curve.
 
-        The slope there is -rise sqrt(2/e)/speed times the limit, at the speed
-        speed/sqrt(2).
+        With d the exponent it is where (v/speed)^d = (d - 1)/d; for d = 2 its slope is
+        -rise sqrt(2/e)/speed times the limit.
         """
         if H[0] is None or value[1] is None:
             return None
-        return (
-            averaging(fs, z, 0.0, -value[1] * self.rise * math.sqrt(2 / math.e) / self.speed) * H[0]
-        )
+        at = (self.exponent - 1) / self.exponent
+        fall = self.exponent * at**at * math.exp(-at) / self.speed
+        return averaging(fs, z, 0.0, -value[1] * self.rise * fall) * H[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Stribeck(StribeckCurve):
+    """Stribeck curve with the exponent 2."""
 
     @staticmethod
     def step(p, s, x, limit):
         v = where(s.cold > 0.0, 0.0, p.per * (x - s.last))
         return limit * (1.0 + p.rise * exp(-v * v)), PlaceState(x, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class StribeckPower(StribeckCurve):
+    """Stribeck curve with any exponent from 1 on."""
+
+    exponent: float
+
+    @staticmethod
+    def step(p, s, x, limit):
+        v = where(s.cold > 0.0, 0.0, abs(p.per * (x - s.last)))
+        power = where(v > 0.0, exp(p.exponent * log(where(v > 0.0, v, 1.0))), 0.0)
+        return limit * (1.0 + p.rise * exp(-power)), PlaceState(x, 0.0)
 
 
 class StickSlipParams(NamedTuple):
@@ -413,6 +442,7 @@ def friction(
     elastic: float = 0.7,
     static: float | None = None,
     speed: float = 0.02,
+    exponent: float = 2.0,
     damping: float = 0.0,
     viscosity: float = 0.0,
     passive: bool = True,
@@ -435,8 +465,8 @@ def friction(
       damping dz/dt + viscosity v. It drifts too.
 
     If ``static`` is given, the coefficient of friction is mu + (static - mu)
-    exp(-(v/speed)^2), where v is the mean speed during the sample: it is larger at low
-    speed.
+    exp(-(v/speed)^exponent), where v is the mean speed during the sample: it is larger
+    at low speed.
 
     Parameters
     ----------
@@ -458,6 +488,8 @@ def friction(
         1.5 times mu.
     speed : float
         Stribeck's speed in m/s, usually 5 to 50 mm/s.
+    exponent : float
+        Of Stribeck's curve, at least 1: 2 in the LuGre paper, 1 in Tustin's model.
     damping, viscosity : float
         In N s/m, for ``"lugre"``.
     passive : bool
@@ -477,9 +509,9 @@ def friction(
     ------
     BadValue
         A normal force, mu, damping or viscosity below 0; stiffness or speed not above
-        0; elastic outside [0, 1); static below mu, or with a mu that is a signal;
-        damping or viscosity for another law; an unknown law; a LuGre that is not
-        passive.
+        0; exponent below 1; elastic outside [0, 1); static below mu, or with a mu that
+        is a signal; damping or viscosity for another law; an unknown law; a LuGre that
+        is not passive.
     UnitError
         Units that do not fit: stiffness times x is the unit of mu times normal. So
         torques over angles are fine.
@@ -541,7 +573,9 @@ def friction(
                 f" be at least damping (static/mu - 1) = {damping * (ratio - 1):g} N s/m; or set"
                 " passive=False, to reproduce a paper"
             )
-        most, limit = ratio * limit, Stribeck(x, limit, contact, ratio - 1, speed)
+        curve = x, limit, contact, ratio - 1, speed
+        most = ratio * limit
+        limit = Stribeck(*curve) if exponent == 2 else StribeckPower(*curve, exponent)
     if law == "lugre":
         return LuGre(x, limit, most, k, contact, damping, viscosity)
     if law == "elastoplastic":

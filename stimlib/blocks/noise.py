@@ -15,7 +15,7 @@ from ..core.program import lead
 from ..core.response import backward
 from ..design import responses
 from ..design.filters import asked_by
-from ..design.noise import pink_modes, stationary_factor
+from ..design.noise import noise_modes, stationary_covariance, stationary_factor
 from ..design.padding import padded
 from ..errors import BadValue, public
 
@@ -284,7 +284,7 @@ class Pinking(Modes):
 
     def design(self, fs):
         with asked_by("pinking"):
-            m = pink_modes(fs, self.f_low, self.tol_db)
+            m = noise_modes(fs, self.f_low, self.tol_db)
         return bank(m.e, m.r, m.d)
 
     def laws(self, fs):
@@ -335,22 +335,10 @@ def pinking(x: Block, f_low: float = 1.0, tol_db: float = 0.01) -> Block:
 
 
 @dataclass(frozen=True, eq=False)
-class PinkNoise(Modes):
-    """Stationary pink noise, S(f) = psd_1hz/f: filtered white noise."""
+class FilteredNoise(Modes, abstract=True):
+    """White noise through a bank of modes, stationary from the first sample on."""
 
     white: Block
-    psd_1hz: float
-    f_low: float
-    tol_db: float
-
-    def check(self):
-        positive(self, "psd_1hz", "f_low", "tol_db")
-
-    def design(self, fs):
-        with asked_by("pink_noise"):
-            m = pink_modes(fs, self.f_low, self.tol_db)
-        gain = math.sqrt(math.pi * self.psd_1hz)  # white of sigma = sqrt(pi S1), at any fs
-        return bank(m.e, gain * m.r, gain * m.d)
 
     def start(self, p, s, seed, normals=normals):
         """Draw a stationary initial state q ~ N(0, P) with a key of its own.
@@ -364,6 +352,24 @@ class PinkNoise(Modes):
         q = np.zeros(s.q.size)
         q[: len(L)] = [math.fsum(map(operator.mul, row, g)) for row in L]
         return ModesState(q)
+
+
+@dataclass(frozen=True, eq=False)
+class PinkNoise(FilteredNoise):
+    """Stationary pink noise, S(f) = psd_1hz/f: filtered white noise."""
+
+    psd_1hz: float
+    f_low: float
+    tol_db: float
+
+    def check(self):
+        positive(self, "psd_1hz", "f_low", "tol_db")
+
+    def design(self, fs):
+        with asked_by("pink_noise"):
+            m = noise_modes(fs, self.f_low, self.tol_db)
+        gain = math.sqrt(math.pi * self.psd_1hz)  # white of sigma = sqrt(pi S1), at any fs
+        return bank(m.e, gain * m.r, gain * m.d)
 
     def laws(self, fs):
         return (responses.pink_noise(self.psd_1hz, self.f_low, self.tol_db),)
@@ -421,3 +427,93 @@ def pink_noise(
     (1, 4)
     """
     return PinkNoise(White(seed, stream, shared), psd_1hz, f_low, tol_db)
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredNoise(FilteredNoise):
+    """Stationary noise of a slope, S(f) ~ f^-slope, and a root mean square value."""
+
+    slope: float
+    rms: float
+    f_low: float
+    tol_db: float
+
+    def check(self):
+        positive(self, "rms", "f_low", "tol_db")
+
+    def design(self, fs):
+        with asked_by("coloured_noise"):
+            m = noise_modes(fs, self.f_low, self.tol_db, self.slope)
+        # of white noise of unit variance: each mode's covariance with it is 1
+        terms = np.outer(m.r, m.r) * stationary_covariance(m.e)
+        gain = self.rms / math.sqrt(math.fsum([m.d**2, *(2 * m.d * m.r), *terms.ravel()]))
+        return bank(m.e, gain * m.r, gain * m.d)
+
+    def laws(self, fs):
+        return responses.coloured_noise(self.slope, self.rms, self.f_low, self.tol_db)
+
+
+@public
+def coloured_noise(
+    slope: float,
+    seed: int,
+    stream: int = 0,
+    rms: float = 1.0,
+    f_low: float = 1.0,
+    tol_db: float = 0.01,
+    shared: bool = False,
+) -> Block:
+    """Make noise with a power spectrum f^-slope and a given root mean square value.
+
+    It is stationary from the first sample on.
+
+    Parameters
+    ----------
+    slope : float
+        Exponent of 1/f in the power spectrum, from -3 to 3 and not 0: 1 pink, 2 brown
+        (the position of a random walk), -1 blue, -2 violet (its velocity). The spectrum
+        falls by 3.01 slope dB per octave.
+    seed, stream : int
+        Key of its white noise.
+    rms : float
+        Root mean square value of the whole signal, from 0 Hz to fs/2; so the density at
+        one frequency depends on fs and f_low. ``pink_noise`` takes the density.
+    f_low : float
+        Lower edge in Hz; the spectrum is flat below.  The upper edge is 0.45 fs.
+    tol_db : float
+        Largest deviation from the slope inside the band in dB.
+    shared : bool
+        See ``white_noise``.
+
+    Returns
+    -------
+    Block
+        Without unit.
+
+    Raises
+    ------
+    BadValue
+        rms, f_low or tol_db not above 0; at compile time, a slope, a band or a
+        tolerance that cannot be met.
+
+    Notes
+    -----
+    It is white noise through the filter of ``stimlib.design.noise.noise_modes``; the
+    rms follows from the covariance of the filter's states, without an estimate.
+
+    References
+    ----------
+    Kasdin, "Discrete simulation of colored noise and stochastic processes and 1/f^a
+    power law noise generation", Proc. IEEE 83 (1995), for the names of slopes; the
+    filter is our own.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import coloured_noise
+    >>> blue = coloured_noise(-1.0, seed=1, rms=0.5)
+    >>> proc = stimlib.compile(stimlib.Scene({"n": blue}), fs=8000)
+    >>> proc.process(np.empty((0, 80000))).std().round(2)
+    np.float64(0.5)
+    """
+    return ColouredNoise(White(seed, stream, shared), slope, rms, f_low, tol_db)

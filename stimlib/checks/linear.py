@@ -229,7 +229,7 @@ def _linear(b, fs, x, y):
         )
         if not isinstance(made, Modes):
             tol[s] = np.inf if type(b).resettable and not (x.rest or s.start) else tol[s]
-        elif s.start == 0 and (not x.rest or type(b).__name__ == "PinkNoise"):
+        elif s.start == 0 and (not x.rest or hasattr(b, "white")):
             before = free(made.L, y[s] - want[s])
             if x.rest:
                 began = stationary(b, made, fs, x.seed, y[s].size)

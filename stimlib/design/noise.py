@@ -102,27 +102,30 @@ def octaves(slope: float, low: float, high: float) -> Octaves:
     return Octaves(cells, power, float(np.abs(10 * np.log10(spectra @ found)).max()))
 
 
-# The 3 dB/oct low-pass as parallel modes --------------------------------------------
-# The 3 dB/oct low-pass as parallel modes, minimax in dB, and the steady state of such
-# modes under white noise.
+# Filters of constant slope as parallel modes ----------------------------------------
+# Filters with a spectrum w^-slope, of which the 3 dB/oct low-pass is one, as parallel
+# modes, minimax in dB, and the steady state of such modes under white noise.
 PASS_EDGE = 0.45
-"""Upper end of the 3 dB/oct pass band, in units of fs."""
+"""Upper end of the band of constant slope, in units of fs."""
 
 MAX_SECTIONS = 24
-"""Most first-order sections of a 3 dB/oct low-pass."""
+"""Most first-order sections of a filter of constant slope."""
 
 MAX_SPAN = 1e9
-"""Largest fs/f_low of a 3 dB/oct low-pass."""
+"""Largest fs/f_low of a filter of constant slope."""
 
 MIN_TOL_DB = 1e-8
 """Smallest tolerance of a 3 dB/oct low-pass: below it the equal ripple drowns in
 rounding.
 """
 
+MAX_SLOPE = 3.0
+"""Steepest slope of the power spectrum, as an exponent of 1/f."""
+
 _DB = 10 / math.log(10)  # dB per unit of log |H|^2
 
 
-class PinkDesign(NamedTuple):
+class NoiseDesign(NamedTuple):
     """A filter as parallel leaky modes, ``q += x - e*q``; ``y = d*x + sum(r*q)``.
 
     Attributes
@@ -134,7 +137,7 @@ class PinkDesign(NamedTuple):
     d : float
         Direct gain.
     error_db : float
-        Largest deviation of the gain from 3 dB/oct in the pass band, dB.
+        Largest deviation of the gain from the slope in the pass band, dB.
     """
 
     e: FloatArray
@@ -144,15 +147,15 @@ class PinkDesign(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
-    """Design a 3 dB/oct low-pass with the fewest sections that meet a tolerance.
+def noise_modes(fs: float, f_low: float, tol_db: float, slope: float = 1.0) -> NoiseDesign:
+    """Design a filter of constant slope with the fewest sections that meet a tolerance.
 
-    H|^2 = 1/w with w = 2 pi f/fs; the sections are of first order.
+    |H|^2 = w^-slope with w = 2 pi f/fs; the sections are of first order.
 
     The error is equal-ripple in log magnitude on f_low <= f <= 0.45 fs. In v =
     tan^2(w/2) a section with real pole and real zero has the gain (v + a)/(v + b), so
-    the bilinear warp is part of the target, 1/(2 atan sqrt v), and the top octave is
-    accurate as well. Below f_low the gain levels off.
+    the bilinear warp is part of the target, (2 atan sqrt v)^-slope, and the top octave
+    is accurate as well. Below f_low the gain levels off.
 
     Parameters
     ----------
@@ -163,10 +166,13 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
         edge).
     tol_db : float
         Largest deviation allowed in the pass band, dB; at least 1e-8.
+    slope : float
+        Exponent of 1/f in the power spectrum, -3 to 3 and not 0: 1 for 3 dB/oct. From
+        1.5 on, two filters of about half the slope are cascaded.
 
     Returns
     -------
-    PinkDesign
+    NoiseDesign
         The filter as parallel modes, ``H(z) = d + sum_k r_k/(1 - (1 - e_k)/z)``.
 
     Raises
@@ -177,9 +183,9 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
 
     Notes
     -----
-    The error of n sections is about ``11 exp(-pi^2 (2n + 1)/(2 log(4/l)))`` dB with l
-    the ratio of tan(w/2) at the two edges.  White noise of variance pi S1 through this
-    filter has the one-sided density S1/f.
+    The error of n sections at slope 1 is about ``11 exp(-pi^2 (2n + 1)/(2 log(4/l)))``
+    dB with l the ratio of tan(w/2) at the two edges.  White noise of variance pi S1
+    through this filter has the one-sided density S1/f.
 
     References
     ----------
@@ -189,37 +195,44 @@ def pink_modes(fs: float, f_low: float, tol_db: float) -> PinkDesign:
 
     Examples
     --------
-    >>> from stimlib.design.noise import pink_modes
-    >>> modes = pink_modes(fs=8000, f_low=1, tol_db=0.01)
+    >>> from stimlib.design.noise import noise_modes
+    >>> modes = noise_modes(fs=8000, f_low=1, tol_db=0.01)
     >>> len(modes.e), modes.error_db < 0.01
     (8, True)
     """
     if not (math.isfinite(fs) and fs > 0):
-        raise BadValue(f"pink_modes: fs = {fs} Hz: the sample rate must be a finite number above 0")
+        raise BadValue(
+            f"noise_modes: fs = {fs} Hz: the sample rate must be a finite number above 0"
+        )
     if not fs / MAX_SPAN <= f_low <= PASS_EDGE / 2 * fs:
         raise BadValue(
-            f"pink_modes: f_low = {f_low} Hz: the pass band ends at 0.45 fs and is 3 dB/oct over"
-            f" one octave or more; at fs = {fs:g} Hz choose f_low from {fs / MAX_SPAN:g} to"
-            f" {PASS_EDGE / 2 * fs:g} Hz"
+            f"noise_modes: f_low = {f_low} Hz: the pass band ends at 0.45 fs and has a constant"
+            f" slope over one octave or more; at fs = {fs:g} Hz choose f_low from"
+            f" {fs / MAX_SPAN:g} to {PASS_EDGE / 2 * fs:g} Hz"
         )
     if not MIN_TOL_DB <= tol_db < math.inf:
         raise BadValue(
-            f"pink_modes: tol_db = {tol_db} dB: choose a finite tolerance of at least"
+            f"noise_modes: tol_db = {tol_db} dB: choose a finite tolerance of at least"
             f" {MIN_TOL_DB:g} dB"
         )
+    if not (abs(slope) <= MAX_SLOPE and slope):
+        raise BadValue(
+            f"noise_modes: slope = {slope}: choose an exponent of 1/f from {-MAX_SLOPE:g} to"
+            f" {MAX_SLOPE:g}; for 0, take white noise"
+        )
     w_low = 2 * math.pi * f_low / fs
-    n = min(_sections_estimate(w_low, tol_db), MAX_SECTIONS)
-    modes = _minimax_modes(w_low, n)
+    n = min(_sections_estimate(w_low, tol_db), MAX_SECTIONS) if slope == 1 else 1
+    modes = _minimax_modes(w_low, n, slope)
     while modes.error_db > tol_db and n < MAX_SECTIONS:
         n += 1
-        modes = _minimax_modes(w_low, n)
+        modes = min(modes, _minimax_modes(w_low, n, slope), key=lambda m: m.error_db)
     if modes.error_db > tol_db:
         raise BadValue(
-            f"pink_modes: tol_db = {tol_db:g} dB from {f_low:g} Hz to 0.45 fs at fs = {fs:g} Hz"
+            f"noise_modes: tol_db = {tol_db:g} dB from {f_low:g} Hz to 0.45 fs at fs = {fs:g} Hz"
             f" takes more than {MAX_SECTIONS} sections, which reach {modes.error_db:.3g} dB: raise"
             " tol_db to that, or raise f_low"
         )
-    while n > 1 and (fewer := _minimax_modes(w_low, n - 1)).error_db <= tol_db:
+    while n > 1 and (fewer := _minimax_modes(w_low, n - 1, slope)).error_db <= tol_db:
         n, modes = n - 1, fewer
     return modes
 
@@ -278,8 +291,8 @@ def _zolotarev(n: int, low: float, high: float) -> tuple[FloatArray, FloatArray]
     return roots, low + _log_elliptic(peaks / (2 * n + 1), k1, +1)
 
 
-def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
-    """Return the ripple log(|H|^2 w) of a design at t = log tan(w/2).
+def _log_ripple(design: FloatArray, t: FloatArray, slope: float = 1.0) -> FloatArray:
+    """Return the ripple log(|H|^2 w^slope) of a design at t = log tan(w/2).
 
     The design is (log b_1, log a_1, ..., log b_n, log a_n, log gain).
     """
@@ -287,11 +300,11 @@ def _log_ripple(design: FloatArray, t: FloatArray) -> FloatArray:
     return (
         design[-1]
         + np.log(np.prod((v + c[1::2]) / (v + c[::2]), axis=1))
-        + np.log(2 * np.arctan(np.exp(t)))
+        + slope * np.log(2 * np.arctan(np.exp(t)))
     )
 
 
-def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
+def _equal_ripple(design: FloatArray, reference: FloatArray, slope: float) -> FloatArray:
     """Return the design whose ripple is +E, -E, +E, ... on the reference, by Newton."""
     v = np.exp(2 * reference)[:, None]
     charge = np.resize([-1.0, 1.0], len(design) - 1)  # of poles and zeros
@@ -299,7 +312,10 @@ def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
     for _ in range(40):
         c = np.exp(design[:-1])
         jacobian = np.hstack([charge * c / (v + c), np.ones_like(sign), sign])
-        step = np.linalg.solve(jacobian, -_log_ripple(design, reference))[:-1]
+        try:
+            step = np.linalg.solve(jacobian, -_log_ripple(design, reference, slope))[:-1]
+        except np.linalg.LinAlgError:  # two sections are the same: nothing but rounding is left
+            break
         largest = np.max(np.abs(step[:-1]))
         design = design + step * min(1.0, 0.7 / largest)
         if largest < 1e-6:
@@ -307,21 +323,36 @@ def _equal_ripple(design: FloatArray, reference: FloatArray) -> FloatArray:
     return design
 
 
-def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
+def _minimax_design(w_low: float, n: int, slope: float = 1.0) -> tuple[FloatArray, FloatArray]:
     """Return the equal-ripple design of n sections, and its reference (2n + 2,).
 
-    The form of both is that of `_log_ripple`.
+    The form of both is that of `_log_ripple`. From Zolotarev's solution of slope 1 the
+    slope changes in steps; at each the distances of poles and zeros grow with it.
     """
     low, high = _log_edges(w_low)
     roots, reference = _zolotarev(n, low, high)
     design = np.append(roots, -np.mean(_log_ripple(np.append(roots, 0.0), reference)))
+    last = 1.0
+    for now in np.linspace(1.0, slope, 1 + math.ceil(abs(slope - 1) / 0.2)).tolist():
+        wider = (now / last - 1) / 2 * (design[1:-1:2] - design[:-1:2])
+        design[:-1:2] -= wider
+        design[1:-1:2] += wider
+        design, reference = _exchanged(design, reference, now, low, high)
+        last = now
+    return design, reference
+
+
+def _exchanged(
+    design: FloatArray, reference: FloatArray, slope: float, low: float, high: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the equal-ripple design and its reference, by Remez's exchange."""
     for _ in range(20):
-        design = _equal_ripple(design, reference)
+        design = _equal_ripple(design, reference, slope)
         grid = between(reference, low, high, 8)
-        peaks = peaks_of(grid, _log_ripple(design, grid))
-        ripple = _log_ripple(design, peaks)
-        kept = alternating(ripple, 2 * n + 2)
-        if len(kept) < 2 * n + 2:
+        peaks = peaks_of(grid, _log_ripple(design, grid, slope))
+        ripple = _log_ripple(design, peaks, slope)
+        kept = alternating(ripple, len(reference))
+        if len(kept) < len(reference):
             break  # nothing but rounding is left
         reference, ripple = peaks[kept], np.abs(ripple[kept])
         if np.max(ripple) - np.min(ripple) < 1e-4 * np.max(ripple) + 1e-14:
@@ -329,18 +360,34 @@ def _minimax_design(w_low: float, n: int) -> tuple[FloatArray, FloatArray]:
     return design, reference
 
 
+STEEPEST = 1.5
+"""Steepest slope of one design; a steeper noise filter is two designs in cascade."""
+
+
 @lru_cache(maxsize=256)
-def _minimax_modes(w_low: float, n: int) -> PinkDesign:
-    """Return the best low-pass of n sections, with the error of its modes."""
-    design, reference = _minimax_design(w_low, n)
-    e, z, gain = _leaks_and_gain(design)
+def _minimax_modes(w_low: float, n: int, slope: float = 1.0) -> NoiseDesign:
+    """Return the best filter of n sections, with the error of its modes.
+
+    A rising slope is the inverse of a falling one: poles and zeros change places. Two
+    filters in cascade have different slopes, so that no pole is double.
+    """
+    parts = [(1.0, n)] if abs(slope) <= STEEPEST else [(0.45, n // 2), (0.55, n - n // 2)]
+    found = [_minimax_design(w_low, k, abs(slope) * part) for part, k in parts if k]
+    each = [_leaks_and_gain(design) for design, _ in found]
+    e, z = (np.concatenate([one[i] for one in each]) for i in (0, 1))
+    gain = math.prod(one[2] for one in each)
+    if slope < 0:
+        e, z, gain = z, e, 1 / gain
+    rising = np.argsort(e)
+    e, z = e[rising], z[rising]
     r, d = _partial_fractions(e, z, gain)
-    t = between(reference, *_log_edges(w_low), 16)
+    t = between(np.unique(np.concatenate([r for _, r in found])), *_log_edges(w_low), 16)
     w = 2 * np.arctan(np.exp(t))
-    error_db = float(_DB * np.max(np.abs(np.log(w * np.abs(_response(e, r, d, w)) ** 2))))
+    level = np.log(w**slope * np.abs(_response(e, r, d, w)) ** 2)
+    error_db = float(_DB * np.max(np.abs(level)))
     for array in (e, r):
         array.setflags(write=False)
-    return PinkDesign(e, r, d, error_db)
+    return NoiseDesign(e, r, d, error_db)
 
 
 def _leaks_and_gain(design: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -92,6 +92,39 @@ def pink_noise(psd_1hz: float, f_low: float, tol_db: float) -> Law:
     )
 
 
+def coloured_noise(slope: float, rms: float, f_low: float, tol_db: float) -> tuple[Law, Law]:
+    """Return the laws of coloured noise from white noise of unit variance.
+
+    The first is its slope relative to the middle of the band, whose own deviation
+    counts too; the second is its rms, by Parseval's theorem.
+    """
+
+    def shape(H, f, fs):
+        return np.abs(H) / np.abs(H[len(H) // 2])
+
+    def whole(H, f, fs):
+        return np.sqrt([np.trapezoid(np.abs(H) ** 2, f) / (f[-1] - f[0])])
+
+    return (
+        Law(
+            band(f_low, lambda fs: 0.45 * fs),
+            lambda f, fs: (f / f[len(f) // 2]) ** (-slope / 2),
+            _db(2 * tol_db),
+            f"S(f) ~ f^{-slope:g} within {tol_db:g} dB",
+            shape,
+            shapes=True,
+        ),
+        Law(
+            band(f_low / 1000, lambda fs: fs / 2),
+            lambda f, fs: np.array([rms]),
+            1e-3,
+            f"rms {rms:g}",
+            whole,
+            shapes=True,
+        ),
+    )
+
+
 def pinking(f_low: float, tol_db: float) -> Law:
     """Return the law of a 3 dB/oct low-pass, |H|^2 = 1/w with w = 2 pi f/fs."""
     top = band(f_low, lambda fs: 0.45 * fs)

@@ -1,6 +1,8 @@
 from .closed_form import (
     maxwell_force as maxwell_force,
+    mittag_leffler as mittag_leffler,
     springpot_force as springpot_force,
+    springpot_series_force as springpot_series_force,
     thin as thin,
 )
 from .relaxation import (

@@ -6,10 +6,10 @@ docs/reference/papers.rst.
 
 from __future__ import annotations
 
-from math import pi
+from math import log, pi
 
-from ..blocks import equal_force, springpot
-from ..core.graph import Input, Param
+from ..blocks import equal_force, exp, springpot, track
+from ..core.graph import Block, Input, Param
 from ..core.scene import Scene
 from .shipped import shipped
 
@@ -23,7 +23,7 @@ REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
         " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"
     ),
     drive={"y": "sinusoid(0.01, 1.0)"},
-    ranges={"y": (0.0, 0.02)},
+    ranges={"y": (0.0, 0.02), "alpha": (0.0, 1.0)},
 )
 def viscoelastic(
     alpha: float = 0.5,
@@ -33,6 +33,8 @@ def viscoelastic(
     scheme: str = "gl",
     tol: float = 1e-10,
     contact: bool = False,
+    live: bool = False,
+    smoothing: float | None = None,
 ) -> Scene:
     """Compose the force of a springpot with a given stiffness at one frequency.
 
@@ -57,6 +59,12 @@ def viscoelastic(
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not): off contact the force is 0,
         and re-contact starts anew at rest.
+    live : bool
+        Make the order a parameter, ``alpha``; chi follows it, so that the force at w
+        stays as strong. Ramp it: a jump of alpha is a jump of the force.
+    smoothing : float, optional
+        Bandwidth in Hz of ``track`` before the springpot. Use it for positions in steps
+        or with noise: an order near 1 makes a force of every step.
 
     Returns
     -------
@@ -74,10 +82,14 @@ def viscoelastic(
     >>> viscoelastic(alpha=0.25)
     Scene(y [m], firmness [1] -> force [N])
     """
-    y = Input("y", "m")
-    chi = equal_force(chi_0, 0.0, alpha, w)
+    y: Block = Input("y", "m")
     touching = Input("contact") if contact else None
+    if smoothing is not None:
+        y = track(y, smoothing, contact=1.0 if touching is None else touching)
+    chi = equal_force(chi_0, 0.0, alpha, w)
+    order = Param("alpha", alpha) if live else alpha
+    strength = chi_0 * exp(-log(w) * order) if live else chi
     # the downsampled method keeps all of it
     horizon = 60.0 if scheme == "gl-downsampled" else 86400.0
-    unit = springpot(y, chi, alpha, scheme, tol, horizon, contact=touching)
+    unit = springpot(y, strength, order, scheme, tol, horizon, contact=touching)
     return Scene({"force": Param("firmness", firmness) * unit})

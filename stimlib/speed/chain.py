@@ -17,7 +17,7 @@ from ..blocks import differentiator, pink_noise, pinking, white_noise
 from ..core.graph import Block, Input
 from ..core.scene import Scene
 from ..design.filters import differentiator_taps
-from ..design.noise import pink_modes
+from ..design.noise import noise_modes
 from ..run.processor import Processor, compile
 from .timing import fastest
 
@@ -59,7 +59,7 @@ def design() -> tuple[np.ndarray, np.ndarray]:
     >>> [part.shape for part in design()]
     [(3, 6), (129,)]
     """
-    m = pink_modes(FS, F_LOW, TOL_DB)
+    m = noise_modes(FS, F_LOW, TOL_DB)
     poles = 1 - m.e
     numerator = m.d * np.poly(poles)
     for k in range(poles.size):

@@ -444,7 +444,8 @@ def _verified(rendering: Rendering, _: None) -> float:
 
 CUE_UNITS = {
     "frequency": "1/s", "phi": "1", "W": "J", "loss_factor": "1", "eta_as_printed": "1",
-    "k_S": "N/m", "k_L": "N/m", "k_I": "N/m", "k_fit": "N/m", "b_L": "N*s/m", "b_fit": "N*s/m",
+    "k_S": "N/m", "k_L": "N/m", "k_I": "N/m", "k_fit": "N/m", "k_peak": "N/m",
+    "b_L": "N*s/m", "b_fit": "N*s/m",
     "f_max": "N", "f_mean": "N", "y_max": "m", "y_mean": "m", "v_max": "m/s", "v_mean": "m/s",
 }  # fmt: skip
 """Unit of each field of ``stimlib.analysis.Cues``."""

@@ -263,6 +263,35 @@ def test_the_least_movement_keeps_the_force():
 
 
 # What is refused, and what is held ----------------------------------------------------
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0, 3.0])
+def test_friction_falls_with_speed_by_the_exponent(exponent):
+    """F + (STATIC - F) exp(-(v/SPEED)^exponent), while it slides."""
+    for v in (0.005, SPEED, 0.05):
+        curve = friction(X, 1.0, F, K, "coulomb", static=STATIC, speed=SPEED, exponent=exponent)
+        x = v * np.arange(400) / 1000  # it slides at the end
+        proc = stimlib.compile(Scene({"f": curve}), 1000, "python")
+        want = F + (STATIC - F) * np.exp(-((v / SPEED) ** exponent))
+        assert proc.process(x[None])[0, -1] == pytest.approx(want, rel=1e-9)
+
+
+def test_the_damping_that_a_falling_friction_needs():
+    """The steepest fall of the curve, found on a grid."""
+    from stimlib.blocks.contact import Stribeck, StribeckPower
+
+    one, H = (X, X, X), [np.ones(1), None, None]
+    v = np.linspace(1e-6, 0.1, 100_001)
+    for exponent in (1.0, 1.3, 2.0, 3.0):
+        made = (
+            Stribeck(*one, 0.5, SPEED)
+            if exponent == 2
+            else StribeckPower(*one, 0.5, SPEED, exponent)
+        )
+        found = made.steepest(1e9, np.exp(2e-6j * np.ones(1)), H, [None, 0.8, None])
+        slope = np.gradient(0.8 * 0.5 * np.exp(-((v / SPEED) ** exponent)), v).min()
+        damping = float(np.abs(found[0]) / abs(1 - np.exp(-2e-6j)) / 1e9)
+        assert damping == pytest.approx(-slope, rel=2e-3)
+
+
 REFUSED = {
     "normal = -1": dict(normal=-1.0),
     "normal = -2": dict(normal=Param("N", -2.0, "N")),
@@ -274,6 +303,8 @@ REFUSED = {
     "at least mu": dict(static=0.5),
     "multiply normal": dict(mu=Input("mu"), static=0.9),
     "speed": dict(static=0.9, speed=0.0),
+    "exponent = 0.9": dict(static=0.9, exponent=0.9),
+    "exponent = nan": dict(static=0.9, exponent=np.nan),
     "belong to law='lugre'": dict(damping=1.0),
     "viscosity belong to": dict(viscosity=1.0),
     "and mu above 0": dict(mu=0.0, static=0.9),

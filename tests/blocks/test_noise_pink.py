@@ -5,8 +5,8 @@ import pytest
 from laws import lawful
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib.blocks import pink_noise, pinking, white_noise
+from stimlib import BadValue, Input, Scene
+from stimlib.blocks import coloured_noise, pink_noise, pinking, white_noise
 from stimlib.blocks.noise import PinkNoise, White, noise_key
 
 
@@ -49,6 +49,39 @@ def test_it_is_stationary_from_the_first_sample(f_low):
     assert np.all(np.abs(np.var(y, axis=0) / variance - 1) < 5 * np.sqrt(2 / runs))
     lag = np.trapezoid(density * np.cos(2 * np.pi * f * 30 / fs), f)
     assert abs(np.mean(y[:, 0] * y[:, 30]) - lag) < 5 * variance * np.sqrt(2 / runs)
+
+
+@pytest.mark.parametrize("slope", [-2.0, 0.5, 2.0])
+def test_coloured_noise_has_its_rms_and_slope(slope):
+    """Of 2^18 samples; the spectrum over octaves, which average many bins."""
+    fs, n = 8000.0, 1 << 18
+    noise = coloured_noise(slope, seed=4, rms=0.3, f_low=100.0)
+    y = stimlib.compile(Scene({"n": noise}), fs).process(np.empty((0, n)))[0]
+    assert y.std() == pytest.approx(0.3, rel=0.03)
+    power = np.abs(np.fft.rfft(y)) ** 2
+    f = np.fft.rfftfreq(n, 1 / fs)
+    octaves = [power[(f >= a) & (f < 2 * a)].mean() for a in (100.0, 200.0, 400.0, 800.0, 1600.0)]
+    # the mean over an octave of f^-slope falls by the same factor
+    fall = np.diff(10 * np.log10(octaves))
+    assert np.abs(fall + 10 * slope * np.log10(2)).max() < 0.4
+
+
+def test_coloured_noise_is_stationary_from_the_first_sample_on():
+    fs, runs = 1000.0, 2000
+    proc = stimlib.compile(Scene({"n": coloured_noise(2.0, seed=1, f_low=1.0)}), fs)
+    y = np.empty((runs, 4))
+    for seed in range(runs):
+        proc.reset(seed)
+        y[seed] = proc.process(np.empty((0, 4)))[0]
+    assert np.all(np.abs(np.var(y, axis=0) - 1) < 5 * np.sqrt(2 / runs))
+
+
+@pytest.mark.parametrize("words", [{"rms": 0.0}, {"rms": np.nan}, {"f_low": 0.0}, {"tol_db": -1.0}])
+def test_coloured_noise_that_makes_no_sense_is_refused(words):
+    with pytest.raises(BadValue, match=next(iter(words))):
+        coloured_noise(1.0, seed=1, **words)
+    with pytest.raises(BadValue, match="coloured_noise: .*slope"):
+        stimlib.compile(Scene({"n": coloured_noise(4.0, seed=1)}), 1000)
 
 
 def test_streams_and_seeds_differ():

@@ -207,6 +207,24 @@ def test_a_given_velocity_is_used():
     assert cues(np.round(y, 4), 300 * y, fs).v_max > 0.09  # steps
 
 
+def test_a_single_press():
+    """Half a period: no cue of a frequency, all others; a dashpot's force ends at 0."""
+    t = np.arange(500) / 1000
+    y, v = 0.01 * np.sin(2 * np.pi * t), 0.02 * np.pi * np.cos(2 * np.pi * t)
+    c = cues(y, 300 * y, 1000.0, v=v, single=True)
+    assert c.k_peak == pytest.approx(300, rel=1e-12) and c.k_fit == pytest.approx(300, rel=1e-12)
+    assert c.f_max == pytest.approx(3.0) and c.y_max == pytest.approx(0.01)
+    assert c.W == pytest.approx(0.5 * 300 * 0.01**2, rel=1e-4)
+    nans = {name for name, value in c._asdict().items() if math.isnan(value)}
+    none = {"v_max", "v_mean"}  # a velocity that only falls has no peak
+    of_a_frequency = {"frequency", "k_S", "k_L", "loss_factor", "eta_as_printed", "b_L", "phi"}
+    assert nans == of_a_frequency | none
+    c = cues(y, 5 * v, 1000.0, v=v, single=True)
+    assert c.k_peak == pytest.approx(5 * 2 * np.pi, rel=1e-3)
+    whole = movement(2 * np.pi, 3000, 1000.0)[0]
+    assert cues(whole, whole, 1000.0)[7:] == cues(whole, whole, 1000.0, single=True)[7:]
+
+
 # Errors -------------------------------------------------------------------------------
 Y, V = movement(2 * np.pi, 3000, 1000.0)
 

@@ -2,7 +2,7 @@
 and what it then catches.
 """
 
-import dataclasses as dc
+import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import stimlib
+from stimlib.blocks import track
 from stimlib.blocks.fractional import Springpot
 from stimlib.blocks.surfaces import Grating, LinearBump, SpatialNoise
 from stimlib.checks import laws, scenes
@@ -17,6 +18,8 @@ from stimlib.checks.evidence import asked
 from stimlib.checks.families import impedance, surfaces
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.motion.recorded import recording
+from stimlib.run.driver import samples
+from stimlib.run.processor import Change
 from stimlib.scenes import bumps, grating, viscoelastic
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "touch-evemu"
@@ -36,6 +39,40 @@ def test_viscoelastic_is_proved(alpha, scheme, fs):
         )
         assert r.passed, str(r)
         assert any("full sum" in c.name for c in r.checks)
+
+
+@pytest.mark.parametrize("words", [{}, {"smoothing": 80.0}, {"contact": True, "smoothing": 50.0}])
+@pytest.mark.parametrize("live", [True, False])
+def test_viscoelastic_with_options_is_proved(live, words):
+    """Positions that are tracked, contact, and a live order, also while it ramps."""
+    scene = viscoelastic(0.3, live=live, **words)
+    motion = {"y": sinusoid(0.01, 1.0), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)}
+    motion = {name: motion[name] for name in scene.inputs}
+    r = report(scene, motion, 1.0, 1000)
+    assert r.passed and any("full sum" in c.name for c in r.checks), str(r)
+    if live:
+        e = r.evidence
+        e.changes = [Change(200, "alpha", 0.9, 0.3)]
+        again = stimlib.compile(scene, 1000, seed=e.seed)
+        e.y = samples(again, e.x, e.x.shape[1], e.changes)
+        checks = scenes.scene_law(dataclasses.replace(e, skipped=[], wanted={}, taps=[]))
+        assert checks and all(c.passed for c in checks), checks
+
+
+@pytest.mark.parametrize("words", [{"live": True}, {"live": False, "smoothing": 50.0}])
+def test_viscoelastic_is_what_its_options_say(words):
+    """All orders are as strong at w, and a live one is the fixed one of that order."""
+    t = np.arange(3000) / 1000
+    y = 0.01 * np.sin(2 * np.pi * t)
+    live = stimlib.render(
+        viscoelastic(0.0, **words), {"y": y}, 1000, params={"alpha": 0.7} if words["live"] else {}
+    )
+    way = y
+    if "smoothing" in words:
+        tracked = stimlib.compile(stimlib.Scene({"y": track(stimlib.Input("y", "m"), 50.0)}), 1000)
+        way = tracked.process(y[None])[0]
+    fixed = stimlib.render(viscoelastic(0.7 if words["live"] else 0.0), {"y": way}, 1000)
+    np.testing.assert_allclose(live["force"], fixed["force"], rtol=0, atol=3e-8)
 
 
 def test_weights_are_those_of_the_paper():
@@ -74,7 +111,9 @@ def test_bumps_that_are_larger_by_a_fiftieth_have_another_rms():
     r = report(bumps(), {"x": constant_speed(0.03, 0.1)})
     a = asked(r.evidence, r.evidence.scene.parts[0])
     for factor, refused in ((1.0, False), (1.02, True)):
-        checks = scenes.SCENES["bumps"](dc.replace(a, y={"voltage": factor * a.y["voltage"]}))
+        checks = scenes.SCENES["bumps"](
+            dataclasses.replace(a, y={"voltage": factor * a.y["voltage"]})
+        )
         assert any("rms of the line spectrum" in c.name for c in checks if not c.passed) is refused
 
 
@@ -86,7 +125,7 @@ def test_bumps_that_are_larger_by_a_fiftieth_have_another_rms():
 def test_words_that_no_law_knows_are_refused(make, name, text):
     """That of the touch screen took an unknown waveform for a sine, and passed."""
     scene = make("sine", amplitude=0.1, rectify=None)
-    part = dc.replace(scene.parts[0], given=scene.parts[0].given | {name: text})
+    part = dataclasses.replace(scene.parts[0], given=scene.parts[0].given | {name: text})
     r = report(stimlib.Scene(scene.outputs, [part]), {"x": constant_speed(0.03, 0.1)}, 0.1)
     (bad,) = [c for c in r.checks if not c.passed]
     assert bad.name == "shape of the scene" and f"{text!r} is not known; choose" in bad.text
@@ -221,7 +260,9 @@ def test_a_number_one_per_mille_off_is_caught(monkeypatch, owner, field, scene, 
 def test_an_order_slightly_off_is_caught(monkeypatch):
     f = Springpot.design
     monkeypatch.setattr(
-        Springpot, "design", lambda self, fs: f(dc.replace(self, order=self.order + 1e-6), fs)
+        Springpot,
+        "design",
+        lambda self, fs: f(dataclasses.replace(self, order=self.order + 1e-6), fs),
     )
     bad = {
         c.group
@@ -297,7 +338,11 @@ def test_one_sample_of_a_surface_with_a_seed_of_its_own_is_seen():
     for n in (1, 317, 798):
         row = a.y["force"].copy()
         row[n] += 1e-8
-        (bad,) = [c.name for c in surfaces.grating(dc.replace(a, y={"force": row})) if not c.passed]
+        (bad,) = [
+            c.name
+            for c in surfaces.grating(dataclasses.replace(a, y={"force": row}))
+            if not c.passed
+        ]
         assert bad == "force: gratings and roughness of the place"
 
 

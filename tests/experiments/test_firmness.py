@@ -6,6 +6,7 @@ from math import isnan
 import numpy as np
 import pytest
 from refusals import refused
+from scipy.stats import norm
 
 from stimlib.errors import BadValue
 from stimlib.experiments.designs import ConstantStimuli
@@ -13,13 +14,14 @@ from stimlib.experiments.experiment import Timing
 from stimlib.experiments.latin_squares import check_graeco_latin
 from stimlib.experiments.papers import bounciness as bouncy, firmness as firm
 from stimlib.experiments.papers.firmness import PAIRS, firmness, pair_of, person, weber_fractions
+from stimlib.experiments.papers.springpots import by_cues, cues_of_stimulus
 from stimlib.experiments.random_streams import stream
 from stimlib.experiments.reader import columns, sessions
 from stimlib.experiments.report import write_report
 from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Roved, TwoInterval
-from stimlib.experiments.trial import Stimulus, observed
+from stimlib.experiments.trial import Stimulus, Trial, observed
 from stimlib.scenes import viscoelastic
 
 
@@ -52,6 +54,28 @@ def test_sessions_and_their_order():
         assert t.correct == {"firmer": "green" if green else "red"} and t.level == float(green)
     assert experiment.scenes["0.25"].hash == viscoelastic(alpha=0.25).hash
     assert experiment.sessions == 15 and experiment.cursor is None
+
+
+def test_an_observer_by_several_cues_has_the_d_of_all_of_them():
+    """d'^2 is the sum of the cues' own; the errors are set so that it is 1 + 0.25."""
+    red, green = firm.pair_stimuli("0.5 and +20 %")
+    of = [cues_of_stimulus(0.5, s.params["firmness"]) for s in (red, green)]
+    assert red.params["firmness"] == 1.0 and green.params["firmness"] == 1.2
+    errors = {"k_S": of[1].k_S - of[0].k_S, "W": 2 * (of[1].W - of[0].W)}
+    rng, n = stream(1, "person"), 4000
+    observer = by_cues("firmer", firm.pair_stimuli, errors)
+    said = [
+        [
+            observer(Trial("0.5 and +20 %", (s,), ("firmer",)), rng).values["firmer"]
+            for _ in range(n)
+        ]
+        for s in (red, green)
+    ]
+    alarms, hits = (sum(a == "green" for a in answers) / n for answers in said)
+    d = norm.ppf(hits) - norm.ppf(alarms)
+    assert d == pytest.approx(np.sqrt(1.25), abs=0.12)
+    for wrong in ({"weight": 1.0}, {"W": 0.0}, {"W": np.inf}):
+        refused(BadValue, "by_cues", by_cues, "firmer", firm.pair_stimuli, wrong)
 
 
 @pytest.mark.parametrize("alpha, rel", [(0.0, 1e-12), (0.5, 0.01), (1.0, 0.01)])

@@ -459,12 +459,12 @@ def _lugre(b, fs, x, y):
     return forgotten(force, x.rest)
 
 
-@law("Stribeck", since=1)
+@law("Stribeck", "StribeckPower", since=1)
 def _stribeck(b, fs, x, y):
-    v = (x[0] - before(x[0], x[2])) * fs / b.speed
-    return near(
-        np.where(x[2] > 0, x[1] * (1 + b.rise * np.exp(-(np.minimum(np.abs(v), 1e150) ** 2))), 0)
-    )
+    v = np.abs(x[0] - before(x[0], x[2])) * fs / b.speed
+    # at the cap the exponential is 0
+    fall = np.exp(-(np.minimum(v, 1e150 ** (1 / b.exponent)) ** b.exponent))
+    return near(np.where(x[2] > 0, x[1] * (1 + b.rise * fall), 0))
 
 
 @law("StickSlip", since=1)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...core.graph import Input
+from ...core.graph import Block, Input
 from .. import laws
 from ..evidence import Asked, Check, law_of
 from ..linear import LONG, response, taps
@@ -101,11 +101,12 @@ def _viscoelastic(a: Asked) -> list[Check]:
 
     It compares a selection of samples, in extended precision.
     """
-    from ...blocks import springpot
+    from ...blocks import exp, springpot, track
 
     g, y, n, touching = a.given, a.x["y"], a.n, a.contact > 0
+    order = a.live("alpha") if g["live"] else np.full(n, g["alpha"])
+    gain = a.live("firmness") * g["chi_0"] / g["w"] ** order
     chi = g["chi_0"] / g["w"] ** g["alpha"]
-    gain = a.live("firmness") * chi
     at_1_hz = chi * (2 * np.pi) ** g["alpha"]
     a.say(
         f"chi = {chi:.6g}, alpha = {g['alpha']:.6g}: as strong at 1 Hz as {at_1_hz:.4g} N/m, for"
@@ -113,9 +114,14 @@ def _viscoelastic(a: Asked) -> list[Check]:
     )
     contact = Input("contact") if "contact" in a.x else None
     horizon = 60.0 if g["scheme"] == "gl-downsampled" else 86400.0
-    block = springpot(
-        Input("y", "m"), chi, g["alpha"], g["scheme"], g["tol"], horizon, contact=contact
-    )
+    way: Block = Input("y", "m")
+    if g["smoothing"] is not None:
+        way = track(way, g["smoothing"], contact=1.0 if contact is None else contact)
+        y = a.render(way)
+    alpha = Input("alpha") if g["live"] else g["alpha"]
+    a.x["alpha"] = order
+    strength = g["chi_0"] * exp(-math.log(g["w"]) * alpha) if g["live"] else chi
+    block = springpot(way, strength, alpha, g["scheme"], g["tol"], horizon, contact=contact)
     same = a.near(
         "force", a.live("firmness") * a.render(block), 1e-14, "springpot of these numbers"
     )
@@ -125,7 +131,7 @@ def _viscoelastic(a: Asked) -> list[Check]:
         return [same, silent]
     starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
     stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
-    order, over, tol = np.full(n, g["alpha"]), np.zeros(n), g["tol"]
+    over, tol = np.zeros(n), g["tol"]
     for i, j in zip(starts, stops, strict=True):
         at = np.unique(np.linspace(0, j - i - 1, max(2, round(64 * (j - i) / n))).astype(int))
         force, size = laws.springpot_sum(y[i:j], a.fs, g["scheme"], order[i:j], at)
@@ -138,12 +144,13 @@ def _viscoelastic(a: Asked) -> list[Check]:
     def everywhere() -> np.ndarray:
         want = np.zeros(n)
         for i, j in zip(starts, stops, strict=True):
-            want[i:j] = laws.springpot_convolution(y[i:j], a.fs, g["scheme"], g["alpha"])[0]
+            want[i:j] = laws.springpot_convolution(y[i:j], a.fs, g["scheme"], order[0])[0]
         return gain * want
 
     # the sum of the absolute values of its terms is at most that over all steps of the
     # position
     most = float(2 * a.fs ** g["alpha"] * np.abs(np.diff(y, prepend=0.0)).sum())
-    a.expect("force", everywhere, float(np.abs(gain).max(initial=0.0) * (tol + 1e-13) * most))
+    if np.ptp(order) == 0:  # else every sample would need a sum of its own
+        a.expect("force", everywhere, float(np.abs(gain).max(initial=0.0) * (tol + 1e-13) * most))
     text = f"tol = {tol:g}, alpha = {g['alpha']:g}, {g['scheme']}: error over its certificate"
     return [same, Check("d", f"{name}: full sum over the history", a.far(over), 1.0, text), silent]

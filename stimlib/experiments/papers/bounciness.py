@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from math import pi
 
 import numpy as np
 
-from ...analysis.physical_cues import cues
-from ...core.scene import Scene
-from ...errors import public
-from ...run.rendering import render
+from ...errors import one_of, public
 from ...run.safety import Safety
 from ...scenes import viscoelastic
 from ..designs import Sequential
@@ -27,7 +24,7 @@ from ..scaling import Line, jnd_from_dprime, line
 from ..tables import Columns
 from ..tasks import OneInterval, Roved, Task
 from ..trial import Answer, Observer, Stimulus, Trial
-from .springpots import HAND, cues_report, halves, place_of, sensitivities
+from .springpots import HAND, cues_of_stimulus, cues_report, halves, place_of, sensitivities
 
 REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
 SQUARE = "βA γD ζB θC", "γB βC θA ζD", "ζC θB βD γA", "θD ζA γC βB"
@@ -128,11 +125,31 @@ def pair_of(participant: str, session: int) -> str:
 
 def known(participant: str, session: int) -> Mapping[str, Stimulus]:
     """Return the two known stimuli of a session, under their colours."""
-    reference, comparison = PAIRS[pair_of(participant, session)]
-    return {
-        "green": Stimulus(f"{comparison:g}", {"firmness": 1.0}),
-        "red": Stimulus(f"{reference:g}", {"firmness": 1.0}),
-    }
+    red, green = pair_stimuli(pair_of(participant, session))
+    return {"green": green, "red": red}
+
+
+@public
+def pair_stimuli(pair: str) -> tuple[Stimulus, Stimulus]:
+    """Return reference and comparison of a condition, for `by_cues`.
+
+    Raises
+    ------
+    BadValue
+        No such condition.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.bounciness import pair_stimuli
+    >>> [stimulus.scene for stimulus in pair_stimuli("0.25 and 0.3")]
+    ['0.25', '0.3']
+    """
+    one_of("pair_stimuli: pair", pair, PAIRS)
+    reference, comparison = PAIRS[pair]
+    return (
+        Stimulus(f"{reference:g}", {"firmness": 1.0}),
+        Stimulus(f"{comparison:g}", {"firmness": 1.0}),
+    )
 
 
 def session(participant: str, session: int, rove: float = 0.0) -> Sequential:
@@ -152,7 +169,6 @@ JNDS = {
 
 
 @public
-@cache
 def phase(alpha: float) -> float:
     """Return the phase, in rad, by which the force leads the displacement.
 
@@ -164,9 +180,7 @@ def phase(alpha: float) -> float:
     >>> round(phase(0.25), 3)
     0.393
     """
-    scene: Scene = viscoelastic(alpha)
-    force = render(scene, HAND, 1000.0, 3.0)["force"]
-    return cues(HAND["y"](np.arange(3000) / 1000.0), force, 1000.0).phi
+    return cues_of_stimulus(alpha, 1.0).phi
 
 
 @public

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from scipy.stats import t
 
-from ...analysis.physical_cues import cues
-from ...errors import public
-from ...run.rendering import render
+from ...errors import one_of, public
 from ...run.safety import Safety
 from ...scenes import viscoelastic
 from ..compare import Effect, repeated
@@ -28,7 +25,7 @@ from ..scaling import jnd_from_dprime
 from ..tables import Columns
 from ..tasks import OneInterval
 from ..trial import Answer, Observer, Stimulus, Trial
-from .springpots import HAND, cues_report, halves, place_of, sensitivities
+from .springpots import HAND, cues_of_stimulus, cues_report, halves, place_of, sensitivities
 
 REFERENCES = {"α": 0.0, "β": 0.25, "γ": 0.5, "δ": 0.75, "ε": 1.0}
 """Orders alpha of the references, section 4.1, by the letter of the square."""
@@ -127,11 +124,31 @@ def pair_of(participant: str, session: int) -> str:
 
 def known(participant: str, session: int) -> Mapping[str, Stimulus]:
     """Return the two known stimuli of a session, under their colours."""
-    alpha, step = PAIRS[pair_of(participant, session)]
-    return {
-        "green": Stimulus(f"{alpha:g}", {"firmness": 1 + step}),
-        "red": Stimulus(f"{alpha:g}", {"firmness": 1.0}),
-    }
+    red, green = pair_stimuli(pair_of(participant, session))
+    return {"green": green, "red": red}
+
+
+@public
+def pair_stimuli(pair: str) -> tuple[Stimulus, Stimulus]:
+    """Return reference and comparison of a condition, for `by_cues`.
+
+    Raises
+    ------
+    BadValue
+        No such condition.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.firmness import pair_stimuli
+    >>> [stimulus.params["firmness"] for stimulus in pair_stimuli("0.5 and +20 %")]
+    [1.0, 1.2]
+    """
+    one_of("pair_stimuli: pair", pair, PAIRS)
+    alpha, step = PAIRS[pair]
+    return (
+        Stimulus(f"{alpha:g}", {"firmness": 1.0}),
+        Stimulus(f"{alpha:g}", {"firmness": 1 + step}),
+    )
 
 
 def session(participant: str, session: int) -> Sequential:
@@ -142,7 +159,6 @@ def session(participant: str, session: int) -> Sequential:
 
 # Who answers --------------------------------------------------------------------------
 @public
-@cache
 def strength(alpha: float, firmness: float) -> float:
     """Return the magnitude of the complex stiffness, in N/m, of a rendered material.
 
@@ -155,8 +171,7 @@ def strength(alpha: float, firmness: float) -> float:
     >>> round(strength(0.0, 1.2), 3)
     360.0
     """
-    force = render(viscoelastic(alpha), HAND, 1000.0, 3.0, {"firmness": firmness})["force"]
-    found = cues(HAND["y"](np.arange(3000) / 1000.0), force, 1000.0)
+    found = cues_of_stimulus(alpha, firmness)
     return float(np.hypot(found.k_S, found.k_L))
 
 

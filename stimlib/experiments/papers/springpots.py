@@ -7,22 +7,26 @@ reference is an order alpha.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, nan
+from functools import cache
+from math import inf, isfinite, nan
 from statistics import fmean, stdev
 
 import numpy as np
 
-from ...analysis.physical_cues import Cues
+from ...analysis.physical_cues import Cues, cues
 from ...errors import BadValue, public
 from ...motion.generators import sinusoid
+from ...run.rendering import render
+from ...scenes import viscoelastic
 from ..cue_distances import distances, recorded
 from ..designs import ConstantStimuli, Sequential, turn_of
 from ..reader import Saved
 from ..signal_detection import detection
 from ..tables import Columns, grouped
 from ..tasks import Task
+from ..trial import Answer, Observer, Stimulus, Trial
 
 ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1), "E": (2, 1, 3)}
 """Orders of the three comparisons, table 3.1; E is of section 4.1."""
@@ -100,8 +104,75 @@ def sensitivity(rows: Columns) -> float:
     return detection(hits, signals, alarms, noises).d
 
 
+# Who answers ------------------------------------------------------------------------
+@cache
+def cues_of_stimulus(alpha: float, firmness: float) -> Cues:
+    """Return the cues of a rendered material, moved by the simulated hand."""
+    force = render(viscoelastic(alpha), HAND, 1000.0, 3.0, {"firmness": firmness})["force"]
+    return cues(HAND["y"](np.arange(3000) / 1000.0), force, 1000.0)
+
+
+@public
+def by_cues(
+    question: str,
+    known: Callable[[str], tuple[Stimulus, Stimulus]],
+    errors: Mapping[str, float],
+) -> Observer:
+    """Return a simulated participant who judges by several cues of the rendering.
+
+    Each cue is judged with an independent normal error, and the cues are weighed as is
+    best for the two known materials: the answer is green if the likelihood of the
+    second is larger. So d'^2 is the sum of the squares of each cue's d'.
+
+    Parameters
+    ----------
+    question : str
+        Name of the experiment's question.
+    known : callable
+        Function of the condition that returns both known materials, red and green.
+    errors : dict of str to float
+        Standard deviation of each cue by which it judges, in the cue's unit; see
+        `stimlib.analysis.Cues`.
+
+    Returns
+    -------
+    callable
+        An observer.
+
+    Raises
+    ------
+    BadValue
+        No such cue, or an error that is not above 0.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.bounciness import bounciness, pair_stimuli
+    >>> from stimlib.experiments.papers.springpots import by_cues
+    >>> observer = by_cues("bouncier", pair_stimuli, {"phi": 0.1, "k_S": 40.0})
+    """
+    for name, error in errors.items():
+        if name not in Cues._fields or not 0 < error < inf:
+            raise BadValue(
+                f"by_cues: {name} = {error}; give an error above 0 for one of"
+                f" {', '.join(Cues._fields)}"
+            )
+
+    def answers(trial: Trial, rng: np.random.Generator) -> Answer:
+        red, green, judged = (
+            cues_of_stimulus(float(s.scene), s.params["firmness"])
+            for s in (*known(trial.condition), trial.stimuli[0])
+        )
+        evidence = 0.0
+        for name, error in errors.items():
+            a, b, x = (getattr(of, name) for of in (red, green, judged))
+            evidence += (x + error * rng.normal() - (a + b) / 2) * (b - a) / error**2
+        return Answer({question: "green" if evidence > 0 else "red"})
+
+    return answers
+
+
 # What they went by --------------------------------------------------------------------
-CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed"))
+CUES = tuple(name for name in Cues._fields if name not in ("frequency", "eta_as_printed", "k_peak"))
 """The fifteen cues of section 3.8, with the usual definition of the loss factor."""
 
 

@@ -24,7 +24,7 @@ from ...blocks import fractional, fractional as pot, noise
 from ...blocks.filters import Cascade, Delay, Fir, First
 from ...blocks.impedance import Gate
 from ...blocks.movement import sinpi
-from ...blocks.noise import Modes, PinkNoise
+from ...blocks.noise import FilteredNoise, Modes
 from ...blocks.oscillators import QUARTER, WORD, Carrier, fold, rectified
 from ...blocks.soft import Cursor, DelayAvatar
 from ...blocks.sources import Grain, Ring
@@ -568,7 +568,7 @@ def carrier(b, p, s, x, run):
 
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white,
-    PinkNoise: pink,
+    FilteredNoise: pink,
     Modes: modes,
     Fir: fir,
     Delay: delay,

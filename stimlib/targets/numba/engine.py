@@ -17,7 +17,7 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 
-from ...blocks.noise import PinkNoise, White
+from ...blocks.noise import FilteredNoise, White
 from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
@@ -281,7 +281,7 @@ class Engine:
         """Return the first state of a block, drawn from compiled noise."""
         return (
             block.start(p, s, seed, normals)
-            if isinstance(block, PinkNoise)
+            if isinstance(block, FilteredNoise)
             else block.start(p, s, seed)
         )
 
