@@ -222,7 +222,7 @@ def value_of(figure: Figure, names: dict[str, Any]) -> tuple[str, bool]:
         return str(value), value == expected
     got, want = np.asarray(value, float), np.asarray(expected, float)
     right = got.shape == want.shape and bool(np.all(np.abs(got - want) <= figure.within))
-    digits = [f"{v:.5g}" for v in got.ravel()]
+    digits = [f"{v + 0.0:.5g}" for v in got.ravel()]
     return digits[0] if got.ndim == 0 else f"[{', '.join(digits)}]", right
 
 
