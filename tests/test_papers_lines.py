@@ -1,0 +1,146 @@
+"""The rows of benchmarks/papers.toml, which state what of the four sources is here:
+each is whole and names what exists, and the page shows them.  The command runs them.
+"""
+
+import csv
+import importlib
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROW = """
+setup = ""
+[open]
+"a topic" = "open"
+[ugrip.row]
+at = "1.1"
+says = "something"
+"""
+HERE = 'here = ["stimlib.blocks.pinking"]\n'
+TEST = "tests/test_papers_lines.py::test_rows_are_whole_and_name_what_is_there"
+
+
+@pytest.fixture(scope="module")
+def bench():
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    yield importlib.import_module("papers")
+    sys.path.remove(str(ROOT / "benchmarks"))
+    del sys.modules["papers"], sys.modules["bench"]
+
+
+def test_rows_are_whole_and_name_what_is_there(bench):
+    data = bench.read()
+    assert list(bench.problems(data)) == []
+    assert [len(data.of(source)) > 50 for source in bench.SOURCES] == [True] * 4
+
+
+def test_the_tables_are_those_of_the_rows(bench):
+    """Every cell, but the values of figures."""
+
+    def table(name):
+        return list(csv.reader((bench.TABLES / f"{name}.csv").read_text("utf-8").splitlines()))
+
+    def recorded(cells):
+        return dict(re.findall(r"``([^`]+)`` = (.+?)(?= \(printed|; ``|\)?$)", cells[3]))
+
+    data, again = bench.read(), "; run benchmarks/papers.py --record"
+    assert table("counts") == bench.counts(data), f"counts{again}"
+    for source in (*bench.SOURCES, bench.ERRATA):
+        lines = table(source)
+        assert len(lines) == len(data.of(source)), f"{source}{again}"
+        for row, cells in zip(data.of(source), lines, strict=True):
+            assert cells == bench.line(data, row, recorded(cells)), f"{row.name}{again}"
+            assert {figure.of for figure in row.figures} <= recorded(cells).keys(), row.name
+    ran = (bench.TABLES / "ran.txt").read_text("utf-8")
+    figures = sum(len(row.figures) for row in data.rows)
+    tests = {test for row in data.rows for test in row.tests}
+    assert f"{len(tests)} tests" in ran and f"{figures} figures" in ran, f"ran.txt{again}"
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (f'{HERE}verdict = "works"', None),
+        (f'{HERE}tests = ["{TEST}"]\nverdict = "works"', None),
+        ('open = "a topic"\nnote = "missing"', None),
+        (f'{HERE}tests = ["{TEST}s"]\nverdict = "works"', f"no test {TEST}s"),
+        ('tests = ["tests/none.py::test_a"]\nopen = "a topic"\nnote = "n"', "no test tests/none"),
+        ('verdict = "works"', "say where it is"),
+        ('here = ["stimlib.blocks.none"]\nverdict = "works"', "no page documents stimlib.blocks"),
+        ('here = ["/howto/none"]\nverdict = "works"', "no page documents /howto/none"),
+        ('verdict = "differs"', "say what differs"),
+        (f'{HERE}note = "n"', "give either open, or as verdict"),
+        (f'{HERE}verdict = "works"\nopen = "a topic"', "give either open, or as verdict"),
+        ('verdict = "perhaps"\nnote = "n"', "give either open, or as verdict"),
+        ('open = "another"\nnote = "n"', "not in the table of open topics"),
+        (f'{HERE}figures = [{{of = "1 +", ours = 2}}]\nverdict = "works"', "1 +: invalid syntax"),
+        (f'{HERE}figures = [{{of = "1"}}]\nverdict = "works"', "say what is printed, or ours"),
+        ('verdict = "differs"\nnote = "n"\n[errata.a]\nat = "1"\nsays = "b"', "what it must be"),
+    ],
+)
+def test_a_row_that_is_wrong_is_named(bench, more, said):
+    found = list(bench.problems(bench.read(ROW + more)))
+    if said is None:
+        assert found == []
+    else:
+        assert len(found) == 1 and said in found[0]
+        assert found[0].startswith(("ugrip.row: ", "errata.a: "))
+
+
+def test_a_field_that_no_row_has_is_named(bench):
+    with pytest.raises(ValueError, match=r"ugrip\.row: no field test; use"):
+        bench.read(ROW + 'test = "a"')
+
+
+def test_a_topic_that_is_merged_is_one_line(bench):
+    """Its rows count as what the line says, and lose their notes."""
+    text = ROW + HERE + 'open = "a topic"\nnote = "It is missing."'
+    data = bench.read(text)
+    assert bench.line(data, data.rows[0], {})[2:] == [
+        ":obj:`~stimlib.blocks.pinking`",
+        "read, no test",
+        "**open** (a topic): It is missing.",
+    ]
+    assert bench.counts(data)[0] == [":ref:`ugrip`", "0", "0", "0", "1", "1", "1"]
+    merged = bench.read(text.replace('"a topic" = "open"', '"a topic" = "works"'))
+    assert bench.line(merged, merged.rows[0], {})[4] == "works"
+    assert bench.counts(merged)[0] == [":ref:`ugrip`", "1", "0", "0", "0", "1", "1"]
+    assert list(bench.problems(bench.read(text.replace('= "open"', '= "merged"')))) == [
+        "open, a topic: 'merged' must be one of works, differs, not here, open"
+    ]
+
+
+def test_a_figure_is_held_to_what_is_printed(bench):
+    def right(of, **words):
+        return bench.value_of(bench.Figure(of, **words), {"two": 2.0})
+
+    assert right("two", printed=2) == ("2", True)
+    assert right("two / 3", printed=0.67, within=0.005) == ("0.66667", True)
+    assert right("two / 3", printed=0.67, within=0.003)[1] is False
+    assert (
+        right("two", printed=3, ours=2)[1] is True and right("two", printed=2, ours=3)[1] is False
+    )
+    assert right("[two, 1]", printed=[2, 1]) == ("[2, 1]", True)
+    assert right("[two, 1]", printed=[2, 1, 0])[1] is False
+    assert right("two > 1", printed=True) == ("True", True)
+    assert right("two > 1", printed=False)[1] is False
+    assert right("['a']", printed=["a"])[1] is True and right("['a']", printed=["b"])[1] is False
+
+
+def test_outcomes_are_those_of_all_cases_of_a_test(bench):
+    counted = bench.Counted(lambda done, more=0: None)
+    for name, when, outcome in (
+        ("a.py::test_a[1]@a.py", "call", "passed"),
+        ("a.py::test_a[2@x]@a.py", "call", "failed"),
+        ("a.py::test_a[2@x]@a.py", "teardown", "passed"),
+        ("a.py::test_b", "setup", "skipped"),
+    ):
+        counted.pytest_runtest_logreport(SimpleNamespace(nodeid=name, when=when, outcome=outcome))
+    assert counted.outcomes == {
+        "a.py::test_a": {"passed": 1, "failed": 1},
+        "a.py::test_b": {"skipped": 1},
+    }
