@@ -386,7 +386,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "Patch": {"x": 0.05, "y": 0.03, "d31": -1.8e-10, "thickness": 2e-4},
         "plate": {"voltage": VOLT, "model": dc.replace(PLATE, terms=8, patches=(PATCH,))},
         "half_sine": {"u": T},
-        "amplifier_load": {"voltage": T, "capacitance": 1e-8},
+        "amplifier_load": {"voltage": T, "capacitance": 1e-8, "fs": FS},
         "best_gain": {"rate": 10.0, "drive": 1.0},
         "envelope_behind": {"rate": 10.0},
         "identify": {"drive": np.sin(T * 300), "response": np.cos(T * 300)},

@@ -26,6 +26,7 @@ def boxes() -> Figure:
                 showfliers=False,
             )
             axes.set_xticks([1, 2, 3], [str(level) for level in levels])
+            axes.tick_params(labelsize=8)
             axes.set(ylim=(0.8, 7.2), xlabel=factor + (", V" if factor == "amplitude" else ""))
             if column == 0:
                 axes.set_ylabel(scale)
