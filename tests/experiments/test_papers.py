@@ -342,13 +342,19 @@ def test_bumpiness_is_a_parabola_over_the_duty_cycle(rated):
     def of(*parts):
         return [m for (_, c), m in means.items() if all(p in f"{c}," for p in parts)]
 
-    assert bumpy.boxes["duty", "0.5"] == pytest.approx(
-        np.percentile(of("duty 0.5,"), [0, 25, 50, 75, 100])
-    )
     assert len(of("duty 0.5,")) == 3 * 27
-    assert bumpy.by_bumps["sine", 7.5, 18] == pytest.approx(
-        np.mean(of("sine, ", "18 bumps", "7.5 V"))
-    )
+    boxed = {
+        "duty 0.2,": ("duty", "0.2"),
+        "18 bumps": ("bumps", "18"),
+        "sine": ("waveform", "sine"),
+    }
+    boxed |= {"duty 0.5,": ("duty", "0.5"), " 7.5 V": ("amplitude", "7.5")}
+    for part, key in boxed.items():
+        assert bumpy.boxes[key] == pytest.approx(np.percentile(of(part), [0, 25, 50, 75, 100]))
+    for w, a, n in bumpy.by_bumps:
+        want = np.mean(of(f"{w}, {n} bumps", f", {a:g} V"))
+        assert bumpy.by_bumps[w, a, n] == pytest.approx(want)
+    assert len(bumpy.by_bumps) == 27
     by_duty = [
         [
             np.mean([m for (w, c), m in means.items() if w == who and f"duty {d}," in c])
@@ -396,12 +402,17 @@ def test_roughness_from_the_session_to_the_report(monkeypatch, tmp_path):
     saved = sessions("roughness", tmp_path)
     assert rough.analysis(saved) in done.output
     columns_of = columns(saved)
+    second = rough.ratings(columns_of, "bumpiness")
+    assert (
+        rough.text(second, "bumpiness") == bumpy.strip()
+        and second.mean != rough.ratings(columns_of).mean
+    )
     write_report(
         tmp_path / "report.html",
         "Bumps",
         "Two people.",
         columns_of,
-        tables={"Bumpiness": rough.ratings(columns_of, "bumpiness").effects},
+        tables={"Bumpiness": second.effects},
     )
     page = (tmp_path / "report.html").read_text()
     assert "Bumpiness" in page and "waveform" in page
