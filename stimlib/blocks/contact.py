@@ -733,7 +733,7 @@ def squeeze_film(
     >>> load = squeeze_film(0.5, stimlib.Input("a", "m"))
     >>> proc = stimlib.compile(stimlib.Scene({"load": load}), fs=1000)
     >>> proc.process(1e-6 * np.array([[0.0, 1.0, 1.4, 2.0]])).round(3)
-    array([[0.5  , 0.372, 0.249, 0.   ]])
+    array([[0.5  , 0.373, 0.25 , 0.   ]])
     """
     for name, v in (("gap", gap), ("area", area), ("pressure", pressure)):
         if not v > 0:

@@ -90,7 +90,7 @@ def ultrasonic_friction(
     --------
     >>> from stimlib.scenes import ultrasonic_friction
     >>> ultrasonic_friction(mu=1.0)
-    Scene(x [m], A [V], duty [1], normal [N] -> force [N])
+    Scene(x [m], normal [N], A [V], duty [1] -> force [N])
     """
     above_zero("ultrasonic_friction", bumps=bumps, length=length, freq=freq, q=q, mu=mu)
     above_zero("ultrasonic_friction", per_volt=per_volt, gap=gap, area=area)

@@ -234,7 +234,7 @@ def swing(name: str) -> float:
     --------
     >>> from stimlib.experiments.papers.roughness import swing
     >>> [round(swing(f"square, 2 bumps, duty {d}, 4 V"), 2) for d in (0.2, 0.5, 0.8)]
-    [1.34, 1.8, 1.34]
+    [1.41, 1.85, 1.41]
     """
     voltage = _voltage("swing", name)
     size = np.pi * np.abs(np.fft.rfft(voltage)) / voltage.size  # of half waves 1/pi is the mean
