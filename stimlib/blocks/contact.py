@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core import pointwise
 from ..core.graph import (
     NONE,
     ONE,
@@ -22,7 +23,6 @@ from ..core.graph import (
     same_unit,
 )
 from ..core.maths import TINY, exp, floor, fma, where
-from ..core.pointwise import maximum, minimum, sqrt
 from ..core.response import backward
 from ..core.units import unit
 from ..errors import BadValue, UnitError, one_of, public
@@ -743,9 +743,9 @@ def squeeze_film(
         for name, v, text in (("normal", normal, "N"), ("amplitude", amplitude, "m"))
     )
     part = a / constant(gap, "m")
-    e2 = minimum(part * part, 0.98)
-    over = sqrt((1.0 + 1.5 * e2) / (1.0 - e2)) - 1.0
-    return maximum(press - constant(area * pressure, "N") * over, constant(0.0, "N"))
+    e2 = pointwise.minimum(part * part, 0.98)
+    over = pointwise.sqrt((1.0 + 1.5 * e2) / (1.0 - e2)) - 1.0
+    return pointwise.maximum(press - constant(area * pressure, "N") * over, constant(0.0, "N"))
 
 
 def not_too_small(owner: Block, *names: str) -> None:
