@@ -372,6 +372,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "hit": {"condition": "vibration, 30 degrees", "marks": [[0.0, 0.0]]},
         "text": {"rows": []},
         "stimlib.experiments.papers.roughness.rms": {"name": next(iter(roughness.STIMULI))},
+        "swing": {"name": next(iter(roughness.STIMULI))},
         "stimlib.experiments.papers.ugrip.fits": {},
         "jnds": {},
         # Files and logs
@@ -387,6 +388,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "Patch": {"x": 0.05, "y": 0.03, "d31": -1.8e-10, "thickness": 2e-4},
         "plate": {"voltage": VOLT, "model": dc.replace(PLATE, terms=8, patches=(PATCH,))},
         "half_sine": {"u": T},
+        "amplifier_load": {"voltage": T, "capacitance": 1e-8, "fs": FS},
         "best_gain": {"rate": 10.0, "drive": 1.0},
         "envelope_behind": {"rate": 10.0},
         "identify": {"drive": np.sin(T * 300), "response": np.cos(T * 300)},
@@ -419,7 +421,7 @@ RESULTS = set("""
     Comparison Fit LikelihoodRatio MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit
     Placement Resonance Sweep Drift FileReport Replay SessionReport MotionFile SessionLog Loopback
     Device Saved Record Forecast Copies Levels TextureModel stimlib.plate.Answer Prompt
-    Texts
+    Texts AmplifierLoad
 """.split())  # fmt: skip
 """Classes that functions return, and nobody else makes."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from stimlib.plate import Plate, envelope_behind
+from stimlib.plate import CONFIGURATIONS, Plate, envelope_behind
 
 PRINTED = {"all": (378, 776, 1171), "long": (307, 410, 651), "short": (158, 244, 541)}
 MEASURED = (158, 246, 548)
@@ -70,8 +70,26 @@ def residuals() -> Figure:
     return figure
 
 
+def configurations() -> Figure:
+    """Figure 2.3 of the thesis, for the places that we assume: the centre for 50 V peak
+    to peak at three resonances.
+    """
+    figure = Figure((8.5, 3), layout="constrained")
+    axes = figure.subplots()
+    for k, (mode, text) in enumerate(((0, "first"), (1, "second"), (3, "third"))):
+        for n, name in enumerate(CONFIGURATIONS):
+            plate = Plate.paper(patches=name)
+            centre = plate.length / 2, plate.width / 2
+            size = 25e6 * abs(plate.frf("patches", centre, plate.modes(4)[mode]))
+            axes.bar(n + 0.25 * (k - 1), size, 0.23, color=f"C{k}", label=text if n == 0 else None)
+    axes.set_xticks(range(len(CONFIGURATIONS)), CONFIGURATIONS)
+    axes.set(ylabel="displacement of the centre, um", title="50 V peak to peak at the resonances")
+    axes.legend(fontsize=7)
+    return figure
+
+
 if __name__ == "__main__":
-    for make in (envelopes, residuals):
+    for make in (envelopes, residuals, configurations):
         make().savefig(
             Path(__file__).with_name(f"plate_{make.__name__}.svg"), metadata={"Date": None}
         )

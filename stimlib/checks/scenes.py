@@ -31,7 +31,9 @@ ONWARD = {"squeeze": 0, "bumps": 1, "grating": 1, "wall": 1}
 """Laws that go on from one stretch of a long recording to the next, and how many
 samples before it they must see.
 """
-STARTS = {"bumps": {"A": "amplitude"}, "touch_screen": {"A": "amplitude"}}
+STARTS = dict.fromkeys(
+    ("bump_grid", "bumps", "touch_screen", "ultrasonic_friction"), {"A": "amplitude"}
+)
 """Arguments that set a parameter of another name."""
 
 

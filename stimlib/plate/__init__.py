@@ -1,15 +1,18 @@
 """Plates that a finger touches: their modes, drive patches and measurements."""
 
+from .electrical import AmplifierLoad, amplifier_load
 from .envelope import Answer, best_gain, envelope_behind, half_sine
 from .fit import FrameFit, fit_frame
 from .identify import Drift, Resonance, Sweep, drift, identify, read_sweep
-from .model import Plate
+from .model import CONFIGURATIONS, Plate
 from .patch import Patch
 from .placement import Placement, best_patches
 from .profile import mode_fit
 from .vibrate import Finger, plate
 
 __all__ = [
+    "CONFIGURATIONS",
+    "AmplifierLoad",
     "Answer",
     "Drift",
     "Finger",
@@ -19,6 +22,7 @@ __all__ = [
     "Plate",
     "Resonance",
     "Sweep",
+    "amplifier_load",
     "best_gain",
     "best_patches",
     "drift",

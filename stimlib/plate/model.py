@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, public
+from ..errors import BadValue, one_of, public
 from ..system.packages import package
 from .patch import Patch
 from .ritz import HELD, Axis, bending
@@ -22,6 +22,24 @@ TERMS_PATCHED = 22  # the steps of stiffness at patches want more
 LONGEST = 10.0  # m; a larger plate was measured in mm
 SOFTEST = 1e5  # Pa; a softer one was measured in GPa
 PAPER_EDGES = {"all": "CCCC", "long": "FCFC", "short": "CFCF"}
+CONFIGURATIONS = {
+    "C1": (0.071, 0.0095, False),  # near the free edges
+    "C2": (0.071, 0.011, True),
+    "C3": (0.011, 0.042, False),  # near the clamped edges
+    "C4": (0.0095, 0.042, True),
+    "C5": (0.011, 0.020, False),
+    "C6": (0.0515, 0.03675, False),  # at a quarter of both lengths
+    "C7": (0.090, 0.030, False),  # near the line through the centre
+    "C8": (0.0515, 0.0095, False),
+}
+"""The eight configurations of four patches, by their names in the touch-screen thesis.
+
+Each is the centre of the patch next to the corner, in m, and whether it is turned by 90
+degrees; the others mirror it about both centre lines.  The thesis shows them in figure
+2.2 alone, which our copy lacks.  Its text says that C3, C4 and C5 move the plate most,
+and that patches belong near the clamped edges: the places are assumed so that this
+holds.
+"""
 
 
 @public
@@ -149,7 +167,7 @@ class Plate:
             )
 
     @staticmethod
-    def paper(edges: str = "short", measured: bool = False, patches: bool = False) -> Plate:
+    def paper(edges: str = "short", measured: bool = False, patches: bool | str = False) -> Plate:
         """Return the glass plate of the touch-screen thesis.
 
         Parameters
@@ -161,9 +179,10 @@ class Plate:
             With patches, 9.3 % more stiffness, and a frame that presses with 6 kN/m:
             what ``fit_frame`` finds for the measured 158, 246 and 548 Hz, which it
             meets within 2.2 %.  Both are assumed.
-        patches : bool
-            With four patches near the clamped edges.  The thesis shows their places as
-            a picture only: assumed.
+        patches : bool or {"C1", .., "C8"}
+            With four patches in one of the configurations of figure 2.2; True is C3,
+            near the clamped edges.  The thesis shows their places as a picture only:
+            ``CONFIGURATIONS`` are assumed.
 
         References
         ----------
@@ -180,7 +199,11 @@ class Plate:
             raise BadValue(
                 f"Plate.paper: edges = {edges!r}; choose one of {', '.join(PAPER_EDGES)}"
             )
-        return _paper(PAPER_EDGES[edges], bool(measured), bool(patches or measured))
+        if isinstance(patches, str):
+            one_of("Plate.paper: patches", patches, CONFIGURATIONS)
+        elif patches or measured:
+            patches = "C3"
+        return _paper(PAPER_EDGES[edges], bool(measured), patches or "")
 
     # Matrices -------------------------------------------------------------------------
     @property
@@ -533,7 +556,7 @@ def check_places(plate: Plate) -> None:
 
 
 @cache
-def _paper(edges: str, measured: bool, patches: bool) -> Plate:
+def _paper(edges: str, measured: bool, patches: str) -> Plate:
     """Return the plate of the thesis, shared by all callers.
 
     So its modes, half a second of linear algebra, are found only once.
@@ -542,12 +565,12 @@ def _paper(edges: str, measured: bool, patches: bool) -> Plate:
     if measured:
         plate = replace(plate, E=1.093 * plate.E, in_plane_load=-6.01e3)
     if patches:
-        x, y = 11e-3, 42e-3
+        x, y, turned = CONFIGURATIONS[patches]
         places = [
             (x, y),
             (plate.length - x, y),
             (x, plate.width - y),
             (plate.length - x, plate.width - y),
         ]
-        plate = replace(plate, patches=tuple(Patch.duraact(*p) for p in places))
+        plate = replace(plate, patches=tuple(Patch.duraact(*p, turned) for p in places))
     return plate

@@ -9,6 +9,7 @@ from typing import Protocol
 from ..errors import BadValue, public
 
 STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
+VACUUM = 8.8541878128e-12  # permittivity in F/m (CODATA 2018)
 
 
 class Host(Protocol):
@@ -156,6 +157,22 @@ class Patch:
         """Return the edges x0, x1, y0, y1 of the patch in m."""
         dx, dy = self.length / 2 - margin, self.width / 2 - margin
         return self.x - dx, self.x + dx, self.y - dy, self.y + dy
+
+    def capacitance(self, permittivity: float = 1750.0) -> float:
+        """Return the capacitance between the electrodes, in F.
+
+        It is that of a plate capacitor, permittivity eps0 area/thickness, of a ceramic
+        that is free to deform. Glue and plate hold the ceramic, which lowers it; a
+        measured capacitance is better than this one.
+
+        Parameters
+        ----------
+        permittivity : float
+            Of the ceramic along the field, relative to the vacuum; 1750 is the
+            manufacturer's number for PIC255.
+        """
+        x0, x1, y0, y1 = self.rectangle(self.margin)
+        return permittivity * VACUUM * (x1 - x0) * (y1 - y0) / self.thickness
 
     def laminate(self, plate: Host) -> tuple[float, float]:
         """Return the ceramic's distance from the neutral plane, and its stiffness.

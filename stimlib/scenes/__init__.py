@@ -4,6 +4,7 @@ A module of a scene is named here once; what else is said of a scene stands in i
 (`stimlib.scenes.shipped`).
 """
 
+from .bump_grid import bump_grid as bump_grid
 from .bumps import bumps as bumps, bumps_set as bumps_set
 from .click import click as click
 from .detents import detents as detents
@@ -16,6 +17,7 @@ from .squeeze import squeeze as squeeze
 from .texture import texture as texture
 from .tone import pulse as pulse, tone as tone
 from .touch_screen import touch_screen as touch_screen
+from .ultrasonic_friction import ultrasonic_friction as ultrasonic_friction
 from .viscoelastic import viscoelastic as viscoelastic
 from .wall import wall as wall
 

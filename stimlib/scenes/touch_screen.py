@@ -125,7 +125,7 @@ def touch_screen(
     V = V * carrier(Param("freq", resonance, "Hz"), rectify)
     V = equalize(x, profile, signal=V, kind=mode_fit(glass, origin, y, clamp="known"))
     with np.errstate(over="ignore", invalid="ignore"):  # numbers beyond any plate
-        _warn_if_held(amplitude * gain * profile[1].max() / profile[1].min(), rectify, swap, glass)
+        _warn_if_held(amplitude, gain * profile[1].max() / profile[1].min(), rectify, swap, glass)
     V = amplifier(pole_swap(V, resonance, 1 / glass.damping, swap), gain, *glass.voltages)
     load = Finger(1e-4, 1.0, 500.0) if finger else None
     under = plate(x + constant(origin, "m"), constant(y, "m"), V, glass, modes, finger=load)
@@ -133,24 +133,30 @@ def touch_screen(
     return Scene(outputs, law="touch_screen", given={"model": glass})
 
 
-def _warn_if_held(peak: float, rectify: str | None, swap: float, glass: Plate) -> None:
-    """Warn if the voltage for a carrier of this peak exceeds the patches' limits."""
+def _warn_if_held(
+    amplitude: float, highest: float, rectify: str | None, swap: float, glass: Plate
+) -> None:
+    """Warn if a carrier's voltage, its gain the highest, exceeds the limits."""
     sine, k = np.sin(2 * np.pi * np.arange(720) / 720), np.arange(361)
     lines = np.fft.rfft({None: sine, "half": np.maximum(sine, 0), "full": np.abs(sine)}[rectify])
     # in the frequency of the mode
     top, bottom = (1 - k * k + 1j * k * glass.damping * faster for faster in (1.0, swap))
-    asked = np.clip(np.nan_to_num(peak * np.fft.irfft(lines * swap * top / bottom)), -1e30, 1e30)
+    asked = np.clip(
+        np.nan_to_num(amplitude * highest * np.fft.irfft(lines * swap * top / bottom)), -1e30, 1e30
+    )
     shown = np.clip(asked, *glass.voltages)
     if (shown != asked).any():
         one, other = (abs(np.fft.rfft(v)[2 if rectify == "full" else 1]) for v in (asked, shown))
         low, high = glass.voltages
         least, most = asked.min(), asked.max()
+        ends = [end / v for end, v in ((low, least), (high, most)) if end * v > 0]
+        fits = amplitude * min(ends, default=0.0)
         held, lost = 100 * np.mean(shown != asked), 100 * (1 - other / one)
         warnings.warn(
             "touch_screen: at the top of a bump, where the plate moves least, the drive asks for"
             f" {least:.4g} .. {most:.4g} V and the patches take {low:g} .. {high:g} V:"
             f" {held:.0f} % of the samples there are held, and {lost:.0f} % of the vibration is"
-            " lost; give a smaller amplitude, gain or swap",
+            f" lost; give an amplitude of up to {fits:.3g} V, or a smaller gain or swap",
             RuntimeWarning,
             stacklevel=outside(),
         )

@@ -98,6 +98,7 @@ LIMITS = [
     ("viscoelastic", {}, {"y": lambda t: 0.02 * t}, "force", 2e-14, "springpot of these numbers"),
     ("viscoelastic", {}, {"y": lambda t: 0.02 * t}, "force", 3e-9, "full sum over the history"),
     ("bumps", {}, None, "voltage", 2e-6, "envelope times carrier"),
+    ("bump_grid", {}, None, "voltage", 2e-6, "two envelopes times carrier"),
     ("texture", {}, None, "acceleration", 2e-7, "the models' recursion"),
     ("grating", {}, None, "force", 1e-10, "gratings and roughness of the place"),
     *(
@@ -108,6 +109,7 @@ LIMITS = [
             ("friction", "force"),
             ("wall", "force"),
             ("impact", "force"),
+            ("ultrasonic_friction", "force"),
         )
     ),
     ("wall", {"k": 1e-6, "b": 0.0}, None, "force", 2e-6, "written again"),  # of 2e-9 N

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from experiments.some import experiment, still
 from refusals import refused
+from typer.testing import CliRunner
 
 import stimlib
+from stimlib.cli import app
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.compare import paired
+from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Timing
 from stimlib.experiments.latin_squares import check_graeco_latin
 from stimlib.experiments.observers import Listener, Psychometric, simulate
@@ -36,7 +39,8 @@ from stimlib.experiments.papers.bounciness import (
 from stimlib.experiments.papers.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
 from stimlib.experiments.presentation import present
 from stimlib.experiments.random_streams import stream
-from stimlib.experiments.reader import sessions
+from stimlib.experiments.reader import columns, sessions
+from stimlib.experiments.report import write_report
 from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.scaling import fechner
 from stimlib.experiments.session import Session
@@ -209,6 +213,7 @@ def print_of(name):
 
 def test_roughness_shows_all_stimuli_twice_a_day_in_an_order_of_ones_own(monkeypatch):
     monkeypatch.setattr(rough, "rms", print_of)
+    monkeypatch.setattr(rough, "swing", bumpiness_of)
     experiment = rough.roughness()
 
     def shown(code, session):
@@ -239,11 +244,19 @@ def test_roughness_shows_all_stimuli_twice_a_day_in_an_order_of_ones_own(monkeyp
     ]
 
 
-def test_roughness_gives_the_thesis_tables_and_law(monkeypatch):
-    monkeypatch.setattr(rough, "rms", print_of)
-    people = {f"P{n}": rough.person(stream(n, "person")) for n in (1, 2, 3)}
-    answers = simulate(rough.roughness(), people, list(people), seed=1)
-    found = rough.ratings(answers)
+@pytest.fixture(scope="module")
+def rated():
+    """Answers of three people who judge by formulas, and their roughness."""
+    with pytest.MonkeyPatch.context() as formulas:
+        formulas.setattr(rough, "rms", print_of)
+        formulas.setattr(rough, "swing", bumpiness_of)
+        people = {f"P{n}": rough.person(stream(n, "person")) for n in (1, 2, 3)}
+        answers = simulate(rough.roughness(), people, list(people), seed=1)
+        return people, answers, rough.ratings(answers)
+
+
+def test_roughness_gives_the_thesis_tables_and_law(rated):
+    people, answers, found = rated
     assert found.law.line.intercept == pytest.approx(3.92 + 0.05, abs=0.6)
     assert found.law.line.slope == pytest.approx(2.25, abs=0.3) and found.pearson > 0.8
     assert list(found.mean)[:2] == [(0.5, 0.2, "sine"), (0.5, 0.2, "square")]
@@ -286,6 +299,123 @@ def test_roughness_gives_the_thesis_tables_and_law(monkeypatch):
         rough.ratings,
         {name: column[:80] for name, column in answers.items()},
     )
+
+
+def bumpiness_of(name):
+    """The swing of slow bumps: A times the standard deviation of the envelope."""
+    s, d = rough.STIMULI[name], rough.STIMULI[name].duty
+    u = (np.arange(2000) + 0.5) / 2000
+    cosine = np.cos(2 * np.pi * (u - d / 2)) - np.cos(np.pi * d)
+    e = {"square": 1.0, "sawtooth": u / d, "sine": cosine / (1 - np.cos(np.pi * d))}
+    return s.amplitude * float(np.std(np.where(u < d, e[s.waveform], 0.0)))
+
+
+def test_the_swing_is_that_of_the_envelope():
+    """Of two bumps on 0.1 m, which pass slowly; 18 of them are hardly counted."""
+    for waveform in ("sine", "square", "sawtooth"):
+        name = f"{waveform}, 2 bumps, duty 0.5, 7.5 V"
+        assert rough.swing(name) == pytest.approx(bumpiness_of(name), rel=0.15)
+    square = {d: rough.swing(f"square, 2 bumps, duty {d}, 4 V") for d in (0.2, 0.5, 0.8)}
+    assert square[0.5] == pytest.approx(4 * 0.5, rel=0.11)
+    assert square[0.2] == pytest.approx(square[0.8], rel=0.01)  # d (1 - d)
+    fast = rough.swing("square, 18 bumps, duty 0.5, 4 V")
+    # the line of 18 a second counts 1/(1 + 1.8^2), and turning adds slower ones
+    assert fast == pytest.approx(4 * 2 / np.pi / 2**0.5 / (1 + 1.8**2), rel=0.2)
+    refused(UnknownName, "swing: no stimulus 'x'", rough.swing, "x")
+
+
+def test_bumpiness_is_a_parabola_over_the_duty_cycle(rated):
+    """The finding of the thesis, in the analysis of the second question, whose numbers
+    are recomputed here from the answers.
+    """
+    people, answers, roughness = rated
+    bumpy = rough.ratings(answers, "bumpiness")
+    assert bumpy.middles["duty"].value > 2 and bumpy.middles["duty"].p < 0.1
+    assert roughness.middles["duty"].value < bumpy.middles["duty"].value
+    values = {}
+    for v, who, c in zip(
+        answers["bumpiness"], answers["participant"], answers["condition"], strict=True
+    ):
+        values.setdefault((who, c), []).append(v)
+    means = {key: np.mean(v) for key, v in values.items()}
+
+    def of(*parts):
+        return [m for (_, c), m in means.items() if all(p in f"{c}," for p in parts)]
+
+    assert len(of("duty 0.5,")) == 3 * 27
+    boxed = {
+        "duty 0.2,": ("duty", "0.2"),
+        "18 bumps": ("bumps", "18"),
+        "sine": ("waveform", "sine"),
+    }
+    boxed |= {"duty 0.5,": ("duty", "0.5"), " 7.5 V": ("amplitude", "7.5")}
+    for part, key in boxed.items():
+        assert bumpy.boxes[key] == pytest.approx(np.percentile(of(part), [0, 25, 50, 75, 100]))
+    for w, a, n in bumpy.by_bumps:
+        want = np.mean(of(f"{w}, {n} bumps", f", {a:g} V"))
+        assert bumpy.by_bumps[w, a, n] == pytest.approx(want)
+    assert len(bumpy.by_bumps) == 27
+    by_duty = [
+        [
+            np.mean([m for (w, c), m in means.items() if w == who and f"duty {d}," in c])
+            for who in people
+        ]
+        for d in (0.2, 0.5, 0.8)
+    ]
+    t = paired(by_duty[1], (np.array(by_duty[0]) + by_duty[2]) / 2)
+    assert bumpy.middles["duty"].value == pytest.approx(t.value)
+    told = rough.text(bumpy, "bumpiness")
+    assert "a parabola over the duty cycle" in told and "(printed)  bumpiness\n" in told
+    assert told.count("\nduty ") == 2 * 3 and "bumpiness at 2, 6, 18 bumps" in told
+
+
+def test_roughness_from_the_session_to_the_report(monkeypatch, tmp_path):
+    """Two people, each stimulus once and shortly, of which a few are played; the
+    command line analyses both scales.
+    """
+    monkeypatch.setattr(rough, "rms", print_of)
+    monkeypatch.setattr(rough, "swing", bumpiness_of)
+    items = rough.day("P01", 2).parts["sets"].items
+    made = dataclasses.replace(
+        rough.roughness(),
+        design=ConstantStimuli(items, shuffle="each"),
+        timing=Timing(interval=0.05, gap=0.0, before=0.0),
+        sessions=1,
+    )
+
+    def shown(trial, folder):
+        return (
+            present(made, trial, "offline", folder)
+            if len(played) < 5 and not played.append(1)
+            else {}
+        )
+
+    played = []
+    for code in ("P01", "P02"):
+        with Session(made, tmp_path, code, 1) as session:
+            run(session, Simulated(session, rough.person(stream(3, code))), shown)
+    done = CliRunner().invoke(app, ["experiment", "analyse", "roughness", "--data", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    rated, bumpy = done.output.split("\n\n")[-2:]
+    assert "roughness (printed)" in rated and "1.41 (1.41)" in rated
+    assert "thesis, bumpiness and duty: is a parabola" in bumpy and "bumpiness = " in bumpy
+    saved = sessions("roughness", tmp_path)
+    assert rough.analysis(saved) in done.output
+    columns_of = columns(saved)
+    second = rough.ratings(columns_of, "bumpiness")
+    assert (
+        rough.text(second, "bumpiness") == bumpy.strip()
+        and second.mean != rough.ratings(columns_of).mean
+    )
+    write_report(
+        tmp_path / "report.html",
+        "Bumps",
+        "Two people.",
+        columns_of,
+        tables={"Bumpiness": second.effects},
+    )
+    page = (tmp_path / "report.html").read_text()
+    assert "Bumpiness" in page and "waveform" in page
 
 
 def test_the_rendered_rms_is_the_formulas():

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from stimlib.errors import BadValue
-from stimlib.plate import Patch, Plate, best_patches
+from stimlib.plate import CONFIGURATIONS, Patch, Plate, best_patches
 
 GLASS = {"length": 0.206, "width": 0.147, "thickness": 1.4e-3, "E": 70e9, "nu": 0.24, "rho": 2500.0}
 # scikit-fem 12.0.2, ElementTriArgyris on 26 x 19 rectangles; where edges are free
@@ -271,3 +271,33 @@ def test_the_thesis_plate_is_solved_once_for_all_who_ask():
             shared *= 4
     with pytest.raises(BadValue, match="edges = .'short'.; choose one of all, long, short"):
         Plate.paper(["short"])
+
+
+def test_the_configurations_are_as_the_thesis_says_of_its_own():
+    """C3, C4 and C5 move the centre most, next to the clamped edges; and by name they
+    are four patches, mirrored.
+    """
+    bare, moved = Plate.paper(measured=False), {}
+    for name, (x, y, turned) in CONFIGURATIONS.items():
+        four = [
+            Patch.duraact(u, v, turned) for u in (x, bare.length - x) for v in (y, bare.width - y)
+        ]
+        # without the patches' own stiffness: fewer functions will do
+        soft = replace(Plate.paper(patches=name), terms=8)
+        assert sorted(soft.patches, key=repr) == sorted(four, key=repr)
+        centre = soft.length / 2, soft.width / 2
+        f = soft.modes(4)[[0, 3]]
+        moved[name] = np.abs(soft.frf("patches", centre, f))
+    assert list(CONFIGURATIONS) == [f"C{n}" for n in range(1, 9)]
+    best = sorted(moved, key=lambda name: -moved[name].sum())
+    assert set(best[:3]) == {"C3", "C4", "C5"}
+    assert max(moved["C1"][0], moved["C8"][0]) < moved["C3"][0] / 2  # near the free edges
+
+
+def test_a_configuration_is_chosen_by_its_name():
+    assert Plate.paper(patches=True).patches == Plate.paper(patches="C3").patches
+    assert Plate.paper(measured=True, patches="C5").E == Plate.paper(measured=True).E
+    assert Plate.paper().patches == () and len(Plate.paper(patches="C8").patches) == 4
+    for name in ("C9", ""):
+        with pytest.raises(BadValue, match="Plate.paper: patches = .*; choose one of C1, C2"):
+            Plate.paper(patches=name)

@@ -105,6 +105,27 @@ def test_a_drive_that_the_patches_cannot_take_warns_and_says_what_is_lost(more):
     assert 100 * (1 - line[0] / line[1] / (1e3 * more["amplitude"])) == pytest.approx(lost, abs=2)
 
 
+@pytest.mark.parametrize("more", [{}, {"rectify": "half"}, {"rectify": "half", "swap": 1.0}])
+def test_the_warning_says_which_amplitude_fits(more):
+    with pytest.warns(RuntimeWarning, match="give an amplitude of up to") as told:
+        touch_screen(model=GLASS, amplitude=9.0, **more)
+    (fits,) = re.findall(r"up to ([\d.]+) V", str(told[0].message))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        touch_screen(model=GLASS, amplitude=0.99 * float(fits), **more)
+        assert told == []
+        touch_screen(model=GLASS, amplitude=1.01 * float(fits), **more)
+        assert len(told) == 1
+
+
+def test_a_configuration_of_the_thesis_makes_a_scene():
+    glass = dc.replace(Plate.paper(measured=True, patches="C4"), terms=8)
+    scene = touch_screen(model=glass, amplitude=0.2)
+    r = stimlib.render(scene, {"x": constant_speed(0.1, 0.1)}, 8000, 0.3)
+    report = stimlib.verify(scene, r.motion, r)
+    assert report.passed, str(report)
+
+
 def test_a_drive_that_fits_does_not_warn():
     for more in ({}, {"amplitude": 1.0}, {"amplitude": 4.0, "rectify": "half", "swap": 1.0}):
         with warnings.catch_warnings(record=True) as told:

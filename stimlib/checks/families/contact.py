@@ -345,6 +345,29 @@ def friction_law(a: Asked) -> list[Check]:
     )
 
 
+@law_of("ultrasonic_friction")
+def ultrasonic_friction_law(a: Asked) -> list[Check]:
+    """Check the scene ``ultrasonic_friction``."""
+    x, g, A = a.x["x"], a.given, a.live("A")
+    u = x * (g["bumps"] / g["length"])  # so rounded as in the scene
+    last, touching = ways(u, a.contact * (A != 0))
+    slippery = laws.bump_envelope(last, u, "square", a.held("duty", 1e-6, 1.0))[0] * touching
+    tau = g["q"] / (math.pi * g["freq"])
+    top, bottom, _ = scipy.signal.cont2discrete(([1], [tau, 1]), 1 / a.fs, "foh")
+    moved = g["per_volt"] * scipy.signal.lfilter(top[0], bottom, A * slippery)
+    e = np.minimum(np.abs(moved) / g["gap"], math.sqrt(0.98))
+    # Salbu: mean of 1/h times the root of the mean of h^3, h = 1 + e cos
+    film = g["area"] * 101325.0 * (np.sqrt(1 + 1.5 * e**2) / np.sqrt(1 - e**2) - 1)
+    load = np.maximum(a.live("normal") - film, 0)
+    k = g["stiffness"]
+    words = (
+        f"vibration of up to {1e6 * np.abs(moved).max(initial=0.0):.3g} um, the finger presses with"
+        f" {load.min(initial=np.inf):.3g} .. {load.max(initial=0.0):.3g} N"
+    )
+    rubbed = dragged(x, k, a.contact, g["mu"] * load, coulomb)
+    return _held(a, "force", "friction on a film of air", [rubbed], words)
+
+
 @law_of("impact")
 def impact_law(a: Asked) -> list[Check]:
     """Check the scene ``impact``."""

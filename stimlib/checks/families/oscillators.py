@@ -193,6 +193,39 @@ def _bumps(a: Asked) -> list[Check]:
     return checks
 
 
+@law_of("bump_grid")
+def _bump_grid(a: Asked) -> list[Check]:
+    """Check the scene ``bump_grid``: two envelopes times a carrier, computed anew."""
+    g, name, A = a.given, a.title("voltage"), a.live("A")
+    if not isinstance(g["waveform"], str):
+        a.e.skipped.append(f"{name}: the law knows the named waveforms, not tables")
+        return []
+    want = (
+        g["gain"]
+        * A
+        * laws.carried(*laws.turning(a.held("freq", 0.0, a.fs / 2), a.fs), g["rectify"])
+    )
+    lost, on = np.zeros(a.n), (A != 0).astype(float)
+    top = g["gain"] * float(np.abs(A).max(initial=0.0)) or 1.0
+    for place, n, size, duty in (
+        ("x", "along", "length", "duty"),
+        ("y", "across", "width", "duty_y"),
+    ):
+        if g[n]:
+            u = a.x[place] * (g[n] / g[size])  # so rounded as in the scene
+            last, touching = laws.ways(u, on)
+            shape, less = (
+                laws.bump_envelope(last, u, g["waveform"], a.held(duty, 1e-6, 1.0)) * touching
+            )
+            want, lost = want * shape, lost + less
+            a.say(f"bumps of {1e3 * g[size] / g[n]:.4g} mm along {place}, {g['waveform']}")
+    a.say(f"amplifier {g['gain']:g}")
+    a.expect("voltage", want, 1e-6 * top)
+    error = a.far((a.y["voltage"] - want) / (1 + lost / 1e-6)) / top
+    text = "of the peak voltage, written again"
+    return [Check("d", f"{name}: two envelopes times carrier", error, 1e-6, text)]
+
+
 def bursts(a: Asked) -> np.ndarray:
     """Return the envelope of ``tone`` and ``pulse``, from the time in each period."""
     g, n = a.given, a.kept.get("first", 0) + np.arange(a.n)

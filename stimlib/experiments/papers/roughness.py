@@ -1,4 +1,4 @@
-"""Roughness of bumps on a touch screen: the touch-screen thesis, chapters 4 to 6.
+"""Roughness and bumpiness of bumps on a touch screen: the thesis, chapters 4 to 6.
 
 "Haptic Perception of Virtual Bumps Displayed Through a Piezo-Actuated Touch Screen";
 see docs/reference/papers.rst.
@@ -6,7 +6,7 @@ see docs/reference/papers.rst.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, product
@@ -20,11 +20,11 @@ from ...motion.generators import constant_speed
 from ...run.rendering import render
 from ...run.safety import Safety
 from ...scenes import bumps, bumps_set
-from ..compare import Effect, paired, repeated
+from ..compare import Effect, Statistic, paired, repeated
 from ..designs import ConstantStimuli, Sequential
 from ..experiment import Experiment, Masking, Timing
 from ..questions import rating
-from ..reader import columns
+from ..reader import Saved, columns
 from ..scaling import Law, fechner
 from ..tables import Columns, grouped
 from ..tasks import Rate
@@ -100,6 +100,24 @@ printed row by row.
 # of a simulated finger, back and forth over the 10 cm; its speed is ours
 HAND = {"x": constant_speed(0.1, 0.1)}
 FS, SECONDS, GAIN = 8000.0, 15.0, 50.0
+# bumps a second above which they are hardly counted; ours: the thesis says that its 18
+# bumps felt like a continuous vibration
+COUNTED = 10.0
+SAID = {
+    "roughness": {
+        "amplitude": "rises with the amplitude",
+        "bumps": "rises with the number of bumps, but hardly at 0.5 V",
+        "duty": "rises with the duty cycle",
+        "waveform": "square is the roughest, sawtooth the smoothest",
+    },
+    "bumpiness": {
+        "amplitude": "rises with the amplitude",
+        "bumps": "does not rise steadily with the number of bumps",
+        "duty": "is a parabola over the duty cycle",
+        "waveform": "sine is the bumpiest, and clearly bumpier than sawtooth alone",
+    },
+}
+"""What the thesis says of figure 5.1 and in chapter 7; it prints no number of it."""
 
 
 @public
@@ -114,8 +132,8 @@ def roughness() -> Experiment:
     Returns
     -------
     Experiment
-        Its ``observer`` judges the RMS of the rendered voltage, see `person`; its
-        ``analysis`` is `ratings`.
+        Its ``observer`` judges the RMS and the swing of the rendered voltage, see
+        `person`; its ``analysis`` contains `ratings` of both questions.
 
     References
     ----------
@@ -153,7 +171,7 @@ def roughness() -> Experiment:
             "Move your finger back and forth. There is no right answer: say what fits best."
         ),
         observer=person(),
-        analysis=lambda sessions: text(ratings(columns(sessions))),
+        analysis=analysis,
     )
 
 
@@ -194,20 +212,51 @@ def rms(name: str) -> float:
     >>> round(rms("square, 6 bumps, duty 0.5, 4 V"), 2)  # A sqrt(d)/2
     1.41
     """
+    return float(np.sqrt(np.mean(_voltage("rms", name) ** 2)))
+
+
+@public
+@cache
+def swing(name: str) -> float:
+    """Return how much the envelope of a stimulus rises and falls, in V.
+
+    It is the standard deviation of the envelope of the voltage that is rendered for the
+    moving finger, before the amplifier. Each of its frequencies f counts 1/(1 + (f/10
+    Hz)^2): bumps that pass faster are hardly counted. For square bumps that pass slowly
+    it is A sqrt(d (1 - d)), a parabola over the duty cycle d under the root.
+
+    Parameters
+    ----------
+    name : str
+        A name in ``STIMULI``.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.roughness import swing
+    >>> [round(swing(f"square, 2 bumps, duty {d}, 4 V"), 2) for d in (0.2, 0.5, 0.8)]
+    [1.41, 1.85, 1.41]
+    """
+    voltage = _voltage("swing", name)
+    size = np.pi * np.abs(np.fft.rfft(voltage)) / voltage.size  # of half waves 1/pi is the mean
+    size /= 1 + (np.fft.rfftfreq(voltage.size, 1 / FS) / COUNTED) ** 2
+    return float(np.sqrt(2 * np.sum(size[1:] ** 2)))
+
+
+def _voltage(who: str, name: str) -> np.ndarray:
+    """Return the rendered voltage of a stimulus before the amplifier."""
     if name not in STIMULI:
-        raise UnknownName(f"rms: no stimulus {name!r}; there are {', '.join(STIMULI)}")
+        raise UnknownName(f"{who}: no stimulus {name!r}; there are {', '.join(STIMULI)}")
     s = STIMULI[name]
     scene: Scene = bumps(s.waveform, s.bumps)
-    voltage = render(scene, HAND, FS, SECONDS, {"duty": s.duty, "A": s.amplitude})["voltage"]
-    return float(np.sqrt(np.mean(voltage**2))) / GAIN
+    return render(scene, HAND, FS, SECONDS, {"duty": s.duty, "A": s.amplitude})["voltage"] / GAIN
 
 
 @public
 def person(rng: np.random.Generator | None = None) -> Observer:
-    """Return a simulated participant who judges by the RMS.
+    """Return a simulated participant who judges the rendered voltage.
 
-    Roughness is 3.92 + 2.25 log10(RMS/V), bumpiness depends on the amplitude alone,
-    both with random errors.
+    Roughness is 3.92 + 2.25 log10(RMS/V), bumpiness 5 + 2 log10(swing/V), both with
+    random errors; see `rms` and `swing`.
 
     Parameters
     ----------
@@ -220,8 +269,10 @@ def person(rng: np.random.Generator | None = None) -> Observer:
     callable
         An observer.  Roughness follows Fechner's law as fitted to the thesis' own
         tables; more bumps are rougher if the amplitude is 4 V or more, as in figure
-        6.2.  The sizes of this effect, of the errors and of bumpiness are our own
-        choices.
+        6.2.  Bumpiness is a parabola over the duty cycle and falls where bumps pass too
+        fast to be counted, as the thesis reports; that the swing is what people judge,
+        and the sizes of all effects and errors, are our own choices.  Of equal peaks,
+        square bumps swing most, so this observer does not find the sine bumpiest.
     """
     own = 0.0 if rng is None else 0.5 * rng.normal()
 
@@ -229,7 +280,7 @@ def person(rng: np.random.Generator | None = None) -> Observer:
         s = STIMULI[trial.condition]
         more = 0.6 * log10(s.bumps / 6) if s.amplitude >= 4 else 0.0
         rough = 3.92 + 2.25 * log10(rms(trial.condition)) + more + own + 0.8 * rng.normal()
-        bumpy = 3.9 + 2.0 * log10(s.amplitude / 4) + own + 0.8 * rng.normal()
+        bumpy = 5.0 + 2.0 * log10(swing(trial.condition)) + own + 0.8 * rng.normal()
         return Answer(
             {
                 name: int(np.clip(round(v), 1, 7))
@@ -253,7 +304,17 @@ class Ratings:
     effects : tuple of Effect
         Four-way analysis of variance within people; main effects come first.
     pairs : dict of (factor, level, level) to float
-        p of paired t tests of people's means, multiplied by 3 (Bonferroni), at most 1.
+        p of paired t tests of people's means, multiplied by 3 (Bonferroni), at most 1;
+        nan if the difference is the same of all people, which happens with two.
+    middles : dict of factor to Statistic
+        For "bumps" and "duty", the paired t test of people's means at the middle level
+        against the mean of the outer two: above 0 where the ratings are a parabola with
+        a top.
+    boxes : dict of (factor, level) to tuple of float
+        Figure 5.1: least, lower quartile, median, upper quartile and largest of
+        people's mean ratings of the 27 stimuli with this level.
+    by_bumps : dict of (waveform, amplitude, bumps) to float
+        Figure 6.2: mean over people and duty cycles.
     pearson : float
         Correlation of mean and RMS over the 27 cells.
     law : Law
@@ -265,6 +326,9 @@ class Ratings:
     sd: Mapping[Cell, float]
     effects: tuple[Effect, ...]
     pairs: Mapping[tuple[str, str, str], float]
+    middles: Mapping[str, Statistic]
+    boxes: Mapping[tuple[str, str], tuple[float, ...]]
+    by_bumps: Mapping[tuple[str, float, int], float]
     pearson: float
     law: Law
 
@@ -279,7 +343,8 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
         As `stimlib.experiments.reader.columns` gives them, or
         `stimlib.experiments.observers.simulate`: without training.
     question : str
-        Column of the question: ``"outcome"`` is the first question, roughness.
+        Column of the question: ``"outcome"`` is the first question, roughness;
+        ``"bumpiness"`` is the second.
 
     Returns
     -------
@@ -298,19 +363,38 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     """
     y = _means(answers, question)
     effects = repeated(y, list(FACTORS))
-    pairs = {}
+    pairs, middles, boxes = {}, {}, {}
     for axis, (factor, levels) in enumerate(FACTORS.items(), 1):
         by = y.mean(axis=tuple({1, 2, 3, 4} - {axis}))
         for i, j in combinations(range(3), 2):
-            pairs[factor, str(levels[i]), str(levels[j])] = min(
-                1.0, 3 * paired(by[:, i], by[:, j]).p
-            )
+            p = float(np.minimum(1.0, 3 * _compared(by[:, i], by[:, j]).p))
+            pairs[factor, str(levels[i]), str(levels[j])] = p
+        if factor in ("bumps", "duty"):
+            middles[factor] = _compared(by[:, 1], (by[:, 0] + by[:, 2]) / 2)
+        for i, level in enumerate(levels):
+            quartiles = np.quantile(y.take(i, axis), (0, 0.25, 0.5, 0.75, 1))
+            boxes[factor, str(level)] = tuple(quartiles.tolist())
+    means = y.mean(axis=(0, 3))
+    by_bumps = {
+        (w, a, n): float(means[i, j, k])
+        for i, w in enumerate(WAVEFORMS)
+        for j, n in enumerate(BUMPS)
+        for k, a in enumerate(AMPLITUDES)
+    }
     middle = y.mean(axis=(0, 2)), y.std(axis=(0, 2), ddof=1)
     at = [(WAVEFORMS.index(w), DUTIES.index(d), AMPLITUDES.index(a)) for a, d, w in CELLS]
     mean, sd = ({c: float(v[k]) for c, k in zip(CELLS, at, strict=True)} for v in middle)
     power = {(a, d, w): rms(f"{w}, 6 bumps, duty {d:g}, {a:g} V") for a, d, w in CELLS}
     x, r = np.array(list(power.values())), np.array(list(mean.values()))
-    return Ratings(power, mean, sd, effects, pairs, float(np.corrcoef(x, r)[0, 1]), fechner(x, r))
+    pearson, law = float(np.corrcoef(x, r)[0, 1]), fechner(x, r)
+    return Ratings(power, mean, sd, effects, pairs, middles, boxes, by_bumps, pearson, law)
+
+
+def _compared(a: np.ndarray, b: np.ndarray) -> Statistic:
+    """Return the paired t test; its numbers are nan if all people differ equally."""
+    if np.ptp(a - b) > 1e-12:
+        return paired(a, b)
+    return Statistic("paired t", np.nan, (a.size - 1.0,), np.nan)
 
 
 def _means(answers: Columns, question: str) -> np.ndarray:
@@ -329,18 +413,28 @@ def _means(answers: Columns, question: str) -> np.ndarray:
     )
 
 
-def text(found: Ratings) -> str:
-    """Return the tables and tests as lines of text.
+def text(found: Ratings, scale: str = "roughness") -> str:
+    """Return the tables and tests of a scale as lines of text.
 
-    The thesis' values are printed next to them.
+    The thesis' values are printed next to them: numbers for roughness, sentences for
+    both scales.
     """
-    lines = ["A, V  duty  waveform  RMS, V (printed)  roughness (printed)"]
+    rough = scale == "roughness"
+    lines = [f"A, V  duty  waveform  RMS, V (printed)  {scale}{' (printed)' * rough}"]
     for a, d, w in CELLS:
         printed, cell = PRINTED[d, a, w], (a, d, w)
         lines.append(
             f"{a:<4g}  {d:<4g}  {w:<8}  {found.rms[cell]:.2f} ({printed[0]:.2f})      "
-            f"{found.mean[cell]:.2f} +- {found.sd[cell]:.2f} ({printed[1]:.2f})"
+            f"{found.mean[cell]:.2f} +- {found.sd[cell]:.2f}{f' ({printed[1]:.2f})' * rough}"
         )
+    lines.append(f"A, V  waveform  {scale} at {', '.join(map(str, BUMPS))} bumps")
+    for a, w in product(AMPLITUDES, WAVEFORMS):
+        row = "  ".join(f"{found.by_bumps[w, a, n]:.2f}" for n in BUMPS)
+        lines.append(f"{a:<4g}  {w:<8}  {row}")
+    lines.append("factor level: least, quartiles and largest of people's means")
+    for (factor, level), box in found.boxes.items():
+        lines.append(f"{factor} {level}: {'  '.join(f'{v:.2f}' for v in box)}")
+    lines += [f"thesis, {scale} and {factor}: {said}" for factor, said in SAID[scale].items()]
     for e in found.effects[:4]:
         lines.append(
             f"{e.name}: F({e.df[0]:g}, {e.df[1]:g}) = {e.F:.1f}, p = {e.p_corrected:.2g}"
@@ -350,6 +444,19 @@ def text(found: Ratings) -> str:
         f"{factor} {a} and {b}: p = {p:.2g} (paired t, Bonferroni)"
         for (factor, a, b), p in found.pairs.items()
     ]
+    lines += [
+        f"{factor}, the middle over the mean of the ends: t({t.df[0]:g}) = {t.value:.2f},"
+        f" p = {t.p:.2g}"
+        for factor, t in found.middles.items()
+    ]
     fit = found.law
     law = f"{fit.line.intercept:.2f} + {fit.line.slope:.2f} log10(RMS/V), R2 = {fit.r2:.3f}"
-    return "\n".join([*lines, f"roughness = {law}; Pearson {found.pearson:.3f}"])
+    return "\n".join([*lines, f"{scale} = {law}; Pearson {found.pearson:.3f}"])
+
+
+@public
+def analysis(sessions: Sequence[Saved]) -> str:
+    """Analyse both scales, roughness and bumpiness."""
+    answers = columns(sessions)
+    found = {"roughness": ratings(answers), "bumpiness": ratings(answers, "bumpiness")}
+    return "\n\n".join(text(r, scale) for scale, r in found.items())

@@ -1,0 +1,84 @@
+"""Friction that ultrasound reduces: the envelope of the resonance, the force on
+slippery and other parts, and what its law sees.
+"""
+
+import numpy as np
+import pytest
+import scipy
+
+import stimlib
+from stimlib import BadValue, Input, Scene
+from stimlib.blocks import first_order
+from stimlib.motion.generators import constant_speed, sinusoid
+from stimlib.scenes import ultrasonic_friction
+
+
+def sliding(seconds=1.0, **words):
+    scene = ultrasonic_friction(**words)
+    return scene, stimlib.render(scene, {"x": constant_speed(0.1, 0.1)}, 8000, seconds)
+
+
+def test_the_amplitude_is_the_envelope_of_the_resonance():
+    """A mass on a spring at its resonance, sample by sample of the vibration."""
+    freq, q, per = 30e3, 100.0, 64
+    w, t = 2 * np.pi * freq, np.arange(200 * 64) / (64 * freq)
+    drive = np.cos(w * t) * (t < 100 / freq)
+    _, _, state = scipy.signal.lsim(
+        ([[-w / q, -w * w], [1, 0]], [[w * w], [0]], [[0, 1]], 0), drive, t
+    )
+    envelope = np.hypot(state[:, 1], state[:, 0] / w) / q  # of 1 at rest
+    scene = Scene({"a": first_order(Input("v"), q / (np.pi * freq))})
+    got = stimlib.compile(scene, freq * per, "python").process((t < 100 / freq)[None] * 1.0)[0]
+    assert np.abs(got - envelope).max() < 1.5 / q
+
+
+def test_the_force_is_that_of_the_load_that_is_left():
+    """By hand: e = 0.15, 2.837 % of 101325 Pa on 1 cm^2 carry 0.28746 N of 0.5 N."""
+    _, r = sliding()
+    u = 6 * r.t  # place in bumps, at 0.1 m/s
+    inside = (u % 1 > 0.2) & (u % 1 < 0.45), (u % 1 > 0.7) & (u > 0.5)
+    slippery, other = (np.unique(r["force"][k].round(9)) for k in inside)
+    assert slippery == pytest.approx([0.8 * 0.21254], abs=1e-5)
+    assert other == pytest.approx([0.8 * 0.5], abs=1e-12)
+
+
+def test_a_plate_of_high_quality_answers_late():
+    changes = {}
+    for q in (100.0, 1000.0):
+        _, r = sliding(q=q)
+        at = np.argmax(6 * r.t >= 1.0)  # where the second slippery part begins
+        force = r["force"][at - 1 : at + 800]
+        changes[q] = np.argmax(force < 0.8 * 0.35) / 8000
+    # the load falls to 0.35 N where e^2 is 0.0118, 72 % of the way
+    for q, late in changes.items():
+        assert late == pytest.approx(1.28 * q / (np.pi * 30e3), abs=4e-4)
+
+
+def test_the_law_sees_another_force():
+    scene, r = sliding(0.3)
+    assert stimlib.verify(scene, r.motion, r).passed
+    changed = Scene({"force": 1.00001 * scene.outputs["force"]}, scene.parts)
+    other = stimlib.render(changed, r.motion, 8000, 0.3)
+    assert not stimlib.verify(changed, r.motion, other).passed
+
+
+def test_lifts_and_live_numbers_are_proved():
+    scene = ultrasonic_friction(contact=True, duty=0.3, q=300.0)
+    motion = {"x": sinusoid(0.05, 1.5), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)}
+    words = {"A": 12.0, "normal": 0.7, "duty": 0.6}
+    r = stimlib.render(scene, motion, 8000, 1.0, words)
+    report = stimlib.verify(scene, motion, r)
+    assert report.passed, str(report)
+    assert (r["force"][motion["contact"](r.t) <= 0] == 0).all()
+
+
+def test_a_scene_that_makes_no_sense_is_refused():
+    for words, text in (
+        ({"gap": 0.0}, "gap = 0.0 must be above 0"),
+        ({"freq": 100.0}, "squeeze number .* below 10"),
+        ({"gap": 40e-6}, "squeeze number 8.22 is below 10"),
+        ({"amplitude": 101.0}, "as far as gap"),
+        ({"duty": 1.5}, "duty"),
+    ):
+        with pytest.raises(BadValue, match=f"ultrasonic_friction: .*{text}"):
+            ultrasonic_friction(**words)
