@@ -6,6 +6,7 @@ Each group of commands has a module. Module ``app`` has their common code; ``sce
 
 from . import (  # noqa: I001  each adds its commands, in the order of --help
     files,
+    export,
     sweeps,
     devices,
     live,
@@ -21,6 +22,7 @@ __all__ = [
     "app",
     "devices",
     "experiments",
+    "export",
     "files",
     "live",
     "verify",

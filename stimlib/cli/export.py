@@ -1,0 +1,70 @@
+"""The command that exports a scene as C."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from . import options as opt
+from .app import command, print_json
+from .motions import motions_of
+from .scene import SceneText, params_of, run_files, scene_of, touching
+
+
+@command("export", motions=motions_of)
+def export_(
+    scene: SceneText,
+    folder: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="Folder to write into; made if missing.", show_default=False
+        ),
+    ],
+    motions: Any,
+    lang: Annotated[Literal["c"], typer.Option(help="Language: C99.")] = "c",
+    name: Annotated[
+        str, typer.Option(help="Prefix of all names in C, and name of the files.")
+    ] = "stimulus",
+    seconds: Annotated[float, typer.Option(help="Length of the self test.")] = 0.1,
+    fs: opt.Rate = 8000.0,
+    set_: opt.Params = [],
+    seed: opt.Seed = 0,
+    tile: Annotated[
+        int,
+        typer.Option(help="Samples that a block computes at a time, 1 to 64: less memory or time."),
+    ] = 64,
+    quiet: opt.Quiet = False,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
+):
+    """Export a scene as C99 with the same samples, and a self test.
+
+    The motion is that of the self test.
+
+    [bold]stimlib export squeeze --motion "minimum_jerk(depth=0.02)" --out squeeze_c[/]
+    """
+    run_files(import_)
+    from ..export.c99 import export_c
+
+    made = scene_of(scene)
+    motion, _ = motions(made, contact=touching(scene))
+    written = export_c(
+        made,
+        fs,
+        folder,
+        motion,
+        name=name,
+        seconds=seconds,
+        params=params_of(set_, made),
+        seed=seed,
+        tile=tile,
+    )
+    if json_:
+        files = [str(path) for path in written.files]
+        print_json({"files": files, "state_bytes": written.state_bytes, "samples": written.samples})
+    elif not quiet:
+        print(*written.files, sep="\n")
+        print(f"state: about {written.state_bytes} bytes; self test: {written.samples} samples")
+        print(f"cc -std=c99 -O2 {name}.c {name}_test.c -o {name}_test -lm && ./{name}_test")

@@ -1,0 +1,399 @@
+"""A scene at one sample rate as one C99 file: state, parameters, blocks in order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core import steps
+from ..core.graph import Block, at_rest, kind, pack
+from ..core.program import PARAMS, ROOT, Instance
+from ..run.processor import Processor
+from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, literal
+
+RUNTIME = Path(__file__).with_name("runtime.h")
+
+
+class Files(NamedTuple):
+    """The text of a header, of a C file and of its self test."""
+
+    header: str
+    source: str
+    test: str
+
+
+def words_text(words: np.ndarray) -> str:
+    """Return 64-bit numbers as the inside of a C array."""
+    return _rows(
+        f"UINT64_C(0x{w:016x})" for w in np.ascontiguousarray(words).view(np.uint64).tolist()
+    )
+
+
+def numbers_text(v: np.ndarray) -> str:
+    """Return numbers as the inside of a C array, with all their digits."""
+    of = np.uint64 if v.dtype == np.uint64 else float
+    return _rows(literal(of(n)).text for n in v.tolist())
+
+
+def _rows(texts: Iterable[str]) -> str:
+    """Return texts with commas, four in a line."""
+    rows = iter(texts)
+    return ",\n".join(iter(lambda: ", ".join(islice(rows, 4)), "")) or "0"
+
+
+class Writer:
+    """The parts of a C file, from the program of a processor."""
+
+    def __init__(self, proc: Processor, name: str, tile: int) -> None:
+        self.proc, self.name, self.tile = proc, name, tile
+        self.instances, self.design = proc.program.instances, proc.design
+        self.unit = Unit()
+        self.fields: list[str] = []  # of the state
+        self.constants: list[str] = []
+        self.blocks: list[str] = []  # a function for each
+        self.body: list[str] = []
+        self.slots: dict[Any, int] = {}
+        self.scratch = 0
+        for i in proc.program.inputs.values():
+            self.slot(i)
+        for i, q in enumerate(self.instances):
+            self.instance(i, q)
+
+    def slot(self, key: Any) -> int:
+        """Return the number of a signal's array."""
+        return self.slots.setdefault(key, len(self.slots))
+
+    def signal(self, i: int, clock: int) -> int:
+        """Return the slot of an argument; on a clock below it is gathered first."""
+        q = self.instances[i]
+        if q.kind == "pick":
+            return self.slot((q.args[0], q.block.place))  # type: ignore[attr-defined]
+        if q.kind == "const" or clock <= ROOT or (q.clock != PARAMS and q.kind != "input"):
+            return self.slot(i)
+        if (i, "on", clock) not in self.slots:
+            to = self.slot((i, "on", clock))
+            self.body.append(
+                f"st_gather(m->v[{self.slot(i)}], m->v[{to}], m->top[{clock}], n{clock});"
+            )
+        return self.slots[i, "on", clock]
+
+    def instance(self, i: int, q: Instance) -> None:
+        """Write what runs one instance."""
+        if q.kind == "const":
+            value, to = literal(q.block.value).text, self.slot(i)  # type: ignore[attr-defined]
+            self.constants.append(f"    for (i = 0; i < ST_TILE; i++) m->v[{to}][i] = {value};")
+        elif q.kind == "open":
+            by = self.signal(q.args[0], q.clock)
+            up = "0" if q.clock == ROOT else f"m->top[{q.clock}]"
+            places = f"m->place[{q.child}], m->top[{q.child}]"
+            self.body.append(f"n{q.child} = st_open(m->v[{by}], {up}, {places}, n{q.clock});")
+        elif q.kind == "close":
+            inner = self.signal(q.args[1], q.child)
+            ends = f"m->v[{inner}], m->v[{self.slot(i)}], m->place[{q.child}]"
+            self.body.append(f"st_close({ends}, n{q.child}, n{q.clock});")
+        elif q.kind == "block":
+            self.block(i, q)
+
+    # One block ------------------------------------------------------------------------
+    def block(self, i: int, q: Instance) -> None:
+        """Write the function of one block, and its call."""
+        cls, (p, s) = q.block.definition, self.design[i]
+        inputs = [self.signal(a, q.clock) for a in q.args]
+        contact = inputs.pop() if cls.resettable else None
+        outputs = (
+            [self.slot((i, k)) for k in range(len(cls.outputs))] if cls.outputs else [self.slot(i)]
+        )
+        parameters, state = self.numbers(f"p{i}", p, True), self.numbers(f"b{i}", s, False)
+        lines = [f"    const {parameters[0].name} p = {parameters[1]};"] if parameters else []
+        lines += [f"    {state[0].name} s = {state[1]};"] if state else []
+        given = [*(["p"] if parameters else []), *(["s"] if state else [])]
+        kinds: list[Kind] = [t[0] if t else None for t in (parameters, state)]
+        arrays = [f"m->v[{k}] + a" for k in inputs], [f"m->v[{k}] + a" for k in outputs]
+        if cls.tile is not None:
+            given += [f"st_floats_of({v}, n)" for v in (*arrays[0], *arrays[1])]
+            kinds += [FLOATS] * (len(inputs) + len(outputs))
+            if cls.work:
+                size = cls.work(p)
+                self.scratch = max(self.scratch, size)
+                given.append(f"st_floats_of(m->w, {size})")
+                kinds.append(FLOATS)
+            name, _ = self.unit.function(cls.tile, kinds)
+            lines.append(f"    {'s = ' if state else ''}{name}({', '.join(given)});")
+        else:
+            name, result = self.unit.function(cls.step, [*kinds, *["double"] * len(inputs)])
+            given += [f"({v})[i]" for v in arrays[0]]
+            lines += ["    int i;", "    for (i = 0; i < n; i++) {"]
+            lines.append(f"        const {result.name} t = {name}({', '.join(given)});")
+            parts = (
+                [f"t.a0.{f}" for f, _ in result.fields[0][1].fields] if cls.outputs else ["t.a0"]
+            )
+            lines += [f"        ({v})[i] = {y};" for v, y in zip(arrays[1], parts, strict=True)]
+            lines += ["        s = t.a1;", "    }"] if state else ["    }"]
+        if state:
+            single = [f for f, k in state[0].fields if k not in (FLOATS, KINDS["U"])]
+            ends = ["0.0" if cls.resettable and f == "cold" else f"s.{f}" for f in single]
+            lines += [f"    m->b{i}_{f} = {v};" for f, v in zip(single, ends, strict=True)]
+        head = f"static void b{i}({self.name}_state *m, int a, int n)"
+        self.blocks.append("\n".join([f"/* {said(q.block)} */", head, "{", *lines, "}", ""]))
+        if contact is None:
+            call = f"b{i}(m, 0, n{q.clock});"
+        else:
+            call = self.resettable(i, q, s, contact, outputs)
+        self.body.append(call if q.clock <= ROOT else f"if (n{q.clock} > 0) {call}")
+
+    def resettable(self, i: int, q: Instance, s: Any, contact: int, outputs: list[int]) -> str:
+        """Write the stretches of contact of a resettable block; return their call."""
+        rest = words_text(pack(at_rest(s)))
+        first = s._fields[0]
+        clear = " ".join(f"memset(m->v[{k}] + a, 0, (size_t)(b - a) * 8);" for k in outputs)
+        self.blocks.append(
+            f"static void contact{i}({self.name}_state *m, int n)\n{{\n"
+            f"    static const volatile uint64_t rest[] = {{ {rest} }};\n    int a, b;\n"
+            f"    for (a = 0; a < n; a = b) {{\n        const int on = m->v[{contact}][a] > 0.0;\n"
+            f"        for (b = a + 1; b < n && (m->v[{contact}][b] > 0.0) == on; b++) {{}}\n"
+            f"        if (on) b{i}(m, a, b - a);\n        else {{\n            {clear}\n"
+            f"            if (m->b{i}_cold == 0.0)\n"
+            f"                st_load(&m->b{i}_{first}, rest, sizeof rest / 8);\n"
+            "        }\n    }\n}\n"
+        )
+        return f"contact{i}(m, n{q.clock});"
+
+    def numbers(self, prefix: str, t: Any, constant: bool) -> tuple[Record, str] | None:
+        """Declare a tuple's numbers; return its struct, and the text that makes it."""
+        if not len(t):
+            return None
+        kinds = [(f, KINDS[kind(v)]) for f, v in zip(t._fields, t, strict=True)]
+        made = self.unit.struct(f"stim_{type(t).__name__}", kinds)
+        assert made is not None
+        texts = []
+        for (f, c), v in zip(kinds, t, strict=True):
+            where, is_array = f"{prefix}_{f}", isinstance(v, np.ndarray)
+            number = "uint64_t" if c in (WORD, KINDS["U"]) else "double"
+            if is_array and constant:
+                self.constants_of(where, number, v)
+            elif not constant and not (is_array and v.size == 0):
+                self.fields.append(f"    {number} {where}{f'[{v.size}]' if is_array else ''};")
+            if is_array:
+                place = where if constant else f"m->{where}"
+                place = place if v.size else f"({number} *)0"
+                texts.append(f"{c}_of({place}, {v.size})")
+            else:
+                texts.append(
+                    literal(v if c == WORD else float(v)).text if constant else f"m->{where}"
+                )
+        return made, f"{made.name}_of({', '.join(texts)})"
+
+    def constants_of(self, name: str, number: str, v: np.ndarray) -> None:
+        """Write an array of design numbers."""
+        if v.size:
+            self.unit.functions.append(
+                f"static const {number} {name}[] = {{\n{numbers_text(v)} }};\n"
+            )
+
+    @property
+    def size(self) -> int:
+        """Approximate size of the state in bytes."""
+        index = 8 * self.tile * len(self.proc.program.parents)
+        words = len(self.proc.state) + len(self.slots) * self.tile + self.scratch
+        return 8 * words + index * (len(self.proc.program.parents) > ROOT + 1)
+
+    # The whole file -------------------------------------------------------------------
+    def files(
+        self, x: np.ndarray, y: np.ndarray, cut: int, values: dict[str, float], ramp: int
+    ) -> Files:
+        """Return header, source and self test, which compares y for the samples x."""
+        n, program = self.name, self.proc.program
+        begin = self.proc.state[2:]
+        inputs, outputs, params = list(program.inputs), list(program.outputs), list(program.params)
+        clocks = range(ROOT + 1, len(program.parents))
+        index = [
+            f"    int place[{len(program.parents)}][ST_TILE], top[{len(program.parents)}][ST_TILE];"
+        ] * bool(len(clocks))
+        state = self.fields or ["    double none;"]
+        header = f"""\
+/* {n}: a stimulus at {self.proc.fs:g} Hz.
+{listed("inputs", inputs, self.proc.units)}
+{listed("outputs", outputs, self.proc.units)}
+{listed("parameters", params, self.proc.units)}
+   The state takes about {self.size} bytes; nothing is allocated, and nothing is global. */
+#ifndef {n.upper()}_H
+#define {n.upper()}_H
+#include <stdint.h>
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define {n.upper()}_FS {self.proc.fs!r}
+#define {n.upper()}_INPUTS {len(inputs)}
+#define {n.upper()}_OUTPUTS {len(outputs)}
+{chr(10).join(f"#define {n.upper()}_{p.upper()} {k}" for k, p in enumerate(params))}
+#ifndef ST_TILE
+#define ST_TILE {self.tile} /* samples at a time; the samples do not depend on it */
+#endif
+
+typedef struct {{
+{chr(10).join(state)}
+    double v[{max(1, len(self.slots))}][ST_TILE], w[{max(1, self.scratch)}];
+{chr(10).join(index)}
+}} {n}_state;
+
+/* The state at sample 0. */
+void {n}_init({n}_state *m);
+/* Let a parameter go to a value within so many samples; 0: at once. */
+void {n}_set({n}_state *m, int parameter, double value, double samples);
+/* Compute n samples: in has a row for each input, out one for each output. */
+void {n}_process({n}_state *m, const double *const *in, double *const *out, int n);
+
+#ifdef __cplusplus
+}}
+#endif
+#endif
+"""
+        counts = " ".join(f"int n{c} = 0;" for c in clocks)
+        init, ends = self.constants, [self.slots[i] for i in program.outputs.values()]
+        sets = "\n".join(
+            f"    case {k}: m->b{i}_target = value; m->b{i}_left = left; break;"
+            for k, i in enumerate(program.params.values())
+        )
+        start = f"    static const volatile uint64_t at_0[] = {{\n{words_text(begin)} }};\n" * bool(
+            len(begin)
+        )
+        load = "    st_load(m, at_0, sizeof at_0 / 8);\n" * bool(len(begin))
+        source = f"""\
+#include "{n}.h"
+{RUNTIME.read_text()}
+ST_INLINE int st_open(const double *by, const int *up, int *place, int *top, int n)
+{{
+    int i, k = 0;
+    for (i = 0; i < n; i++)
+        if (by[i] > 0.0) {{ place[k] = i; top[k++] = up ? up[i] : i; }}
+    return k;
+}}
+
+ST_INLINE void st_close(const double *inner, double *out, const int *place, int k, int n)
+{{
+    int i;
+    for (i = 0; i < n; i++) out[i] = 0.0;
+    for (i = 0; i < k; i++) out[place[i]] = inner[i];
+}}
+
+ST_INLINE void st_gather(const double *from, double *to, const int *top, int n)
+{{
+    int i;
+    for (i = 0; i < n; i++) to[i] = from[top[i]];
+}}
+
+{chr(10).join(self.unit.types)}
+
+{chr(10).join(self.unit.functions)}
+{chr(10).join(self.blocks)}
+void {n}_init({n}_state *m)
+{{
+{start}    int i;
+    (void)i;
+    memset((void *)m, 0, sizeof *m);
+{load}{chr(10).join(init)}
+}}
+
+void {n}_set({n}_state *m, int parameter, double value, double samples)
+{{
+    const double left = samples < 1.0 ? 1.0 : samples;
+    (void)m; (void)value; (void)left;
+    switch (parameter) {{
+{sets}
+    default: break;
+    }}
+}}
+
+void {n}_process({n}_state *m, const double *const *in, double *const *out, int n)
+{{
+    int from;
+    (void)in;
+    for (from = 0; from < n; from += ST_TILE) {{
+        const int n1 = n - from < ST_TILE ? n - from : ST_TILE, n0 = n1;
+        const size_t bytes = (size_t)n1 * 8;
+        {counts}
+        (void)n0; (void)bytes;
+{lines(f"memcpy(m->v[{k}], in[{k}] + from, bytes);" for k in range(len(inputs)))}
+{lines(self.body)}
+{lines(f"memcpy(out[{k}] + from, m->v[{i}], bytes);" for k, i in enumerate(ends))}
+    }}
+}}
+"""
+        return Files(header, source, self_test(self, x, y, cut, values, ramp))
+
+
+def lines(rows: Iterable[str]) -> str:
+    """Return statements inside the loop over tiles."""
+    return "\n".join(f"        {row}" for row in rows)
+
+
+def listed(what: str, names: list[str], units: dict[str, str]) -> str:
+    """Return a line of the header's comment."""
+    return f"   {what}: " + (
+        ", ".join(f"{k} {name} [{units[name]}]" for k, name in enumerate(names)) or "none"
+    )
+
+
+def said(block: Block) -> str:
+    """Return the comment of a block, with the source of one of a user."""
+    text = repr(block).replace("*/", "* /")[:200]
+    f = block.definition.tile or block.definition.step
+    return text if steps.ours(type(block)) else f"{text}\n{steps.source(f).replace('*/', '* /')}"
+
+
+def self_test(
+    w: Writer, x: np.ndarray, y: np.ndarray, cut: int, values: dict[str, float], ramp: int
+) -> str:
+    """Return a program that computes the samples and counts differences."""
+    n, params = w.name, list(w.proc.program.params)
+    sets = "\n".join(
+        f"    {n}_set(&m, {params.index(p)}, {literal(float(v)).text}, {ramp}.0);"
+        for p, v in values.items()
+    )
+    total, ins, outs = y.shape[1], max(1, len(x)), len(y)
+    return f"""\
+/* Compares {n} with samples of stimlib, bit by bit; prints how many differ. */
+#include "{n}.h"
+#include <stdio.h>
+#include <string.h>
+
+static const uint64_t input[] = {{ {words_text(x.ravel())} }};
+static const uint64_t wanted[] = {{ {words_text(y.ravel())} }};
+static {n}_state m;
+static double x[{ins}][{total}], y[{outs}][{total}];
+
+int main(void)
+{{
+    const double *in[{ins}];
+    double *out[{outs}];
+    int k, i, differ = 0;
+    memcpy(x, input, {8 * x.size});
+    {n}_init(&m);
+    for (k = 0; k < {ins}; k++) in[k] = x[k];
+    for (k = 0; k < {outs}; k++) out[k] = y[k];
+    {n}_process(&m, in, out, {cut});
+{sets}
+    for (k = 0; k < {ins}; k++) in[k] += {cut};
+    for (k = 0; k < {outs}; k++) out[k] += {cut};
+    {n}_process(&m, in, out, {total - cut});
+    for (k = 0; k < {outs}; k++)
+        for (i = 0; i < {total}; i++) {{
+            uint64_t bits;
+            double want;
+            memcpy(&bits, &y[k][i], 8);
+            memcpy(&want, &wanted[k * {total} + i], 8);
+            if (bits != wanted[k * {total} + i] && !(want != want && y[k][i] != y[k][i])) {{
+                if (!differ)
+                    printf("output %d, sample %d: %.17g, not %.17g\\n", k, i, y[k][i], want);
+                differ++;
+            }}
+        }}
+    printf("%d of %d samples differ\\n", differ, {outs * total});
+    return differ != 0;
+}}
+"""

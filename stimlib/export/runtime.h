@@ -1,0 +1,188 @@
+/* What exported steps are made of. Only functions that round correctly are taken from
+   the C library: fma, sqrt, floor, fabs. */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined(__FAST_MATH__)
+#error "the samples would differ: compile without -ffast-math"
+#endif
+#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16
+#error "the samples would differ: compile without excess precision (-msse2 -mfpmath=sse)"
+#endif
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#endif
+
+#define ST_INLINE static inline
+#ifdef __GNUC__
+#pragma GCC diagnostic ignored "-Wunused-function"
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#pragma GCC diagnostic ignored "-Wunused-variable"
+#ifdef __clang__
+#pragma GCC diagnostic ignored "-Wparentheses-equality"
+#else
+#pragma GCC diagnostic ignored "-Wunused-but-set-variable"
+#endif
+#endif
+
+typedef struct { double *p; int64_t n; } st_floats;
+/* words may lie in memory of doubles */
+typedef struct { unsigned char *p; int64_t n; } st_words;
+
+ST_INLINE st_floats st_floats_of(const double *p, int64_t n)
+{
+    st_floats a;
+    a.p = (double *)p;
+    a.n = n;
+    return a;
+}
+
+ST_INLINE st_words st_words_of(const void *p, int64_t n)
+{
+    st_words a;
+    a.p = (unsigned char *)p;
+    a.n = n;
+    return a;
+}
+
+ST_INLINE uint64_t st_word(st_words a, int64_t i)
+{
+    uint64_t u;
+    memcpy(&u, a.p + 8 * i, 8);
+    return u;
+}
+
+ST_INLINE void st_put_word(st_words a, int64_t i, uint64_t u) { memcpy(a.p + 8 * i, &u, 8); }
+
+ST_INLINE st_floats st_floats_cut(st_floats a, int64_t low, int64_t high)
+{
+    high = high < a.n ? high : a.n;
+    return st_floats_of(a.p + low, high > low ? high - low : 0);
+}
+
+ST_INLINE st_words st_words_cut(st_words a, int64_t low, int64_t high)
+{
+    high = high < a.n ? high : a.n;
+    return st_words_of(a.p + 8 * low, high > low ? high - low : 0);
+}
+
+ST_INLINE void st_floats_fill(st_floats a, double v)
+{
+    int64_t i;
+    for (i = 0; i < a.n; i++) a.p[i] = v;
+}
+
+ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
+
+/* The table is volatile because gcc 12.2 with -march=native fills such copies of a small
+   table with its first word on some processors. */
+ST_INLINE void st_load(void *to, const volatile uint64_t *table, int n)
+{
+    int i;
+    for (i = 0; i < n; i++) {
+        const uint64_t u = table[i];
+        memcpy((unsigned char *)to + 8 * i, &u, 8);
+    }
+}
+
+ST_INLINE double st_flush(double x) { return fabs(x) <= 1e-190 ? 0.0 : x; }
+
+ST_INLINE uint64_t st_bits(double x)
+{
+    uint64_t u;
+    memcpy(&u, &x, 8);
+    return u;
+}
+
+ST_INLINE double st_unbits(uint64_t u)
+{
+    double x;
+    memcpy(&x, &u, 8);
+    return x;
+}
+
+ST_INLINE int64_t st_rest(int64_t a, int64_t b)
+{
+    int64_t r = a % b;
+    return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+}
+
+ST_INLINE double st_mod(double a, double b)
+{
+    double r = fmod(a, b);
+    return r == 0.0 ? copysign(0.0, b) : (r < 0) != (b < 0) ? r + b : r;
+}
+
+ST_INLINE int64_t st_search(st_floats knots, double x)
+{
+    int64_t low = 0, high = knots.n - 2;
+    while (low < high) {
+        int64_t k = (low + high + 1) >> 1;
+        if (x >= knots.p[k]) low = k;
+        else high = k - 1;
+    }
+    return low;
+}
+
+ST_INLINE void st_copy(st_floats a, st_floats b) { memmove(b.p, a.p, (size_t)a.n * 8); }
+
+ST_INLINE double st_total(const double *s)
+{
+    return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
+}
+
+ST_INLINE void st_fir(st_floats taps, st_floats w, st_floats y)
+{
+    int64_t i, j;
+    int k;
+    for (i = 0; i < y.n; i++) {
+        double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+        for (j = 0; j < taps.n; j += 8)
+            for (k = 0; k < 8; k++) s[k] = fma(taps.p[j + k], w.p[i + j + k], s[k]);
+        y.p[i] = st_total(s);
+    }
+}
+
+ST_INLINE void st_modes(st_floats p, st_floats r, st_floats q, double d, st_floats x, st_floats y, st_floats w)
+{
+    int64_t i, j;
+    int k;
+    (void)w;
+    for (i = 0; i < y.n; i++) {
+        double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+        const double v = x.p[i] + 1e-200;
+        for (j = 0; j < p.n; j += 8)
+            for (k = 0; k < 8; k++) {
+                q.p[j + k] = fma(p.p[j + k], q.p[j + k], v);
+                s[k] = fma(r.p[j + k], q.p[j + k], s[k]);
+            }
+        y.p[i] = st_flush(fma(d, x.p[i], st_total(s)));
+    }
+}
+
+ST_INLINE void st_memory(st_floats e, st_floats r, st_floats q, st_floats low, st_floats x, st_floats y, st_floats w)
+{
+    int64_t i, j;
+    (void)w;
+    for (i = 0; i < y.n; i++) {
+        double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+        const double v = x.p[i] + 1e-200;
+        for (j = 0; j < low.n; j++) {
+            const double t = fma(-e.p[j], q.p[j], v) + low.p[j];
+            const double next = q.p[j] + t;
+            low.p[j] = t - (next - q.p[j]);
+            q.p[j] = next;
+            s[j & 7] = fma(r.p[j], next, s[j & 7]);
+        }
+        for (j = low.n; j < e.n; j++) {
+            q.p[j] = q.p[j] + fma(-e.p[j], q.p[j], v);
+            s[j & 7] = fma(r.p[j], q.p[j], s[j & 7]);
+        }
+        y.p[i] = st_flush(st_total(s));
+    }
+}

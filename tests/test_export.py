@@ -1,0 +1,141 @@
+"""Export to C99: the same bits as the processor, from every block of the table."""
+
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from commands import ran
+from contract import TABLE
+from correct import OwnHighPass
+from exported import GCC, compared, exported, groups
+from refusals import refused
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, enabled
+from stimlib.blocks import pink_noise, velocity, white_noise
+from stimlib.export import export_c
+from stimlib.motion.text import parse_motion
+from stimlib.scenes import ROWS, SHIPPED
+
+pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+FAST = ["gcc", "-std=c99", "-O0"]
+
+
+def same(folder, name="stimulus", compiler=FAST, samples=None):
+    """Whether all samples of a self test have the bits of the processor."""
+    said = compared(folder, name, compiler, options=["-lm"])
+    return said.endswith(f"0 of {samples} samples differ\n") if samples else said.startswith("0 of")
+
+
+def test_every_block_of_the_table_is_in_a_group():
+    assert sorted(n for _, scene, _ in groups() for n in scene.outputs) == sorted(
+        e.name for e in TABLE
+    )
+
+
+@pytest.mark.parametrize("k", range(len(groups())))
+def test_every_block_of_the_table_has_the_same_bits(k, tmp_path):
+    assert same(tmp_path, f"group{k}", samples=exported(k, tmp_path))
+
+
+@pytest.mark.parametrize("name, tile", [("squeeze", 64), ("click", 7), ("viscoelastic", 1)])
+def test_a_scene_compiles_without_a_warning_and_optimised(name, tile, tmp_path):
+    motion = {n: parse_motion(m) for n, m in ROWS[name].drive.items()}
+    made = export_c(SHIPPED[name](), 8000, tmp_path, motion, name, 0.2, tile=tile)
+    for options in (["-O2"], ["-O3", "-march=native"]):
+        assert same(tmp_path, name, [*GCC, *options], made.samples)
+    header = (tmp_path / f"{name}.h").read_text()
+    assert f"ST_TILE {tile} " in header and all(n in header for n in SHIPPED[name]().outputs)
+
+
+def test_parameters_gates_and_cuts(tmp_path):
+    """A program of our own that calls as a servo loop does, one sample at a time."""
+    x, k = Input("x", "m"), Param("k", 100.0, "N/m")
+    noise = enabled(pink_noise(1.0, 3), velocity(x) > stimlib.constant(0.0, "m/s"))
+    scene = Scene({"f": k * x + stimlib.constant(1.0, "N") * noise})
+    way = 0.01 * np.sin(np.arange(300) / 20)
+    export_c(scene, 1000, tmp_path, {"x": way}, params={"k": 250.0})
+    proc = stimlib.compile(scene, 1000)
+    proc.set("k", 250.0, ramp=0.0)
+    first = proc.process(way[None, :100].copy())
+    proc.set("k", 50.0, ramp=0.02)
+    want = np.r_[first[0], proc.process(way[None, 100:].copy())[0]]
+    rows = ", ".join(map(float.hex, way))
+    (tmp_path / "servo.c").write_text(f"""
+#include "stimulus.h"
+#include <stdio.h>
+static const double way[] = {{ {rows} }};
+int main(void)
+{{
+    stimulus_state m;
+    int i;
+    stimulus_init(&m);
+    for (i = 0; i < 300; i++) {{
+        const double *in[1] = {{ way + i }};
+        double y, *out[1] = {{ &y }};
+        if (i == 100) stimulus_set(&m, STIMULUS_K, 50.0, 20.0);
+        stimulus_process(&m, in, out, 1);
+        printf("%a\\n", y);
+    }}
+    return 0;
+}}
+""")
+    subprocess.run([*GCC, "servo.c", "stimulus.c", "-o", "servo", "-lm"], cwd=tmp_path, check=True)
+    said = subprocess.run([tmp_path / "servo"], capture_output=True, text=True).stdout
+    np.testing.assert_array_equal([float.fromhex(v) for v in said.split()], want)
+    assert np.ptp(want) > 1
+
+
+def test_noise_has_the_seed_of_the_run(tmp_path):
+    scene = Scene({"w": white_noise(3), "p": pink_noise(1.0, 4)})
+    texts = []
+    for seed in (0, 5):
+        made = export_c(scene, 1000, tmp_path, seed=seed)
+        assert same(tmp_path, samples=made.samples)
+        texts.append((tmp_path / "stimulus.c").read_text())
+    assert texts[0] != texts[1]
+
+
+def test_a_block_of_a_user_is_quoted(tmp_path):
+    scene = Scene({"y": OwnHighPass(Input("x"), 0.01)})
+    made = export_c(scene, 1000, tmp_path, {"x": np.linspace(-1, 1, 100)})
+    assert same(tmp_path, samples=made.samples)
+    text = (tmp_path / "stimulus.c").read_text()
+    assert "def step(p, s, x):" in text and "y = p.p * (s.y + x - s.x)" in text
+
+
+def test_a_self_test_that_differs_says_so(tmp_path):
+    export_c(Scene({"y": 2 * Input("x")}), 1000, tmp_path, {"x": np.ones(100)})
+    source = (tmp_path / "stimulus.c").read_text()
+    assert source.count("(a * b)") == 1
+    (tmp_path / "stimulus.c").write_text(source.replace("(a * b)", "(a * b + 1e-300)"))
+    assert same(tmp_path)  # lost in rounding
+    (tmp_path / "stimulus.c").write_text(source.replace("(a * b)", "(a * b + 1e-15)"))
+    said = compared(tmp_path, "stimulus", FAST, options=["-lm"])
+    assert said.endswith("100 of 100 samples differ\n") and "output 0, sample 0: 2" in said
+    fast = subprocess.run(
+        [*FAST, "-ffast-math", "-c", "stimulus.c"], cwd=tmp_path, capture_output=True
+    )
+    assert fast.returncode and b"without -ffast-math" in fast.stderr
+
+
+def test_what_is_refused(tmp_path):
+    scene = Scene({"y": Input("x") * 2.0})
+    x = {"x": np.ones(100)}
+    refused(BadValue, "no motion for x", export_c, scene, 1000, tmp_path)
+    refused(BadValue, "name = 'My sound'", export_c, scene, 1000, tmp_path, x, "My sound")
+    refused(BadValue, "tile = 65", export_c, scene, 1000, tmp_path, x, tile=65)
+    refused(BadValue, "fs = 0", export_c, scene, 0, tmp_path, x)
+    refused(stimlib.UnknownName, "level", export_c, scene, 1000, tmp_path, x, params={"level": 1.0})
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_exports_and_says_how_to_compile(tmp_path):
+    words = ["export", "wall", "--motion", ROWS["wall"].drive["x"], "--name", "wall"]
+    said = ran([*words, "--out", tmp_path]).stdout
+    assert "cc -std=c99 -O2 wall.c wall_test.c" in said and "self test: 800 samples" in said
+    assert same(tmp_path, "wall", samples=800)
+    said = ran([*words, "--out", tmp_path, "--json"]).stdout
+    assert json.loads(said)["samples"] == 800
