@@ -15,7 +15,16 @@ from stimlib.blocks.filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
+from stimlib.experiments import (
+    Experiment,
+    Stimulus,
+    Timing,
+    Trial,
+    choice,
+)
+from stimlib.experiments.presentation import program
 from stimlib.motion import minimum_jerk
+from stimlib.run import Safety
 from stimlib.scenes import squeeze
 
 TAU = 1 / 8000  # the paper's sample period
@@ -293,6 +302,28 @@ def test_a_live_parameter_of_an_impedance_and_a_part_of_a_trial_are_held():
     report = stimlib.verify(both, motion, y)
     assert report.passed, str(report)
     assert y["a_force1"][-1] == pytest.approx(24.0)
+
+
+def test_a_parameter_of_an_impedance_is_held_in_each_interval_of_a_trial():
+    """It was set before the interval begins, which has a clock of its own."""
+    soft = squeeze(fingers=1, Z_c=lambda x: b.spring(x, stimlib.Param("stiff", 900.0, "N/m")))
+    both = Stimulus("soft", {"stiff": 1200.0}, 1), Stimulus("soft", {"stiff": 700.0}, 2)
+    e = Experiment(
+        "pair",
+        "1",
+        {"soft": soft},
+        lambda participant, session: None,  # nothing here asks what comes next
+        (choice("more", "Which?", "first", "second"),),
+        fs=4000,
+        safety=Safety(1000.0),
+        timing=Timing(0.2, 0.05, 0.0, 0.02),
+    )
+    scene, params = program(e, Trial("a", both, ("more",)))
+    motion = {"x1": press()["x1"]}
+    y = stimlib.render(scene, motion, 4000, 0.5, params=params)
+    report = stimlib.verify(scene, motion, y)
+    assert report.passed, str(report)
+    assert sum("the force of Z_c" in c.name for c in report.checks) == 2
 
 
 def test_an_impedance_must_make_a_force():
