@@ -158,6 +158,10 @@ def test_the_level_of_a_constant_squeeze_is_the_integral_over_its_spectrum():
     above = 250**2 / 2 * (1 - (250 / 320) ** 2)
     wanted = 10 * np.log10(density * (below + above) / threshold)
     assert wanted == pytest.approx(-7.0, abs=0.1)
+    # 10 mN rms from 20 to 1000 Hz, of docs/howto/sweep.rst
+    share = 0.01**2 * 2 / (1000**2 - 20**2) * (below + above) / threshold
+    assert 10 * np.log10(share / 0.1**2) == pytest.approx(-15.5, abs=0.1)
+    assert 10 * np.log10(share / 0.017**2) == pytest.approx(0, abs=0.2)
     long = stimlib.render(squeeze(fingers=1), {"x1": 0.1 * np.arange(3200) / FS}, FS)
     found = [long.felt()]
     for seed in range(1, 12):  # the largest sum over time is above the mean

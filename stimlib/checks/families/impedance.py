@@ -141,9 +141,10 @@ def _squeeze(a: Asked) -> list[Check]:
                 f"{a.title(name)}: it was limited, so the force over position has no one slope"
             )
         elif Z_c or np.ptp(k) > 0 or not (contact > 0).all():
-            why = "Z_c is no spring" if Z_c else "k or the contact was changed"
+            why = "the fingers were lifted" if np.ptp(k) == 0 else "k was changed"
             a.e.skipped.append(
-                f"{a.title(name)}: {why}, so the force over position has no one slope"
+                f"{a.title(name)}: {'Z_c is no spring' if Z_c else why}, so the force over"
+                " position has no one slope"
             )
         elif a.part.span is None and not a.e.at:
             model = noise_model(source, a.fs)
