@@ -198,13 +198,13 @@ def sensation_level(
 
     Notes
     -----
-    What is slower than 12.5 Hz is removed, and the first and last 40 ms are faded.  The
-    spectrum of the displacement is divided by the threshold.  In the Pacinian
-    channel energies sum, over frequency and, with a time constant of 0.2 s, over time;
-    the level is that of the largest sum.  The non-Pacinian channel does not summate:
-    its level is that of the largest amplitude.  Masking is not modelled: two channels
-    were shown not to mask each other up to 44 dB SL, and above, the weaker of the two
-    levels is nan.
+    What is slower than 12.5 Hz is removed, and the first and last 40 ms are faded: give
+    a short signal as much silence at both ends.  The spectrum of the displacement is
+    divided by the threshold.  In the Pacinian channel energies sum, over frequency and,
+    with a time constant of 0.2 s, over time; the level is that of the largest sum.  The
+    non-Pacinian channel does not summate: its level is that of the largest amplitude.
+    Masking is not modelled: two channels were shown not to mask each other up to 44 dB
+    SL, and above, the weaker of the two levels is nan.
 
     References
     ----------
