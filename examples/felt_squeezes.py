@@ -22,7 +22,9 @@ from stimlib.sweep import grid, measure, sweep
 DATA = Path(__file__).parents[2] / "shared" / "data" / "grip-trials"
 FS, K = 8000, 2000.0  # Hz, N/m
 GAINS = 3.4 * 2.0 ** np.arange(-2, 4)  # around A0 of the UGrip paper
-THRESHOLD = 0.01  # N rms from 20 to 1000 Hz: an assumption, the UGrip paper measures none
+# N rms from 20 to 1000 Hz: an assumption, the UGrip paper measures none; on a plate of
+# 17 g it is 0 dB SL (docs/reference/felt.rst)
+THRESHOLD = 0.01
 WINDOW = 0.2  # s over which a hand is taken to add up: an assumption too
 # rms of dF / (A v), N/(m/s): k tau, and tau dp/dt up to 1000 Hz
 VIBRATION = K / FS * pi * 1000 / FS * sqrt(2 / pi)

@@ -26,6 +26,7 @@ PLACES.update(
         "Scene.live": "stimlib.live.notebook:show",
         "Scene._repr_html_": "stimlib.analysis.draw:html_of",
         "Rendering._repr_html_": "stimlib.analysis.overview:html_of",
+        "Rendering.felt": "stimlib.analysis.thresholds:felt",
         "Rendering.play": "stimlib.devices.playing:play",
         "Rendering.plot": "stimlib.analysis.overview:figure",
         "Rendering.save": "stimlib.files.audio:save",

@@ -65,6 +65,14 @@ PRINTED = {
         "sine     duty 0.5, A = 4.000 V: 1.000 V rms, rendered 1.000 V\n"
         "sawtooth duty 0.8, A = 3.873 V: 1.000 V rms, rendered 1.000 V\n"
     ),
+    "is_it_felt.py --area 1e-4": (
+        "squeeze, A = 3.4: Pacinian -13.3 dB SL, non-Pacinian -13.3 dB SL: not felt\n"
+        "squeeze, A = 30: Pacinian 5.6 dB SL, non-Pacinian 1.8 dB SL: near the threshold, which"
+        " differs by 5 dB between persons\n"
+        "bumps, A = 4 V: Pacinian 49.4 dB SL, non-Pacinian unknown: felt\n"
+        "texture: Pacinian 11.2 dB SL, non-Pacinian 14.8 dB SL: felt\n"
+        "16 bits of 50 N: -49 dB SL\n"
+    ),
     "fit_tissue.py": (
         "SpringpotFit(chi=300.6 [299.5, 301.7], alpha=0.1498 [0.1484, 0.1513]; 0.99 % rms of 53"
         " samples)\nMaxwellFit(k0=151.8 [148.1, 155.6], k1=145.8 [135.3, 157.2], tau1=0.5498"

@@ -258,6 +258,9 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "listen": {"output": "force", "path": folder / "a.wav"},
         "stimlib.analysis.vibration": {"y": HAND},
         "needed_damping": {"response": lambda f: 1j * f},
+        "detection_threshold": {},
+        "sensation_level": {"y": HAND, "unit": "m"},
+        "stimlib.analysis.felt": {"mass": 0.1},
         "stimlib.analysis.picture": {"path": folder / "a.png"},
         "judged": {"f": np.arange(1.0, 100.0), "W": np.ones(99)},
         "tail": {"c": np.ones(5), "s": 3.0},
@@ -421,7 +424,7 @@ RESULTS = set("""
     Comparison Fit LikelihoodRatio MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit
     Placement Resonance Sweep Drift FileReport Replay SessionReport MotionFile SessionLog Loopback
     Device Saved Record Forecast Copies Levels TextureModel stimlib.plate.Answer Prompt
-    Texts AmplifierLoad
+    Texts AmplifierLoad Exported Felt MotorCalibration
 """.split())  # fmt: skip
 """Classes that functions return, and nobody else makes."""
 

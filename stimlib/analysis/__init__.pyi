@@ -4,4 +4,10 @@ from .overview import Against as Against, picture as picture
 from .passivity import damping_of as damping_of, needed_damping as needed_damping
 from .physical_cues import Cues as Cues, cues as cues, cues_of as cues_of
 from .spectra import judged as judged, tail as tail
+from .thresholds import (
+    Felt as Felt,
+    detection_threshold as detection_threshold,
+    felt as felt,
+    sensation_level as sensation_level,
+)
 from .vibration_exposure import weighted_rms as weighted_rms, weighting as weighting

@@ -176,7 +176,7 @@ def texture(
 class Finger(NamedTuple):
     """The squeeze law of one finger; all arrays have one value per sample."""
 
-    mean: np.ndarray  # k x
+    mean: np.ndarray  # k x, or what another impedance makes of x; 0 off contact
     v: np.ndarray
     gate: np.ndarray  # bool
     force: np.ndarray  # mean + A level (k tau v)(tau noise)
@@ -233,13 +233,12 @@ def squeeze_finger(
     if x.size and not touching[-1]:
         kept.pop("contact", None)
     kept["gate"] = bool(gate[-1]) if x.size else False
-    return vibrating(Finger(k * x, v, gate, x), noise, k, A)
+    return vibrating(Finger(k * x * touching, v, gate, x), noise, k / 8000 * v, A)
 
 
-def vibrating(finger: Finger, noise: np.ndarray, k: Any, A: Any) -> Finger:
-    """Return the law of a finger with the given noise, gain and stiffness."""
-    tau = 1 / 8000
-    return finger._replace(force=finger.mean + A * (k * tau * finger.v) * (tau * noise))
+def vibrating(finger: Finger, noise: np.ndarray, rate: np.ndarray, A: Any) -> Finger:
+    """Return the law of a finger with the given noise, r tau and gain."""
+    return finger._replace(force=finger.mean + A * rate * (noise / 8000))
 
 
 def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float, float]:

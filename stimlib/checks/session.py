@@ -18,7 +18,7 @@ from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
 from .scenes import scene_law
-from .verification import limits_kept, linear_blocks, same_samples
+from .verification import limits_kept, linear_blocks, same_samples, say_felt
 
 
 @public
@@ -63,6 +63,7 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
     if cut:
         checks += scene_law(law)
     checks += [*limits_kept(e), *blocks_held(e)]
+    say_felt(e)
     e.skipped += log.notes
     for event in (event for event in log.events if event.kind in ("rise", "fall")):
         where = (

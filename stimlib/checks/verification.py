@@ -15,6 +15,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from ..analysis.thresholds import CHANNELS, device_of, sensation_level
 from ..core.graph import Block, Const, Input, pack, signals, type_name
 from ..core.scene import Scene
 from ..errors import BadValue, public, shown
@@ -121,7 +122,9 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
             " yours, give it: stimlib verify mine.py:scene --wav FILE"
         )
     groups = linear_blocks, same_samples, generator, noise, scene_law, limits_kept, blocks_held
-    return Report([check for group in groups for check in group(e)], e)
+    checks = [check for group in groups for check in group(e)]
+    say_felt(e)
+    return Report(checks, e)
 
 
 def scene_told(path: str | os.PathLike[str]) -> Scene:
@@ -348,3 +351,21 @@ def limits_kept(e: Evidence) -> list[Check]:
             f" {found or 'no gaps, lifts or jumps'}"
         )
     return checks
+
+
+# What is felt -------------------------------------------------------------------------
+def say_felt(e: Evidence) -> None:
+    """Add a line to the report for each output that has a device: what is felt of it.
+
+    Of a file it also says by how much the stored samples differ, in the same unit.
+    """
+    for name, y, shown_ in zip(e.scene.outputs, e.y, e.shown, strict=True):
+        device = device_of(e.scene, name)
+        if len(device) == 1 or e.fs <= 2 * CHANNELS["NP"].low or not np.isfinite(y).all():
+            continue
+        told = ", ".join(f"{k} {v:g}" for k, v in device.items() if k != "unit")
+        text = f"{name}: {sensation_level(y, e.fs, **device)} ({told})"
+        if (shown_ != y).any() and e.sidecar is not None:
+            lost = sensation_level(shown_ - y, e.fs, **device).level
+            text += f"; {e.sidecar['subtype']} changes it by {lost:.1f} dB SL"
+        e.numbers.append(text)

@@ -16,6 +16,7 @@ from .control import ControlLoop as ControlLoop
 from .jack import JackSink as JackSink
 from .loopback_test import Loopback as Loopback, loopback as loopback
 from .markers import Marker as Marker
+from .motor import MotorCalibration as MotorCalibration, calibrate_motor as calibrate_motor
 from .nidaq import NidaqSink as NidaqSink
 from .null import NullSink as NullSink
 from .playing import play as play

@@ -191,7 +191,7 @@ def _converted(
         read += len(batch.rows)
         if not len(which):
             continue
-        found = dict(zip(used, _numbers(table, batch, used, which), strict=True))
+        found = dict(zip(used, numbers_of(table, batch, used, which), strict=True))
         end = at + len(which)
         rows[at:end] = batch.rows[which]
         for row, a in zip(values, linear, strict=True):
@@ -212,7 +212,7 @@ def _converted(
     return values[0, :at], values[1:, :at], touch[:at], rows[:at]
 
 
-def _numbers(table: TableFile, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
+def numbers_of(table: TableFile, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
     """Return the selected cells of a batch as finite numbers, (columns, selected)."""
     try:
         values = batch.numbers(columns)

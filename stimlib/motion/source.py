@@ -28,11 +28,18 @@ HAND = 1.0
 
 
 def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:
-    """Warn if a motion is faster than a human hand.
+    """Warn if a motion is faster than a human hand, or beyond the travel of a device.
 
     The first 100 s of generators and arrays in metres are checked every 10 ms, arrays
-    only if ``fs`` is given; recordings have their own ``max_speed``.
+    only if ``fs`` is given; recordings have their own ``max_speed``.  The travel is the
+    argument of that name of a shipped scene.
     """
+    travel = {
+        name: float((part.given or {})["travel"])
+        for part in scene.parts
+        if "." not in part.law and (part.given or {}).get("travel")
+        for name in part.inputs.values() or scene.inputs
+    }
     t = np.arange(0.0, min(seconds, 100.0), 0.01)
     for name, source in sources.items():
         if str(scene.inputs[name].dim) != "m":
@@ -51,6 +58,12 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
             )
         else:
             continue
+        with np.errstate(all="ignore"):
+            reach = float(x.max(initial=0.0) - x.min(initial=0.0))
+        if reach > travel.get(name, np.inf):
+            text = f"{name} moves by {reach:.4g} m, beyond the travel of {travel[name]:g} m; give a"
+            text += " shorter motion, or travel= of your device"
+            warnings.warn(text, RuntimeWarning, stacklevel=outside())
         with np.errstate(all="ignore"):
             speed = float(np.abs(np.diff(x)).max(initial=0.0) / every)
         if speed > HAND:

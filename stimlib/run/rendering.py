@@ -332,6 +332,49 @@ class Rendering:
         """
         return above("Rendering.play")(self, **options)
 
+    def felt(self, output: str | None = None, **device: Any) -> Any:
+        """Return how far an output's vibration is above the threshold of detection.
+
+        Parameters
+        ----------
+        output : str, optional
+            By default the first.
+        **device
+            ``unit``, ``area``, ``mass`` and ``gain`` of
+            ``stimlib.analysis.sensation_level``; `squeeze`, `bumps` and `texture` have
+            defaults.
+
+        Returns
+        -------
+        stimlib.analysis.Felt
+            Levels in dB SL.
+
+        Raises
+        ------
+        UnknownName
+            No such output.
+        UnitError, BadValue
+            As ``stimlib.analysis.sensation_level``.
+
+        Examples
+        --------
+        The vibration of a squeeze on plates of 0.1 kg, and of 10 g:
+
+        >>> import stimlib
+        >>> from stimlib.motion import minimum_jerk
+        >>> squeezed = stimlib.render(
+        ...     stimlib.scenes.squeeze(fingers=1),
+        ...     {"x1": minimum_jerk()},
+        ...     fs=8000,
+        ...     seconds=1.0,
+        ... )
+        >>> for mass in (0.1, 0.01):
+        ...     print(f"{squeezed.felt(mass=mass).pacinian:.0f} dB SL")
+        -9 dB SL
+        11 dB SL
+        """
+        return above("Rendering.felt")(self, output, **device)
+
     def audio(self, output: str | None = None) -> Any:
         """Return an output as a player for a notebook; needs IPython.
 

@@ -37,6 +37,10 @@ class shipped(NamedTuple):
     ranges : dict of str to (float, float), optional
         Ranges of inputs and parameters on a page, in their units, where unit and value
         do not suggest good ones.
+    device : dict of str to dict, optional
+        For outputs in a unit, such as ``"N"``, the device on which the default is felt
+        as its page says: ``mass``, ``area``, ``gain`` and ``unit`` of
+        ``stimlib.analysis.sensation_level``.
 
     Examples
     --------
@@ -50,6 +54,7 @@ class shipped(NamedTuple):
     words: str
     drive: Mapping[str, str]
     ranges: Mapping[str, tuple[float, float]] = {}
+    device: Mapping[str, Mapping[str, Any]] = {}
 
     def __call__(self, make: F) -> F:
         """Add a scene's function to the table."""

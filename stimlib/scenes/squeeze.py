@@ -6,7 +6,9 @@ docs/reference/papers.rst.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import pi
+from typing import Any
 
 from ..blocks import (
     constant,
@@ -21,20 +23,24 @@ from ..blocks import (
     static_limit,
     velocity,
 )
-from ..core.graph import Input, Param
+from ..blocks.contact import PLACEHOLDER_GAMMA
+from ..core.graph import Block, Input, Param
 from ..core.scene import Scene
+from ..core.units import unit
+from ..errors import BadValue, UnitError
 from ..system.limits import limits as bounds
-from .shipped import shipped
+from .shipped import above_zero, shipped
 
 
 @shipped(
     words=(
         "F = k x + A level (k tau v)(tau dp/dt) while the object is being loaded, else F = k x; x"
-        " is the position, v its velocity, p pink noise, tau = 1/8000 s (the UGrip paper, eq. (2)"
-        " and section 2.1)"
+        " is the position, v its velocity, p pink noise, tau = 1/8000 s; other impedances Z_c and"
+        " Z_n take the places of k x and k tau v (the UGrip paper, sections 1.1 and 2.1, eq. (2))"
     ),
     drive={"x1": "minimum_jerk()", "x2": "minimum_jerk(depth=0.015, rise=0.25)"},
     ranges={"x1": (0.0, 0.02), "x2": (0.0, 0.02), "x3": (0.0, 0.02)},
+    device={"N": {"mass": 0.1, "area": 2.9e-4}},  # of a plate, assumed
 )
 def squeeze(
     k: float = 2000.0,
@@ -50,6 +56,10 @@ def squeeze(
     contact: bool = False,
     limits: bool = False,
     motor_constant: float | None = None,
+    geometry: Any = None,
+    Z_c: Callable[..., Any] | None = None,
+    Z_n: Callable[..., Any] | None = None,
+    travel: float | None = 0.04,
 ) -> Scene:
     """Compose the forces of a squeezed object: a spring, and vibration while loading.
 
@@ -82,26 +92,63 @@ def squeeze(
     resolution : float
         Encoder step in m, for the loading gate.
     contact : bool
-        Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and
-        re-contact starts anew.
+        Also take an input ``contact`` (1 touching, 0 not): off contact the force is 0,
+        and re-contact starts anew.
     limits : bool
         Hold the force to what the paper's motors bear: 100 N peak, 37 N static.  Off: a
         grip of 90 N is normal input.
     motor_constant : float, optional
-        n B in N/A; with it come outputs ``current1``, ``current2``, .. in A (the
-        geometry factor is a placeholder).
+        n B in N/A; with it come outputs ``current1``, ``current2``, .. in A.
+    geometry : (positions, values), optional
+        Geometry factor of the motors, see ``motor_current``; ``calibrate_motor``
+        measures both.  By default a placeholder.
+    Z_c : function, optional
+        Another constitutive impedance: the force of a position, ``Z_c(x)``, in N, in
+        place of k x.
+    Z_n : function, optional
+        Another impedance of the noise: r tau of a velocity, ``Z_n(v)``, in N, in place
+        of k tau v.
+    travel : float, optional
+        How far a plate can move, in m; a motion beyond it is a warning, and a line in
+        the report of ``verify``.  None: any.
+
+    Raises
+    ------
+    BadValue
+        travel not above 0; an impedance that is no block of its signal alone.
+    UnitError
+        An impedance that gives no force.
+
+    Notes
+    -----
+    On plates of 0.1 kg (assumed; the paper gives no mass), touched by 2.9 cm^2 of skin,
+    the vibration of the default is not felt by most persons: a press of 20 mm in 0.3 s
+    is 9 dB below the threshold of detection.  A = 30, or plates of 11 g, make it 10 dB
+    above; see ``stimlib.analysis.sensation_level``.
 
     References
     ----------
-    The UGrip paper, eq. (2), section 2.1, fig. 4.
+    The UGrip paper, section 1.1, eq. (2), section 2.1, fig. 4.
 
     Examples
     --------
     >>> from stimlib.scenes import squeeze
     >>> squeeze(fingers=1)
     Scene(x1 [m], k [N/m], A [1], level [1] -> force1 [N])
+
+    A springpot between the fingers, whose vibration has a memory of 50 ms:
+
+    >>> from stimlib.blocks import constant, first_order, springpot
+    >>> squeeze(
+    ...     fingers=1,
+    ...     Z_c=lambda x: springpot(x, 300.0, 0.5),
+    ...     Z_n=lambda v: constant(0.25, "N*s/m") * first_order(v, 0.05),
+    ... )
+    Scene(x1 [m], A [1], level [1] -> force1 [N])
     """
     bounds.check("scene_blocks", 30 * fingers, f"squeeze: blocks of {fingers} fingers")
+    if travel is not None:
+        above_zero("squeeze", travel=travel)
     k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
     tau = constant(1 / 8000, "s")  # the paper's sample period
     touching = Input("contact") if contact else 1.0
@@ -112,9 +159,28 @@ def squeeze(
         p = pink_noise(1 / pi, seed, stream=i, f_low=f_low, tol_db=tol_db)
         dp = differentiator(p, passband=passband, stopband=passband + 500.0)
         noise = enabled(dp, by=loading(v, resolution=resolution) * nonzero(A_ * level_))
-        force = spring(x, k_) + (A_ * level_) * (k_ * tau * v) * (tau * noise)
+        mean = spring(x, k_) if Z_c is None else _impedance("Z_c", Z_c, x)
+        mean = mean * (touching > 0.0) if isinstance(touching, Input) else mean
+        rate = k_ * tau * v if Z_n is None else _impedance("Z_n", Z_n, v)
+        force = mean + (A_ * level_) * rate * (tau * noise)
         force = static_limit(force_limit(force)) if limits else force
         outputs[f"force{i}"] = force
         if motor_constant is not None:
-            outputs[f"current{i}"] = motor_current(force, x, motor_constant)
-    return Scene(outputs)
+            factor = PLACEHOLDER_GAMMA if geometry is None else geometry
+            outputs[f"current{i}"] = motor_current(force, x, motor_constant, factor)
+    given = {
+        name: Scene({"force": _impedance(name, Z, signal)}).to_dict()
+        for name, Z, signal in (("Z_c", Z_c, Input("x", "m")), ("Z_n", Z_n, Input("v", "m/s")))
+        if Z is not None
+    }
+    return Scene(outputs, law="squeeze", given=given)
+
+
+def _impedance(name: str, Z: Callable[..., Any], signal: Block) -> Block:
+    """Return the force that an impedance makes of a signal."""
+    force = Z(signal)
+    if not isinstance(force, Block):
+        raise BadValue(f"squeeze: {name} gave {force!r:.40}, which is no block; return one in N")
+    if force.dim != unit("N"):
+        raise UnitError(f"squeeze: {name} gave a block in [{force.dim}]; return one in N")
+    return force

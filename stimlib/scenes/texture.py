@@ -20,6 +20,7 @@ from .shipped import shipped
         " Unwin and Kuchenbecker 2014)"
     ),
     drive={"x": "sinusoid(0.05, 1.0)", "force": "sinusoid(0.2, 1.0, 1.0)"},
+    device={"m/s**2": {"area": 1e-4}},
 )
 def texture(
     model=None,

@@ -23,7 +23,7 @@ REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
         " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"
     ),
     drive={"y": "sinusoid(0.01, 1.0)"},
-    ranges={"y": (0.0, 0.02), "alpha": (0.0, 1.0)},
+    ranges={"y": (0.0, 0.02)},
 )
 def viscoelastic(
     alpha: float = 0.5,

@@ -346,6 +346,7 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
         "log: samples as reported",
     } <= names
     assert {"force1: mean part is k x", "force2: vibration law"} <= names
+    assert any(n.startswith("force1: Pacinian") for n in report.evidence.numbers)
     skipped = "\n".join(report.evidence.skipped)
     assert "k was changed, so the force over position has no one slope" in skipped
     assert (

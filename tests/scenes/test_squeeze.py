@@ -5,7 +5,9 @@ without blocks; and what it promises.
 import numpy as np
 import pytest
 from laws import assert_same, played
+from refusals import refused, warned
 from scipy.signal import lfilter
+from scipy.special import lambertw
 
 import stimlib
 from stimlib import Scene, blocks as b
@@ -13,6 +15,16 @@ from stimlib.blocks.filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
+from stimlib.experiments import (
+    Experiment,
+    Stimulus,
+    Timing,
+    Trial,
+    choice,
+)
+from stimlib.experiments.presentation import program
+from stimlib.motion import minimum_jerk
+from stimlib.run import Safety
 from stimlib.scenes import squeeze
 
 TAU = 1 / 8000  # the paper's sample period
@@ -200,7 +212,7 @@ def test_off_contact_is_silent_and_re_contact_starts_anew():
             {"x1": x, "x2": np.zeros(8000), "contact": touch},
             fs=8000.0,
         )[0]
-        - 2000 * x
+        - 2000 * x * touch
     )
     assert not y[touch == 0].any()
     early, late = y[(t > 0.1) & (t < 0.44)], y[t > 0.6]
@@ -208,3 +220,172 @@ def test_off_contact_is_silent_and_re_contact_starts_anew():
         np.std(early) / 5, rel=0.2
     )
     assert np.abs(y[(t > 0.55) & (t < 0.6)]).max() <= 1.2 * np.abs(late).max()
+
+
+# Other impedances, contact, travel, and the time in which the gate closes -------------
+MEMORY = 0.05
+OTHERS = {
+    "springpot": lambda x: b.springpot(x, 300.0, 0.5),
+    "maxwell": lambda x: b.maxwell(x, 2000.0, 20.0),
+    "kelvin_voigt": lambda x: b.kelvin_voigt(x, 1500.0, 5.0),
+    "spring": lambda x: b.spring(x, 2000.0),
+}
+
+
+def remembered(v):
+    return b.constant(0.25, "N*s/m") * b.first_order(v, MEMORY)
+
+
+def press(depth=0.02):
+    return {"x1": minimum_jerk(depth=depth), "x2": minimum_jerk(depth=0.01)}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_another_impedance_takes_the_place_of_the_spring(name):
+    Z = OTHERS[name]
+    y = stimlib.render(squeeze(Z_c=Z), press(), 8000, 0.5)
+    alone = stimlib.render(
+        Scene({"F": Z(stimlib.Input("x1", "m"))}), {"x1": press()["x1"]}, 8000, 0.5
+    )
+    spring = stimlib.render(squeeze(), press(), 8000, 0.5)
+    vibration = spring["force1"] - 2000 * press()["x1"](y.t)
+    np.testing.assert_allclose(y["force1"] - alone["F"], vibration, atol=2e-13)
+    assert np.abs(vibration).max() > 0.05
+    report = stimlib.verify(y.scene, press(), y)
+    assert report.passed, str(report)
+    if name == "spring":
+        assert np.array_equal(y.y, spring.y)
+
+
+def test_another_impedance_of_the_noise_gives_it_a_memory():
+    scene = squeeze(fingers=1, Z_n=remembered)
+    motion = {"x1": lambda t: 0.1 * np.minimum(t, 0.2)}
+    y = stimlib.render(scene, motion, 8000, 0.4)
+    spring = stimlib.render(squeeze(fingers=1), motion, 8000, 0.4)
+    F, f = (r["force1"] - 2000 * motion["x1"](y.t) for r in (y, spring))
+    moving = (y.t > 0.03) & (y.t < 0.19) & (np.abs(f) > 1e-3)
+    want = 1 - np.exp(-(y.t - 1 / (np.pi * 100)) / MEMORY)  # the velocity is late by 3.2 ms
+    assert moving.sum() > 1000
+    np.testing.assert_allclose(F[moving] / f[moving], want[moving], rtol=0.02)
+    assert stimlib.verify(scene, motion, y).passed
+
+
+def test_both_impedances_need_no_k_and_are_kept_in_the_file():
+    scene = squeeze(fingers=1, Z_c=OTHERS["maxwell"], Z_n=remembered)
+    assert list(scene.params) == ["A", "level"]
+    again = Scene.from_dict(scene.to_dict())
+    y = stimlib.render(again, {"x1": press()["x1"]}, 8000, 0.5)
+    assert again.hash == scene.hash and stimlib.verify(again, {"x1": press()["x1"]}, y).passed
+
+
+@pytest.mark.parametrize("wrong", [1.001, -1.0])
+@pytest.mark.parametrize("which", ["Z_c", "Z_n"])
+def test_another_impedance_than_was_asked_for_is_refused(which, wrong):
+    asked = {"Z_c": OTHERS["maxwell"], "Z_n": remembered}
+    made = asked | {which: lambda s: wrong * asked[which](s)}
+    bad = Scene(squeeze(fingers=1, **made).outputs, squeeze(fingers=1, **asked).parts)
+    motion = {"x1": press()["x1"]}
+    report = stimlib.verify(bad, motion, stimlib.render(bad, motion, 8000, 0.5))
+    names = {c.name for c in report.checks if not c.passed}
+    assert "force1: vibration law" in names
+    assert ("force1: mean part is the force of Z_c" in names) == (which == "Z_c")
+
+
+def test_a_live_parameter_of_an_impedance_and_a_part_of_a_trial_are_held():
+    soft = squeeze(fingers=1, Z_c=lambda x: b.spring(x, stimlib.Param("stiff", 900.0, "N/m")))
+    both = Scene.combine(
+        a=soft, c=squeeze(fingers=1, seed=1, Z_c=OTHERS["springpot"], contact=True)
+    )
+    touch = lambda t: 1.0 * (np.sin(20 * t) > -0.5)  # noqa: E731
+    motion = {"a_x1": press()["x1"], "c_x1": press()["x1"], "c_contact": touch}
+    y = stimlib.render(both, motion, 8000, 0.5, params={"a_stiff": 1200.0})
+    report = stimlib.verify(both, motion, y)
+    assert report.passed, str(report)
+    assert y["a_force1"][-1] == pytest.approx(24.0)
+
+
+def test_a_parameter_of_an_impedance_is_held_in_each_interval_of_a_trial():
+    """It was set before the interval begins, which has a clock of its own."""
+    soft = squeeze(fingers=1, Z_c=lambda x: b.spring(x, stimlib.Param("stiff", 900.0, "N/m")))
+    both = Stimulus("soft", {"stiff": 1200.0}, 1), Stimulus("soft", {"stiff": 700.0}, 2)
+    e = Experiment(
+        "pair",
+        "1",
+        {"soft": soft},
+        lambda participant, session: None,  # nothing here asks what comes next
+        (choice("more", "Which?", "first", "second"),),
+        fs=4000,
+        safety=Safety(1000.0),
+        timing=Timing(0.2, 0.05, 0.0, 0.02),
+    )
+    scene, params = program(e, Trial("a", both, ("more",)))
+    motion = {"x1": press()["x1"]}
+    y = stimlib.render(scene, motion, 4000, 0.5, params=params)
+    report = stimlib.verify(scene, motion, y)
+    assert report.passed, str(report)
+    assert sum("the force of Z_c" in c.name for c in report.checks) == 2
+
+
+def test_an_impedance_must_make_a_force():
+    refused(stimlib.UnitError, "Z_c gave a block in .m.; return one in N", squeeze, Z_c=lambda x: x)
+    refused(stimlib.UnitError, r"Z_n gave a block in \[m/s\]", squeeze, Z_n=lambda v: v)
+    refused(stimlib.BadValue, "Z_c gave 3.0, which is no block", squeeze, Z_c=lambda x: 3.0)
+    refused(stimlib.BadValue, "Z_c = 3.0 must be a function", squeeze, Z_c=3.0)
+    refused(stimlib.BadValue, "travel = 0.0 must be above 0", squeeze, travel=0.0)
+
+
+@pytest.mark.parametrize("words", [{}, {"limits": True}, {"Z_c": OTHERS["springpot"]}])
+def test_off_contact_the_force_is_0(words):
+    scene = squeeze(fingers=1, contact=True, **words)
+    motion = {"x1": press()["x1"], "contact": lambda t: 1.0 * (np.sin(40 * t) > -0.3)}
+    y = stimlib.render(scene, motion, 8000, 0.5)
+    touching = motion["contact"](y.t) > 0
+    assert not y["force1"][~touching].any() and (y["force1"][touching][2000:] != 0).all()
+    report = stimlib.verify(scene, motion, y)
+    assert report.passed, str(report)
+    kept = stimlib.Rendering(y.scene, y.fs, y.seed, y.params, y.y.copy(), y.outputs)
+    kept.y[0, np.flatnonzero(~touching)[-1]] = 2000 * 0.02
+    assert not stimlib.verify(scene, motion, kept).passed
+
+
+@pytest.mark.filterwarnings("error:.*beyond the travel")
+def test_a_motion_beyond_the_travel_is_a_warning_and_a_line_of_the_report():
+    for depth, travel, beyond in ((0.05, 0.04, True), (0.039, 0.04, False), (0.05, None, False)):
+        scene, motion = (
+            squeeze(fingers=1, travel=travel),
+            {"x1": minimum_jerk(depth=depth, rise=1.0)},
+        )
+        if beyond:
+            says = "x1 moves by 0.05 m, beyond the travel of 0.04 m; give a shorter motion"
+            y = warned(RuntimeWarning, says, stimlib.render, scene, motion, 8000, 1.5)
+            array = {"x1": motion["x1"](y.t)}
+            warned(RuntimeWarning, says, stimlib.render, scene, array, 8000)
+        else:
+            y = stimlib.render(scene, motion, 8000, 1.5)
+        numbers = stimlib.verify(scene, motion, y).evidence.numbers
+        assert any("beyond the travel of 0.04 m" in n for n in numbers) == beyond
+    both = Scene.combine(a=squeeze(fingers=1), c=squeeze(fingers=1, travel=0.1, seed=1))
+    motion = {n: minimum_jerk(depth=0.05, rise=1.0) for n in both.inputs}
+    says = "a_x1 moves by 0.05 m, beyond the travel of 0.04 m"
+    warned(RuntimeWarning, says, stimlib.render, both, motion, 8000, 1.5)
+
+
+@pytest.mark.parametrize("fs", [8000.0, 48000.0])
+@pytest.mark.parametrize(("speed", "ms"), [(0.1, 11.9), (0.02, 9.0), (0.005, 6.3)])
+def test_the_gate_closes_when_the_estimate_has_fallen_to_its_threshold(fs, speed, ms):
+    """The estimate of two poles after a stop is v (1 + u) exp(-u), u = 2 pi cutoff t.
+
+    It reaches off at u = -1 - W(-off/(e v)), Lambert's W of the lower branch: the
+    figures of docs/reference/scenes/squeeze.rst.
+    """
+    t = np.arange(int(0.4 * fs)) / fs
+    stop = 0.3
+    motion = {"x1": speed * np.minimum(t, stop)}
+    y = stimlib.render(squeeze(fingers=1), motion, fs)
+    sounding = np.flatnonzero(y["force1"] != 2000 * motion["x1"])[-1]
+    pole = np.exp(-2 * np.pi * 100 / fs)
+    n = np.arange(2000)
+    off = 2e-6 * fs * np.max((1 - pole) ** 2 * (n + 1) * pole**n)
+    closed = (-1 - lambertw(-off / (np.e * speed), -1).real) / (2 * np.pi * 100)
+    assert (sounding + 1) / fs - stop == pytest.approx(closed, abs=2.5 / fs)
+    assert closed == pytest.approx(ms / 1000, abs=0.15e-3)

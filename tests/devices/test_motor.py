@@ -1,0 +1,167 @@
+"""Force per current of a motor: a simulated rig with load cells is recovered."""
+
+import numpy as np
+import pytest
+from refusals import refused
+
+import stimlib
+from stimlib import BadValue, RecordingError, UnitError, constant
+from stimlib.blocks import motor_current
+from stimlib.devices import calibrate_motor
+from stimlib.motion import minimum_jerk
+from stimlib.scenes import squeeze
+
+NB, ZERO, NOISE = 9.5, 0.3, 0.05  # N/A, and N
+
+
+def gamma(x):
+    """Of a motor that is not symmetric, at most 1."""
+    u = (np.asarray(x) - 0.018) / 0.02
+    return 1 - 0.12 * u**2 - 0.02 * u**3
+
+
+def rig(rng, n=300, noise=NOISE, shape=gamma, even=False):
+    """Readings of current (A), position (m) and force (N)."""
+    x, i = rng.uniform(0.0, 0.04, n), rng.uniform(-4.0, 4.0, n)
+    x[:2] = 0.0, 0.04
+    x = np.linspace(0.0, 0.04, n) if even else x
+    f = NB * shape(x) * i + ZERO + noise * rng.normal(size=n)
+    return {"current": i, "position": x, "force": f}
+
+
+def written(path, rows, header="i_mA,x_mm,F_N", scales=(1e3, 1e3, 1.0)):
+    columns = [s * rows[n] for n, s in zip(("current", "position", "force"), scales, strict=True)]
+    lines = [",".join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path
+
+
+MILLI = {"current": "mA", "position": "mm", "force": "N"}
+
+
+def test_the_interval_holds_in_95_of_100_rigs():
+    """Of 400 rigs, each with its own readings; the share is over 5 positions, and the
+    zero of the cell, 2400 intervals whose errors are hardly correlated."""
+    rng, inside, errors = np.random.default_rng(3), [], []
+    for _ in range(400):
+        found = calibrate_motor(rig(rng))
+        at = np.arange(0, found.position.size, FINE_APART)
+        true = NB * gamma(found.position[at])
+        inside.append((found.low[at] <= true) & (true <= found.high[at]))
+        errors.append((found.table[at] - true) / found.error[at])
+    share, spread = np.mean(inside, axis=0), np.std(errors, axis=0)
+    assert (np.abs(share - 0.95) < 0.035).all() and abs(np.mean(share) - 0.95) < 0.012, share
+    assert (np.abs(spread - 1) < 0.12).all(), spread
+
+
+FINE_APART = 10
+
+
+def test_few_readings_have_as_much_noise_as_many():
+    """The mean square of what 60 readings leave, 47 of them free, is right to 2 %."""
+    rng = np.random.default_rng(9)
+    found = [calibrate_motor(rig(rng, n=60, even=True), knots=12).residual for _ in range(100)]
+    assert np.mean(np.square(found)) == pytest.approx(NOISE**2, rel=0.08)
+
+
+def test_a_file_in_other_units_gives_the_same(tmp_path):
+    rows = rig(np.random.default_rng(1))
+    names = {"current": "i_mA", "position": "x_mm", "force": "F_N"}
+    found = calibrate_motor(written(tmp_path / "cell.csv", rows), **names, units=MILLI)
+    same = calibrate_motor(rows)
+    np.testing.assert_allclose(found.table, same.table, rtol=1e-7)
+    assert found.unit == "N/A" and found.position[-1] == pytest.approx(0.04)
+    assert found.zero == pytest.approx(ZERO, abs=4 * found.zero_error)
+    assert found.residual == pytest.approx(NOISE, rel=0.15) and abs(found.pattern) < 4
+    assert found.motor_constant == pytest.approx(NB, rel=0.01)
+    assert "N/A" in repr(found) and "from 0 to 0.04 m" in repr(found)
+
+
+def test_without_noise_it_is_the_motor():
+    found = calibrate_motor(rig(np.random.default_rng(2), noise=0.0))
+    np.testing.assert_allclose(found.table, NB * gamma(found.position), rtol=1e-9)
+    positions, values = found.geometry
+    assert values.max() == 1.0 and positions is found.position
+
+
+def test_more_than_noise_is_seen_in_the_residuals():
+    def bent(x):
+        return 1 - 0.1 * np.sin(np.asarray(x) * 2 * np.pi / 0.008)
+
+    rows = rig(np.random.default_rng(4), n=600, shape=bent)
+    assert calibrate_motor(rows).pattern > 8
+    assert abs(calibrate_motor(rows, knots=40).pattern) < 4
+
+
+def test_a_command_in_volts_gives_its_force():
+    rows = rig(np.random.default_rng(5))
+    for unit, told, factor in (("V", "N/V", 1.0), ("", "N", 1.0), ("mV", "N/V", 1e3)):
+        found = calibrate_motor(rows, units=MILLI | {"current": unit, "position": "m"})
+        assert found.unit == told
+        assert found.motor_constant == pytest.approx(NB * factor, rel=0.01)
+
+
+def test_the_blocks_take_it_as_it_is():
+    found = calibrate_motor(rig(np.random.default_rng(6)))
+    F, X = stimlib.Input("F", "N"), stimlib.Input("x", "m")
+    scene = stimlib.Scene({"I": motor_current(F, X, found.motor_constant, found.geometry)})
+    x = np.linspace(0, 0.04, 400)
+    current = stimlib.compile(scene, 8000).process(np.stack([np.full(400, 20.0), x]))[0]
+    np.testing.assert_allclose(NB * gamma(x) * current, 20.0, rtol=0.01)
+    scene = squeeze(fingers=1, motor_constant=found.motor_constant, geometry=found.geometry)
+    motion = {"x1": minimum_jerk(depth=0.03)}
+    y = stimlib.render(scene, motion, 8000, 0.6)
+    assert stimlib.verify(scene, motion, y).passed
+    given = NB * gamma(motion["x1"](y.t)) * y["current1"]
+    assert np.abs(given - y["force1"]).max() < 0.01 * 60
+
+
+def test_a_wrong_geometry_is_refused_by_the_law():
+    scene = squeeze(fingers=1, motor_constant=10.0, geometry=([0.0, 0.04], [1.0, 0.5]))
+    other = squeeze(fingers=1, motor_constant=10.0, geometry=([0.0, 0.04], [1.0, 0.51]))
+    bad = stimlib.Scene(other.outputs, scene.parts)
+    motion = {"x1": minimum_jerk()}
+    checks = stimlib.verify(bad, motion, stimlib.render(bad, motion, 8000, 0.5)).checks
+    assert [c.name for c in checks if not c.passed] == ["current1: I = F/(n B Gamma)"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "the file is empty"),
+        ("i_mA,x_mm\n1,2\n", "needs column F_N"),
+        ("i_mA,x_mm,F_N\n", "0 readings are too few"),
+        ("i_mA,x_mm,F_N\n1,2,three\n", "row 2, column F_N: 'three' is not a number"),
+        ("i_mA,x_mm,F_N\n1,nan,3\n", "row 2, column x_mm: nan is not finite"),
+        ("i_mA,x_mm,F_N\n1,2\n", "2 fields for 3 columns"),
+        ("i_mA,x_mm,F_N\n" + "1,2,3\n" * 40, "no reading lies between"),
+    ],
+)
+def test_a_bad_file_is_refused_with_its_place(tmp_path, text, says):
+    path = tmp_path / "cell.csv"
+    path.write_text(text)
+    names = {"current": "i_mA", "position": "x_mm", "force": "F_N"}
+    error = refused(RecordingError, says, calibrate_motor, path, **names, units=MILLI)
+    assert str(path) in str(error)
+
+
+def test_readings_that_say_too_little_are_refused():
+    rng = np.random.default_rng(7)
+    rows = rig(rng)
+    held = rows | {"current": 0 * rows["current"]}
+    refused(RecordingError, "do not tell", calibrate_motor, held)
+    gap = {n: v[np.abs(rows["position"] - 0.02) > 0.006] for n, v in rows.items()}
+    refused(RecordingError, "no reading lies between", calibrate_motor, gap)
+    refused(RecordingError, "take 5 or more", calibrate_motor, rig(rng, n=29))
+    turned = rows | {"force": -rows["force"]}
+    refused(RecordingError, "count the force", calibrate_motor, turned)
+    refused(RecordingError, "cannot be read", calibrate_motor, "nowhere.csv")
+
+
+def test_units_of_another_quantity_are_refused():
+    rows = rig(np.random.default_rng(8))
+    refused(UnitError, "force in 'mm'", calibrate_motor, rows, units=MILLI | {"force": "mm"})
+    refused(UnitError, "unknown unit", calibrate_motor, rows, units=MILLI | {"force": "newt0n"})
+    refused(BadValue, "units of force", calibrate_motor, rows, units={"force": "N"})
+    refused(BadValue, "knots = 3", calibrate_motor, rows, knots=3)
+    assert constant(1.0, calibrate_motor(rows).unit).dim is not None

@@ -1,0 +1,261 @@
+"""Levels above the threshold of detection, against published figures and closed forms
+that use nothing of the code under test.
+"""
+
+import warnings
+
+import numpy as np
+import pytest
+from refusals import refused
+
+import stimlib
+from stimlib.analysis import detection_threshold, sensation_level
+from stimlib.design.levels import amplitude
+from stimlib.errors import BadValue, UnitError, UnknownName
+from stimlib.motion import constant_speed, minimum_jerk, sinusoid
+from stimlib.scenes import bumps, bumps_set, squeeze, texture
+
+FS = 8000.0
+T = np.arange(16000) / FS
+
+
+def db(ratio):
+    return 20 * np.log10(ratio)
+
+
+def tone(freq, peak, seconds=2.0):
+    return peak * np.sin(2 * np.pi * freq * T) * (np.abs(T - 1) <= seconds / 2)
+
+
+# Published figures --------------------------------------------------------------------
+def test_the_threshold_at_250_hz_is_20_db_below_1_um():
+    """Verrillo 1963, 2.9 cm^2 on the thenar eminence; exact here."""
+    assert detection_threshold(250.0) == pytest.approx(amplitude("-20 dB re 1 um", "m"), rel=1e-12)
+    assert detection_threshold(320.0) == detection_threshold(250.0)
+
+
+@pytest.mark.parametrize("freq", [40.0, 62.5, 80.0, 125.0])
+def test_the_threshold_falls_by_12_db_in_each_octave_from_40_to_250_hz(freq):
+    """Verrillo 1963, after Gescheider and Verrillo 1979: 12 dB; 12.04 here."""
+    slope = db(detection_threshold(freq) / detection_threshold(2 * freq))
+    assert slope == pytest.approx(12.0, abs=0.05)
+
+
+def test_the_threshold_is_flat_up_to_40_hz_and_does_not_summate_there():
+    """The same sources, 25 and 40 Hz; both channels meet at 40 Hz for 2.9 cm^2."""
+    low = detection_threshold([25.0, 30.0, 40.0])
+    assert np.ptp(low) == 0 and db(low[0] / 1e-6) == pytest.approx(11.84, abs=0.01)
+    assert detection_threshold(40.0, channel="P") == pytest.approx(low[2], rel=1e-12)
+    for area in (0.02e-4, 0.5e-4):
+        assert (detection_threshold([25.0, 40.0], area=area) == low[0]).all()
+
+
+@pytest.mark.parametrize("freq", [80.0, 160.0, 320.0])
+@pytest.mark.parametrize("area", [0.02e-4, 0.3e-4, 1.4e-4])
+def test_a_doubled_area_lowers_the_threshold_by_3_db(freq, area):
+    """Verrillo 1963: 80 to 320 Hz, 0.02 to 2.9 cm^2, 3 dB; 3.01 here.
+
+    At the finger tip so from 0.025 to 0.1 cm^2 at 300 Hz (Gescheider et al. 2002).
+    """
+    one, two = (detection_threshold(freq, a, channel="P") for a in (area, 2 * area))
+    assert db(one / two) == pytest.approx(3.0, abs=0.02)
+    tip = [detection_threshold(300.0, a * 1e-4, "P") for a in (0.025, 0.1)]
+    assert db(tip[0] / tip[1]) == pytest.approx(6.0, abs=0.03)
+
+
+def test_energies_of_two_tones_sum_in_the_pacinian_channel():
+    """Two tones at the threshold are 3 dB above it (Makous et al. 1995); one of 250 Hz
+    and 6 dB below adds 0.97 dB.
+    """
+    a, b = (tone(f, detection_threshold(f)) for f in (130.0, 250.0))
+    assert sensation_level(a, FS, "m").pacinian == pytest.approx(0.0, abs=0.1)
+    both = sensation_level(a + b, FS, "m").pacinian
+    assert both == pytest.approx(10 * np.log10(2), abs=0.15)
+    less = sensation_level(a + 10 ** (-6 / 20) * b, FS, "m").pacinian
+    assert less == pytest.approx(10 * np.log10(1 + 10**-0.6), abs=0.15)
+
+
+def test_amplitudes_do_not_sum_over_time_in_the_other_channel_and_energies_do():
+    """10 log10(1 - exp(-t/0.2 s)), Zwislocki 1960: a burst of 50 ms is 6.6 dB below a
+    long one; a non-Pacinian tone of 30 Hz keeps its level.
+    """
+    for seconds in (0.04, 0.1, 0.2, 0.5):
+        found = sensation_level(tone(200.0, 1e-6, seconds), FS, "m").pacinian
+        long = sensation_level(tone(200.0, 1e-6), FS, "m").pacinian
+        assert found - long == pytest.approx(10 * np.log10(1 - np.exp(-seconds / 0.2)), abs=0.2)
+    short, long = (sensation_level(tone(30.0, 1e-5, s), FS, "m").non_pacinian for s in (0.2, 2.0))
+    assert short == pytest.approx(long, abs=1.5)
+    # 10 um, 3.9 um at the threshold; near the edge of the band up to 0.5 dB more
+    assert long == pytest.approx(db(10 / 3.90625), abs=0.5)
+
+
+@pytest.mark.parametrize(("freq", "limit", "margin"), [(125.0, 0.7, 1.97), (31.5, 0.3, 8.86)])
+def test_a_second_source_in_acceleration_is_above_the_thresholds(freq, limit, margin):
+    """Lindsell and Griffin 1998 (HSE report 197/1998), for measurements as in ISO
+    13091-1 with a probe of 6 mm: 0.7 m/s^2 rms at 125 Hz and 0.3 at 31.5 Hz end the
+    normal range, so the mean of healthy persons is below.
+    """
+    probe = np.pi * 0.003**2
+    rms = detection_threshold(freq, probe) * (2 * np.pi * freq) ** 2 / np.sqrt(2)
+    assert db(limit / rms) == pytest.approx(margin, abs=0.02)
+
+
+def test_above_44_db_the_weaker_channel_is_not_known():
+    """Maskers of up to 44 dB SL (Gescheider, O'Malley and Verrillo 1983)."""
+    peak = detection_threshold(250.0)
+    below, above = (sensation_level(tone(250.0, peak * 10 ** (n / 20)), FS, "m") for n in (43, 45))
+    assert below.non_pacinian == pytest.approx(43 - db(3.90625e-6 / 1e-7), abs=0.1)
+    assert np.isnan(above.non_pacinian) and above.pacinian == pytest.approx(45, abs=0.1)
+    assert above.level == above.pacinian and "non-Pacinian unknown: felt" in str(above)
+    low = sensation_level(tone(30.0, 3.90625e-6 * 10**2.3), FS, "m")
+    assert np.isnan(low.pacinian) and low.non_pacinian == pytest.approx(46, abs=0.5)
+    low = sensation_level(tone(30.0, 3.90625e-6 * 10**2), FS, "m")
+    assert low.pacinian < 40 - 20  # the ends of a record are no clicks
+
+
+# Signals ------------------------------------------------------------------------------
+def test_a_motion_is_felt_alike_in_every_unit():
+    w = 2 * np.pi * 100.0
+    y = 1e-6 * np.sin(w * T)
+    wanted = db(1e-6 / (1e-7 * 2.5**2))
+    for unit, factor, words in (
+        ("m", 1.0, {}),
+        ("m/s", w, {}),
+        ("m/s^2", w * w, {}),
+        ("N", 0.02 * w * w, {"mass": 0.02}),
+        ("m", 1 / 3e-7, {"gain": 3e-7}),
+    ):
+        found = sensation_level(factor * y + 5.0, FS, unit, **words)
+        assert found.pacinian == pytest.approx(wanted, abs=0.1), unit
+        assert found.outside < 0.01
+
+
+def test_what_is_outside_of_the_ranges_does_not_count_and_is_told():
+    high = sensation_level(tone(1000.0, 1e-6), FS, "m")
+    assert high.outside > 0.99 and high.level < -30
+    half = sensation_level(tone(250.0, 1e-6) + tone(500.0, 1e-6), FS, "m")
+    assert half.outside == pytest.approx(0.5, abs=0.01)
+    assert half.pacinian == pytest.approx(20.0, abs=0.1)
+    silence = sensation_level(np.zeros(1000), FS, "m")
+    assert silence.level == -np.inf and silence.outside == 0 and "not felt" in str(silence)
+    slow = sensation_level(0.01 * T, FS, "m")  # a hand that moves
+    assert slow.level < -60
+
+
+def test_near_the_threshold_persons_differ():
+    for level, word in ((11, ": felt"), (-11, "not felt"), (3, "near the threshold")):
+        y = tone(250.0, 1e-7 * 10 ** (level / 20))
+        assert word in str(sensation_level(y, FS, "m"))
+
+
+def test_the_level_of_a_constant_squeeze_is_the_integral_over_its_spectrum():
+    """Force noise of the density (A k tau^2 v 2 pi)^2 f/pi on 0.1 kg, over the squared
+    acceleration at the threshold, in closed form from 40 to 250 and on to 320 Hz.
+    """
+    density = (3.4 * 2000.0 / 8000**2 * 0.1 * 2 * np.pi) ** 2 / np.pi / 0.1**2
+    threshold = (1e-7 * (2 * np.pi * 250) ** 2) ** 2 / 2
+    below = (250**2 - 40**2) / 2
+    above = 250**2 / 2 * (1 - (250 / 320) ** 2)
+    wanted = 10 * np.log10(density * (below + above) / threshold)
+    assert wanted == pytest.approx(-7.0, abs=0.1)
+    # 10 mN rms from 20 to 1000 Hz, of docs/howto/sweep.rst
+    share = 0.01**2 * 2 / (1000**2 - 20**2) * (below + above) / threshold
+    assert 10 * np.log10(share / 0.1**2) == pytest.approx(-15.5, abs=0.1)
+    assert 10 * np.log10(share / 0.017**2) == pytest.approx(0, abs=0.2)
+    long = stimlib.render(squeeze(fingers=1), {"x1": 0.1 * np.arange(3200) / FS}, FS)
+    found = [long.felt()]
+    for seed in range(1, 12):  # the largest sum over time is above the mean
+        y = stimlib.render(squeeze(fingers=1), {"x1": 0.1 * np.arange(3200) / FS}, FS, seed=seed)
+        found.append(y.felt())
+    mean = 10 * np.log10(np.mean([10 ** (f.pacinian / 10) for f in found]))
+    ends = 10 * np.log10(1 - np.exp(-0.4 / 0.2))
+    assert wanted + ends < mean < wanted + ends + 1.5
+    assert all(f.outside > 0.8 for f in found)
+
+
+def test_sixteen_bits_cost_what_white_noise_of_a_twelfth_of_a_step_does():
+    """On 0.1 kg, of steps of 50 N/2^15: the integral of the density over the squared
+    threshold, in closed form.
+    """
+    step = 50.0 / 2**15
+    density = step**2 / 12 / (FS / 2) / 0.1**2
+    threshold = (1e-7 * (2 * np.pi * 250) ** 2) ** 2 / 2
+    band = (250 - 40) + 250 / 3 * (1 - (250 / 320) ** 3)
+    wanted = 10 * np.log10(density * band / threshold)
+    assert wanted == pytest.approx(-43.9, abs=0.1)
+    y = np.random.default_rng(1).normal(size=16000)
+    found = sensation_level(np.round(y / step) * step - y, FS, "N", mass=0.1)
+    assert 0 < found.pacinian - wanted < 1.5  # the largest sum over time is above the mean
+
+
+# Scenes and reports -------------------------------------------------------------------
+def test_the_default_squeeze_is_not_felt_and_what_makes_it_felt():
+    """The figures of the docstring, and of docs/reference/felt.rst."""
+    press = {"x1": minimum_jerk()}
+    found = {
+        (A, mass): stimlib.render(squeeze(fingers=1, A=A), press, FS, 1.0).felt(mass=mass).pacinian
+        for A, mass in ((3.4, 0.1), (30.0, 0.1), (3.4, 0.011))
+    }
+    default, louder, lighter = found.values()
+    assert default == pytest.approx(-8.7, abs=0.1) and min(louder, lighter) > 10
+    assert stimlib.render(squeeze(fingers=1), press, FS, 1.0).felt().pacinian == default
+
+
+def test_bumps_and_texture_are_felt_on_the_devices_that_they_state():
+    y = stimlib.render(bumps(), {"x": constant_speed(0.1, 0.1)}, FS, 1.0)
+    middle = bumps_set()[40]
+    assert middle.amplitude == 4.0
+    alone = db(middle.displacement / detection_threshold(158.0, 1e-4))
+    assert alone == pytest.approx(49.0, abs=0.1)
+    assert y.felt().pacinian == pytest.approx(alone, abs=3.0)
+    y = stimlib.render(
+        texture(), {"x": sinusoid(0.05, 1.0), "force": sinusoid(0.2, 1.0, 1.0)}, FS, 1
+    )
+    assert y.felt().pacinian > 10
+
+
+def test_the_report_says_what_is_felt_and_what_rounding_costs(tmp_path):
+    scene, motion = squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
+    y = stimlib.render(scene, motion, FS, 1.0)
+    lines = [n for n in stimlib.verify(scene, motion, y).evidence.numbers if "dB SL" in n]
+    assert [n.split(":")[0] for n in lines] == ["force1", "force2"]
+    assert str(y.felt()) in lines[0] and "mass 0.1, area 0.00029" in lines[0]
+    y.save(tmp_path / "a.wav", full_scale=50.0, subtype="PCM_16")
+    report = stimlib.verify(tmp_path / "a.wav")
+    line = next(n for n in report.evidence.numbers if n.startswith("force1: Pacinian"))
+    cost = float(line.partition("PCM_16 changes it by ")[2].split()[0])
+    assert cost == pytest.approx(-38, abs=1)
+    report.to_html(tmp_path / "a.html")
+    assert "PCM_16 changes it by" in (tmp_path / "a.html").read_text()
+
+
+def test_of_a_combined_scene_each_output_has_its_device():
+    both = stimlib.Scene.combine(a=squeeze(fingers=1), b=bumps())
+    y = stimlib.render(both, {"a_x1": minimum_jerk(), "b_x": constant_speed(0.1, 0.1)}, FS, 0.5)
+    assert y.felt("b_voltage").pacinian > 40 > 0 > y.felt("a_force1").pacinian
+    plain = stimlib.Scene({"y": stimlib.constant(1.0, "m") * stimlib.Input("x")})
+    y = stimlib.render(plain, {"x": tone(250.0, 1e-6)}, FS)
+    assert y.felt().pacinian == pytest.approx(20, abs=0.1)
+
+
+# What cannot be said ------------------------------------------------------------------
+def test_what_no_threshold_is_known_for():
+    for freq, words in ((24.9, {}), (321.0, {}), (39.0, {"channel": "P"}), (np.nan, {})):
+        refused(BadValue, "outside of", detection_threshold, [100.0, freq], **words)
+    refused(BadValue, "area = 0.0003 m.2 is outside", detection_threshold, 100.0, 3e-4)
+    refused(BadValue, "area = 1e-06 m.2 is outside", sensation_level, T, FS, "m", 1e-6)
+    refused(BadValue, "choose one of P, NP", detection_threshold, 100.0, channel="RA")
+
+
+def test_what_no_level_is_known_for():
+    refused(UnitError, "in V is no motion", sensation_level, T, FS, "V")
+    for unit, mass in (("N", None), ("N", 0.0), ("m", 0.1)):
+        refused(BadValue, "mass", sensation_level, T, FS, unit, mass=mass)
+    refused(BadValue, "not finite", sensation_level, [0.0, np.nan], FS, "m")
+    refused(BadValue, "row of numbers", sensation_level, np.zeros((2, 9)), FS, "m")
+    refused(BadValue, "cutoff", sensation_level, T, 20.0, "m")
+    y = stimlib.render(squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk()}, FS, 0.1)
+    refused(UnknownName, "force3", y.felt, "force3")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(sensation_level(1e300 * tone(250.0, 1.0), FS, "m").outside)
