@@ -117,7 +117,7 @@ class Writer:
             given += [f"st_floats_of({v}, n)" for v in (*arrays[0], *arrays[1])]
             kinds += [FLOATS] * (len(inputs) + len(outputs))
             if cls.work:
-                size = cls.work(p)
+                size = int(cls.work(p))
                 self.scratch = max(self.scratch, size)
                 given.append(f"st_floats_of(m->w, {size})")
                 kinds.append(FLOATS)

@@ -148,41 +148,68 @@ ST_INLINE void st_fir(st_floats taps, st_floats w, st_floats y)
     }
 }
 
-ST_INLINE void st_modes(st_floats p, st_floats r, st_floats q, double d, st_floats x, st_floats y, st_floats w)
+/* Eight modes at a time, so that a compiler keeps them in registers; the eight partial
+   sums of each sample are in w. */
+ST_INLINE void st_clear(st_floats w, int64_t n)
+{
+    int64_t i;
+    for (i = 0; i < 8 * n; i++) w.p[i] = 0.0;
+}
+
+ST_INLINE void st_modes(st_floats p, st_floats r, st_floats q, double d, st_floats x, st_floats y,
+                        st_floats w)
 {
     int64_t i, j;
     int k;
-    (void)w;
-    for (i = 0; i < y.n; i++) {
-        double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
-        const double v = x.p[i] + 1e-200;
-        for (j = 0; j < p.n; j += 8)
+    st_clear(w, y.n);
+    for (j = 0; j < p.n; j += 8) {
+        double a[8], b[8], c[8];
+        for (k = 0; k < 8; k++) { a[k] = p.p[j + k]; b[k] = r.p[j + k]; c[k] = q.p[j + k]; }
+        for (i = 0; i < y.n; i++) {
+            const double v = x.p[i] + 1e-200;
+            double *s = w.p + 8 * i;
             for (k = 0; k < 8; k++) {
-                q.p[j + k] = fma(p.p[j + k], q.p[j + k], v);
-                s[k] = fma(r.p[j + k], q.p[j + k], s[k]);
+                c[k] = fma(a[k], c[k], v);
+                s[k] = fma(b[k], c[k], s[k]);
             }
-        y.p[i] = st_flush(fma(d, x.p[i], st_total(s)));
+        }
+        for (k = 0; k < 8; k++) q.p[j + k] = c[k];
     }
+    for (i = 0; i < y.n; i++) y.p[i] = st_flush(fma(d, x.p[i], st_total(w.p + 8 * i)));
 }
 
-ST_INLINE void st_memory(st_floats e, st_floats r, st_floats q, st_floats low, st_floats x, st_floats y, st_floats w)
+ST_INLINE void st_memory(st_floats e, st_floats r, st_floats q, st_floats low, st_floats x,
+                         st_floats y, st_floats w)
 {
     int64_t i, j;
-    (void)w;
-    for (i = 0; i < y.n; i++) {
-        double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
-        const double v = x.p[i] + 1e-200;
-        for (j = 0; j < low.n; j++) {
-            const double t = fma(-e.p[j], q.p[j], v) + low.p[j];
-            const double next = q.p[j] + t;
-            low.p[j] = t - (next - q.p[j]);
-            q.p[j] = next;
-            s[j & 7] = fma(r.p[j], next, s[j & 7]);
+    int k;
+    st_clear(w, y.n);
+    for (j = 0; j < e.n; j += 8) {
+        double a[8], b[8], c[8], f[8];
+        for (k = 0; k < 8; k++) {
+            a[k] = -e.p[j + k];
+            b[k] = r.p[j + k];
+            c[k] = q.p[j + k];
+            f[k] = j < low.n ? low.p[j + k] : 0.0;
         }
-        for (j = low.n; j < e.n; j++) {
-            q.p[j] = q.p[j] + fma(-e.p[j], q.p[j], v);
-            s[j & 7] = fma(r.p[j], q.p[j], s[j & 7]);
+        for (i = 0; i < y.n; i++) {
+            const double v = x.p[i] + 1e-200;
+            double *s = w.p + 8 * i;
+            if (j < low.n)
+                for (k = 0; k < 8; k++) {
+                    const double t = fma(a[k], c[k], v) + f[k], next = c[k] + t;
+                    f[k] = t - (next - c[k]);
+                    c[k] = next;
+                    s[k] = fma(b[k], next, s[k]);
+                }
+            else
+                for (k = 0; k < 8; k++) {
+                    c[k] = c[k] + fma(a[k], c[k], v);
+                    s[k] = fma(b[k], c[k], s[k]);
+                }
         }
-        y.p[i] = st_flush(st_total(s));
+        for (k = 0; k < 8; k++) q.p[j + k] = c[k];
+        for (k = 0; k < 8 && j < low.n; k++) low.p[j + k] = f[k];
     }
+    for (i = 0; i < y.n; i++) y.p[i] = st_flush(st_total(w.p + 8 * i));
 }
