@@ -249,8 +249,12 @@ def test_what_no_threshold_is_known_for():
 
 def test_what_no_level_is_known_for():
     refused(UnitError, "in V is no motion", sensation_level, T, FS, "V")
-    for unit, mass in (("N", None), ("N", 0.0), ("m", 0.1)):
-        refused(BadValue, "mass", sensation_level, T, FS, unit, mass=mass)
+    for unit, mass, says in (
+        ("N", None, "force in N with mass = None; give mass="),
+        ("N", 0.0, "force in N with mass = 0.0; give mass="),
+        ("m", 0.1, "mass = 0.1 kg for a motion in m; leave mass out"),
+    ):
+        refused(BadValue, says, sensation_level, T, FS, unit, mass=mass)
     refused(BadValue, "not finite", sensation_level, [0.0, np.nan], FS, "m")
     refused(BadValue, "row of numbers", sensation_level, np.zeros((2, 9)), FS, "m")
     refused(BadValue, "cutoff", sensation_level, T, 20.0, "m")

@@ -71,6 +71,9 @@ def cues(
     window : {"hann", "none"}
         Weights of the samples in the amplitudes of the component.  "none" is the method
         of the paper: for a whole number of periods it gives the bin of a DFT.
+    single : bool
+        A movement without a period, such as one press: the cues of a frequency are nan,
+        and the others as always.
 
     Returns
     -------

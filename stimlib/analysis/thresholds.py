@@ -235,10 +235,15 @@ def sensation_level(
             f"sensation_level: a signal in {unit or '1'} is no motion; give one in m, m/s, m/s^2,"
             " or N on a mass, or unit= and gain= of the motion that it makes"
         )
-    if (mass is None) == (name == "N") or not (mass is None or mass > 0):
+    if name == "N" and not (mass is not None and mass > 0):
         raise BadValue(
-            f"sensation_level: mass = {mass} and a signal in {name}; give a force, and no other"
-            " signal, the mass in kg that it moves, above 0"
+            f"sensation_level: a force in N with mass = {mass}; give mass=, in kg and above 0, of"
+            " what the force moves"
+        )
+    if name != "N" and mass is not None:
+        raise BadValue(
+            f"sensation_level: mass = {mass} kg for a motion in {name}; leave mass out, it is for a"
+            " force in N"
         )
     detection_threshold(HIGH, area)  # which knows the areas
     if not np.isfinite(rows := np.asarray(y, float)).all():

@@ -1637,9 +1637,9 @@ def motor_current(
         raise BadValue("motor_current: geometry must be a pair (positions, values)")
     gamma = np.asarray(geometry[1], float)
     if not (gamma > 0).all():
+        at = int(np.argmin(gamma > 0))
         raise BadValue(
-            f"motor_current: Gamma must be above 0 everywhere; value {int(np.argmin(gamma > 0))}"
-            " is not"
+            f"motor_current: Gamma[{at}] = {gamma.flat[at]:g} must be above 0, as all of Gamma"
         )
     constant_ = _quantity("motor_current", "motor_constant", motor_constant, "N/A")
     factor = lut(_signal("motor_current", "x", x, "m"), geometry[0], gamma, kind=kind)

@@ -22,6 +22,7 @@ from ..motion.table import read_table
 Array = NDArray[np.float64]
 CONFIDENCE = 0.95
 FINE = 8  # rows of the table between two knots
+FAR = 1.0  # m, which no such motor travels
 SI = {"current": "A", "position": "m", "force": "N"}
 
 
@@ -107,7 +108,8 @@ def calibrate_motor(
         Its columns; each may be scaled, ``"(x_raw - 1472)*2e-5"``.
     units : dict of str to str
         Unit of each, with prefixes: ``{"current": "mA", "position": "mm", "force":
-        "N"}``.  A current may also be a command, in V or without unit.
+        "N"}``.  By default A, m and N.  A current may also be a command, in V or
+        without unit.
     knots : int
         Of the spline, 4 or more; more follow a more curved Gamma.
 
@@ -119,8 +121,8 @@ def calibrate_motor(
     ------
     RecordingError
         A file that cannot be read, a column that is not there, a cell that is no finite
-        number; too few readings, positions that leave a gap, one current alone; a force
-        against the current.
+        number; too few readings, positions that leave a gap or span more than 1 m, one
+        current alone; a force against the current.
     UnitError
         A unit that is unknown or is of another quantity.
     BadValue
@@ -180,6 +182,11 @@ def _fitted(table: Any, rows: Array, knots: int, unit: str) -> MotorCalibration:
     if x.size < 5 * knots:
         raise table.error(
             f"{x.size} readings are too few for {knots} knots", "take 5 or more for each knot"
+        )
+    if x[-1] - x[0] > FAR:
+        raise table.error(
+            f"the positions span {x[-1] - x[0]:g} m",
+            'give their unit, such as units={"current": "mA", "position": "mm", "force": "N"}',
         )
     at = np.linspace(x[0], x[-1], knots)
     gap = int(np.diff(x).argmax())

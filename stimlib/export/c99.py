@@ -50,6 +50,9 @@ static {name}_state m;
 {name}_process(&m, in, out, n); /* in[k][i]: sample i of input k; any n */
 ```
 
+Between two calls, `{name}_set(&m, parameter, value, samples)` moves a parameter along a straight
+line, within so many samples; `{name}.h` has a constant for each parameter.
+
 `{name}_test.c` compares {samples} samples with those of stimlib, bit by bit. Build and run it once
 with the compiler and the options of your program:
 

@@ -116,7 +116,8 @@ def amplifier_load(
         )
     if not (0 < capacitance < np.inf and 0 < fs < np.inf):
         raise BadValue(
-            f"amplifier_load: capacitance = {capacitance!r} F and fs = {fs!r} Hz must be above 0"
+            f"amplifier_load: capacitance = {capacitance!r} F and fs = {fs!r} Hz must be above 0;"
+            " a plate without patches has none, see Plate.paper(patches=True)"
         )
     slew = np.diff(row) * fs
     current = capacitance * slew

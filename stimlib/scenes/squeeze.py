@@ -110,12 +110,12 @@ def squeeze(
         of k tau v.
     travel : float, optional
         How far a plate can move, in m; a motion beyond it is a warning, and a line in
-        the report of ``verify``.  None: any.
+        the report of ``verify``.  By default the paper's 4 cm; None: any.
 
     Raises
     ------
     BadValue
-        travel not above 0; an impedance that is no block of its signal alone.
+        travel not above 0; an impedance that returns no block.
     UnitError
         An impedance that gives no force.
 

@@ -216,11 +216,11 @@ def test_the_placeholder_is_a_proportion_over_the_travel():
         (lambda: static_limit(F, tau=-1.0), BadValue, "tau"),
         (lambda: static_limit(F, limit=Param("L", 37.0, "N")), BadValue, "cannot be the signal"),
         (lambda: motor_current(F, X, -10.0), BadValue, "motor_constant = -10"),
-        (lambda: motor_current(F, X, 10.0, ([0.0, 1.0], [0.5, 0.0])), BadValue, "value 1 is not"),
+        (lambda: motor_current(F, X, 10.0, ([0.0, 1.0], [0.5, -2.0])), BadValue, r"\[1\] = -2"),
         (
             lambda: motor_current(F, X, 10.0, ([0.0, 1.0], [0.5, np.nan])),
             BadValue,
-            "value 1 is not",
+            r"Gamma\[1\] = nan must be above 0",
         ),
         (lambda: motor_current(F, X, 10.0, ([0.0, 0.0], [0.5, 0.5])), BadValue, "rise"),
         (lambda: motor_current(F, X, 10.0, ([0.0, 1.0, 2.0], [0.5, 0.5])), BadValue, "one length"),

@@ -155,6 +155,9 @@ def test_readings_that_say_too_little_are_refused():
     refused(RecordingError, "take 5 or more", calibrate_motor, rig(rng, n=29))
     turned = rows | {"force": -rows["force"]}
     refused(RecordingError, "count the force", calibrate_motor, turned)
+    far = rows | {"position": 1e3 * rows["position"]}  # in mm, and read as m
+    error = refused(RecordingError, "the positions span 40 m", calibrate_motor, far)
+    assert '"position": "mm"' in str(error)
     refused(RecordingError, "cannot be read", calibrate_motor, "nowhere.csv")
 
 

@@ -64,7 +64,7 @@ def test_what_is_no_voltage_is_refused():
         (UnknownName, (r, C, None, "volts"), "no output 'volts'"),
         (BadValue, (r, C, 1000.0), "own fs"),
         (BadValue, (T, C), "give fs="),
-        (BadValue, (T, 0.0, 1000.0), "must be above 0"),
+        (BadValue, (T, 0, 1000.0), "above 0; a plate without patches has none"),
         (BadValue, (T, C, -1.0), "must be above 0"),
         (BadValue, (T[:1], C, 1000.0), "at least two finite samples"),
         (BadValue, ([0.0, np.nan], C, 1000.0), "at least two finite samples"),

@@ -267,7 +267,10 @@ def test_another_impedance_of_the_noise_gives_it_a_memory():
     want = 1 - np.exp(-(y.t - 1 / (np.pi * 100)) / MEMORY)  # the velocity is late by 3.2 ms
     assert moving.sum() > 1000
     np.testing.assert_allclose(F[moving] / f[moving], want[moving], rtol=0.02)
-    assert stimlib.verify(scene, motion, y).passed
+    report = stimlib.verify(scene, motion, y)
+    assert report.passed
+    law = next(c for c in report.checks if c.name == "force1: vibration law")
+    assert law.text == "A Z_n(v) tau dp/dt, relative"
 
 
 def test_both_impedances_need_no_k_and_are_kept_in_the_file():
@@ -368,6 +371,16 @@ def test_a_motion_beyond_the_travel_is_a_warning_and_a_line_of_the_report():
     motion = {n: minimum_jerk(depth=0.05, rise=1.0) for n in both.inputs}
     says = "a_x1 moves by 0.05 m, beyond the travel of 0.04 m"
     warned(RuntimeWarning, says, stimlib.render, both, motion, 8000, 1.5)
+
+
+def test_a_motion_beyond_the_measured_geometry_is_a_line_of_the_report():
+    scene = squeeze(fingers=1, motor_constant=10.0, geometry=([0.0, 0.02], [1.0, 0.8]))
+    says = "x1 is from 0 to 0.025 m, and Gamma is known from 0 to 0.02 m: it is held beyond"
+    for depth in (0.02, 0.025):
+        motion = {"x1": minimum_jerk(depth=depth)}
+        y = stimlib.render(scene, motion, 8000, 0.5)
+        numbers = stimlib.verify(scene, motion, y).evidence.numbers
+        assert (says in numbers) == (depth > 0.02)
 
 
 @pytest.mark.parametrize("fs", [8000.0, 48000.0])

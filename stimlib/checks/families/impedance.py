@@ -121,11 +121,16 @@ def _squeeze(a: Asked) -> list[Check]:
                 f"{a.title(name)}: vibration law",
                 error,
                 float(limit),
-                "A k tau v tau dp/dt, relative",
+                f"A {'Z_n(v)' if Z_n else 'k tau v'} tau dp/dt, relative",
             )
         )
         if g["motor_constant"] is not None:
             at, table = map(np.asarray, g.get("geometry") or PLACEHOLDER_GAMMA)
+            if x.size and (x.min() < at[0] or x.max() > at[-1]):
+                a.say(
+                    f"x{i} is from {x.min():.4g} to {x.max():.4g} m, and Gamma is known from"
+                    f" {at[0]:g} to {at[-1]:g} m: it is held beyond"
+                )
             gamma = scipy.interpolate.PchipInterpolator(at, table)(np.clip(x, at[0], at[-1]))
             checks.append(
                 a.near(
