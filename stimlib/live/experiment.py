@@ -28,7 +28,8 @@ state       number, phase, trial, told,  after hello and after every change. tri
                                          apart as lists of [key, what it says]; ``rest``
                                          with seconds; ``feel`` with intervals (list of
                                          [begin, end] in s) and cursor (Hz of a
-                                         reference to follow, or null); ``end``
+                                         reference to follow, or null), as ``ask`` has
+                                         of a self-paced stimulus; ``end``
 alive                                    twice a second: the page waits for no answer
                                          of a server that has gone
 error       about, text                  the answer is rejected, and why
@@ -56,6 +57,7 @@ from ..errors import SinkError
 from ..experiments.answer_keys import Keyed, Prompt
 from ..experiments.experiment import Experiment
 from ..experiments.presentation import present, spans
+from ..experiments.questions import LONGEST
 from ..experiments.texts import Texts
 from ..experiments.trial import Trial
 from ..system import fields, safe_files
@@ -64,10 +66,6 @@ from .site import Page
 
 LAYOUTS = 300
 """Largest number of lines in the log of layouts for each trial."""
-LONGEST = 4000
-"""Largest number of characters in an answer, such as a ranking of many words;
-`ask.html` has the same limit.
-"""
 _PIXELS = fields.between(-1e6, 1e6)
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
@@ -94,6 +92,7 @@ FIELDS = {
 }
 ALIVE = 0.5
 """Seconds between signs of life."""
+NOTHING: tuple[float, dict[str, Any]] = 0.0, {"intervals": [], "cursor": None}
 GOODBYE = 2.0
 """Seconds within which a page must accept its last texts."""
 
@@ -147,6 +146,7 @@ class ExperimentPage(Keyed):
         self._said: str | None = None
         self._sink: Sink | None = None  # while a stimulus is there
         self._missed = False
+        self._during: tuple[float, dict[str, Any]] = NOTHING  # since when, and what is there
 
     @contextmanager
     def _held(self) -> Iterator[None]:
@@ -186,13 +186,19 @@ class ExperimentPage(Keyed):
             The server has ended.
         """
         keys, apart = ([[k, says] for k, says in d.items()] for d in (prompt.keys, prompt.apart))
-        self._become("ask", **vars(prompt) | {"keys": keys, "apart": apart})
+        self._become("ask", **vars(prompt) | {"keys": keys, "apart": apart} | self._meanwhile())
         while (said := self._waited()) is None:
             if self._over:
                 raise SinkError("the server of the page has ended before the session")
         self._told = []
         self._become("wait")
         return said.strip()
+
+    def _meanwhile(self) -> dict[str, Any]:
+        """Return what is displayed meanwhile, with intervals in s from now on."""
+        began, shown = self._during
+        t = time.monotonic() - began
+        return shown | {"intervals": [[a - t, b - t] for a, b in shown["intervals"]]}
 
     def _waited(self) -> str | None:
         """Return the answer if it comes within a short wait, so that Ctrl-C works."""
@@ -216,13 +222,24 @@ class ExperimentPage(Keyed):
             As for `stimlib.experiments.presentation.present`.
         """
 
-        def show(trial: Trial, folder: Path) -> dict[str, Any]:
-            times = [[a / experiment.fs, b / experiment.fs] for a, b in spans(experiment, trial)]
+        def show(trial: Trial, folder: Path, **paced: Any) -> dict[str, Any]:
+            t, at = experiment.timing, spans(experiment, trial)
+            times = [[a / experiment.fs, b / experiment.fs] for a, b in at]
             cursor = experiment.cursor and experiment.cursor.frequency
             self._missed = False
 
+            def shows(intervals: list[list[float]]) -> dict[str, Any]:
+                shown = {"intervals": intervals, "cursor": cursor}
+                self._during = time.monotonic(), shown
+                return shown
+
+            def started() -> None:
+                now = shows([[0.0, t.interval]])
+                if self._said is None:
+                    self._become(**self._state | now)
+
             def began(playing: Sink) -> None:
-                self._become("feel", intervals=times, cursor=cursor)
+                self._become("feel", **shows(times if t.starts is None else []))
                 with self._held():
                     self._sink = playing
                     self._missed = not self.pages
@@ -230,8 +247,10 @@ class ExperimentPage(Keyed):
                     playing.stop()
 
             try:
-                found = present(experiment, trial, sink, folder, began, **options)
+                paced |= {"started": started}
+                found = present(experiment, trial, sink, folder, began, **paced, **options)
             finally:
+                self._during = NOTHING
                 with self._held():
                     self._sink = None
             if not self._missed:
