@@ -126,11 +126,13 @@ def to_bids(
         )
         for r in s.records if signals else ():
             # self-paced intervals have a run each, others one for the trial
-            last = {shown.get("interval", 0): shown for shown in r.displayed}
-            for interval, shown in last.items():
+            last = {
+                f"{name}_acq-interval{d['interval']}" if "interval" in d else name: d
+                for d in r.displayed
+            }
+            for run, shown in last.items():
                 if "log" in shown:
-                    own = f"_acq-interval{interval}" if interval else ""
-                    files |= _run(experiment, s, r, shown, place, name + own)
+                    files |= _run(experiment, s, r, shown, place, run)
     return _written(at, files)
 
 
@@ -279,10 +281,11 @@ def _told(
 
 def _described(experiment: Experiment, names: Iterable[str]) -> dict[str, dict[str, str]]:
     """Return what each of these columns means."""
-    asked = {q.name: {"Description": q.text} for q in (*experiment.questions, *experiment.after)}
-    kinds = {k: re.sub(r"_\d+$|^.*(?=_(started|stopped|rt)$)", "", k) for k in names}
-    known = COLUMNS | asked
-    return {k: known.get(k) or known.get(kinds[k]) or {"Description": k} for k in kinds}
+    known = COLUMNS | {
+        q.name: {"Description": q.text} for q in (*experiment.questions, *experiment.after)
+    }
+    kinds = ((k, re.sub(r"_\d+$|^.*(?=_(started|stopped|rt)$)", "", k)) for k in names)
+    return {k: known.get(k) or known.get(kind) or {"Description": k} for k, kind in kinds}
 
 
 def _written(at: Path, files: Mapping[str, str | bytes]) -> list[Path]:

@@ -301,14 +301,15 @@ def elapsed_times(
     >>> print(times_text(times))
     slow          14.0 s [9.0, 31.0], mean 16.33 s, SD 7.79, n = 6
     fast          4.5 s [3.0, 14.0], mean 6.00 s, SD 4.05, n = 6
-    times: H(1) = 5.790, p = 0.016
+    times: H(1) = 5.789, p = 0.016
       slow and fast: z = 2.406, p = 0.016; t = 2.88, p = 0.016 (two-sided, times 1)
     """
     need("elapsed_times", (by, seconds), answers)
-    known = [k for k, v in enumerate(answers[seconds]) if v is not None]
-    kept = {name: [answers[name][k] for k in known] for name in (by, seconds)}
-    groups = grouped(kept, [by]).items()
-    return {str(name): numbers("elapsed_times", rows[seconds]) for (name,), rows in groups}
+    return {
+        str(name): numbers("elapsed_times", times)
+        for (name,), rows in grouped(answers, [by]).items()
+        if (times := [v for v in rows[seconds] if v is not None])
+    }
 
 
 @public
@@ -353,38 +354,31 @@ def times_text(
     --------
     See `elapsed_times`.
     """
-    rows, lines = {name: numbers("times_text", row) for name, row in times.items()}, list[str]()
+    rows = {name: numbers("times_text", row) for name, row in times.items()}
     told = {k: f"  paper: {v}" for k, v in (printed or {}).items()}
+    lines, moments = [], {}
     for name, row in rows.items():
-        k, n = int(scipy.stats.binom.ppf(0.025, row.size, 0.5)), np.float64(row.size)
-        low, high = np.array([np.nan, *np.sort(row), np.nan])[[k, row.size + 1 - k]]
-        with np.errstate(all="ignore"):
-            sd = np.sqrt(n / (n - 1)) * row.std()
+        n, k = row.size, int(scipy.stats.binom.ppf(0.025, row.size, 0.5))
+        low, high = np.array([np.nan, *np.sort(row), np.nan])[[k, n + 1 - k]]
+        moments[name] = row.mean(), row.std() * (n / (n - 1 or np.nan)) ** 0.5, n
         lines.append(
             f"{name:<12}  {np.median(row):.1f} s [{low:.1f}, {high:.1f}], mean {row.mean():.2f} s,"
-            f" SD {sd:.2f}, n = {row.size}{told.get(name, '')}"
+            f" SD {moments[name][1]:.2f}, n = {n}{told.get(name, '')}"
         )
     if len(rows) < 2 or np.ptp(np.concatenate(list(rows.values()))) == 0:
         return "\n".join(lines)
     test, pairs = kruskal(rows), dunn(rows, sides)
     lines.append(f"times: H({test.df[0]:g}) = {test.value:.3f}, p = {test.p:.2g}")
     for pair in pairs:
-        t, p = _student(rows[pair.a], rows[pair.b])
-        p = min(len(pairs) * p / (1 if sides == "two-sided" else 2), 1.0)
+        with np.errstate(all="ignore"):  # of one time each there is no t
+            t = scipy.stats.ttest_ind_from_stats(*moments[pair.a], *moments[pair.b])
+        p = min(len(pairs) * t.pvalue / (1 if sides == "two-sided" else 2), 1.0)
         lines.append(
-            f"  {pair.a} and {pair.b}: z = {pair.statistic:.3f}, p = {pair.p:.2g}; t = {t:.2f},"
-            f" p = {p:.2g} ({sides}, times {len(pairs)}){told.get(f'{pair.a} and {pair.b}', '')}"
+            f"  {pair.a} and {pair.b}: z = {pair.statistic:.3f}, p = {pair.p:.2g}; t ="
+            f" {t.statistic:.2f}, p = {p:.2g} ({sides}, times {len(pairs)})"
+            f"{told.get(f'{pair.a} and {pair.b}', '')}"
         )
     return "\n".join(lines)
-
-
-def _student(a: Array, b: Array) -> tuple[float, float]:
-    """Return Student's t of independent groups and its p; nan of too few times."""
-    df = np.float64(a.size + b.size - 2)
-    with np.errstate(all="ignore"):
-        variance = (a.size * a.var() + b.size * b.var()) / df * (1 / a.size + 1 / b.size)
-        t = float((a.mean() - b.mean()) / np.sqrt(variance))
-    return t, float(2 * scipy.stats.t.sf(abs(t), df))
 
 
 # Within participants ------------------------------------------------------------------

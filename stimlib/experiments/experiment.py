@@ -10,11 +10,11 @@ import os
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from itertools import islice
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from ..core.graph import Block
+from ..core.graph import Block, constant
 from ..core.scene import Scene
 from ..core.units import Unit
 from ..errors import BadValue, UnknownName, public
@@ -91,7 +91,7 @@ class Timing:
     before: float = 0.1
     ramp: float = 0.02
     pause: float = 0.0
-    until: str = "time"
+    until: Literal["time", "done", "answer"] = "time"
     starts: Block | None = None
     wait: float = 0.0
 
@@ -100,8 +100,6 @@ class Timing:
             v = getattr(self, name)
             if not isinstance(v, (int, float)) or not 0 <= v < 3600:
                 raise BadValue(f"Timing: {name} = {v!r} must be a time in seconds from 0 to 3600")
-        if self.until not in ("time", "done", "answer"):
-            raise BadValue(f"Timing: until = {self.until!r} must be time, done or answer")
         if self.interval <= 2 * self.ramp:
             raise BadValue(
                 f"Timing: interval = {self.interval:g} s must be longer than its two ramps of"
@@ -313,8 +311,11 @@ class Experiment:
                 f"Cursor: no scene has an input {self.cursor.input!r}; there are"
                 f" {', '.join(self.inputs) or 'none'}"
             )
-        starts = self.timing.starts
-        needs = set() if starts is None else set(Scene({STARTS: starts}).inputs)
+        needs = set(
+            Scene(
+                {STARTS: constant(0.0) if self.timing.starts is None else self.timing.starts}
+            ).inputs
+        )
         if needs - set(self.inputs) or STARTS in self.outputs:
             raise UnknownName(
                 f"Timing: starts takes {', '.join(sorted(needs))}, and the scenes have the inputs"
@@ -472,8 +473,11 @@ class Experiment:
         Functions (a motion, or a design that depends on the participant) are described
         by their name only.
         """
-        hidden = ("observer", "analysis", "language", "show_total")
-        told = {k: v for k, v in _fields(self).items() if k not in hidden}
+        told = {
+            f.name: _plain(getattr(self, f.name))
+            for f in dc.fields(self)
+            if f.name not in ("observer", "analysis", "language", "show_total")
+        }
         try:
             text = json.dumps(told, sort_keys=True, allow_nan=False, separators=(",", ":"))
         except ValueError as e:
@@ -484,23 +488,14 @@ class Experiment:
         return told | {"key": hashlib.sha256(text.encode()).hexdigest()}
 
 
-def _fields(v: Any) -> dict[str, Any]:
-    """Return the descriptions of a dataclass' fields.
-
-    Fields that sessions of 0.1 do not know count only if they are set, so that those
-    sessions still belong to the same definition.
-    """
-    later = ("until", "starts", "wait", "after")
-    given = ((f, getattr(v, f.name)) for f in dc.fields(v))
-    return {f.name: _plain(x) for f, x in given if f.name not in later or x is not f.default}
-
-
 def _plain(v: Any) -> Any:
     """Return the description of a value as JSON data."""
     if isinstance(v, (Scene, Block)):
         return (v if isinstance(v, Scene) else Scene({STARTS: v})).hash
     if dc.is_dataclass(v) and not isinstance(v, type):
-        return {"class": type(v).__name__} | _fields(v)
+        return {"class": type(v).__name__} | {
+            f.name: _plain(getattr(v, f.name)) for f in dc.fields(v)
+        }
     if isinstance(v, Mapping):
         return {str(k): _plain(w) for k, w in v.items()}
     if isinstance(v, (list, tuple)):

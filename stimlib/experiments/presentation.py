@@ -24,7 +24,6 @@ from ..core.graph import Block, constant
 from ..core.parts import Part, Span
 from ..core.scene import Scene
 from ..devices.available import SINKS as KINDS, make
-from ..devices.markers import Marker
 from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
@@ -60,8 +59,7 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     See `program`.
     """
     t, fs = experiment.timing, experiment.fs
-    before = max(t.before, t.gap) if t.self_paced else t.before
-    first = round(before * fs) + _safety(experiment).samples(fs)
+    first = round(max(t.before, t.gap * t.self_paced) * fs) + _safety(experiment).samples(fs)
     long, apart = round((t.interval + t.wait) * fs), round(t.gap * fs)
     return [
         (at, at + long) for at in (first + i * (long + apart) for i in range(len(trial.stimuli)))
@@ -320,10 +318,10 @@ def present(
         raise UnknownName(f"no sink {sink!r}; there are {', '.join(SINKS)}")
     scene, params = program(experiment, trial)
     safety, seed, t = _protection(experiment, scene), trial.stimuli[0].seed, experiment.timing
-    at, to, late = spans(experiment, trial), None, 0
-    channels, held = [name for name in scene.outputs if name != STARTS], list[int]()
+    at, to, late, held = spans(experiment, trial), None, 0, list[int]()
+    channels = [name for name in scene.outputs if name != STARTS]
 
-    def noticed(marker: Marker) -> None:
+    def noticed(marker: Any) -> None:
         if marker.name == STARTS and not held:
             held.append(max(marker.sample - late, at[0][0]))
             playing.pump.stop("stop", held[0] + late + round(t.interval * experiment.fs))
@@ -345,18 +343,24 @@ def present(
                 True,
             )
         )
-    options |= {"motion": _moves(experiment, scene), "seed": seed, "params": params, "log": to}
+    send = options.get("send") or ()
+    options |= {
+        "motion": _moves(experiment, scene),
+        "seed": seed,
+        "params": params,
+        "log": to,
+        "markers": () if t.starts is None else (STARTS,),
+        "send": [noticed, *(send if isinstance(send, Sequence) else [send])],
+    }
     kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
-    if t.starts is not None:
-        send = options.get("send") or []
-        others = send if isinstance(send, Sequence) else [send]
-        options |= {"markers": (STARTS,), "send": [noticed, *others]}
-    end = at[-1][1] + safety.samples(experiment.fs)
-    if lasts is not None:
-        end = min(at[0][0] + max(round(lasts * experiment.fs), 1), at[0][1])
+    ends = (
+        at[-1][1] + safety.samples(experiment.fs)
+        if lasts is None
+        else min(at[0][0] + max(round(lasts * experiment.fs), 1), at[0][1])
+    )
     with make(kind, scene, safety, **options, **clock) as playing:
         playing.open(experiment.fs, *([channels] if len(channels) < len(scene.outputs) else []))
-        playing.start((end + late) / experiment.fs)
+        playing.start((ends + late) / experiment.fs)
         zero = datetime.now(UTC).isoformat()
         playing.mark("trial", sample=0)
         for i, (first, _) in enumerate(at, interval):
@@ -364,21 +368,17 @@ def present(
         if began is not None:
             began(playing)
         if meanwhile is not None and lasts is None:
-            with ThreadPoolExecutor(1) as other:
-                hand = other.submit(experiment.hand or Sink.wait, playing)
-                try:
-                    playing.wait((at[0][0] + safety.samples(experiment.fs)) / experiment.fs)
-                    meanwhile()
-                finally:
-                    playing.stop()  # the hand ends with it
-                hand.result()
+            hand = ThreadPoolExecutor(1).submit(experiment.hand or Sink.wait, playing)
+            playing.wait((at[0][0] + safety.samples(experiment.fs)) / experiment.fs)
+            meanwhile()
+            playing.stop()
+            hand.result()
         elif experiment.hand is not None:
             experiment.hand(playing)
         playing.wait()
     told = {k: v for k, v in playing.report().to_dict().items() if k in TOLD}
-    own: dict[str, Any] = {}
+    own = {"interval": interval, "held": None if t.starts is None else bool(held)}
     if t.self_paced:
-        own = {"interval": interval, "held": None if t.starts is None else bool(held)}
         gone = min(told["produced"], playing.pump.read("FADE_AT")) - late
         at = [(min(held[0] if held else a, gone), min(b, gone)) for a, b in at]
     shown = {
@@ -389,7 +389,7 @@ def present(
         "params": params,
         "intervals": at,
     }
-    shown |= {"time": "own", "started": zero, **own, **told}
+    shown |= {"time": "own", "started": zero, **(own if t.self_paced else {}), **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
 
 

@@ -66,8 +66,10 @@ class Question:
             )
             wanted = f"all of {', '.join(self.choices)}, each once, in order"
         elif self.kind == "text":
-            good = isinstance(value, str) and len(value) <= self.most
-            wanted = f"at most {self.most} characters, or {NONE} for nothing"
+            good, wanted = (
+                isinstance(value, str) and len(value) <= self.most,
+                f"at most {self.most} characters, or {NONE} for nothing",
+            )
         else:
             good = (
                 isinstance(value, (list, tuple))

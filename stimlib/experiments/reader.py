@@ -328,8 +328,9 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
         s since the session began, and so on; and each question after the last trial,
         with one answer in all rows of a session. None is unknown, or not asked.
     """
-    records = [(s, r) for s in found for r in (s.records if training else s.data)]
-    rows = [(s, r) for s, r in records if r.trial.stimuli]
+    rows = [
+        *((s, r) for s in found for r in (s.records if training else s.data) if r.trial.stimuli)
+    ]
     questions = list(dict.fromkeys(q for _, r in rows for q in r.trial.questions))
     most = max((len(r.trial.stimuli) for _, r in rows), default=0)
     intervals = [r.intervals(s.header["started"]) + [(None,) * 3] * most for s, r in rows]

@@ -23,7 +23,6 @@ from .random_streams import seed_of, stream
 from .session import Session
 from .trial import Answer, Observer, Record, Stimulus, Trial, answered, correct
 
-Shown = list[dict[str, Any]]
 Display = Callable[..., dict[str, Any]]
 """Function that displays a trial, ``display(trial, folder)``, with a folder for the
 log, and returns its record. If the record says ``missed``, the participant was not
@@ -89,19 +88,20 @@ def run(
     e, say = session.experiment, session.experiment.texts
     total = trials_of(session.design) if e.show_total else None
 
-    def show(trial: Trial, name: str, **asking: Any) -> Shown:
-        shown: Shown = []
-        for part, how in _parts(session, front_end, trial, **asking):
-            missed = True
-            while missed:
-                files = (session.folder / f"{name}-{k}.stimlog" for k in count(1))
-                folder = next(f for f in files if not f.exists())
+    def show(trial: Trial, name: str, **asking: Any) -> list[dict[str, Any]]:
+        shown: list[dict[str, Any]] = []
+        for n, (part, how) in enumerate(_parts(session, front_end, trial, **asking)):
+            while sum(not d.get("missed") for d in shown) <= n:
+                folder = next(
+                    f
+                    for k in count(1)
+                    if not (f := session.folder / f"{name}-{k}.stimlog").exists()
+                )
                 shown.append(
                     present(e, part, sink, folder, **how, **options)
                     if isinstance(sink, str)
                     else sink(part, folder, **how)
                 )
-                missed = shown[-1].get("missed", False)
         return shown
 
     if (trial := session.due()) is None:
@@ -140,9 +140,8 @@ def _parts(
         yield trial, {}
     done, now = partial(front_end.ready, say("done")), partial(front_end.tell, say("now"))
     for i, stimulus in enumerate(trial.stimuli if t.self_paced else (), 1):
-        last = ask if ask and i == len(trial.stimuli) else done
-        ends = {"done": done, "answer": last}.get(t.until)
-        how = {"interval": i, "meanwhile": ends, "lasts": lasts, "started": now}
+        ends = {"done": done, "answer": ask if ask and i == len(trial.stimuli) else done}
+        how = {"interval": i, "meanwhile": ends.get(t.until), "lasts": lasts, "started": now}
         yield dc.replace(trial, stimuli=(stimulus,)), how
 
 
@@ -150,7 +149,7 @@ def _familiarise(
     session: Session,
     due: Trial,
     front_end: FrontEnd,
-    show: Callable[..., Shown],
+    show: Callable[..., list[dict[str, Any]]],
 ) -> None:
     """Let the participant explore stimuli before the first trial.
 
@@ -172,17 +171,19 @@ def _one(
     session: Session,
     trial: Trial,
     front_end: FrontEnd,
-    show: Callable[..., Shown],
+    show: Callable[..., list[dict[str, Any]]],
 ) -> Record:
     """Run one trial: display it, ask the questions and write the record.
 
     The trial is displayed again if the participant requests an allowed replay.
     """
-    e, replays, asked, lasts = session.experiment, 0, -1, None
-    if isinstance(front_end, Simulated) and e.timing.until != "time" and trial.stimuli:
-        lasts = front_end.answer(trial).seconds or e.timing.interval
-    shown: Shown = []
-    values, times = dict[str, Any](), dict[str, float]()
+    e, replays, asked = session.experiment, 0, -1
+    lasts = (
+        front_end.answer(trial).seconds or e.timing.interval
+        if isinstance(front_end, Simulated) and e.timing.until != "time" and trial.stimuli
+        else None
+    )
+    shown, values, times = list[dict[str, Any]](), dict[str, Any](), dict[str, float]()
 
     def ask(again: bool = False) -> None:
         nonlocal replays

@@ -219,18 +219,21 @@ class Record:
 
         Times are in s after a date and time, ISO 8601, and None if they are not known.
         """
-        zero = datetime.fromisoformat(since)
         at = {
             k: [
-                (datetime.fromisoformat(d["started"]) - zero).total_seconds() + n / d["fs"]
+                (
+                    datetime.fromisoformat(d["started"]) - datetime.fromisoformat(since)
+                ).total_seconds()
+                + n / d["fs"]
                 for n in ab
             ]
             for d in self.displayed
             if "started" in d
             for k, ab in enumerate(d["intervals"], d.get("interval", 1) - 1)
         }
-        names = enumerate(s.name or s.scene for s in self.trial.stimuli)
-        return [(name, *at.get(k, (None, None))) for k, name in names]
+        return [
+            (s.name or s.scene, *at.get(k, (None, None))) for k, s in enumerate(self.trial.stimuli)
+        ]
 
     @property
     def outcome(self) -> Any:
@@ -260,8 +263,8 @@ generator.
 
 def correct(trial: Trial, answer: Answer) -> bool | None:
     """Return whether all right answers were given; None if a trial has none."""
-    right = trial.right
-    return {k: answer.values.get(k) for k in right} == right if right else None
+    right = trial.right.items()
+    return all(answer.values.get(k) == v for k, v in right) if right else None
 
 
 @public

@@ -186,19 +186,17 @@ class ExperimentPage(Keyed):
             The server has ended.
         """
         keys, apart = ([[k, says] for k, says in d.items()] for d in (prompt.keys, prompt.apart))
-        self._become("ask", **vars(prompt) | {"keys": keys, "apart": apart} | self._meanwhile())
+        (began, shown), now = self._during, time.monotonic()
+        left = [[began + t - now for t in ab] for ab in shown["intervals"]]
+        self._become(
+            "ask", **{**vars(prompt), "keys": keys, "apart": apart, **shown, "intervals": left}
+        )
         while (said := self._waited()) is None:
             if self._over:
                 raise SinkError("the server of the page has ended before the session")
         self._told = []
         self._become("wait")
         return said.strip()
-
-    def _meanwhile(self) -> dict[str, Any]:
-        """Return what is displayed meanwhile, with intervals in s from now on."""
-        began, shown = self._during
-        t = time.monotonic() - began
-        return shown | {"intervals": [[a - t, b - t] for a, b in shown["intervals"]]}
 
     def _waited(self) -> str | None:
         """Return the answer if it comes within a short wait, so that Ctrl-C works."""
@@ -223,28 +221,25 @@ class ExperimentPage(Keyed):
         """
 
         def show(trial: Trial, folder: Path, **paced: Any) -> dict[str, Any]:
-            t, at = experiment.timing, spans(experiment, trial)
-            times = [[a / experiment.fs, b / experiment.fs] for a, b in at]
-            cursor = experiment.cursor and experiment.cursor.frequency
+            times = [[a / experiment.fs, b / experiment.fs] for a, b in spans(experiment, trial)]
+            cursor, t = experiment.cursor and experiment.cursor.frequency, experiment.timing
             self._missed = False
 
-            def shows(intervals: list[list[float]]) -> dict[str, Any]:
-                shown = {"intervals": intervals, "cursor": cursor}
-                self._during = time.monotonic(), shown
-                return shown
-
-            def started() -> None:
-                now = shows([[0.0, t.interval]])
-                if self._said is None:
-                    self._become(**self._state | now)
+            def shows(state: dict[str, Any], intervals: list[list[float]]) -> None:
+                self._during = time.monotonic(), {"intervals": intervals, "cursor": cursor}
+                self._become(**state | self._during[1])
 
             def began(playing: Sink) -> None:
-                self._become("feel", **shows(times if t.starts is None else []))
+                shows({"phase": "feel"}, times if t.starts is None else [])
                 with self._held():
                     self._sink = playing
                     self._missed = not self.pages
                 if self._missed:
                     playing.stop()
+
+            def started() -> None:
+                if self._said is None:  # or it has ended
+                    shows(self._state, [[0.0, t.interval]])
 
             try:
                 paced |= {"started": started}

@@ -211,7 +211,7 @@ def test_a_condition_that_never_holds_and_one_that_the_scenes_cannot_have(tmp_pa
     assert shown["held"] is False and b - a == 1200
     for wrong in (stimlib.Input("z", "m") > stimlib.constant(0.0, "m"),):
         refused(UnknownName, "starts takes z, and the scenes have the inputs x", starting, wrong)
-    refused(BadValue, "until = 'key' must be time, done or answer", Timing, until="key")
+    refused(BadValue, "until = 'key' must be one of time, done, answer", Timing, until="key")
     assert made.facts()["key"] != starting(X > stimlib.constant(8.0, "m")).facts()["key"]
 
 

@@ -124,7 +124,7 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
     fields = {
         "wait": set(),
         "end": set(),
-        "ask": {f.name for f in dataclasses.fields(Prompt)},
+        "ask": {f.name for f in dataclasses.fields(Prompt)} | {"intervals", "cursor"},
         "feel": {"intervals", "cursor"},
     }
     assert {m["is"] for m in phone.told} == {"hello", "state"}

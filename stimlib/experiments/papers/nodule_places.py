@@ -259,8 +259,9 @@ def spent(answers: Columns) -> dict[str, np.ndarray]:
     ----------
     Li et al. (2016), figure 9 and table 3, whose p are one-sided and multiplied by 3.
     """
-    feedback = [SURFACES[name][0] for name in answers["condition"]]
-    return elapsed_times({**answers, "feedback": feedback}, "feedback")
+    return elapsed_times(
+        {**answers, "condition": [SURFACES[name][0] for name in answers["condition"]]}
+    )
 
 
 @public

@@ -267,8 +267,9 @@ def spent(answers: Columns) -> dict[str, np.ndarray]:
     ----------
     Li et al. (2016), figure 7 and table 2, whose p are one-sided and multiplied by 3.
     """
-    technique = [SURFACES[name][0] for name in answers["condition"]]
-    return elapsed_times({**answers, "technique": technique}, "technique")
+    return elapsed_times(
+        {**answers, "condition": [SURFACES[name][0] for name in answers["condition"]]}
+    )
 
 
 @public
@@ -286,8 +287,9 @@ def preferences(sessions: Sequence[Saved]) -> str:
     'preferred: combined 0 (12 of 14), deformation 0 (1 of 14), cursor 0 (0 of 14)'
     """
     said = [s.after.get("preferred") for s in sessions]
-    told = (f"{mode} {said.count(mode)} ({n} of 14)" for mode, n in PREFERRED.items())
-    return f"preferred: {', '.join(told)}"
+    return "preferred: " + ", ".join(
+        f"{mode} {said.count(mode)} ({n} of 14)" for mode, n in PREFERRED.items()
+    )
 
 
 Counts = tuple[int, int, int, int]
