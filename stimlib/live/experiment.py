@@ -225,12 +225,12 @@ class ExperimentPage(Keyed):
             cursor, t = experiment.cursor and experiment.cursor.frequency, experiment.timing
             self._missed = False
 
-            def shows(state: dict[str, Any], intervals: list[list[float]]) -> None:
+            def shows(phase: str, intervals: list[list[float]], **state: Any) -> None:
                 self._during = time.monotonic(), {"intervals": intervals, "cursor": cursor}
-                self._become(**state | self._during[1])
+                self._become(phase, **state | self._during[1])
 
             def began(playing: Sink) -> None:
-                shows({"phase": "feel"}, times if t.starts is None else [])
+                shows("feel", times if t.starts is None else [])
                 with self._held():
                     self._sink = playing
                     self._missed = not self.pages
@@ -239,7 +239,7 @@ class ExperimentPage(Keyed):
 
             def started() -> None:
                 if self._said is None:  # or it has ended
-                    shows(self._state, [[0.0, t.interval]])
+                    shows(**self._state | {"intervals": [[0.0, t.interval]]})
 
             try:
                 paced |= {"started": started}
