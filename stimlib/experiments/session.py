@@ -365,10 +365,11 @@ class Session:
         It covers the motion as float64, the delivered samples as float32, and the rest.
         """
         e, t = self.experiment, self.experiment.timing
-        logs = len(trial.stimuli) if t.self_paced else 1
         # with the fades
-        seconds = t.before + len(trial.stimuli) * (t.interval + t.wait + t.gap) + logs
-        return logs * LOG + int(e.fs * seconds) * (8 * len(e.inputs) + 4 * (len(e.outputs) + 1))
+        seconds = t.before + len(trial.stimuli) * (t.interval + t.wait + t.gap + 1.0)
+        return max(1, len(trial.stimuli) * t.self_paced) * LOG + int(e.fs * seconds) * (
+            8 * len(e.inputs) + 4 * (len(e.outputs) + 1)
+        )
 
     def _append(self, record: Record) -> None:
         body = {
