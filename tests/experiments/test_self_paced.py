@@ -158,6 +158,21 @@ def test_an_answer_comes_in_the_last_interval_and_times_are_columns(tmp_path):
     assert table["correct"] == [False if trial.correct else None]
 
 
+def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
+    timing = Timing(1.0, gap=0.0, before=0.0, ramp=0.01, until="answer")
+    made, missed = experiment(design=ONE, timing=timing), [False, True, False]
+
+    def show(trial, folder, *, meanwhile, **how):
+        assert len(trial.stimuli) == 1 and how["lasts"] is None
+        meanwhile()
+        return {"missed": True} if missed.pop(0) else {}
+
+    with Session(made, tmp_path, "P01") as session:
+        run(session, Front(made, "first", "second", seconds=0.0), show)
+    (record,) = session.records
+    assert record.answer.values == {"softer": "second"} and len(record.displayed) == 3
+
+
 @pytest.mark.parametrize("sink", ["null", "offline"])
 def test_a_simulated_observer_ends_a_stimulus_at_its_own_time(tmp_path, sink):
     timing = Timing(1.0, gap=0.0, before=0.0, ramp=0.01, until="answer")
@@ -194,8 +209,11 @@ def test_an_interval_begins_at_the_sample_at_which_its_condition_holds(tmp_path)
     made, said = starting(contact, masking=Masking(rms=0.05)), []
     with Session(made, tmp_path, "P01") as session:
         trial = session.due()
-        shown = present(made, trial, "null", tmp_path / "a.stimlog", started=lambda: said.append(1))
+        markers, words = [], {"started": lambda: said.append(1)}
+        words["send"] = lambda marker: markers.append((marker.name, marker.sample))
+        shown = present(made, trial, "null", tmp_path / "a.stimlog", **words)
     ((a, b),) = shown["intervals"]
+    assert markers == [("trial", 0), ("stimulus", 128), ("starts", a)]
     assert a == 201 + 299 and b - a == 200 and shown["held"] and said == [1]
     log = read_log(tmp_path / "a.stimlog")
     assert replay(log).matches and verify_log(log).passed
