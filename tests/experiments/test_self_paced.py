@@ -19,14 +19,14 @@ from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments.bids import to_bids, to_psych_ds
 from stimlib.experiments.compare import elapsed_times, times_text
-from stimlib.experiments.designs import ConstantStimuli
+from stimlib.experiments.designs import ConstantStimuli, Sequential
 from stimlib.experiments.experiment import Masking, Timing
 from stimlib.experiments.presentation import present
-from stimlib.experiments.questions import choice, free_text
+from stimlib.experiments.questions import choice, free_text, places
 from stimlib.experiments.reader import columns, read, sessions, status
 from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import Rate
+from stimlib.experiments.tasks import OneInterval, Rate
 from stimlib.experiments.trial import Answer, Stimulus, Trial
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
@@ -171,6 +171,26 @@ def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
         run(session, Front(made, "first", "second", seconds=0.0), show)
     (record,) = session.records
     assert record.answer.values == {"softer": "second"} and len(record.displayed) == 3
+
+
+def test_right_and_wrong_are_a_column(tmp_path):
+    """None where a trial has no right answer, and for places, which are near or far."""
+    named = {n: Stimulus("spring", {"k": k}) for n, k in (("first", 1.0), ("second", 3.0))}
+    task = OneInterval("c", "softer", named)
+    where = places("where", "?", 2)
+    marks = Rate("m", ("where",), Stimulus("spring"), {"where": [[0.0, 1.0]]})
+    parts = {
+        "a": ConstantStimuli(((task, "first"),)),
+        "b": ConstantStimuli(((task, "second"),)),
+        "c": ConstantStimuli(((marks, None),)),
+    }
+    made = experiment(design=Sequential(parts), questions=(QUESTION, where))
+    with Session(made, tmp_path, "P01") as session:
+        for answer in ({"softer": "first"}, {"softer": "first"}, {"where": [[0.0, 1.0]]}):
+            session.put(Answer(answer))
+    assert columns(sessions("pair", tmp_path))["correct"] == [True, False, None]
+    refused(BadValue, "answer at most 4000 characters, or n for nothing", AFTER[1].answer, "")
+    assert AFTER[1].answer("n") == ""
 
 
 @pytest.mark.parametrize("sink", ["null", "offline"])
