@@ -284,8 +284,12 @@ def _described(experiment: Experiment, names: Iterable[str]) -> dict[str, dict[s
     known = COLUMNS | {
         q.name: {"Description": q.text} for q in (*experiment.questions, *experiment.after)
     }
-    kinds = ((k, re.sub(r"_\d+$|^.*(?=_(started|stopped|rt)$)", "", k)) for k in names)
-    return {k: known.get(k) or known.get(kind) or {"Description": k} for k, kind in kinds}
+    return {
+        k: known.get(k)
+        or known.get(re.sub(r"_\d+$|^.*(?=_(started|stopped|rt)$)", "", k))
+        or {"Description": k}
+        for k in names
+    }
 
 
 def _written(at: Path, files: Mapping[str, str | bytes]) -> list[Path]:

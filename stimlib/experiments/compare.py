@@ -355,8 +355,7 @@ def times_text(
     See `elapsed_times`.
     """
     rows = {name: numbers("times_text", row) for name, row in times.items()}
-    told = {k: f"  paper: {v}" for k, v in (printed or {}).items()}
-    lines, moments = [], {}
+    told, lines, moments = {k: f"  paper: {v}" for k, v in (printed or {}).items()}, [], {}
     for name, row in rows.items():
         n, k = row.size, int(scipy.stats.binom.ppf(0.025, row.size, 0.5))
         low, high = np.array([np.nan, *np.sort(row), np.nan])[[k, n + 1 - k]]
@@ -368,7 +367,7 @@ def times_text(
     if len(rows) < 2 or np.ptp(np.concatenate(list(rows.values()))) == 0:
         return "\n".join(lines)
     test, pairs = kruskal(rows), dunn(rows, sides)
-    lines.append(f"times: H({test.df[0]:g}) = {test.value:.3f}, p = {test.p:.2g}")
+    lines += [f"times: H({test.df[0]:g}) = {test.value:.3f}, p = {test.p:.2g}"]
     for pair in pairs:
         with np.errstate(all="ignore"):  # of one time each there is no t
             t = scipy.stats.ttest_ind_from_stats(*moments[pair.a], *moments[pair.b])

@@ -369,7 +369,8 @@ def present(
             began(playing)
         if meanwhile is not None and lasts is None:
             hand = ThreadPoolExecutor(1).submit(experiment.hand or Sink.wait, playing)
-            playing.wait((at[0][0] + safety.samples(experiment.fs)) / experiment.fs)
+            while playing.pump.index <= at[0][0] + late and not playing.finished:
+                playing.wait(0.002)
             meanwhile()
             playing.stop()
             hand.result()
@@ -377,10 +378,10 @@ def present(
             experiment.hand(playing)
         playing.wait()
     told = {k: v for k, v in playing.report().to_dict().items() if k in TOLD}
-    own = {"interval": interval, "held": None if t.starts is None else bool(held)}
     if t.self_paced:
         gone = min(told["produced"], playing.pump.read("FADE_AT")) - late
         at = [(min(held[0] if held else a, gone), min(b, gone)) for a, b in at]
+        told |= {"interval": interval, "held": None if t.starts is None else bool(held)}
     shown = {
         "sink": sink,
         "fs": experiment.fs,
@@ -389,7 +390,7 @@ def present(
         "params": params,
         "intervals": at,
     }
-    shown |= {"time": "own", "started": zero, **(own if t.self_paced else {}), **told}
+    shown |= {"time": "own", "started": zero, **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
 
 

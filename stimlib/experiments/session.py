@@ -206,8 +206,11 @@ class Session:
     def _next(self) -> Trial | None:
         """Return the design's next trial; after the last, the one without stimuli."""
         trial, names = self.design.next(self.state), [q.name for q in self.experiment.after]
-        asks = trial is None and names and all(r.trial.stimuli for r in self.records)
-        return Trial("after", (), tuple(names), training=True) if asks else trial
+        return (
+            Trial("after", (), tuple(names), training=True)
+            if trial is None and names and all(r.trial.stimuli for r in self.records)
+            else trial
+        )
 
     # What a runner does ---------------------------------------------------------------
     @property

@@ -259,6 +259,7 @@ def spent(answers: Columns) -> dict[str, np.ndarray]:
     ----------
     Li et al. (2016), figure 9 and table 3, whose p are one-sided and multiplied by 3.
     """
+    need("nodule_places", ("condition", "seconds"), answers)
     return elapsed_times(
         {**answers, "condition": [SURFACES[name][0] for name in answers["condition"]]}
     )

@@ -267,6 +267,7 @@ def spent(answers: Columns) -> dict[str, np.ndarray]:
     ----------
     Li et al. (2016), figure 7 and table 2, whose p are one-sided and multiplied by 3.
     """
+    need("nodules", ("condition", "seconds"), answers)
     return elapsed_times(
         {**answers, "condition": [SURFACES[name][0] for name in answers["condition"]]}
     )
