@@ -290,7 +290,7 @@ def simulate(
         raise BadValue(
             f"{defined}: give the experiment an observer=, a function (trial, rng) -> Answer"
         )
-    display: Any = "offline" if rendered else lambda trial, folder: {}
+    display: Any = "offline" if rendered else lambda trial, folder, **paced: {}
     every = list(product(range(1, participants + 1), range(1, made.sessions + 1)))
     with progress("simulating", len(every), not quiet) as advance:
         for n, number in every:

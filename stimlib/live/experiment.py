@@ -28,7 +28,8 @@ state       number, phase, trial, told,  after hello and after every change. tri
                                          apart as lists of [key, what it says]; ``rest``
                                          with seconds; ``feel`` with intervals (list of
                                          [begin, end] in s) and cursor (Hz of a
-                                         reference to follow, or null); ``end``
+                                         reference to follow, or null), as ``ask`` has
+                                         of a self-paced stimulus; ``end``
 alive                                    twice a second: the page waits for no answer
                                          of a server that has gone
 error       about, text                  the answer is rejected, and why
@@ -56,6 +57,7 @@ from ..errors import SinkError
 from ..experiments.answer_keys import Keyed, Prompt
 from ..experiments.experiment import Experiment
 from ..experiments.presentation import present, spans
+from ..experiments.questions import LONGEST
 from ..experiments.texts import Texts
 from ..experiments.trial import Trial
 from ..system import fields, safe_files
@@ -64,10 +66,6 @@ from .site import Page
 
 LAYOUTS = 300
 """Largest number of lines in the log of layouts for each trial."""
-LONGEST = 4000
-"""Largest number of characters in an answer, such as a ranking of many words;
-`ask.html` has the same limit.
-"""
 _PIXELS = fields.between(-1e6, 1e6)
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
@@ -94,6 +92,7 @@ FIELDS = {
 }
 ALIVE = 0.5
 """Seconds between signs of life."""
+NOTHING: tuple[float, dict[str, Any]] = 0.0, {"intervals": [], "cursor": None}
 GOODBYE = 2.0
 """Seconds within which a page must accept its last texts."""
 
@@ -147,6 +146,7 @@ class ExperimentPage(Keyed):
         self._said: str | None = None
         self._sink: Sink | None = None  # while a stimulus is there
         self._missed = False
+        self._during: tuple[float, dict[str, Any]] = NOTHING  # since when, and what is there
 
     @contextmanager
     def _held(self) -> Iterator[None]:
@@ -186,7 +186,11 @@ class ExperimentPage(Keyed):
             The server has ended.
         """
         keys, apart = ([[k, says] for k, says in d.items()] for d in (prompt.keys, prompt.apart))
-        self._become("ask", **vars(prompt) | {"keys": keys, "apart": apart})
+        (began, shown), now = self._during, time.monotonic()
+        left = [[began + t - now for t in ab] for ab in shown["intervals"]]
+        self._become(
+            "ask", **{**vars(prompt), "keys": keys, "apart": apart, **shown, "intervals": left}
+        )
         while (said := self._waited()) is None:
             if self._over:
                 raise SinkError("the server of the page has ended before the session")
@@ -216,22 +220,32 @@ class ExperimentPage(Keyed):
             As for `stimlib.experiments.presentation.present`.
         """
 
-        def show(trial: Trial, folder: Path) -> dict[str, Any]:
+        def show(trial: Trial, folder: Path, **paced: Any) -> dict[str, Any]:
             times = [[a / experiment.fs, b / experiment.fs] for a, b in spans(experiment, trial)]
-            cursor = experiment.cursor and experiment.cursor.frequency
+            cursor, t = experiment.cursor and experiment.cursor.frequency, experiment.timing
             self._missed = False
 
+            def shows(phase: str, intervals: list[list[float]], **state: Any) -> None:
+                self._during = time.monotonic(), {"intervals": intervals, "cursor": cursor}
+                self._become(phase, **state | self._during[1])
+
             def began(playing: Sink) -> None:
-                self._become("feel", intervals=times, cursor=cursor)
+                shows("feel", times if t.starts is None else [])
                 with self._held():
                     self._sink = playing
                     self._missed = not self.pages
                 if self._missed:
                     playing.stop()
 
+            def started() -> None:
+                if self._said is None:  # or it has ended
+                    shows(**self._state | {"intervals": [[0.0, t.interval]]})
+
             try:
-                found = present(experiment, trial, sink, folder, began, **options)
+                paced |= {"started": started}
+                found = present(experiment, trial, sink, folder, began, **paced, **options)
             finally:
+                self._during = NOTHING
                 with self._held():
                     self._sink = None
             if not self._missed:

@@ -27,7 +27,7 @@ function become(now) {
   enable(); // or it takes no focus
   const first = now.kind === "analogue" ? "vas" : now.line && (now.kind !== "rating" || !now.keys.length) ? "typed" : "text";
   if (fresh && now.phase !== "wait") $(first).focus({ preventScroll: true });
-  show("clock", ["rest", "feel"].includes(now.phase));
+  show("clock", now.phase === "rest" || now.intervals?.length);
   show("track", now.cursor);
   words(say("connected"), "good");
   tick();
@@ -106,7 +106,7 @@ function tick() {
   if (state.phase === "rest") {
     const left = Math.max(0, Math.ceil(state.seconds - t));
     $("clock").textContent = `${Math.floor(left / 60)}:${String(left % 60).padStart(2, "0")}`;
-  } else if (state.phase === "feel") {
+  } else if (state.intervals?.length) { // of a self-paced one, while it is asked for its end
     const all = state.intervals, k = all.findIndex(([a, b]) => a <= t && t < b);
     $("clock").textContent = k < 0 ? "" : all.length > 1 ? say("interval", { number: k + 1, total: all.length }) : say("now");
     const y = k < 0 || !state.cursor ? 0 : Math.sin(2 * Math.PI * state.cursor * (t - all[k][0]));
