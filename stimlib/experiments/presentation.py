@@ -11,6 +11,7 @@ import dataclasses as dc
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -247,7 +248,7 @@ def prepare(session: Session, sink: str, calibration: Calibration | None = None)
 def present(
     experiment: Experiment,
     trial: Trial,
-    sink: str = "offline",
+    sink: str | Callable[..., Sink] = "offline",
     log: str | os.PathLike[str] | None = None,
     began: Callable[[Sink], None] | None = None,
     **options: Any,
@@ -258,8 +259,9 @@ def present(
     ----------
     experiment : Experiment
     trial : Trial
-    sink : str
-        Name in ``SINKS``.
+    sink : str or callable
+        Name in ``SINKS``, or ``sink(scene, safety, **options)`` returns a sink that has
+        a motion of its own.
     log : path, optional
         Folder for the log of this presentation; required to record what was displayed.
     began : callable, optional
@@ -288,7 +290,7 @@ def present(
         The device is missing or has failed, the log cannot be written, or an output was
         not finite; the sink has faded out.
     """
-    if sink not in SINKS:
+    if not callable(sink) and sink not in SINKS:
         raise UnknownName(f"no sink {sink!r}; there are {', '.join(SINKS)}")
     scene, params = program(experiment, trial)
     safety, seed = _protection(experiment, scene), trial.stimuli[0].seed
@@ -307,7 +309,8 @@ def present(
         )
     options |= {"motion": _moves(experiment, scene), "seed": seed, "params": params, "log": to}
     kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
-    with make(kind, scene, safety, **options, **clock) as playing:
+    made = kind if callable(kind) else partial(make, kind)
+    with made(scene, safety, **options, **clock) as playing:
         playing.open(experiment.fs)
         playing.start((at[-1][1] + late + safety.samples(experiment.fs)) / experiment.fs)
         playing.mark("trial", sample=0)
@@ -315,12 +318,12 @@ def present(
             playing.mark("stimulus", i, sample=first + late)
         if began is not None:
             began(playing)
-        if experiment.hand is not None:
+        if experiment.hand is not None and not callable(sink):
             experiment.hand(playing)
         playing.wait()
     told = {k: v for k, v in playing.report().to_dict().items() if k in TOLD}
     shown = {
-        "sink": sink,
+        "sink": playing.device if callable(sink) else sink,
         "fs": experiment.fs,
         "scene": scene.hash,
         "seed": seed,

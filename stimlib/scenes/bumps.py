@@ -9,7 +9,7 @@ see docs/reference/papers.rst.
 from __future__ import annotations
 
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,23 @@ from ..errors import public
 from .shipped import above_zero, shipped
 
 
+def pad(now: dict[str, Any]) -> dict[str, Any]:
+    """Return what a page draws of bumps: the explored region, and where the ridges are.
+
+    Examples
+    --------
+    >>> from stimlib.scenes.bumps import pad
+    >>> pad({"bumps": 2, "duty": 0.5, "length": 0.1})["hidden"]
+    [[0.0, 0.025], [0.05, 0.075]]
+    """
+    length, period = now["length"], now["length"] / now["bumps"]
+    ridges = [
+        [k * period, min((k + now["duty"]) * period, length)]
+        for k in np.arange(float(now["bumps"])).tolist()
+    ]
+    return {"kind": "pad", "length": length, "values": ["x"], "hidden": ridges}
+
+
 @shipped(
     words=(
         "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of"
@@ -30,6 +47,7 @@ from .shipped import above_zero, shipped
     ),
     drive={"x": "sinusoid(0.05, 1.0)"},
     ranges={"duty": (0.05, 1.0)},
+    view=pad,
 )
 def bumps(
     waveform: str | np.ndarray = "square",

@@ -37,6 +37,10 @@ class shipped(NamedTuple):
     ranges : dict of str to (float, float), optional
         Ranges of inputs and parameters on a page, in their units, where unit and value
         do not suggest good ones.
+    view : callable, optional
+        What a page draws of the scene: ``view(arguments)`` returns its kind,
+        lengths and the inputs that it needs, see ``view`` of `stimlib.live.protocol`.
+        Live arguments have their present value.
 
     Examples
     --------
@@ -50,6 +54,7 @@ class shipped(NamedTuple):
     words: str
     drive: Mapping[str, str]
     ranges: Mapping[str, tuple[float, float]] = {}
+    view: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
     def __call__(self, make: F) -> F:
         """Add a scene's function to the table."""

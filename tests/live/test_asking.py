@@ -120,7 +120,7 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
         "wait": set(),
         "end": set(),
         "ask": {f.name for f in dataclasses.fields(Prompt)},
-        "feel": {"intervals", "cursor"},
+        "feel": {"intervals", "cursor", "drawing"},
     }
     assert {m["is"] for m in phone.told} == {"hello", "state"}
     assert all(set(m) == every_field | fields[m["phase"]] for m in states)
