@@ -216,6 +216,7 @@ def drawing(seconds: float) -> list[Row]:
     """How long pictures take on the page of an experiment, in two windows."""
     if where() is None:
         return [row("Chromium is not installed")]
+    sys.path.remove(str(Path(__file__).parent))  # whose experiments.py is not that of the tests
     from live.asked import asked
     from live.drawn import seen
 
@@ -283,9 +284,6 @@ if __name__ == "__main__":
         parser.add_argument("--drawing", action="store_true")
         given = parser.parse_args()
         name = "page_soak" if given.soak else "page_drawing" if given.drawing else "page"
-        rows = (
-            soak(given.soak)
-            if given.soak
-            else (drawing if given.drawing else measure)(given.seconds)
-        )
+        short = drawing if given.drawing else measure
+        rows = soak(given.soak) if given.soak else short(given.seconds)
         save(name, [row(machine()), *rows], given.record)

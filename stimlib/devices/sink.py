@@ -679,9 +679,10 @@ class Sink:
         ----------
         see : callable
             ``see(sample, x, y)`` is called for the newest block, at most 100 times a
-            second, from the thread that writes the log: the sample's index, the motion, shape (n_inputs, 1), in
-            the inputs' units, and the frame, shape (channels, 1), from -1 to 1. Motion
-            and index may be a block apart. It must not block or raise.
+            second, from the thread that writes the log: the sample's index, the motion,
+            shape (n_inputs, 1), in the inputs' units, and the frame, shape (channels,
+            1), from -1 to 1. Motion and index may be a block apart. It must not block
+            or raise.
 
         Raises
         ------
