@@ -310,7 +310,9 @@ def present(
     options |= {"motion": _moves(experiment, scene), "seed": seed, "params": params, "log": to}
     kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
     made = kind if callable(kind) else partial(make, kind)
-    with made(scene, safety, **options, **clock) as playing:
+    if not isinstance(playing := made(scene, safety, **options, **clock), Sink):
+        raise BadValue(f"present: sink gives a {type(playing).__name__}, where it must give a Sink")
+    with playing:
         playing.open(experiment.fs)
         playing.start((at[-1][1] + late + safety.samples(experiment.fs)) / experiment.fs)
         playing.mark("trial", sample=0)

@@ -88,7 +88,6 @@ LONGEST = 4000
 # of the smoothing in Hz of a pointer that drives a stimulus: 8 ms later. What is only
 # seen needs no other delay, as the steps of a pointer are not felt
 BANDWIDTH = 40.0
-HIDDEN = ("levels", "hidden")  # of a view: what a participant sees only if a Drawing says so
 _PIXELS = fields.between(-1e6, 1e6)
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
@@ -303,8 +302,10 @@ class ExperimentPage(Keyed):
         sources = self._inputs and self._inputs.sources  # a pointer needs a place to move in
         if sources is None and (experiment.drawing is None or not any(views)):
             return None
-        if not drawn.hidden:
-            views = [v and {k: v[k] for k in v if k not in HIDDEN} for v in views]
+        views = [
+            v and {k: v[k] for k in v if drawn.hidden or k not in ("levels", "hidden")}
+            for v in views
+        ]
         return {"views": views, "sources": sources} | vars(drawn)
 
     def _see(self, at: int, x: Any, y: Any) -> None:

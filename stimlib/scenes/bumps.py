@@ -28,8 +28,8 @@ def pad(now: dict[str, Any]) -> dict[str, Any]:
     Examples
     --------
     >>> from stimlib.scenes.bumps import pad
-    >>> pad({"bumps": 2, "duty": 0.5, "length": 0.1})["hidden"]
-    [[0.0, 0.025], [0.05, 0.075]]
+    >>> pad({"bumps": 2, "duty": 0.25, "length": 0.1})["hidden"]
+    [[0.0, 0.0125], [0.05, 0.0625]]
     """
     length, period = now["length"], now["length"] / now["bumps"]
     ridges = [
