@@ -131,9 +131,10 @@ def test_a_page_says_which_samples_it_has_drawn_and_of_no_other_stimulus(tmp_pat
         told = {"do": "pictures", "wide": 390, "high": 844, "box": [0, 10.5, 390, 400]}
         for number in (eye.ask["number"], eye.feel["number"]):
             phone.ws.send(json.dumps(told | {"number": number, "samples": [150, 170]}))
-        assert phone.until(about="pictures")["text"] == "no stimulus has this number"
         phone.answer("1", eye.ask["number"])
         phone.until(phase="end")
+    (error,) = [m for m in phone.told if m["is"] == "error"]
+    assert (error["about"], error["text"]) == ("pictures", "no stimulus has this number")
     lines = [json.loads(line) for line in running.layouts.read_text().splitlines()]
     (line,) = [line for line in lines if "samples" in line]
     del line["time"]

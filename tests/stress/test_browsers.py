@@ -1,6 +1,6 @@
 """The pages in Chromium and Firefox, driven by Playwright: a session by keyboard and by
-touch, sizes of answers, a stimulus that is only seen, a frozen server, and what axe-core
-finds.
+touch, sizes of answers, a stimulus that is only seen, a frozen server, and what
+axe-core finds.
 """
 
 import json
