@@ -462,7 +462,8 @@ def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypat
         assert free == [True]
 
 
-def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
+@pytest.mark.parametrize("sink, more", [("offline", ["--page"]), ("page", [])])
+def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch, sink, more):
     def interrupted(self, text):
         raise KeyboardInterrupt
 
@@ -477,11 +478,11 @@ def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
         "--data",
         "data",
         "--sink",
-        "offline",
+        sink,
         "--host",
         "127.0.0.1",
     ]
-    done = CliRunner().invoke(app, ["experiment", "run", *who, "--page"])
+    done = CliRunner().invoke(app, ["experiment", "run", *who, *more])
     assert done.exit_code == 130 and "the participant answers at http://127.0.0.1:" in done.output
     assert (
         "0 answers are kept; go on with"

@@ -29,13 +29,13 @@ export const pictures = {
     fit: ({ length }, wide, high) => ({ x: wide / 2, base: high - 16, scale: (high - 50) / (1.3 * length), half: Math.min(140, wide / 2 - 16) }),
     draw(g, { x, base, scale, half }, { length, values: [name] }, values, parts) {
       const pressed = Math.max(-0.2 * length, Math.min(values?.[name] ?? 0, 0.95 * length));
-      const top = base - scale * (length - Math.max(0, pressed)), steps = 36 * TURNS;
+      const top = base - scale * (length - Math.max(0, pressed)), steps = 36 * TURNS, round = 0.35 * (base - top) / TURNS;
       if (parts.surface) {
         Object.assign(g, { lineWidth: 5, lineJoin: "round", strokeStyle: COIL });
         g.beginPath();
         for (let k = 0; k <= steps; k++) {
           const turn = Math.PI * k / 18;
-          g.lineTo(x + 0.6 * half * Math.cos(turn), base + (top - base) * k / steps + 5 * Math.sin(turn));
+          g.lineTo(x + 0.6 * half * Math.cos(turn), base + (top - base) * k / steps + round * Math.sin(turn));
         }
         g.stroke();
         g.fillStyle = PLATE;
