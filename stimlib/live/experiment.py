@@ -14,7 +14,7 @@ drawn       number, wide, high, boxes    how large the window is, and the boxes 
                                          answers the question of that number, in CSS
                                          pixels: list of [key, left, top, width, height]
 move        as of `stimlib.live.protocol`
-pictures    number, wide, high, box,     samples that were drawn of the stimulus of that
+pictures    number, wide, high, box,     samples that were drawn in the drawing of that
             samples                      number, one for each picture, and the box of
                                          the canvas: [left, top, width, height]
 =========== ============================ ===============================================
@@ -39,12 +39,12 @@ alive                                    twice a second: the page waits for no a
 error       about, text                  the answer is rejected, and why
 =========== ============================ ===============================================
 
-drawing has views (what is drawn in each interval: ``view`` of `stimlib.live.protocol`
-without what is hidden, or null), surface, cursor, beside and marks as
-`stimlib.experiments.Drawing` has them, and sources (of a page that drives the stimulus:
-as in the state of `stimlib.live.protocol`; else null). Meanwhile binary messages come,
-little-endian float64: number of the state, index of the newest sample, the interval
-that it is in, from 0 (-1: none), and the numbers that its view names as ``values``.
+drawing has a number of its own, views (what is drawn in each interval: ``view`` of
+`stimlib.live.protocol` without what is hidden, or null), surface, cursor, beside and
+marks as `stimlib.experiments.Drawing` has them, and sources (of a page that drives the
+stimulus: as in the state of `stimlib.live.protocol`; else null). Meanwhile binary
+messages come, little-endian float64: number of the drawing, index of the newest sample,
+the interval that it is in, from 0 (-1: none), and the values that its view names.
 
 Nothing else is sent: no condition, level, parameter, seed or right answer. The server
 closes with 4409 when another page was opened, and with 4410 at the end.
@@ -176,7 +176,7 @@ class ExperimentPage(Keyed):
         self._sink: Sink | None = None  # while a stimulus is there
         self._missed = False
         self._inputs: Inputs | None = None  # of a stimulus that the page drives
-        self._felt, self._folder = -1, ""  # number of the state of a stimulus, and its log
+        self._felt, self._folder = 0, ""  # number of the newest stimulus, and its log
         self._views: list[tuple[int, int, Any]] = []  # what is drawn from a sample to another
 
     @contextmanager
@@ -255,9 +255,9 @@ class ExperimentPage(Keyed):
             self._missed, self._folder = False, folder.name
 
             def began(playing: Sink) -> None:
+                self._felt, ramp = self._felt + 1, round(experiment.timing.ramp * experiment.fs)
                 drawing = self._drawing(experiment, trial)
                 self._become("feel", intervals=times, cursor=cursor, drawing=drawing)
-                self._felt, ramp = self._number, round(experiment.timing.ramp * experiment.fs)
                 self._views = [
                     (a + ramp, b - ramp, v["values"] if v else ())
                     for (a, b), v in zip(at, drawing["views"] if drawing else (), strict=False)
@@ -306,7 +306,7 @@ class ExperimentPage(Keyed):
             v and {k: v[k] for k in v if drawn.hidden or k not in ("levels", "hidden")}
             for v in views
         ]
-        return {"views": views, "sources": sources} | vars(drawn)
+        return {"number": self._felt, "views": views, "sources": sources} | vars(drawn)
 
     def _see(self, at: int, x: Any, y: Any) -> None:
         """Send the page what it draws of the newest sample, from a thread of the sink.

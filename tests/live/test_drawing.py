@@ -82,7 +82,7 @@ def test_a_stimulus_that_is_only_seen_is_moved_by_the_page_and_drawn_as_the_log_
     for number, sample, k, *values in eye.drawn:
         n = int(sample)
         inside = [a + 20 <= n < b - 20 for a, b in intervals]  # without the ramps
-        assert number == eye.feel["number"] and k == (inside.index(True) if any(inside) else -1)
+        assert number == drawing["number"] and k == (inside.index(True) if any(inside) else -1)
         shown = ("x1", "y1", "depth1") if any(inside) else ()
         assert values == [outputs[name][n] for name in shown]
     depths = [
@@ -129,7 +129,7 @@ def test_a_page_says_which_samples_it_has_drawn_and_of_no_other_stimulus(tmp_pat
         eye = Eye(phone)
         eye.look()
         told = {"do": "pictures", "wide": 390, "high": 844, "box": [0, 10.5, 390, 400]}
-        for number in (eye.ask["number"], eye.feel["number"]):
+        for number in (99, eye.feel["drawing"]["number"]):
             phone.ws.send(json.dumps(told | {"number": number, "samples": [150, 170]}))
         phone.answer("1", eye.ask["number"])
         phone.until(phase="end")

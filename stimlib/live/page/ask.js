@@ -24,7 +24,6 @@ let drawing = null, colours = palette(), values = null, newest = null, samples =
 // What is asked ---------------------------------------------------------------------------------------------------------------------
 function become(now) {
   const fresh = now.number !== state?.number;
-  if (fresh) tell();
   state = now;
   sent = false;
   clearTimeout(late);
@@ -33,7 +32,7 @@ function become(now) {
   $("told").replaceChildren();
   for (const textContent of now.told) element($("told"), "p", { textContent });
   if (fresh) ask(now);
-  if (fresh) draw(now.drawing);
+  if (now.drawing?.number !== drawing?.number) draw(now.drawing);
   enable(); // or it takes no focus
   const first = now.kind === "analogue" ? "vas" : now.line && (now.kind !== "rating" || !now.keys.length) ? "typed" : "text";
   if (fresh && now.phase !== "wait") $(first).focus({ preventScroll: true });
@@ -69,6 +68,7 @@ function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint =
 
 /** What is drawn from now on, or null. */
 function draw(now = null) {
+  tell();
   [drawing, values, newest] = [now, null, null];
   show("picture", drawing);
   if (!drawing) return;
@@ -80,9 +80,9 @@ function draw(now = null) {
   $("picture").scrollIntoView({ block: "nearest" });
 }
 
-/** The newest sample of a stimulus: number of the state, sample, interval or -1, values of its view. */
+/** The newest sample of a stimulus: number of the drawing, sample, interval or -1, values of its view. */
 function see([number, sample, k, ...all]) {
-  if (number !== state?.number || !drawing) return;
+  if (number !== drawing?.number) return;
   const view = drawing.views[Math.max(0, k)];
   if (view !== field.view) field.set({ view });
   values = k < 0 ? null : Object.fromEntries((view?.values ?? []).map((name, i) => [name, all[i]]));
@@ -94,7 +94,7 @@ function see([number, sample, k, ...all]) {
 function tell() {
   if (!samples.length || !open) return;
   const { left, top, width, height } = $("picture").getBoundingClientRect();
-  ws.send(JSON.stringify({ do: "pictures", number: state.number, wide: innerWidth, high: innerHeight, box: [left, top, width, height], samples }));
+  ws.send(JSON.stringify({ do: "pictures", number: drawing.number, wide: innerWidth, high: innerHeight, box: [left, top, width, height], samples }));
   samples = [];
 }
 
@@ -151,9 +151,9 @@ function tick() {
     const all = state.intervals, k = all.findIndex(([a, b]) => a <= t && t < b);
     $("clock").textContent = k < 0 ? "" : all.length > 1 ? say("interval", { number: k + 1, total: all.length }) : say("now");
     const y = k < 0 || !state.cursor ? 0 : Math.sin(2 * Math.PI * state.cursor * (t - all[k][0]));
-    if (drawing && field.refresh(performance.now(), colours, values) && newest !== null && samples.push(newest) >= OFTEN) tell();
     $("point").style.transform = `translateY(${-0.5 * y * ($("track").clientHeight - $("point").clientHeight)}px)`;
-  } else return;
+  } else if (!drawing) return;
+  if (drawing && field.refresh(performance.now(), colours, values) && newest !== null && samples.push(newest) >= OFTEN) tell();
   cancelAnimationFrame(frame);
   frame = requestAnimationFrame(tick);
 }
@@ -227,7 +227,7 @@ function watch() {
 const again = () => { away = performance.now(); connect(); };
 connect();
 setInterval(watch, 250);
-addEventListener("hashchange", () => { if (state) state.number = null; again(); }); // another session, with the same numbers
+addEventListener("hashchange", () => { if (state) state.number = null; draw(); again(); }); // another session, with the same numbers
 for (const back of ["online", "visibilitychange"]) addEventListener(back, () => { if (!open && !final) again(); });
 addEventListener("resize", report);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { colours = palette(); field.dirty = true; });
@@ -251,7 +251,8 @@ $("line").onsubmit = e => {
 addEventListener("keyup", e => field.key(e, false));
 addEventListener("keydown", e => {
   if (e.ctrlKey || e.metaKey || e.altKey || e.isComposing || e.target.matches?.("input")) return;
-  if (drawing?.sources && field.key(e, true)) return e.preventDefault();
+  const moves = drawing?.sources && (state.phase === "feel" || (e.key in STEPS && state.kind !== "analogue")); // not what answers
+  if (moves && field.key(e, true)) return e.preventDefault();
   if (e.target.matches?.("button") && ["Enter", " "].includes(e.key)) { if (e.repeat) e.preventDefault(); return; } // it clicks
   const analogue = state?.kind === "analogue" && open && !sent;
   const keys = [...(state?.keys ?? []), ...(state?.apart ?? [])].map(([key]) => key);
