@@ -1,5 +1,6 @@
 """A purely visual experiment in a real browser: what is drawn, moved and recorded."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -13,7 +14,7 @@ from live.drawn import outputs_of, seen
 from live.test_asking_browser import LOOKS, awaited, press
 
 from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Drawing, Timing
+from stimlib.experiments.experiment import Cursor, Drawing, Timing
 from stimlib.experiments.reader import read
 from stimlib.experiments.tasks import Rate
 from stimlib.experiments.trial import Stimulus
@@ -203,6 +204,7 @@ def rows(page, colour):
 
 def test_plate_and_helix_go_down_with_the_hand(browser, tmp_path):
     made = shows(viscoelastic(), Drawing(), y=lambda t: 0.01 + 0.0 * t)
+    made = dataclasses.replace(made, cursor=Cursor("y", 0.005))
     with asked(tmp_path, made, "null") as running:
         page, _ = begun(running, browser)
         assert page.js(LABEL)[1:] == ["img", -1]
@@ -212,6 +214,9 @@ def test_plate_and_helix_go_down_with_the_hand(browser, tmp_path):
         fit = page.js("field.cam")
         # 30 mm are left of 40
         assert plate[-1] + 1 == pytest.approx(fit["base"] - 0.03 * fit["scale"], abs=1.5)
+        # the reference is beside it, and both are in the window
+        (left, top, wide, _), picture = page.box("#track"), page.box("#picture")
+        assert top == picture[1] and left + wide <= picture[0] and top + picture[3] <= 800
         page.close()
 
 
