@@ -30,6 +30,7 @@ from .designs import (
 )
 from .experiment import (
     Cursor as Cursor,
+    Drawing as Drawing,
     Experiment as Experiment,
     Masking as Masking,
     Timing as Timing,

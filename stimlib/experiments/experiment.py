@@ -146,6 +146,58 @@ class Masking:
 
 @public
 @dc.dataclass(frozen=True)
+class Drawing:
+    """What the page of an experiment draws while a stimulus is presented.
+
+    The object and the hand are drawn if the scene says how they look: soft surfaces
+    with their shades, plate and helix of ``viscoelastic``, the pad of ``bumps``. See
+    `stimlib.live.describe.view_of`.
+
+    Parameters
+    ----------
+    surface : bool
+        Whether the object is drawn.
+    cursor : bool
+        Whether the avatars, or the place of the finger, are drawn.
+    hidden : bool
+        Whether the page also shows what should only be felt: where nodules or bumps
+        are.
+    beside : (float, float)
+        Place of the avatar beside the pen, in m to the right and up, so that the hand
+        does not cover it, such as ``(-0.015, 0.0)``: 15 mm to the left. A browser's
+        millimetres are nominal, 96 pixels in 25.4 mm: measure them on your screen.
+    marks : dict of str to (float, float)
+        Places on a soft surface, x and y in m from its corner, each marked with a dot
+        and its name.
+
+    Raises
+    ------
+    BadValue
+        More than 0.1 m beside the pen.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import Drawing
+    >>> Drawing(beside=(-0.015, 0.0))
+    Drawing(surface=True, cursor=True, hidden=False, beside=(-0.015, 0.0), marks={})
+    """
+
+    surface: bool = True
+    cursor: bool = True
+    hidden: bool = False
+    beside: tuple[float, float] = (0.0, 0.0)
+    marks: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
+
+    def __post_init__(self):
+        if not (len(self.beside) == 2 and all(map(fields.between(-0.1, 0.1), self.beside))):
+            raise BadValue(
+                f"Drawing: beside = {self.beside!r:.60} must be two distances in m, to the right"
+                " and up, of at most 0.1"
+            )
+
+
+@public
+@dc.dataclass(frozen=True)
 class Experiment:
     """The definition of an experiment, without its participants or device.
 
@@ -186,6 +238,8 @@ class Experiment:
         has a right answer (``Experiment.right``); places have none.
     cursor : Cursor, optional
     masking : Masking, optional
+    drawing : Drawing, optional
+        What the page of the experiment draws; None: nothing.
     seed : int
         Seed of the whole experiment; each participant and session has its own random
         streams.
@@ -242,6 +296,7 @@ class Experiment:
     feedback: bool = False
     cursor: Cursor | None = None
     masking: Masking | None = None
+    drawing: Drawing | None = Drawing()
     seed: int = 0
     instructions: str = ""
     observer: Observer | None = None

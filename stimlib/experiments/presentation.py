@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -256,7 +257,7 @@ def prepare(session: Session, sink: str, calibration: Calibration | None = None)
 def present(
     experiment: Experiment,
     trial: Trial,
-    sink: str = "offline",
+    sink: str | Callable[..., Sink] = "offline",
     log: str | os.PathLike[str] | None = None,
     began: Callable[[Sink], None] | None = None,
     *,
@@ -272,8 +273,9 @@ def present(
     ----------
     experiment : Experiment
     trial : Trial
-    sink : str
-        Name in ``SINKS``.
+    sink : str or callable
+        Name in ``SINKS``, or ``sink(scene, safety, **options)`` returns a sink that has
+        a motion of its own.
     log : path, optional
         Folder for the log of this presentation; required to record what was displayed.
     began : callable, optional
@@ -314,7 +316,7 @@ def present(
         The device is missing or has failed, the log cannot be written, or an output was
         not finite; the sink has faded out.
     """
-    if sink not in SINKS:
+    if not callable(sink) and sink not in SINKS:
         raise UnknownName(f"no sink {sink!r}; there are {', '.join(SINKS)}")
     scene, params = program(experiment, trial)
     safety, seed, t = _protection(experiment, scene), trial.stimuli[0].seed, experiment.timing
@@ -353,13 +355,17 @@ def present(
         "send": [noticed, *(send if isinstance(send, Sequence) else [send])],
     }
     kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
+    made = kind if callable(kind) else partial(make, kind)
+    hand = None if callable(sink) else experiment.hand
     ends = (
         at[-1][1] + safety.samples(experiment.fs)
         if lasts is None
         else min(at[0][0] + max(round(lasts * experiment.fs), 1), at[0][1])
     )
-    with make(kind, scene, safety, **options, **clock) as playing:
-        playing.open(experiment.fs, *([channels] if len(channels) < len(scene.outputs) else []))
+    if not isinstance(playing := made(scene, safety, **options, **clock), Sink):
+        raise BadValue(f"present: sink gives a {type(playing).__name__}, where it must give a Sink")
+    with playing:
+        playing.open(experiment.fs, channels if len(channels) < len(scene.outputs) else None)
         playing.start((ends + late) / experiment.fs)
         zero = datetime.now(UTC).isoformat()
         playing.mark("trial", sample=0)
@@ -368,14 +374,13 @@ def present(
         if began is not None:
             began(playing)
         if meanwhile is not None and lasts is None:
-            hand = ThreadPoolExecutor(1).submit(experiment.hand or Sink.wait, playing)
-            while playing.pump.index <= at[0][0] + late and not playing.finished:
-                playing.wait(0.002)
+            moved = ThreadPoolExecutor(1).submit(hand or Sink.wait, playing)
+            playing.wait((at[0][0] + safety.samples(experiment.fs)) / experiment.fs)
             meanwhile()
             playing.stop()
-            hand.result()
-        elif experiment.hand is not None:
-            experiment.hand(playing)
+            moved.result()
+        elif hand is not None:
+            hand(playing)
         playing.wait()
     told = {k: v for k, v in playing.report().to_dict().items() if k in TOLD}
     if t.self_paced:
@@ -383,7 +388,7 @@ def present(
         at = [(min(held[0] if held else a, gone), min(b, gone)) for a, b in at]
         told |= {"interval": interval, "held": None if t.starts is None else bool(held)}
     shown = {
-        "sink": sink,
+        "sink": playing.device if callable(sink) else sink,
         "fs": experiment.fs,
         "scene": scene.hash,
         "seed": seed,

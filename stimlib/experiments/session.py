@@ -16,7 +16,8 @@ is a pilot:
     the minimum number of lines in ``trials.jsonl``, so that lines lost at its end are
     detected
 ``page.jsonl``
-    with a page: which buttons it had for a question, where, and how large
+    with a page: which buttons it had for a question, where, and how large; and which
+    samples of a stimulus it drew
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.log_replay`
 ``spare``

@@ -127,8 +127,8 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
     fields = {
         "wait": set(),
         "end": set(),
-        "ask": {f.name for f in dataclasses.fields(Prompt)} | {"intervals", "cursor"},
-        "feel": {"intervals", "cursor"},
+        "ask": {f.name for f in dataclasses.fields(Prompt)} | {"intervals", "cursor", "drawing"},
+        "feel": {"intervals", "cursor", "drawing"},
     }
     assert {m["is"] for m in phone.told} == {"hello", "state"}
     assert all(set(m) == every_field | fields[m["phase"]] for m in states)
@@ -492,7 +492,8 @@ def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypat
         assert free == [True]
 
 
-def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
+@pytest.mark.parametrize("sink, more", [("offline", ["--page"]), ("page", [])])
+def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch, sink, more):
     def interrupted(self, text):
         raise KeyboardInterrupt
 
@@ -507,11 +508,11 @@ def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
         "--data",
         "data",
         "--sink",
-        "offline",
+        sink,
         "--host",
         "127.0.0.1",
     ]
-    done = CliRunner().invoke(app, ["experiment", "run", *who, "--page"])
+    done = CliRunner().invoke(app, ["experiment", "run", *who, *more])
     assert done.exit_code == 130 and "the participant answers at http://127.0.0.1:" in done.output
     assert (
         "0 answers are kept; go on with"
