@@ -320,7 +320,7 @@ def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
     assert Record(1, record.trial, record.answer, [nothing(None, None)]).time == ""
     refused(
         BadValue,
-        "another experiment or version: experiment.design differs",
+        "another experiment or version: experiment.design",
         Session(made, tmp_path / "data", "P01", resume=True).__enter__,
     )
 
