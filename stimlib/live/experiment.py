@@ -173,7 +173,8 @@ class ExperimentPage(Keyed):
 
     def ready(self, text: str) -> None:
         """Wait for any key of the participant; show the experimenter the trial."""
-        self._trial, self._layouts = text, LAYOUTS
+        if text != self.texts("done"):  # which is of the same trial
+            self._trial, self._layouts = text, LAYOUTS
         self._note(text)
         super().ready(text)
 
@@ -242,8 +243,9 @@ class ExperimentPage(Keyed):
                     shows(**self._state | {"intervals": [[0.0, t.interval]]})
 
             try:
-                paced |= {"started": started}
-                found = present(experiment, trial, sink, folder, began, **paced, **options)
+                found = present(
+                    experiment, trial, sink, folder, began, **options | paced | {"started": started}
+                )
             finally:
                 self._during = NOTHING
                 with self._held():
