@@ -204,7 +204,8 @@ class ExperimentPage(Keyed):
 
     def ready(self, text: str) -> None:
         """Wait for any key of the participant; show the experimenter the trial."""
-        self._trial, self._layouts = text, LAYOUTS
+        if text != self.texts("done"):  # which is of the same trial
+            self._trial, self._layouts = text, LAYOUTS
         self._note(text)
         super().ready(text)
 
@@ -286,8 +287,8 @@ class ExperimentPage(Keyed):
 
             to = self._maker(experiment, trial) if sink == "page" else sink
             try:
-                paced |= {"started": started}
-                found = present(experiment, trial, to, folder, began, **paced, **options)
+                paced = options | paced | {"started": started}
+                found = present(experiment, trial, to, folder, began, **paced)
             finally:
                 self._during = NOTHING
                 with self._held():

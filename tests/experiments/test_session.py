@@ -380,7 +380,7 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
     opened, started = [], []
     take, begin = NullSink.open, NullSink.start
     monkeypatch.setattr(
-        NullSink, "open", lambda sink, rate: (opened.append(sink.scene), take(sink, rate))[1]
+        NullSink, "open", lambda sink, *how: (opened.append(sink.scene), take(sink, *how))[1]
     )
     monkeypatch.setattr(
         NullSink,
