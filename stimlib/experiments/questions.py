@@ -189,6 +189,20 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
 
     An example is an adjective pair of the touch-screen thesis, section 4.3.
 
+    Parameters
+    ----------
+    name, text : str
+        Its name in the answers, and what is asked.
+    low, high : str
+        What the ends of the scale are called.
+    most : int
+        The largest number.
+
+    Raises
+    ------
+    BadValue
+        ``most`` outside 2 to 1000.
+
     Examples
     --------
     >>> from stimlib.experiments import rating

@@ -221,10 +221,13 @@ class Record:
         """
         at = {
             k: [
-                (
-                    datetime.fromisoformat(d["started"]) - datetime.fromisoformat(since)
-                ).total_seconds()
-                + n / d["fs"]
+                round(  # to the resolution of the clock
+                    (
+                        datetime.fromisoformat(d["started"]) - datetime.fromisoformat(since)
+                    ).total_seconds()
+                    + n / d["fs"],
+                    6,
+                )
                 for n in ab
             ]
             for d in self.displayed

@@ -27,7 +27,7 @@ from stimlib.experiments.reader import columns, read, sessions, status
 from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate
-from stimlib.experiments.trial import Answer, Stimulus, Trial
+from stimlib.experiments.trial import Answer, Record, Stimulus, Trial
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 
@@ -156,6 +156,13 @@ def test_an_answer_comes_in_the_last_interval_and_times_are_columns(tmp_path):
         assert 0.03 < b - a < 5
     assert 0.14 < table["softer_rt"][0] < 1.5
     assert table["correct"] == [False if trial.correct else None]
+
+
+def test_times_of_intervals_have_the_resolution_of_the_clock():
+    day = "2026-01-01T00:00:00"
+    shown = {"started": f"{day}.1+00:00", "fs": 10.0, "intervals": [[2, 6]]}
+    record = Record(1, Trial("c", (Stimulus("spring"),), ("softer",)), Answer({}), [shown])
+    assert record.intervals(f"{day}+00:00") == [("spring", 0.3, 0.7)]  # 0.1 + 2/10 is not 0.3
 
 
 def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
