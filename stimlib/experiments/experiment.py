@@ -17,7 +17,7 @@ import numpy as np
 from ..core.graph import Block, constant
 from ..core.scene import Scene
 from ..core.units import Unit
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, UnitError, UnknownName, public
 from ..run.safety import Safety
 from ..system import fields
 from .questions import Question
@@ -215,7 +215,8 @@ class Experiment:
     fs : float
         Hz.
     safety : Safety or float
-        As for every sink.
+        As for every sink.  A number is the full scale of all outputs, which then have
+        one unit.
     bounds : dict of str to (float, float)
         Smallest and largest value of parameters, which no trial may exceed. They
         protect the participant's hand.
@@ -464,6 +465,17 @@ class Experiment:
     def seeded(self, participant: str, session: int = 1) -> int:
         """Return the seed for one session of a participant."""
         return seed_of(self.seed, "session", participant, session)
+
+    def check_safety(self) -> None:
+        """Raise an error if one full scale is given for outputs in different units."""
+        scale = getattr(self.safety, "full_scale", self.safety)
+        units = {n: str(b.dim) for s in self.scenes.values() for n, b in s.outputs.items()}
+        if not isinstance(scale, Mapping) and len(set(units.values())) > 1:
+            each = ", ".join(f"{n} [{u}]" for n, u in units.items())
+            raise UnitError(
+                f"experiment {self.name!r}: safety is one full scale for outputs in different units"
+                f" ({each}); give Safety(full_scale={{{', '.join(f'{n!r}: ..' for n in units)}}})"
+            )
 
     def check(self, trial: Trial) -> None:
         """Raise an error unless a trial can be presented.

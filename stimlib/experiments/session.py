@@ -257,7 +257,10 @@ class Session:
         ------
         BadValue, UnknownName
             As `due`.
+        UnitError
+            The experiment's safety is one full scale for outputs in different units.
         """
+        self.experiment.check_safety()
         known = len(self.experiment.familiar(self.participant, self.session))
         fixed = trials_of(self.design) is not None
         trials = islice(self.ahead(), None if fixed else known + 1)

@@ -33,7 +33,7 @@ from stimlib.blocks import timeline
 from stimlib.design.texture import made_up
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, SinkError, UnknownName
+from stimlib.errors import BadValue, SinkError, UnitError, UnknownName
 from stimlib.experiments.designs import ConstantStimuli, Sequential, Staircase
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.presentation import prepare, present, program, spans
@@ -45,6 +45,7 @@ from stimlib.experiments.tasks import OneInterval, Rate
 from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, outcome
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
+from stimlib.run.safety import Safety
 from stimlib.scenes import SHIPPED
 
 
@@ -428,6 +429,15 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
         and len(before) > 2
     )
     assert len(opened) == told + 5, "and a session does so by itself"
+
+
+def test_one_full_scale_for_several_units_is_refused_before_the_session(tmp_path):
+    both = {"spring": stimlib.Scene(SPRING.outputs | {"v": stimlib.constant(1.0, "V")})}
+    says = r"units \(force \[N\], v \[V\]\); give Safety\(full_scale={'force': .., 'v': ..}\)"
+    refused(UnitError, says, Session(experiment(scenes=both), tmp_path, "P01").check_ahead)
+    each = Safety(full_scale={"force": 10.0, "v": 2.0})
+    Session(experiment(scenes=both, safety=each), tmp_path, "P01").check_ahead()
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
