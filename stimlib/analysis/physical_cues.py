@@ -142,7 +142,7 @@ def cues(
     >>> round(c.k_S, 6), round(c.b_L, 6), round(c.loss_factor, 6)
     (300.0, 5.0, 0.10472)
     """
-    return cues_of(y, fs, v, prominence, window, single)(f)
+    return _prepared(y, fs, v, prominence, window, single)(f)
 
 
 @public
@@ -183,6 +183,13 @@ def cues_of(
     >>> [round(of(k * y).k_S, 6) for k in (300, 600)]
     [300.0, 600.0]
     """
+    return _prepared(y, fs, v, prominence, window, single)
+
+
+def _prepared(
+    y: ArrayLike, fs: float, v: ArrayLike | None, prominence: float, window: str, single: bool
+) -> Callable[[ArrayLike], Cues]:
+    """Return the cues of a force, as a function of it, for one displacement."""
     fs = float(fs)
     if not (math.isfinite(fs) and fs > 0):
         raise BadValue(f"cues: fs = {fs} Hz must be a finite number above 0")

@@ -251,8 +251,9 @@ Y, V = movement(2 * np.pi, 3000, 1000.0)
     ],
 )
 def test_errors(y, f, kw, match):
-    with pytest.raises(BadValue, match=match):
+    with pytest.raises(BadValue, match=match) as told:
         cues(y, f, **{"fs": 1000.0, **kw})
+    assert str(told.value).startswith("cues: ")  # and not of cues_of
 
 
 def test_exactly_two_periods_are_enough():
