@@ -20,6 +20,13 @@ NONE = "n"
 
 
 @public
+def typed(text: str) -> float:
+    """Return a typed number; ValueError for Python's own way to group digits."""
+    if "_" in text:
+        raise ValueError(text)
+    return float(text) + 0.0  # -0 is 0
+
+
 @dc.dataclass(frozen=True)
 class Question:
     """A question; made by `choice`, `rating`, `ranking` and so on.
@@ -108,11 +115,11 @@ class Question:
             value = text.split()
         elif self.kind == "analogue":
             with suppress(ValueError):
-                value = float(text)
+                value = typed(text)
         elif self.kind == "places":
             with suppress(ValueError):
                 value = [
-                    [float(v) for v in place.split()] for place in text.split(";") if place.strip()
+                    [typed(v) for v in place.split()] for place in text.split(";") if place.strip()
                 ] or text
             value = [] if text == NONE else value
         elif self.kind == "text":

@@ -23,7 +23,7 @@ from stimlib.experiments.designs import (
     trials_of,
 )
 from stimlib.experiments.quest import Quest
-from stimlib.experiments.questions import KINDS, places, rating
+from stimlib.experiments.questions import KINDS, analogue, places, rating
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
@@ -85,6 +85,7 @@ def test_texts_of_your_own_are_read_and_logged(tmp_path, monkeypatch, capsys):
         ({"right": "Goed }"}, "must be a text like"),
         ({"right": " "}, "must be a text like"),
         ({"right": 3}, "right = 3 must be a text"),
+        ({"right": "Goed\x1b[2J"}, "must be a text like"),
     ],
 )
 def test_texts_that_are_not_whole_are_refused(tmp_path, changed, why):
@@ -227,6 +228,14 @@ def test_a_task_of_your_own_with_a_chance_level_has_the_answer_of_score_one():
 
 WHERE = places("where", "?", 2)
 ROUGH = rating("rough", "?", "smooth", "rough")
+
+
+def test_a_typed_number_is_one_of_everyday_life():
+    line, where = analogue("rough", "How rough?", "smooth", "rough"), places("at", "Where?", 2)
+    assert str(line.answer("-0")) == "0.0" and line.answer(" 7.5 ") == 7.5
+    assert str(where.answer("-0 0.01")) == "[[0.0, 0.01]]"
+    for question, text in ((line, "1_0"), (where, "0.0_1 0"), (line, "nan"), (line, "1e999")):
+        refused(BadValue, None, question.answer, text)
 
 
 @pytest.mark.parametrize(
