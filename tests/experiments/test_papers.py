@@ -438,6 +438,12 @@ def test_fechners_law_of_the_printed_tables():
 
 
 # Nodules ------------------------------------------------------------------------------
+def test_nodules_has_the_printed_preferences():
+    """Of 14 people; 14.3 % found two techniques the same, 7.1 % said one was quick."""
+    printed = {"combined": 71.4, "deformation": 7.1, "cursor": 0.0}
+    assert {mode: round(100 * n / 14, 1) for mode, n in nod.PREFERRED.items()} == printed
+
+
 def test_nodules_shows_each_surface_once_and_begins_with_another_technique():
     experiment = nod.nodules()
     firsts = []
