@@ -23,7 +23,7 @@ from stimlib.experiments.designs import (
     trials_of,
 )
 from stimlib.experiments.quest import Quest
-from stimlib.experiments.questions import KINDS, choice, places, rating
+from stimlib.experiments.questions import KINDS, places, rating
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
@@ -219,11 +219,10 @@ def test_two_intervals_have_a_right_answer_where_only_one_quantity_differs():
 
 
 def test_a_task_of_your_own_with_a_chance_level_has_the_answer_of_score_one():
-    made = experiment(questions=(choice("odd", "?", "a", "b"),))
     odd = {"condition": "c", "stimuli": (), "questions": ("odd",), "scores": {"a": 0.0, "b": 1.0}}
-    assert made.right(Trial(**odd, chance=1 / 3)) == {"odd": "b"}
-    assert made.right(Trial(**odd)) == {} == made.right(Trial(**odd, chance=0.0))
-    assert made.right(Trial(**odd, correct={"odd": "a", "other": 1})) == {"odd": "a"}
+    assert Trial(**odd, chance=1 / 3).right == {"odd": "b"}
+    assert Trial(**odd).right == {} == Trial(**odd, chance=0.0).right
+    assert Trial(**odd, correct={"odd": "a", "other": 1}).right == {"odd": "a"}
 
 
 WHERE = places("where", "?", 2)
